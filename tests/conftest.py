@@ -79,9 +79,10 @@ def example_path() -> Callable[[str], Path]:
 
 @pytest.fixture(scope="session")
 def load_quietly() -> Callable[..., Robot]:
-    """Return load_robot without its warnings (rounded angles, mimic joints)."""
+    """Return load_robot without warnings of rounded angles, and with independent mimic joints."""
 
     def load(*arguments: object, **options: object) -> Robot:
+        options.setdefault("independent_mimics", True)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", SeaidWarning)
             return load_robot(*arguments, **options)  # type: ignore[arg-type]

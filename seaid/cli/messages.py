@@ -29,6 +29,7 @@ _OPTIONS = {
     "known_bodies=": "--known-body",
     "known_bodies:": "--known-body:",
     "condition_specific=": "--specific",
+    "independent_mimics=True": "--independent-mimics",
     "repair=seaid.Repairs()": "--repair",
     "write it with force=True": "add --allow-inconsistent",
     "force=True": "--allow-inconsistent",

@@ -109,6 +109,10 @@ class RobotOptions:
     gravity: Annotated[str, Option(help="Gravity in the base frame [m/s^2].", metavar="X,Y,Z")] = (
         "0,0,-9.81"
     )
+    independent_mimics: Annotated[
+        bool,
+        Option("--independent-mimics", help="Mimic joints of the URDF are independent joints."),
+    ] = False
 
     @property
     def files(self) -> tuple[Path | None, ...]:
@@ -127,6 +131,7 @@ class RobotOptions:
             payloads=[payload_of(text) for text in self.payload or ()],
             known_bodies=known_bodies,
             gravity=vector("--gravity", self.gravity),
+            independent_mimics=self.independent_mimics,
         )
 
 

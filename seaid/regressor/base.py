@@ -139,7 +139,7 @@ def base_parameters(
 
 def _check_memory(robot: Robot, samples: int) -> None:
     """Raise ExcitationError if the regressor of a robot with very many joints is too large."""
-    needed = 8 * 10 * samples * robot.n**2
+    needed = 8 * 10 * samples * len(robot.body_names) ** 2
     if needed > _MOST_BYTES:
         raise ExcitationError(
             f"'{robot.name}' has {robot.n} joints that move: the regressor over {samples} samples "
@@ -173,7 +173,8 @@ def random_states(
     """
     rng = np.random.default_rng(seed_of(seed))
     known = robot.n if torques is None else torques
-    enough = 0 if known == robot.n else -(-30 * robot.n // min(known, 6))
+    bodies = len(robot.body_names)
+    enough = 0 if known == bodies else -(-30 * bodies // min(known, 6))
     shape = (max(_FEWEST_STATES, enough), robot.n)
     reach = np.where(robot.is_prismatic, 1.0, np.pi)
     return rng.uniform(-reach, reach, shape), rng.normal(0, 3, shape), rng.normal(0, 10, shape)

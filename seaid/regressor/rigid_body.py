@@ -26,7 +26,7 @@ def rigid_body_regressor(robot: Robot, q: Array, v: Array, a: Array) -> Array:
 
     Returns
     -------
-    array (T, n, 10n)
+    array (T, n, 10N)
         For standard parameters theta in the order of `robot.parameter_names`; without payload,
         friction and rotor inertia.
 
@@ -40,39 +40,40 @@ def rigid_body_regressor(robot: Robot, q: Array, v: Array, a: Array) -> Array:
     >>> Y = seaid.regressor.rigid_body_regressor(robot, q, v, a)
     >>> torque = Y @ robot.parameters
     """
-    model, data, n = robot.model, robot.model.createData(), robot.n
-    order = list(robot.model_order)
-    as_in_model = order == sorted(order)
-    q, v, a = (frozen(name, value, (None, n)) for name, value in zip("qva", (q, v, a), strict=True))
-    if not as_in_model:
-        q, v, a = q[:, order], v[:, order], a[:, order]
+    model, data = robot.model, robot.model.createData()
+    q, v, a = (
+        frozen(name, value, (None, robot.n)) for name, value in zip("qva", (q, v, a), strict=True)
+    )
     if not len(q) == len(v) == len(a):
         raise SeaidError(f"q, v and a must have as many rows, found {len(q)}, {len(v)}, {len(a)}")
-    pin.computeJointTorqueRegressor(model, data, np.zeros(n), np.zeros(n), np.zeros(n))
+    states, N = [robot.to_model(state, k) for k, state in enumerate((q, v, a))], model.nv
+    pin.computeJointTorqueRegressor(model, data, *np.zeros((3, N)))
     # Pinocchio's matrix is column-major: its transposed view is copied as one block.
     flat = data.jointTorqueRegressor.T.reshape(-1)
-    stacked, compute = np.empty((len(q), 10 * n * n)), pin.computeJointTorqueRegressor
-    for t, (q_t, v_t, a_t) in enumerate(zip(q, v, a, strict=True)):
+    stacked, compute = np.empty((len(q), 10 * N * N)), pin.computeJointTorqueRegressor
+    for t, (q_t, v_t, a_t) in enumerate(zip(*states, strict=True)):
         compute(model, data, q_t, v_t, a_t)
         stacked[t] = flat
-    Y = stacked.reshape(-1, 10 * n, n).swapaxes(1, 2)
-    if as_in_model:
+    Y = stacked.reshape(-1, 10 * N, N).swapaxes(1, 2)
+    order = robot.model_order
+    if list(order) == sorted(order) and not robot.dependent_joints:
         return Y
-    inverse = np.argsort(order)
-    by_body = Y[:, inverse].reshape(len(q), n, n, 10)[:, :, inverse]
-    return by_body.reshape(len(q), n, 10 * n)
+    by_body = Y.reshape(len(q), N, N, 10)[:, :, np.argsort(order)].reshape(len(q), N, 10 * N)
+    return np.moveaxis(robot.from_model(np.moveaxis(by_body, 1, -1)), -1, 1)
 
 
 def regressor_at_drives(robot: Robot, q: Array, v: Array, a: Array) -> Array:
-    """Return `rigid_body_regressor` for the torques on the drives' coordinates, (T, n, 10n)."""
+    """Return `rigid_body_regressor` for the torques on the drives' coordinates, (T, n, 10N)."""
     return rows_at_drives(robot.transmission, rigid_body_regressor(robot, q, v, a))
 
 
 def joint_torques(robot: Robot, q: Array, v: Array, a: Array) -> Array:
     """Return the inverse dynamics (T, n) of the robot with its payloads, by Pinocchio's rnea."""
-    model, data, order = robot.model, robot.model.createData(), list(robot.model_order)
-    states = (np.asarray(state, dtype=np.float64)[:, order] for state in (q, v, a))
-    torques, rnea = np.empty((len(q), robot.n)), pin.rnea
+    model, data = robot.model, robot.model.createData()
+    states = (
+        robot.to_model(np.asarray(state, dtype=np.float64), k) for k, state in enumerate((q, v, a))
+    )
+    torques, rnea = np.empty((len(q), model.nv)), pin.rnea
     for t, (q_t, v_t, a_t) in enumerate(zip(*states, strict=True)):
         torques[t] = rnea(model, data, q_t, v_t, a_t)
-    return torques[:, np.argsort(order)]
+    return robot.from_model(torques)

@@ -11,6 +11,7 @@ from .inertia import is_physical as is_physical
 from .inertia import out_of_range as out_of_range
 from .inertia import parameter_names as parameter_names
 from .inertia import pseudo_inertia as pseudo_inertia
+from .pinocchio_model import DependentJoint as DependentJoint
 from .pinocchio_model import Payload as Payload
 from .pinocchio_model import joints_of as joints_of
 from .pinocchio_model import model_of as model_of

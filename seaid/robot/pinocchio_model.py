@@ -94,16 +94,30 @@ def _check_size(what: str, found: float, most: float, unit: str, least: float = 
         )
 
 
+@dataclass(frozen=True)
+class DependentJoint:
+    """A joint that its leader moves: its position is multiplier * leader's position + offset."""
+
+    name: str
+    leader: str
+    multiplier: float
+    offset: float
+    is_prismatic: bool
+
+
 def moving_joints(tree: UrdfTree, joints: Sequence[str] | None) -> tuple[str, ...]:
-    """Return the joints that move, in order: the given ones, or all of the tree."""
+    """Return the independent joints that move, in order: the given ones, or all of the tree."""
     if joints is None:
-        names = [joint for joint in _depth_first(tree) if tree.joints[joint].type != "fixed"]
+        all_of = (tree.joints[joint] for joint in _depth_first(tree))
+        names = [one.name for one in all_of if one.type != "fixed" and one.mimic is None]
     else:
         names = _given_joints(tree, joints)
     for name in names:
         kind = tree.joints[name].type
         if kind not in _MOVING:
-            movable = listed(j.name for j in tree.joints.values() if j.type in _MOVING)
+            movable = listed(
+                one.name for one in tree.joints.values() if one.type in _MOVING and not one.mimic
+            )
             raise RobotError(
                 f"'{tree.name}': joint '{name}' is {kind}; seaid moves {', '.join(_MOVING)} joints "
                 "of a robot with a fixed base: name the joints that move with joints=[...], which "
@@ -115,12 +129,43 @@ def moving_joints(tree: UrdfTree, joints: Sequence[str] | None) -> tuple[str, ..
     return tuple(names)
 
 
+def dependent_joints(tree: UrdfTree, moving: Sequence[str]) -> tuple[DependentJoint, ...]:
+    """Return the mimic joints whose leaders move, in the order of the tree."""
+    found = []
+    for name in _depth_first(tree):
+        joint, mimic = tree.joints[name], tree.joints[name].mimic
+        if mimic is None or joint.type == "fixed":
+            continue
+        where = f"'{tree.name}': joint '{name}' mimics '{mimic.leader}'"
+        if joint.type not in _MOVING:
+            raise RobotError(f"{where} and is {joint.type}; allowed are {', '.join(_MOVING)}")
+        if mimic.leader in moving and mimic.multiplier != 0:
+            is_prismatic = joint.type == "prismatic"
+            found.append(DependentJoint(name, *mimic, is_prismatic))
+        elif mimic.offset != 0:
+            raise RobotError(
+                f"{where}, which does not move it here, and would rest at {mimic.offset:g}: let "
+                f"'{mimic.leader}' move with joints=[...], or load it with independent_mimics=True",
+                "joints=[...]",
+                "independent_mimics=True",
+            )
+    return tuple(found)
+
+
 def _given_joints(tree: UrdfTree, joints: Sequence[str]) -> list[str]:
     names = list(joints)
     for name in names:
         if name not in tree.joints:
             raise RobotError(
                 f"joints=: '{tree.name}': " + unknown_name("joint", name, tree.joints), "joints="
+            )
+        mimic = tree.joints[name].mimic
+        if mimic is not None:
+            raise RobotError(
+                f"joints=: '{tree.name}': joint '{name}' mimics '{mimic.leader}' and moves with "
+                f"it: name '{mimic.leader}' only, or load it with independent_mimics=True",
+                "joints=",
+                "independent_mimics=True",
             )
     if len(set(names)) < len(names):
         raise RobotError(f"joints= names a joint twice: {names}", "joints=")
@@ -139,9 +184,10 @@ def _depth_first(tree: UrdfTree) -> list[str]:
 
 @dataclass(frozen=True, eq=False)
 class Assembly:
-    """Pinocchio's model (without inertias), and (n, 10) parameters of bodies and of payloads.
+    """Pinocchio's model (without inertias), and (N, 10) parameters of bodies and of payloads.
 
-    `order` has the index of each joint of the model among the n moving joints.
+    The model has one coordinate for every joint, dependent ones too. `order` has the index of each
+    of its joints among the n moving joints and the dependent ones, which follow them.
     """
 
     model: pin.Model
@@ -153,7 +199,7 @@ class Assembly:
 def assemble(
     tree: UrdfTree, moving: tuple[str, ...], payloads: Sequence[Payload], gravity: Array
 ) -> Assembly:
-    """Assemble the model from the root outward, with one Pinocchio joint per moving joint."""
+    """Assemble the model from the root outward, with one Pinocchio joint per joint in `moving`."""
     model = pin.Model()
     model.name = tree.name
     model.gravity.linear = np.array(gravity)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +14,20 @@ import pinocchio as pin
 from seaid._arrays import Array, BoolArray, FrozenMapping, finite, frozen
 from seaid._progress import Display, counted
 from seaid.drives import IDEAL_DRIVE, Drive, drives_from_mapping, read_drives
-from seaid.errors import RobotError, SeaidWarning, checked, unknown_name
+from seaid.errors import RobotError, checked, unknown_name
 from seaid.robot.inertia import parameter_names, to_pinocchio
-from seaid.robot.pinocchio_model import TURNING, Assembly, Payload, assemble, moving_joints
+from seaid.robot.pinocchio_model import (
+    TURNING,
+    Assembly,
+    DependentJoint,
+    Payload,
+    assemble,
+    dependent_joints,
+    moving_joints,
+)
 from seaid.robot.robot_file import read_urdf, urdf_path
 from seaid.robot.transmission import check_transmission, transmission_matrix
-from seaid.robot.urdf import SNAP_RAD, UrdfTree
+from seaid.robot.urdf import SNAP_RAD, UrdfJoint, UrdfTree
 
 __all__ = ["Payload", "Robot", "load_robot"]
 
@@ -31,16 +39,21 @@ class Robot(Display):
     Attributes
     ----------
     name : str
-    joint_names, body_names : tuple of n str
-        The order of the joints in all arrays of seaid. Body i is the link that joint i moves, with
-        everything fixed to it.
+    joint_names : tuple of n str
+        The order of the independent joints in all arrays of seaid.
+    dependent_joints : tuple of DependentJoint
+        Joints that others move (mimic in the URDF); no array has a column of theirs.
+    body_names : tuple of N str
+        Body i is the link that joint i moves, with everything fixed to it; those of the dependent
+        joints follow. N is n without dependent joints.
     is_prismatic : tuple of n bool
     model : pinocchio.Model
-        nq = nv = n, with the payloads. Its joint k is joint `model_order[k]` of the robot; the
-        orders differ only if `joints` of `load_robot` deviates from the tree.
-    model_order : tuple of n int
+        nq = nv = N, with the payloads. Its joint k is joint `model_order[k]` of the robot and its
+        dependent joints; the orders differ only if `joints` of `load_robot` deviates from the tree,
+        or for dependent joints. `to_model` and `from_model` convert states and torques.
+    model_order : tuple of N int
     drives : mapping {joint: StiffDrive or SeriesElasticDrive}
-    parameters, payload_parameters : arrays (10n,)
+    parameters, payload_parameters : arrays (10N,)
         Standard inertial parameters of the bodies without payloads, and of the payloads alone.
     lower_limits, upper_limits, velocity_limits, effort_limits : arrays (n,)
         Of the URDF: position [rad or m], velocity, torque or force; infinite if not given.
@@ -67,6 +80,7 @@ class Robot(Display):
     effort_limits: Array
     urdf: Path | None = None
     known_bodies: tuple[str, ...] = ()
+    dependent_joints: tuple[DependentJoint, ...] = ()
 
     def _in_short(self) -> str:
         springs = counted(len(self.elastic_joints), "spring")
@@ -79,17 +93,17 @@ class Robot(Display):
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
-        """Names of the 10n standard parameters, such as 'Iyy_thigh'."""
+        """Names of the 10N standard parameters, such as 'Iyy_thigh'."""
         return parameter_names(self.body_names)
 
     @property
     def is_known(self) -> BoolArray:
-        """Whether each standard parameter (10n,) belongs to a known body."""
+        """Whether each standard parameter (10N,) belongs to a known body."""
         return np.repeat([body in self.known_bodies for body in self.body_names], 10)
 
     @property
     def known_parameters(self) -> Array:
-        """The known part of the standard parameters (10n,): payloads and known bodies."""
+        """The known part of the standard parameters (10N,): payloads and known bodies."""
         return self.payload_parameters + np.where(self.is_known, self.parameters, 0.0)
 
     @property
@@ -104,6 +118,52 @@ class Robot(Display):
         Row i is the drive in the table of joint i; see `seaid.robot.transmission`.
         """
         return transmission_matrix(self.joint_names, self.drives)
+
+    @property
+    def all_joint_names(self) -> tuple[str, ...]:
+        """The joints of all bodies (N): the independent ones, then the dependent ones."""
+        return (*self.joint_names, *(joint.name for joint in self.dependent_joints))
+
+    @property
+    def joint_order(self) -> list[int]:
+        """The indices of the n independent joints in the order of the model."""
+        return [index for index in self.model_order if index < self.n]
+
+    @cached_property
+    def _expansion(self) -> tuple[Array, Array] | None:
+        """E (N, n) and e (N,) of all positions E q + e; None without dependent joints."""
+        if not self.dependent_joints:
+            return None
+        E, e = np.eye(len(self.body_names), self.n), np.zeros(len(self.body_names))
+        for row, joint in enumerate(self.dependent_joints, self.n):
+            E[row, self.joint_names.index(joint.leader)] = joint.multiplier
+            e[row] = joint.offset
+        return E, e
+
+    def expand(self, states: Array, order: int = 0) -> Array:
+        """Return positions (..., n), or their time derivatives of an `order`, of all joints."""
+        if self._expansion is None:
+            return states
+        E, e = self._expansion
+        return np.asarray(states @ E.T + (e if order == 0 else 0.0))
+
+    def to_model(self, states: Array, order: int = 0) -> Array:
+        """Return positions (..., n), or time derivatives of an `order`, as the model has them."""
+        return np.ascontiguousarray(self.expand(states, order)[..., list(self.model_order)])
+
+    def from_model(self, torques: Array, axes: int = 1) -> Array:
+        """Return torques (..., N) of the model, or with 2 `axes` matrices (..., N, N), by joint.
+
+        A dependent joint acts on its leader: tau = E^T tau_all and M = E^T M_all E, by the
+        principle of power.
+        """
+        back = np.argsort(self.model_order)
+        for axis in range(-axes, 0):
+            torques = np.take(torques, back, axis=axis)
+            if self._expansion is not None:
+                moved = np.moveaxis(torques, axis, -1) @ self._expansion[0]
+                torques = np.moveaxis(moved, -1, axis)
+        return torques
 
     def index(self, joint: str) -> int:
         """Return the index of a joint. Raises RobotError with the nearest name."""
@@ -123,10 +183,10 @@ class Robot(Display):
         return tuple(dict.fromkeys(selected))
 
     def with_values(self, parameters: Array, drives: Mapping[str, Drive]) -> Robot:
-        """Return the robot with other standard parameters (10n,) and drives {joint: drive}."""
-        parameters = frozen("parameters", parameters, (10 * self.n,), RobotError)
+        """Return the robot with other standard parameters (10N,) and drives {joint: drive}."""
+        parameters = frozen("parameters", parameters, self.payload_parameters.shape, RobotError)
         model = self.model.copy()
-        loaded = (parameters + self.payload_parameters).reshape(self.n, 10)
+        loaded = (parameters + self.payload_parameters).reshape(-1, 10)
         for position, index in enumerate(self.model_order):
             model.inertias[position + 1] = to_pinocchio(loaded[index])
         given = FrozenMapping({joint: drives[joint] for joint in self.joint_names}, "joint")
@@ -158,11 +218,13 @@ def load_robot(
     known_bodies: Sequence[str] = (),
     gravity: Sequence[float] = (0.0, 0.0, -9.81),
     snap_tolerance_rad: float = SNAP_RAD,
+    independent_mimics: bool = False,
 ) -> Robot:
     """Load a URDF with a fixed base, and its drives.
 
     Revolute, continuous and prismatic joints of any axis can move; links behind fixed joints are
-    merged into their parents; mimic joints become independent, with a warning.
+    merged into their parents. A mimic joint moves with its leader, as by a transmission: it has no
+    drive, no column in a log and no equation of its own, and its body loads its leader.
 
     Parameters
     ----------
@@ -182,6 +244,8 @@ def load_robot(
     snap_tolerance_rad : float, default 2e-3
         Rounded angles in joint origins become the multiples of pi/2 that they mean, such as 1.5708,
         if they are closer than this; 0 keeps all angles. See `seaid.robot.robot_file.read_urdf`.
+    independent_mimics : bool, default False
+        Whether mimic joints are independent ones with their own drives, as without <mimic>.
 
     Returns
     -------
@@ -199,24 +263,26 @@ def load_robot(
     """
     urdf = urdf_path(urdf)
     tree = read_urdf(urdf, snap_tolerance_rad)
+    if independent_mimics:
+        free = {name: replace(joint, mimic=None) for name, joint in tree.joints.items()}
+        tree = replace(tree, joints=free)
     moving = moving_joints(tree, joints)
-    mimics = [joint for joint in moving if tree.joints[joint].is_mimic]
-    if mimics:
-        warnings.warn(
-            f"'{tree.name}': mimic joints are taken as independent: {', '.join(mimics)}",
-            SeaidWarning,
-            stacklevel=3,
-        )
+    followers = dependent_joints(tree, moving)
+    everything = (*moving, *(joint.name for joint in followers))
     by_joint = _drives(tree, moving, drives)
-    built = assemble(tree, moving, payloads, finite("gravity", gravity, (3,), RobotError))
-    robot = replace(_robot(tree, moving, by_joint, built), urdf=urdf)
+    built = assemble(tree, everything, payloads, finite("gravity", gravity, (3,), RobotError))
+    robot = replace(_robot(tree, moving, by_joint, built, followers), urdf=urdf)
     return replace(robot, known_bodies=_known_bodies(robot, tree, known_bodies))
 
 
 def _robot(
-    tree: UrdfTree, moving: tuple[str, ...], drives: dict[str, Drive], built: Assembly
+    tree: UrdfTree,
+    moving: tuple[str, ...],
+    drives: dict[str, Drive],
+    built: Assembly,
+    followers: tuple[DependentJoint, ...],
 ) -> Robot:
-    moved = [tree.joints[name] for name in moving]
+    moved = [_within_followers(tree.joints[name], tree, followers) for name in moving]
 
     def limits(name: str) -> Array:
         return frozen(name, [getattr(joint, name) for joint in moved], (None,))
@@ -224,7 +290,9 @@ def _robot(
     robot = Robot(
         name=tree.name,
         joint_names=moving,
-        body_names=tuple(joint.child for joint in moved),
+        body_names=tuple(
+            tree.joints[name].child for name in (*moving, *(joint.name for joint in followers))
+        ),
         is_prismatic=tuple(joint.type == "prismatic" for joint in moved),
         model=built.model,
         model_order=built.order,
@@ -235,8 +303,27 @@ def _robot(
         upper_limits=limits("upper"),
         velocity_limits=limits("velocity"),
         effort_limits=limits("effort"),
+        dependent_joints=followers,
     )
     return robot.with_values(built.bodies.ravel(), drives)
+
+
+def _within_followers(
+    joint: UrdfJoint, tree: UrdfTree, followers: Sequence[DependentJoint]
+) -> UrdfJoint:
+    """Return a joint with the limits within which its dependent joints keep theirs."""
+    for follower in followers:
+        if follower.leader != joint.name:
+            continue
+        own = tree.joints[follower.name]
+        ends = sorted((x - follower.offset) / follower.multiplier for x in (own.lower, own.upper))
+        lower, upper = max(joint.lower, ends[0]), min(joint.upper, ends[1])
+        if lower < upper:
+            joint = replace(joint, lower=lower, upper=upper)
+        if own.velocity > 0:
+            velocity = min(joint.velocity, own.velocity / abs(follower.multiplier))
+            joint = replace(joint, velocity=velocity)
+    return joint
 
 
 def _known_bodies(robot: Robot, tree: UrdfTree, names: Sequence[str]) -> tuple[str, ...]:
@@ -272,6 +359,14 @@ def _drives(
         if name not in tree.joints:
             raise RobotError(
                 f"drives{file} for '{tree.name}': " + unknown_name("joint", name, tree.joints)
+            )
+        mimic = tree.joints[name].mimic
+        if mimic is not None:
+            raise RobotError(
+                f"drives{file} for '{tree.name}': joint '{name}' mimics '{mimic.leader}' and has "
+                f"no drive of its own: remove its table, that of '{mimic.leader}' moves both; or "
+                "load it with independent_mimics=True",
+                "independent_mimics=True",
             )
     for name in moving:
         check_kind(name, tree.joints[name].type, given.get(name, IDEAL_DRIVE))

@@ -13,7 +13,7 @@ import sys
 import warnings
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from decimal import Decimal, InvalidOperation
 from functools import cached_property
 from io import BytesIO
@@ -25,7 +25,7 @@ import pinocchio as pin
 
 from seaid._arrays import Array
 from seaid._files import real_path
-from seaid.errors import RobotError, SeaidWarning, shortened, unknown_name
+from seaid.errors import RobotError, SeaidWarning, listed, shortened, unknown_name
 from seaid.robot.inertia import (
     LARGEST_KG,
     LARGEST_KG_M2,
@@ -56,6 +56,7 @@ _NUMBERS: Mapping[str, Mapping[str, _Numbers]] = {
         ("ixx", "iyy", "izz", "ixy", "ixz", "iyz"), _Numbers(1, LARGEST_KG_M2, "kg m^2")
     ),
     "limit": dict.fromkeys(("lower", "upper", "velocity", "effort"), _Numbers(1)),
+    "mimic": dict.fromkeys(("multiplier", "offset"), _Numbers(1, LARGEST_M, "rad or m")),
 }
 """Attributes of the elements that matter for the dynamics."""
 _NEEDED = {"mass": ("value",), "inertia": ("ixx", "iyy", "izz")}
@@ -287,9 +288,20 @@ SNAP_RAD = 2e-3
 """Default of `snap_tolerance_rad`: 1.57 is 8e-4 away from pi/2, 3.14 is 1.6e-3 away from pi."""
 
 
+class Mimic(NamedTuple):
+    """The position of a joint that another moves: multiplier * position of the leader + offset."""
+
+    leader: str
+    multiplier: float
+    offset: float
+
+
 @dataclass(frozen=True, eq=False)
 class UrdfJoint:
-    """One joint of the file: type, links, placement in the parent link, unit axis, limits."""
+    """One joint of the file: type, links, placement in the parent link, unit axis, limits.
+
+    `mimic` names a leader that mimics no other joint.
+    """
 
     name: str
     type: str
@@ -301,7 +313,7 @@ class UrdfJoint:
     upper: float
     velocity: float
     effort: float
-    is_mimic: bool
+    mimic: Mimic | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -348,7 +360,34 @@ def urdf_tree(path: Path, text: bytes, snap_tolerance_rad: float) -> UrdfTree:
     noise = FLOAT_NOISE_RAD if snap_tolerance_rad > 0 else 0.0
     joints = {joint.name: _joint(path, joint, noise) for joint in robot.joints}
     base = _root_link(path, links, joints.values())
+    mimics = {joint.name: joint.mimic for joint in robot.joints if joint.mimic is not None}
+    lost = [name for name, mimic in mimics.items() if mimic.joint not in joints]
+    if lost:
+        warnings.warn(
+            f"'{path.name}': <mimic> of {listed(lost)} names joints that are not there "
+            f"({listed(mimics[name].joint for name in lost)}): taken as independent",
+            SeaidWarning,
+            stacklevel=5,
+        )
+    mimics = {name: mimic for name, mimic in mimics.items() if name not in lost}
+    for name in mimics:
+        joints[name] = replace(joints[name], mimic=_followed(path, name, mimics))
     return UrdfTree(robot.name or path.stem, base, joints, links, robot)
+
+
+def _followed(path: Path, name: str, mimics: Mapping[str, Any]) -> Mimic:
+    """Return what a joint mimics in the end, through other mimic joints."""
+    leader, multiplier, offset, passed = name, 1.0, 0.0, list[str]()
+    while leader in mimics:
+        if leader in passed:
+            raise RobotError(f"URDF '{path}': mimic joints follow each other: {listed(passed)}")
+        passed.append(leader)
+        found = mimics[leader]
+        # q = m q1 + c and q1 = m1 q2 + c1 give q = (m m1) q2 + (m c1 + c)
+        offset += multiplier * (0.0 if found.offset is None else found.offset)
+        multiplier *= 1.0 if found.multiplier is None else found.multiplier
+        leader = found.joint
+    return Mimic(leader, multiplier, offset)
 
 
 def _parse_robot(path: Path, root: Any) -> Any:
@@ -389,7 +428,7 @@ def _joint(path: Path, joint: Any, noise: float) -> UrdfJoint:
         upper=math.inf if turns_freely else limit_or("upper", 0.0),
         velocity=limit_or("velocity", math.inf),
         effort=limit_or("effort", math.inf),
-        is_mimic=joint.mimic is not None,
+        mimic=None,
     )
 
 

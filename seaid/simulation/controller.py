@@ -5,14 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import pinocchio as pin
 from scipy.ndimage import gaussian_filter1d
 
 from seaid._arrays import Array
 from seaid.drives import key_of, spring_curve, stretch_of, unit_of
 from seaid.errors import RobotError
 from seaid.robot import Robot
-from seaid.simulation.plant import Plant, inverse_inertia
+from seaid.simulation.plant import Plant, inverse_dynamics, inverse_inertia
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,15 +136,15 @@ def _drive_torques(plant: Plant, q: Array, v: Array, a: Array, rate_hz: float) -
     Steps of dry joint friction are smoothed over `_PASSAGE_S`, because a spring cannot follow them.
     """
     data = plant.model.createData()
-    load = np.array([pin.rnea(plant.model, data, *states) for states in zip(q, v, a, strict=True)])
+    load = np.array([inverse_dynamics(plant, data, states) for states in zip(q, v, a, strict=True)])
     for index, drive in plant.functions:
         pairs = zip(q[:, index].tolist(), v[:, index].tolist(), strict=True)
         load[:, index] += [drive.joint_torque(*pair) for pair in pairs]
         direction = gaussian_filter1d(np.sign(v[:, index]), _PASSAGE_S * rate_hz, mode="nearest")
         load[:, index] += drive.joint_level * direction
-    if plant.rotors is None or plant.uncoupling is None:
-        return load
-    return np.asarray((load + a @ plant.rotors) @ plant.uncoupling)
+    if plant.rotors is not None:
+        load = load + a @ plant.rotors
+    return load if plant.uncoupling is None else np.asarray(load @ plant.uncoupling)
 
 
 def _nonlinear_stretch(
@@ -168,6 +167,6 @@ def _least_inertia(plant: Plant, q: Array) -> Array:
     data, C = plant.model.createData(), plant.coupling
     inertias = []
     for configuration in q[:: max(1, len(q) // 50)]:
-        inverse = inverse_inertia(plant.model, data, configuration, plant.rotors)
+        inverse = inverse_inertia(plant, data, configuration)
         inertias.append(1 / np.diag(inverse if C is None else C @ inverse @ C.T))
     return np.asarray(np.min(inertias, axis=0))

@@ -22,8 +22,10 @@ from seaid.simulation.plant import (
     POSITION,
     SPEED,
     Plant,
+    bias_torques,
+    inertia,
+    inverse_dynamics,
     inverse_inertia,
-    mass_matrix,
 )
 
 _safely = partial(safely, what="the sticking friction", error=RobotError)
@@ -54,7 +56,7 @@ def sticking_torques(
 
     With rows A of the constraints, A (qdd + M^-1 A^T torque) = 0.
     """
-    inverse = inverse_inertia(plant.model, data, state[JOINT_POSITION], plant.rotors)
+    inverse = inverse_inertia(plant, data, state[JOINT_POSITION])
     if plant.coupling is None:
         places = plant.places[sticking]
         torque = np.asarray(
@@ -168,10 +170,15 @@ def _joint_accelerations(
         torque[plant.dry_joints] -= plant.joint_coulomb * slip[len(torque) :]
     if plant.rotors is None:
         return np.array(pin.aba(plant.model, data, position, speed, torque))
-    bias = pin.nle(plant.model, data, position, speed)
-    inertia = mass_matrix(plant.model, data, position) + plant.rotors
+    rest = torque - bias_torques(plant, data, position, speed)
     return np.asarray(
-        safely(np.linalg.solve, inertia, torque - bias, what="the mass matrix", error=RobotError)
+        safely(
+            np.linalg.solve,
+            inertia(plant, data, position),
+            rest,
+            what="the mass matrix",
+            error=RobotError,
+        )
     )
 
 
@@ -180,9 +187,8 @@ def gear_torques(
 ) -> Array:
     """Return the torque (n,) of stiff gears on their loads, without sticking joint friction."""
     armature, plant.model.armature = plant.model.armature.copy(), np.zeros(plant.model.nv)
-    torque = pin.rnea(plant.model, data, state[JOINT_POSITION], state[JOINT_SPEED], acceleration)
+    torque = inverse_dynamics(plant, data, (*state[JOINT_POSITION:], acceleration))
     plant.model.armature = armature
-    torque = np.array(torque)
     for index, drive in plant.functions:
         torque[index] += drive.joint_torque(*state[JOINT_POSITION:, index].tolist())
     torque[plant.dry_joints] += plant.joint_coulomb * slip[len(torque) :]

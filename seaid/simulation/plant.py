@@ -5,8 +5,8 @@ All joints are in the order of Pinocchio's model.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
 
 import numpy as np
@@ -26,34 +26,6 @@ def mass_matrix(model: pin.Model, data: pin.Data, position: Array) -> Array:
     return np.asarray(upper + np.triu(upper, 1).T)
 
 
-def inverse_inertia(
-    model: pin.Model, data: pin.Data, position: Array, rotors: Array | None
-) -> Array:
-    """Return the inverse of the mass matrix (n, n), with `rotors` (n, n) added if given."""
-    if rotors is not None:
-        return np.asarray(_safely(np.linalg.inv, mass_matrix(model, data, position) + rotors))
-    inverse = np.array(pin.computeMinverse(model, data, position))
-    below = _below(len(position))
-    inverse[below] = inverse.T[below]
-    return inverse
-
-
-@cache
-def _below(n: int) -> tuple[IndexArray, IndexArray]:
-    """Return the indices below the diagonal, which Pinocchio does not fill."""
-    return np.tril_indices(n, -1)
-
-
-def effective_inertia(model: pin.Model, C: Array, rotors: Array | None) -> Array:
-    """Return the effective inertia (n,) at each drive, at zero position with the others free.
-
-    It is 1 / diag(C M^-1 C^T), the operational-space inertia (Khatib 1987) of each phi = C q.
-    """
-    inertia = mass_matrix(model, model.createData(), np.zeros(model.nv))
-    inertia = inertia if rotors is None else inertia + rotors
-    return np.asarray(1 / np.diag(C @ _safely(np.linalg.solve, inertia, C.T)))
-
-
 POSITION, SPEED, JOINT_POSITION, JOINT_SPEED = range(4)
 """Rows of a state (4, n): motor angle and speed, joint position and speed."""
 
@@ -70,7 +42,8 @@ class Plant:
     """Numbers of the complete model, each (n,); stiffness 0 and not `elastic` for a stiff drive.
 
     `model` has the rotor inertia of stiff drives, reflected to the joint, as armature. If drives
-    move several joints, `coupling` is C of phi = C q and `rotors` (n, n) has the rotor inertia
+    move several joints, `coupling` is C of phi = C q; if joints follow others, `expansion` is E, e
+    of all positions E q + e (N) of the model. In both cases `rotors` (n, n) has the rotor inertia
     instead. Drives with more than plain friction and a linear spring are in `functions`, by index,
     and have zeros in `viscous`, `coulomb` and `stiffness`. No step is longer than `longest_step`
     [s].
@@ -90,6 +63,18 @@ class Plant:
     longest_step: float
     coupling: Array | None
     rotors: Array | None
+    expansion: tuple[Array, Array] | None
+
+    def expanded(self, state: Array, order: int = 0) -> Array:
+        """Return positions (n,), or time derivatives of an `order`, of all joints of the model."""
+        if self.expansion is None:
+            return state
+        E, e = self.expansion
+        return np.asarray(E @ state + e if order == 0 else E @ state)
+
+    def reduced(self, torque: Array) -> Array:
+        """Return the torques (n,) of those on all joints of the model, by the principle of power."""
+        return np.array(torque if self.expansion is None else torque @ self.expansion[0])
 
     @cached_property
     def motor_lever(self) -> Array:
@@ -162,11 +147,58 @@ class Plant:
         )
 
 
+def inertia(plant: Plant, data: pin.Data, position: Array) -> Array:
+    """Return the mass matrix (n, n) of a plant, E^T M E with dependent joints, rotors included."""
+    found = mass_matrix(plant.model, data, plant.expanded(position))
+    if plant.expansion is not None:
+        found = plant.expansion[0].T @ found @ plant.expansion[0]
+    return found if plant.rotors is None else found + plant.rotors
+
+
+def inverse_inertia(plant: Plant, data: pin.Data, position: Array) -> Array:
+    """Return the inverse of `inertia`."""
+    if plant.rotors is not None:
+        return np.asarray(_safely(np.linalg.inv, inertia(plant, data, position)))
+    inverse = np.array(pin.computeMinverse(plant.model, data, position))
+    below = _below(len(position))
+    inverse[below] = inverse.T[below]
+    return inverse
+
+
+@cache
+def _below(n: int) -> tuple[IndexArray, IndexArray]:
+    """Return the indices below the diagonal, which Pinocchio does not fill."""
+    return np.tril_indices(n, -1)
+
+
+def bias_torques(plant: Plant, data: pin.Data, position: Array, speed: Array) -> Array:
+    """Return the torques (n,) at rest: gravity, Coriolis and centrifugal torques."""
+    states = plant.expanded(position), plant.expanded(speed, 1)
+    return plant.reduced(pin.nle(plant.model, data, *states))
+
+
+def inverse_dynamics(plant: Plant, data: pin.Data, states: Sequence[Array]) -> Array:
+    """Return the torques (n,) of a state q, v, a, without rotors that are in `rotors`."""
+    expanded = (plant.expanded(state, order) for order, state in enumerate(states))
+    return plant.reduced(pin.rnea(plant.model, data, *expanded))
+
+
+def effective_inertia(plant: Plant) -> Array:
+    """Return the effective inertia (n,) at each drive, at zero position with the others free.
+
+    It is 1 / diag(C M^-1 C^T), the operational-space inertia (Khatib 1987) of each phi = C q.
+    """
+    n = len(plant.elastic)
+    C = np.eye(n) if plant.coupling is None else plant.coupling
+    found = inertia(plant, plant.model.createData(), np.zeros(n))
+    return np.asarray(1 / np.diag(C @ _safely(np.linalg.solve, found, C.T)))
+
+
 def plant_of(robot: Robot) -> Plant:
     """Return the plant of a robot with payloads; raise RobotError for a missing nominal value."""
     if not np.all(np.isfinite(robot.parameters)):
         raise RobotError(f"'{robot.name}' has no inertial parameters: it cannot be simulated")
-    order = list(robot.model_order)
+    order = robot.joint_order
     names = [robot.joint_names[index] for index in order]
     drives = [robot.drives[name] for name in names]
     elastic = np.array([drive.is_elastic for drive in drives])
@@ -176,11 +208,12 @@ def plant_of(robot: Robot) -> Plant:
     C = robot.transmission[np.ix_(order, order)]
     is_coupled = bool(coupled_groups(robot.transmission))
     armature = np.where(elastic, 0.0, ratio**2 * inertia)
-    rotors = C.T @ np.diag(armature) @ C if is_coupled else None
+    E = robot.expand(np.eye(robot.n)[order], 1).T[list(robot.model_order)]
+    e = robot.to_model(np.zeros(robot.n))
+    is_square = not robot.dependent_joints and not is_coupled
     model = robot.model.copy()
-    model.armature = np.zeros(robot.n) if is_coupled else armature
-    effective = effective_inertia(model, C, rotors) if functions else np.ones(robot.n)
-    return Plant(
+    model.armature = armature if is_square else np.zeros(model.nv)
+    plant = Plant(
         model=model,
         drives=tuple(drives),
         elastic=elastic,
@@ -192,10 +225,13 @@ def plant_of(robot: Robot) -> Plant:
         load_radius=load_radius,
         stiffness=stiffness,
         functions=functions,
-        longest_step=_longest_step(names, drives, functions, effective),
+        longest_step=np.inf,
         coupling=C if is_coupled else None,
-        rotors=rotors,
+        rotors=None if is_square else C.T @ np.diag(armature) @ C,
+        expansion=(E, e) if robot.dependent_joints else None,
     )
+    effective = effective_inertia(plant) if functions else np.ones(robot.n)
+    return replace(plant, longest_step=_longest_step(names, drives, functions, effective))
 
 
 def _numbers(joint: str, drive: Drive) -> tuple[float, ...]:

@@ -59,7 +59,7 @@ def replay(robot: Robot, log: Log, command: Command | None = None) -> Log:
     >>> np.std(replayed.joint_position - log.joint_position, axis=0)
     """
     check_whole(log)
-    plant, order = plant_of(robot), list(robot.model_order)
+    plant, order = plant_of(robot), robot.joint_order
     given = _logged(robot, log) if command is None else command
     gains = np.array([input_gain(robot, joint) for joint in robot.joint_names])
     data, state, back = plant.model.createData(), _start(robot, log)[:, order], np.argsort(order)

@@ -143,7 +143,7 @@ def simulate_motion(
     _check_joints(robot, trajectory)
     for joint in robot.joint_names:
         input_gain(robot, joint)  # report a missing constant before the simulation starts
-    plant, order = plant_of(robot), list(robot.model_order)
+    plant, order = plant_of(robot), robot.joint_order
     noise = Noise() if noise is None else noise
     settle = round(SETTLE_S * rate_hz)
     count = math.floor(trajectory.duration * rate_hz + 1e-6) + 1
@@ -173,7 +173,7 @@ def _run(
     q, v, a = planned
     controller = joint_controller(plant, q, v, a, rate_hz)
     ticks, joints = planned[0].shape
-    order, data = list(robot.model_order), plant.model.createData()
+    order, data = robot.joint_order, plant.model.createData()
     back = np.argsort(order)
     steps = math.ceil(1 / (rate_hz * _LONGEST_STEP_S))
     states, torques = np.empty((ticks, 4, joints)), np.empty((ticks, joints))
@@ -196,7 +196,7 @@ def _run(
 
 
 def _motion(robot: Robot, plant: Plant, time: Array, states: Array, torques: Array) -> Motion:
-    data, order = plant.model.createData(), list(robot.model_order)
+    data, order = plant.model.createData(), robot.joint_order
     speeds, through = np.empty((2, *torques.shape)), np.full(torques.shape, np.nan)
     for tick, (state, torque) in enumerate(zip(states, torques, strict=True)):
         slip = slip_directions(plant, data, state, torque)

@@ -24,6 +24,7 @@ import numpy as np
 from flint import fmpq, fmpq_mat
 
 from seaid._arrays import Array
+from seaid.errors import RobotError, listed
 from seaid.robot import Robot
 
 _LENGTH_NOISE = 1e-15
@@ -71,7 +72,16 @@ class ExactTree:
 
 
 def exact_tree(robot: Robot) -> ExactTree:
-    """Return the exact geometry of a robot."""
+    """Return the exact geometry of a robot. Raises RobotError if it has dependent joints."""
+    if robot.dependent_joints:
+        names = listed(joint.name for joint in robot.dependent_joints)
+        raise RobotError(
+            f"'{robot.name}' has mimic joints ({names}), which the exact methods do not take: use "
+            "the numeric seaid.base_parameters, or load it with independent_mimics=True or without "
+            "their leaders in joints=",
+            "independent_mimics=True",
+            "joints=",
+        )
     model = robot.model
     joints: list[ExactJoint] = []
     for index in range(1, model.njoints):
