@@ -48,7 +48,11 @@ def inspect(
     tree = reread_urdf(robot.urdf or given.urdf)
     inconsistent = _inconsistent_links(tree)
     base = base_parameters(robot)
-    choices = (tuple(names(sensors) or ()),) if sensors is not None else _CHOICES
+    choices: tuple[tuple[str, ...], ...] = (
+        _CHOICES if sensors is None else (tuple(names(sensors) or ()),)
+    )
+    if robot.dependent_joints and sensors is None:
+        choices = ()
     found = {", ".join(one): identifiability(robot, one) for one in choices}  # type: ignore[arg-type]
     content = {
         "joints": _joint_facts(robot),
@@ -59,7 +63,7 @@ def inspect(
     }
     text = [*_tree_lines(robot, tree, tree.root), *_link_lines(inconsistent), *_base_lines(base)]
     details = [str(one) for one in found.values()]
-    text += details if sensors is not None else [_identifiability_table(found)]
+    text += details if sensors is not None else [_identifiability_table(found)] if found else []
     show("\n".join(text), content, as_json, robot=robot.name)
 
 
@@ -91,6 +95,9 @@ def _tree_lines(robot: Robot, tree: UrdfTree, root: str) -> Iterator[str]:
 
 
 def _motion(robot: Robot, joint: str) -> str:
+    for one in robot.dependent_joints:
+        if one.name == joint:
+            return f"mimics {one.leader}, times {one.multiplier:.6g} plus {one.offset:.6g}"
     if joint not in robot.joint_names:
         return "does not move"
     from seaid.drives import IDEAL_DRIVE, drive_table

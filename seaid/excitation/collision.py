@@ -146,7 +146,7 @@ def collision_geometry(
 
 def _moving(full: pin.Model, joint: int, robot: Robot) -> int:
     """Return the joint, or its nearest ancestor that is not locked (0: the base)."""
-    while joint and full.names[joint] not in robot.joint_names:
+    while joint and full.names[joint] not in robot.all_joint_names:
         joint = full.parents[joint]
     return joint
 
@@ -234,9 +234,7 @@ class Scene:
     minimum distance [m] of a planned motion.
     """
 
-    joint_names: tuple[str, ...]
-    model: pin.Model
-    model_order: tuple[int, ...]
+    robot: Robot
     geometry: pin.GeometryModel
     pairs: tuple[Pair, ...]
     ignored: tuple[Pair, ...]
@@ -251,10 +249,12 @@ class Scene:
 
     @cached_property
     def moves(self) -> Array:
-        """1 where a joint of the model moves an object of the geometry, else 0, (G, n)."""
-        moved = np.zeros((self.geometry.ngeoms, self.model.nv))
+        """1 where a joint of the model moves an object of the geometry, else 0, (G, N)."""
+        moved = np.zeros((self.geometry.ngeoms, self.robot.model.nv))
         for row, shape in zip(moved, self.geometry.geometryObjects, strict=True):
-            row[[joint - 1 for joint in self.model.supports[shape.parentJoint] if joint]] = 1.0
+            row[[joint - 1 for joint in self.robot.model.supports[shape.parentJoint] if joint]] = (
+                1.0
+            )
         return moved
 
 
@@ -282,18 +282,16 @@ def distance_gradients(scene: Scene, q: Array, *, cap_m: float = np.inf) -> tupl
     # d(distance)/dq = normal^T (J_second - J_first), Jacobians of the two nearest points, where
     # normal^T J(point) = normal^T J_linear + (point x normal)^T J_angular
     along = sign * (normals @ linear + np.cross(points, normals) @ angular)
-    gradient = np.empty_like(along)
-    gradient[:, :, list(scene.model_order)] = along
-    return found, gradient
+    return found, scene.robot.from_model(along)
 
 
 def _witnesses(scene: Scene, q: Array, cap_m: float) -> tuple[Array, Array, Array, Array]:
     """Return distances (T, P), normals and nearest points of the first body, each (T, P, 3).
 
-    Also return the Jacobians (T, 6, n) of Pinocchio's model, at the origin of the base.
+    Also return the Jacobians (T, 6, N) of Pinocchio's model, at the origin of the base.
     """
-    q = finite("q", q, (None, len(scene.joint_names)), ExcitationError)[:, list(scene.model_order)]
-    model, geometry = scene.model, scene.geometry
+    q = scene.robot.to_model(finite("q", q, (None, scene.robot.n), ExcitationError))
+    model, geometry = scene.robot.model, scene.geometry
     data, placed = model.createData(), geometry.createData()
     _set_accuracy(geometry, placed)
     first, second = scene.ends

@@ -168,7 +168,7 @@ def pivoted_base(robot: Robot, torque_joints: str | Sequence[str] | None = None)
 
 def _random_rows(robot: Robot, known: list[int], seed: int) -> Array:
     Y = regressor_at_drives(robot, *random_states(robot, seed, len(known)))[:, known]
-    return np.where(robot.is_known, 0.0, Y).reshape(-1, 10 * robot.n)
+    return np.where(robot.is_known, 0.0, Y).reshape(-1, robot.parameters.size)
 
 
 def _best_pivots(draws: list[Array], rank: int) -> list[int]:
@@ -189,10 +189,13 @@ States = tuple[Array, Array, Array]
 
 def torque_derivatives(robot: Robot, states: States) -> Array:
     """Return d tau_i / d (q, v, a)_j of the inverse dynamics, (3, T, n, n), payloads included."""
-    order = list(robot.model_order)
-    inverse = np.argsort(order)
-    tables = _derivatives(robot.model, tuple(state[:, order] for state in states))
-    return np.ascontiguousarray(tables[:, :, inverse][:, :, :, inverse])
+    tables = _derivatives(robot.model, _in_model(robot, states))
+    return np.ascontiguousarray(robot.from_model(tables, 2))
+
+
+def _in_model(robot: Robot, states: States) -> States:
+    q, v, a = (robot.to_model(state, order) for order, state in enumerate(states))
+    return q, v, a
 
 
 def regressor_gradient(
@@ -200,26 +203,32 @@ def regressor_gradient(
 ) -> tuple[Array, Array, Array]:
     """Return the gradient of sum_t sum_r Y_t[rows[r]] . weights[t, r] by q, v and a, each (T, n).
 
-    `weights` (T, r, 10n) weight the entries of the standard regressor Y. Y_t[row] . w is the torque
+    `weights` (T, r, 10N) weight the entries of the standard regressor Y. Y_t[row] . w is the torque
     of one joint of a robot with the parameters w, so the gradient takes one pass of Pinocchio's
     derivatives (Carpentier and Mansard 2018) per row, whatever the number of parameters.
     """
-    model, order, n = robot.model.copy(), list(robot.model_order), robot.n
-    ordered = tuple(np.ascontiguousarray(state[:, order]) for state in states)
-    bodies = weights.reshape(*weights.shape[:2], n, 10)[:, :, order]
+    model, ordered = robot.model.copy(), _in_model(robot, states)
+    # q_model = G q + constant, so that a row of the robot is a sum of rows of the model
+    G = robot.to_model(np.eye(robot.n), 1).T
+    parts = [
+        (r, position, float(G[position, row]))
+        for r, row in enumerate(rows)
+        for position in np.flatnonzero(G[:, row]).tolist()
+    ]
+    bodies = weights.reshape(*weights.shape[:2], model.nv, 10)[:, :, list(robot.model_order)]
     # Pinocchio needs bodies with positive mass: equal masses are added to all bodies, and their
     # torques, which are linear in the parameters, are subtracted again
-    mass = 2.0 * max(float(np.abs(weights).max(initial=0.0)), 1e-12)
-    bodies[:, :, :, 0] += mass
-    for body in range(n):
+    mass = 2.0 * max(float(np.abs(weights).max(initial=0.0) * np.abs(G).max()), 1e-12)
+    for body in range(model.nv):
         model.inertias[body + 1] = pin.Inertia(mass, np.zeros(3), np.zeros((3, 3)))
-    positions = [order.index(row) for row in rows]
+    positions = [position for _, position, _ in parts]
     total = -_derivatives(model, ordered)[:, :, positions].sum(axis=2)
-    for r, position in enumerate(positions):
+    for r, position, factor in parts:
         felt = [joint - 1 for joint in model.subtrees[position + 1]]
-        total += _row_derivatives(model, ordered, position, bodies[:, r, felt])
-    gradient = np.empty_like(total)
-    gradient[:, :, order] = total
+        own = factor * bodies[:, r, felt]
+        own[:, :, 0] += mass
+        total += _row_derivatives(model, ordered, position, own)
+    gradient = robot.from_model(total)
     return gradient[0], gradient[1], gradient[2]
 
 

@@ -156,7 +156,7 @@ def check_nominal_bodies(robot: Robot) -> None:
     """Raise ExcitationError if the robot lacks nominal inertial parameters."""
     missing = [
         robot.body_names[body]
-        for body, values in enumerate(robot.parameters.reshape(robot.n, 10))
+        for body, values in enumerate(robot.parameters.reshape(-1, 10))
         if not np.all(np.isfinite(values))
     ]
     if missing:

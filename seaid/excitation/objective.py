@@ -119,7 +119,7 @@ def load_target(
             "name all of them or none to plan a motion",
             "torque_joints=",
         )
-    bare = replace(robot.with_values(np.zeros(10 * robot.n), robot.drives), drives={})
+    bare = replace(robot.with_values(np.zeros(robot.parameters.size), robot.drives), drives={})
     p = len(base.columns)
     known = tuple(map(robot.index, robot.selected(torque_joints)))
     return Target(
@@ -242,7 +242,7 @@ def regressor_pull_back(target: Target, time: Array, states: States, G: Array) -
     G = G.reshape(len(time), len(target.row_weights), -1)
     G = G * _weights(target, time) * target.column_scale
     robot, r = target.robot, len(target.rows)
-    weights = np.zeros((len(time), r, 10 * robot.n))
+    weights = np.zeros((len(time), r, robot.parameters.size))
     weights[:, :, list(target.base_columns)] = _transformed(
         target.at_drives.T, G[:, :r, : len(target.base_columns)]
     )

@@ -154,9 +154,7 @@ def load_scene(
         if frozenset((names[first], names[second])) not in disabled:
             geometry.addCollisionPair(pin.CollisionPair(first, second))
     pairs = tuple((names[pair.first], names[pair.second]) for pair in geometry.collisionPairs)
-    scene = Scene(
-        robot.joint_names, robot.model, robot.model_order, geometry, pairs, (), float(clearance_m)
-    )
+    scene = Scene(robot, geometry, pairs, (), float(clearance_m))
     return _without_always_close(scene, robot, {box.name for box in keep_out})
 
 

@@ -14,7 +14,7 @@ from seaid._arrays import safely
 from seaid._files import write_whole
 from seaid._progress import Display
 from seaid.errors import RobotError, checked
-from seaid.export.mjcf_bodies import TINY, add_bodies
+from seaid.export.mjcf_bodies import TINY, add_bodies, text
 from seaid.export.mjcf_drives import add_drives
 from seaid.identification import Identification
 from seaid.robot import Robot
@@ -39,11 +39,11 @@ def step_s(robot: Robot) -> tuple[float, str]:
 def _rates(robot: Robot) -> np.ndarray:
     """Return the eigenvalues [1/s] of the linearised robot at zero positions, without gravity."""
     n, C = robot.n, robot.transmission
-    order = np.argsort(robot.model_order)
     model = robot.model.copy()
-    model.armature = np.zeros(n)
+    model.armature = np.zeros(model.nv)
     mass, spring, damping = (np.zeros((2 * n, 2 * n)) for _ in range(3))
-    mass[:n, :n] = mass_matrix(model, model.createData(), np.zeros(n))[np.ix_(order, order)]
+    at_zero = robot.to_model(np.zeros(n))
+    mass[:n, :n] = robot.from_model(mass_matrix(model, model.createData(), at_zero), 2)
     for index, joint in enumerate(robot.joint_names):
         drive = robot.drives[joint]
         values = drive.values
@@ -158,12 +158,36 @@ def write_mjcf(
     option.set("timestep", repr(step))
     notes[:0] = [step_note, _SETTINGS_NOTE]
     add_drives(robot, joints, world, parts, step, notes)
+    _add_dependent(robot, root, step, notes)
     if np.any(robot.payload_parameters):
         notes.append("the known payload is part of the bodies to which it is fixed")
     root.insert(0, etree.Comment(_comment(notes)))
     etree.indent(root)
     write_whole(path, etree.tostring(root, encoding="utf-8", xml_declaration=True))
     return WrittenMjcf(path, tuple(notes))
+
+
+def _add_dependent(robot: Robot, root: Any, step: float, notes: list[str]) -> None:
+    """Add the equalities of dependent joints, as stiff as a step [s] allows."""
+    from lxml import etree
+
+    if not robot.dependent_joints:
+        return
+    equality = etree.SubElement(root, "equality")
+    for joint in robot.dependent_joints:
+        etree.SubElement(
+            equality,
+            "joint",
+            joint1=joint.name,
+            joint2=joint.leader,
+            polycoef=text((joint.offset, joint.multiplier, 0.0, 0.0, 0.0)),
+            solref=text((2 * step, 1.0)),
+            solimp=text((0.999, 0.9999, 0.001)),
+        )
+    notes.append(
+        f"{', '.join(joint.name for joint in robot.dependent_joints)}: a mimic joint follows its "
+        "leader by an equality, which is soft in MuJoCo: give the state of both at the start"
+    )
 
 
 def _settings(robot: Robot, root: Any) -> Any:

@@ -17,14 +17,17 @@ TINY = 1e-14
 
 
 def add_bodies(robot: Robot, world: Any, notes: list[str], force: bool) -> dict[str, Any]:
-    """Add a body with its joint for each moving link; return {joint: its element}."""
+    """Add a body with its joint for each moving link; return {joint: its element}.
+
+    Dependent joints follow their leaders by an <equality>.
+    """
     from lxml import etree
 
     bodies, joints = [world], {}
     loaded = (robot.parameters + robot.payload_parameters).reshape(-1, 10)
     for position, index in enumerate(robot.model_order, 1):
         placement = robot.model.jointPlacements[position]
-        link, joint = robot.body_names[index], robot.joint_names[index]
+        link, joint = robot.body_names[index], robot.all_joint_names[index]
         body = etree.SubElement(
             bodies[robot.model.parents[position]],
             "body",
@@ -59,14 +62,16 @@ def _add_joint(body: Any, robot: Robot, position: int, index: int) -> Any:
     data = joint.createData()
     joint.calc(data, np.zeros(1))
     along = np.asarray(data.S).ravel()
-    slides = robot.is_prismatic[index]
+    slides = robot.all_prismatic[index]
     element = body.makeelement(
         "joint",
-        name=robot.joint_names[index],
+        name=robot.all_joint_names[index],
         type="slide" if slides else "hinge",
         axis=text(along[:3] if slides else along[3:]),
     )
-    lower, upper = float(robot.lower_limits[index]), float(robot.upper_limits[index])
+    lower, upper = -np.inf, np.inf
+    if index < robot.n:
+        lower, upper = float(robot.lower_limits[index]), float(robot.upper_limits[index])
     element.set("limited", "false")
     if np.isfinite(lower) and np.isfinite(upper) and lower < upper:
         element.set("range", text((lower, upper)))

@@ -287,7 +287,7 @@ def _root(source: Path, text: bytes) -> Element:
 
 
 def _check_links(source: Path, tree: UrdfTree, robot: Robot) -> None:
-    for joint, body in zip(robot.joint_names, robot.body_names, strict=True):
+    for joint, body in zip(robot.all_joint_names, robot.body_names, strict=True):
         if joint not in tree.joints:
             raise RobotError(f"URDF '{source}': " + unknown_name("joint", joint, tree.joints))
         if tree.joints[joint].child != body:
@@ -302,9 +302,9 @@ def _bodies(robot: Robot, tree: UrdfTree, notes: list[str], force: bool) -> dict
     if not np.all(np.isfinite(robot.parameters)):
         raise RobotError(f"'{robot.name}' has no inertial parameters to write")
     changed: dict[str, Array] = {}
-    moving = frozenset(robot.joint_names)
+    moving = frozenset(robot.all_joint_names)
     for joint, body, lump in zip(
-        robot.joint_names, robot.body_names, robot.parameters.reshape(-1, 10), strict=True
+        robot.all_joint_names, robot.body_names, robot.parameters.reshape(-1, 10), strict=True
     ):
         placements = _fixed_links(tree, joint, moving)
         fixed = {link: tree.links[link] for link in placements if np.any(tree.links[link])}

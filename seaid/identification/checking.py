@@ -434,17 +434,18 @@ def torque_delays(given: Experiment) -> dict[int, tuple[float, float]]:
             found[j] = _first(columns[moving], y[moving])[0]
     if not stiff:
         return found
-    H = np.zeros((len(stiff), len(given.target), 15 * n))
-    H[:, :, : 10 * n] = given.regressor[:, stiff].swapaxes(0, 1)
+    m = robot.parameters.size
+    H = np.zeros((len(stiff), len(given.target), m + 5 * n))
+    H[:, :, :m] = given.regressor[:, stiff].swapaxes(0, 1)
     for place, j in enumerate(stiff):
-        H[place, :, 10 * n + 4 * j : 10 * n + 4 * j + 4] = _friction(given, j)
-        H[place, :, 14 * n + j] = given.lever[j] * given.torque_rate[:, j]
+        H[place, :, m + 4 * j : m + 4 * j + 4] = _friction(given, j)
+        H[place, :, m + 4 * n + j] = given.lever[j] * given.torque_rate[:, j]
     weight = 1.0 / np.std(given.target[:, stiff], axis=0)
     moving = (np.abs(given.direction[:, stiff]) > _MOVING).T.astype(float)
     A = H * weight[:, None, None] * moving[:, :, None]
     y = given.target[:, stiff].T * weight[:, None] * moving
-    order = [14 * n + j for j in stiff]
-    order += [place for place in range(14 * n) if np.any(np.abs(A[:, :, place]) > _TINY)]
+    order = [m + 4 * n + j for j in stiff]
+    order += [place for place in range(m + 4 * n) if np.any(np.abs(A[:, :, place]) > _TINY)]
     columns = A[:, :, order].reshape(-1, len(order))
     return found | dict(zip(stiff, _first(columns, y.ravel(), len(stiff)), strict=True))
 

@@ -128,22 +128,23 @@ class Experiment:
     def free(self) -> Array:
         """Misfit (n,) of any bodies with any friction."""
         used, n, count = self.used, self.robot.n, len(self.target)
+        m = self.robot.parameters.size
         found = np.full(n, np.nan)
         if not used:
             return found
-        H = np.zeros((count, len(used), 13 * n))
-        H[:, :, : 10 * n] = self.regressor[:, used]
+        H = np.zeros((count, len(used), m + 3 * n))
+        H[:, :, :m] = self.regressor[:, used]
         for place, j in enumerate(used):
-            H[:, place, 10 * n + 3 * j : 10 * n + 3 * j + 3] = self.friction[j]
+            H[:, place, m + 3 * j : m + 3 * j + 3] = self.friction[j]
         weight = 1.0 / np.std(self.target[:, used], axis=0)
-        A = (H * weight[:, None]).reshape(-1, 13 * n)
+        A = (H * weight[:, None]).reshape(-1, m + 3 * n)
         b = (self.target[:, used] * weight).ravel()
         size = np.linalg.norm(A, axis=0)
         A[:, size < 1e-9 * np.max(size)] = 0.0
         x = scaled_svd(A).solve(b, RANK_TOLERANCE)
         left = (b - A @ x).reshape(count, -1)
         for place, j in enumerate(used):
-            own = x[10 * n + 3 * j : 10 * n + 3 * j + 2] / weight[place]
+            own = x[m + 3 * j : m + 3 * j + 2] / weight[place]
             found[j] = self._size(j, left[:, place] / weight[place], own)
         return found
 
@@ -188,13 +189,14 @@ class Experiment:
         """
         friction = [np.linalg.qr(self.friction[j])[0] for j in self.used]
         n, bodies = self.robot.n, self.robot.parameters.reshape(-1, 10)
-        spread = np.zeros((n, 10, 5))
+        N = len(bodies)
+        spread = np.zeros((N, 10, 5))
         spread[:, :, 0] = _MASS_STD * bodies
         spread[:, 4:, 4] = _INERTIA_STD * bodies[:, 4:]
         spread[:, 1:4, 1:4] = _PLACE_STD_M * bodies[:, :1, None] * np.eye(3)
-        effect = np.einsum("rjbp,bpe->jrbe", self.regressor.reshape(-1, n, n, 10), spread)
+        effect = np.einsum("rjbp,bpe->jrbe", self.regressor.reshape(-1, n, N, 10), spread)
         parts = [
-            self._scaled(effect[j].reshape(-1, 5 * n), j, own)
+            self._scaled(effect[j].reshape(-1, 5 * N), j, own)
             for j, own in zip(self.used, friction, strict=True)
         ]
         B = np.concatenate(parts)

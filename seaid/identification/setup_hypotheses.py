@@ -762,10 +762,10 @@ def _with_length(given: Experiment, joint: str, factor: float) -> Experiment:
 
 def _payloads(given: Experiment) -> Iterator[Hypothesis]:
     """Yield a payload that is absent, there twice, or on another link."""
-    robot, n = given.robot, given.robot.n
-    payloads = robot.payload_parameters.reshape(n, 10)
+    robot = given.robot
+    payloads = robot.payload_parameters.reshape(-1, 10)
     for body in np.flatnonzero(payloads[:, 0]).tolist():
-        own = np.zeros((n, 10))
+        own = np.zeros_like(payloads)
         own[body] = payloads[body]
         mass, name = own[body, 0], robot.body_names[body]
         com = ",".join(f"{x:.4g}" for x in own[body, 1:4] / mass + 0.0)
@@ -780,7 +780,7 @@ def _payloads(given: Experiment) -> Iterator[Hypothesis]:
             choices.append(((other - 1) * own, words, heavier, _penalty(other, factor)))
         for change, message, remedy, penalty in choices:
             undo = partial(_with_bodies, bodies=given.bodies + change.ravel())
-            joint = robot.joint_names[body]
+            joint = robot.joint_of(body)
             yield Hypothesis("payload", message, undo, joint, remedy, penalty=penalty)
         yield from _placed(given, given.bodies - own.ravel(), text, mass)
     if not np.any(payloads) and not robot.known_bodies:
@@ -803,7 +803,7 @@ def _placed(
             "payload",
             f"{text} is on {link}, {point[0]:.3g} kg at ({com}) m",
             partial(_with_bodies, bodies=changed),
-            robot.joint_names[body],
+            robot.joint_of(body),
             f"option: --payload {link}:{point[0]:.3g}:{com}",
             "wrong" if mass is not None else "doubtful",
             penalty=1.0 if mass is not None else _UNNAMED,

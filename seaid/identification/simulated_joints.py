@@ -70,17 +70,16 @@ class Response:
 
 def torque_jacobians(robot: Robot, q: Array, v: Array, a: Array) -> TorqueJacobians:
     """Return the derivatives of the inverse dynamics, payloads included, at states (T, n) each."""
-    model, data, order = robot.model, robot.model.createData(), list(robot.model_order)
-    states = (np.ascontiguousarray(state[:, order]) for state in (q, v, a))
-    found = np.empty((3, len(q), robot.n, robot.n))
+    model, data = robot.model, robot.model.createData()
+    states = (robot.to_model(state, order) for order, state in enumerate((q, v, a)))
+    found = np.empty((3, len(q), model.nv, model.nv))
     compute = pin.computeRNEADerivatives
     for t, (q_t, v_t, a_t) in enumerate(zip(*states, strict=True)):
         compute(model, data, q_t, v_t, a_t)
         found[0, t], found[1, t], found[2, t] = data.dtau_dq, data.dtau_dv, data.M
     upper = np.triu(found[2])
     found[2] = upper + np.swapaxes(np.triu(found[2], 1), 1, 2)
-    back = np.argsort(order)
-    return TorqueJacobians(*found[:, :, back][:, :, :, back])
+    return TorqueJacobians(*robot.from_model(found, 2))
 
 
 def response_to(jacobians: TorqueJacobians, force: Array, step: float, windows: int) -> Response:
@@ -203,7 +202,7 @@ def _turned(motion: Motion, matrix: Array, to: Callable[[Array, Array], Array]) 
 
 def _fitted_robot(robot: Robot, model: LoadModel, load_side: Array) -> Robot:
     """Return a robot with the estimated base parameters; it does not matter which one."""
-    base, prior = model.base, np.zeros(10 * robot.n)
+    base, prior = model.base, np.zeros(robot.parameters.size)
     prior[::10] = 1.0
     prior[robot.is_known] = robot.parameters[robot.is_known]
     residual = load_side[: len(base.columns)] - base.project(prior)

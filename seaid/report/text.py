@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from seaid.log import Log
     from seaid.regressor import BaseParameters, CrossCheck, Identifiability
     from seaid.report.comparison import Comparison
-    from seaid.robot import Robot
+    from seaid.robot import DependentJoint, Robot
 
 
 class Text(str):
@@ -106,12 +106,26 @@ def robot_table(robot: Robot) -> Text:
             robot.joint_names,
             robot.is_prismatic,
             robot.drives.values(),
-            robot.body_names,
-            robot.parameters[::10],
+            robot.body_names[: robot.n],
+            robot.parameters[::10][: robot.n],
+            strict=True,
+        )
+    ]
+    rows += [
+        [one.name, "prismatic" if one.is_prismatic else "revolute", _followed(one), body, number(m)]
+        for one, body, m in zip(
+            robot.dependent_joints,
+            robot.body_names[robot.n :],
+            robot.parameters[::10][robot.n :],
             strict=True,
         )
     ]
     return table(repr(robot), ["joint", "type", "drive", "body", "mass [kg]"], rows)
+
+
+def _followed(joint: DependentJoint) -> str:
+    offset = f" {joint.offset:+.4g}" if joint.offset else ""
+    return f"mimics: {joint.multiplier:.4g} {joint.leader}{offset}"
 
 
 def log_table(log: Log) -> Text:

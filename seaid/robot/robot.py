@@ -125,6 +125,15 @@ class Robot(Display):
         return (*self.joint_names, *(joint.name for joint in self.dependent_joints))
 
     @property
+    def all_prismatic(self) -> tuple[bool, ...]:
+        """Whether each joint of `all_joint_names` is prismatic."""
+        return (*self.is_prismatic, *(joint.is_prismatic for joint in self.dependent_joints))
+
+    def joint_of(self, body: int) -> str:
+        """Return the independent joint that moves a body by its index: for most, the one above."""
+        return (*self.joint_names, *(joint.leader for joint in self.dependent_joints))[body]
+
+    @property
     def joint_order(self) -> list[int]:
         """The indices of the n independent joints in the order of the model."""
         return [index for index in self.model_order if index < self.n]
@@ -158,6 +167,8 @@ class Robot(Display):
         principle of power.
         """
         back = np.argsort(self.model_order)
+        if self._expansion is None and list(self.model_order) == back.tolist() == sorted(back):
+            return torques
         for axis in range(-axes, 0):
             torques = np.take(torques, back, axis=axis)
             if self._expansion is not None:

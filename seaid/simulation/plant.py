@@ -73,7 +73,7 @@ class Plant:
         return np.asarray(E @ state + e if order == 0 else E @ state)
 
     def reduced(self, torque: Array) -> Array:
-        """Return the torques (n,) of those on all joints of the model, by the principle of power."""
+        """Return torques (n,) from those on all joints of the model, by the principle of power."""
         return np.array(torque if self.expansion is None else torque @ self.expansion[0])
 
     @cached_property

@@ -73,19 +73,19 @@ class Picture:
         return np.clip(np.zeros(self.robot.n), lower, upper)
 
     def placements(self, q: Array) -> list[pin.SE3]:
-        """Return the placements of the n + 1 bodies in the base frame at positions q (n,).
+        """Return the placements of the base and the N bodies in the base frame at positions q (n,).
 
         Raises RobotError for positions [rad or m] of another shape or not finite.
         """
         robot, model = self.robot, self.robot.model
-        q = finite("joint positions", q, (robot.n,), RobotError)
-        bodies, body_of = [pin.SE3.Identity()] * (robot.n + 1), [0]
+        q = robot.expand(finite("joint positions", q, (robot.n,), RobotError))
+        bodies, body_of = [pin.SE3.Identity()] * (len(q) + 1), [0]
         for joint, index in enumerate(robot.model_order, 1):  # parents come before children
             body_of.append(index + 1)
             placement = bodies[body_of[model.parents[joint]]] * model.jointPlacements[joint]
             axis, value = self.axes[index], float(q[index])
-            turn = np.eye(3) if robot.is_prismatic[index] else pin.exp3(value * axis)
-            shift = value * axis if robot.is_prismatic[index] else np.zeros(3)
+            turn = np.eye(3) if robot.all_prismatic[index] else pin.exp3(value * axis)
+            shift = value * axis if robot.all_prismatic[index] else np.zeros(3)
             bodies[index + 1] = placement * pin.SE3(turn, shift)
         return bodies
 
@@ -102,7 +102,9 @@ class Picture:
     @cached_property
     def _outlines(self) -> list[Array]:
         """Points of each body, (., 3): corners of its shapes' boxes, ends of its lines, marks."""
-        found: list[list[Array]] = [[np.zeros((1, 3))] for _ in range(self.robot.n + 1)]
+        found: list[list[Array]] = [
+            [np.zeros((1, 3))] for _ in range(len(self.robot.body_names) + 1)
+        ]
         for shape in self.shapes:
             ends = np.array([shape.vertices.min(axis=0), shape.vertices.max(axis=0)])
             grid = np.array(np.meshgrid(*ends.T)).reshape(3, -1).T
@@ -155,7 +157,7 @@ def _tree_of(robot: Robot) -> UrdfTree:
     if robot.urdf is None:
         raise RobotError(f"'{robot.name}' has no URDF to show: load it with load_robot")
     tree = reread_urdf(robot.urdf)
-    gone = [joint for joint in robot.joint_names if joint not in tree.joints]
+    gone = [joint for joint in robot.all_joint_names if joint not in tree.joints]
     if gone:
         raise RobotError(
             f"'{robot.urdf}' has no joint {', '.join(gone)} any more: it has changed since "
@@ -172,8 +174,9 @@ def link_places(tree: UrdfTree, robot: Robot) -> dict[str, tuple[int, pin.SE3]]:
         link = waiting.pop()
         body, placement = places[link]
         for joint in tree.children(link):
-            if joint.name in robot.joint_names:
-                places[joint.child] = (robot.index(joint.name) + 1, pin.SE3.Identity())
+            if joint.name in robot.all_joint_names:
+                index = robot.all_joint_names.index(joint.name)
+                places[joint.child] = (index + 1, pin.SE3.Identity())
             else:
                 places[joint.child] = (body, placement * joint.placement)
             waiting.append(joint.child)
@@ -181,12 +184,12 @@ def link_places(tree: UrdfTree, robot: Robot) -> dict[str, tuple[int, pin.SE3]]:
 
 
 def _axes(robot: Robot) -> Array:
-    """Return the axes (n, 3) of the model's joints in their own frames."""
+    """Return the axes (N, 3) of the model's joints in their own frames."""
     model, data = robot.model, robot.model.createData()
-    jacobian = pin.computeJointJacobians(model, data, np.zeros(robot.n)).reshape(6, robot.n)
-    axes = np.empty((robot.n, 3))
+    jacobian = pin.computeJointJacobians(model, data, np.zeros(model.nv)).reshape(6, model.nv)
+    axes = np.empty((model.nv, 3))
     for joint, index in enumerate(robot.model_order, 1):
-        rows = slice(0, 3) if robot.is_prismatic[index] else slice(3, 6)
+        rows = slice(0, 3) if robot.all_prismatic[index] else slice(3, 6)
         axes[index] = data.oMi[joint].rotation.T @ jacobian[rows, joint - 1]
     return frozen("axes", axes, (None, 3))
 
@@ -215,7 +218,7 @@ def _lines(
         for joint in below:
             frame = placement * joint.placement
             yield body, start, frame.translation
-            if joint.type == "prismatic" and joint.name in robot.joint_names:
+            if joint.type == "prismatic" and joint.name in robot.all_joint_names:
                 ends = np.array([joint.lower, joint.upper])
                 if np.all(np.isfinite(ends)):
                     yield body, frame.act(ends[0] * joint.axis), frame.act(ends[1] * joint.axis)

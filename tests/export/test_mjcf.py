@@ -119,7 +119,7 @@ def rigid_errors(robot: Robot, model: Any, states: int = 5) -> float:
     places = [model.joint(name).dofadr[0] for name in names]
     largest = 0.0
     for _ in range(states):
-        q, v = rng.uniform(-1, 1, (2, robot.n))
+        q, v = rng.uniform(-1, 1, (2, own.nv))
         for name, position, speed in zip(names, q, v, strict=True):
             data.joint(name).qpos, data.joint(name).qvel = position, speed
         mujoco.mj_forward(model, data)

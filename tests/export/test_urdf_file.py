@@ -49,7 +49,7 @@ FIXED = """<?xml version="1.0"?>
 
 def torques(robot: Robot, seed: int = 0) -> np.ndarray:
     rng = np.random.default_rng(seed)
-    states = rng.uniform(-1, 1, (20, 3, robot.n))
+    states = rng.uniform(-1, 1, (20, 3, robot.model.nv))
     data = robot.model.createData()
     return np.array([pin.rnea(robot.model, data, *state) for state in states])
 

@@ -1,6 +1,5 @@
 """load_robot: the same robot as Pinocchio's own reader has, joints and payloads as asked for."""
 
-import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,7 @@ import pytest
 
 from seaid._arrays import Array
 from seaid.drives.drives import SeriesElasticDrive, StiffDrive
-from seaid.errors import RobotError, SeaidWarning
+from seaid.errors import RobotError
 from seaid.regressor.rigid_body import joint_torques, rigid_body_regressor
 from seaid.robot.robot import Payload, Robot, load_robot
 
@@ -244,19 +243,12 @@ def test_joint_of_several_axes_is_refused_by_name_and_can_be_left_out(
     assert_same(joint_torques(robot, *state), joint_torques(welded, *state))
 
 
-def test_mimic_joints_stay_independent_and_one_warning_names_them(write_chain: Chain) -> None:
+def test_mimic_joints_are_independent_if_asked_for(write_chain: Chain) -> None:
     mimic = '<mimic joint="thumb" multiplier="2"/>'
-    path = write_chain(
-        {"thumb": "revolute", "finger": f"revolute {mimic}", "tip": f"revolute {mimic}"}
-    )
-    with pytest.warns(SeaidWarning, match="mimic joints .* independent: finger, tip") as caught:
-        robot = load_robot(path)
-    assert len(caught) == 1
-    assert caught[0].filename == __file__
-    assert robot.joint_names == ("thumb", "finger", "tip")
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        load_robot(path, joints=["thumb"])
+    path = write_chain({"thumb": "revolute", "finger": f"revolute {mimic}"})
+    robot = load_robot(path, {"finger": StiffDrive(gear_ratio=3.0)}, independent_mimics=True)
+    assert robot.joint_names == ("thumb", "finger")
+    assert robot.dependent_joints == ()
 
 
 def test_joints_that_are_not_there_twice_or_none_are_refused(

@@ -289,12 +289,12 @@ def _weighted(program: Program, weight: float | None, least: float) -> FeasibleP
 
 def _bodies(robot: Robot, found: FeasiblePoint) -> Array:
     """Return the standard parameters (10n,) of a feasible point, known ones as they are."""
-    return np.where(robot.is_known, robot.parameters, found.unknowns[: 10 * robot.n])
+    return np.where(robot.is_known, robot.parameters, found.unknowns[: robot.parameters.size])
 
 
 def _robot(robot: Robot, model: LoadModel, known: Estimate, found: FeasiblePoint) -> Robot:
     """Return the robot with consistent bodies and the identified drives."""
-    m, names = 10 * robot.n, dict(zip(known.names, found.values, strict=True))
+    m, names = robot.parameters.size, dict(zip(known.names, found.values, strict=True))
     for (joint, name, _), value in zip(model.absorbed, found.unknowns[m:], strict=False):
         names[JointParameter(name, joint)] = value
     drives = dict(robot.drives)

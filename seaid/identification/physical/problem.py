@@ -52,7 +52,7 @@ def body_limits(robot: Robot, bodies: Array, masses: MassBounds, boxes: Boxes) -
         column = 10 * robot.body_names.index(body)
         size = bodies[column // 10, 0]
         for sign, bound, side in ((1, least, "lower"), (-1, most, "upper")):
-            row = np.zeros(10 * robot.n)
+            row = np.zeros(robot.parameters.size)
             row[column] = sign / size
             words = f"mass of {body} is at its {side} bound, {bound:.4g} kg"
             if most - least <= 3 * _WIDTH * most:
@@ -63,7 +63,7 @@ def body_limits(robot: Robot, bodies: Array, masses: MassBounds, boxes: Boxes) -
         size = bodies[column // 10, 0] * _LENGTH
         for sign, corner, side in zip((1, -1), corners, ("lower", "upper"), strict=True):
             for axis, bound in enumerate(corner):
-                row = np.zeros(10 * robot.n)
+                row = np.zeros(robot.parameters.size)
                 row[column + 1 + axis] = sign / size
                 row[column] = -sign * bound / size
                 words = f"centre of mass of {body} is at the {side} bound of its box in "
@@ -167,7 +167,8 @@ def balls(robot: Robot) -> Array:
     Its centre is the middle between the body's joint and the next ones, its radius half their
     distance (the mean of the robot for a body without a next joint), at least 5 cm.
     """
-    model, centers, radii = robot.model, np.zeros((robot.n, 3)), np.full(robot.n, np.nan)
+    model, count = robot.model, len(robot.body_names)
+    centers, radii = np.zeros((count, 3)), np.full(count, np.nan)
     for position, index in enumerate(robot.model_order):
         ends = [
             model.jointPlacements[child].translation
@@ -196,10 +197,10 @@ def prior_bodies(robot: Robot, parameters: Array) -> tuple[Array, tuple[str, ...
     plate) get a thousandth of a ball of their mass. Raises RobotError for another shape.
     """
     given = np.asarray(parameters, dtype=float)
-    if given.shape != (10 * robot.n,):
+    if given.shape != robot.parameters.shape:
         raise RobotError(
-            f"prior= must be the {10 * robot.n} standard parameters of '{robot.name}', found shape "
-            f"{given.shape}"
+            f"prior= must be the {robot.parameters.size} standard parameters of '{robot.name}', "
+            f"found shape {given.shape}"
         )
     bodies, notes, plain = given.reshape(-1, 10).copy(), [], balls(robot)
     missing = ~np.all(np.isfinite(bodies), axis=1)
@@ -252,7 +253,7 @@ def body_program(
     Unknowns: the standard parameters, the parameters of stiff drives that the base parameters
     absorb, the other drive parameters.
     """
-    m, absorbed = 10 * robot.n, len(model.absorbed)
+    m, absorbed = robot.parameters.size, len(model.absorbed)
     columns, pivots, own = _columns(model, known, m)
     root = covariance_root(known.covariance, known.values)
     largest = np.max(np.abs(model.absorption), axis=0, initial=0.0)

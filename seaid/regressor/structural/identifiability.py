@@ -149,7 +149,7 @@ def identifiability(
     up_to_scale = np.isin(np.arange(len(base.names)), list(chain(*groups)))
     alone = np.count_nonzero(base.grouping, axis=1) == 1
     missing = ~np.any(base.grouping, axis=0)
-    missing[: 10 * robot.n] &= ~robot.is_known
+    missing[: robot.parameters.size] &= ~robot.is_known
     usable = explanations(system, list(compress(base.names, up_to_scale)))
     return Identifiability(
         robot_name=robot.name,

@@ -1,0 +1,381 @@
+"""Mimic joints move with their leaders: independent routes, recovery of known truth, refusals."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import sympy as sp
+
+import seaid
+from seaid._arrays import Array
+from seaid.errors import RobotError, SeaidWarning
+from seaid.excitation.criteria import regressor_gradient, torque_derivatives
+from seaid.regressor.rigid_body import joint_torques, rigid_body_regressor
+from seaid.robot import Robot
+from seaid.simulation.plant import inertia, plant_of
+from tests.conftest import example_urdfs
+from tests.experiments import drive_errors, drive_scores, wiggle
+
+Write = Callable[[str], Path]
+
+
+def _body(mass: float, com: str) -> str:
+    return (
+        f'<inertial><origin xyz="{com}"/><mass value="{mass}"/><inertia ixx="{0.004 * mass}" '
+        f'iyy="{0.006 * mass}" izz="{0.005 * mass}" ixy="0.0002" ixz="0" iyz="0.0001"/></inertial>'
+    )
+
+
+_LINKS = {
+    "upper": _body(2.0, "0.15 0.01 0"),
+    "table": _body(1.2, "0.05 0 0.02"),
+    "wrist": _body(0.8, "0.03 0.02 0.01"),
+    "left": _body(0.3, "0.02 0.01 0"),
+    "right": _body(0.25, "0.02 -0.01 0"),
+    "cam": _body(0.4, "0.01 0.03 0.01"),
+}
+_JOINTS = {
+    "shoulder": ("revolute", "base", "upper", "0 0 0.5", "0 1 0", ""),
+    # a parallelogram keeps the table level but for a constant angle
+    "level": ("revolute", "upper", "table", "0.3 0 0", "0 1 0", "shoulder:-1:0.2"),
+    "turn": ("revolute", "table", "wrist", "0.1 0 0", "1 0 0", ""),
+    "squeeze": ("prismatic", "wrist", "left", "0.1 0.02 0", "0 1 0", ""),
+    "mirror": ("prismatic", "wrist", "right", "0.1 -0.02 0", "0 -1 0", "squeeze:1:0"),
+    # in depth-first order the follower comes before its leader; it follows through another one
+    "cam_turn": ("revolute", "wrist", "cam", "0.05 0 0.05", "0 1 0", "mirror:-12:0.3"),
+}
+LEADERS = ("shoulder", "turn", "squeeze")
+
+
+def gripper_text() -> str:
+    text = '<link name="base"/>'
+    text += "".join(f'<link name="{name}">{body}</link>' for name, body in _LINKS.items())
+    for name, (kind, parent, child, xyz, axis, mimic) in _JOINTS.items():
+        text += f'<joint name="{name}" type="{kind}"><parent link="{parent}"/>'
+        text += f'<child link="{child}"/><origin xyz="{xyz}"/><axis xyz="{axis}"/>'
+        text += '<limit lower="-2" upper="2" velocity="3" effort="50"/>'
+        if mimic:
+            leader, multiplier, offset = mimic.split(":")
+            text += f'<mimic joint="{leader}" multiplier="{multiplier}" offset="{offset}"/>'
+        text += "</joint>"
+    return text
+
+
+DRIVES: dict[str, Any] = {
+    "shoulder": {
+        "type": "series_elastic",
+        "gear_ratio": 50.0,
+        "motor_inertia_kg_m2": 2e-5,
+        "stiffness_Nm_per_rad": 300.0,
+        "viscous_friction_Nms_per_rad": 2e-4,
+        "coulomb_friction_Nm": 0.01,
+    },
+    "turn": {
+        "type": "stiff",
+        "gear_ratio": 30.0,
+        "motor_inertia_kg_m2": 1e-5,
+        "viscous_friction_Nms_per_rad": 1e-4,
+        "coulomb_friction_Nm": 0.004,
+    },
+    "squeeze": {
+        "type": "stiff",
+        "gear_ratio_rad_per_m": 400.0,
+        "motor_inertia_kg_m2": 5e-6,
+        "viscous_friction_Nms_per_rad": 5e-5,
+        "coulomb_friction_Nm": 0.003,
+    },
+}
+
+
+@pytest.fixture
+def gripper(write_urdf: Write) -> Robot:
+    return seaid.load_robot(write_urdf(gripper_text()), DRIVES)
+
+
+def states(n: int, count: int = 6, seed: int = 0) -> tuple[Array, Array, Array]:
+    rng = np.random.default_rng(seed)
+    q, v, a = rng.uniform(-1, 1, (3, count, n)) * np.array([1, 2, 5])[:, None, None]
+    return q, v, a
+
+
+# What is loaded
+
+
+def test_leaders_are_the_joints_and_followers_have_bodies_only(gripper: Robot) -> None:
+    assert gripper.joint_names == LEADERS
+    followers = {
+        one.name: (one.leader, one.multiplier, one.offset) for one in gripper.dependent_joints
+    }
+    assert followers == {
+        "level": ("shoulder", -1.0, 0.2),
+        "mirror": ("squeeze", 1.0, 0.0),
+        "cam_turn": ("squeeze", -12.0, 0.3),
+    }
+    assert gripper.body_names[:3] == ("upper", "wrist", "left")
+    assert set(gripper.body_names[3:]) == {"table", "right", "cam"}
+    assert gripper.parameters.shape == (60,)
+    assert list(gripper.drives) == list(LEADERS)
+
+
+def test_limits_of_a_leader_keep_those_of_its_followers(gripper: Robot) -> None:
+    """-2 <= -12 q + 0.3 <= 2 and 12 |v| <= 3 for the cam; -2 <= 0.2 - q <= 2 for the level."""
+    np.testing.assert_allclose(gripper.lower_limits, [-1.8, -2, -1.7 / 12])
+    np.testing.assert_allclose(gripper.upper_limits, [2.0, 2, 2.3 / 12])
+    np.testing.assert_allclose(gripper.velocity_limits, [3, 3, 0.25])
+
+
+# Torques by independent routes
+
+
+def test_torques_are_those_of_the_lagrangian_with_the_follower_substituted(
+    write_urdf: Write,
+) -> None:
+    """Shoulder and level alone, as a planar Lagrangian in one angle, by sympy."""
+    text = gripper_text().replace('offset="0.3"', 'offset="0"')
+    robot = seaid.load_robot(write_urdf(text), joints=["shoulder"])
+    assert robot.body_names == ("upper", "table")
+    q, v, a, g = sp.symbols("q v a g")
+    angle = {"upper": q, "table": q + (sp.Rational(1, 5) - q)}
+    rate = {"upper": v, "table": sp.Integer(0)}
+    corner = sp.Rational(3, 10) * sp.Matrix([sp.cos(q), -sp.sin(q)])  # x and z; y turns x to -z
+    origin = {"upper": sp.Matrix([0, 0]), "table": corner}
+    energy = sp.Integer(0)
+    for link, ten in zip(robot.body_names, robot.parameters.reshape(-1, 10), strict=True):
+        m, mx, mz, Iyy = (sp.Float(ten[k], 17) for k in (0, 1, 3, 6))
+        c, s = sp.cos(angle[link]), sp.sin(angle[link])
+        first = sp.Matrix([c * mx + s * mz, -s * mx + c * mz])  # of mass, about the link's origin
+        turned = sp.Matrix([-s * mx + c * mz, -c * mx - s * mz]) * rate[link]
+        speed = origin[link].diff(q) * v
+        energy += m * speed.dot(speed) / 2 + speed.dot(turned) + Iyy * rate[link] ** 2 / 2
+        energy -= g * (m * origin[link][1] + first[1])
+    momentum = energy.diff(v)
+    law = momentum.diff(v) * a + momentum.diff(q) * v - energy.diff(q)
+    by_hand = sp.lambdify((q, v, a), law.subs(g, 9.81))
+    for one in zip(*states(1), strict=True):
+        found = joint_torques(robot, *(x[None] for x in one))[0, 0]
+        assert found == pytest.approx(float(by_hand(*(x[0] for x in one))), rel=1e-10)
+
+
+MIMICS = [path for path in example_urdfs() if b"<mimic" in path.read_bytes()]
+
+
+@pytest.mark.parametrize("path", MIMICS, ids=lambda path: path.stem)
+def test_torques_are_those_of_pinocchios_own_mimic_joints(path: Path) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", SeaidWarning)
+        robot = seaid.load_robot(path, snap_tolerance_rad=0)
+    try:
+        theirs = pin.buildModelFromUrdf(str(path), mimic=True)
+    except (ValueError, RuntimeError) as problem:
+        pytest.skip(f"pinocchio refuses it: {problem}"[:80])
+    if theirs.nv != robot.n or theirs.nq != robot.n:
+        pytest.skip("with continuous joints, or mimics of joints that are not there")
+    data, names = theirs.createData(), list(theirs.names)
+    order = [theirs.joints[names.index(joint)].idx_v for joint in robot.joint_names]
+    ours, expected = [], []
+    for q, v, a in zip(*states(robot.n), strict=True):
+        full = np.empty((3, robot.n))
+        full[:, order] = q, v, a
+        expected.append(pin.rnea(theirs, data, *full)[order])
+        ours.append(joint_torques(robot, q[None], v[None], a[None])[0])
+    np.testing.assert_allclose(ours, expected, atol=1e-9 * np.max(np.abs(expected)))
+
+
+def test_regressor_and_slopes_are_those_of_the_torques(gripper: Robot) -> None:
+    q, v, a = states(3)
+    torque = joint_torques(gripper, q, v, a)
+    Y = rigid_body_regressor(gripper, q, v, a)
+    np.testing.assert_allclose(Y @ gripper.parameters, torque, atol=1e-11)
+    slopes = torque_derivatives(gripper, (q, v, a))
+    weights = np.random.default_rng(1).normal(size=(len(q), 2, 60))
+    gradient = regressor_gradient(gripper, (q, v, a), (0, 2), weights)
+
+    def cost(*state: Array) -> float:
+        return float(np.sum(rigid_body_regressor(gripper, *state)[:, [0, 2]] * weights))
+
+    for kind in range(3):
+        for joint in range(3):
+            step = np.zeros((3, len(q), 3))
+            step[kind, :, joint] = 1e-6
+            plus, minus = (
+                [x + sign * one for x, one in zip((q, v, a), step, strict=True)] for sign in (1, -1)
+            )
+            by_steps = (joint_torques(gripper, *plus) - joint_torques(gripper, *minus)) / 2e-6
+            np.testing.assert_allclose(slopes[kind, :, :, joint], by_steps, atol=2e-6)
+            expected = (cost(*plus) - cost(*minus)) / 2e-6
+            assert np.sum(gradient[kind][:, joint]) == pytest.approx(expected, rel=1e-5, abs=1e-4)
+
+
+def test_base_parameters_are_as_many_as_the_rank_of_the_regressor(gripper: Robot) -> None:
+    base = seaid.base_parameters(gripper)
+    Y = rigid_body_regressor(gripper, *states(3, 400)).reshape(-1, 60)
+    sizes = np.linalg.svd(Y, compute_uv=False)
+    assert np.count_nonzero(sizes > 1e-9 * sizes[0]) == len(base.columns)
+    theta = np.random.default_rng(0).normal(size=60)
+    np.testing.assert_allclose(base.reduce(Y) @ base.project(theta), Y @ theta, atol=1e-8)
+
+
+# MuJoCo
+
+
+def test_mujoco_has_the_same_inertia_and_motion(gripper: Robot, tmp_path: Path) -> None:
+    mujoco: Any = pytest.importorskip("mujoco")
+    stiff = {joint: table for joint, table in DRIVES.items() if joint != "shoulder"}
+    assert gripper.urdf is not None
+    robot = seaid.load_robot(gripper.urdf, stiff)
+    seaid.write_mjcf(robot, tmp_path / "gripper.xml")
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "gripper.xml"))
+    data, n = mujoco.MjData(model), robot.n
+    place = [model.joint(name).dofadr[0] for name in robot.all_joint_names]
+    E = robot.expand(np.eye(n), 1).T
+    plant = plant_of(robot)
+    q, v, _ = (state[0] for state in states(n))
+    data.qpos[place], data.qvel[place] = robot.expand(q), robot.expand(v, 1)
+    mujoco.mj_forward(model, data)
+    full = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, full)
+    order = robot.joint_order
+    expected = np.empty((n, n))
+    expected[np.ix_(order, order)] = inertia(plant, plant.model.createData(), q[order])
+    np.testing.assert_allclose(
+        E.T @ full[np.ix_(place, place)] @ E, expected, rtol=1e-9, atol=1e-12
+    )
+    again = seaid.load_robot(tmp_path / "gripper.xml")  # the equality is read as mimic
+    assert again.joint_names == robot.joint_names
+    np.testing.assert_allclose(
+        joint_torques(again, *states(n)), joint_torques(robot, *states(n)), atol=1e-9
+    )
+    # a fall from rest with its own dynamics, against the soft equality of MuJoCo
+    data.qpos[place], data.qvel[place] = robot.expand(np.array([0.3, -0.2, 0.0])), 0.0
+    time = np.arange(0, 0.4, 0.002)
+    log = seaid.Log(
+        time=time,
+        joint_names=robot.joint_names,
+        joint_position=np.tile([0.3, -0.2, 0.0], (len(time), 1)),
+        motor_position=np.full((len(time), n), np.nan),
+        motor_torque=np.zeros((len(time), n)),
+    )
+    ours = seaid.replay(robot, log).joint_position
+    assert ours is not None
+    theirs = np.empty_like(ours)
+    for tick, at in enumerate(time):
+        while data.time < at - 1e-9:
+            mujoco.mj_step(model, data)
+        theirs[tick] = data.qpos[place[:n]]
+    assert np.ptp(ours[:, 0]) > 0.3
+    assert np.max(np.abs(theirs - ours)) < 5e-3 * np.ptp(ours[:, 0])
+
+
+# Identification
+
+
+def _experiment(path: Path, seed: int, duration_s: float) -> tuple[Robot, Any]:
+    robot = seaid.load_robot(path, DRIVES)
+    motion = wiggle(robot, duration_s, (0.0, 0.0, 0.02), (0.9, 1.0, 0.06), seed=seed)
+    return robot, seaid.simulate(
+        robot,
+        motion,
+        noise=seaid.Noise(
+            motor_resolution_rad=2 * np.pi / 8192,
+            joint_resolution_rad=(2 * np.pi / 2**17, 2 * np.pi / 2**17, 1e-6),
+            torque_std_Nm=0.002,
+        ),
+        seed=seed,
+    )
+
+
+@pytest.mark.slow  # it simulates 8 s at 1 kHz and identifies them
+def test_log_without_followers_gives_back_the_truth(gripper: Robot, tmp_path: Path) -> None:
+    assert gripper.urdf is not None
+    truth, log = _experiment(gripper.urdf, 0, 6.0)
+    assert log.joint_names == LEADERS
+    seaid.write_log(log, tmp_path / "run.csv")
+    found = seaid.identify(
+        gripper.without_nominal(), seaid.read_log(tmp_path / "run.csv", gripper), feasible=True
+    )
+    errors = drive_errors(found, truth, "stiffness", "viscous_friction", "coulomb_friction")
+    assert max(map(abs, errors.values())) < 0.1
+    assert np.max(np.abs(drive_scores(found, truth, "stiffness", "coulomb_friction"))) < 4
+    q, v, a = (state * [1, 1, 0.05] for state in states(3, 40))
+    torque = joint_torques(truth, q, v, a)
+    error = joint_torques(found.robot, q, v, a) - torque
+    assert np.all(np.std(error, axis=0) < 0.05 * np.std(torque, axis=0))
+    other = _experiment(gripper.urdf, 1, 2.0)[1]
+    checked = seaid.validate(found, other)
+    assert "shoulder" in str(checked.summary())
+    assert {finding.severity for finding in found.warnings} <= {"note"}
+    # what was found goes into the file, bodies of the followers too, and comes back
+    written = seaid.write_urdf(found, tmp_path / "found.urdf")
+    again = seaid.load_robot(written.urdf, written.drives)
+    np.testing.assert_allclose(
+        joint_torques(again, q, v, a), joint_torques(found.robot, q, v, a), atol=1e-8
+    )
+    found.save(tmp_path / "parameters.json")
+    back = seaid.read_parameters(tmp_path / "parameters.json", gripper)
+    np.testing.assert_allclose(back.parameters, found.robot.parameters)
+
+
+def test_plan_moves_the_leaders_within_the_limits_of_the_followers(gripper: Robot) -> None:
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "the search for an excitation ended early")
+        plan = seaid.design_excitation(
+            gripper, 4.0, starts=1, iterations=5, coefficients=9, seed=0,
+            limits=seaid.Limits(acceleration=20.0),
+        )  # fmt: skip
+    q, v, _ = plan.trajectory.sample(np.linspace(0, 4.0, 200))
+    turned = gripper.expand(q)[:, 3:]
+    assert np.all(np.abs(turned) <= 2.0 + 1e-6)
+    assert np.all(np.abs(gripper.expand(v, 1)[:, 3:]) <= 3.0 + 1e-6)
+
+
+# Refusals
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (
+            {"joints": ["shoulder", "level"]},
+            "joint 'level' mimics 'shoulder' and moves with it: name",
+        ),
+        ({"joints": ["turn"]}, "joint 'level' mimics 'shoulder', which does not move it here, and"),
+        (
+            {"drives": {"mirror": DRIVES["squeeze"]}},
+            "joint 'mirror' mimics 'squeeze' and has no drive of its own: remove its table, that",
+        ),
+    ],
+)
+def test_what_a_follower_cannot_be_is_said(
+    write_urdf: Write, options: dict[str, Any], words: str
+) -> None:
+    with pytest.raises(RobotError, match=words) as caught:
+        seaid.load_robot(write_urdf(gripper_text()), **options)
+    assert "independent_mimics=True" in str(caught.value)
+
+
+def test_mimics_in_a_circle_are_refused_and_lost_ones_named(write_urdf: Write) -> None:
+    text = gripper_text()
+    circle = text.replace('joint="squeeze"', 'joint="cam_turn"')
+    with pytest.raises(RobotError, match="mimic joints follow each other: mirror, cam_turn"):
+        seaid.load_robot(write_urdf(circle))
+    lost = write_urdf(text.replace('joint="squeeze"', 'joint="sqeeze"'))
+    with pytest.warns(SeaidWarning, match=r"<mimic> of mirror names joints that are not there"):
+        robot = seaid.load_robot(lost)
+    assert "mirror" in robot.joint_names
+    wrong = write_urdf(text.replace('multiplier="-12"', 'multiplier="fast"'))
+    with pytest.raises(RobotError, match="multiplier of <mimic> must be 1 finite number"):
+        seaid.load_robot(wrong)
+
+
+def test_exact_methods_name_the_ways_out(gripper: Robot) -> None:
+    for method in (seaid.symbolic.base_parameters, seaid.identifiability):
+        with pytest.raises(
+            RobotError, match=r"has mimic joints \(.*\), which the exact methods do"
+        ):
+            method(gripper)
