@@ -13,13 +13,13 @@ import pytest
 import sympy as sp
 
 import seaid
+from scripts.example_robots import example_urdfs
 from seaid._arrays import Array
 from seaid.errors import RobotError, SeaidWarning
 from seaid.excitation.criteria import regressor_gradient, torque_derivatives
 from seaid.regressor.rigid_body import joint_torques, rigid_body_regressor
 from seaid.robot import Robot
 from seaid.simulation.plant import inertia, plant_of
-from tests.conftest import example_urdfs
 from tests.experiments import drive_errors, drive_scores, wiggle
 
 Write = Callable[[str], Path]
