@@ -86,7 +86,10 @@ def leg_files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         if name != made:
             (folder / name).symlink_to(folder / made)
     (folder / "plan.json").symlink_to(ROOT / "models/tulip_plan.json")
-    return {name: folder / name for name in (*LEG_LOGS, "plan.json")}
+    leg = seaid.load_robot(ROOT / "models/tulip_leg.urdf", ROOT / "models/tulip_leg.toml")
+    found = seaid.identify(leg, seaid.read_log(folder / "run.csv", leg), feasible=True)
+    found.save(folder / "parameters.json")
+    return {name: folder / name for name in (*LEG_LOGS, "plan.json", "parameters.json")}
 
 
 @pytest.mark.rounding
@@ -98,7 +101,7 @@ def test_code_of_a_page_runs_and_prints_what_the_page_says(
     text = PAGES[name].read_text("utf-8")
     named = name not in MAKES_ITS_FILES and any(file in text for file in LEG_LOGS)
     files = request.getfixturevalue("leg_files") if named else {}
-    prepare(tmp_path, tuple(files.values()))
+    prepare(tmp_path, tuple(path for file, path in files.items() if file in text))
     for block, printed in run_page(PAGES[name], tmp_path):
         if block.printed is not None:
             said = block.printed[2]
