@@ -96,23 +96,24 @@ def logged_traces(
 ) -> tuple[Traces, list[str]]:
     """Return the traces of a log, and why a model has none.
 
-    `columns` are those of the robot's joints, and `deflection` (T, n) is the measured one. Torques
-    pass the low pass of an identification, if the log is good enough for one, whose transients are
+    `columns` are those of the robot's joints, and `deflection` (T, n) is the measured one. All pass
+    the low pass of an identification, if the log is good enough for one, whose transients are
     excluded at the ends.
     """
     start, valued = log.time[0], robot if identified is None else identified
     raw, at_motor = _measured_torque(valued, log, columns)
-    parts: list[Part] = [(log.time - start, {}, {MEASURED: deflection})]
+    parts: list[Part] = [(log.time - start, {}, {})]
     try:
         motions = [log] if isinstance(log, Motion) else reconstruct_motions(robot, log)
     except SeaidError as problem:
-        parts.append((log.time - start, {MEASURED: raw}, {}))
+        parts.append((log.time - start, {MEASURED: raw}, {MEASURED: deflection}))
         return traces_of(parts, at_motor), [f"torques are not computed: {problem}"]
     unknown: dict[str, str] = {}
     for motion in motions:
         own = columns if motion is log else list(range(robot.n))
         torque = _measured_torque(valued, motion, own)[0]
-        parts.append(_inside(motion, (motion.time - start, {MEASURED: torque}, {})))
+        measured = {MEASURED: torque}, {MEASURED: _on(motion.time, [(log.time, deflection)])}
+        parts.append(_inside(motion, (motion.time - start, *measured)))
         rows = slice(None, None, max(1, int(motion.rate_hz / (_PER_PERIOD * motion.cutoff_hz))))
         part, unknown = predicted(
             robot,
@@ -130,17 +131,19 @@ def logged_traces(
 
 
 def _inside(motion: Motion, part: Part) -> Part:
-    """Return torques below the cutoff of a motion, all without the transients at the ends."""
-    time, torques, deflections = part
+    """Return signals below the cutoff of a motion, without the transients at the ends."""
+    time = part[0]
     step = float(time[1] - time[0])
-    rate_hz, transient = 1.0 / step, round(motion.transient_s / step)
+    transient = round(motion.transient_s / step)
     inside = slice(transient, len(time) - transient)
-    smooth = {}
-    for source, torque in torques.items():
-        known = np.flatnonzero(np.isfinite(torque[0]))
-        torque[:, known] = low_pass(torque[:, known], rate_hz, motion.cutoff_hz)
-        smooth[source] = torque[inside]
-    return time[inside], smooth, {name: one[inside] for name, one in deflections.items()}
+
+    def smooth(values: Array) -> Array:
+        known, found = np.flatnonzero(np.isfinite(values[0])), values.copy()
+        found[:, known] = low_pass(values[:, known], 1.0 / step, motion.cutoff_hz)
+        return found[inside]
+
+    torque, deflection = ({name: smooth(one) for name, one in kind.items()} for kind in part[1:])
+    return time[inside], torque, deflection
 
 
 def _states(motion: Motion, side: str, rows: slice, columns: list[int]) -> States:
