@@ -84,7 +84,7 @@ def figure(name: str, width: float, height: float, **options: Any) -> Iterator[A
     import matplotlib as mpl
     from matplotlib.figure import Figure
 
-    style = {"font.size": 9, "axes.spines.top": False, "axes.spines.right": False}
+    style: dict[Any, Any] = {"font.size": 9, "axes.spines.top": False, "axes.spines.right": False}
     with mpl.rc_context({**style, "axes.edgecolor": GREY, "svg.hashsalt": name}):
         drawn = Figure(figsize=(width, height), layout="constrained")
         yield drawn.subplots(**options)
