@@ -132,6 +132,8 @@ class LogDescription(Display):
         Intervals [start, end) of the log's time [s] that are excluded.
     repair : Repairs
         Limits of the repair.
+    files : tuple of str
+        The files of the log, if it has several, in the folder of the description or of the first.
 
     Examples
     --------
@@ -146,6 +148,7 @@ class LogDescription(Display):
     where: str | None = None
     exclude_s: tuple[tuple[float, float], ...] = ()
     repair: Repairs = field(default_factory=Repairs)
+    files: tuple[str, ...] = ()
 
     def _in_short(self) -> str:
         columns = counted(sum(map(len, self.joints.values())), "column")
@@ -165,7 +168,7 @@ class LogDescription(Display):
 
     def to_dict(self) -> dict[str, Any]:
         """Return the description as mappings of plain data without default values."""
-        found: dict[str, Any] = {}
+        found: dict[str, Any] = {"files": list(self.files)} if self.files else {}
         if self.time is not None:
             found["time"] = _short(_plain(self.time))
         if self.where is not None:
@@ -183,7 +186,7 @@ class LogDescription(Display):
     def to_toml(self) -> str:
         """Return the description as the text of a TOML file."""
         content = self.to_dict()
-        keys = [key for key in ("time", "where", "exclude_s") if key in content]
+        keys = [key for key in ("files", "time", "where", "exclude_s") if key in content]
         lines = [f"{key} = {_toml(content[key])}" for key in keys]
         tables = {f"joints.{_key(joint)}": one for joint, one in content["joints"].items()}
         if "repair" in content:
@@ -337,7 +340,16 @@ def _described(where: str, content: Mapping[str, Any]) -> LogDescription:
         where=column,
         exclude_s=_intervals(f"{where} exclude_s", content.get("exclude_s", ())),
         repair=repair,
+        files=_files(f"{where} files", content.get("files", ())),
     )
+
+
+def _files(where: str, value: Any) -> tuple[str, ...]:
+    """Return the names of files, after checking that they are names."""
+    is_list = isinstance(value, list | tuple)
+    if not is_list or not all(isinstance(one, str) and one for one in value):
+        raise LogError(f"{where} must be a list of names of files, found {shown(value)}")
+    return tuple(value)
 
 
 def _intervals(where: str, value: Any) -> tuple[tuple[float, float], ...]:

@@ -24,7 +24,7 @@ from seaid.errors import LogError, checked, in_one_line, listed, shortened
 from seaid.log.column_meaning import Meaning, joint_alone, meaning_of
 from seaid.log.description import Clock, LogDescription, Source
 from seaid.log.log import UNIT_FACTORS
-from seaid.log.readers.opening import open_table
+from seaid.log.readers.opening import open_tables
 from seaid.log.readers.table import Block, Table
 from seaid.log.repair.data import LARGEST
 from seaid.robot import Robot
@@ -330,7 +330,9 @@ class Description(Display):
 
 
 @checked(LogError)
-def describe_log(path: str | Path, robot: Robot | None = None) -> Description:
+def describe_log(
+    path: str | Path | Sequence[str | Path], robot: Robot | None = None
+) -> Description:
     """Infer a log description from the names and values of the columns of a log.
 
     Print the result, check the uncertain choices, save `to_toml()` next to the log, and correct it
@@ -338,8 +340,8 @@ def describe_log(path: str | Path, robot: Robot | None = None) -> Description:
 
     Parameters
     ----------
-    path : str or Path
-        The log, with custom columns.
+    path : str, Path or a list of them
+        The log, with custom columns, or the files of one log.
     robot : Robot, optional
         Its joints name those of the log, and its limits distinguish degrees from radians.
 
@@ -359,13 +361,14 @@ def describe_log(path: str | Path, robot: Robot | None = None) -> Description:
     >>> print(guess)
     >>> Path("run.toml").write_text(guess.to_toml())
     """
-    path = Path(path)
-    table = open_table(path)
+    paths = [Path(path)] if isinstance(path, str | Path) else [Path(one) for one in path]
+    path, table = Path(" + ".join(map(str, paths))), open_tables(paths)
     joints_known = robot.joint_names if robot is not None else ()
-    inference = Inference({}, {name: meaning_of(name, joints_known) for name in table.names})
+    meanings = {name: meaning_of(table.bare(name), joints_known) for name in table.names}
+    inference = Inference({}, meanings)
     _with_bare_names(inference, joints_known)
     inference.data |= _with_signal(_all_samples(table, inference), inference)
-    clocks = {} if table.clocks else _clocks(inference)
+    clocks = {} if table.clocks else _file_clocks(table, inference)
     tags = _with_motor(inference, _joints(inference))
     if not tags:
         raise LogError(
@@ -379,11 +382,18 @@ def describe_log(path: str | Path, robot: Robot | None = None) -> Description:
         own = clocks.get(tag) if tag else None
         if joint not in joints or own:
             sources = quantities_of(inference, joint, robot)
-            joints[joint] = {name: Source(**one, time=own) for name, one in sources.items()}
-    common = None if table.clocks else _common_clock(inference, clocks, tags)
-    description = LogDescription(joints, common)
+            joints[joint] = {
+                name: Source(**one, time=own or clocks.get(table.files.get(one["column"], joint)))
+                for name, one in sources.items()
+            }
+    is_own = bool(table.clocks) or not clocks.keys().isdisjoint(table.files.values())
+    common = None if is_own else _common_clock(inference, clocks, tags)
+    files = tuple(
+        one.name if one.parent == paths[0].parent else str(one.resolve()) for one in paths
+    )
+    description = LogDescription(joints, common, files=files if table.files else ())
     used = description.columns()
-    unused = tuple(name for name in table.names if name not in used)
+    unused = tuple(name for name in table.names if not used & {name, table.bare(name)})
     return Description(description, inference.unsure(), unused)
 
 
@@ -437,6 +447,22 @@ def _with_signal(data: Block, inference: Inference) -> Block:
         elif meaning.quantity in _MEASURED and meaning.is_raw:
             what = f"{finite[0]:.6g} all the time" if len(finite) else "without a number"
             inference.note(name, f"{what}: a dead sensor, excluded")
+    return found
+
+
+def _file_clocks(table: Table, inference: Inference) -> dict[str, Clock]:
+    """Return {joint, or "" for all: clock}; {file: clock} if names differ in several files."""
+    if not table.files:
+        return _clocks(inference)
+    found, files = dict[str, Clock](), dict.fromkeys(table.files.values())
+    for file in files:
+        own = {name: one for name, one in inference.data.items() if table.files[name] == file}
+        clock = _clocks(replace(inference, data=own)).get("")
+        found |= {file: clock} if clock else {}
+    names = {(table.bare(one.column or ""), one.unit) for one in found.values()}
+    if len(names) == 1 and len(found) == len(files):
+        ((column, unit),) = names
+        return {"": Clock(column, unit)}
     return found
 
 

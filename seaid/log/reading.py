@@ -23,7 +23,7 @@ from seaid.log.log import (
     wanted_columns,
     write_log,
 )
-from seaid.log.readers.opening import open_table
+from seaid.log.readers.opening import open_tables
 from seaid.log.readers.table import Table, check_lengths
 from seaid.log.repair.data import Channel, Repair, Repairs
 from seaid.log.repair.repair import repaired
@@ -39,7 +39,7 @@ values in degrees are within the limits by this slack [rad]."""
 
 @checked(LogError)
 def read_log(
-    path: str | Path,
+    path: str | Path | Sequence[str | Path],
     robot: Robot,
     *,
     columns: Mapping[str, Column] | None = None,
@@ -50,9 +50,11 @@ def read_log(
 
     Parameters
     ----------
-    path : str or Path
-        CSV, NPZ, Parquet, HDF5, JSON, ROS bag (file or folder) or HEBI log. A file with the column
-        names of `Log.columns` and `time_s` needs no further arguments.
+    path : str, Path or a list of them
+        CSV and other tables of text, NPZ, Parquet, HDF5, JSON, MATLAB, ROS bag (file or folder) or
+        HEBI log. A file with the column names of `Log.columns` and `time_s` needs no further
+        arguments. A list has the files of one log, each with its own time: they are resampled to
+        one. A description (.toml) with `files` may stand for them.
     robot : Robot
         The robot; the log must have the sensors that its drives need.
     columns : mapping, optional
@@ -86,15 +88,25 @@ def read_log(
     >>> names = {"time_s": ("t", "ms"), "knee.joint_position_rad": ("pos_2", "deg")}
     >>> log = seaid.read_log("custom.csv", robot, columns=names, repair=seaid.Repairs())
     """
-    path = Path(path)
-    described = description_for(path, None if columns else description)
+    paths = [Path(path)] if isinstance(path, str | Path) else [Path(one) for one in path]
+    if not paths:
+        raise LogError("path= is an empty list: name the files of the log")
     if columns and description is not None:
         raise LogError(
             "give columns= or description=, not both: a description names the columns",
             "description=",
         )
-    table = open_table(path)
-    if described is not None:
+    if paths[0].suffix.lower() == ".toml" and description is None:
+        description = paths[0]
+    described = description_for(paths[0], None if columns else description)
+    if described is not None and described.files and len(paths) == 1:
+        folder = (description if isinstance(description, str | Path) else None) or paths[0]
+        paths = [Path(folder).parent / one for one in described.files]
+    path, table = Path(" + ".join(map(str, paths))), open_tables(paths)
+    if columns and table.files:
+        raise LogError("columns= is for a log of one file: give a description=", "description=")
+    if described is not None or table.files:
+        described = described or LogDescription()
         channels = channels_of(path, table, described, robot)
         log = _repaired(path, channels, repair or described.repair, robot, table.names, described)
         log = replace(log, description=described.to_dict())

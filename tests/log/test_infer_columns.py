@@ -398,7 +398,7 @@ def counted(names: list[str], texts: set[str]) -> tuple[Table, list[int]]:
 def test_a_text_among_many_columns_is_found_in_few_reads(monkeypatch: pytest.MonkeyPatch) -> None:
     names = ["t", "pos_0", "note", *(f"pos_{index}" for index in range(1, 2000))]
     table, reads = counted(names, {"note"})
-    monkeypatch.setattr(describe, "open_table", lambda path: table)
+    monkeypatch.setattr(describe, "open_tables", lambda paths: table)
     found = describe_log("log.npz")
     assert len(reads) <= 2 * np.log2(len(names)) + 3
     assert len(found.description.joints) == 2000
@@ -410,7 +410,7 @@ def test_many_texts_among_many_columns_are_not_looked_for_for_ever(
 ) -> None:
     names = ["t", *(f"pos_{index}" for index in range(8000))]
     table, reads = counted(names, set(names[2::2]))
-    monkeypatch.setattr(describe, "open_table", lambda path: table)
+    monkeypatch.setattr(describe, "open_tables", lambda paths: table)
     found = describe_log("log.npz")
     assert len(reads) < 1000
     assert "joint_0" in found.description.joints

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import stat
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from seaid._files import working_folder
-from seaid.errors import LogError, reason_of, shortened
+from seaid.errors import LogError, listed, reason_of, shortened
 from seaid.log.readers.csv_file import open_csv
 from seaid.log.readers.hdf5_file import open_hdf5
 from seaid.log.readers.hebi_log import open_hebilog
@@ -17,7 +18,7 @@ from seaid.log.readers.memory import check_names
 from seaid.log.readers.npz_file import open_npz
 from seaid.log.readers.parquet_file import open_parquet
 from seaid.log.readers.ros_bag import open_bag
-from seaid.log.readers.table import Table
+from seaid.log.readers.table import Block, Table
 
 READERS: dict[str, Callable[[Path], Table]] = {
     **dict.fromkeys((".csv", ".txt", ".dat", ".tsv"), open_csv),
@@ -54,6 +55,46 @@ def open_table(path: Path) -> Table:
         raise LogError(f"cannot read '{path}': {reason_of(problem)}") from None
     check_names(path, table.names)
     return table
+
+
+def open_tables(paths: Sequence[Path]) -> Table:
+    """Return the columns of several files of one log; a name in several files is "file:name"."""
+    if len(paths) == 1:
+        return open_table(paths[0])
+    tables = {path.name: open_table(path) for path in paths}
+    if len(tables) < len(paths):
+        names = listed(one.name for one in paths)
+        raise LogError(f"the files of one log need names of their own, found {names}")
+    counts = Counter(name for table in tables.values() for name in table.names)
+    own = {
+        name if counts[name] == 1 else f"{file}:{name}": (file, name)
+        for file, table in tables.items()
+        for name in table.names
+    }
+    merged = {place: name for name, place in own.items()}
+
+    def load(wanted: list[str]) -> Block:
+        found: Block = {}
+        for file, table in tables.items():
+            mine = {own[name][1]: name for name in wanted if own[name][0] == file}
+            if mine:
+                found |= {mine[one]: values for one, values in table.load(list(mine)).items()}
+        return found
+
+    clocks = {
+        merged[file, name]: merged[file, clock]
+        for file, table in tables.items()
+        for name, clock in table.clocks.items()
+    }
+    notices = dict.fromkeys(one.notice for one in tables.values() if one.notice)
+    return Table(
+        names=list(own),
+        load=load,
+        clocks=clocks,
+        sparse=any(one.sparse for one in tables.values()),
+        notice="; ".join(notices),
+        files={name: file for name, (file, _) in own.items()},
+    )
 
 
 def _reader(path: Path) -> Callable[[Path], Table]:

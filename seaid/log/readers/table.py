@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from importlib.util import find_spec
@@ -28,7 +28,8 @@ class Table:
     `load(names)` returns {name: samples (T,)}; `blocks(names, size)` yields the same in pieces,
     None if the format cannot be read in pieces. `clocks` is {column: its time column [s]} if the
     file defines it. `sparse`: NaN marks values that a message lacks. `notice` is what messages on
-    its columns add.
+    its columns add. `files` is {column: file} of a log of several files, where a name that several
+    files have is "file:name".
     """
 
     names: Sequence[str]
@@ -37,10 +38,20 @@ class Table:
     clocks: Mapping[str, str] = field(default_factory=dict)
     sparse: bool = False
     notice: str = ""
+    files: Mapping[str, str] = field(default_factory=dict)
 
     def start(self, names: list[str], samples: int) -> Block:
         """Return the first samples of columns, all if the format cannot be read in pieces."""
         return next(self.blocks(names, samples)) if self.blocks else self.load(names)
+
+    def bare(self, name: str) -> str:
+        """Return the name of a column in its own file."""
+        return name.removeprefix(f"{self.files.get(name, '')}:")
+
+    def beside(self, name: str, others: Iterable[str]) -> str:
+        """Return the column of a name, if several files have it that in the file of the others."""
+        names = [f"{self.files.get(one)}:{name}" for one in others]
+        return next((one for one in [name, *names] if one in self.names), name)
 
     def missing(self, name: str) -> str:
         """Return the message for a missing column, with the most similar name.
@@ -48,6 +59,11 @@ class Table:
         In a ROS bag, a name with an unknown topic gets the list of topics.
         """
         topics = _topics(self)
+        files = [self.files[one] for one in self.files if self.bare(one) == name]
+        if files:
+            return f"several files have a column '{name}': write " + " or ".join(
+                f"'{file}:{name}'" for file in files
+            )
         if not topics:
             more = f"; {self.notice}" if self.notice else ""
             return unknown_name("column", name, self.names) + more

@@ -79,10 +79,10 @@ def test_a_folder_with_a_pipe_for_a_bag_is_none(tmp_path: Path) -> None:
     assert "is a folder without a ROS bag" in error_of(tmp_path)
 
 
-@pytest.mark.parametrize("path", [None, 5, b"log.csv", ["log.csv"]])
+@pytest.mark.parametrize("path", [None, 5, b"log.csv", [5]])
 def test_a_path_is_a_text_or_a_path(arm: Robot, path: Any) -> None:
     for read in (read_log, open_long_log):
-        with pytest.raises(LogError, match="path= must be a path, found"):
+        with pytest.raises(LogError, match="path= must be a path"):
             read(path, arm)
 
 

@@ -1,0 +1,128 @@
+"""One log in several files: positions here, currents there, each with its own clock."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from seaid._arrays import Array
+from seaid.errors import LogError
+from seaid.log import describe_log, read_log
+from seaid.robot import Robot
+from tests.one_joint import one_joint
+
+FAST: Array = np.linspace(0.0, 4.0, 401)
+SLOW: Array = np.linspace(0.0, 4.0, 201)
+JOINTS = {"arm": {"joint_position": "q", "motor_torque": {"column": "tau", "unit": "mNm"}}}
+
+
+def q(time: Array) -> Array:
+    return np.sin(3 * time)
+
+
+def tau(time: Array) -> Array:
+    return 2e3 * np.cos(2 * time)
+
+
+@pytest.fixture
+def arm(tmp_path: Path) -> Robot:
+    return one_joint(tmp_path)
+
+
+def write(path: Path, **columns: Array) -> Path:
+    table = np.column_stack(list(columns.values()))
+    np.savetxt(path, table, delimiter=",", header=",".join(columns), comments="", fmt="%.12g")
+    return path
+
+
+def both(folder: Path, time: str = "t") -> list[Path]:
+    """Return a file with positions, and one with torques at half the rate."""
+    torques = write(folder / "torques.csv", **{time: SLOW, "tau": tau(SLOW)})
+    return [write(folder / "positions.csv", t=FAST, q=q(FAST)), torques]
+
+
+def check(log: object) -> None:
+    from seaid.log import Log
+
+    assert isinstance(log, Log)
+    np.testing.assert_allclose(log.joint_position[:, 0], q(log.time), atol=1e-6)
+    np.testing.assert_allclose(log.motor_torque[:, 0], 1e-3 * tau(log.time), atol=2e-3)
+    assert len(log.time) == 401
+
+
+def test_files_with_clocks_of_the_same_name_are_one_log(arm: Robot, tmp_path: Path) -> None:
+    check(read_log(both(tmp_path), arm, description={"time": "t", "joints": JOINTS}))
+    with pytest.raises(LogError, match=r"no column is named 'x'; allowed: positions.csv:t, q, tor"):
+        read_log(both(tmp_path), arm, description={"time": "x", "joints": JOINTS})
+
+
+def test_clocks_of_other_names_are_given_per_quantity(arm: Robot, tmp_path: Path) -> None:
+    joints = {"arm": {**JOINTS["arm"], "motor_torque": {"column": "tau", "unit": "mNm"}}}
+    joints["arm"]["motor_torque"] = {"column": "tau", "unit": "mNm", "time": "stamp"}
+    check(read_log(both(tmp_path, "stamp"), arm, description={"time": "t", "joints": joints}))
+
+
+@pytest.mark.parametrize("time", ["t", "stamp"])
+def test_the_description_names_the_files(arm: Robot, tmp_path: Path, time: str) -> None:
+    folder = tmp_path / "logs"
+    folder.mkdir()
+    guess = describe_log(both(folder, time), arm)
+    assert guess.description.files == ("positions.csv", "torques.csv")
+    text = guess.to_toml().replace('column = "tau"', 'column = "tau", unit = "mNm"')
+    for name in ("positions.toml", "run.toml"):
+        (folder / name).write_text(text)
+    assert "files = [" in text
+    check(read_log(folder / "positions.csv", arm))
+    check(read_log(folder / "run.toml", arm))
+    check(read_log(folder / "torques.csv", arm, description=folder / "run.toml"))
+
+
+def test_seaids_own_columns_may_be_in_several_files(arm: Robot, tmp_path: Path) -> None:
+    columns = {"arm.joint_position_rad": q(FAST), "arm.motor_torque_Nm": 1e-3 * tau(SLOW)}
+    paths = [
+        write(tmp_path / f"{k}.csv", **{"time_s": time, name: columns[name]})
+        for k, (name, time) in enumerate(zip(columns, (FAST, SLOW), strict=True))
+    ]
+    check(read_log(paths, arm))
+
+
+def test_files_of_matrices_are_told_apart_by_their_names(arm: Robot, tmp_path: Path) -> None:
+    for name, values in (("time.txt", FAST), ("q.txt", q(FAST)), ("tau.txt", tau(FAST))):
+        np.savetxt(tmp_path / name, values)
+    paths = [tmp_path / name for name in ("time.txt", "q.txt", "tau.txt")]
+    torque = {"column": "tau.txt:1", "unit": "mNm"}
+    joints = {"arm": {"joint_position": "q.txt:1", "motor_torque": torque}}
+    check(read_log(paths, arm, description={"time": "time.txt:1", "joints": joints}))
+
+
+@pytest.mark.parametrize(
+    ("files", "change", "words"),
+    [
+        ([], {}, "path= is an empty list: name the files of the log"),
+        (["a.csv", "b/a.csv"], {}, "need names of their own, found a.csv, a.csv"),
+        (
+            ["a.csv", "b.csv"],
+            {},
+            "several files have a column 'q': write 'a.csv:q' or 'b.csv:q'",
+        ),
+        (["a.csv", "no.csv"], {}, "no log file at"),
+        ("none.toml", {"files": 3}, "files must be a list of names of files, found 3"),
+    ],
+)
+def test_mistakes_are_named(
+    arm: Robot, tmp_path: Path, files: list[str] | str, change: dict[str, object], words: str
+) -> None:
+    (tmp_path / "b").mkdir()
+    for name in ("a.csv", "b.csv", "b/a.csv"):
+        write(tmp_path / name, t=FAST, q=q(FAST), tau=tau(FAST))
+    path = tmp_path / files if isinstance(files, str) else [tmp_path / one for one in files]
+    with pytest.raises(LogError) as caught:
+        read_log(path, arm, description={"time": "t", "joints": JOINTS, **change})
+    assert words in str(caught.value)
+
+
+def test_names_of_columns_are_for_one_file(arm: Robot, tmp_path: Path) -> None:
+    with pytest.raises(LogError, match=r"columns= is for a log of one file: give a description="):
+        read_log(both(tmp_path), arm, columns={"time_s": "t"})
