@@ -34,7 +34,7 @@ def channels_of(
             f"description names none, found: {listed(table.names)}"
         )
     wanted: dict[str, None] = {}
-    where = description.where and table.beside(description.where, described[0].source.columns())
+    where = description.where and table.in_file_of(description.where, described[0].source.columns())
     for one in described:
         for name in (where, *one.source.columns(), one.clock.column):
             if name is not None and name not in table.names:
@@ -126,11 +126,11 @@ def _check_own_drive(robot: Robot, joint: str, consequence: str) -> None:
 
 def _clock_of(where: str, table: Table, description: LogDescription, source: Source) -> Clock:
     own = next((table.clocks[one] for one in source.columns() if one in table.clocks), None)
-    time_s = table.beside("time_s", source.columns())
+    time_s = table.in_file_of("time_s", source.columns())
     own = own or (time_s if time_s in table.names else None)
     clock = source.time or description.time or (Clock(column=own) if own else None)
     if clock is not None and clock.column is not None:
-        clock = replace(clock, column=table.beside(clock.column, source.columns()))
+        clock = replace(clock, column=table.in_file_of(clock.column, source.columns()))
     if clock is None:
         for name in source.columns():
             if name not in table.names:

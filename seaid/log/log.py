@@ -91,7 +91,10 @@ def wanted_columns(
         if custom in table.names:
             wanted[name] = (custom, factor)
         elif name in {"time_s", *columns}:
-            hint = "; custom columns need columns= or description= (seaid.describe_log infers one)"
+            hint = (
+                "; custom columns need columns= or description= (seaid.describe_log infers one), "
+                'and the time is named in the description of the log as time = "..."'
+            )
             text = f"'{path}': {table.missing(custom)}{'' if name in columns else hint}"
             raise LogError(text, "description=")
     if len(wanted) == 1:
@@ -116,7 +119,12 @@ def near_names(missing: list[str], picked: Iterable[str], file_names: Sequence[s
         for name in missing
         for near in get_close_matches(name.lower(), small, 1, 0.9)
     ]
-    return "".join(f"; '{near}' in the file is similar to '{name}'" for name, near in pairs)
+    text = "".join(f"; '{near}' in the file is similar to '{name}'" for name, near in pairs)
+    for name, near in pairs[:1]:
+        joint, _, quantity = name.rpartition(".")
+        field = next((one for one in SENSORS if quantity.startswith(one)), "joint_torque")
+        text += f'; in the description of the log: [joints.{joint}] {field} = "{near}"'
+    return text
 
 
 def _custom(name: str, column: Column) -> tuple[str, float]:
@@ -246,6 +254,15 @@ class Log(Display):
         return found
 
 
+_COARSE = 0.1
+"""Share of repeated stamps above which they are said to have too few digits."""
+
+_TOO_FEW_DIGITS = (
+    "; if the stamps have too few digits (seconds since 1970 need 13), write more, or, if the "
+    "samples are equidistant, give their rate in the description of the log: time = { rate_hz = ... }"
+)
+
+
 def _check_time(time: Array) -> None:
     if len(time) < MINIMUM_SAMPLES:
         raise LogError(f"a log needs {MINIMUM_SAMPLES} samples or more, found {len(time)}")
@@ -261,10 +278,11 @@ def _check_time(time: Array) -> None:
     for word, bad in (("goes backwards", steps < 0), ("repeats", steps == 0)):
         if np.any(bad):
             row = int(np.flatnonzero(bad)[0]) + 1
+            is_coarse = word == "repeats" and np.mean(bad) > _COARSE
             raise LogError(
                 f"time_s {word} at sample {row} ({time[row - 1]:.9g} s, then {time[row]:.9g} s; "
                 f"{int(bad.sum())} such places); it must increase: sort or drop these samples, "
-                "or repair them with repair=seaid.Repairs()",
+                f"or repair them with repair=seaid.Repairs(){_TOO_FEW_DIGITS if is_coarse else ''}",
                 "repair=seaid.Repairs()",
             )
 
@@ -304,7 +322,7 @@ def log_of(
     try:
         return sorted_log(picked, robot, file_names)
     except LogError as problem:
-        raise LogError(f"'{path}': {problem}") from None
+        raise LogError(f"'{path}': {problem}", *problem.arguments) from None
 
 
 def sorted_log(picked: dict[str, Array], robot: Robot, file_names: Sequence[str]) -> Log:

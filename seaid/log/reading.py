@@ -150,7 +150,7 @@ def _repaired(
             _check_alive(picked, robot)
         return replace(sorted_log({"time_s": time, **picked}, robot, file_names), report=report)
     except LogError as problem:
-        raise LogError(f"'{path}': {problem}") from None
+        raise LogError(f"'{path}': {problem}", *problem.arguments) from None
 
 
 def _as_described(

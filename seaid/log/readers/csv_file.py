@@ -149,7 +149,10 @@ def _parts(
         count += len(some)
         check_memory(header.path, 8.0 * count * len(wanted), pieces=most < sys.maxsize)
     if first == header.skipped + 1 and not any(part for _, part in parts):
-        raise LogError(f"'{header.path}' has column names but no samples")
+        raise LogError(
+            f"'{header.path}' has column names but no samples: the recording wrote none, or the "
+            "file was cut off; record or copy it again"
+        )
     return parts
 
 
@@ -182,7 +185,9 @@ def _header(path: Path, lines: Iterator[str]) -> _Header:
         skipped += not others
     comments = [one for one in comments if one]
     if not comments and not any(one.strip(',;\t "') for one in others):
-        raise LogError(f"'{path}' is empty; a log starts with a line of column names")
+        raise LogError(
+            f"'{path}' is empty; a log starts with a line of column names, then a line per sample"
+        )
     if not others or (comments and _format_of(others[0])):
         names = comments.pop()
         found = _named(path, names, others[0] if others else "", skipped, is_comment=True)

@@ -48,7 +48,7 @@ class Table:
         """Return the name of a column in its own file."""
         return name.removeprefix(f"{self.files.get(name, '')}:")
 
-    def beside(self, name: str, others: Iterable[str]) -> str:
+    def in_file_of(self, name: str, others: Iterable[str]) -> str:
         """Return the column of a name, if several files have it that in the file of the others."""
         names = [f"{self.files.get(one)}:{name}" for one in others]
         return next((one for one in [name, *names] if one in self.names), name)
