@@ -259,7 +259,8 @@ _COARSE = 0.1
 
 _TOO_FEW_DIGITS = (
     "; if the stamps have too few digits (seconds since 1970 need 13), write more, or, if the "
-    "samples are equidistant, give their rate in the description of the log: time = { rate_hz = ... }"
+    "samples are equidistant, "
+    "give their rate in the description of the log: time = { rate_hz = ... }"
 )
 
 
