@@ -2,7 +2,7 @@
 
 `urdf_tree` parses the XML with limits on its size, checks the elements that matter for the
 dynamics (names, types, links, numbers), snaps angles such as 1.5708 to the multiples of pi/2 that
-they mean, and lets yourdfpy read the rest. `find_mesh` locates mesh files; none is opened here.
+they mean; yourdfpy reads what is drawn. `find_mesh` locates mesh files; none is opened here.
 """
 
 from __future__ import annotations
@@ -17,7 +17,9 @@ from dataclasses import dataclass, field, replace
 from decimal import Decimal, InvalidOperation
 from functools import cached_property
 from io import BytesIO
+from math import cos, sin
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -320,7 +322,7 @@ class UrdfJoint:
 class UrdfTree:
     """A URDF: its name, joints by name, and ten inertial parameters per link (in its frame).
 
-    `elements` is the <robot> as yourdfpy reads it.
+    `elements` has what yourdfpy reads of it.
     """
 
     name: str
@@ -391,22 +393,124 @@ def _followed(path: Path, name: str, mimics: Mapping[str, Any]) -> Mimic:
 
 
 def _parse_robot(path: Path, root: Any) -> Any:
-    """Read the elements with yourdfpy and report what it refuses."""
-    import logging
-
-    from lxml import etree
-    from yourdfpy import URDF
-
-    logging.getLogger("yourdfpy.urdf").setLevel(logging.ERROR)
+    """Return the elements of a checked file."""
     if not root.get("name"):
         root.set("name", "".join(one if one.isprintable() else "?" for one in path.stem))
-    try:
-        urdf = URDF.load(BytesIO(etree.tostring(root)), build_scene_graph=False, load_meshes=False)
-    except Exception as problem:  # yourdfpy lets whatever its parsing raises through
-        raise RobotError(
-            f"URDF '{path}' cannot be read: {type(problem).__name__}: {problem}"
-        ) from None
-    return urdf.robot
+    return _Elements(path, root)
+
+
+@dataclass(frozen=True, eq=False)
+class _Elements:
+    """The elements of a file as yourdfpy names them; it reads what is drawn, when that is used."""
+
+    path: Path
+    root: Any
+
+    @property
+    def name(self) -> str:
+        return str(self.root.get("name"))
+
+    @cached_property
+    def joints(self) -> list[Any]:
+        return [_joint_element(one) for one in self.root.findall("joint")]
+
+    @cached_property
+    def links(self) -> list[Any]:
+        return [_Link(self, *one) for one in enumerate(self.root.findall("link"))]
+
+    @property
+    def materials(self) -> list[Any]:
+        return list(self.drawn.materials)
+
+    @cached_property
+    def drawn(self) -> Any:
+        """The robot as yourdfpy reads it, whose import takes as long as all others together."""
+        import logging
+
+        from lxml import etree
+        from yourdfpy import URDF
+
+        logging.getLogger("yourdfpy.urdf").setLevel(logging.ERROR)
+        text = BytesIO(etree.tostring(self.root))
+        try:
+            return URDF.load(text, build_scene_graph=False, load_meshes=False).robot
+        except Exception as problem:  # yourdfpy lets whatever its parsing raises through
+            raise RobotError(
+                f"URDF '{self.path}' cannot be read: {type(problem).__name__}: {problem}"
+            ) from None
+
+
+@dataclass(frozen=True, eq=False)
+class _Link:
+    elements: _Elements
+    place: int
+    element: Any
+
+    @property
+    def name(self) -> str:
+        return str(self.element.get("name"))
+
+    @property
+    def visuals(self) -> list[Any]:
+        return list(self.elements.drawn.links[self.place].visuals)
+
+    @cached_property
+    def inertial(self) -> Any:
+        """Mass, origin and inertia, None without the element."""
+        inertial = self.element.find("inertial")
+        if inertial is None:
+            return None
+        mass, inertia = inertial.find("mass"), inertial.find("inertia")
+        keys = (("ixx", "ixy", "ixz"), ("ixy", "iyy", "iyz"), ("ixz", "iyz", "izz"))
+        return SimpleNamespace(
+            mass=None if mass is None else float(mass.get("value")),
+            origin=_origin(inertial),
+            inertia=None
+            if inertia is None
+            else [[float(inertia.get(key, 0.0)) for key in row] for row in keys],
+        )
+
+
+def _joint_element(element: Any) -> Any:
+    axis, limit, mimic = (element.find(tag) for tag in ("axis", "limit", "mimic"))
+    return SimpleNamespace(
+        name=element.get("name"),
+        type=element.get("type"),
+        parent=element.find("parent").get("link"),
+        child=element.find("child").get("link"),
+        origin=_origin(element),
+        axis=None if axis is None else _numbers(axis.get("xyz", "1 0 0")),
+        limit=None if limit is None else _floats(limit, "lower", "upper", "velocity", "effort"),
+        mimic=None if mimic is None else _floats(mimic, "multiplier", "offset"),
+    )
+
+
+def _floats(element: Any, *names: str) -> Any:
+    """Return numbers by their names, None for missing ones, and the joint of a mimic."""
+    found = {name: element.get(name) for name in names}
+    numbers = {name: None if text is None else float(text) for name, text in found.items()}
+    return SimpleNamespace(joint=element.get("joint"), **numbers)
+
+
+def _numbers(text: str) -> list[float]:
+    return [float(word) for word in text.split()]
+
+
+def _origin(parent: Any) -> Array | None:
+    """Return the homogeneous transform of an <origin>, None without the element."""
+    origin = parent.find("origin")
+    if origin is None:
+        return None
+    roll, pitch, yaw = _numbers(origin.get("rpy", "0 0 0"))
+    about_x, about_y, about_z = (
+        np.array([[cos(x), -sin(x)], [sin(x), cos(x)]]) for x in (roll, pitch, yaw)
+    )
+    found, x, y, z = (np.eye(4) for _ in range(4))
+    x[1:3, 1:3], z[:2, :2] = about_x, about_z
+    y[0:3:2, 0:3:2] = about_y.T
+    found[:, 3] = [*_numbers(origin.get("xyz", "0 0 0")), 1.0]
+    found[:3, :3] = (z @ y @ x)[:3, :3]  # R = R_z(yaw) R_y(pitch) R_x(roll)
+    return found
 
 
 def _joint(path: Path, joint: Any, noise: float) -> UrdfJoint:

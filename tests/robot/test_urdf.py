@@ -1,6 +1,8 @@
 """Reading a URDF: what is wrong is named, what is rounded is snapped."""
 
 import math
+import subprocess
+import sys
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -10,7 +12,7 @@ import pytest
 
 from seaid.errors import RobotError, SeaidWarning
 from seaid.robot.robot import Robot, load_robot
-from seaid.robot.robot_file import read_urdf
+from seaid.robot.robot_file import read_urdf, reread_urdf
 from tests.one_joint import BODY
 
 Write = Callable[[str], Path]
@@ -406,3 +408,33 @@ def test_snapping_moves_an_example_robot_by_its_rounding_only(
     off = load_quietly(example_urdf, snap_tolerance_rad=0)
     for ours, theirs in zip(on.model.jointPlacements, off.model.jointPlacements, strict=True):
         np.testing.assert_allclose(ours.homogeneous, theirs.homogeneous, rtol=0, atol=2e-3)
+
+
+def test_elements_are_those_of_yourdfpy() -> None:
+    files = sorted((Path(__file__).parents[2] / "models").glob("*.urdf"))
+    assert files
+    for path in files:
+        found = reread_urdf(path).elements
+        for mine, theirs in zip(found.joints, found.drawn.joints, strict=True):
+            assert (mine.name, mine.type, mine.parent, mine.child) == (
+                *(theirs.name, theirs.type, theirs.parent, theirs.child),
+            )
+            if theirs.origin is not None:
+                np.testing.assert_allclose(mine.origin, theirs.origin, atol=3e-16)
+        for mine, theirs in zip(found.links, found.drawn.links, strict=True):
+            assert mine.name == theirs.name
+            if theirs.inertial is not None:
+                assert mine.inertial.mass == theirs.inertial.mass
+                np.testing.assert_array_equal(mine.inertial.inertia, theirs.inertial.inertia)
+
+
+def test_yourdfpy_is_not_imported_to_load_a_robot() -> None:
+    code = "import sys, seaid; seaid.load_robot('models/tulip_leg.urdf'); print(*sys.modules)"
+    said = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=Path(__file__).parents[2],
+        check=True,
+        capture_output=True,
+        text=True,
+    )
+    assert not {"yourdfpy", "trimesh", "pydantic"} & {*said.stdout.split()}
