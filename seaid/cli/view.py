@@ -12,9 +12,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from typer import Option
 
+from seaid.cli.defaults import is_typed, warn_of_changes
 from seaid.cli.options import Description, Repair, RobotOptions, logs_of
 
 if TYPE_CHECKING:
+    from seaid.identification import Identification
     from seaid.robot import Robot
     from seaid.view import Shown
 
@@ -28,6 +30,10 @@ def view(
     parameters: Annotated[
         Path | None,
         Option(help="Identified parameters to compare with: parameters.json of seaid identify."),
+    ] = None,
+    run: Annotated[
+        Path | None,
+        Option("--run", help="Saved run, with or without a URDF: its values and motions."),
     ] = None,
     description: Description = None,
     repair: Repair = False,
@@ -49,22 +55,22 @@ def view(
 
     The colour of an elastic joint shows its deflection. Logs come first, then trajectories; another
     motion can be shown next to the one that plays. Without motions, joints have sliders. With
-    --parameters, identified masses, centres of mass and inertia are drawn next to the nominal ones.
+    --run or --parameters, identified bodies are drawn next to the nominal ones, and plots have the
+    torques and deflections of both.
     On a desktop the browser opens by itself. Needs pip install 'seaid[view]'.
 
     seaid view leg.urdf --drives leg.toml --log run.csv --trajectory plan.json
     seaid view leg.urdf --drives leg.toml --log run.csv --parameters parameters.json
+    seaid view --run runs/latest
     seaid view arm.urdf --package-dir ~/ros/src --port 0
     """
-    from seaid.export import read_parameters
     from seaid.view import view_robot
 
-    robot = given.robot()
+    robot, identified = _robots(given, parameters, run)
     motions = _motions(robot, log or [], trajectory or [], description, repair)
-    identified = None if parameters is None else read_parameters(parameters, robot)
     shown = view_robot(
         robot,
-        motions,
+        motions or _motions_of(identified),
         identified=identified,
         package_dirs=package_dir or (),
         host=host,
@@ -77,6 +83,35 @@ def view(
         if not no_browser and has_display():
             webbrowser.open(shown.url)
         shown.wait(seconds)
+
+
+def _robots(
+    given: RobotOptions, parameters: Path | None, run: Path | None
+) -> tuple[Robot, Robot | Identification | None]:
+    """Return the nominal robot, and what was identified.
+
+    The run of a project file gives way to another robot and to --parameters.
+    """
+    from seaid.export import read_parameters
+    from seaid.project import load_run
+
+    if parameters is not None and is_typed("run"):
+        raise typer.BadParameter("give one of the two", param_hint="--parameters, --run")
+    if parameters is not None:
+        robot = given.robot()
+        return robot, read_parameters(parameters, robot)
+    if run is None or (not is_typed("run") and is_typed("urdf", "drives", "joints")):
+        return given.robot(), None
+    saved = load_run(run)
+    warn_of_changes(run, saved.provenance)
+    robot = given.robot() if is_typed("urdf") else saved.identification.known
+    return robot, saved.identification
+
+
+def _motions_of(identified: Robot | Identification | None) -> dict[str, Shown]:
+    """Return the motions that an identification has, for a view without other ones."""
+    motions = getattr(identified, "motions", ())
+    return {f"identified from {number}": motion for number, motion in enumerate(motions, 1)}
 
 
 def has_display() -> bool:

@@ -17,6 +17,7 @@ from typer.testing import CliRunner, Result
 from seaid.cli.commands import app, command_of
 from seaid.excitation.trajectory import polynomial_trajectory
 from seaid.log.reading import Log, write_log
+from seaid.project.saved import save_run
 from seaid.view.shapes import ellipsoids_of
 from seaid.view.window import View, view_robot
 from tests.report_pages import arm_found
@@ -113,6 +114,35 @@ def test_identified_parameters_are_compared(tmp_path: Path, opened: list[View]) 
     assert said.exit_code == 0, said.stderr
     for one, other in zip(opened[0].picture.identified, ellipsoids_of(found.robot), strict=True):
         np.testing.assert_allclose(one.semi_axes, other.semi_axes, rtol=1e-9)
+
+
+def test_saved_run_is_shown_with_its_motions(tmp_path: Path, opened: list[View]) -> None:
+    found = arm_found()
+    save_run(found, tmp_path / "arm.npz")
+    said = run("--run", tmp_path / "arm.npz", *AT_ONCE)
+    assert said.exit_code == 0, said.stderr
+    assert opened[0].picture.nominal == ()  # it was identified without nominal bodies
+    assert [one.name for one in opened[0].playbacks] == ["identified from 1"]
+    torque = opened[0].playbacks[0].traces.torque
+    assert list(torque) == ["measured", "identified"]
+    error = torque["identified"] - torque["measured"]
+    assert np.all(np.nanstd(error, axis=0) < 0.1 * np.nanstd(torque["measured"], axis=0))
+    urdf = found.robot.urdf
+    assert urdf is not None
+    with_nominal = (urdf, "--drives", urdf.with_suffix(".toml"))
+    said = run(*with_nominal, "--run", tmp_path / "arm.npz", *AT_ONCE)
+    assert said.exit_code == 0, said.stderr
+    assert len(opened[1].picture.nominal) == 4
+    assert list(opened[1].playbacks[0].traces.torque) == ["measured", "nominal", "identified"]
+
+
+def test_run_and_parameters_exclude_each_other() -> None:
+    said = run(*LEG, "--run", "runs/latest", "--parameters", "parameters.json", *AT_ONCE)
+    assert said.exit_code == 2
+    assert "give one of the two" in said.stderr
+    said = run(*LEG, "--run", "nowhere", *AT_ONCE)
+    assert said.exit_code == 1
+    assert "no saved run at 'nowhere'" in said.stderr
 
 
 DESKTOP = {"DISPLAY": ":0"}
