@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
@@ -34,7 +35,7 @@ _OF_SPRING = ("spring_offset", "deflection_zero")
 
 def read_drives(path: str | Path) -> dict[str, Drive]:
     """Read a drive TOML as {joint: drive}. Raises RobotError naming joint and key."""
-    if Path(path).is_file():
+    if os.path.isfile(path):
         with suppress(OSError), open(path, "rb") as file:
             if file.read(64).lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<"):
                 raise RobotError(
