@@ -3,41 +3,81 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
-from typer import Argument
+import typer
+from typer import Argument, Option
 
-from seaid.cli.messages import show
-from seaid.cli.options import AsJson
+from seaid.cli.messages import written
+from seaid.cli.options import ResultOptions, checked_suffix
 
-_FILE = Argument(help="Parameters of seaid identify.", metavar="PARAMETERS")
+if TYPE_CHECKING:
+    from seaid.report import Comparison
+
+_FILE = Argument(help="Folder of a run, or parameters of seaid identify.", metavar="RUN")
 
 
 def compare(
     first: Annotated[Path, _FILE],
     second: Annotated[Path, _FILE],
     *,
-    as_json: AsJson = False,
+    output: Annotated[
+        Path | None, Option("--output", "-o", help="A page with the comparison.", metavar="HTML")
+    ] = None,
+    result: ResultOptions,
 ) -> None:
     """Compare two identifications: which parameters differ significantly.
 
     For instance cold and warm, or before and after a repair. A difference is significant if it
-    would be rare without one, in any of all parameters.
+    would be rare without one, in any of all parameters. Runs have covariances, so that drives and
+    base parameters are also tested as a whole; files of parameters have none, and no page.
 
+    seaid compare runs/cold runs/latest -o comparison.html
     seaid compare cold.json warm.json
     """
-    from seaid.export import parameters_content
-    from seaid.report import comparison_of_parameters
+    if output is not None:
+        checked_suffix(output, ".html", ".htm")
+    result.check(output, read=())
+    names = (first.stem, second.stem) if first.is_file() else (first.name, second.name)
+    if names[0] == names[1]:
+        names = str(first), str(second)
+    runs = [path.is_dir() or path.suffix.lower() == ".npz" for path in (first, second)]
+    if all(runs):
+        robot, found = _of_runs(first, second, names, output)
+    elif output is None and not any(runs):
+        from seaid.export import parameters_content
+        from seaid.report import comparison_of_parameters
 
-    names = (first.stem, second.stem) if first.stem != second.stem else (str(first), str(second))
-    found = comparison_of_parameters(first, second, names=names)
+        robot = parameters_content(first)["robot"]
+        found = comparison_of_parameters(first, second, names=names)
+    else:
+        wanted = "two runs, or two files of parameters" if any(runs) else "runs, for a page"
+        raise typer.BadParameter(f"give {wanted}", param_hint="RUN")
+    result.show(found.summary(), _content(found), output, robot=robot)
+
+
+def _of_runs(
+    first: Path, second: Path, names: tuple[str, str], output: Path | None
+) -> tuple[str, Comparison]:
+    from seaid.project import load_run
+    from seaid.report import comparison_of, write_comparison
+
+    one, other = (load_run(path).identification for path in (first, second))
+    if output is not None:
+        with written(output, ".html") as file:
+            write_comparison(one, other, file, names=names)
+    return one.robot.name, comparison_of(one, other, names=names)
+
+
+def _content(found: Comparison) -> dict[str, Any]:
     keys = (
         *("joint", "name", "unit", "first", "second", "first_error", "second_error"),
         *("change", "error", "significance", "p_value", "is_significant"),
     )
-    content = {
+    return {
         "names": found.names,
         "differences": [{key: getattr(one, key) for key in keys} for one in found.differences],
         "only": found.only,
+        "groups": found.groups,
+        "dependence": found.dependence,
     }
-    show(found.summary(), content, as_json, robot=parameters_content(first)["robot"])

@@ -14,7 +14,10 @@ from seaid.errors import SEVERITIES
 
 Completer = Callable[[Any, str], list[str]]
 
-LOGS = (".csv", ".npz", ".parquet", ".h5", ".hdf5", ".json", ".db3", ".mcap", ".bag", ".hebilog")
+LOGS = (
+    *(".csv", ".txt", ".tsv", ".dat", ".npz", ".parquet", ".h5", ".hdf5", ".json", ".mat", ".mtx"),
+    *(".db3", ".mcap", ".bag", ".hebilog"),
+)
 CHOICES = {
     "estimator": ("ols", "wls", "huber", "tukey", "iv"),
     "method": ("two-step", "simultaneous"),
@@ -33,7 +36,8 @@ FILES = {
     "drives": (".toml",),
     "description": (".toml",),
     **dict.fromkeys(("logs", "log", "from_logs", "validation", "previous_logs"), LOGS),
-    **dict.fromkeys(("trajectory", "parameters", "first", "second"), (".json",)),
+    **dict.fromkeys(("trajectory", "parameters"), (".json",)),
+    **dict.fromkeys(("first", "second"), (".json", ".npz")),
     "project": (".toml",),
     "run": (".npz",),
     "package_dir": (),

@@ -15,6 +15,7 @@ from seaid.cli.options import (
     Logs,
     Output,
     ResultOptions,
+    Run,
     check_fail_on,
     facts_of,
     fail_on_warnings,
@@ -25,6 +26,7 @@ def refine(
     given: IdentifyOptions,
     logs: Logs,
     *,
+    run: Run = None,
     iterations: Annotated[int, Option(help="Iteration limit of Gauss-Newton.")] = 20,
     verbose: Annotated[bool, Option("--verbose", "-v", help=VERBOSE)] = False,
     output: Output = Path("parameters.json"),
@@ -33,22 +35,32 @@ def refine(
 ) -> None:
     """Refine an identification to the maximum-likelihood estimate of both sides at once.
 
-    The logs are identified first. From there output error simulates the joints behind springs, and
-    fits encoders and torques at once; it needs joints with springs. The result of the start is kept
-    if it predicts the logs better. The output is that of identify.
+    The logs are identified first, or a run is loaded. From there output error simulates the joints
+    behind springs, and fits encoders and torques at once; it needs joints with springs. The result
+    of the start is kept if it predicts the logs better. The output is that of identify.
 
     seaid refine leg.urdf run.csv --drives leg.toml -o refined.json
     seaid refine leg.urdf run.csv --drives leg.toml --encoder-offset-std 0.01
+    seaid refine run.csv --run runs/latest
     """
+    from seaid.cli.defaults import is_typed
     from seaid.identification import refine as refined
     from seaid.report import short_text
 
     check_fail_on(fail_on)
     result.check(output, read=(*given.files, *logs))
-    robot = given.robot(given.known_body or ())
-    read = given.logs(logs, robot)
+    if run is not None and is_typed("run"):
+        from seaid.project import load_run
+
+        start = load_run(run).identification
+        robot = start.known
+        read = given.logs(logs, robot)
+    else:
+        robot = given.robot(given.known_body or ())
+        read = given.logs(logs, robot)
+        start = given.identify(robot, read)
     found = refined(
-        given.identify(robot, read),
+        start,
         read,
         encoder_offset_std=given.encoder_offset_std,
         iterations=iterations,

@@ -22,7 +22,7 @@ __all__ = ["arm"]
 def parameters(arm: Path) -> None:
     """Write the files that `compare` reads."""
     for name in ("run", "other"):
-        done("identify", *robot_and_drives(arm), arm / f"{name}.csv", "-o", arm / f"{name}.json")
+        done("identify", *robot_and_drives(arm), arm / f"{name}.csv", "-o", arm / f"{name}.npz")
 
 
 KEYS = ["format", "command", "robot", "verdict", "warnings", "notes", "result", "files", "error"]
@@ -44,7 +44,7 @@ ARGUMENTS = {
     "gear-ratio": "arm.urdf run.csv --drives arm.toml",
     "cross-validate": "arm.urdf run.csv other.csv --drives arm.toml",
     "conditions": "arm.urdf --drives arm.toml --condition a=run.csv --condition b=other.csv",
-    "compare": "run.json other.json",
+    "compare": "run.npz other.npz",
     "codegen": "arm.urdf",
 }
 """A line for each command, without its output."""
@@ -62,7 +62,13 @@ READ: dict[str, Callable[[str], object]] = {
     "py": ast.parse,
 }
 SUFFIX |= {"describe": "toml", "terms": "toml", "export": "urdf", "validate": "json"}
-SUFFIX |= {"refine": "json", "delays": "csv", "conditions": "json", "codegen": "py"}
+SUFFIX |= {
+    "refine": "json",
+    "delays": "csv",
+    "conditions": "json",
+    "codegen": "py",
+    "compare": "html",
+}
 
 
 def test_every_command_but_the_view_is_tried_here() -> None:

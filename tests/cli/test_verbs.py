@@ -253,3 +253,45 @@ def test_gravity_is_an_option_where_the_robot_is(arm: Path) -> None:
     none = result_of("crosscheck", arm / "arm.urdf", "--gravity", "0,0,0")["counts"]
     some = result_of("crosscheck", arm / "arm.urdf")["counts"]
     assert none != some
+
+
+@pytest.fixture(scope="module")
+def runs(arm: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """Return two saved runs."""
+    folder = tmp_path_factory.mktemp("runs")
+    for name in ("run", "other"):
+        log = arm / f"{name}.csv"
+        done("identify", *robot_and_drives(arm), log, "-o", folder / f"{name}.npz")
+    return folder / "run.npz", folder / "other.npz"
+
+
+def test_comparison_of_runs_is_that_of_the_library(runs: tuple[Path, Path], tmp_path: Path) -> None:
+    page = tmp_path / "comparison.html"
+    content = result_of("compare", *runs, "-o", page)
+    own = seaid.report.comparison_of(*(seaid.load_run(one).identification for one in runs))
+    groups = content["groups"]
+    assert isinstance(groups, dict)
+    assert {name: one["chi_square"] for name, one in groups.items()} == pytest.approx(
+        {name: one.chi_square for name, one in own.groups.items()}
+    )
+    assert content["dependence"] == "independent"
+    assert page.read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
+    assert "run and other: value +- standard error" in done("compare", *runs).out
+
+
+def test_runs_and_parameters_are_not_mixed(
+    arm: Path, runs: tuple[Path, Path], tmp_path: Path
+) -> None:
+    file = tmp_path / "a.json"
+    done("identify", *robot_and_drives(arm), arm / "run.csv", "-o", file)
+    said = run("compare", file, runs[0])
+    assert said.code == 2
+    assert "give two runs, or two files of parameters" in said.err
+    assert "give runs, for a page" in run("compare", file, file, "-o", tmp_path / "a.html").err
+
+
+def test_refine_starts_from_a_run(arm: Path, runs: tuple[Path, Path], tmp_path: Path) -> None:
+    robot, file = robot_and_drives(arm), tmp_path / "refined.json"
+    done("refine", *robot, arm / "run.csv", "--run", runs[0], "-o", file)
+    own = seaid.refine(seaid.load_run(runs[0]).identification, log_of(arm))
+    assert json.loads(file.read_text())["drives"] == own.to_dict()["drives"]
