@@ -50,8 +50,8 @@ class Label:
 class Posture:
     """A robot in the middle of its motion, in the frame of the base.
 
-    `origins`, `axes` and `turns` (n, 3 or 3 x 3) are of joints and bodies; `parents` (n,) are
-    joints, -1 for the base; `up` is against gravity.
+    `origins`, `axes` and `turns` (N, 3 or 3 x 3) are of joints and bodies, dependent ones too;
+    `parents` (N,) are joints, -1 for the base; `up` is against gravity.
     """
 
     robot: Robot
@@ -103,15 +103,15 @@ def posture_of(found: Identification) -> Posture:
     bounded = np.isfinite(lower) & np.isfinite(upper)
     q = np.where(bounded, 0.5 * (np.nan_to_num(lower) + np.nan_to_num(upper)), 0.0)
     data, order = model.createData(), list(robot.model_order)
-    jacobian = pin.computeJointJacobians(model, data, q[order]).reshape(6, -1)
-    origins, axes, turns = np.empty((robot.n, 3)), np.empty((robot.n, 3)), np.empty((robot.n, 3, 3))
-    parents = [-1] * robot.n
+    jacobian = pin.computeJointJacobians(model, data, robot.to_model(q)).reshape(6, -1)
+    (origins, axes), turns = np.empty((2, model.nv, 3)), np.empty((model.nv, 3, 3))
+    parents = [-1] * model.nv
     frames, joints, links = data.oMi, model.joints, list(model.parents)  # each is made anew
     for place, index in enumerate(order):
         frame = frames[place + 1]
         origins[index], turns[index] = frame.translation, frame.rotation
         column = jacobian[:, joints[place + 1].idx_v]
-        axes[index] = column[:3] if robot.is_prismatic[index] else column[3:]
+        axes[index] = column[:3] if robot.all_prismatic[index] else column[3:]
         above = links[place + 1]
         parents[index] = order[above - 1] if above else -1
     gravity = model.gravity.linear
@@ -171,10 +171,12 @@ def robot_picture(posture: Posture, labels: Mapping[str, Label], title: str) -> 
     """Return the robot with its joints in the colours of their labels, as SVG."""
     view = _view(posture, posture.points, _LABELS)
     centers = _apart(posture)
+    followers = posture.robot.dependent_joints
+    labels = {**{one.name: Label(one.name, one.leader, "none") for one in followers}, **labels}
     parts = [_ground(posture, view), _links(posture, view, "link")]
     depth = np.argsort(centers @ view.rows[2], kind="stable")
     for joint in depth.tolist():
-        name = posture.robot.joint_names[joint]
+        name = posture.robot.all_joint_names[joint]
         parts.append(_joint(posture, view, joint, centers[joint], labels[name]))
     parts += _labelled(posture, view.places(centers), labels)
     return _svg("robot", title, parts)
@@ -233,9 +235,9 @@ def _joint(posture: Posture, view: _View, joint: int, center: Array, label: Labe
     """Return a cylinder along the axis of a revolute joint, a box on a rail of a prismatic one."""
     size, axis = posture.joint_size, posture.axes[joint]
     axis = axis if float(axis @ view.rows[2]) >= 0 else -axis
-    text = f"{posture.robot.joint_names[joint]}: {label.value}"
+    text = f"{posture.robot.all_joint_names[joint]}: {label.value}"
     head = f'<g class="joint {label.colour}"><title>{escape(text)}</title>'
-    if posture.robot.is_prismatic[joint]:
+    if posture.robot.all_prismatic[joint]:
         rail, box = (
             _path(view.places(center + np.array([[-k], [k]]) * size * axis)) for k in (1.8, 0.8)
         )
@@ -319,7 +321,7 @@ def _spread(wanted: Array, step: float = 62.0) -> list[float]:
 
 
 def bodies_picture(posture: Posture, nominal: Array, identified: Array, title: str) -> Any | None:
-    """Return the ellipsoids of inertia of both sets of parameters (10n,) over the skeleton.
+    """Return the ellipsoids of inertia of both sets of parameters (10N,) over the skeleton.
 
     An ellipsoid has the inertia of its body if it is filled evenly with its mass. None without any.
     """

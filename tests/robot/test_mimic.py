@@ -316,6 +316,8 @@ def test_log_without_followers_gives_back_the_truth(gripper: Robot, tmp_path: Pa
     np.testing.assert_allclose(
         joint_torques(again, q, v, a), joint_torques(found.robot, q, v, a), atol=1e-8
     )
+    seaid.write_report(found, [checked], tmp_path / "report.html")
+    assert "cam_turn" in (tmp_path / "report.html").read_text("utf-8")
     found.save(tmp_path / "parameters.json")
     back = seaid.read_parameters(tmp_path / "parameters.json", gripper)
     np.testing.assert_allclose(back.parameters, found.robot.parameters)
@@ -371,6 +373,33 @@ def test_mimics_in_a_circle_are_refused_and_lost_ones_named(write_urdf: Write) -
     wrong = write_urdf(text.replace('multiplier="-12"', 'multiplier="fast"'))
     with pytest.raises(RobotError, match="multiplier of <mimic> must be 1 finite number"):
         seaid.load_robot(wrong)
+
+
+def test_picture_places_the_bodies_of_followers(gripper: Robot) -> None:
+    """The level keeps its direction; both fingers are as far from the middle."""
+    from seaid.view.picture import picture_of
+
+    places = picture_of(gripper).placements(np.array([0.7, 0.0, 0.05]))
+    table, left, right = (
+        places[gripper.body_names.index(name) + 1] for name in ("table", "left", "right")
+    )
+    np.testing.assert_allclose(table.rotation, pin.exp3(np.array([0, 0.2, 0])), atol=1e-12)
+    distance = np.linalg.norm(left.translation - right.translation)
+    assert distance == pytest.approx(0.04 + 2 * 0.05)
+
+
+def test_inspect_shows_what_follows(gripper: Robot) -> None:
+    from typer.testing import CliRunner
+
+    from seaid.cli.commands import app
+
+    assert gripper.urdf is not None
+    found = CliRunner().invoke(app, ["inspect", str(gripper.urdf)])
+    assert found.exit_code == 0, found.output
+    assert "cam_turn: mimics squeeze, times -12 plus 0.3" in found.output
+    free = CliRunner().invoke(app, ["inspect", str(gripper.urdf), "--independent-mimics"])
+    assert "mimics" not in free.output
+    assert "Identifiability by sensors" in free.output
 
 
 def test_exact_methods_name_the_ways_out(gripper: Robot) -> None:
