@@ -2,7 +2,8 @@
 
 `urdf_tree` parses the XML with limits on its size, checks the elements that matter for the
 dynamics (names, types, links, numbers), snaps angles such as 1.5708 to the multiples of pi/2 that
-they mean; yourdfpy reads what is drawn. `find_mesh` locates mesh files; none is opened here.
+they mean. yourdfpy reads the shapes when they are asked for. `find_mesh` locates mesh files; none
+is opened here.
 """
 
 from __future__ import annotations
@@ -17,9 +18,7 @@ from dataclasses import dataclass, field, replace
 from decimal import Decimal, InvalidOperation
 from functools import cached_property
 from io import BytesIO
-from math import cos, sin
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -199,7 +198,7 @@ def _meant_angle(text: str, tolerance: float) -> float | None:
     try:
         value, exponent = float(text), Decimal(text).as_tuple().exponent
     except (ValueError, InvalidOperation):
-        return None  # yourdfpy names the bad number
+        return None  # _check_numbers names it
     if not math.isfinite(value):
         return None
     exact = round(value / (math.pi / 2)) * (math.pi / 2)
@@ -322,14 +321,31 @@ class UrdfJoint:
 class UrdfTree:
     """A URDF: its name, joints by name, and ten inertial parameters per link (in its frame).
 
-    `elements` has what yourdfpy reads of it.
+    `xml` is the file with exact angles, and `path` its name for messages.
     """
 
     name: str
     root: str
     joints: dict[str, UrdfJoint]
     links: dict[str, Array]
-    elements: Any = field(repr=False)
+    path: Path
+    xml: bytes = field(repr=False)
+
+    @cached_property
+    def elements(self) -> Any:
+        """The <robot> as yourdfpy reads it, with its shapes. Raises RobotError for broken ones."""
+        import logging
+
+        from yourdfpy import URDF
+
+        logging.getLogger("yourdfpy.urdf").setLevel(logging.ERROR)
+        try:
+            urdf = URDF.load(BytesIO(self.xml), build_scene_graph=False, load_meshes=False)
+        except Exception as problem:  # yourdfpy lets whatever its parsing raises through
+            raise RobotError(
+                f"URDF '{self.path}' cannot be read: {type(problem).__name__}: {problem}"
+            ) from None
+        return urdf.robot
 
     def children(self, link: str) -> list[UrdfJoint]:
         """Return the joints below a link, sorted by name (the order of Pinocchio's own reader)."""
@@ -345,6 +361,8 @@ class UrdfTree:
 
 def urdf_tree(path: Path, text: bytes, snap_tolerance_rad: float) -> UrdfTree:
     """Return the tree of a URDF's text; see `read_urdf`. `path` is for messages."""
+    from lxml import etree
+
     root = _parse_urdf(path, text)
     _check_elements(path, root)
     joints_as_written = root.findall("joint")
@@ -357,27 +375,43 @@ def urdf_tree(path: Path, text: bytes, snap_tolerance_rad: float) -> UrdfTree:
             SeaidWarning,
             stacklevel=5,
         )
-    robot = _parse_robot(path, root)
-    links = {link.name: _link_parameters(path, link) for link in robot.links}
+    links = {str(link.get("name")): _link_parameters(path, link) for link in root.iterfind("link")}
     noise = FLOAT_NOISE_RAD if snap_tolerance_rad > 0 else 0.0
-    joints = {joint.name: _joint(path, joint, noise) for joint in robot.joints}
+    joints = {joint.get("name"): _joint(path, joint, noise) for joint in joints_as_written}
     base = _root_link(path, links, joints.values())
-    mimics = {joint.name: joint.mimic for joint in robot.joints if joint.mimic is not None}
-    lost = [name for name, mimic in mimics.items() if mimic.joint not in joints]
+    _add_mimics(
+        path, joints, {joint.get("name"): joint.find("mimic") for joint in joints_as_written}
+    )
+    if not root.get("name"):
+        root.set("name", "".join(one if one.isprintable() else "?" for one in path.stem))
+    return UrdfTree(root.get("name"), base, joints, links, path, etree.tostring(root))
+
+
+def _add_mimics(path: Path, joints: dict[str, UrdfJoint], elements: Mapping[str, Any]) -> None:
+    """Give each joint what it mimics by its <mimic>, or a warning if that is not there."""
+    mimics = {
+        name: Mimic(
+            element.get("joint"),
+            float(element.get("multiplier", 1.0)),
+            float(element.get("offset", 0.0)),
+        )
+        for name, element in elements.items()
+        if element is not None
+    }
+    lost = [name for name, mimic in mimics.items() if mimic.leader not in joints]
     if lost:
         warnings.warn(
             f"'{path.name}': <mimic> of {listed(lost)} names joints that are not there "
-            f"({listed(mimics[name].joint for name in lost)}): taken as independent",
+            f"({listed(mimics[name].leader for name in lost)}): taken as independent",
             SeaidWarning,
-            stacklevel=5,
+            stacklevel=6,
         )
     mimics = {name: mimic for name, mimic in mimics.items() if name not in lost}
     for name in mimics:
         joints[name] = replace(joints[name], mimic=_followed(path, name, mimics))
-    return UrdfTree(robot.name or path.stem, base, joints, links, robot)
 
 
-def _followed(path: Path, name: str, mimics: Mapping[str, Any]) -> Mimic:
+def _followed(path: Path, name: str, mimics: Mapping[str, Mimic]) -> Mimic:
     """Return what a joint mimics in the end, through other mimic joints."""
     leader, multiplier, offset, passed = name, 1.0, 0.0, list[str]()
     while leader in mimics:
@@ -386,147 +420,25 @@ def _followed(path: Path, name: str, mimics: Mapping[str, Any]) -> Mimic:
         passed.append(leader)
         found = mimics[leader]
         # q = m q1 + c and q1 = m1 q2 + c1 give q = (m m1) q2 + (m c1 + c)
-        offset += multiplier * (0.0 if found.offset is None else found.offset)
-        multiplier *= 1.0 if found.multiplier is None else found.multiplier
-        leader = found.joint
+        offset += multiplier * found.offset
+        multiplier *= found.multiplier
+        leader = found.leader
     return Mimic(leader, multiplier, offset)
 
 
-def _parse_robot(path: Path, root: Any) -> Any:
-    """Return the elements of a checked file."""
-    if not root.get("name"):
-        root.set("name", "".join(one if one.isprintable() else "?" for one in path.stem))
-    return _Elements(path, root)
-
-
-@dataclass(frozen=True, eq=False)
-class _Elements:
-    """The elements of a file as yourdfpy names them; it reads what is drawn, when that is used."""
-
-    path: Path
-    root: Any
-
-    @property
-    def name(self) -> str:
-        return str(self.root.get("name"))
-
-    @cached_property
-    def joints(self) -> list[Any]:
-        return [_joint_element(one) for one in self.root.findall("joint")]
-
-    @cached_property
-    def links(self) -> list[Any]:
-        return [_Link(self, *one) for one in enumerate(self.root.findall("link"))]
-
-    @property
-    def materials(self) -> list[Any]:
-        return list(self.drawn.materials)
-
-    @cached_property
-    def drawn(self) -> Any:
-        """The robot as yourdfpy reads it, whose import takes as long as all others together."""
-        import logging
-
-        from lxml import etree
-        from yourdfpy import URDF
-
-        logging.getLogger("yourdfpy.urdf").setLevel(logging.ERROR)
-        text = BytesIO(etree.tostring(self.root))
-        try:
-            return URDF.load(text, build_scene_graph=False, load_meshes=False).robot
-        except Exception as problem:  # yourdfpy lets whatever its parsing raises through
-            raise RobotError(
-                f"URDF '{self.path}' cannot be read: {type(problem).__name__}: {problem}"
-            ) from None
-
-
-@dataclass(frozen=True, eq=False)
-class _Link:
-    elements: _Elements
-    place: int
-    element: Any
-
-    @property
-    def name(self) -> str:
-        return str(self.element.get("name"))
-
-    @property
-    def visuals(self) -> list[Any]:
-        return list(self.elements.drawn.links[self.place].visuals)
-
-    @cached_property
-    def inertial(self) -> Any:
-        """Mass, origin and inertia, None without the element."""
-        inertial = self.element.find("inertial")
-        if inertial is None:
-            return None
-        mass, inertia = inertial.find("mass"), inertial.find("inertia")
-        keys = (("ixx", "ixy", "ixz"), ("ixy", "iyy", "iyz"), ("ixz", "iyz", "izz"))
-        return SimpleNamespace(
-            mass=None if mass is None else float(mass.get("value")),
-            origin=_origin(inertial),
-            inertia=None
-            if inertia is None
-            else [[float(inertia.get(key, 0.0)) for key in row] for row in keys],
-        )
-
-
-def _joint_element(element: Any) -> Any:
-    axis, limit, mimic = (element.find(tag) for tag in ("axis", "limit", "mimic"))
-    return SimpleNamespace(
-        name=element.get("name"),
-        type=element.get("type"),
-        parent=element.find("parent").get("link"),
-        child=element.find("child").get("link"),
-        origin=_origin(element),
-        axis=None if axis is None else _numbers(axis.get("xyz", "1 0 0")),
-        limit=None if limit is None else _floats(limit, "lower", "upper", "velocity", "effort"),
-        mimic=None if mimic is None else _floats(mimic, "multiplier", "offset"),
-    )
-
-
-def _floats(element: Any, *names: str) -> Any:
-    """Return numbers by their names, None for missing ones, and the joint of a mimic."""
-    found = {name: element.get(name) for name in names}
-    numbers = {name: None if text is None else float(text) for name, text in found.items()}
-    return SimpleNamespace(joint=element.get("joint"), **numbers)
-
-
-def _numbers(text: str) -> list[float]:
-    return [float(word) for word in text.split()]
-
-
-def _origin(parent: Any) -> Array | None:
-    """Return the homogeneous transform of an <origin>, None without the element."""
-    origin = parent.find("origin")
-    if origin is None:
-        return None
-    roll, pitch, yaw = _numbers(origin.get("rpy", "0 0 0"))
-    about_x, about_y, about_z = (
-        np.array([[cos(x), -sin(x)], [sin(x), cos(x)]]) for x in (roll, pitch, yaw)
-    )
-    found, x, y, z = (np.eye(4) for _ in range(4))
-    x[1:3, 1:3], z[:2, :2] = about_x, about_z
-    y[0:3:2, 0:3:2] = about_y.T
-    found[:, 3] = [*_numbers(origin.get("xyz", "0 0 0")), 1.0]
-    found[:3, :3] = (z @ y @ x)[:3, :3]  # R = R_z(yaw) R_y(pitch) R_x(roll)
-    return found
-
-
 def _joint(path: Path, joint: Any, noise: float) -> UrdfJoint:
-    limit = joint.limit
-    turns_freely = joint.type == "continuous" or limit is None
+    limit, name = joint.find("limit"), joint.get("name")
+    turns_freely = joint.get("type") == "continuous" or limit is None
 
-    def limit_or(name: str, default: float) -> float:
-        value = None if limit is None else getattr(limit, name)
-        return default if value is None else float(value)
+    def limit_or(which: str, default: float) -> float:
+        return default if limit is None else float(limit.get(which, default))
 
     return UrdfJoint(
-        name=joint.name,
-        type=joint.type,
-        parent=joint.parent,
-        child=joint.child,
-        placement=_placement(joint.origin),
+        name=name,
+        type=joint.get("type"),
+        parent=joint.find("parent").get("link"),
+        child=joint.find("child").get("link"),
+        placement=_placement(joint.find("origin")),
         axis=_axis(path, joint, noise),
         lower=-math.inf if turns_freely else limit_or("lower", 0.0),
         upper=math.inf if turns_freely else limit_or("upper", 0.0),
@@ -540,20 +452,36 @@ def _placement(origin: Any) -> pin.SE3:
     """Return a joint's placement, with rotation entries within float noise of 0 and +-1 exact."""
     if origin is None:
         return pin.SE3.Identity()
-    rotation = np.array(origin[:3, :3])
+    xyz, rpy = (np.array(_floats(origin.get(name, "0 0 0"))) for name in ("xyz", "rpy"))
+    (sr, sp, sy), (cr, cp, cy) = np.sin(rpy), np.cos(rpy)
+    # R_z(yaw) R_y(pitch) R_x(roll)
+    rotation = np.array(
+        [
+            [cp * cy, sp * (sr * cy) - cr * sy, sp * (cr * cy) + sr * sy],
+            [cp * sy, sp * (sr * sy) + cr * cy, sp * (cr * sy) - sr * cy],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
     nearest = np.round(rotation)
     exact = np.abs(rotation - nearest) < 1e-15
     rotation[exact] = nearest[exact]
-    return pin.SE3(rotation, np.array(origin[:3, 3]))
+    return pin.SE3(rotation, xyz)
+
+
+def _floats(text: str) -> list[float]:
+    return [float(word) for word in text.split()]
 
 
 def _axis(path: Path, joint: Any, noise: float) -> Array:
-    axis = np.array([1.0, 0.0, 0.0] if joint.axis is None else joint.axis, dtype=float)
-    if joint.type == "fixed":
+    element = joint.find("axis")
+    axis = np.array([1.0, 0, 0] if element is None else _floats(element.get("xyz", "1 0 0")))
+    if joint.get("type") == "fixed":
         return np.array([1.0, 0.0, 0.0])
     largest = float(np.max(np.abs(axis)))
     if largest == 0.0:
-        raise RobotError(f"URDF '{path}': joint '{joint.name}' has no axis, found {axis.tolist()}")
+        raise RobotError(
+            f"URDF '{path}': joint '{joint.get('name')}' has no axis, found {axis.tolist()}"
+        )
     axis = axis / largest  # before the norm, whose squares may overflow
     axis = axis / np.linalg.norm(axis)
     axis[np.abs(axis) < noise] = 0.0
@@ -561,15 +489,20 @@ def _axis(path: Path, joint: Any, noise: float) -> Array:
 
 
 def _link_parameters(path: Path, link: Any) -> Array:
-    inertial = link.inertial
+    inertial = link.find("inertial")
     if inertial is None:
         return np.zeros(10)
-    mass = 0.0 if inertial.mass is None else float(inertial.mass)
-    tensor = np.zeros((3, 3)) if inertial.inertia is None else np.array(inertial.inertia, float)
-    if mass < 0:
-        raise RobotError(f"URDF '{path}': link '{link.name}' has a negative mass, {mass} kg")
+    mass, moments = inertial.find("mass"), inertial.find("inertia")
+    kg = 0.0 if mass is None else float(mass.get("value"))
+    tensor = np.zeros((3, 3))
+    for place, name in enumerate(("ixx", "ixy", "ixz", "iyy", "iyz", "izz")):
+        value = 0.0 if moments is None else float(moments.get(name, 0.0))
+        row, column = divmod((0, 1, 2, 4, 5, 8)[place], 3)
+        tensor[row, column] = tensor[column, row] = value
+    if kg < 0:
+        raise RobotError(f"URDF '{path}': link '{link.get('name')}' has a negative mass, {kg} kg")
     return in_parent_frame(
-        from_center_of_mass(mass, np.zeros(3), tensor), _placement(inertial.origin)
+        from_center_of_mass(kg, np.zeros(3), tensor), _placement(inertial.find("origin"))
     )
 
 
