@@ -14,7 +14,6 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping, Sequence
 
 import numpy as np
-from scipy.sparse.csgraph import connected_components
 
 from seaid._arrays import Array, frozen, safely
 from seaid.drives import Drive
@@ -73,6 +72,8 @@ def coupled_groups(matrix: Array) -> tuple[list[int], ...]:
     """Return the groups of coupled joints; a joint moved by its own drive alone is in none."""
     if np.array_equal(matrix, np.eye(len(matrix))):  # the usual case, and called often
         return ()
+    from scipy.sparse.csgraph import connected_components
+
     links = matrix != 0
     _, labels = connected_components(links | links.T, directed=False)
     groups = (np.flatnonzero(labels == label).tolist() for label in dict.fromkeys(labels.tolist()))

@@ -410,22 +410,28 @@ def test_snapping_moves_an_example_robot_by_its_rounding_only(
         np.testing.assert_allclose(ours.homogeneous, theirs.homogeneous, rtol=0, atol=2e-3)
 
 
-def test_elements_are_those_of_yourdfpy() -> None:
+def test_placements_and_masses_are_those_of_yourdfpy() -> None:
     files = sorted((Path(__file__).parents[2] / "models").glob("*.urdf"))
     assert files
     for path in files:
-        found = reread_urdf(path).elements
-        for mine, theirs in zip(found.joints, found.drawn.joints, strict=True):
-            assert (mine.name, mine.type, mine.parent, mine.child) == (
-                *(theirs.name, theirs.type, theirs.parent, theirs.child),
+        tree = reread_urdf(path)
+        for theirs in tree.elements.joints:
+            mine = tree.joints[theirs.name]
+            assert (mine.type, mine.parent, mine.child) == (
+                theirs.type,
+                theirs.parent,
+                theirs.child,
             )
             if theirs.origin is not None:
-                np.testing.assert_allclose(mine.origin, theirs.origin, atol=3e-16)
-        for mine, theirs in zip(found.links, found.drawn.links, strict=True):
-            assert mine.name == theirs.name
-            if theirs.inertial is not None:
-                assert mine.inertial.mass == theirs.inertial.mass
-                np.testing.assert_array_equal(mine.inertial.inertia, theirs.inertial.inertia)
+                np.testing.assert_allclose(mine.placement.homogeneous, theirs.origin, atol=1e-15)
+        for link in tree.elements.links:
+            if link.inertial is not None:
+                assert tree.links[link.name][0] == link.inertial.mass
+                if link.inertial.origin is None:
+                    moments = link.inertial.inertia[np.triu_indices(3)]
+                    np.testing.assert_allclose(
+                        tree.links[link.name][[4, 5, 7, 6, 8, 9]], moments, atol=1e-15
+                    )
 
 
 def test_yourdfpy_is_not_imported_to_load_a_robot() -> None:
