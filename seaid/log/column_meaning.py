@@ -14,10 +14,10 @@ from functools import cache
 from itertools import pairwise
 
 _QUANTITIES = {
-    "time": "t time stamp timestamp ts clock seconds sec nanosec elapsed",
+    "time": "t time stamp timestamp ts clock seconds sec nanosec elapsed times",
     "position": "pos position angle q theta phi ang enc encoder positions qpos",
     "velocity": "vel velocity speed dq qd qdot omega dtheta velocities rpm qvel",
-    "acceleration": "acc accel acceleration ddq qdd qddot ddtheta",
+    "acceleration": "acc accel acceleration accelerations ddq qdd qddot ddtheta",
     "deflection": "defl deflection twist",
     "torque": "tau torque eff effort trq tq moment force torques frc",
     "current": "cur current amps iq curr currents i",

@@ -256,6 +256,8 @@ def _add_electric(inference: Inference, joint: str, found: Sources) -> None:
         values = inference.finite(name)
         if np.min(values) < 0 < np.max(values):
             found["motor_voltage"] = {"column": name, **_unit(inference.meanings[name], "V")}
+            if inference.meanings[name].side != "motor":
+                inference.note(name, "taken for the voltage of the motor; it may be a command")
             return
         if duties:
             factor = UNIT_FACTORS["V"][inference.meanings[name].unit or "V"]

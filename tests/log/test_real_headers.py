@@ -1,4 +1,4 @@
-"""describe_log on the headers of 50 real logs: what each column is, or that it is doubtful."""
+"""describe_log on the headers of 59 real logs: what each column is, or that it is doubtful."""
 
 from __future__ import annotations
 
