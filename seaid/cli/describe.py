@@ -12,7 +12,10 @@ from seaid.cli.options import Drives, Joints, ResultOptions, RobotOptions
 
 
 def describe(
-    log: Annotated[Path, Argument(help="A log with custom columns.", metavar="LOG")],
+    logs: Annotated[
+        list[Path],
+        Argument(help="A log with custom columns, or the files of one log.", metavar="LOG..."),
+    ],
     urdf: Annotated[
         Path | None, Option(help="The robot, for joint names and units of angles.")
     ] = None,
@@ -31,13 +34,14 @@ def describe(
 
     seaid describe run.csv
     seaid describe run.csv --urdf arm.urdf --drives arm.toml -o run.toml
+    seaid describe positions.csv currents.csv -o positions.toml
     """
     from seaid._files import write_whole
     from seaid.log import describe_log
 
-    result.check(output, read=(log, urdf, drives))
+    result.check(output, read=(*logs, urdf, drives))
     robot = None if urdf is None else RobotOptions(urdf, drives, joints).robot()
-    guess = describe_log(log, robot)
+    guess = describe_log(logs, robot)
     content = {
         "description": guess.description.to_dict(),
         "unsure": guess.unsure,

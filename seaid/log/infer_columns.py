@@ -38,6 +38,9 @@ _STIFF = 0.999
 _SIMILAR = 0.7
 """Similarity of two names from which one is taken for the other, with a note."""
 
+_POSITION_FACTORS = {"": 1.0, **UNIT_FACTORS["rad"], **UNIT_FACTORS["m"]}
+"""Factors of the units of positions to rad or m; counts have none that is known."""
+
 _LISTED = 100
 """Most columns named in one note."""
 
@@ -98,6 +101,8 @@ def quantities_of(inference: Inference, joint: str, robot: Robot | None) -> Sour
         found["motor_position"]["unit"] = "deg"
         column = str(found["motor_position"]["column"])
         inference.note(column, "taken for degrees, like the joint's")
+    if len(found) == 2:
+        _note_ratio(inference, joint, found)
     _add_deflection(inference, joint, found)
     _add_torques(inference, joint, found)
     _add_electric(inference, joint, found)
@@ -117,8 +122,6 @@ def _positions(inference: Inference, joint: str) -> Sources:
             found[quantity] = {"column": group[0]}
         if len(group) > 1:
             inference.note(group[0], f"selected from the positions {', '.join(group)}")
-    if len(found) == 2:
-        _note_ratio(inference, joint, inference.data[motor[0]], inference.data[load[0]])
     return found
 
 
@@ -135,8 +138,12 @@ def _sides_by_range(inference: Inference, names: list[str]) -> tuple[list[str], 
     return [], names
 
 
-def _note_ratio(inference: Inference, joint: str, motor: Array, load: Array) -> None:
+def _note_ratio(inference: Inference, joint: str, found: Sources) -> None:
     """Note the gear ratio if motor position and joint position (plus deflection) correlate."""
+    motor, load = (
+        inference.data[source["column"]] * _POSITION_FACTORS.get(source.get("unit", ""), np.nan)
+        for source in (found["motor_position"], found["joint_position"])
+    )
     twists = [inference.data[name] for name in inference.having("deflection", joint)]
     sides = [load] + [load + sign * twist for twist in twists for sign in (1.0, -1.0)]
     best = max(sides, key=lambda side: _correlation(motor, side) ** 2)

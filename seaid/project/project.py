@@ -70,7 +70,7 @@ class ProjectLog:
         """Read the log; a `description` that is given takes precedence."""
         limits = Repairs() if repair or self.repair else None
         log = read_log(
-            self.files[0], robot, description=description or self.description, repair=limits
+            self.files, robot, description=description or self.description, repair=limits
         )
         return log if self.between_s is None else log.between(*self.between_s)
 

@@ -158,6 +158,12 @@ def test_an_exact_name_of_a_joint_wins_over_a_similar_one(
     assert note or not ("most similar" in text or "in their order" in text)
 
 
+def test_the_gear_ratio_is_noted_in_equal_units(tmp_path: Path) -> None:
+    joint = np.rad2deg(wave(0.5))
+    found = guess(tmp_path, t=TIME, knee_motor_rad=wave(0.5, 100.0), knee_enc_deg=joint)
+    assert "knee: the motor turns 100 times as far: check the gear ratio" in found.unsure
+
+
 def test_units_with_prefixes_reach_the_description(tmp_path: Path) -> None:
     found = guess(
         tmp_path,

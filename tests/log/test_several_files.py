@@ -10,6 +10,7 @@ import pytest
 from seaid._arrays import Array
 from seaid.errors import LogError
 from seaid.log import describe_log, read_log
+from seaid.project.project import ProjectLog
 from seaid.robot import Robot
 from tests.one_joint import one_joint
 
@@ -77,6 +78,14 @@ def test_the_description_names_the_files(arm: Robot, tmp_path: Path, time: str) 
     check(read_log(folder / "positions.csv", arm))
     check(read_log(folder / "run.toml", arm))
     check(read_log(folder / "torques.csv", arm, description=folder / "run.toml"))
+
+
+def test_a_project_reads_several_files(arm: Robot, tmp_path: Path) -> None:
+    files = tuple(both(tmp_path))
+    described = tmp_path / "run.toml"
+    torque = 'motor_torque = { column = "tau", unit = "mNm" }'
+    described.write_text(f'time = "t"\n[joints.arm]\njoint_position = "q"\n{torque}\n')
+    check(ProjectLog(files, description=described).read(arm))
 
 
 def test_seaids_own_columns_may_be_in_several_files(arm: Robot, tmp_path: Path) -> None:
