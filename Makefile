@@ -9,7 +9,7 @@ RUN := $(VENV)/bin/python
 # Matrices here are small: a second BLAS thread only waits, and takes the core of another process.
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: tulip test test-all test-rounding test-hebi test-browser lint docs wheel env dev clean
+.PHONY: tulip test test-all test-rounding test-hebi test-browser look lint docs wheel env dev clean
 
 tulip: env
 	$(RUN) scripts/identify_tulip_leg.py
@@ -37,13 +37,22 @@ test-hebi: dev
 # What is read in a browser, in headless Chromium; installed where it is not there.
 BROWSERS := chromium chromium-browser google-chrome google-chrome-stable
 test-browser: dev
+	$(chromium)
+	$(RUN) -m pytest -m browser tests/browser
+
+# Screenshots of reports, documents and the view into out/look/, to be looked at.
+look: docs
+	$(chromium)
+	$(RUN) -m scripts.look
+
+define chromium
 	@for name in $(BROWSERS); do command -v $$name >/dev/null && exit 0; done; \
 	if [ "$$(id -u)" != 0 ] || ! command -v apt-get >/dev/null; then \
-	  echo "make test-browser needs Chromium: install it (Debian: sudo apt-get install chromium), then repeat" >&2; exit 1; \
+	  echo "make $@ needs Chromium: install it (Debian: sudo apt-get install chromium), then repeat" >&2; exit 1; \
 	fi; \
 	echo "Installing Chromium ..."; \
 	apt-get update -qq && apt-get install -qq --yes --no-install-recommends chromium >/dev/null
-	$(RUN) -m pytest -m browser tests/browser
+endef
 
 lint: dev
 	$(RUN) -m deptry seaid

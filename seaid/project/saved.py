@@ -115,7 +115,13 @@ def save_run(
     content = {
         "format": _FORMAT,
         "identification": _plain(replace(identification, motions=thinned), arrays),
-        "validations": _plain(dict(validations or {}), arrays),
+        "validations": _plain(
+            {
+                name: replace(one, motions=tuple(map(_thinned, one.motions)))
+                for name, one in (validations or {}).items()
+            },
+            arrays,
+        ),
         "provenance": _plain(dict(provenance or {}), arrays),
     }
     text = np.frombuffer(json.dumps(content).encode(), dtype=np.uint8)

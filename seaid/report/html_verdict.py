@@ -162,13 +162,13 @@ def _of_validation(found: Identification, runs: Sequence[Run]) -> Iterator[Notic
                 "unseen one."
             )
             yield Notice("not-validated", "doubtful", (message,))
-    for row in error_rows(found, [run for run in runs if run.is_unseen]):
-        if row.relative_error > _BADLY_PREDICTED:
-            message = (
-                f"The torque of {row.joint} ({row.side} side) is poorly predicted in the "
-                f"{row.run}: relative error {share(row.relative_error)}."
-            )
-            yield Notice("badly-predicted", "doubtful", (message,), (row.joint,))
+    for run in runs:
+        rows = error_rows(found, [run]) if run.is_unseen else []
+        bad = [row for row in rows if row.relative_error > _BADLY_PREDICTED]
+        if bad:
+            torques = [f"{one.joint} ({one.side} side) {share(one.relative_error)}" for one in bad]
+            message = f"Relative error of torques in the {run.name}: {_listed(torques)}."
+            yield Notice("badly-predicted", "doubtful", (message,), tuple(one.joint for one in bad))
 
 
 def _of_bodies(found: Identification) -> Iterator[str]:

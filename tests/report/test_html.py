@@ -340,8 +340,7 @@ def test_bad_predictions_are_flagged_and_good_ones_not() -> None:
     bad = replace(result.load, relative_error=np.array([0.01, 0.35, 0.01, 0.01]))
     said = notices(arm_found(), replace(result, load=bad))["badly-predicted"]
     assert said.messages == (
-        "The torque of shoulder (load side) is poorly predicted in the validation: "
-        "relative error 35\N{NO-BREAK SPACE}%.",
+        "Relative error of torques in the validation: shoulder (load side) 35\N{NO-BREAK SPACE}%.",
     )
     assert (said.joints, said.severity) == (("shoulder",), "doubtful")
     assert "badly-predicted" not in notices(arm_found(), result)

@@ -76,7 +76,8 @@
     chart.ctx.beginPath();
     chart.ctx.rect(left, top, width, height);
     chart.ctx.clip();
-    chart.ctx.strokeStyle = colour("line");
+    chart.ctx.strokeStyle = colour("soft");
+    chart.ctx.globalAlpha = 0.6;
     chart.ctx.setLineDash([2 * devicePixelRatio, 3 * devicePixelRatio]);
     chart.ctx.lineWidth = devicePixelRatio;
     chart.ctx.beginPath();
