@@ -220,7 +220,10 @@ def _part(value: float, limit: float, unit: str) -> Cell:
         return Cell(NONE)
     if not 0 < limit < np.inf:
         return Cell(f"{short(value)} {unit}")
-    return Cell(f"{short(value)} of {short(limit)} {unit}", bar=(0.0, min(value / limit, 1.0)))
+    above = ", above the limit" if value > limit else ""
+    return Cell(
+        f"{short(value)} of {short(limit)} {unit}{above}", bar=(0.0, min(value / limit, 1.0))
+    )
 
 
 def _largest_torque(robot: Robot, motion: Motion, index: int) -> float:

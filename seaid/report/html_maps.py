@@ -241,7 +241,7 @@ def _printed(run: Run, side: str, index: int) -> Picture:
         width=760.0,
         height=230.0,
     )
-    error = f"{fit.relative_error[index]:.1%}".replace("%", "\N{NO-BREAK SPACE}%")
+    error = f"{100 * fit.relative_error[index]:.2g}\N{NO-BREAK SPACE}%"
     caption = (
         f"{joint}, {side} side, {run.name}: measured (wide) and computed (thin), error {error}."
     )

@@ -173,13 +173,13 @@ def robot_picture(posture: Posture, labels: Mapping[str, Label], title: str) -> 
     centers = _apart(posture)
     followers = posture.robot.dependent_joints
     labels = {**{one.name: Label(one.name, one.leader, "none") for one in followers}, **labels}
-    parts = [_ground(posture, view), _links(posture, view, "link")]
+    leaders, texts = _labelled(posture, view.places(centers), labels)
+    parts = [_ground(posture, view), _links(posture, view, "link"), *leaders]
     depth = np.argsort(centers @ view.rows[2], kind="stable")
     for joint in depth.tolist():
         name = posture.robot.all_joint_names[joint]
         parts.append(_joint(posture, view, joint, centers[joint], labels[name]))
-    parts += _labelled(posture, view.places(centers), labels)
-    return _svg("robot", title, parts)
+    return _svg("robot", title, [*parts, *texts])
 
 
 def _svg(name: str, title: str, parts: Sequence[str]) -> Any:
@@ -279,8 +279,10 @@ def _turn(a: Array, b: Array, c: Array) -> float:
     return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
 
 
-def _labelled(posture: Posture, places: Array, labels: Mapping[str, Label]) -> list[str]:
-    """Return labels in a column on each side with lines to their joints, the flagged ones first."""
+def _labelled(
+    posture: Posture, places: Array, labels: Mapping[str, Label]
+) -> tuple[list[str], list[str]]:
+    """Return lines to joints, and their labels in a column on each side, the flagged ones first."""
     names = posture.robot.joint_names
     rank = [
         (not labels[name].is_flagged, ("poor", "fair", "good", "none").index(labels[name].colour))
@@ -289,7 +291,7 @@ def _labelled(posture: Posture, places: Array, labels: Mapping[str, Label]) -> l
     ranked = sorted(range(len(names)), key=rank.__getitem__)[: 2 * _MOST_LABELS]
     across = sorted(ranked, key=lambda k: float(places[k, 0]))
     half = -(-len(across) // 2)
-    parts = []
+    lines, texts = [], []
     for is_left, mine in ((True, across[:half]), (False, across[half:])):
         mine = sorted(mine, key=lambda k: float(places[k, 1]))
         for joint, y in zip(mine, _spread(places[mine, 1]), strict=True):
@@ -300,13 +302,14 @@ def _labelled(posture: Posture, places: Array, labels: Mapping[str, Label]) -> l
             line = f"M{edge + (5 if is_left else -5):.1f} {y:.1f}H{near:.1f}L{x:.1f} {own:.1f}"
             name = label.name if len(label.name) <= _LONGEST else f"{label.name[: _LONGEST - 1]}…"
             flag = '<tspan class="flag"> !</tspan>' if label.is_flagged else ""
-            parts.append(
-                f'<path class="leader" d="{line}"/><text x="{edge:.1f}" y="{y:.1f}" '
-                f'text-anchor="{anchor}"><title>{escape(label.name)}</title>{escape(name)}{flag}'
+            lines.append(f'<path class="leader" d="{line}"/>')
+            texts.append(
+                f'<text x="{edge:.1f}" y="{y:.1f}" text-anchor="{anchor}">'
+                f"<title>{escape(label.name)}</title>{escape(name)}{flag}"
                 f'<tspan class="value {label.colour}" x="{edge:.1f}" dy="1.15em">'
                 f"{escape(label.value)}</tspan></text>"
             )
-    return parts
+    return lines, texts
 
 
 def _spread(wanted: Array, step: float = 62.0) -> list[float]:

@@ -185,7 +185,7 @@ def base_table(found: Identification, nominal: Nominal) -> Table:
     """Return the base parameters with their groupings, shortened if the page has no room."""
     names = found.load.names
     room = max(_LONG_GROUPING, _GROUPINGS_ROOM // max(len(names), 1))
-    before = np.where(np.isnan(nominal.load[: len(names)]), np.nan, nominal.load[: len(names)])
+    before = nominal.load[: len(names)] if nominal.has_bodies else np.full(len(names), np.nan)
 
     def grouping(name: str) -> Cell:
         text = name

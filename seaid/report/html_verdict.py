@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from seaid._arrays import Array, FrozenMapping
+from seaid.drives import PARAMETERS_OF
 from seaid.errors import SEVERITIES, Severity
 from seaid.identification import POORLY_IDENTIFIED
 from seaid.log import row_samples
@@ -80,7 +81,8 @@ def page_verdict(found: Identification, runs: Sequence[Run]) -> PageVerdict:
     verdict = found.verdict
     said = verdict.sentence.partition(": ")
     is_repeated = said[0] in ("good", "usable with care", "do not use this result")
-    sentence = said[2] if is_repeated else verdict.sentence
+    because = "" if verdict.level == "good" else "because of "
+    sentence = because + said[2] if is_repeated else verdict.sentence
     unseen = error_rows(found, [run for run in runs if run.is_unseen])
     rows = unseen or error_rows(found, runs)
     counted = (("Drive parameters", found.drives.values()), ("Base parameters", [found.load]))
@@ -250,54 +252,64 @@ def _count(number: int, name: str) -> str:
 _ZEROS = ("spring_offset", "deflection_zero", "torque_offset")
 """What no file can have; a spring offset follows from the stiffness."""
 
+_NEEDED = {name for names in PARAMETERS_OF["spring"].values() for name in names}
+_NEEDED |= {"torque_constant", "voltage_constant"}
+"""Parameters without which a drive predicts nothing; others, as friction, are zero if absent."""
+
 NO_BODIES = "the robot file has no inertial values"
 
 
 @dataclass(frozen=True, eq=False)
 class Nominal:
-    """The values of the robot files in the places of the estimates, NaN where there are none.
+    """The values of the robot files in the places of the estimates, zero where there are none.
 
     `drives` {joint: values} is in the order of `Identification.drive_side`, `load` in that of
-    `load_side`; `missing` {(side, joint): reason} names what keeps a joint from being predicted.
+    `load_side`; `missing` {(side, joint): reason} names what keeps a joint from being predicted,
+    `zero` {(side, joint): reason} what counts as zero.
     """
 
     drives: dict[str, Array]
     load: Array
     missing: dict[tuple[str, str], str]
+    zero: dict[tuple[str, str], str]
+    has_bodies: bool
 
 
 def nominal_values(found: Identification, robot: Robot) -> Nominal:
     """Return the values of a robot's files for the parameters that were identified."""
-    missing: dict[tuple[str, str], str] = {}
-    drives = {}
-    for joint, estimate in found.drive_side.items():
-        drives[joint] = _of_drive(estimate, robot.drives[joint])
-        own_names = [name for name in estimate.names if name not in _ZEROS]
-        own = drives[joint][[estimate.names.index(name) for name in own_names]]
-        _note(missing, "actuator", joint, own_names, own)
     model = found.model
-    tables = [robot.drives[joint].values for joint, _, _ in (*model.drives, *model.absorbed)]
-    names = [name for _, name, _ in (*model.drives, *model.absorbed)]
-    own = np.array([table.get(name, np.nan) for table, name in zip(tables, names, strict=True)])
-    for place, (joint, name, _) in enumerate((*model.drives, *model.absorbed)):
-        _note(missing, "load", joint, [name], own[place : place + 1])
-    if np.any(np.isnan(robot.parameters)):
+    drives = {
+        joint: _of_drive(estimate, robot.drives[joint])
+        for joint, estimate in found.drive_side.items()
+    }
+    places = (*model.drives, *model.absorbed)
+    values = np.array([robot.drives[of].values.get(name, np.nan) for of, name, _ in places])
+    absent: dict[tuple[str, str], list[str]] = {}
+    for joint, own in drives.items():
+        names = zip(found.drive_side[joint].names, np.isnan(own), strict=True)
+        absent["actuator", joint] = [name for name, lacks in names if lacks and name not in _ZEROS]
+    for (joint, name, _), lacks in zip(places, np.isnan(values), strict=True):
+        absent.setdefault(("load", joint), []).extend([name] * bool(lacks))
+    missing = {
+        key: f"no nominal {_listed_names(names)}"
+        for key, names in absent.items()
+        if _NEEDED & set(names)
+    }
+    has_bodies = not np.any(np.isnan(robot.parameters))
+    if not has_bodies:
         missing |= {("load", joint): NO_BODIES for joint in robot.joint_names}
-    count = len(model.drives)
-    load = np.concatenate([found.base.project(robot.parameters), own[:count]])
+    values, count = np.nan_to_num(values), len(model.drives)
+    load = np.concatenate([found.base.project(np.nan_to_num(robot.parameters)), values[:count]])
     if len(model.absorbed):
-        load = load + model.absorption @ own[count:]
-    extra = np.zeros(len(found.load_side.names) - len(load))
-    return Nominal(drives, np.concatenate([load, extra]), missing)
+        load = load + model.absorption @ values[count:]
+    load = np.concatenate([load, np.zeros(len(found.load_side.names) - len(load))])
+    zero = {key: f"without {_listed_names(names)}" for key, names in absent.items() if names}
+    drives = {joint: np.nan_to_num(own) for joint, own in drives.items()}
+    return Nominal(drives, load, missing, zero, has_bodies)
 
 
-def _note(
-    missing: dict[tuple[str, str], str], side: str, joint: str, names: Sequence[str], values: Array
-) -> None:
-    absent = [name.replace("_", " ") for name in np.array(names)[np.isnan(values)].tolist()]
-    if absent:
-        said = missing.get((side, joint), "no nominal ")
-        missing[side, joint] = said + (", " if said[-1] != " " else "") + ", ".join(absent)
+def _listed_names(names: Sequence[str]) -> str:
+    return ", ".join(name.replace("_", " ") for name in names)
 
 
 def _of_drive(estimate: Estimate, drive: Drive) -> Array:
@@ -312,18 +324,18 @@ def _of_drive(estimate: Estimate, drive: Drive) -> Array:
 
 
 def with_nominal_values(found: Identification, nominal: Nominal) -> Identification:
-    """Return the identification with the nominal values as estimates, zero where there are none."""
+    """Return the identification with the nominal values as estimates."""
     drives = {
-        joint: replace(estimate, values=np.nan_to_num(nominal.drives[joint]))
+        joint: replace(estimate, values=nominal.drives[joint])
         for joint, estimate in found.drive_side.items()
     }
-    load = replace(found.load_side, values=np.nan_to_num(nominal.load))
+    load = replace(found.load_side, values=nominal.load)
     return replace(found, drive_side=FrozenMapping(drives), load_side=load)
 
 
 @dataclass(frozen=True)
 class BeforeAfter:
-    """Relative errors of the torque of a joint; `before` is NaN for the `reason`."""
+    """Relative errors of the torque of a joint; `reason` why `before` is NaN, or what it lacks."""
 
     joint: str
     side: str
@@ -336,13 +348,14 @@ def before_and_after(
     nominal: Nominal, before: Validation | None, result: Validation
 ) -> list[BeforeAfter]:
     """Return the errors of a validation by side and joint; `before` is that of nominal values."""
-    kept = "the motion of this validation is not kept"
+    unkept = "the motion of this validation is not kept"
     rows = []
     for side in ("load", "actuator"):
         after = getattr(result, side).relative_error
         for index in np.flatnonzero(np.isfinite(after)).tolist():
             joint = result.joints[index]
-            reason = nominal.missing.get((side, joint), "" if before else kept)
+            reason = nominal.missing.get((side, joint), "" if before else unkept)
             error = np.nan if reason else getattr(before, side).relative_error[index]
-            rows.append(BeforeAfter(joint, side, float(error), float(after[index]), reason))
+            note = reason or nominal.zero.get((side, joint), "")
+            rows.append(BeforeAfter(joint, side, float(error), float(after[index]), note))
     return rows

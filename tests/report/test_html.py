@@ -25,6 +25,7 @@ from seaid.estimation.diagnostics import ModelChecks, TermTest, Whiteness
 from seaid.estimation.estimate import Estimate
 from seaid.identification.identification import Identification
 from seaid.identification.validation import Validation, compared
+from seaid.project.saved import load_run, save_run
 from seaid.report import html_tables, html_traces
 from seaid.report.html import runs_of, write_comparison, write_report
 from seaid.report.html_actuators import actuator_figures
@@ -366,7 +367,8 @@ def test_findings_of_one_code_are_one_notice_and_their_remedy_is_text_to_copy(
     assert fit.joints == ("wrist", "rail")
     assert {one.severity for one in notes} == {"note"}
     page = page_of(tmp_path, found, [arm_result()])
-    assert "Do not use" in page.words
+    assert "Do not use Unseen motion" in page.words
+    assert "Because of gear-ratio (shoulder)." in page.words
     assert "gear-ratio shoulder The ratio is off." in page.words
     classes = [value for name, value in page.attributes if name == "class"]
     assert "verdict do-not-use" in classes
@@ -405,6 +407,19 @@ def test_wrong_nominal_values_predict_worse_and_absent_ones_are_said(tmp_path: P
     )
     page = page_of(tmp_path, found, result)
     assert f"before: {NO_BODIES}" in page.words
+
+
+def test_friction_that_no_file_has_is_zero_before() -> None:
+    """The robot file alone predicts no friction, here most of the torque of the wrist's motor."""
+    drives = {joint: drive.without_nominal() for joint, drive in arm().drives.items()}
+    bodies = arm().with_values(arm().parameters, drives)
+    rows = errors_of(arm_found(), bodies, arm_result())
+    errors = {(one.side, one.joint): one for one in rows}
+    assert errors["load", "wrist"].before > 0.2
+    assert errors["load", "wrist"].reason == "without viscous friction, coulomb friction"
+    assert errors["load", "shoulder"].before < 0.01
+    assert np.isnan(errors["actuator", "shoulder"].before)
+    assert "stiffness" in errors["actuator", "shoulder"].reason
 
 
 def test_a_soft_nominal_spring_errs_on_the_actuator_side_alone() -> None:
@@ -612,3 +627,17 @@ def test_page_is_written_whole_or_not_at_all(
         write_report(found, [], path)
     assert path.read_text() == "old"
     assert {one.name for one in tmp_path.iterdir()} == {"chain.urdf", "file", "page.html"}
+
+
+def test_report_of_a_saved_run_has_all_figures(tmp_path: Path) -> None:
+    """Saved motions are thinned, those of validations too."""
+    save_run(arm_found(), tmp_path / "run.npz", validations={"other": arm_result()})
+    run = load_run(tmp_path / "run.npz")
+    page = page_of(tmp_path, run.identification, run.validations.values())
+    assert "Unseen motion" in page.words
+    assert page.words.count("Friction over the speed of the motor") == 4
+    saved = run.validations["other"].motions[0]
+    assert len(saved.time) < 0.5 * len(arm_result().motions[0].time)
+    rows = errors_of(run.identification, arm(), run.validations["other"])
+    for one, whole in zip(rows, errors_of(arm_found(), arm(), arm_result()), strict=True):
+        assert one.before == pytest.approx(whole.before, rel=0.2)
