@@ -132,7 +132,8 @@ def envelope(
 def _json(content: Any) -> str:
     from seaid._files import plain
 
-    return json.dumps(plain(content), indent=1, allow_nan=False, ensure_ascii=False)
+    text = json.dumps(plain(content), indent=1, allow_nan=False, ensure_ascii=False)
+    return text.encode(errors="backslashreplace").decode()  # undecodable bytes of paths
 
 
 def error_text(problem: BaseException | None) -> str:

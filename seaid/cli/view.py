@@ -13,7 +13,8 @@ import typer
 from typer import Option
 
 from seaid.cli.defaults import is_typed, warn_of_changes
-from seaid.cli.options import Description, Repair, RobotOptions, logs_of
+from seaid.cli.messages import note, show
+from seaid.cli.options import AsJson, Description, Repair, RobotOptions, logs_of
 
 if TYPE_CHECKING:
     from seaid.identification import Identification
@@ -50,6 +51,7 @@ def view(
     no_browser: Annotated[
         bool, Option("--no-browser", help="Print the address without opening the browser.")
     ] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Show a robot and its motions in the browser, at the address in the last line.
 
@@ -77,9 +79,9 @@ def view(
         port=port,
     )
     with shown, contextlib.suppress(KeyboardInterrupt):
-        for note in shown.picture.notes:
-            typer.echo(f"note: {note}", err=True)
-        typer.echo(shown.url)
+        for text in shown.picture.notes:
+            note(text)
+        show(shown.url, {"url": shown.url}, as_json, robot=robot.name)
         if not no_browser and has_display():
             webbrowser.open(shown.url)
         shown.wait(seconds)

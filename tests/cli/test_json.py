@@ -140,6 +140,20 @@ def test_errors_are_json_on_stdout_as_well(
     assert (said.err, plain.out) == (plain.err, "")
 
 
+def test_undecodable_bytes_of_a_path_are_escaped_in_json() -> None:
+    content = json.loads(run("inspect", "caf\udce9.urdf", "--json").out)
+    assert "caf\udce9.urdf" in content["error"]["message"].replace("\\udce9", "\udce9")
+
+
+def test_the_view_has_its_address_in_json(arm: Path) -> None:
+    pytest.importorskip("viser")
+    options = ("--port", "0", "--seconds", "0", "--no-browser", "--json")
+    content = json.loads(done("view", arm / "arm.urdf", *options).out)
+    assert [*content] == KEYS
+    assert content["result"]["url"].startswith("http://127.0.0.1:")
+    assert content["robot"] == "small_arm"
+
+
 def test_an_unknown_command_is_an_error_in_json(arm: Path) -> None:
     said = run("identfy", "--json")
     content = json.loads(said.out)

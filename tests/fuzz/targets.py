@@ -478,6 +478,13 @@ _COMMANDS = (
     "export arm.urdf --parameters parameters.json --drives arm.toml -o new.urdf",
     "export arm.urdf --from run.npz --drives arm.toml --cutoff-hz 8 -o new.xml",
     "report arm.urdf --from run.npz --validate other.npz --drives arm.toml -o new.html",
+    "delays arm.urdf run.npz --drives arm.toml --largest-s 0.02 -o new.npz",
+    "gear-ratio arm.urdf run.npz other.npz --drives arm.toml",
+    "cross-validate arm.urdf run.npz other.npz --drives arm.toml --parts 2",
+    "conditions arm.urdf --condition a=run.npz --condition b=other.npz --drives arm.toml",
+    "compare parameters.json parameters.json -o new.html",
+    "codegen arm.urdf --joints rail,wrist -o -",
+    "refine arm.urdf run.npz --drives arm.toml --iterations 3 -o new.json",
 )
 _ODD = (
     *words("/ . no/such --json --force -o rail=1 wrist=nan tool:1:0,0,0"),
