@@ -30,6 +30,7 @@ _TYPES: dict[str, type[StiffDrive] | type[SeriesElasticDrive]] = {
     "series_elastic": SeriesElasticDrive,
 }
 _RATIOS = {"gear_ratio", "gear_ratio_rad_per_m"}
+_STIFFNESS = {"stiffness_N_per_m", "stiffness_Nm_per_rad"}
 _OF_SPRING = ("spring_offset", "deflection_zero")
 
 
@@ -106,7 +107,8 @@ def _of_table(kind: type[Drive], others: dict[str, Any]) -> Drive:
         )
     bare = kind(**{**values, "known": ()})
     named = {key_of(name, unit_of(bare, name)): name for name in _possible(kind)}
-    _check_keys(others, keys, named)
+    in_other_units = _STIFFNESS - named.keys()
+    _check_keys(others, [key for key in keys if key not in in_other_units], named)
     more = {named[key]: value for key, value in others.items()}
     for name in more:
         if name in bare.nominal:
