@@ -29,17 +29,16 @@ from seaid.report.text import drive_table, load_table, validation_table, warning
 
 MODELS = Path(__file__).resolve().parents[1] / "models"
 PLAN, VALIDATION_PLAN = "tulip_plan.json", "tulip_validation_plan.json"
-TEST_MASS = seaid.Payload("foot", 2.0, (0.15, 0.0, 0.0))
+PROJECT = seaid.load_project(MODELS / "tulip_leg_project.toml")
+(TEST_MASS,) = PROJECT.payloads[""]
 LIMITS = seaid.Limits(velocity=2.5, acceleration=10.0)
 DURATION_S = 10.0
-ENCODER_OFFSET_STD_RAD = 0.002
+ENCODER_OFFSET_STD_RAD = PROJECT.options.encoder_offset_std
 
 
 def load_leg(payloads: tuple[seaid.Payload, ...]) -> seaid.Robot:
     """Return the true leg."""
-    return seaid.load_robot(
-        MODELS / "tulip_leg.urdf", drives=MODELS / "tulip_leg.toml", payloads=payloads
-    )
+    return seaid.load_robot(PROJECT.urdf, drives=PROJECT.drives, payloads=payloads)
 
 
 def sensors(seed: int) -> seaid.Noise:

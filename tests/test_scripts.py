@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import seaid
 from seaid import load_trajectory
 from tests.measured import LOGS
 
@@ -55,6 +56,23 @@ def test_main_job_writes_every_file_and_says_where(tulip: tuple[Path, str]) -> N
     output, text = tulip
     assert sorted(path.name for path in output.iterdir()) == sorted(TULIP_FILES)
     assert text.rstrip().endswith(f"Results: {output}/")
+
+
+@pytest.mark.slow
+def test_project_of_the_leg_gives_the_result_of_the_main_job(
+    tulip: tuple[Path, str], tmp_path: Path
+) -> None:
+    text = (ROOT / "models/tulip_leg_project.toml").read_text()
+    text = text.replace("../out/tulip_leg/runs", str(tmp_path / "runs"))
+    text = text.replace("../out/tulip_leg", str(tulip[0]))
+    text = text.replace('"tulip_leg.', f'"{ROOT}/models/tulip_leg.')
+    (tmp_path / "seaid.toml").write_text(text)
+    done = seaid.run_project(seaid.load_project(tmp_path))
+    assert done.notes == ()
+    drives = json.loads((tulip[0] / "parameters.json").read_text())["drives"]
+    for joint, estimate in done.runs[""].identification.drives.items():
+        values = {name: entry["value"] for name, entry in drives[joint].items()}
+        assert dict(zip(estimate.names, estimate.values, strict=True)) == pytest.approx(values)
 
 
 @pytest.mark.slow
