@@ -62,7 +62,7 @@ def _defaults(project: Project) -> dict[str, Any]:
         logs = [str(one.path) for one in project.logs_for("identify")]
         found |= {"logs": logs, "from_logs": logs}
     latest = project.folder / "latest"
-    if latest.exists():
+    if (latest / "identification.npz").exists():
         found["run"] = str(latest)
     return {name: value for name, value in found.items() if value not in (None, "", [])}
 

@@ -167,6 +167,11 @@ def load_run(path: str | Path) -> Run:
         found = _with_copies(identification, file.parent / "inputs")
         return Run(found, validations, provenance, path if path.is_dir() else None)
     except FileNotFoundError:
+        if conditions := sorted(one.parent.name for one in path.glob(f"*/{FILE}")):
+            raise SeaidError(
+                f"'{path}' is a run of several conditions: name the folder of one, as "
+                f"{path / conditions[0]}; they are {listed(conditions)}"
+            ) from None
         raise SeaidError(
             f"no saved run at '{path}': name a folder of `seaid run`, such as runs/latest, or a "
             "file of save_run"

@@ -163,6 +163,8 @@ write = []
     assert np.array_equal(cold.load.values, warm.load.values)
     offsets = [one.drives["knee_pitch"].value("spring_offset") for one in (cold, warm)]
     assert offsets[0] != offsets[1]
+    with pytest.raises(SeaidError, match=r"of several conditions: name .*; they are cold, warm"):
+        seaid.load_run(done.folder)
     (tmp_path / "seaid.toml").write_text(text + '[identify]\nmethod = "simultaneous"\n')
     with pytest.raises(SeaidError, match=r"\[identify\]: 'method' is for logs of one condition"):
         run_project(load_project(tmp_path))
