@@ -120,6 +120,7 @@ CODES = {
     "needless-term": "a term of a drive that is not distinguishable from zero",
     "drift": "a slow change of a sensor or of the friction",
     "no-fit": "a joint whose torque the model does not explain",
+    "unseen-motion": "a joint whose torque the model does not predict in another motion",
     "poorly-identified": "a parameter with a large standard error",
     "unidentifiable": "a parameter that this motion cannot identify",
     "negative-parameter": "a parameter with the wrong sign",

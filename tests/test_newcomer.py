@@ -282,12 +282,7 @@ FORMAL: dict[str, tuple[Callable[[Path], None], str, str]] = {
         r"must end in .urdf or .xml",
     ),
     "no limits of velocity": (
-        lambda folder: (
-            (folder / "arm.urdf").write_text(
-                re.sub(' velocity="3"', "", (folder / "arm.urdf").read_text())
-            )
-            and None
-        ),
+        changed("arm.urdf", ' velocity="3"', ""),
         "excite arm.urdf --duration 2 -o plan.json",
         r"velocity",
     ),

@@ -22,7 +22,7 @@ from seaid.errors import SEVERITIES, SeaidError, unknown_name
 
 if TYPE_CHECKING:
     from seaid.errors import Finding
-    from seaid.identification import Identification, Source
+    from seaid.identification import Identification, Source, Validation
     from seaid.log import Log
     from seaid.project import Run as SavedRun
     from seaid.robot import Payload, Robot
@@ -427,9 +427,14 @@ def check_validation_logs(unseen: Sequence[Path], from_logs: Sequence[Path]) -> 
             raise SeaidError(f"'{log}' is used for the identification: validate on another log")
 
 
-def facts_of(found: Identification) -> dict[str, Any]:
-    """Return robot, verdict and warnings of an identification, for `show`."""
-    return {"robot": found.robot.name, "verdict": found.verdict, "warnings": found.warnings}
+def facts_of(found: Identification, *results: Validation) -> dict[str, Any]:
+    """Return robot, verdict and warnings of an identification and its validations, for `show`."""
+    from seaid.errors import by_severity
+    from seaid.identification import verdict_with
+
+    every = [*found.warnings, *(one for each in results for one in each.warnings)]
+    verdict = verdict_with(found, results)
+    return {"robot": found.robot.name, "verdict": verdict, "warnings": by_severity(every)}
 
 
 def checked_suffix(path: Path, *allowed: str) -> Path:

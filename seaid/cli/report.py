@@ -61,4 +61,4 @@ def report(
     content = {"validations": [one.to_dict() for one in results.values()]}
     text = [f"{found.robot.name}: {len(found.load.values)} base parameters and its drives reported"]
     text += warning_lines(found.warnings)
-    result.show("\n".join(text), content, output, **facts_of(found))
+    result.show("\n".join(text), content, output, **facts_of(found, *results.values()))

@@ -10,7 +10,15 @@ from typer import Argument, Option
 
 from seaid.cli.defaults import PROJECT_FILE
 from seaid.cli.messages import is_terminal, note, show
-from seaid.cli.options import VERBOSE, AsJson, FailOn, check_fail_on, command_line, fail_on_warnings
+from seaid.cli.options import (
+    VERBOSE,
+    AsJson,
+    FailOn,
+    check_fail_on,
+    command_line,
+    facts_of,
+    fail_on_warnings,
+)
 
 if TYPE_CHECKING:
     from seaid.project import ProjectRun
@@ -60,9 +68,9 @@ def _text(done: ProjectRun, verbose: bool) -> str:
 
 def _facts(done: ProjectRun) -> dict[str, Any]:
     """Return robot and warnings, and the verdict of a project without conditions."""
-    found = [one.identification for one in done.runs.values()]
-    verdict = found[0].verdict if len(found) == 1 else None
-    return {"robot": found[0].robot.name, "verdict": verdict, "warnings": done.warnings}
+    first, *others = done.runs.values()
+    facts = facts_of(first.identification, *first.validations.values())
+    return facts if not others else {**facts, "verdict": None, "warnings": done.warnings}
 
 
 def _content(done: ProjectRun) -> dict[str, Any]:

@@ -43,4 +43,4 @@ def validate(
         with written(output, ".json") as file:
             found.save(file, validation)
     text = [validation.summary(), *warning_lines(found.warnings)]
-    result.show("\n".join(text), validation.to_dict(), output, **facts_of(found))
+    result.show("\n".join(text), validation.to_dict(), output, **facts_of(found, validation))

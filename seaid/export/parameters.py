@@ -45,6 +45,7 @@ _FARTHEST_M = 1e9
 def content_of(found: Identification, validation: Validation | None = None) -> dict[str, Any]:
     """Return the content of `parameters.json` as plain data, with None for missing parts."""
     from seaid import __version__
+    from seaid.identification import verdict_with
 
     robot = found.robot
     bodies = zip(robot.body_names, robot.parameters.reshape(-1, 10), strict=True)
@@ -59,7 +60,7 @@ def content_of(found: Identification, validation: Validation | None = None) -> d
         "validation": {} if validation is None else validation.to_dict(),
         "torques_used": found.model.torque_joints,
         "cutoff_hz": found.cutoff_hz,
-        "verdict": found.verdict,
+        "verdict": verdict_with(found, () if validation is None else [validation]),
         "warnings": found.warnings,
         "bodies": {link: dict(zip(PARAMETERS, ten, strict=True)) for link, ten in bodies},
         "drive_tables": {joint: drive_table(drive) for joint, drive in robot.drives.items()},

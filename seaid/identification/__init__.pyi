@@ -26,3 +26,4 @@ from .validation import Fit as Fit
 from .validation import Validation as Validation
 from .validation import compared as compared
 from .validation import validate as validate
+from .validation import verdict_with as verdict_with

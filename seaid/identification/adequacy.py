@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 Level = Literal["good", "good but", "do not use"]
 
-_NOTHING, _PART = 0.9, 0.5
+NOTHING, PART = 0.9, 0.5
 """Error of excluded blocks, over that of a constant torque, from which a model is of no use;
 if it is below the second one in the own logs, it fits these only. A motor equation whose error is
 below the second one holds."""
@@ -172,7 +172,7 @@ def _load_sides(warnings: Sequence[Finding], joints: Mapping[str, JointFit]) -> 
     if any(one.code != "no-fit" or np.isnan(motors.get(one.joint, np.nan)) for one in wrong):
         return ""
     drives = []
-    for joint in (one for one, error in motors.items() if error < _PART):
+    for joint in (one for one, error in motors.items() if error < PART):
         care = [one.code for one in warnings if (one.joint, one.severity) == (joint, "doubtful")]
         reasons = f"usable with care: {', '.join(dict.fromkeys(care))}" if care else "good"
         drives.append(f"the drive of {joint} is {reasons}")
@@ -258,12 +258,12 @@ def fit_findings(
         error = one.blocks if np.isfinite(one.blocks) else one.own
         evidence = {"error": one.own, "error of excluded blocks": one.blocks}
         holds = f"; its motor equation holds, with an error of {one.motor:.1%}"
-        if error > _NOTHING and one.own > _PART:
+        if error > NOTHING and one.own > PART:
             yield Finding(
                 "no-fit",
                 f"the model explains nothing of the torque on the load of {joint}: its error is "
                 f"{one.own:.0%} of the torque in the own logs and {error:.0%} in excluded blocks, "
-                f"that of a constant 100%{holds if one.motor < _PART else ''}",
+                f"that of a constant 100%{holds if one.motor < PART else ''}",
                 joint,
                 "wrong",
                 evidence,
@@ -271,7 +271,7 @@ def fit_findings(
                 "option: --torque-joints",
                 "certain",
             )
-        elif error > _NOTHING:
+        elif error > NOTHING:
             yield Finding(
                 "no-fit",
                 f"the model of {joint} fits the own logs, with an error of {one.own:.0%} of the "
@@ -307,7 +307,7 @@ def _overfitted(joints: Mapping[str, JointFit]) -> Iterator[Finding]:
     ratios = {
         joint: one.blocks / max(one.own, 1e-300)
         for joint, one in joints.items()
-        if _NEGLIGIBLE < one.blocks <= _NOTHING  # others have no fit
+        if _NEGLIGIBLE < one.blocks <= NOTHING  # others have no fit
     }
     joint = max(ratios, key=ratios.__getitem__, default="")
     if joint and ratios[joint] > _OVERFITTED:

@@ -14,7 +14,7 @@ from typing import Any
 from seaid._arrays import FrozenMapping
 from seaid._files import result_folder, write_json, write_whole
 from seaid._progress import Display
-from seaid.errors import SeaidError, by_severity, checked
+from seaid.errors import Finding, SeaidError, by_severity, checked
 from seaid.identification import (
     CONDITION_SPECIFIC,
     Conditions,
@@ -62,11 +62,13 @@ class ProjectRun(Display):
         return f"'{self.folder}': {', '.join(repr(one) for one in self.runs.values())}"
 
     @property
-    def warnings(self) -> tuple[Any, ...]:
+    def warnings(self) -> tuple[Finding, ...]:
         """The warnings of all conditions, the worst first."""
-        return by_severity(
-            [one for run in self.runs.values() for one in run.identification.warnings]
-        )
+        found: list[Finding] = []
+        for run in self.runs.values():
+            found += run.identification.warnings
+            found += [one for each in run.validations.values() for one in each.warnings]
+        return by_severity(found)
 
 
 @checked(SeaidError)

@@ -116,11 +116,7 @@ def save_run(
         "format": _FORMAT,
         "identification": _plain(replace(identification, motions=thinned), arrays),
         "validations": _plain(
-            {
-                name: replace(one, motions=tuple(map(_thinned, one.motions)))
-                for name, one in (validations or {}).items()
-            },
-            arrays,
+            {name: _thinned_validation(one) for name, one in (validations or {}).items()}, arrays
         ),
         "provenance": _plain(dict(provenance or {}), arrays),
     }
@@ -192,8 +188,32 @@ def _with_copies(found: Identification, inputs: Path) -> Identification:
 
 def _thinned(motion: Motion) -> Motion:
     """Return the motion with the least rate that is `_RATE_PER_CUTOFF` times the cutoff."""
-    factor = int(motion.rate_hz / (_RATE_PER_CUTOFF * motion.cutoff_hz))
+    factor = _factor(motion)
     return decimated(motion, factor) if factor > 1 else motion
+
+
+def _factor(motion: Motion) -> int:
+    return max(1, int(motion.rate_hz / (_RATE_PER_CUTOFF * motion.cutoff_hz)))
+
+
+def _thinned_validation(one: Validation) -> Validation:
+    """Return the validation with thinned motions and the same samples of its torques."""
+    lengths = [len(motion.time) for motion in one.motions]
+    if sum(lengths) != len(one.time):
+        return one
+    starts = np.cumsum([0, *lengths])
+    kept = np.concatenate(
+        [
+            np.arange(start, start + length, _factor(motion))
+            for start, length, motion in zip(starts[:-1], lengths, one.motions, strict=True)
+        ]
+    )
+    actuator, load = (
+        replace(fit, measured=fit.measured[kept], computed=fit.computed[kept])
+        for fit in (one.actuator, one.load)
+    )
+    motions = tuple(map(_thinned, one.motions))
+    return replace(one, time=one.time[kept], actuator=actuator, load=load, motions=motions)
 
 
 def _plain(value: Any, arrays: dict[str, Array]) -> Any:

@@ -16,7 +16,7 @@ import numpy as np
 from seaid._arrays import Array, FrozenMapping
 from seaid.drives import PARAMETERS_OF
 from seaid.errors import SEVERITIES, Severity
-from seaid.identification import POORLY_IDENTIFIED
+from seaid.identification import POORLY_IDENTIFIED, verdict_with
 from seaid.log import row_samples
 from seaid.report.html_tables import (
     CORRELATED,
@@ -78,7 +78,7 @@ class PageVerdict:
 
 def page_verdict(found: Identification, runs: Sequence[Run]) -> PageVerdict:
     """Return the verdict on an identification with its numbers."""
-    verdict = found.verdict
+    verdict = verdict_with(found, [run.result for run in runs])
     said = verdict.sentence.partition(": ")
     is_repeated = said[0] in ("good", "usable with care", "do not use this result")
     because = "" if verdict.level == "good" else "because of "
@@ -128,6 +128,7 @@ def notices_of(found: Identification, runs: Sequence[Run]) -> list[Notice]:
     """Return the notices of a page, the worst first; those that differ in their joint are one."""
     every = [
         *map(_notice, found.warnings),
+        *(_notice(one) for run in runs for one in run.result.warnings),
         *_of_validation(found, runs),
         *(Notice("inconsistent-inertia", "note", (text,)) for text in _of_bodies(found)),
         *(Notice("poorly-determined", "note", (text,)) for text in _poorly_determined(found)),

@@ -397,7 +397,7 @@ def validation_table(result: Validation) -> Text:
         ]
         for index, joint in enumerate(result.joints)
     ]
-    return table(title, header, rows)
+    return joined([table(title, header, rows), *warning_lines(result.warnings)])
 
 
 def comparison_table(result: Comparison) -> Text:
