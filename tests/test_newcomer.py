@@ -7,6 +7,7 @@ the leg, handed over as files.
 from __future__ import annotations
 
 import gzip
+import json
 import re
 import shutil
 from collections.abc import Callable
@@ -107,10 +108,10 @@ FORMAL: dict[str, tuple[Callable[[Path], None], str, str]] = {
         "inspect arm.urdf",
         r"joint 'shoulder' is floating.*--joints",
     ),
-    "mimic of nothing": (
+    "mimic of nothing: named though it can be read": (
         changed("arm.urdf", '<axis xyz="0 1 0"/>', '<axis xyz="0 1 0"/><mimic joint="hand"/>', 1),
         "inspect arm.urdf",
-        r"mimic.*'hand'|'hand'.*mimic",
+        r"<mimic> of shoulder names joints that are not there \(hand\)",
     ),
     "no joint moves": (
         changed("arm.urdf", 'type="revolute"', 'type="fixed"'),
@@ -199,14 +200,9 @@ FORMAL: dict[str, tuple[Callable[[Path], None], str, str]] = {
     "column of a joint with a capital": (
         changed("run.csv", "elbow.motor_position_rad", "Elbow.motor_position_rad"),
         IDENTIFY,
-        r"'run.csv'.*'?elbow.motor_position_rad'?.*did you mean 'Elbow.motor_position_rad'",
+        r"'Elbow.motor_position_rad' in the file is similar to 'elbow.motor_position_rad'",
     ),
     "no header": (without_header, IDENTIFY, r"'run.csv'.*no header"),
-    "semicolons and decimal commas": (
-        with_semicolons,
-        IDENTIFY,
-        r"'run.csv'.*(decimal comma|semicolon)",
-    ),
     "an empty file": (written("run.csv", ""), IDENTIFY, r"'run.csv' (is empty|has no)"),
     "only a header": (
         lambda folder: written("run.csv", (folder / "run.csv").read_text().splitlines()[0])(folder),
@@ -230,7 +226,11 @@ FORMAL: dict[str, tuple[Callable[[Path], None], str, str]] = {
         r"time.*(digits|rate_hz|resolution|steps)",
     ),
     "time in ms: named though it can be read": (time(lambda t: 1e3 * t), IDENTIFY, r"time.*ms"),
-    "not a number": (changed("run.csv", ",0.", ",abc", 1), IDENTIFY, r"'run.csv'.*'abc'"),
+    "not a number": (
+        changed("run.csv", ",0.", ",abc", 1),
+        IDENTIFY,
+        r"'run.csv', line 2: column 'shoulder.mo.* has 'abc",
+    ),
     "a hole in a channel": (
         rows(
             lambda x: np.where(
@@ -325,7 +325,15 @@ def test_a_formal_mistake_is_named(name: str, folder: Path) -> None:
     assert said.code in (1, 2) or "though it can be read" in name, text
     assert re.search(words, text), text
     assert "Traceback" not in text
-    assert {one.name for one in folder.iterdir()} == before
+    made = {one.name for one in folder.iterdir()} - before
+    assert made <= ({"parameters.json"} if said.code == 0 else set())
+
+
+def test_a_spreadsheet_with_semicolons_and_decimal_commas_is_read(folder: Path) -> None:
+    plain = run(*IDENTIFY.split(), "--json").out
+    (folder / "parameters.json").unlink()
+    with_semicolons(folder)
+    assert json.loads(run(*IDENTIFY.split(), "--json").out)["result"] == json.loads(plain)["result"]
 
 
 def handed_over(setup: Setup, folder: Path) -> list[str]:

@@ -191,6 +191,23 @@ class IdentifyOptions(LogOptions):
         Option(help="Relative standard deviations of constants, as torque=0.03,payload=0.01."),
     ] = None
 
+    def saved(self, run: Path | None, *names: str) -> SavedRun | None:
+        """Load a saved run, unless options, or parameters of these `names`, ask for another result.
+
+        They do if they are on the line and the run is not: then it is that of the project.
+        """
+        from seaid.cli.defaults import is_typed, project_here, warn_of_changes
+        from seaid.project import load_run
+
+        project = project_here()
+        options = (one.name for one in fields(IdentifyOptions) if one.name != "urdf")
+        is_other = is_typed(*options, *names) or (project and self.urdf != Path(project.urdf))
+        if run is None or (is_other and not is_typed("run")):
+            return None
+        found = load_run(run)
+        warn_of_changes(run, found.provenance)
+        return found
+
     def identify(
         self, robot: Robot, logs: Sequence[Source], *, feasible: bool = False
     ) -> Identification:
@@ -225,29 +242,19 @@ class IdentifiedOptions(IdentifyOptions):
         """The files of these options, which a command reads."""
         return *super().files, *(self.from_logs or ())
 
-    def _has_other_robot(self) -> bool:
-        """Return whether the line names another robot than the project."""
-        from seaid.cli.defaults import project_here
-
-        project = project_here()
-        return project is not None and self.urdf != Path(project.urdf)
-
     def result(self, *, feasible: bool = False) -> SavedRun:
         """Load the saved run, or identify.
 
         The run of a project file gives way to logs and options of the command line.
         """
-        from seaid.cli.defaults import is_typed, warn_of_changes
-        from seaid.project import Run, load_run, provenance_of
+        from seaid.cli.defaults import is_typed
+        from seaid.project import Run, provenance_of
 
-        options = {one.name: getattr(self, one.name) for one in fields(IdentifyOptions)}
         if self.run is not None and is_typed("run") and is_typed("from_logs"):
             raise typer.BadParameter("give one of the two", param_hint="--from, --run")
-        asked = is_typed(*(name for name in options if name != "urdf"), "from_logs")
-        if self.run is not None and (is_typed("run") or not (asked or self._has_other_robot())):
-            saved = load_run(self.run)
-            warn_of_changes(self.run, saved.provenance)
+        if (saved := self.saved(self.run, "from_logs")) is not None:
             return saved
+        options = {one.name: getattr(self, one.name) for one in fields(IdentifyOptions)}
         if not self.from_logs:
             raise typer.BadParameter("give one of the two", param_hint="--from, --run")
         robot = self.robot(self.known_body or ())

@@ -112,7 +112,7 @@ def test_a_mistake_is_said_in_one_line_with_its_remedy(
         ("excite arm.urdf --velocity fast", "a list as knee=2,hip=1"),
         ("simulate arm.urdf run_plan.json -o a.mat", "'a.mat' must end in .csv or .npz"),
         ("conditions arm.urdf --condition run.csv", "'run.csv' is not NAME=LOG, as warm=run.csv"),
-        ("compare a.json", "Invalid value for PARAMETERS: it is missing: name it"),
+        ("compare a.json", "Invalid value for RUN: it is missing: name it"),
     ],
 )
 def test_wrong_usage_names_its_option(

@@ -6,6 +6,7 @@ import json
 import runpy
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -37,6 +38,13 @@ def test_refine_is_that_of_the_library(arm: Path, tmp_path: Path) -> None:
     assert json.loads(file.read_text())["drives"] == refined.to_dict()["drives"]
     assert "\nDrives\n" in said.out
     assert said.out.splitlines()[-1] == f"Results: {file}"
+    run_file = tmp_path / "run.npz"
+    done("identify", *robot_and_drives(arm), arm / "run.csv", "-o", run_file)
+    done("refine", arm / "run.csv", "--run", run_file, "-o", tmp_path / "again.json")
+    again = json.loads((tmp_path / "again.json").read_text())["drives"]
+    for joint, values in json.loads(file.read_text())["drives"].items():
+        for name, one in values.items():
+            assert again[joint][name]["value"] == pytest.approx(one["value"], rel=1e-9)
     iterations = ("--iterations", "0", "-o", tmp_path / "no.json")
     assert "did not converge" in refused(
         "refine", *robot_and_drives(arm), arm / "run.csv", *iterations
@@ -177,6 +185,25 @@ def test_comparison_of_files_is_that_of_the_identifications(arm: Path, tmp_path:
     text = done("compare", *files).out
     assert "cold and warm: value +- standard error" in text
     assert "stiffness of elbow" in text
+
+
+def test_saved_runs_are_compared_with_a_page(arm: Path, tmp_path: Path) -> None:
+    files = [tmp_path / "cold.npz", tmp_path / "warm.npz"]
+    for name, file in zip(("run.csv", "other.csv"), files, strict=True):
+        done("identify", *robot_and_drives(arm), arm / name, "-o", file)
+    page = tmp_path / "page.html"
+    content = result_of("compare", *files, "-o", page)
+    runs = [seaid.load_run(file).identification for file in files]
+    expected = seaid.report.comparison_of(runs[0], runs[1], names=("cold", "warm"))
+    assert content["names"] == ["cold", "warm"]
+    differences: Any = content["differences"]
+    assert [one["change"] for one in differences] == [one.change for one in expected.differences]
+    assert "warm" in page.read_text()
+    parameters = tmp_path / "a.json"
+    done("identify", *robot_and_drives(arm), arm / "run.csv", "-o", parameters)
+    said = run("compare", parameters, parameters, "-o", tmp_path / "other.html")
+    assert said.code == 2
+    assert "a page needs two saved runs" in said.err
 
 
 def test_what_cannot_be_compared_is_said(arm: Path, tmp_path: Path) -> None:

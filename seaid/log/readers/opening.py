@@ -5,6 +5,9 @@ from __future__ import annotations
 import stat
 from collections import Counter
 from collections.abc import Callable, Sequence
+from contextlib import suppress
+from difflib import get_close_matches
+from itertools import islice
 from pathlib import Path
 
 from seaid._files import working_folder
@@ -97,6 +100,10 @@ def open_tables(paths: Sequence[Path]) -> Table:
     )
 
 
+_MOST_NAMES = 1000
+"""Names of a folder among which a similar one is sought."""
+
+
 def _reader(path: Path) -> Callable[[Path], Table]:
     """Return the reader of a file or folder. Raises LogError for anything else."""
     try:
@@ -107,12 +114,21 @@ def _reader(path: Path) -> Callable[[Path], Table]:
         raise LogError(f"cannot read '{shortened(str(path), 300)}': {reason_of(problem)}") from None
     if mode is not None and stat.S_ISDIR(mode):
         return open_bag
+    if mode is None:
+        raise LogError(f"no log file at '{path}' ({working_folder()}){_similar(path)}")
     reader = READERS.get(path.suffix.lower())
     if reader is None:
         instead = _INSTEAD.get(path.suffix.lower(), f"allowed: {', '.join(READERS)}")
         raise LogError(f"'{path}': cannot read '{shortened(path.suffix)}' logs; {instead}")
-    if mode is None:
-        raise LogError(f"no log file at '{path}' ({working_folder()})")
     if not stat.S_ISREG(mode):
         raise LogError(f"'{path}' is a pipe, a socket or a device; a log must be a file or folder")
     return reader
+
+
+def _similar(path: Path) -> str:
+    """Return the question whether a similar name in its folder was meant, "" if there is none."""
+    with suppress(OSError, ValueError):
+        names = [one.name for one in islice(path.parent.iterdir(), _MOST_NAMES)]
+        if near := get_close_matches(path.name, names, 1):
+            return f"; did you mean '{near[0]}'?"
+    return ""
