@@ -42,6 +42,7 @@ COMMANDS = {
     "run": "Identify, validate, report and export the project of the working folder.",
     "inspect": "Show a robot: tree, drives, base parameters, and the identifiability by sensors.",
     "crosscheck": "Compare numeric base parameters with exact ones, computed over the rationals.",
+    "codegen": "Write the regressor of a robot as one file of Python or C.",
     "excite": "Plan a motion within limits that excites the parameters.",
     "simulate": "Simulate the robot on a trajectory, and write the log of its sensors.",
     "view": "Show a robot and its motions in the browser, at the address in the last line.",
@@ -51,16 +52,24 @@ COMMANDS = {
     "check": "Check units, signs, ratios, gravity and payloads of an experiment before a fit.",
     "identify": "Identify drives and bodies from one log or several.",
     "validate": "Identify from some logs, or load a run, and predict the torques of another log.",
+    "terms": "Compare which further terms of friction and springs the logs support.",
     "refine": "Refine an identification to the maximum-likelihood estimate of both sides at once.",
     "cross-validate": "Validate each log on the model identified from all the others.",
     "conditions": "Identify several conditions together, such as cold and warm.",
     "compare": "Compare two identifications: which parameters differ significantly.",
-    "terms": "Compare which further terms of friction and springs the logs support.",
     "report": "Identify, validate, and write the results with their reliability as one HTML page.",
     "export": "Write the identified robot as URDF or MuJoCo model.",
-    "codegen": "Write the regressor of a robot as one file of Python or C.",
 }
 """{command: first line of its docstring}; its function has its name, in a module of that name."""
+
+_SECTIONS = {
+    "init": "A project",
+    "inspect": "Robot and motion",
+    "describe": "Logs",
+    "check": "Identification",
+    "compare": "Results",
+}
+"""{first command: title of a section of the help}."""
 
 
 class _Commands(TyperGroup):
@@ -75,9 +84,12 @@ class _Commands(TyperGroup):
         return command_of(cmd_name) if cmd_name in COMMANDS else None
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
-        """List the commands without loading them."""
-        with formatter.section("Commands"):
-            formatter.write_dl([*COMMANDS.items()])
+        """List the commands by sections, without loading them."""
+        names = [*COMMANDS]
+        starts = [names.index(name) for name in _SECTIONS]
+        for title, first, end in zip(_SECTIONS.values(), starts, [*starts[1:], None], strict=True):
+            with formatter.section(title):
+                formatter.write_dl([(name, COMMANDS[name]) for name in names[first:end]])
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Find the command that runs."""

@@ -500,6 +500,13 @@ def test_the_list_of_commands_has_the_first_line_of_each_help(command: str) -> N
     assert " ".join(help_text.split("\n\n")[1].split()) == COMMANDS[command]
 
 
+def test_help_lists_every_command_once_in_a_section() -> None:
+    said = done("--help").out
+    listed = re.findall(r"^  ([a-z-]+)  +\S", said.partition("\nA project:\n")[2], re.MULTILINE)
+    assert listed == [*COMMANDS]
+    assert "\nIdentification:\n  check " in said
+
+
 @pytest.mark.parametrize("command", [*COMMANDS])
 def test_help_teaches_with_examples_as_they_are_typed(command: str) -> None:
     said = done(command, "--help")
