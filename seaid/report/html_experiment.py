@@ -175,7 +175,7 @@ def _plain(value: object) -> str:
         return ", ".join(f"{key} {_plain(one)}" for key, one in value.items())
     if isinstance(value, list):
         return " + ".join(map(str, value))
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
+    return short(value, 6) if isinstance(value, float) else str(value)
 
 
 def excitation_table(found: Identification) -> Table | None:

@@ -29,9 +29,9 @@ _MOST_LABELS = 6
 _ELEVATION, _TURNED = np.radians(18.0), np.radians(24.0)
 """Height of the eye, and angle away from the view that shows most, so that joints look round."""
 
-_JOINT, _OF_LINK, _NEAR = 0.055, 0.4, 0.6
-"""Largest size of a joint over that of the robot, and over the median link; joints closer than so
-many sizes move apart."""
+_JOINT, _LEAST, _OF_LINK, _NEAR = 0.055, 0.012, 0.4, 0.6
+"""Largest and least size of a joint over that of the robot, largest over the median link; joints
+closer than so many sizes move apart."""
 
 _LONGEST = 17
 
@@ -90,7 +90,7 @@ class Posture:
         links = np.linalg.norm(self.origins - starts, axis=1)
         links = links[links > 1e-3 * self.size]
         typical = float(np.median(links)) if len(links) else self.size
-        return min(_JOINT * self.size, _OF_LINK * typical)
+        return max(_LEAST * self.size, min(_JOINT * self.size, _OF_LINK * typical))
 
 
 def posture_of(found: Identification) -> Posture:
