@@ -16,7 +16,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 import seaid
-from scripts.identify_tulip_leg import TEST_MASS, experiment, load_leg, sensors
+from scripts.identify_tulip_leg import (
+    ENCODER_OFFSET_STD_RAD,
+    TEST_MASS,
+    experiment,
+    load_leg,
+    sensors,
+)
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
@@ -25,7 +31,10 @@ ROOT = Path(__file__).parents[1]
 MODELS, LOGS = ROOT / "models", ROOT / "models" / "logs"
 PROGRAMS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 WEBGL = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
-DOCUMENTS = ("index", "first_result", "gallery", "warnings", "comparison", "results")
+DOCUMENTS = (
+    *("index", "install", "first_result", "first_notebook", "gallery", "warnings", "comparison"),
+    *("experiment_design", "results", "how_to/real_robot", "how_to/ros2", "how_to/control"),
+)
 PLANS = ("plan", "validation_plan")
 TALLEST_PX = 16_000
 """Height of a picture: Chromium cannot take taller ones."""
@@ -56,7 +65,8 @@ def leg() -> tuple[seaid.Identification, seaid.Validation, seaid.Robot]:
     truth = load_leg((TEST_MASS,))
     plans = (seaid.load_trajectory(MODELS / f"tulip_{name}.json") for name in PLANS)
     log, other = (experiment((TEST_MASS,), plan, sensors(0), k) for k, plan in enumerate(plans))
-    found = seaid.identify(truth.without_nominal(), log, feasible=True)
+    known = truth.without_nominal()
+    found = seaid.identify(known, log, feasible=True, encoder_offset_std=ENCODER_OFFSET_STD_RAD)
     drives = {
         joint: drive.with_values({"stiffness": 0.8 * drive.values["stiffness"]})
         for joint, drive in truth.drives.items()
