@@ -45,8 +45,7 @@ if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
 
 ROOT = Path(__file__).resolve().parents[1]
-MODELS, DOCS = ROOT / "models", ROOT / "docs"
-PLACE = DOCS / "_static" / "gallery"
+MODELS = ROOT / "models"
 BLUE, ORANGE, GREEN, GREY, INK = "#1f5fbf", "#c8600a", "#0b7d5c", "#8a949e", "#22272e"
 POINTS = 400
 """Most points of a figure, which has about eighty bytes for each."""
@@ -79,22 +78,22 @@ def wrong(robot: seaid.Robot) -> seaid.Robot:
 
 
 @contextmanager
-def figure(name: str, width: float, height: float, **options: Any) -> Iterator[Any]:
-    """Give the axes of an SVG file in the gallery, without its date."""
+def figure(path: Path, width: float, height: float, **options: Any) -> Iterator[Any]:
+    """Give the axes of an SVG file, which has no date."""
     import matplotlib as mpl
     from matplotlib.figure import Figure
 
     style: dict[Any, Any] = {"font.size": 9, "axes.spines.top": False, "axes.spines.right": False}
-    with mpl.rc_context({**style, "axes.edgecolor": GREY, "svg.hashsalt": name}):
+    with mpl.rc_context({**style, "axes.edgecolor": GREY, "svg.hashsalt": path.stem}):
         drawn = Figure(figsize=(width, height), layout="constrained")
         yield drawn.subplots(**options)
-        drawn.savefig(PLACE / f"{name}.svg", metadata={"Date": None})
+        drawn.savefig(path, metadata={"Date": None})
 
 
-def friction() -> None:
+def friction(path: Path) -> None:
     """Draw friction torque over motor speed: samples, identified and true curve."""
     true, _, found = identified()
-    with figure("friction", 4.6, 3.0) as axes:
+    with figure(path, 4.6, 3.0) as axes:
         joint, motion = "hip_pitch", found.motions[0]
         drive, index = found.robot.drives[joint], found.robot.index(joint)
         lever = drive.motor_radius / drive.ratio
@@ -118,7 +117,7 @@ def friction() -> None:
         finish(axes, "speed of the motor [rad/s]", "friction [mN m]", f"Friction of {joint}")
 
 
-def spring() -> None:
+def spring(path: Path) -> None:
     """Draw the torque of a measured spring with its gear over their deflection."""
     robot = seaid.load_robot(MODELS / "hebi_arm_2.urdf", MODELS / "hebi_arm_2.toml")
     logs = MODELS / "logs"
@@ -126,7 +125,7 @@ def spring() -> None:
         logs / "hebi_arms" / "grav_comp_bad.npz", robot, description=logs / "hebi_csv_2.toml"
     )
     k = seaid.identify(robot, log).drives["joint_0"].value("stiffness")
-    with figure("spring", 4.6, 3.0) as axes:
+    with figure(path, 4.6, 3.0) as axes:
         ratio, rate_hz = robot.drives["joint_0"].ratio, 1 / np.median(np.diff(log.time))
         behind = log.motor_position[:, 0] / ratio - log.joint_position[:, 0]
         assert log.joint_torque is not None
@@ -146,13 +145,13 @@ def spring() -> None:
         )
 
 
-def excitation() -> None:
+def excitation(path: Path) -> None:
     """Draw the planned motion of the leg within its limits."""
     plan = seaid.load_trajectory(MODELS / "tulip_plan.json")
     limits = joint_limits(load_leg(()), LIMITS)
     time = np.linspace(0.0, plan.duration, 200)
     q = plan.sample(time)[0]
-    with figure("excitation", 4.6, 4.4, nrows=q.shape[1], sharex=True) as axes:
+    with figure(path, 4.6, 4.4, nrows=q.shape[1], sharex=True) as axes:
         for index, (one, joint) in enumerate(zip(axes, plan.joint_names, strict=True)):
             one.axhspan(limits.lower[index], limits.upper[index], color=BLUE, alpha=0.08, lw=0)
             one.plot(time, q[:, index], color=BLUE, linewidth=1.3)
@@ -213,7 +212,7 @@ def opened(browser: Browser, url: str, width: int, height: int) -> Page:
     return page
 
 
-def robots() -> None:
+def robots(path: Path) -> None:
     """Draw robots in the view, side by side."""
     from PIL import Image, ImageDraw, ImageFont
 
@@ -221,8 +220,7 @@ def robots() -> None:
     draw, font = ImageDraw.Draw(whole), ImageFont.load_default(17)
     with chromium() as browser:
         for number, (title, urdf, drives, turn) in enumerate(ROBOTS):
-            path = example_urdf(urdf) if isinstance(urdf, str) else urdf
-            robot = seaid.load_robot(path, drives)
+            robot = seaid.load_robot(example_urdf(urdf) if isinstance(urdf, str) else urdf, drives)
             with seaid.view_robot(robot, port=0) as view:
                 posture = np.clip(view.picture.rest_posture + turn, None, robot.upper_limits)
                 for slider, value in zip(view.panel.joints, posture, strict=True):
@@ -241,10 +239,10 @@ def robots() -> None:
             corner = number % 2 * TILE_PX, number // 2 * TILE_PX
             whole.paste(tile, corner)
             draw.text((corner[0] + 14, corner[1] + 10), title, fill=INK, font=font)
-    whole.save(PLACE / "robots.png", optimize=True)
+    whole.save(path, optimize=True)
 
 
-def view() -> None:
+def view(path: Path) -> None:
     """Draw the view of the leg with its log, the nominal and the identified values."""
     from PIL import Image
 
@@ -259,22 +257,35 @@ def view() -> None:
         shown.seek(4.0)
         page = opened(browser, shown.url, 1280, 790)
         picture = Image.open(BytesIO(page.screenshot())).convert("RGB")
-    picture.save(DOCS / "view.png", optimize=True)
+    picture.save(path, optimize=True)
 
 
-PICTURES = {one.__name__: one for one in (friction, spring, excitation, robots, view)}
+PICTURES = {
+    friction: "_static/gallery/friction.svg",
+    spring: "_static/gallery/spring.svg",
+    excitation: "_static/gallery/excitation.svg",
+    robots: "_static/gallery/robots.png",
+    view: "view.png",
+}
+"""{function that draws: file in docs/}."""
 
 
-def main(names: list[str]) -> None:
-    """Draw the pictures."""
-    PLACE.mkdir(parents=True, exist_ok=True)
-    for name in names or PICTURES:
-        PICTURES[name]()
-        print(f"{name} drawn", file=sys.stderr)
+def main(names: list[str], output: Path) -> None:
+    """Draw the pictures of these names, all without any."""
+    for draw, file in PICTURES.items():
+        if not names or draw.__name__ in names:
+            (output / file).parent.mkdir(parents=True, exist_ok=True)
+            draw(output / file)
+            print(output / file)
 
 
 if __name__ == "__main__":
     warnings.simplefilter("ignore", seaid.errors.SeaidWarning)
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("names", nargs="*", choices=[*PICTURES, []], metavar="NAME")
-    main(parser.parse_args().names)
+    choices = [draw.__name__ for draw in PICTURES]
+    parser.add_argument("names", nargs="*", metavar="NAME", help=", ".join(choices))
+    parser.add_argument("--output", type=Path, default=ROOT / "docs", help="default: docs/")
+    given = parser.parse_args()
+    if unknown := set(given.names) - set(choices):
+        parser.error(f"no picture is named {', '.join(sorted(unknown))}")
+    main(given.names, given.output)

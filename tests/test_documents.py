@@ -6,6 +6,7 @@ import json
 import re
 import tomllib
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -298,3 +299,16 @@ def test_dots_stand_for_anything() -> None:
     assert not same("one\n...\ntwo", "one\ntwo\nthree")
     assert not same("a gap of ... and 5", "a gap of 1e+15 and six")
     assert not same("a gap of ... and 5", "a gap of 1e+15 and 6")
+
+
+@pytest.mark.parametrize("name", ["actuator", "workflow"])
+def test_drawings_are_readable_on_a_small_page_in_light_and_dark(name: str) -> None:
+    text = (ROOT / f"docs/_static/{name}.svg").read_text(encoding="utf-8")
+    drawing = ElementTree.fromstring(text)
+    x, y, width, _ = map(float, drawing.attrib["viewBox"].split())
+    assert (x, y, width) == (0, 0, 390)
+    sizes = [float(one) for one in re.findall(r"font-size[:=]\s*\"?([\d.]+)", text)]
+    assert min(sizes) >= 10  # pixels at 390
+    assert "prefers-color-scheme: dark" in text
+    names = [one.tag.rpartition("}")[2] for one in drawing]
+    assert names[:2] == ["title", "desc"]

@@ -6,6 +6,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -140,6 +141,16 @@ def test_main_job_predicts_the_unseen_motion(tulip: tuple[Path, str]) -> None:
 def test_main_job_flags_the_unloaded_spring(tulip: tuple[Path, str]) -> None:
     assert "? weak-spring: stiffness of ankle_pitch is poorly identified" in tulip[1]
     assert "21 base parameters are identifiable, from all five 29" in tulip[1]
+
+
+def test_gallery_draws_what_the_page_shows(tmp_path: Path) -> None:
+    done = run("scripts/gallery.py", "excitation", "--output", str(tmp_path))
+    assert done.returncode == 0, done.stderr
+    (path,) = done.stdout.split()
+    assert ElementTree.parse(path).getroot().tag.endswith("svg")
+    page = (ROOT / "docs/gallery.md").read_text(encoding="utf-8")
+    assert f"({Path(path).relative_to(tmp_path)})" in page
+    assert "no picture is named nothing" in run("scripts/gallery.py", "nothing").stderr
 
 
 def test_missing_measured_sets_are_one_line_each(tmp_path: Path) -> None:

@@ -125,7 +125,8 @@ def logged_traces(
         )
         parts.append(_inside(motion, part))
     notes = [
-        f"torques of the {name} model are not computed: {why}" for name, why in unknown.items()
+        f"torques of the {name} model are not computed: {why.partition(';')[0]}"
+        for name, why in unknown.items()
     ]
     return traces_of(parts, at_motor), notes
 
