@@ -48,6 +48,7 @@ def _defaults(project: Project) -> dict[str, Any]:
         "payload": [payload_text(one) for one in project.payloads.get("", ())],
         "gravity": ",".join(f"{one:.17g}" for one in project.gravity),
         "known_body": list(project.known_bodies),
+        "independent_mimics": project.independent_mimics or None,
         "torque_joints": _list(given.torque_joints),
         "cutoff_hz": given.cutoff_hz,
         "method": given.method,

@@ -121,6 +121,8 @@ class Project(Display):
         Those of the condition "" are in all logs.
     known_bodies : tuple of str
     gravity : tuple of 3 floats
+    independent_mimics : bool
+        Whether mimic joints are independent joints.
     logs : tuple of ProjectLog
     options : Options
     write : tuple of {"parameters", "report", "urdf", "mjcf"}
@@ -140,6 +142,7 @@ class Project(Display):
     payloads: Mapping[str, tuple[Payload, ...]] = field(default_factory=dict)
     known_bodies: tuple[str, ...] = ()
     gravity: tuple[float, ...] = (0.0, 0.0, -9.81)
+    independent_mimics: bool = False
     logs: tuple[ProjectLog, ...] = ()
     options: Options = Options()
     write: tuple[Output, ...] = ("parameters", "report", "urdf")
@@ -170,6 +173,7 @@ class Project(Display):
             payloads=general + (self.payloads.get(condition, ()) if condition else ()),
             known_bodies=self.known_bodies,
             gravity=self.gravity,
+            independent_mimics=self.independent_mimics,
         )
 
     @property
@@ -226,6 +230,7 @@ def load_project(path: str | Path = FILE_NAME) -> Project:
         payloads=FrozenMapping(_payloads(table.tables("payload"), logs)),
         known_bodies=table.texts("known_bodies") or (),
         gravity=table.numbers("gravity", 3) or (0.0, 0.0, -9.81),
+        independent_mimics=table.flag("independent_mimics", False),
         logs=logs,
         options=_options(options),
         write=("parameters", "report", "urdf")
@@ -240,7 +245,7 @@ def load_project(path: str | Path = FILE_NAME) -> Project:
 
 
 _TOP = (
-    *("urdf", "drives", "joints", "gravity", "known_bodies"),
+    *("urdf", "drives", "joints", "gravity", "known_bodies", "independent_mimics"),
     *("payload", "log", "identify", "run", "experiment"),
 )
 

@@ -32,7 +32,7 @@ from seaid.identification import (
 )
 from seaid.log import CutoffSelection, Motion, Processing, Repair, decimated
 from seaid.regressor import BaseParameters, LoadModel
-from seaid.robot import Robot, joints_of, model_of
+from seaid.robot import DependentJoint, Robot, joints_of, model_of
 
 FILE = "identification.npz"
 """The name of the saved run in the folder of a run."""
@@ -43,7 +43,7 @@ _CLASSES = {
     for kind in (
         *(Identification, Estimate, BaseParameters, LoadModel, ModelChecks, TermTest, Whiteness),
         *(FeasibleParameters, JointFit, Finding, Processing, CutoffSelection, Repair, Motion),
-        *(Validation, Fit, Robot),
+        *(Validation, Fit, Robot, DependentJoint),
     )
 }
 _RATE_PER_CUTOFF = 25.0

@@ -22,6 +22,7 @@ LARGEST_BYTES = 64_000_000
 """Limit on the size of a URDF file."""
 
 _SUFFIXES = (".urdf", ".xacro", ".xml", ".mjcf")
+_LOGS = (".csv", ".npz", ".json", ".parquet", ".h5", ".hdf5", ".mat", ".txt", ".bag", ".mcap")
 _DESCRIPTION = re.compile(r"[a-z0-9_]+_description")
 _MOST_NAMED = 5
 """Files of a folder that a message names."""
@@ -72,6 +73,11 @@ def urdf_text(path: Path) -> bytes:
             f"'{path}' is TOML, not a URDF: the robot's URDF comes first, and its drives as "
             "drives=",
             "drives=",
+        )
+    if path.suffix.lower() in _LOGS and not head.startswith(b"<"):
+        raise RobotError(
+            f"'{path}' is not a URDF, by its name a log: the robot's URDF comes first, then the "
+            "logs"
         )
     if b"<xacro:" in text and b"<xacro:" in re.sub(rb"<!--.*?-->", b"", text, flags=re.DOTALL):
         return _expanded(path)  # an expanded file keeps the namespace, and comments
