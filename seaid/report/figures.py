@@ -23,44 +23,32 @@ _MEASURED: dict[str, Any] = {"color": "0.62", "linewidth": 2.4, "label": "measur
 _COMPUTED: dict[str, Any] = {"color": "black", "linewidth": 0.9, "label": "computed"}
 
 
-UNSEEN = "a motion that was not used for identification"
+_UNSEEN = "a motion that was not used for identification"
 
 
-def save_actuator_figure(result: Validation, path: str | Path, motion: str = UNSEEN) -> None:
+def save_actuator_figure(result: Validation, path: str | Path, motion: str = _UNSEEN) -> None:
     """Draw the motor torques of the best and the worst elastic joint, as Fig. 3 of the paper.
 
     The title names the `motion`. Raises SeaidError if the validation has no actuator side.
     """
-    if not np.any(np.isfinite(result.actuator.relative_error)):
+    errors = result.actuator.relative_error
+    elastic = [int(index) for index in np.flatnonzero(np.isfinite(errors))]
+    if not elastic:
         raise SeaidError(
             f"'{path}': none of {', '.join(result.joints)} has an actuator side to draw; "
             "draw the load side"
         )
-    save_figure(actuator_figure(result, motion), path)
-
-
-def save_load_figure(result: Validation, path: str | Path, motion: str = UNSEEN) -> None:
-    """Draw the load torques, as Fig. 4 of the paper; the title names the `motion`."""
-    save_figure(load_figure(result, motion), path)
-
-
-def actuator_figure(result: Validation, motion: str = UNSEEN) -> Figure:
-    """Return Fig. 3 of the paper for a validation with an actuator side."""
-    errors = result.actuator.relative_error
-    elastic = [int(index) for index in np.flatnonzero(np.isfinite(errors))]
     best, worst = min(elastic, key=errors.item), max(elastic, key=errors.item)
     shown = {best: "best joint", worst: "worst joint"} if best != worst else {best: "only joint"}
     title = f"Actuator side: motor torque of {motion}"
-    return _torques(result, result.actuator, list(shown.items()), title, 1e3, "mN m")
+    save_figure(_torques(result, result.actuator, list(shown.items()), title, 1e3, "mN m"), path)
 
 
-def load_figure(
-    result: Validation, motion: str = UNSEEN, joints: Sequence[int] | None = None
-) -> Figure:
-    """Return Fig. 4 of the paper for all joints with a load side, or for `joints`."""
-    shown = np.flatnonzero(np.isfinite(result.load.relative_error)) if joints is None else joints
+def save_load_figure(result: Validation, path: str | Path, motion: str = _UNSEEN) -> None:
+    """Draw the load torques, as Fig. 4 of the paper; the title names the `motion`."""
+    shown = [(int(index), "") for index in np.flatnonzero(np.isfinite(result.load.relative_error))]
     title = f"Load side: torque on the load in {motion}"
-    return _torques(result, result.load, [(int(i), "") for i in shown], title, 1.0, "N m")
+    save_figure(_torques(result, result.load, shown, title, 1.0, "N m"), path)
 
 
 def _torques(

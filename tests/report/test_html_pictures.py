@@ -1,0 +1,140 @@
+"""Charts and pictures of a page: places of points, round ticks, ellipsoids with true inertia."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from seaid._arrays import Array
+from seaid.report.html_charts import Axis, Layer, chart, powers_of_ten
+from seaid.report.html_robot import (
+    Label,
+    bodies_picture,
+    posture_of,
+    principal_moments,
+    robot_picture,
+)
+from seaid.report.html_traces import autocorrelation
+from seaid.robot.inertia import from_center_of_mass
+from tests.experiments import arm, leg
+from tests.report_pages import arm_found
+
+
+def points_of(svg: str) -> Array:
+    (path,) = re.findall(r'<path class="points a" d="([^"]*)"', svg)
+    return np.array([[float(x) for x in one.split()] for one in re.findall(r"M([^h]*)h0", path)])
+
+
+def test_points_are_placed_between_the_ticks_of_their_values() -> None:
+    x, y = np.array([0.0, 1.0, 2.0]), np.array([-10.0, 0.0, 10.0])
+    svg = str(chart([Layer(x, y, "a")], Axis("x", "s"), Axis("y", "N m"), title="<t>"))
+    places = points_of(svg)
+    assert np.all(np.diff(places[:, 0]) > 0)
+    assert np.all(np.diff(places[:, 1]) < 0)  # upwards
+    zero = re.search(r'<text x="52" y="([\d.]+)" text-anchor="end">0</text>', svg)
+    assert zero is not None
+    assert float(zero[1]) - 4 == pytest.approx(places[1, 1], abs=0.1)
+    assert "x [s]" in svg
+    assert 'aria-label="&lt;t&gt;"' in svg
+
+
+def test_small_values_have_their_power_of_ten_in_the_label() -> None:
+    x = np.linspace(-3e-5, 4e-5, 9)
+    svg = str(chart([Layer(x, x, "a")], Axis("x", "m"), Axis("y", "N"), title="t"))
+    assert "x [10⁻⁵ m]" in svg
+    ticks = re.findall(r'text-anchor="middle">([−\d.]+)</text>', svg)
+    assert ticks == ["−2", "0", "2", "4"]
+
+
+def test_lines_are_interrupted_and_constants_and_nothing_are_drawn() -> None:
+    y = np.array([1.0, 1.0, np.nan, 1.0, 1.0])
+    svg = str(chart([Layer(np.arange(5.0), y, "b", "line")], Axis("x"), Axis("y"), title="t"))
+    (path,) = re.findall(r'<path class="line b" d="([^"]*)"', svg)
+    assert [path.count(sign) for sign in "ML"] == [2, 2]
+    nothing = Layer(np.zeros(0), np.zeros(0), "a")
+    assert "NaN" not in str(chart([nothing], Axis("x"), Axis("y"), title="t")).upper()
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [("1.2e-05", "1.2·10⁻⁵"), ("-3e+10", "−3·10¹⁰"), ("0.5", "0.5"), ("-2", "−2")],
+)
+def test_powers_of_ten(text: str, shown: str) -> None:
+    assert powers_of_ten(text) == shown
+
+
+def test_posture_is_that_of_the_robot_in_the_middle_of_its_motion() -> None:
+    """Independent route: products of placements and rotations about the axes of the URDF."""
+    posture = posture_of(arm_found())
+    positions = arm_found().motions[0].joint_position
+    middle = 0.5 * (positions.min(axis=0) + positions.max(axis=0))
+    model = arm().model
+    place, frames = pin.SE3.Identity(), {}
+    for number, index in enumerate(arm().model_order, 1):  # a chain
+        axis = posture.turns[index].T @ posture.axes[index]
+        shift = middle[index] * axis
+        move = (
+            pin.SE3(np.eye(3), shift)
+            if arm().is_prismatic[index]
+            else pin.SE3(pin.exp3(shift), 0 * shift)
+        )
+        place = place * model.jointPlacements[number] * move
+        frames[index] = place
+    for index, frame in frames.items():
+        np.testing.assert_allclose(posture.origins[index], frame.translation, atol=1e-12)
+        np.testing.assert_allclose(posture.turns[index], frame.rotation, atol=1e-12)
+    np.testing.assert_allclose(np.linalg.norm(posture.axes, axis=1), 1.0)
+    assert posture.up.tolist() == [0.0, 0.0, 1.0]
+
+
+def test_every_joint_is_drawn_in_its_colour_with_its_label() -> None:
+    found = replace(arm_found(), robot=leg(), motions=())
+    names = leg().joint_names
+    labels = {name: Label(name, f"{k} %", "good") for k, name in enumerate(names)}
+    labels["knee_pitch"] = Label("knee_pitch", "<99> %", "poor", is_flagged=True)
+    svg = str(robot_picture(posture_of(found), labels, "title"))
+    assert svg.count('<g class="joint good">') == 4
+    assert svg.count('<g class="joint poor">') == 1
+    assert svg.count('class="flag"') == 1
+    assert "&lt;99&gt; %" in svg
+    for name in names:
+        assert f"<title>{name}: " in svg
+    assert svg.count("<text") == 5
+    assert "nan" not in svg
+
+
+def test_a_ball_is_drawn_round_and_one_of_twice_the_radius_twice_as_large() -> None:
+    """A ball has I = 2/5 m r^2. The sizes compare with the distance of two centres of mass."""
+    found = replace(arm_found(), motions=())
+    posture = posture_of(found)
+    ball = from_center_of_mass(3.0, np.array([0.1, 0.0, 0.2]), 0.4 * 3.0 * 0.05**2 * np.eye(3))
+    bigger = from_center_of_mass(3.0, np.array([0.1, 0.0, 0.2]), 0.4 * 3.0 * 0.1**2 * np.eye(3))
+    svg = str(bodies_picture(posture, np.tile(ball, 4), np.tile(bigger, 4), "title"))
+    radii = np.array(re.findall(r'<ellipse rx="([\d.]+)" ry="([\d.]+)"', svg), dtype=float)
+    assert radii.shape == (8, 2)
+    np.testing.assert_allclose(radii[:, 0], radii[:, 1], rtol=0.02)
+    np.testing.assert_allclose(radii[4:], 2 * radii[:4], rtol=0.02)
+    places = np.array(re.findall(r'class="center" d="M([\d.]+) ([\d.]+)h8', svg), dtype=float)[:4]
+    centers = posture.origins + posture.turns @ np.array([0.1, 0.0, 0.2])
+    flat = np.linalg.norm(places[1:] - places[:-1], axis=1)
+    whole = np.linalg.norm(centers[1:] - centers[:-1], axis=1)
+    assert np.all(flat <= whole * radii[0, 0] / 0.05 * 1.03)  # seen from aside they are shorter
+    np.testing.assert_allclose(principal_moments(ball), 0.4 * 3.0 * 0.05**2, rtol=1e-9)
+
+
+def test_bodies_that_cannot_be_have_no_ellipsoid() -> None:
+    impossible = from_center_of_mass(1.0, np.zeros(3), np.diag([1.0, 0.1, 0.1]))
+    posture = posture_of(arm_found())
+    assert bodies_picture(posture, np.full(40, np.nan), np.tile(impossible, 4), "title") is None
+
+
+def test_autocorrelation_is_that_of_its_definition() -> None:
+    trace = np.random.default_rng(0).normal(size=500).cumsum()
+    lags = np.array([0, 1, 7, 40])
+    there = trace - trace.mean()
+    expected = [there[: 500 - lag] @ there[lag:] / (there @ there) for lag in lags]
+    np.testing.assert_allclose(autocorrelation(trace, lags), expected, atol=1e-12)
