@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import Annotated
+
+from typer import Option
+
 from seaid.cli.messages import show
 from seaid.cli.mistakes import check_log_files, check_robot_files
 from seaid.cli.options import AsJson, Logs, RobotOptions, names, payload_of, vector
@@ -11,12 +16,13 @@ def init(
     given: RobotOptions,
     logs: Logs,
     *,
+    folder: Annotated[Path, Option(help="The folder of the project.")] = Path(),
     as_json: AsJson = False,
 ) -> None:
     """Write a first project file for a robot and its logs, with each doubt as a comment.
 
-    The file is seaid.toml in the working folder. Logs with custom columns get a description, and a
-    robot without drives gets those that the logs show: check what is unsure, then run it.
+    The file is seaid.toml. Logs with custom columns get a description, and a robot without drives
+    gets those that the logs show: check what is unsure, then run it.
 
     seaid init leg.urdf run.csv other.csv
     seaid init arm.urdf run.csv --drives arm.toml --payload hand:1.5:0,0,0.05
@@ -32,8 +38,10 @@ def init(
         joints=names(given.joints),
         payloads=[payload_of(text) for text in given.payload or ()],
         gravity=vector("--gravity", given.gravity),
+        folder=folder,
     )
     text = [f"unsure: {one}" for one in found.doubts]
-    text.append("Check what is unsure, then: seaid run")
+    place = "" if folder == Path() else f" {folder}"
+    text.append(f"Check what is unsure, then: seaid run{place}")
     content = {"files": found.files, "doubts": found.doubts}
     show("\n".join(text), content, as_json, *found.files)
