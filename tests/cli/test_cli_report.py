@@ -21,7 +21,7 @@ def test_report_of_a_validated_identification(arm: Path, tmp_path: Path) -> None
     assert said.out.splitlines()[0] == "small_arm: 6 base parameters and its drives reported"
     assert said.out.splitlines()[-1] == f"Results: {page}"
     text = page.read_text(encoding="utf-8")
-    assert "<title>small_arm: identification report</title>" in text
+    assert "<title>small_arm: Identification report</title>" in text
     assert "Not validated" not in text
     digest = hashlib.sha256(other.read_bytes()).hexdigest()[:12]
     assert f"other.csv, {other.stat().st_size} bytes, SHA-256 {digest}…" in text
