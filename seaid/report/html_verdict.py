@@ -167,6 +167,8 @@ def _of_validation(found: Identification, runs: Sequence[Run]) -> Iterator[Notic
             yield Notice("not-validated", "doubtful", (message,))
     for run in runs:
         rows = error_rows(found, [run]) if run.is_unseen else []
+        said = {one.joint for one in run.result.warnings}
+        rows = [row for row in rows if row.joint not in said]
         bad = [row for row in rows if row.relative_error > _BADLY_PREDICTED]
         if bad:
             torques = [f"{one.joint} ({one.side} side) {share(one.relative_error)}" for one in bad]

@@ -347,6 +347,14 @@ def test_bad_predictions_are_flagged_and_good_ones_not() -> None:
     assert "badly-predicted" not in notices(arm_found(), result)
 
 
+def test_an_unseen_motion_that_is_not_predicted_is_part_of_the_verdict() -> None:
+    found, result = arm_found(), arm_result()
+    finding = Finding("unseen-motion", "the model fails here", "wrist", "wrong")
+    runs = runs_of(found, [replace(result, warnings=(finding,))])
+    assert page_verdict(found, runs).words == "Do not use"
+    assert notices_of(found, runs)[0].messages == ("The model fails here.",)
+
+
 def test_findings_of_one_code_are_one_notice_and_their_remedy_is_text_to_copy(
     tmp_path: Path,
 ) -> None:
