@@ -44,6 +44,7 @@ def report(
     """
     from seaid.identification import validate as validated
     from seaid.project import facts_of as origin_facts
+    from seaid.project import provenance_of
     from seaid.report import warning_lines, write_report
 
     checked_suffix(output, ".html", ".htm")
@@ -52,12 +53,15 @@ def report(
     result.check(output, read=(*given.files, *unseen))
     run = given.result(feasible=feasible)
     found = run.identification
+    facts = origin_facts(run.provenance)
     results = {} if is_typed("validation") else dict(run.validations)
     if not results:
+        read = origin_facts({"inputs": provenance_of(unseen, {}, ())["inputs"]})
+        facts |= {name.replace("Input", "Validated on"): text for name, text in read.items()}
         logs = zip(unseen, given.logs(unseen, found.known), strict=True)
         results = {path.name: validated(found, log) for path, log in logs}
     with written(output, ".html") as file:
-        write_report(found, list(results.values()), file, facts=origin_facts(run.provenance))
+        write_report(found, list(results.values()), file, facts=facts)
     content = {"validations": [one.to_dict() for one in results.values()]}
     text = [f"{found.robot.name}: {len(found.load.values)} base parameters and its drives reported"]
     text += warning_lines(found.warnings)
