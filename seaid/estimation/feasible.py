@@ -13,6 +13,7 @@ there.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -27,6 +28,9 @@ WEIGHTS = tuple(10.0**decade for decade in range(4, -7, -1))
 
 The least adds at most 4e-6 per body to chi-square: it determines only what the data leave free.
 """
+
+_OF_ONE = 1.0
+"""Weight with which the divergence of a body from the prior counts as much as chi-square."""
 
 _ACTIVE = 1e-3
 """A bound counts as active when its multiplier (slope of chi-square per unit of the bound) exceeds
@@ -107,16 +111,23 @@ def with_selected_weight(
     standard errors: |u|^2 + 2 freedom - p. Unlike cross-validation it needs no independent folds,
     so it holds for autocorrelated noise. The weights are tried in falling order, as far as they can
     be resolved relative to `least`, the chi-square of `nearest`, and until no smaller risk is
-    possible; then the midpoints to the neighbours of the best.
+    possible; then the midpoints to the neighbours of the best. A weight below 1, under which bodies
+    may be many times as heavy as those of the prior, must lower the risk by more than the standard
+    deviation of chi-square over p values.
     """
     p = len(program.estimate)
     resolved = [weight for weight in weights if weight >= RESOLVED * least] or [weights[0]]
     best = regularised(program, resolved[0])
+    tried = [best]
     for weight in resolved[1:]:
         one = regularised(program, weight)
+        tried.append(one)
         best = min(best, one, key=lambda point: point.risk)
         if least + 2 * one.freedom - p > best.risk:  # a lower bound of the risk of all that follow
             break
+    if best.weight < _OF_ONE:
+        likely = [one for one in tried if one.risk <= best.risk + math.sqrt(2 * p)]
+        return max(likely, key=lambda point: min(point.weight, _OF_ONE))
     around = best.weight * 10**0.5, best.weight / 10**0.5
     inner = [weight for weight in around if resolved[-1] < weight < resolved[0]]
     points = [best, *(regularised(program, weight) for weight in inner)]

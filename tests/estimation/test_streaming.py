@@ -220,7 +220,7 @@ def test_foreign_columns_and_units(tmp_path: Path) -> None:
 
 def test_files_that_cannot_be_read(tmp_path: Path) -> None:
     for name, text, words in (
-        ("a.txt", "", "cannot read '.txt' logs; allowed: .csv, .npz"),
+        ("a.xyz", "", "cannot read '.xyz' logs; allowed: .csv, .txt"),
         ("a.csv", "", "is empty"),
         ("b.csv", "time_s,x\n1,2\n", "has no column of this robot"),
         ("c.csv", f"time_s,{JOINT}.motor_position_rad\n", "column names but no samples"),

@@ -18,13 +18,14 @@ from seaid.estimation.estimate import Estimate
 from seaid.identification.identification import identify
 from seaid.identification.physical.consistency import FeasibleParameters, feasible_parameters
 from seaid.identification.physical.problem import balls, prior_bodies
-from seaid.log.reading import Log
+from seaid.log.reading import Log, read_log
 from seaid.regressor.base import base_parameters
 from seaid.regressor.load import LoadModel, load_model
 from seaid.robot.inertia import from_center_of_mass, is_physical, pseudo_inertia
 from seaid.robot.robot import Payload, Robot, load_robot
 from seaid.simulation.simulation import measure, simulate_motion
 from tests.experiments import LEG_SENSORS, MODELS, TEST_MASS, arm, leg, leg_motion, wiggle
+from tests.measured import LOGS
 
 pytestmark = pytest.mark.rounding
 
@@ -401,3 +402,17 @@ def test_balls_lie_along_the_links(robot: Robot) -> None:
         if len(children) == 1:
             end = robot.model.jointPlacements[children[0]].translation
             np.testing.assert_allclose(plain[index, 1:4], end / 2)
+
+
+def test_masses_stay_near_the_prior_where_it_contradicts_other_values() -> None:
+    """The prior of this arm is far off in what the log determines; its masses are all there is."""
+    robot = load_robot(MODELS / "hebi_arm_2.urdf", MODELS / "hebi_arm_2.toml")
+    log = read_log(
+        LOGS / "hebi_arms/grav_comp_bad.npz", robot, description=LOGS / "hebi_csv_2.toml"
+    )
+    found = identify(robot, log, feasible=True)
+    assert found.feasible is not None
+    assert found.feasible.weight == 1
+    assert found.feasible.chi_square < len(found.feasible.values)
+    masses = found.robot.parameters[::10] / robot.parameters[::10]
+    assert np.all((masses > 0.3) & (masses < 3))  # 832 kg of 0.7 with a weight of 1e-6
