@@ -121,7 +121,7 @@ def _missing(path: Path) -> str:
     near = there if is_folder else difflib.get_close_matches(path.name, there, 3, 0.6)
     if not near:
         return text
-    found = listed([str(folder / name) for name in near], _MOST_NAMED)
+    found = listed(near, _MOST_NAMED)
     return f"{text}: it is a folder; in it: {found}" if is_folder else f"{text}; there is {found}"
 
 

@@ -99,12 +99,15 @@ def test_choices_are_those_of_the_library() -> None:
     assert {one.name for one in fields(seaid.Limits)} <= {*BY_JOINT}
 
 
+TO_WRITE = ("output", "joint_trajectory", "folder")
+
+
 def test_every_file_of_a_command_is_completed() -> None:
     """A file to read is of a known kind; a file to write is named by hand."""
     for name in COMMANDS:
         for one in command_of(name).params:
             kind = one.type_descriptor.annotation
-            if kind in (Path, list[Path]) and one.name not in ("output", "joint_trajectory"):
+            if kind in (Path, list[Path]) and one.name not in TO_WRITE:
                 assert one.name in FILES, (name, one.name)
     assert completer_of("output") is None
 

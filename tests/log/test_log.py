@@ -264,8 +264,12 @@ def test_wrong_mapping_of_columns_is_named(
 
 def test_missing_file_and_unknown_format_are_named(arm: Robot, tmp_path: Path) -> None:
     path = tmp_path / "no.csv"
-    assert read_error(path, arm) == f"no log file at '{path}' (working folder {Path.cwd()})"
+    missing = f"no log file at '{path}' (working folder {Path.cwd()})"
+    assert read_error(path, arm) == missing
+    (tmp_path / "now.csv").write_text("")
+    assert read_error(path, arm) == f"{missing}; did you mean 'now.csv'?"
     path = tmp_path / "log.out"
+    path.write_text("")
     assert (
         read_error(path, arm) == f"'{path}': cannot read '.out' logs; allowed: {', '.join(READERS)}"
     )

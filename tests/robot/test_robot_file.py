@@ -37,9 +37,9 @@ def test_a_missing_file_names_path_working_folder_and_the_nearest_names(tmp_path
     assert refusal(path) == start
     (tmp_path / "tulip_leg.urdf").write_bytes(b"")
     (tmp_path / "other.urdf").write_bytes(b"")
-    assert refusal(path) == f"{start}; there is {tmp_path}/tulip_leg.urdf"
+    assert refusal(path) == f"{start}; there is tulip_leg.urdf"
     folder = f"no URDF file at '{tmp_path}' (working folder {Path.cwd()}): it is a folder; in it: "
-    assert refusal(tmp_path) == f"{folder}{tmp_path}/other.urdf, {tmp_path}/tulip_leg.urdf"
+    assert refusal(tmp_path) == f"{folder}other.urdf, tulip_leg.urdf"
 
 
 # Files of another kind
