@@ -140,8 +140,7 @@ class View(Display):
         if not self._ended.is_set():
             self._ended.set()
             self._clock.join()
-            with quietly():
-                self.server.stop()
+            stop_quietly(self.server)
 
     def __enter__(self) -> Self:
         return self
@@ -218,12 +217,26 @@ class View(Display):
                 self.panel.time.value = round(float(shown % end if shown > end else shown), 3)
 
 
+_QUIET = threading.RLock()
+
+
 @contextlib.contextmanager
 def quietly() -> Iterator[None]:
-    """Suppress the messages that viser prints."""
-    with contextlib.redirect_stdout(io.StringIO()):
+    """Suppress the messages that viser prints, for one thread at a time: stdout is of all."""
+    with _QUIET, contextlib.redirect_stdout(io.StringIO()):
         yield
 
+
+def stop_quietly(server: Any) -> None:
+    """Stop a server; its thread prints that it has stopped, on a busy machine a while later."""
+    thread = getattr(getattr(server, "_websock_server", None), "_server_thread", None)
+    with quietly():
+        server.stop()
+        if thread is not None:
+            thread.join(_LONGEST_STOP_S)
+
+
+_LONGEST_STOP_S = 10.0
 
 _POSTURES = 40
 """Number of postures per motion that the camera shows."""
@@ -286,8 +299,7 @@ def view_robot(
     try:
         return _opened(server, picture, tuple(playbacks))
     except BaseException:
-        with quietly():
-            server.stop()
+        stop_quietly(server)
         raise
 
 

@@ -423,9 +423,11 @@ def test_wait_ends_with_the_window(leg: Robot) -> None:
     shown = view_robot(leg, port=0)
     begin = time.monotonic()
     shown.wait(0.05)
-    threading.Timer(0.1, shown.stop).start()
+    timer = threading.Timer(0.1, shown.stop)
+    timer.start()
     shown.wait()
     assert time.monotonic() - begin < SETTLED_S
+    timer.join()
     assert in_time(lambda: not shown._clock.is_alive())
 
 
