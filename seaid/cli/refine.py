@@ -43,24 +43,16 @@ def refine(
     seaid refine leg.urdf run.csv --drives leg.toml --encoder-offset-std 0.01
     seaid refine run.csv --run runs/latest
     """
-    from seaid.cli.defaults import is_typed
     from seaid.identification import refine as refined
     from seaid.report import short_text
 
     check_fail_on(fail_on)
     result.check(output, read=(*given.files, *logs))
-    if run is not None and is_typed("run"):
-        from seaid.project import load_run
-
-        start = load_run(run).identification
-        robot = start.known
-        read = given.logs(logs, robot)
-    else:
-        robot = given.robot(given.known_body or ())
-        read = given.logs(logs, robot)
-        start = given.identify(robot, read)
+    saved = given.saved(run, "logs")
+    robot = given.robot(given.known_body or ()) if saved is None else saved.identification.known
+    read = given.logs(logs, robot)
     found = refined(
-        start,
+        given.identify(robot, read) if saved is None else saved.identification,
         read,
         encoder_offset_std=given.encoder_offset_std,
         iterations=iterations,
