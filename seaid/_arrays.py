@@ -143,6 +143,14 @@ def _text(shape: tuple[int | None, ...]) -> str:
     return "(" + ", ".join("any" if length is None else str(length) for length in shape) + ")"
 
 
+def connected_groups(links: BoolArray) -> list[list[int]]:
+    """Return the connected components of an undirected graph (n, n), each in rising order."""
+    reached = links | links.T | np.eye(len(links), dtype=bool)
+    while not np.array_equal(further := reached @ reached, reached):
+        reached = further
+    return [np.flatnonzero(row).tolist() for i, row in enumerate(reached) if not row[:i].any()]
+
+
 def safely(
     function: Callable[..., Any],
     *matrices: Any,

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import linalg
 
 from seaid._arrays import Array, BoolArray, frozen, safely, seed_of
 from seaid._progress import Result, counted
@@ -195,7 +194,7 @@ def left_to_right(H: Array, zero: BoolArray | None = None) -> tuple[list[int], A
             "the torques of unit parameters are not finite: lengths or speeds of the robot are "
             "too large to be squared; check that its file is in metres and radians"
         )
-    R = linalg.qr(H / scale, mode="r", check_finite=False)[0][: H.shape[1]]
+    R = np.linalg.qr(H / scale, mode="r")  # not scipy's: its import takes as long as a base
     basis = np.zeros((R.shape[0], min(R.shape)))
     columns: list[int] = []
     accepted, rejected = 1.0, float(np.finfo(float).eps)
@@ -212,8 +211,8 @@ def left_to_right(H: Array, zero: BoolArray | None = None) -> tuple[list[int], A
             rejected = max(rejected, residual)
     basis = basis[:, : len(columns)]
     grouping = safely(
-        linalg.solve_triangular,
-        basis.T @ R[:, columns],
+        np.linalg.solve,
+        np.triu(basis.T @ R[:, columns]),
         basis.T @ R,
         what="the base parameters",
         error=RobotError,

@@ -15,7 +15,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 
 import numpy as np
 
-from seaid._arrays import Array, frozen, safely
+from seaid._arrays import Array, connected_groups, frozen, safely
 from seaid.drives import Drive
 from seaid.errors import RobotError, unknown_name
 
@@ -72,11 +72,7 @@ def coupled_groups(matrix: Array) -> tuple[list[int], ...]:
     """Return the groups of coupled joints; a joint moved by its own drive alone is in none."""
     if np.array_equal(matrix, np.eye(len(matrix))):  # the usual case, and called often
         return ()
-    from scipy.sparse.csgraph import connected_components
-
-    links = matrix != 0
-    _, labels = connected_components(links | links.T, directed=False)
-    groups = (np.flatnonzero(labels == label).tolist() for label in dict.fromkeys(labels.tolist()))
+    groups = connected_groups(matrix != 0)
     return tuple(group for group in groups if len(group) > 1 or matrix[group[0], group[0]] != 1)
 
 

@@ -9,9 +9,9 @@ here (Zippel 1979, Schwartz 1980).
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from fractions import Fraction
-from functools import cache
+from functools import cache, lru_cache
 from math import isqrt
 from typing import Any, Protocol
 
@@ -139,7 +139,7 @@ class RealNumbers:
 @cache
 def _compiled(expression: sp.Expr) -> tuple[Any, list[sp.Symbol]]:
     symbols = sorted(expression.free_symbols, key=str)
-    return sp.lambdify(symbols, expression, modules="numpy"), symbols
+    return sp.lambdify(symbols, expression, modules=[np]), symbols
 
 
 PRIME = 2**61 - 1
@@ -161,10 +161,10 @@ class ResidueNumbers:
 
     robot: Robot
     rng: np.random.Generator
-    _program: tuple[Program, Entries] = field(init=False, repr=False)
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "_program", regressor_program(exact_tree(self.robot)))
+    @property
+    def _program(self) -> tuple[Program, Entries]:
+        return _program_of(self.robot)
 
     def depends(self) -> list[frozenset[int]]:
         """Return, for each joint, the joints on whose motion its torque depends."""
@@ -288,6 +288,11 @@ class ResidueNumbers:
             known[sp.cos(angle)], known[sp.sin(angle)] = cosine, sine
             return sine if isinstance(expression, sp.sin) else cosine
         return self.random(count)
+
+
+@lru_cache(1)
+def _program_of(robot: Robot) -> tuple[Program, Entries]:
+    return regressor_program(exact_tree(robot))
 
 
 def residue(value: Fraction) -> int:

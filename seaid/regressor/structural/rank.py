@@ -18,9 +18,8 @@ from typing import Any
 import numpy as np
 import sympy as sp
 from flint import fmpq, fmpq_mat
-from scipy.sparse.csgraph import connected_components
 
-from seaid._arrays import Array, BoolArray, frozen, safely
+from seaid._arrays import Array, BoolArray, connected_groups, frozen, safely
 from seaid.drives import PARAMETERS, K_t, K_u, N, r_L, r_M
 from seaid.errors import SymbolicError
 from seaid.regressor.base import BaseParameters, left_to_right
@@ -318,10 +317,8 @@ def _groups(on_motion: tuple[list[int], Residues] | None, p: int) -> tuple[tuple
     for free in (place for place in range(p) if place not in pivots):
         links[free, [pivot for pivot, row in zip(pivots, rows, strict=True) if row[free]]] = True
         links[free, free] = True
-    _, labels = connected_components(links, directed=False)
     coupled = np.any(links, axis=0) | np.any(links, axis=1)
-    labelled = [np.flatnonzero((labels == label) & coupled) for label in dict.fromkeys(labels)]
-    return tuple(tuple(group.tolist()) for group in labelled if len(group))
+    return tuple(tuple(group) for group in connected_groups(links) if coupled[group[0]])
 
 
 def _in_doubles(
