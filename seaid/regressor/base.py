@@ -194,7 +194,8 @@ def left_to_right(H: Array, zero: BoolArray | None = None) -> tuple[list[int], A
             "the torques of unit parameters are not finite: lengths or speeds of the robot are "
             "too large to be squared; check that its file is in metres and radians"
         )
-    R = np.linalg.qr(H / scale, mode="r")  # not scipy's: its import takes as long as a base
+    # not by SciPy, whose import takes longer than all base parameters of a leg
+    R = np.asarray(np.linalg.qr(H / scale, mode="r"))
     basis = np.zeros((R.shape[0], min(R.shape)))
     columns: list[int] = []
     accepted, rejected = 1.0, float(np.finfo(float).eps)
