@@ -129,7 +129,7 @@ ONE_IMPORTER = {
     ),
     "one step of a long way, which would make its importer longer than 400 lines": (
         *("excitation.run_in", "excitation.search", "export.mjcf_drives"),
-        *("identification.checking", "identification.setup_hypotheses", "project.provenance"),
+        *("identification.setup_hypotheses", "project.provenance"),
         *("identification.physical.problem", "log.repair.channels"),
         "identification.known_constants",
         *("regressor.structural.arithmetic", "regressor.structural.equations"),

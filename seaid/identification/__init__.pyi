@@ -1,5 +1,6 @@
 from .adequacy import JointFit as JointFit
 from .adequacy import Verdict as Verdict
+from .checking import LEAST_DELAY_S as LEAST_DELAY_S
 from .checking import JointCheck as JointCheck
 from .checking import SetupCheck as SetupCheck
 from .checking import check as check

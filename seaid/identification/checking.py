@@ -22,7 +22,7 @@ from seaid.errors import (
     by_severity,
     checked,
 )
-from seaid.estimation import RANK_TOLERANCE, scaled_svd
+from seaid.estimation import scaled_svd
 from seaid.identification.datasets import Source, datasets_by_log, first_motion, sources_of
 from seaid.identification.experiment import Experiment, experiment_of
 from seaid.identification.setup_hypotheses import encoder_slope, mistakes
@@ -59,6 +59,10 @@ class JointCheck:
     nominal, bodies, motor : float
         Share (rms) of the torque that is left by the bodies of the robot file, by any bodies, and
         by the motor equation (7) of a spring joint.
+    gear_ratio, gear_ratio_error : float
+        Gear ratio between both encoders, without the deflection of a spring, and standard error.
+    delay_s, delay_error_s : float
+        Delay of the motor torque against the motion and its standard error.
     """
 
     swing: float
@@ -66,6 +70,10 @@ class JointCheck:
     nominal: float
     bodies: float
     motor: float
+    gear_ratio: float = float("nan")
+    gear_ratio_error: float = float("nan")
+    delay_s: float = float("nan")
+    delay_error_s: float = float("nan")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -131,21 +139,26 @@ def check(
     given = experiment_of(robot, motions)
     found = [*first, *setup_findings(given, first)]
     every = [one for own in motions for one in own]
-    return SetupCheck(by_severity(found), FrozenMapping(_joints(given, every), "joint"))
+    return SetupCheck(by_severity(found), joint_checks(given, every))
 
 
-def _joints(given: Experiment, motions: Sequence[Motion]) -> dict[str, JointCheck]:
+def joint_checks(given: Experiment, motions: Sequence[Motion]) -> Mapping[str, JointCheck]:
+    """Return what the motions of an experiment say of each joint."""
     swings = np.max([np.ptp(one.joint_position, axis=0) for one in motions], axis=0)
-    return {
+    nothing = (float("nan"), float("nan"))
+    found = {
         joint: JointCheck(
-            swing=float(swings[j]),
-            encoder_slope=encoder_slope(given, j) if given.both[j] else float("nan"),
-            nominal=float(given.nominal[j]),
-            bodies=float(given.free[j]),
-            motor=float(given.of_motors[j]),
+            float(swings[j]),
+            encoder_slope(given, j) if given.both[j] else float("nan"),
+            float(given.nominal[j]),
+            float(given.free[j]),
+            float(given.of_motors[j]),
+            *given.encoder_ratios.get(j, nothing),
+            *given.torque_delays.get(j, nothing),
         )
         for j, joint in enumerate(given.robot.joint_names)
     }
+    return FrozenMapping(found, "joint")
 
 
 def setup_findings(given: Experiment, known: Sequence[Finding]) -> list[Finding]:
@@ -372,18 +385,18 @@ def delay_findings(given: Experiment) -> Iterator[Finding]:
 
     A torque that is late by d is, to first order, the torque minus d times its derivative.
     """
-    delays = torque_delays(given)
+    delays = given.torque_delays
     if not delays:
         return
     values, errors = np.array(list(delays.values())).T
-    weights = 1.0 / (errors**2 + _LEAST_DELAY_S**2)
+    weights = 1.0 / (errors**2 + LEAST_DELAY_S**2)
     common = float(np.sum(weights * values) / np.sum(weights))
     spread = float(np.sqrt(np.sum(weights**2 * errors**2)) / np.sum(weights))
     scatter = float(np.sqrt(np.sum(weights * (values - common) ** 2) / np.sum(weights)))
     spread = float(np.hypot(spread, scatter / np.sqrt(len(values))))
-    late = abs(common) > _SURE_DELAY * spread and abs(common) > _LEAST_DELAY_S
+    late = abs(common) > _SURE_DELAY * spread and abs(common) > LEAST_DELAY_S
     rest = values - (common if late else 0.0)
-    alone = np.flatnonzero((np.abs(rest) > _SURE * errors) & (np.abs(rest) > 3 * _LEAST_DELAY_S))
+    alone = np.flatnonzero((np.abs(rest) > _SURE * errors) & (np.abs(rest) > 3 * LEAST_DELAY_S))
     joints = list(delays)
     if late:
         yield _delay(given, joints, common, spread)
@@ -394,7 +407,7 @@ def delay_findings(given: Experiment) -> Iterator[Finding]:
 _SURE_DELAY = 4.0
 """Multiple of the standard error, scatter between the joints included, of a common delay."""
 
-_LEAST_DELAY_S = 0.0015
+LEAST_DELAY_S = 0.0015
 """Delay below which neither filters nor friction that a model lacks can be excluded."""
 
 
@@ -416,71 +429,6 @@ def _delay(given: Experiment, joints: Sequence[int], delay: float, error: float)
         "\n".join(lines),
     )
 
-
-def torque_delays(given: Experiment) -> dict[int, tuple[float, float]]:
-    """Return {joint: delay of its motor torque and its standard error [s]}.
-
-    From the motor equation (7) of spring joints, and from the motion with any bodies of others.
-    """
-    robot, n, found = given.robot, given.robot.n, {}
-    driven = [j for j in given.used if np.all(np.isfinite(given.torque[:, j]))]
-    stiff = [j for j in driven if not robot.drives[robot.joint_names[j]].is_elastic]
-    for j in (one for one in driven if one not in stiff):
-        stretch = given.motor[0][:, j] / given.lever[j] - given.joint[0][:, j]
-        columns = np.column_stack([given.torque_rate[:, j], _friction(given, j), stretch])
-        y = given.torque[:, j] - given.inertia[j] * given.motor[2][:, j]
-        moving = np.abs(given.direction[:, j]) > _MOVING
-        if np.sum(moving) > 3 * columns.shape[1]:
-            found[j] = _first(columns[moving], y[moving])[0]
-    if not stiff:
-        return found
-    m = robot.parameters.size
-    H = np.zeros((len(stiff), len(given.target), m + 5 * n))
-    H[:, :, :m] = given.regressor[:, stiff].swapaxes(0, 1)
-    for place, j in enumerate(stiff):
-        H[place, :, m + 4 * j : m + 4 * j + 4] = _friction(given, j)
-        H[place, :, m + 4 * n + j] = given.lever[j] * given.torque_rate[:, j]
-    weight = 1.0 / np.std(given.target[:, stiff], axis=0)
-    moving = (np.abs(given.direction[:, stiff]) > _MOVING).T.astype(float)
-    A = H * weight[:, None, None] * moving[:, :, None]
-    y = given.target[:, stiff].T * weight[:, None] * moving
-    order = [m + 4 * n + j for j in stiff]
-    order += [place for place in range(m + 4 * n) if np.any(np.abs(A[:, :, place]) > _TINY)]
-    columns = A[:, :, order].reshape(-1, len(order))
-    return found | dict(zip(stiff, _first(columns, y.ravel(), len(stiff)), strict=True))
-
-
-def _friction(given: Experiment, j: int) -> Array:
-    """Return columns (R, 4) of friction, with one that changes gradually near reversals."""
-    gradual = np.tanh(given.friction[j][:, 0] / _WIDTH)  # the first column is the speed, up to 1
-    return np.column_stack([given.friction[j], gradual])
-
-
-_WIDTH = 0.1
-"""Speed over the largest one at which friction may have another shape than Coulomb's."""
-
-_TINY = 1e-9
-
-_MOVING = 0.99
-"""Mean sign of the speed behind the low pass below which a motor may have stuck: friction then
-changes before the motion does, like an early torque."""
-
-
-def _first(columns: Array, y: Array, count: int = 1) -> list[tuple[float, float]]:
-    """Return the first parameters of a fit of y (R,), negative, with their standard errors."""
-    svd = scaled_svd(columns)
-    rank = svd.rank(RANK_TOLERANCE)
-    x = svd.solve(y, RANK_TOLERANCE)
-    left = (y - columns @ x).reshape(count, -1)
-    rows = np.sum(left != 0, axis=1)  # others are excluded
-    sizes = np.linalg.norm(left, axis=1) / np.sqrt(np.maximum(rows - rank / count, 1))
-    inverse = (svd.vectors[:rank] / svd.sizes[:rank, None]) / svd.norms
-    errors = sizes * np.sqrt(np.sum(inverse[:, :count] ** 2, axis=0))
-    return list(zip((-x[:count]).tolist(), (_CORRELATED * errors).tolist(), strict=True))
-
-
-_CORRELATED = 1.5
-"""Standard errors for autocorrelated rows over those for white noise, for rows this far apart."""
 
 _INDEPENDENT, _SURE = 10, 5.0
 """Independent rows of a log, at least, and multiple of the standard error of an offset."""

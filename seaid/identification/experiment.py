@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from seaid._arrays import Array, IndexArray, safely
+from seaid._arrays import Array, BoolArray, IndexArray, safely
 from seaid.errors import IdentificationError
 from seaid.estimation import RANK_TOLERANCE, scaled_svd
 from seaid.log import Motion, column_name, in_band, in_band_at, row_samples
@@ -175,6 +175,84 @@ class Experiment:
         return found
 
     @cached_property
+    def torque_delays(self) -> dict[int, tuple[float, float]]:
+        """Delay of the motor torque and its standard error [s], by joint.
+
+        From the motor equation (7) of spring joints, and from the motion with any bodies of others.
+        """
+        robot, n = self.robot, self.robot.n
+        driven = [j for j in self.used if np.all(np.isfinite(self.torque[:, j]))]
+        found = {}
+        for j in (one for one in driven if one in self._elastic):
+            rows, y = self._moving[:, j], self._spring_torque(j)
+            stretch = self.motor[0][:, j] / self.lever[j] - self.joint[0][:, j]
+            columns = np.column_stack([self.torque_rate[:, j], self._any_friction(j), stretch])
+            if np.sum(rows) > 3 * columns.shape[1]:
+                x, covariance = _fitted(columns[rows], y[rows])
+                found[j] = -float(x[0]), float(np.sqrt(covariance[0, 0]))
+        stiff = [j for j in driven if j not in self._elastic]
+        if not stiff:
+            return found
+        m = robot.parameters.size
+        H = np.zeros((len(stiff), len(self.target), m + 5 * n))
+        H[:, :, :m] = self.regressor[:, stiff].swapaxes(0, 1)
+        for place, j in enumerate(stiff):
+            H[place, :, m + 4 * j : m + 4 * j + 4] = self._any_friction(j)
+            H[place, :, m + 4 * n + j] = self.lever[j] * self.torque_rate[:, j]
+        weight = 1.0 / np.std(self.target[:, stiff], axis=0)
+        moving = self._moving[:, stiff].T.astype(float)
+        A = H * weight[:, None, None] * moving[:, :, None]
+        y = self.target[:, stiff].T * weight[:, None] * moving
+        order = [m + 4 * n + j for j in stiff]
+        order += [place for place in range(m + 4 * n) if np.any(np.abs(A[:, :, place]) > _TINY)]
+        columns = A[:, :, order].reshape(-1, len(order))
+        return found | dict(zip(stiff, _first(columns, y.ravel(), len(stiff)), strict=True))
+
+    @cached_property
+    def encoder_ratios(self) -> dict[int, tuple[float, float]]:
+        """Gear ratio between both encoders and its standard error, by joint.
+
+        Of a spring joint from the motor equation (7), tau - I w' = friction + a theta_M - b theta_L
+        with N = b/a r_L/r_M; of others from the angles alone, where errors of the gear do not
+        average out (see `gear_ratio`).
+        """
+        found = {}
+        for j in np.flatnonzero(self.both).tolist():
+            motor, joint = self.motor[0][:, j], self.joint[0][:, j]
+            per_ratio = self.ratio[j] / self.lever[j]
+            if j in self._elastic and np.all(np.isfinite(self.torque[:, j])):
+                rows, y = self._moving[:, j], self._spring_torque(j)
+                columns = np.column_stack([motor, joint, self._any_friction(j)])
+                if not self.inertia[j]:
+                    columns = np.column_stack([columns, self.motor[2][:, j]])
+                if np.sum(rows) <= 3 * columns.shape[1]:
+                    continue
+                (a, b, *_), covariance = _fitted(columns[rows], y[rows])
+                slope, slopes = -b / a, np.array([b / a**2, -1 / a])
+                error = float(np.sqrt(slopes @ covariance[:2, :2] @ slopes))
+            elif not self.robot.drives[self.robot.joint_names[j]].is_elastic:
+                columns = np.column_stack([joint, np.ones(len(joint))])
+                slope, constant = scaled_svd(columns).solve(motor)
+                left = motor - columns @ (slope, constant)
+                error = float(np.std(left)) / max(float(np.std(joint)), 1e-300)
+            else:
+                continue
+            found[j] = float(slope) * per_ratio, error * abs(per_ratio)
+        return found
+
+    @cached_property
+    def _moving(self) -> BoolArray:
+        return np.asarray(np.abs(self.direction) > _MOVING)
+
+    def _spring_torque(self, j: int) -> Array:
+        return np.asarray(self.torque[:, j] - self.inertia[j] * self.motor[2][:, j])
+
+    def _any_friction(self, j: int) -> Array:
+        """Return columns (R, 4) of friction, with one that changes gradually near reversals."""
+        gradual = np.tanh(self.friction[j][:, 0] / _WIDTH)  # the first column is the speed, up to 1
+        return np.column_stack([self.friction[j], gradual])
+
+    @cached_property
     def misfits(self) -> dict[str, Array]:
         """All misfits (n,) by kind."""
         return {kind: getattr(self, name) for kind, name in _PROPERTIES.items()}
@@ -268,6 +346,42 @@ class Experiment:
         # not by `misfits`, which computes all kinds: of most hypotheses only cheap ones are needed
         misfit = getattr(self, _PROPERTIES[kind])
         return float(np.nansum(np.log(np.minimum(misfit, 2.0) ** 2 + _FLOORS[kind] ** 2)))
+
+
+def _first(columns: Array, y: Array, count: int) -> list[tuple[float, float]]:
+    """Return the first parameters of a fit, one per part of y, negative, with standard errors."""
+    x, covariance = _fitted(columns, y, count)
+    errors = np.sqrt(np.diag(covariance)[:count])
+    return list(zip((-x[:count]).tolist(), errors.tolist(), strict=True))
+
+
+def _fitted(columns: Array, y: Array, count: int = 1) -> tuple[Array, Array]:
+    """Return the parameters of a fit and their covariance, from the residuals of each part of y."""
+    svd = scaled_svd(columns)
+    rank = svd.rank(RANK_TOLERANCE)
+    x = svd.solve(y, RANK_TOLERANCE)
+    left = (y - columns @ x).reshape(count, -1)
+    rows = np.sum(left != 0, axis=1)  # others are excluded
+    sizes = np.linalg.norm(left, axis=1) / np.sqrt(np.maximum(rows - rank / count, 1))
+    inverse = (svd.vectors[:rank] / svd.sizes[:rank, None]) / svd.norms
+    # the first parameter of each part belongs to its residuals; all parts are weighed alike
+    size = np.full(len(x), float(np.sqrt(np.mean(sizes**2))))
+    size[:count] = sizes
+    scaled = _CORRELATED * inverse * size
+    return x, np.asarray(scaled.T @ scaled)
+
+
+_CORRELATED = 1.5
+"""Standard errors for autocorrelated rows over those for white noise, for rows this far apart."""
+
+_WIDTH = 0.1
+"""Speed over the largest one at which friction may have another shape than Coulomb's."""
+
+_TINY = 1e-9
+
+_MOVING = 0.99
+"""Mean sign of the speed behind the low pass below which a motor may have stuck: friction then
+changes before the motion does, like an early torque."""
 
 
 def experiment_of(robot: Robot, logs: Sequence[Sequence[Motion]]) -> Experiment:

@@ -30,8 +30,10 @@ from seaid.identification.adequacy import (
     without_echoes,
 )
 from seaid.identification.checking import (
+    JointCheck,
     check_channels,
     check_excitation,
+    joint_checks,
     log_findings,
     setup_findings,
 )
@@ -133,6 +135,8 @@ class Identification(Result):
         How much of the torque of each joint the model explains.
     exact_constants : mapping {constant: float}
         Constants that were taken as exact, by their names in `known_std`, with typical tolerances.
+    setup : mapping {joint: JointCheck}
+        What the logs say of the set-up: gear ratios between encoders, delays of torques.
     """
 
     table_name = "identification_table"
@@ -155,6 +159,7 @@ class Identification(Result):
     findings: tuple[Finding, ...] = ()
     joint_fits: Mapping[str, JointFit] = field(default_factory=dict)
     exact_constants: Mapping[str, float] = field(default_factory=dict)
+    setup: Mapping[str, JointCheck] = field(default_factory=dict)
 
     def _in_short(self) -> str:
         drives = counted(len(self.drives), "drive")
@@ -323,7 +328,10 @@ def identify(
     fits = joint_fits(robot.joint_names, found, experiment, bodies)
     findings += consequences(findings, fit_findings(robot.joint_names, found, fits))
     exact = exact_constants(robot, known_std)
-    return replace(result, findings=tuple(findings), joint_fits=fits, exact_constants=exact)
+    setup = joint_checks(experiment, motions)
+    return replace(
+        result, findings=tuple(findings), joint_fits=fits, exact_constants=exact, setup=setup
+    )
 
 
 def _two_step(

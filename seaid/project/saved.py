@@ -27,6 +27,7 @@ from seaid.identification import (
     FeasibleParameters,
     Fit,
     Identification,
+    JointCheck,
     JointFit,
     Validation,
 )
@@ -42,7 +43,16 @@ _CLASSES = {
     kind.__name__: kind
     for kind in (
         *(Identification, Estimate, BaseParameters, LoadModel, ModelChecks, TermTest, Whiteness),
-        *(FeasibleParameters, JointFit, Finding, Processing, CutoffSelection, Repair, Motion),
+        *(
+            FeasibleParameters,
+            JointCheck,
+            JointFit,
+            Finding,
+            Processing,
+            CutoffSelection,
+            Repair,
+            Motion,
+        ),
         *(Validation, Fit, Robot, DependentJoint),
     )
 }

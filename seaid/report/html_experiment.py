@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from seaid.drives import IDEAL_DRIVE, JointParameter, drive_table, readable
+from seaid.identification import LEAST_DELAY_S
 from seaid.log import has_holes, row_samples
 from seaid.report.html_tables import (
     NONE,
@@ -236,45 +237,122 @@ def _largest_torque(robot: Robot, motion: Motion, index: int) -> float:
 
 
 def setup_rows(found: Identification) -> Table:
-    """Return what was found about the set-up: encoder offsets, gears, delays, gear ratios."""
-    rows: list[tuple[str, ...]] = []
-    for joint, estimate in found.drive_side.items():
-        drive = found.known.drives[joint]
-        if "spring_offset" in estimate.names and "stiffness" in estimate.names:
-            k, f = estimate.value("stiffness"), estimate.value("spring_offset")
-            if k and "preload" not in drive.spring:
-                both = [estimate.names.index(one) for one in ("spring_offset", "stiffness")]
-                slope = np.array([-1 / k, f / k**2])  # of -f / k
-                error = float(np.sqrt(slope @ estimate.covariance[np.ix_(both, both)] @ slope))
-                text = rounded(-f / k, error, 0.0, 0.0)
-                unit = drive.spring_units[1]
-                rows.append(
-                    (joint, "encoder offset in the deflection", text.value, text.error, unit)
-                )
-        for name in ("deflection_zero", "torque_offset"):
-            rows += _setup_row(joint, estimate, name)
-    for joint, gear in found.gears.items():
-        for name in gear.names:
-            rows += _setup_row(joint, gear, name)
-    for joint, drive in found.known.drives.items():
-        if drive != IDEAL_DRIVE:
-            unit = "rad/m" if getattr(drive, "gear_ratio_rad_per_m", None) else ""
-            rows.append((joint, "gear ratio, as given", short(drive.ratio, 7), NONE, unit))
-    for joint, quantity, delay_s in dict.fromkeys(_delays(found.processing)):
-        what = f"delay of {quantity.replace('_', ' ')}, corrected as described"
-        rows.append((joint, what, short(1e3 * delay_s), NONE, "ms"))
-    caption = "Found about sensors and gears, next to what was given."
-    return table_of(
-        "set-up", caption, ("Joint", "Quantity", "Value", "Std. error", "Unit"), rows, 2
+    """Return delays, gear ratios and encoder offsets: as found by the logs, and as given."""
+    rows = [
+        row
+        for joint in found.known.joint_names
+        for row in (
+            *_ratio_row(found, joint),
+            *_delay_rows(found, joint),
+            *_offset_rows(found, joint),
+            *_gear_rows(found, joint),
+        )
+    ]
+    caption = (
+        "Found about sensors and gears, with 95 % intervals, and as given. A delay below "
+        f"{1e3 * LEAST_DELAY_S:g} ms may be friction that the model lacks."
+    )
+    heads = ("Joint", "Quantity", "Found", "95 % interval", "As given", "Unit", "How")
+    return table_of("set-up", caption, heads, rows, 2, ("Unit", "How"))
+
+
+_Row = tuple[str, ...]
+
+
+def _found(value: float, error: float) -> tuple[str, str]:
+    """Return a value and its 95 % interval as text."""
+    reach = _NORMAL_95 * error
+    text = rounded(value, error, value - reach, value + reach)
+    return text.value, f"{text.lower} … {text.upper}" if np.isfinite(error) else NONE
+
+
+_NORMAL_95 = 1.96
+
+
+def _ratio_row(found: Identification, joint: str) -> Iterator[_Row]:
+    """Yield the gear ratio of a joint with two encoders."""
+    drive, one = found.known.drives[joint], found.setup.get(joint)
+    if one is None or not np.isfinite(one.gear_ratio):
+        return
+    given = short(drive.ratio, 7)
+    if "gear_ratio" in drive.std:
+        given = f"{given} ± {short(drive.std['gear_ratio'], 2)}"
+    unit = "rad/m" if getattr(drive, "gear_ratio_rad_per_m", None) else ""
+    how = "encoders and motor equation" if drive.is_elastic else "slope between both encoders"
+    yield (
+        joint,
+        "gear ratio",
+        *_found(one.gear_ratio, one.gear_ratio_error),
+        given,
+        unit,
+        how + _apart(one.gear_ratio - drive.ratio, one.gear_ratio_error),
     )
 
 
-def _setup_row(joint: str, estimate: Estimate, name: str) -> Iterator[tuple[str, ...]]:
+def _apart(difference: float, error: float, least: float = 0.0) -> str:
+    """Return how far from the given value, if it is outside the interval and above `least`."""
+    if abs(difference) <= max(_NORMAL_95 * error, least):
+        return ""
+    return f"; {abs(difference) / error:.1f} standard errors from the given one"
+
+
+def _delay_rows(found: Identification, joint: str) -> Iterator[_Row]:
+    """Yield the delay of the motor torque, and delays that the description of a log corrects."""
+    given = {
+        quantity: delay_s
+        for name, quantity, delay_s in dict.fromkeys(_delays(found.processing))
+        if name == joint
+    }
+    one = found.setup.get(joint)
+    if one is not None and np.isfinite(one.delay_s) and one.delay_error_s < _LARGEST_DELAY_S:
+        corrected = given.pop("motor_torque", 0.0)
+        yield (
+            joint,
+            "delay of motor torque",
+            *_found(1e3 * (corrected + one.delay_s), 1e3 * one.delay_error_s),
+            short(1e3 * corrected),
+            "ms",
+            "torque against the motion" + _apart(one.delay_s, one.delay_error_s, LEAST_DELAY_S),
+        )
+    for quantity, delay_s in given.items():
+        name = f"delay of {quantity.replace('_', ' ')}"
+        yield joint, name, NONE, NONE, short(1e3 * delay_s), "ms", "corrected as described"
+
+
+_LARGEST_DELAY_S = 0.1
+"""Standard error of a delay from which the log does not determine it."""
+
+
+def _offset_rows(found: Identification, joint: str) -> Iterator[_Row]:
+    """Yield what the motor equation says of encoder offsets and of the zero of the torque."""
+    drive, estimate = found.known.drives[joint], found.drive_side.get(joint)
+    if estimate is None:
+        return
+    if {"spring_offset", "stiffness"} <= set(estimate.names) and "preload" not in drive.spring:
+        k, f = estimate.value("stiffness"), estimate.value("spring_offset")
+        if k:
+            both = [estimate.names.index(one) for one in ("spring_offset", "stiffness")]
+            slope = np.array([-1 / k, f / k**2])  # of -f / k
+            error = float(np.sqrt(slope @ estimate.covariance[np.ix_(both, both)] @ slope))
+            unit, how = drive.spring_units[1], "force of the spring at deflection zero"
+            yield joint, "offset of the deflection", *_found(-f / k, error), NONE, unit, how
+    for name in ("deflection_zero", "torque_offset"):
+        yield from _estimated(joint, estimate, name, "motor equation")
+
+
+def _gear_rows(found: Identification, joint: str) -> Iterator[_Row]:
+    """Yield what the deflection sensor says of the gear."""
+    if gear := found.gears.get(joint):
+        for name in gear.names:
+            yield from _estimated(joint, gear, name, "deflection sensor")
+
+
+def _estimated(joint: str, estimate: Estimate, name: str, how: str) -> Iterator[_Row]:
     if name in estimate.names:
+        place = estimate.names.index(name)
         value, error = estimate.value(name), estimate.standard_error(name)
-        text, place = rounded(value, error, 0.0, 0.0), estimate.names.index(name)
         unit = readable_unit(estimate.units[place])
-        yield joint, name.replace("_", " "), text.value, text.error, unit
+        yield joint, name.replace("_", " "), *_found(value, error), NONE, unit, how
 
 
 def _delays(processing: Sequence[Processing]) -> Iterator[tuple[str, str, float]]:

@@ -13,7 +13,6 @@ from scipy.interpolate import CubicSpline
 
 import seaid
 from seaid.errors import LogError
-from seaid.identification.checking import torque_delays
 from seaid.identification.delays import Delay, correct_delays, estimate_delays
 from seaid.identification.experiment import experiment_of
 from seaid.log.motion import reconstruct_motions
@@ -95,9 +94,8 @@ def test_a_late_torque_is_found_within_two_standard_errors(joint: str, delay: fl
     found = of(estimate_delays(known(), log), joint, "motor_torque")
     assert found.delay_s == pytest.approx(delay, abs=2 * found.standard_error_s)
     assert found.standard_error_s < 0.005
-    first, error = torque_delays(experiment_of(known(), [reconstruct_motions(known(), log)]))[
-        leg().index(joint)
-    ]
+    experiment = experiment_of(known(), [reconstruct_motions(known(), log)])
+    first, error = experiment.torque_delays[leg().index(joint)]
     assert first == pytest.approx(delay, abs=2 * error)
     assert error < 0.006
 
@@ -222,3 +220,27 @@ def test_what_cannot_be_asked() -> None:
         correct_delays(log, [Delay("knee", "motor_torque", "the motion", 0.01, 0.001)])
     with pytest.raises(LogError, match="no channel is named 'joint_torque'"):
         correct_delays(log, [Delay("knee_pitch", "joint_torque", "the motion", 0.01, 0.001)])
+
+
+def test_the_gear_ratio_between_encoders_is_that_of_the_robot_and_not_of_the_drives() -> None:
+    """Five motions of each joint: scores are of unit size for springs, smaller for stiff gears."""
+    drives = {
+        joint: replace(drive, gear_ratio=1.01 * drive.ratio)
+        for joint, drive in known().drives.items()
+    }
+    wrong = known().with_drives(drives)
+    scores = []
+    for seed in range(5):
+        log = measure(leg(), leg_motion(seed=seed), LEG_SENSORS, seed)
+        experiment = experiment_of(wrong, [reconstruct_motions(wrong, log)])
+        scores.append(
+            [
+                (value - leg().drives[joint].ratio) / error
+                for joint, (value, error) in zip(
+                    leg().joint_names, experiment.encoder_ratios.values(), strict=True
+                )
+            ]
+        )
+    squares = np.mean(np.square(scores), axis=0)
+    assert np.all(squares[:2] < 1)
+    assert 0.4 < np.mean(squares[2:]) < 2

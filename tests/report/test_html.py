@@ -29,6 +29,7 @@ from seaid.project.saved import load_run, save_run
 from seaid.report import html_tables, html_traces
 from seaid.report.html import runs_of, write_comparison, write_report
 from seaid.report.html_actuators import actuator_figures
+from seaid.report.html_experiment import setup_rows
 from seaid.report.html_maps import cells_of, correlation_map, packed_correlations, singular_values
 from seaid.report.html_verdict import (
     NO_BODIES,
@@ -159,6 +160,30 @@ def test_page_has_logs_known_drives_conditions_facts_and_versions(page: Page) ->
         assert re.search(rf"{name} \d+\.\d+", page.words)
     position = arm_found().motions[0].joint_position[:, 0]
     assert f"{position.min():.3g} … {position.max():.3g} of ".replace("-", "−") in page.words
+
+
+def test_delays_and_gear_ratios_stand_next_to_what_was_given() -> None:
+    joints = dict(arm_found().setup)
+    joints["wrist"] = replace(
+        joints["wrist"], gear_ratio=49.9, gear_ratio_error=0.01, delay_s=0.004, delay_error_s=5e-4
+    )
+    found = replace(arm_found(), setup=joints)
+    rows = {tuple(cell.text for cell in row[:2]): row[2:] for row in setup_rows(found).rows}
+    telescope = [cell.text for cell in rows["telescope", "gear ratio"]]
+    low, high = map(float, telescope[1].split(" … "))
+    assert low < 20 < high
+    assert telescope[2:] == ["20", "", "encoders and motor equation"]
+    assert [cell.text for cell in rows["wrist", "gear ratio"]] == [
+        *("49.900", "49.880 … 49.920", "50", ""),
+        "slope between both encoders; 10.0 standard errors from the given one",
+    ]
+    assert [cell.text for cell in rows["wrist", "delay of motor torque"]] == [
+        *("4.00", "3.02 … 4.98", "0", "ms"),
+        "torque against the motion; 8.0 standard errors from the given one",
+    ]
+    offset = [cell.text for cell in rows["telescope", "offset of the deflection"]]
+    low, high = (float(one.replace("−", "-").split("·")[0]) for one in offset[1].split(" … "))
+    assert low < float(offset[0].replace("−", "-").split("·")[0]) < high
 
 
 def test_page_is_whole_html_that_fetches_nothing(page: Page) -> None:
