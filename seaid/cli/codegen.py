@@ -1,4 +1,4 @@
-"""Command codegen: the regressor of a robot as code."""
+"""Command codegen: the regressor and the inverse dynamics of a robot as code."""
 
 from __future__ import annotations
 
@@ -17,26 +17,37 @@ def codegen(
     output: Annotated[
         Path, Option("--output", "-o", help="File to write: .py, or .c; - for Python on stdout.")
     ],
+    parameters: Annotated[
+        Path | None,
+        Option(help="Parameters of seaid identify, for the inverse dynamics; default: the URDF."),
+    ] = None,
     result: ResultOptions,
 ) -> None:
-    """Write the regressor of a robot as one file of Python or C.
+    """Write the regressor and the inverse dynamics of a robot as one file of Python or C.
 
-    The regressor times the inertial parameters is the inverse dynamics of the bodies, without
-    friction and rotor inertia; the base regressor has the identifiable columns only. It is exact:
-    no number of it is rounded but the lengths in the URDF. Python needs NumPy, C99 its <math.h>.
+    The inverse dynamics is that of the bodies and payloads: the torque of the joints without
+    friction and rotor inertia. The regressor times the inertial parameters is the same without
+    payloads, and the base regressor has the identifiable columns only. They are exact:
+    no number is rounded but the lengths in the URDF. Python needs NumPy, C99 its <math.h>.
 
-    seaid codegen leg.urdf -o leg_regressor.py
-    seaid codegen arm.urdf --joints shoulder,elbow -o arm_regressor.c
+    seaid codegen leg.urdf -o leg_dynamics.py
+    seaid codegen leg.urdf --parameters runs/latest/parameters.json -o leg_dynamics.c
     """
     from seaid.symbolic import export_c, export_numpy, rigid_body
 
     checked_suffix(output, ".py", ".c")
-    result.check(output, read=given.files)
+    result.check(output, read=(*given.files, parameters))
     robot = given.robot()
+    if parameters is not None:
+        from seaid.export import read_parameters
+
+        robot = read_parameters(parameters, robot)
     form = rigid_body(robot)
     suffix = ".py" if is_stdout(output) else output.suffix.lower()
     with written(output, suffix) as file:
-        (export_c if suffix == ".c" else export_numpy)(form, file)
+        (export_c if suffix == ".c" else export_numpy)(
+            form, file, robot.parameters + robot.payload_parameters
+        )
     content = {
         "joints": form.joint_names,
         "parameters": form.parameter_names,
@@ -44,6 +55,6 @@ def codegen(
     }
     text = (
         f"{robot.name}: regressor of {len(form.parameter_names)} parameters and of "
-        f"{len(form.base.expressions)} base parameters written"
+        f"{len(form.base.expressions)} base parameters, and inverse dynamics, written"
     )
     result.show(text, content, output, robot=robot.name)

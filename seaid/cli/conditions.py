@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from collections.abc import Sequence
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -29,6 +30,13 @@ def conditions(
             "'bodies' for the base parameters. Default: friction and offsets."
         ),
     ] = None,
+    condition_payload: Annotated[
+        list[str] | None,
+        Option(
+            help="Payload that one condition has besides those of --payload. May be repeated.",
+            metavar="NAME=LINK:MASS:X,Y,Z",
+        ),
+    ] = None,
     output: Annotated[
         Path | None,
         Option("--output", "-o", help="JSON with the parameters of each condition; - for stdout."),
@@ -43,17 +51,37 @@ def conditions(
     seaid conditions leg.urdf --condition cold=a.csv --condition warm=b.csv --drives leg.toml
     seaid conditions leg.urdf --condition cold=a.csv --condition warm=b.csv --drives leg.toml \
 --specific viscous_friction
+    seaid conditions leg.urdf --condition bare=a.csv --condition loaded=b.csv --drives leg.toml \
+--condition-payload loaded=foot:2.0:0.15,0,0 --specific ""
     """
     from seaid._files import write_json
     from seaid.identification import CONDITION_SPECIFIC, identify_conditions
 
-    paths = _logs_by_condition(condition)
-    every = [path for found in paths.values() for path in found]
+    paths = _by_condition(condition, "LOG, as warm=run.csv", "--condition")
+    if len(paths) < 2:
+        raise typer.BadParameter(
+            f"it takes two conditions at least, found {', '.join(paths)}: add one, as "
+            "--condition warm=run.csv",
+            param_hint="--condition",
+        )
+    payloads = _by_condition(condition_payload or (), "LINK:MASS:X,Y,Z", "--condition-payload")
+    if unknown := [name for name in payloads if name not in paths]:
+        raise typer.BadParameter(
+            f"'{unknown[0]}' is no condition: they are {', '.join(paths)}",
+            param_hint="--condition-payload",
+        )
+    logs = {name: [Path(text) for text in texts] for name, texts in paths.items()}
+    every = [path for found in logs.values() for path in found]
     check_log_files(every, given.description)
     result.check(output, read=(*given.files, *every))
-    robot = given.robot(given.known_body or ())
+    robots = {
+        name: replace(given, payload=[*(given.payload or ()), *payloads.get(name, ())]).robot(
+            given.known_body or ()
+        )
+        for name in paths
+    }
     found = identify_conditions(
-        {name: (robot, given.logs(logs, robot)) for name, logs in paths.items()},
+        {name: (robot, given.logs(logs[name], robot)) for name, robot in robots.items()},
         condition_specific=CONDITION_SPECIFIC if specific is None else names(specific) or (),
         torque_joints=names(given.torque_joints),
         cutoff_hz=given.cutoff_hz,
@@ -72,22 +100,16 @@ def conditions(
     warnings = by_severity(
         {one: None for each in found.identifications.values() for one in each.warnings}
     )
-    result.show(found.summary(), content, output, robot=robot.name, warnings=warnings)
+    name = next(iter(robots.values())).name
+    result.show(found.summary(), content, output, robot=name, warnings=warnings)
 
 
-def _logs_by_condition(texts: list[str]) -> dict[str, list[Path]]:
-    found: dict[str, list[Path]] = {}
+def _by_condition(texts: Sequence[str], form: str, option: str) -> dict[str, list[str]]:
+    """Return {condition: what the texts NAME=... give it}."""
+    found: dict[str, list[str]] = {}
     for text in texts:
-        name, separator, path = text.partition("=")
-        if not (name and separator and path):
-            raise typer.BadParameter(
-                f"'{text}' is not NAME=LOG, as warm=run.csv", param_hint="--condition"
-            )
-        found.setdefault(name, []).append(Path(path))
-    if len(found) < 2:
-        raise typer.BadParameter(
-            f"it takes two conditions at least, found {', '.join(found)}: add one, as "
-            "--condition warm=run.csv",
-            param_hint="--condition",
-        )
+        name, separator, value = text.partition("=")
+        if not (name and separator and value):
+            raise typer.BadParameter(f"'{text}' is not NAME={form}", param_hint=option)
+        found.setdefault(name, []).append(value)
     return found

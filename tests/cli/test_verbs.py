@@ -143,12 +143,36 @@ def test_conditions_are_those_of_the_library(arm: Path, tmp_path: Path) -> None:
     assert "2 conditions: condition-specific parameters" in done(*line).out
 
 
+def test_a_condition_has_its_own_payload(arm: Path, tmp_path: Path) -> None:
+    load = "lower:0.4:0.1,0,0"
+    log, drives = tmp_path / "loaded.csv", robot_and_drives(arm)
+    noise = ("--torque-std", "0.001", "--seed", "3")
+    done("simulate", *drives, arm / "other_plan.json", *noise, "--payload", load, "-o", log)
+    both = ("--condition", f"bare={arm / 'run.csv'}", "--condition", f"loaded={log}")
+    line = ("conditions", *drives, *both, "--specific", "")
+    found = result_of(*line, "--condition-payload", f"loaded={load}")["conditions"]
+    payload = seaid.Payload("lower", 0.4, (0.1, 0.0, 0.0))
+    loaded = seaid.load_robot(arm / "arm.urdf", arm / "arm.toml", payloads=[payload])
+    own = seaid.identify_conditions(
+        {"bare": (robot_of(arm), log_of(arm)), "loaded": (loaded, seaid.read_log(log, loaded))},
+        condition_specific=(),
+    )
+    assert isinstance(found, dict)
+    for name, one in own.identifications.items():
+        assert found[name]["load"] == one.to_dict()["load"]
+    # Without the payload the motions contradict each other.
+    blind = result_of(*line)["conditions"]
+    assert isinstance(blind, dict)
+    assert blind["bare"]["load"] != found["bare"]["load"]
+
+
 @pytest.mark.parametrize(
     ("conditions", "words"),
     [
         (("cold",), "'cold' is not NAME=LOG, as warm=run.csv"),
         (("=run.csv",), "is not NAME=LOG"),
         (("cold=run.csv", "cold=other.csv"), "it takes two conditions at least, found cold"),
+        (("a=run.csv", "b=other.csv"), "'c' is no condition: they are a, b"),
     ],
 )
 def test_wrong_conditions(
@@ -156,6 +180,7 @@ def test_wrong_conditions(
 ) -> None:
     monkeypatch.chdir(arm)
     options = [part for one in conditions for part in ("--condition", one)]
+    options += ["--condition-payload", "c=lower:1"]
     said = run("conditions", "arm.urdf", *options)
     assert said.code == 2
     assert words in " ".join(said.err.split())
@@ -225,15 +250,27 @@ def test_code_is_that_of_the_library(arm: Path, tmp_path: Path, suffix: str) -> 
     output, own = tmp_path / f"arm{suffix}", tmp_path / f"own{suffix}"
     content = result_of("codegen", arm / "arm.urdf", "-o", output)
     form = seaid.symbolic.rigid_body(seaid.load_robot(arm / "arm.urdf"))
-    (seaid.symbolic.export_c if suffix == ".c" else seaid.symbolic.export_numpy)(form, own)
+    robot = seaid.load_robot(arm / "arm.urdf")
+    writer = seaid.symbolic.export_c if suffix == ".c" else seaid.symbolic.export_numpy
+    writer(form, own, robot.parameters)
     assert output.read_text() == own.read_text()
     assert content["base_parameters"] == list(form.base.expressions)
     if suffix == ".py":
-        robot, module = seaid.load_robot(arm / "arm.urdf"), runpy.run_path(str(output))
+        module = runpy.run_path(str(output))
         states = np.random.default_rng(5).normal(size=(3, 4, 2))
         torques = module["regressor"](*states) @ robot.parameters
         expected = seaid.regressor.rigid_body_regressor(robot, *states) @ robot.parameters
         np.testing.assert_allclose(np.ravel(torques), np.ravel(expected), atol=1e-12)
+        seaid.identify(robot_of(arm), log_of(arm)).save(tmp_path / "found.json")
+        known = ("--parameters", tmp_path / "found.json")
+        loaded = ("--payload", "lower:2:0.1,0,0", *known)
+        done("codegen", arm / "arm.urdf", *loaded, "-o", tmp_path / "loaded.py")
+        found = runpy.run_path(str(tmp_path / "loaded.py"))["inverse_dynamics"](*states)
+        robot = seaid.load_robot(
+            arm / "arm.urdf", payloads=[seaid.Payload("lower", 2.0, (0.1, 0.0, 0.0))]
+        )
+        robot = seaid.export.read_parameters(tmp_path / "found.json", robot)
+        np.testing.assert_allclose(found, seaid.regressor.joint_torques(robot, *states), atol=1e-9)
     assert "must end in .py or .c" in run("codegen", arm / "arm.urdf", "-o", "arm.m").err
 
 

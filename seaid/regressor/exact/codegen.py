@@ -15,9 +15,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from flint import fmpq
+from numpy.typing import ArrayLike
 
-from seaid._arrays import Array
+from seaid._arrays import Array, finite
 from seaid._files import write_whole
+from seaid.errors import SymbolicError
 from seaid.regressor.exact.geometry import number
 
 if TYPE_CHECKING:
@@ -184,26 +186,56 @@ def text_of(value: Value, number: Callable[[fmpq], str]) -> str:
 _Entries = Mapping[tuple[int, int], Value]
 
 
-def export_numpy(form: RigidBodyForm, path: str | Path) -> None:
+def export_numpy(
+    form: RigidBodyForm, path: str | Path, parameters: ArrayLike | None = None
+) -> None:
     """Write the regressor as one Python file that needs NumPy only.
 
     It has `regressor(q, v, a)` and `base_regressor(q, v, a)` for (T, n) arrays, the names of joints
-    and parameters, and the grouping matrix. Raises SeaidError if the file cannot be written.
+    and parameters, and the grouping matrix.
+
+    Parameters
+    ----------
+    form : RigidBodyForm
+        The exact regressor, of `rigid_body`.
+    path : path-like
+        The file to write.
+    parameters : (10N,) array, optional
+        Standard inertial parameters, such as `robot.parameters + robot.payload_parameters`: the
+        file then also has `inverse_dynamics(q, v, a)`, the torques (T, n) of the bodies [N m or N].
+
+    Raises
+    ------
+    SeaidError
+        If the file cannot be written, or the parameters are not 10N finite numbers.
+
+    Examples
+    --------
+    >>> form = seaid.symbolic.rigid_body(robot)
+    >>> seaid.symbolic.export_numpy(form, "leg_dynamics.py", robot.parameters)
     """
-    write_whole(path, numpy_source(form))
+    write_whole(path, numpy_source(form, _base_values(form, parameters)))
 
 
-def export_c(form: RigidBodyForm, path: str | Path) -> None:
+def export_c(form: RigidBodyForm, path: str | Path, parameters: ArrayLike | None = None) -> None:
     """Write the regressor as one C99 file that needs <math.h> only.
 
     It has `<robot>_regressor(q, v, a, Y)` and `<robot>_base_regressor(q, v, a, Y)` with row-major
-    Y. Raises SeaidError if the file cannot be written.
+    Y, and with `parameters` also `<robot>_inverse_dynamics(q, v, a, tau)`. For parameters and
+    errors see `export_numpy`.
     """
-    write_whole(path, c_source(form))
+    write_whole(path, c_source(form, _base_values(form, parameters)))
 
 
-def numpy_source(form: RigidBodyForm) -> str:
-    """Return the text of `export_numpy`."""
+def _base_values(form: RigidBodyForm, parameters: ArrayLike | None) -> list[float] | None:
+    if parameters is None:
+        return None
+    theta = finite("parameters", parameters, (len(form.parameter_names),), SymbolicError)
+    return [float(x) for x in form.base.grouping @ theta]
+
+
+def numpy_source(form: RigidBodyForm, values: Sequence[float] | None = None) -> str:
+    """Return the text of `export_numpy` with the values of the base parameters, if any."""
     lists = {
         "JOINTS": form.joint_names,
         "PARAMETERS": form.parameter_names,
@@ -234,6 +266,7 @@ def numpy_source(form: RigidBodyForm) -> str:
             "",
             "",
             *_numpy_function("base_regressor", form, form.base_entries, shape[0]),
+            *(() if values is None else _numpy_inverse_dynamics(form, values)),
             "",
         ]
     )
@@ -287,8 +320,22 @@ def _numpy_function(title: str, form: RigidBodyForm, entries: _Entries, width: i
     ]
 
 
-def c_source(form: RigidBodyForm) -> str:
-    """Return the text of `export_c`."""
+def _numpy_inverse_dynamics(form: RigidBodyForm, values: Sequence[float]) -> list[str]:
+    n = len(form.joint_names)
+    return [
+        "",
+        "",
+        f"BASE_VALUES = np.array({list(values)!r})",
+        "",
+        "",
+        "def inverse_dynamics(q, v, a):",
+        f'    """Return the torques (T, {n}) of the bodies, with BASE_VALUES [N m or N]."""',
+        "    return base_regressor(q, v, a) @ BASE_VALUES",
+    ]
+
+
+def c_source(form: RigidBodyForm, values: Sequence[float] | None = None) -> str:
+    """Return the text of `export_c` with the values of the base parameters, if any."""
     prefix = re.sub(r"\W", "_", form.robot_name, flags=re.ASCII)[:_MOST_OF_A_NAME] or "robot"
     prefix = f"robot_{prefix}" if prefix[0].isdigit() else prefix
     names = "\n".join(
@@ -308,8 +355,29 @@ def c_source(form: RigidBodyForm) -> str:
             "",
             *_c_function(f"{prefix}_base_regressor", form, form.base_entries, form.base.rank),
             "",
+            *(() if values is None else _c_inverse_dynamics(prefix, form, values)),
         ]
     )
+
+
+def _c_inverse_dynamics(prefix: str, form: RigidBodyForm, values: Sequence[float]) -> list[str]:
+    """Return the lines of tau = R_0 theta_0 with the values theta_0 in SI units."""
+    n = len(form.joint_names)
+    lines = _statements(form.program, form.base_entries, "", "const double ", _c)
+    rows: dict[int, list[str]] = {i: [] for i in range(n)}
+    for (i, j), value in sorted(form.base_entries.items()):
+        rows[i].append(f"\n        + ({values[j]!r})*({text_of(value, _c)})")
+    inputs = ", ".join(f"const double {x}[{n}]" for x in "qva")
+    return [
+        f"void {prefix}_inverse_dynamics({inputs}, double tau[{n}])",
+        "{",
+        "    (void)q, (void)v, (void)a;",
+        *_inputs(form.program, form.base_entries, n, "    const double {0}{1} = {0}[{1}];"),
+        *(f"    {line};" for line in lines),
+        *(f"    tau[{i}] = 0.0{''.join(terms)};" for i, terms in rows.items()),
+        "}",
+        "",
+    ]
 
 
 def _c_function(title: str, form: RigidBodyForm, entries: _Entries, width: int) -> list[str]:

@@ -125,14 +125,15 @@ def test_shapes_are_checked(tulip_leg: Robot) -> None:
 
 def test_numpy_file_stands_alone(tulip_leg: Robot, tmp_path: Path) -> None:
     form = rigid_body(tulip_leg)
-    export_numpy(form, tmp_path / "leg_regressor.py")
+    export_numpy(form, tmp_path / "leg_regressor.py", tulip_leg.parameters)
     states = random_states(tulip_leg, seed=4)
     np.savez(tmp_path / "states.npz", *states)
     program = (
         "import sys, numpy as np, leg_regressor as leg\n"
         "states = np.load('states.npz')\n"
         "states = [states[f'arr_{i}'] for i in range(3)]\n"
-        "np.savez('found.npz', leg.regressor(*states), leg.base_regressor(*states), leg.GROUPING)\n"
+        "np.savez('found.npz', leg.regressor(*states), leg.base_regressor(*states), leg.GROUPING,"
+        "    leg.inverse_dynamics(*states))\n"
         "assert len(leg.BASE_PARAMETERS) == len(leg.BASE_COLUMNS) == 29\n"
         "assert leg.JOINTS[0] == 'hip_yaw' and len(leg.PARAMETERS) == 50\n"
         "assert not {'pinocchio', 'seaid', 'sympy'} & set(sys.modules)\n"
@@ -149,6 +150,7 @@ def test_numpy_file_stands_alone(tulip_leg: Robot, tmp_path: Path) -> None:
     assert_close(found["arr_0"], expected)
     assert_close(found["arr_1"], form.base.reduce(expected))
     assert np.array_equal(found["arr_2"], form.base.grouping)
+    assert_close(found["arr_3"], joint_torques(tulip_leg, *states))
 
 
 def test_c_file_stands_alone(tulip_leg: Robot, tmp_path: Path) -> None:
@@ -157,7 +159,7 @@ def test_c_file_stands_alone(tulip_leg: Robot, tmp_path: Path) -> None:
         pytest.skip("no C compiler named cc")
     form = rigid_body(tulip_leg)
     source, library = tmp_path / "leg.c", tmp_path / "leg.so"
-    export_c(form, source)
+    export_c(form, source, tulip_leg.parameters)
     flags = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-O1", "-shared", "-fPIC"]
     subprocess.run([compiler, *flags, str(source), "-o", str(library), "-lm"], check=True)
     functions = ctypes.CDLL(str(library))
@@ -166,6 +168,7 @@ def test_c_file_stands_alone(tulip_leg: Robot, tmp_path: Path) -> None:
     for title, wanted in (
         ("tulip_leg_regressor", expected),
         ("tulip_leg_base_regressor", form.base.reduce(expected)),
+        ("tulip_leg_inverse_dynamics", joint_torques(tulip_leg, *states)),
     ):
         found = np.empty_like(wanted, order="C")
         for t in range(len(found)):
@@ -173,6 +176,15 @@ def test_c_file_stands_alone(tulip_leg: Robot, tmp_path: Path) -> None:
             pointers = [x.ctypes.data_as(ctypes.POINTER(ctypes.c_double)) for x in arrays]
             getattr(functions, title)(*pointers)
         assert_close(found, wanted)
+
+
+def test_parameters_of_the_inverse_dynamics_are_checked(tulip_leg: Robot, tmp_path: Path) -> None:
+    form = rigid_body(tulip_leg)
+    with pytest.raises(SeaidError, match=r"parameters must have shape \(50\), found \(49,\)"):
+        export_c(form, tmp_path / "leg.c", np.ones(49))
+    with pytest.raises(SeaidError, match="parameters must be finite"):
+        export_numpy(form, tmp_path / "leg.py", np.full(50, np.nan))
+    assert not list(tmp_path.iterdir())
 
 
 def test_file_that_cannot_be_written_is_not_there(tulip_leg: Robot, tmp_path: Path) -> None:
