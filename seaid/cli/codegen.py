@@ -23,7 +23,7 @@ def codegen(
     ] = None,
     result: ResultOptions,
 ) -> None:
-    """Write the regressor and the inverse dynamics of a robot as one file of Python or C.
+    """Write the regressor and the inverse dynamics of a robot as Python or C.
 
     The inverse dynamics is that of the bodies and payloads: the torque of the joints without
     friction and rotor inertia. The regressor times the inertial parameters is the same without

@@ -42,7 +42,7 @@ COMMANDS = {
     "run": "Identify, validate, report and export the project of the working folder.",
     "inspect": "Show a robot: tree, drives, base parameters, and the identifiability by sensors.",
     "crosscheck": "Compare numeric base parameters with exact ones, computed over the rationals.",
-    "codegen": "Write the regressor and the inverse dynamics of a robot as one file of Python or C.",
+    "codegen": "Write the regressor and the inverse dynamics of a robot as Python or C.",
     "excite": "Plan a motion within limits that excites the parameters.",
     "simulate": "Simulate the robot on a trajectory, and write the log of its sensors.",
     "view": "Show a robot and its motions in the browser, at the address in the last line.",
