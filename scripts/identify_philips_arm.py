@@ -15,8 +15,11 @@ import numpy as np
 
 import seaid
 from seaid._files import result_folder
-from seaid.report.figures import save_actuator_figure, save_load_figure
 from seaid.report.text import drive_table, load_table, validation_table
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from scripts.torque_figures import save_actuator_figure, save_load_figure
 
 MODELS = Path(__file__).resolve().parents[1] / "models"
 LIMITS = seaid.Limits(acceleration=4.0)

@@ -24,8 +24,11 @@ import seaid
 from seaid._files import result_folder, write_json
 from seaid._progress import track
 from seaid.excitation import pivoted_base
-from seaid.report.figures import save_actuator_figure, save_load_figure
 from seaid.report.text import drive_table, load_table, validation_table, warning_lines
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from scripts.torque_figures import save_actuator_figure, save_load_figure
 
 MODELS = Path(__file__).resolve().parents[1] / "models"
 PLAN, VALIDATION_PLAN = "tulip_plan.json", "tulip_validation_plan.json"

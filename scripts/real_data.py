@@ -7,6 +7,7 @@ robot, drives, log description and known values of each set.
 from __future__ import annotations
 
 import argparse
+import sys
 import tomllib
 import warnings
 from collections.abc import Callable, Iterator, Mapping
@@ -23,8 +24,11 @@ from seaid._files import result_folder
 from seaid._progress import track
 from seaid.log.description import description_for
 from seaid.log.readers.opening import open_table
-from seaid.report.figures import save_actuator_figure, save_load_figure
 from seaid.report.text import number
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from scripts.torque_figures import save_actuator_figure, save_load_figure
 
 ROOT = Path(__file__).resolve().parents[1]
 MODELS = ROOT / "models"

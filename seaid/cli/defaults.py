@@ -18,8 +18,6 @@ PROJECT_FILE = "seaid.toml"
 
 _CONTEXT: ContextVar[typer.Context | None] = ContextVar("the running command", default=None)
 
-_ROBOT_SUFFIXES = (".urdf", ".xacro", ".sdf", ".xml", ".mjcf")
-
 
 def set_defaults(context: typer.Context, commands: Sequence[str]) -> None:
     """Take the project file of the working folder as defaults, if there is one."""
@@ -117,8 +115,10 @@ def with_project(
 
 
 def _is_robot(path: Path) -> bool:
+    from seaid.robot import ROBOT_SUFFIXES
+
     is_name = not path.suffix and not path.exists()
-    return path.suffix.lower() in _ROBOT_SUFFIXES or is_name
+    return path.suffix.lower() in ROBOT_SUFFIXES or is_name
 
 
 def is_typed(*names: str) -> bool:

@@ -8,7 +8,6 @@ from typing import Annotated
 import typer
 from typer import Option
 
-from seaid.cli.messages import written
 from seaid.cli.options import (
     FEASIBLE,
     VERBOSE,
@@ -18,9 +17,6 @@ from seaid.cli.options import (
     Output,
     ResultOptions,
     check_fail_on,
-    command_line,
-    facts_of,
-    fail_on_warnings,
 )
 
 PIECES = "Read logs with the column names of seaid in pieces: they may be larger than memory."
@@ -56,21 +52,13 @@ def identify(
             "logs that are read in pieces are not changed: no --repair, no --description",
             param_hint="--in-pieces",
         )
-    from seaid.report import short_text
-
     check_fail_on(fail_on)
     result.check(output, read=(*given.files, *logs))
     robot = given.robot(given.known_body or ())
     known = logs if in_pieces else given.logs(logs, robot)
     found = given.identify(robot, known, feasible=feasible)
-    if output.suffix == ".npz":
-        from seaid.project import provenance_of, save_run
-
-        options = {"in_pieces": in_pieces, "feasible": feasible}
-        origin = provenance_of(filter(None, (*given.files, *logs)), options, command_line())
-        save_run(found, output, provenance=origin)
-    else:
-        with written(output, ".json") as file:
-            found.save(file)
-    result.show(short_text(found, robot, verbose), found.to_dict(), output, **facts_of(found))
-    fail_on_warnings(found.warnings, fail_on)
+    options = {"in_pieces": in_pieces, "feasible": feasible}
+    files = (*given.files, *logs)
+    result.show_found(
+        found, robot, output, read=files, options=options, verbose=verbose, fail_on=fail_on
+    )

@@ -3,27 +3,16 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from seaid.cli.completion import LOGS
 from seaid.errors import SeaidError
 
-_ROBOTS = (".urdf", ".xacro")
-
 
 def check_robot_files(urdf: Path, drives: Path | None) -> None:
     """Raise SeaidError for a log or TOML in the place of the URDF, and others than drives."""
-    if urdf.suffix.lower() in LOGS:
-        raise SeaidError(
-            f"'{urdf}' stands where the URDF belongs, and is a log by its name: the URDF comes "
-            "first, and then the logs; or have a seaid.toml here, which names it (seaid init)"
-        )
-    if urdf.suffix.lower() == ".toml":
-        raise SeaidError(
-            f"'{urdf}' stands where the URDF belongs, which comes first: give drives with --drives "
-            "and the description of a log with --description"
-        )
+    _check_place(urdf, "the URDF", ("a log", "TOML"))
     if drives is not None and drives.suffix.lower() in LOGS:
         raise SeaidError(
             f"--drives: '{drives}' is a log by its name: --drives takes the TOML of the drives, "
@@ -39,16 +28,7 @@ def check_log_files(logs: Iterable[Path], description: Path | None = None) -> No
 
     seen = set()
     for log in logs:
-        if log.suffix.lower() in _ROBOTS:
-            raise SeaidError(
-                f"'{log}' stands where a log belongs, and is a robot by its name: the URDF comes "
-                "first, and then the logs"
-            )
-        if log.suffix.lower() == ".toml":
-            raise SeaidError(
-                f"'{log}' stands where a log belongs: give drives with --drives and the "
-                "description of a log with --description"
-            )
+        _check_place(log, "a log", ("a robot", "TOML"))
         if real_path(log) in seen:
             raise SeaidError(
                 f"'{log}' is given twice, which would count its samples twice: name each log once"
@@ -56,6 +36,20 @@ def check_log_files(logs: Iterable[Path], description: Path | None = None) -> No
         seen.add(real_path(log))
     if description is not None and _kind(description) == "drives":
         raise SeaidError(f"--description: '{description}' has drives: give it with --drives")
+
+
+def _check_place(path: Path, place: str, others: Sequence[str]) -> None:
+    """Raise SeaidError for a file that is one of the `others` by its name."""
+    from seaid.robot import ROBOT_SUFFIXES
+
+    suffixes = {"a log": LOGS, "a robot": ROBOT_SUFFIXES, "TOML": (".toml",)}
+    for kind in others:
+        if path.suffix.lower() in suffixes[kind]:
+            raise SeaidError(
+                f"'{path}' stands where {place} belongs, and is {kind} by its name: the URDF comes "
+                "first (or a seaid.toml here names it: seaid init), then the logs; give drives "
+                "with --drives, and the description of a log with --description"
+            )
 
 
 def _kind(path: Path) -> str:

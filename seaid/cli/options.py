@@ -16,7 +16,7 @@ import typer
 from typer import Argument, Option
 
 import seaid
-from seaid.cli.messages import check_outputs, is_stdout, is_terminal, show
+from seaid.cli.messages import check_outputs, is_stdout, is_terminal, show, written
 from seaid.cli.mistakes import check_log_files, check_robot_files
 from seaid.errors import SEVERITIES, SeaidError, unknown_name
 
@@ -280,6 +280,32 @@ class ResultOptions:
     def show(self, text: str, result: Any, *paths: Path | None, **facts: Any) -> None:
         """Print the result and the paths of its files; `facts` as of `show`."""
         show(text, result, self.as_json, *paths, **facts)
+
+    def show_found(
+        self,
+        found: Identification,
+        nominal: Robot,
+        output: Path,
+        *,
+        read: Iterable[Path | None],
+        options: dict[str, Any],
+        verbose: bool,
+        fail_on: str | None,
+    ) -> None:
+        """Write an identification from the files `read`, whole or its parameters, and print it."""
+        from seaid.report import short_text
+
+        if output.suffix == ".npz":
+            from seaid.project import provenance_of, save_run
+
+            origin = provenance_of(filter(None, read), options, command_line())
+            save_run(found, output, provenance=origin)
+        else:
+            with written(output, ".json") as file:
+                found.save(file)
+        text = short_text(found, nominal, verbose)
+        self.show(text, found.to_dict(), output, **facts_of(found))
+        fail_on_warnings(found.warnings, fail_on)
 
 
 def with_groups(command: Callable[..., None]) -> Callable[..., None]:

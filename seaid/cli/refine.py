@@ -7,7 +7,7 @@ from typing import Annotated
 
 from typer import Option
 
-from seaid.cli.messages import is_terminal, written
+from seaid.cli.messages import is_terminal
 from seaid.cli.options import (
     VERBOSE,
     FailOn,
@@ -17,8 +17,6 @@ from seaid.cli.options import (
     ResultOptions,
     Run,
     check_fail_on,
-    facts_of,
-    fail_on_warnings,
 )
 
 
@@ -44,7 +42,6 @@ def refine(
     seaid refine run.csv --run runs/latest
     """
     from seaid.identification import refine as refined
-    from seaid.report import short_text
 
     check_fail_on(fail_on)
     result.check(output, read=(*given.files, *logs))
@@ -58,7 +55,8 @@ def refine(
         iterations=iterations,
         progress=is_terminal(),
     )
-    with written(output, ".json") as file:
-        found.save(file)
-    result.show(short_text(found, robot, verbose), found.to_dict(), output, **facts_of(found))
-    fail_on_warnings(found.warnings, fail_on)
+    options = {"iterations": iterations}
+    files = (*given.files, *logs)
+    result.show_found(
+        found, robot, output, read=files, options=options, verbose=verbose, fail_on=fail_on
+    )

@@ -11,7 +11,6 @@ import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from difflib import SequenceMatcher
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -34,9 +33,6 @@ _SAME = 0.99
 
 _STIFF = 0.999
 """Squared correlation above which the slope of two positions is a gear ratio."""
-
-_SIMILAR = 0.7
-"""Similarity of two names from which one is taken for the other, with a note."""
 
 _POSITION_FACTORS = {"": 1.0, **UNIT_FACTORS["rad"], **UNIT_FACTORS["m"]}
 """Factors of the units of positions to rad or m; counts have none that is known."""
@@ -583,14 +579,13 @@ def _label_by_joint(inference: Inference, names: Mapping[str, str]) -> None:
 
 
 def _joint_names(tags: Sequence[str], robot: Robot | None, inference: Inference) -> dict[str, str]:
-    """Return {label: joint name} by exact name, by number, by similar name, or by order."""
+    """Return {label: joint name} by exact name, by number, or by order."""
     if robot is None:
         return {tag: f"joint_{tag}" if _is_number(tag) else tag or "joint" for tag in tags}
     found = {tag: tag for tag in tags if tag in robot.joint_names}
     free = [joint for joint in robot.joint_names if joint not in found]
     others = [tag for tag in tags if tag not in found]
     found |= _numbered(others, free)
-    found |= _similar([tag for tag in others if tag not in found], free, inference)
     others = [tag for tag in others if tag not in found]
     if not found:
         found = _in_order(others, robot, inference)
@@ -622,16 +617,3 @@ def _in_order(tags: Sequence[str], robot: Robot, inference: Inference) -> dict[s
         inference.note(", ".join(tags), f"{len(tags)} joints in the log, {robot.n} in the robot")
     inference.note(", ".join(tags[: robot.n]), "taken for the robot's joints in their order")
     return dict(zip(tags, robot.joint_names, strict=False))
-
-
-def _similar(tags: Sequence[str], joints: Sequence[str], inference: Inference) -> dict[str, str]:
-    """Return {label: joint} for similar names, one to one, the most similar first."""
-    pairs = [
-        (SequenceMatcher(None, tag, joint).ratio(), tag, joint) for tag in tags for joint in joints
-    ]
-    found: dict[str, str] = {}
-    for ratio, tag, joint in sorted(pairs, key=lambda one: -one[0]):
-        if ratio >= _SIMILAR and tag not in found and joint not in found.values():
-            found[tag] = joint
-            inference.note(tag, f"taken for {joint}, the most similar name of a joint")
-    return found

@@ -21,7 +21,9 @@ from seaid.robot.urdf import SNAP_RAD, UrdfTree, urdf_tree
 LARGEST_BYTES = 64_000_000
 """Limit on the size of a URDF file."""
 
-_SUFFIXES = (".urdf", ".xacro", ".xml", ".mjcf")
+ROBOT_SUFFIXES = (".urdf", ".xacro", ".sdf", ".xml", ".mjcf")
+"""Suffixes of files that describe a robot, read or refused with the converter's name."""
+
 _LOGS = (".csv", ".npz", ".json", ".parquet", ".h5", ".hdf5", ".mat", ".txt", ".bag", ".mcap")
 _DESCRIPTION = re.compile(r"[a-z0-9_]+_description")
 _MOST_NAMED = 5
@@ -115,7 +117,7 @@ def _missing(path: Path) -> str:
     try:
         is_folder = path.is_dir()
         folder = path if is_folder else path.parent
-        there = sorted(one.name for one in folder.iterdir() if one.suffix.lower() in _SUFFIXES)
+        there = sorted(one.name for one in folder.iterdir() if one.suffix.lower() in ROBOT_SUFFIXES)
     except (OSError, ValueError):
         return text
     near = there if is_folder else difflib.get_close_matches(path.name, there, 3, 0.6)

@@ -23,10 +23,10 @@ def files(arm: Path) -> None:
 MISTAKES = {
     # a file in a wrong place
     "inspect run.csv": "'run.csv' stands where the URDF belongs, and is a log by its name: the",
-    "identify run.csv arm.urdf": "the URDF comes first, and then the logs",
-    "inspect arm.toml": "which comes first: give drives with --drives and the description",
+    "identify run.csv arm.urdf": "the URDF comes first (or a seaid.toml here names it: seaid init)",
+    "inspect arm.toml": "'arm.toml' stands where the URDF belongs, and is TOML by its name: the",
     "identify arm.urdf arm.urdf": "'arm.urdf' stands where a log belongs, and is a robot by its",
-    "identify arm.urdf run.csv arm.toml": "'arm.toml' stands where a log belongs: give drives with",
+    "identify arm.urdf run.csv arm.toml": "then the logs; give drives with --drives",
     "inspect arm.urdf --drives run.csv": "--drives: 'run.csv' is a log by its name: --drives takes",
     "inspect arm.urdf --drives log.toml": "'log.toml' describes a log: give it with --description",
     "inspect arm.urdf --drives arm.urdf": "drives 'arm.urdf' is XML, as a URDF is",

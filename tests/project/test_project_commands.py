@@ -142,4 +142,4 @@ def test_without_project_and_robot(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert "cannot read the project 'seaid.toml'" in refused("run")
     message = refused("identify", "run.csv", "other.csv")
     assert "'run.csv' stands where the URDF belongs, and is a log by its name" in message
-    assert "have a seaid.toml here" in message
+    assert "or a seaid.toml here names it" in message

@@ -12,10 +12,10 @@ import matplotlib.figure
 import numpy as np
 import pytest
 
+from scripts.torque_figures import save_actuator_figure, save_load_figure
 from seaid.errors import SeaidError
 from seaid.identification.identification import identify
 from seaid.identification.validation import Validation, validate
-from seaid.report.figures import save_actuator_figure, save_load_figure
 from seaid.simulation.simulation import measure
 from tests.experiments import ARM_SENSORS, arm, arm_motion
 

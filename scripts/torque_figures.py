@@ -1,0 +1,75 @@
+"""Figures of measured and computed torques, as Fig. 3 and Fig. 4 of the paper."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from seaid.errors import SeaidError
+from seaid.identification import Fit, Validation
+from seaid.report.figures import save_figure
+
+_MEASURED: dict[str, Any] = {"color": "0.62", "linewidth": 2.4, "label": "measured"}
+_COMPUTED: dict[str, Any] = {"color": "black", "linewidth": 0.9, "label": "computed"}
+
+
+_UNSEEN = "a motion that was not used for identification"
+
+
+def save_actuator_figure(result: Validation, path: str | Path, motion: str = _UNSEEN) -> None:
+    """Draw the motor torques of the best and the worst elastic joint, as Fig. 3 of the paper.
+
+    The title names the `motion`. Raises SeaidError if the validation has no actuator side.
+    """
+    errors = result.actuator.relative_error
+    elastic = [int(index) for index in np.flatnonzero(np.isfinite(errors))]
+    if not elastic:
+        raise SeaidError(
+            f"'{path}': none of {', '.join(result.joints)} has an actuator side to draw; "
+            "draw the load side"
+        )
+    best, worst = min(elastic, key=errors.item), max(elastic, key=errors.item)
+    shown = {best: "best joint", worst: "worst joint"} if best != worst else {best: "only joint"}
+    title = f"Actuator side: motor torque of {motion}"
+    save_figure(_torques(result, result.actuator, list(shown.items()), title, 1e3, "mN m"), path)
+
+
+def save_load_figure(result: Validation, path: str | Path, motion: str = _UNSEEN) -> None:
+    """Draw the load torques, as Fig. 4 of the paper; the title names the `motion`."""
+    shown = [(int(index), "") for index in np.flatnonzero(np.isfinite(result.load.relative_error))]
+    title = f"Load side: torque on the load in {motion}"
+    save_figure(_torques(result, result.load, shown, title, 1.0, "N m"), path)
+
+
+def _torques(
+    result: Validation,
+    fit: Fit,
+    shown: Sequence[tuple[int, str]],
+    title: str,
+    scale: float,
+    unit: str,
+) -> Figure:
+    figure = Figure(figsize=(9.0, 0.9 + 2.2 * len(shown)), layout="constrained")
+    figure.suptitle(title, fontsize=11)
+    for position, (index, note) in enumerate(shown):
+        axes = figure.add_subplot(len(shown), 1, position + 1)
+        axes.plot(result.time, scale * fit.measured[:, index], **_MEASURED)
+        axes.plot(result.time, scale * fit.computed[:, index], **_COMPUTED)
+        axes.set_title(
+            f"({chr(97 + position)}) {result.joints[index]}{', ' + note if note else ''}: "
+            f"relative error {fit.relative_error[index]:.1%} below {result.cutoff_hz:.3g} Hz "
+            f"({fit.raw_relative_error[index]:.1%} raw), rms {scale * fit.rms_error[index]:.3g} "
+            f"{unit}, R² {fit.r_squared[index]:.4f}",
+            fontsize=9,
+            loc="left",
+        )
+        axes.set_ylabel(f"torque [{unit}]")
+        axes.margins(x=0)
+        axes.grid(color="0.9")
+    axes.set_xlabel("time [s]")
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower right", ncols=2, fontsize=8)
+    return figure
