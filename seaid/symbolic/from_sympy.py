@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -15,6 +16,7 @@ from seaid.errors import SymbolicError
 from seaid.symbolic.generators import (
     CIRCULAR,
     bottom_up,
+    check_instantaneous,
     expanded_inside,
     find_functions,
     located,
@@ -132,10 +134,13 @@ def read_equations(
 ) -> tuple[Ring, list[Ratio]]:
     """Return the polynomial ring of the equations, and each equation as a ratio in it.
 
-    Floats become their exact rational values. Raises SymbolicError, naming equation, term and
-    unknown, if an unknown is the argument of a function or if the equations are too large.
+    Floats count as the decimals that they represent. Raises SymbolicError, naming equation, term
+    and unknown, if an unknown is the argument of a function or if the equations are too large.
     """
     equations = [prepared(equation) for equation in equations]
+    for number, equation in enumerate(equations, 1):
+        with located(f"equation {number}"):
+            check_instantaneous(equation)
     ring = find_functions(equations, motion, unknowns, max_terms)
     _add_relations(ring)
     memory: Memory = {}
@@ -143,7 +148,37 @@ def read_equations(
     for number, equation in track(list(enumerate(equations, 1)), "equations read", progress):
         with located(f"equation {number}"):
             ratios.append(_read(ring, equation, memory))
-    return ring, ratios
+    return _with_inputs(ring, ratios), ratios
+
+
+def _with_inputs(ring: Ring, equations: Sequence[Ratio]) -> Ring:
+    """Return the ring in which plain symbols that occur as inputs do, such as a torque, are such.
+
+    An input multiplies neither motion, unknown nor another such symbol, and occurs in no function.
+    """
+    symbols = {i for i in ring.known if ring.generators[i].is_Symbol}
+    for place in tuple(symbols):
+        x = ring.generators[place]
+        if any(other != x and other.has(x) for other in ring.generators):
+            symbols.discard(place)
+    acting = {*ring.motion, *ring.unknown}
+    for numerator, denominator in equations:
+        symbols -= {i for i, degree in enumerate(denominator.degrees()) if degree > 0}
+        for exponents in numerator.monoms():
+            there = {i for i, e in enumerate(exponents) if e}
+            if there & acting or max(exponents) > 1:
+                symbols -= there
+    for numerator, _ in equations:
+        for exponents in numerator.monoms():
+            there = {i for i, e in enumerate(exponents) if e} & symbols
+            if len(there) > 1:
+                symbols -= there
+    return replace(
+        ring,
+        motion=tuple(sorted({*ring.motion, *symbols})),
+        known=tuple(i for i in ring.known if i not in symbols),
+        moving=ring.moving.union(ring.generators[i] for i in symbols),
+    )
 
 
 def _add_relations(ring: Ring) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from decimal import Decimal
 from math import lcm
 
 import sympy as sp
@@ -88,7 +89,7 @@ def subexpressions(*expressions: sp.Basic) -> set[sp.Basic]:
 
 
 def prepared(expression: sp.Expr) -> sp.Expr:
-    """Evaluate derivatives of composite expressions, and make floats exact rationals."""
+    """Evaluate derivatives of composite expressions, and read floats as decimals."""
     found = subexpressions(expression)
     composite = {
         part: part.doit()
@@ -98,7 +99,47 @@ def prepared(expression: sp.Expr) -> sp.Expr:
     if composite:
         expression = expression.xreplace(composite)
         found = subexpressions(expression)
-    return expression.xreplace({x: sp.Rational(x) for x in found if x.is_Float})
+    return expression.xreplace({x: _decimal(x) for x in found if x.is_Float})
+
+
+_SHORT_DIGITS = 12
+"""A decimal of at most this many digits within float noise is the number that was meant: 0.28**2
+is 0.0784 and not 0.07840000000000001. By chance that is so for one number in a thousand."""
+
+
+def _decimal(number: sp.Float) -> sp.Rational:
+    """Return the decimal that a float represents: a short one within noise, or the shortest."""
+    if number._prec > _DOUBLE_BITS:
+        return sp.Rational(str(number))
+    near = Decimal(f"{float(number):.15g}")
+    short = len(near.normalize().as_tuple().digits) <= _SHORT_DIGITS
+    return sp.Rational(str(near) if short else repr(float(number)))
+
+
+_DOUBLE_BITS = 53
+_COMPLEX = (sp.re, sp.im, sp.conjugate, sp.arg)
+_NO_INSTANT = (sp.Integral, sp.Sum, sp.Product, sp.Limit)
+
+
+def check_instantaneous(expression: sp.Expr) -> None:
+    """Refuse complex numbers, and integrals, which have no value at an instant."""
+    found = subexpressions(expression)
+    unreal = [x for x in found if x == sp.I or isinstance(x, _COMPLEX) or _is_unreal(x)]
+    if unreal:
+        raise SymbolicError(
+            f"found {min(map(str, unreal))}; only real equations are allowed: write sines and "
+            "cosines instead of exp(I x), and make the symbols real"
+        )
+    summed = [str(x) for x in found if isinstance(x, _NO_INSTANT)]
+    if summed:
+        raise SymbolicError(
+            f"found {min(summed)}, which has no value at an instant of the motion; give it as a "
+            "signal of its own, such as Function('x')(t) in motion"
+        )
+
+
+def _is_unreal(expression: sp.Basic) -> bool:
+    return bool(expression.is_Symbol and expression.is_extended_real is False)
 
 
 def time_symbols(parts: set[sp.Basic], motion: tuple[sp.Expr, ...]) -> frozenset[sp.Symbol]:

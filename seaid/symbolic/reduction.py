@@ -6,18 +6,22 @@ symbols and the groupings are closed forms. Nothing is rounded, and no tolerance
 
 from __future__ import annotations
 
+import random
+import warnings
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import chain
+from math import prod
 from typing import Literal
 
+import numpy as np
 import sympy as sp
 from flint import fmpq, fmpq_mat, fmpq_mpoly
 
 from seaid._progress import Display
-from seaid.errors import SymbolicError
+from seaid.errors import SeaidWarning, SymbolicError
 from seaid.symbolic.entries import Entry, Row, grouped_by_motion
 from seaid.symbolic.independence import independent_functions
 from seaid.symbolic.polynomial import (
@@ -36,13 +40,13 @@ from seaid.symbolic.polynomial import (
 from seaid.symbolic.separation import RegressorForm
 
 SparseRow = dict[int, Ratio]
-_Row = dict[int, fmpq_mpoly]
+PolynomialRow = dict[int, fmpq_mpoly]
 
 
 def eliminate(
     ring: Ring, rows: Iterable[SparseRow], width: int
-) -> tuple[list[SparseRow], tuple[int, ...], int]:
-    """Return the nonzero rows of the echelon form, their pivots, and the number of distinct rows.
+) -> tuple[list[SparseRow], tuple[int, ...], list[PolynomialRow]]:
+    """Return the nonzero rows of the echelon form, their pivots, and the distinct rows.
 
     `rows` are sparse, {column: value}, of `width` columns; the pivots are the leftmost possible.
     Rows that differ only by a factor count once.
@@ -57,10 +61,10 @@ def eliminate(
         {column: ratio(ring, value, row[pivot]) for column, value in row.items()}
         for row, pivot in zip(echelon, pivots, strict=True)
     ]
-    return scaled, pivots, len(different)
+    return scaled, pivots, different
 
 
-def _cleared(ring: Ring, row: SparseRow) -> _Row:
+def _cleared(ring: Ring, row: SparseRow) -> PolynomialRow:
     """Multiply a row by its common denominator."""
     common = ring.constant(1)
     for _, denominator in row.values():
@@ -72,7 +76,7 @@ def _cleared(ring: Ring, row: SparseRow) -> _Row:
     }
 
 
-def _primitive(ring: Ring, row: _Row) -> _Row:
+def _primitive(ring: Ring, row: PolynomialRow) -> PolynomialRow:
     """Divide a row by its common factor, so that multiples of one row become equal."""
     row = {column: value for column, value in sorted(row.items()) if not value.is_zero()}
     if not row:
@@ -86,13 +90,13 @@ def _primitive(ring: Ring, row: _Row) -> _Row:
     return {column: value / common for column, value in row.items()}
 
 
-def _different(rows: Iterable[_Row]) -> list[_Row]:
+def _different(rows: Iterable[PolynomialRow]) -> list[PolynomialRow]:
     found = {tuple((column, str(value)) for column, value in row.items()): row for row in rows}
     found.pop((), None)
     return list(found.values())
 
 
-def _rational(ring: Ring, rows: list[_Row], width: int) -> list[_Row]:
+def _rational(ring: Ring, rows: list[PolynomialRow], width: int) -> list[PolynomialRow]:
     """Return the echelon form of rows of numbers."""
     zero = ring.constant(0)
     numbers = [
@@ -108,7 +112,7 @@ def _rational(ring: Ring, rows: list[_Row], width: int) -> list[_Row]:
     ]
 
 
-def _triangular(ring: Ring, rows: list[_Row], width: int) -> list[_Row]:
+def _triangular(ring: Ring, rows: list[PolynomialRow], width: int) -> list[PolynomialRow]:
     done = []
     for column in range(width):
         holders = [row for row in rows if column in row]
@@ -122,7 +126,7 @@ def _triangular(ring: Ring, rows: list[_Row], width: int) -> list[_Row]:
     return done
 
 
-def _back_substituted(ring: Ring, rows: list[_Row]) -> list[_Row]:
+def _back_substituted(ring: Ring, rows: list[PolynomialRow]) -> list[PolynomialRow]:
     rows = list(rows)
     for place in reversed(range(len(rows))):
         column = min(rows[place])
@@ -132,7 +136,7 @@ def _back_substituted(ring: Ring, rows: list[_Row]) -> list[_Row]:
     return rows
 
 
-def _combined(ring: Ring, row: _Row, pivot: _Row, column: int) -> _Row:
+def _combined(ring: Ring, row: PolynomialRow, pivot: PolynomialRow, column: int) -> PolynomialRow:
     """Eliminate one column of a row by the pivot row, without fractions."""
     common = row[column].gcd(pivot[column])
     by, off, zero = pivot[column] / common, row[column] / common, ring.constant(0)
@@ -183,6 +187,9 @@ class BaseForm(Display):
         The linearly independent functions f of (11).
     columns : tuple of Column
         The type of each of the m columns of R.
+    ratios : tuple of tuples of expressions
+        Groups of base parameters that are identifiable only up to a common factor, because no
+        equation in which they occur has a term without unknowns, as in J q'' + c q' + k q = 0.
     function_relations : tuple of pairs
         Dependent functions and what replaced them.
     different_rows : int
@@ -197,6 +204,7 @@ class BaseForm(Display):
     pivots: tuple[int, ...]
     fundamental_functions: sp.ImmutableMatrix
     columns: tuple[Column, ...]
+    ratios: tuple[tuple[sp.Expr, ...], ...]
     function_relations: tuple[tuple[sp.Expr, sp.Expr], ...]
     different_rows: int
     form: RegressorForm = field(repr=False)
@@ -269,17 +277,83 @@ def reduce(form: RegressorForm) -> BaseForm:
             f"{', '.join(map(str, form.parameters))}; check equations and unknowns"
         )
     closed = sp.ImmutableMatrix(_matrix(ring, echelon, len(form.monomials)))
+    parameters = closed * form.parameters
+    _warn_of_cancelled(ring, different, pivots, parameters)
     return BaseForm(
         zeta=form.zeta,
-        parameters=closed * form.parameters,
+        parameters=parameters,
         echelon=closed,
         pivots=pivots,
         fundamental_functions=sp.ImmutableMatrix([term_to_sympy(ring, f) / d for d, f in order]),
         columns=_column_types(form.parameters, closed, pivots),
+        ratios=_ratios(form, rows, pivots, parameters),
         function_relations=relations,
-        different_rows=different,
+        different_rows=len(different),
         form=form,
         rows=rows,
+    )
+
+
+_CANCELLED = 1e-7
+"""A pivot below this share of its column is suspect: decimals of seven digits nearly cancel."""
+
+
+def _warn_of_cancelled(
+    ring: Ring, rows: Sequence[PolynomialRow], pivots: tuple[int, ...], parameters: sp.Matrix
+) -> None:
+    """Warn of base columns that are independent of those before them by rounded numbers only."""
+    known = _random_knowns(ring)
+    H = np.array([[_at(row[j], known) if j in row else 0.0 for j in pivots] for row in rows])
+    H = H[np.any(H, axis=1)]
+    H /= np.max(np.abs(H), axis=1, keepdims=True)
+    left = np.abs(np.diag(np.linalg.qr(H / np.linalg.norm(H, axis=0), mode="r")))
+    for place in np.flatnonzero(left < _CANCELLED):
+        warnings.warn(
+            f"{parameters[int(place)]} is identifiable only because numbers that nearly cancel do "
+            f"not: its column differs from a combination of the columns before it by "
+            f"{left[place]:.1g} of its size; write rounded numbers exactly, such as "
+            "Rational(1, 3), sqrt(2) or pi",
+            SeaidWarning,
+            stacklevel=3,
+        )
+
+
+def _random_knowns(ring: Ring) -> dict[int, float]:
+    """Return {place: value} of the known generators, with random values of the known symbols."""
+    symbols = {s for i in ring.known for s in ring.generators[i].free_symbols}
+    draw = random.Random(3)
+    values = {s: sp.Float(draw.uniform(0.5, 1.5)) for s in sorted(symbols, key=str)}
+    return {i: float(sp.re(ring.generators[i].subs(values).evalf())) for i in ring.known}
+
+
+def _at(polynomial: fmpq_mpoly, values: Mapping[int, float]) -> float:
+    return sum(
+        float(value.p) / float(value.q) * prod(values[i] ** int(e) for i, e in enumerate(m) if e)
+        for m, value in polynomial.terms()
+    )
+
+
+def _ratios(
+    form: RegressorForm,
+    rows: Sequence[Sequence[SparseRow]],
+    pivots: tuple[int, ...],
+    parameters: sp.Matrix,
+) -> tuple[tuple[sp.Expr, ...], ...]:
+    """Return the groups of base parameters whose equations all have zeta = 0."""
+    groups: list[tuple[set[int], bool]] = []
+    for table, zeta in zip(rows, form.zeta, strict=True):
+        members, fixed = {j for row in table for j in row if j in pivots}, zeta != 0
+        apart = []
+        for group in groups:
+            if group[0] & members:
+                members, fixed = members | group[0], fixed or group[1]
+            else:
+                apart.append(group)
+        groups = [*apart, (members, fixed)]
+    return tuple(
+        tuple(parameters[i] for i, pivot in enumerate(pivots) if pivot in members)
+        for members, fixed in groups
+        if members and not fixed
     )
 
 

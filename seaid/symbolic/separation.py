@@ -84,14 +84,14 @@ def separate(
     Parameters
     ----------
     equations : sympy expression, Eq, or several
-        Expressions that are zero along every motion.
+        Expressions that are zero along every motion. Floats count as the decimals they represent.
     motion : sympy functions of time or symbols
         The measured signals; the derivatives of a function of time are included.
     unknowns : sympy symbols
         The symbols to identify, in the order of the columns. Unknowns that occur only as a product
         become one lumped parameter, placed after its first factor. Every other symbol is known and
         stays a symbol; a symbol t is time. A function of time that is not in `motion` is an input
-        and must not multiply an unknown.
+        and must not multiply an unknown; so is a symbol that multiplies nothing that moves.
     max_terms : int, default 500 000
         Limit on the terms of one polynomial.
     progress : bool, default False
@@ -106,7 +106,7 @@ def separate(
     ------
     SymbolicError
         If an unknown is inside a function or in a denominator that cannot be cleared, for unusable
-        `motion` or `unknowns`, for an undeclared function of time that multiplies an unknown, for
+        `motion` or `unknowns`, for complex numbers and integrals, for an undeclared function of time that multiplies an unknown, for
         equations without unknowns and for equations of more than `max_terms` terms.
 
     Notes

@@ -105,6 +105,32 @@ def test_arm_with_numbers_of_45_degrees_keeps_its_count() -> None:
     assert len(base.pivots) == 6
 
 
+def test_planar_arm_with_decimal_lengths_in_expanded_equations() -> None:
+    """Three links with centres at their middles and a load: six of the seven are independent."""
+    q, masses, inertias = coordinates(3), sp.symbols("m1:5"), sp.symbols("I1:4")
+    torques = sp.symbols("tau1:4")
+
+    def base(lengths: list[float | sp.Rational]) -> BaseForm:
+        tip, lagrangian = sp.zeros(2, 1), sp.Integer(0)
+        for i, length in enumerate(lengths):
+            angle = sp.Add(*q[: i + 1])
+            along = length * sp.Matrix([sp.cos(angle), sp.sin(angle)])
+            places = [(masses[i], tip + along / 2), *([(masses[3], tip + along)] * (i == 2))]
+            for m, place in places:
+                speed = place.diff(t)
+                lagrangian += m * speed.dot(speed) / 2 - m * g * place[1]
+            lagrangian += inertias[i] * angle.diff(t) ** 2 / 2
+            tip += along
+        energy = sp.expand(lagrangian)
+        equations = [energy.diff(x.diff(t)).diff(t) - energy.diff(x) for x in q]  # in doubles
+        equations = [sp.expand(row - tau) for row, tau in zip(equations, torques, strict=True)]
+        return reduce(separate(equations, q, [*inertias, *masses]))
+
+    exact = base([sp.Rational(3, 10), sp.Rational(7, 25), sp.Rational(1, 5)])
+    assert len(exact.pivots) == 6
+    assert base([0.3, 0.28, 0.2]).parameters == exact.parameters
+
+
 def test_sine_and_cosine_that_are_not_reduced_count_nine_instead_of_eight() -> None:
     lagrangian, q, parameters = arm("zy", [HERE, (l1, 0, 0)])
     equations = equations_of_motion(lagrangian, q, sp.symbols("tau1:3"))

@@ -53,7 +53,7 @@ def normal(expression: sp.Expr) -> sp.Expr:
         (sp.Abs(q - 2 * x) ** 2, q**2 - 4 * x * q + 4 * x**2),
         ((x**2 - y**2) / (x - y), x + y),
         (sp.Derivative(sp.sin(q), sp.Symbol("t")), sp.cos(q) * q.diff()),
-        (0.1 * x, sp.Rational(*(0.1).as_integer_ratio()) * x),
+        (0.1 * x, x / 10),
         (sp.tanh(q + q) - sp.tanh(2 * q), 0),
     ],
 )

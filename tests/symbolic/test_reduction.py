@@ -82,6 +82,42 @@ def test_two_equations_share_their_parameters() -> None:
     assert base.pivots == (0, 1, 2)
 
 
+def test_decimals_in_products_keep_the_rank() -> None:
+    """An expanded row has 0.09 where the other one has 0.3, of which it is the multiple."""
+    first = P[0] * 0.3 * 0.3 * x + P[1] * 0.3 * x - y
+    second = P[0] * 0.3 * z + P[1] * z - a
+    base = reduce(separate([sp.expand(first), second], [x, y, z, a], P[:2]))
+    assert list(base.parameters) == [P[0] + sp.Rational(10, 3) * P[1]]
+
+
+@pytest.mark.parametrize("number", [1 + 1e-13 / 3, 1 + 1e-9, 1.00000003])
+def test_pivots_that_nearly_cancel_are_said(number: float) -> None:
+    form = separate([P[0] * x + P[1] * y * 2 - a, P[2] * z - a, P[0] * y + number * P[1] * y * 2],
+                    [x, y, z, a], P[:3])  # fmt: skip
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert len(reduce(form).pivots) == 3
+    form = separate(
+        [P[0] * x + P[1] * x - a, P[0] * y + number * P[1] * y - z], [x, y, z, a], P[:2]
+    )
+    with pytest.warns(SeaidWarning, match=r"p2 is identifiable only because numbers that nearly"):
+        assert reduce(form).pivots == (0, 1)
+
+
+def test_equations_without_an_input_are_identified_up_to_a_factor() -> None:
+    J, c, k, m = P[:4]
+    free = J * x + c * y + k * z
+    assert reduce(separate(free, [x, y, z], [J, c, k])).ratios == ((J, c, k),)
+    assert reduce(separate(free - a, [x, y, z, a], [J, c, k])).ratios == ()
+    # an equation with an input that shares k fixes the scale, one that shares nothing does not
+    form = separate([free, k * z + m * x - a], [x, y, z, a], [J, c, k, m])
+    assert reduce(form).ratios == ()
+    form = separate([free, m * x - a], [x, y, z, a], [J, c, k, m])
+    assert reduce(form).ratios == ((J, c, k),)
+    form = separate([J * x + (c + k) * y, m * x - a], [x, y, a], [J, c, k, m])
+    assert reduce(form).ratios == ((J, c + k),)
+
+
 def test_the_three_types_of_columns() -> None:
     form = separate(P[0] * x + P[2] * r * x + P[3] * (d * x + y) - a, [x, y, a], P[:4])
     base = reduce(form)

@@ -129,9 +129,40 @@ def test_regressor_times_parameters_is_the_equation(equation: sp.Expr) -> None:
     assert max(ratios) - min(ratios) < 1e-20 * abs(ratios[0])
 
 
-def test_floats_become_the_rationals_they_are() -> None:
-    form = separate(0.1 * F_v * x - a, motion=[x, a], unknowns=[F_v])
-    assert form.regressor[0] == sp.Rational(*(0.1).as_integer_ratio()) * x
+DECIMALS = [
+    (0.1, "1/10"),
+    (-2.5e-7, "-1/4000000"),
+    (0.28 * 0.28, "49/625"),  # 0.07840000000000001 in doubles
+    (0.1 + 0.2 - 1, "-7/10"),
+    (1 / 3, "3333333333333333/10000000000000000"),
+    (1.2345678901234567, "12345678901234567/10000000000000000"),
+    (sp.Float("0.1", 40), "1/10"),
+    (sp.Float("0.12345678901234567890123", 40), "0.12345678901234567890123"),
+]
+
+
+@pytest.mark.parametrize(("given", "meant"), DECIMALS)
+def test_floats_are_read_as_the_decimals_they_represent(given: float, meant: str) -> None:
+    form = separate(given * F_v * x - a, motion=[x, a], unknowns=[F_v])
+    assert form.regressor[0] == sp.Rational(meant) * x
+
+
+def test_plain_symbols_of_torques_are_inputs_as_functions_of_time_are() -> None:
+    """The row keeps the scale of the torque, whatever the lengths."""
+    l0, u0 = sp.symbols("l0 u0")
+    u = sp.Function("u")(t)
+    rest = m * l0**2 * load_speed.diff(t) + m * g * l0 * sp.sin(theta_L)
+    for row in (rest, rest / l0, 2 * rest + l0 * J * load_speed):
+        plain, function = (separate(row - x, [theta_L], [m, J]) for x in (u0, u))
+        assert plain.zeta == function.zeta.subs(u, u0)
+        assert plain.regressor == function.regressor
+    assert separate(rest - u0, [theta_L], [m]).zeta[0] == u0
+
+
+def test_known_constants_in_products_are_no_inputs() -> None:
+    """K i0 may be the torque, but which of them is the input is open: the shortest row."""
+    K, i0 = sp.symbols("K i0")
+    assert separate(m * g * sp.sin(x) - K * i0, [x], [m]).zeta[0] == i0 * K / g
 
 
 def test_solved_equation_is_cleared_of_its_denominator() -> None:
@@ -187,7 +218,16 @@ REFUSED = [
     (r * x, [x], [m, J], ["regressor is empty", "unknowns m, J", "same symbols"]),
     (m * x - m * x + a, [x, a], [m], ["regressor is empty", "cancel"]),
     (sp.Symbol("m", positive=True) * x, [x], [m], ["not the declared m", "assumptions"]),
-    (m * x * sp.I, [x], [m], ["found I", "real numbers"]),
+    (m * x * sp.I, [x], [m], ["equation 1: found I;", "only real equations"]),
+    (m * sp.exp(sp.I * x) - a, [x, a], [m], ["found I;", "sines and cosines"]),
+    (m * sp.re(x) - a, [x, a], [m], ["found re(x);", "real"]),
+    (m * x - sp.Symbol("a", imaginary=True), [x], [m], ["found a;", "real"]),
+    (
+        [m * x - a, m * sp.Integral(theta_M, t) - a],
+        [theta_M, x, a],
+        [m],
+        ["equation 2: found Integral(theta_M(t), t)", "signal of its own"],
+    ),
     (m * x + sp.oo, [x], [m], ["real numbers"]),
     (sp.true, [x], [m], ["an equation must be a scalar sympy expression, found True"]),
     (None, [x], [m], ["an equation must be a scalar sympy expression, found None"]),
