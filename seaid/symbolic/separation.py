@@ -106,8 +106,9 @@ def separate(
     ------
     SymbolicError
         If an unknown is inside a function or in a denominator that cannot be cleared, for unusable
-        `motion` or `unknowns`, for complex numbers and integrals, for an undeclared function of time that multiplies an unknown, for
-        equations without unknowns and for equations of more than `max_terms` terms.
+        `motion` or `unknowns`, for an undeclared function of time that multiplies an unknown, for
+        complex numbers and integrals, for equations without unknowns and for equations of more
+        than `max_terms` terms.
 
     Notes
     -----
