@@ -18,7 +18,7 @@ import numpy as np
 
 import seaid
 from seaid._arrays import Array
-from seaid.estimation.gauss_newton import fisher_covariance, joined
+from seaid.estimation.nonlinear_least_squares import fisher_covariance, joined
 from seaid.identification.output_error import layout_of, linearised, measured, runs_of
 from seaid.log.filtering import decimation
 from seaid.report.text import percent, table

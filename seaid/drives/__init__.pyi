@@ -7,6 +7,8 @@ from .drives import StiffDrive as StiffDrive
 from .drives import is_dry as is_dry
 from .drives import term_fields as term_fields
 from .drives import unit_of as unit_of
+from .equations import extra_terms as extra_terms
+from .equations import extra_torque as extra_torque
 from .equations import joint_equation as joint_equation
 from .equations import motor_equation as motor_equation
 from .equations import spring_equation as spring_equation
@@ -25,7 +27,6 @@ from .functions import nonlinear_spring as nonlinear_spring
 from .functions import smooth_columns as smooth_columns
 from .functions import spring_curve as spring_curve
 from .functions import stretch_of as stretch_of
-from .harmonics import is_harmonic as is_harmonic
 from .regressor import DriveRegressor as DriveRegressor
 from .regressor import drive_regressor as drive_regressor
 from .regressor import flat_names as flat_names
@@ -54,6 +55,7 @@ from .terms import JointParameter as JointParameter
 from .terms import MotorInput as MotorInput
 from .terms import SpringTerm as SpringTerm
 from .terms import between_encoders as between_encoders
+from .terms import is_harmonic as is_harmonic
 from .terms import key_of as key_of
 from .terms import of_spring as of_spring
 from .terms import parameter_named as parameter_named
@@ -64,5 +66,3 @@ from .toml import drive_table as drive_table
 from .toml import drives_from_mapping as drives_from_mapping
 from .toml import read_drives as read_drives
 from .toml import write_drives as write_drives
-from .user_terms import extra_terms as extra_terms
-from .user_terms import extra_torque as extra_torque

@@ -15,19 +15,22 @@ from typing import Any, ClassVar, Self, get_args
 
 from seaid._arrays import FrozenMapping, number
 from seaid._progress import Display
-from seaid.drives.harmonics import FIELDS, Harmonic, harmonics_of, is_harmonic
 from seaid.drives.terms import (
     COULOMB,
     DRY,
+    FIELDS,
     NONLINEAR_SPRING,
     PARAMETERS,
     PARAMETERS_OF,
     FrictionTerm,
+    Harmonic,
     JointFrictionTerm,
     MotorInput,
     ParallelSpringTerm,
     SpringTerm,
     between_encoders,
+    harmonics_of,
+    is_harmonic,
     key_of,
     of_spring,
     parameter_named,

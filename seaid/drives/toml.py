@@ -21,8 +21,7 @@ from seaid.drives.drives import (
     term_fields,
     unit_of,
 )
-from seaid.drives.harmonics import FIELDS, harmonics_table
-from seaid.drives.terms import PARAMETERS, PARAMETERS_OF, key_of
+from seaid.drives.terms import FIELDS, PARAMETERS, PARAMETERS_OF, harmonics_table, key_of
 from seaid.errors import RobotError, checked, shortened, shown, unknown_name
 
 _TYPES: dict[str, type[StiffDrive] | type[SeriesElasticDrive]] = {

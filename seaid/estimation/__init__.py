@@ -5,7 +5,7 @@ autocorrelated residuals, the condition number, and flags for poorly determined 
 
 - `fitting`: estimators by name; `least_squares` has the ordinary and weighted ones, `robust` those
   of Huber and Tukey;
-- `instrumental_variables`, `variable_projection`, `gauss_newton`: for noisy columns and for
+- `instrumental_variables`, `nonlinear_least_squares`: for noisy columns and for
   equations nonlinear in the parameters;
 - `qr_factor`: the R factors of rows, which add up, so that logs may be longer than memory;
 - `sdp`: semidefinite programs for physically consistent inertial parameters.

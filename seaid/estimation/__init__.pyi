@@ -21,10 +21,6 @@ from .fitting import estimator_named as estimator_named
 from .fitting import fit as fit
 from .fitting import qr_factor_of_rows as qr_factor_of_rows
 from .fitting import stored_rows as stored_rows
-from .gauss_newton import Residuals as Residuals
-from .gauss_newton import Step as Step
-from .gauss_newton import gauss_newton_step as gauss_newton_step
-from .gauss_newton import joined as joined
 from .instrumental_variables import instrumental as instrumental
 from .least_squares import FEWEST_INDEPENDENT as FEWEST_INDEPENDENT
 from .least_squares import equal_weights as equal_weights
@@ -41,6 +37,11 @@ from .model_comparison import ModelComparison as ModelComparison
 from .model_comparison import best_supported as best_supported
 from .model_comparison import compare_models as compare_models
 from .model_comparison import time_blocks as time_blocks
+from .nonlinear_least_squares import Residuals as Residuals
+from .nonlinear_least_squares import Step as Step
+from .nonlinear_least_squares import gauss_newton_step as gauss_newton_step
+from .nonlinear_least_squares import joined as joined
+from .nonlinear_least_squares import separable_least_squares as separable_least_squares
 from .qr_factor import QRFactor as QRFactor
 from .qr_factor import qr_factor_of as qr_factor_of
 from .qr_factor import triangle as triangle
@@ -51,4 +52,3 @@ from .singular_directions import RANK_TOLERANCE as RANK_TOLERANCE
 from .singular_directions import directions as directions
 from .singular_directions import first_term as first_term
 from .singular_directions import scaled_svd as scaled_svd
-from .variable_projection import separable_least_squares as separable_least_squares

@@ -5,14 +5,14 @@ from .project import Project as Project
 from .project import ProjectLog as ProjectLog
 from .project import load_project as load_project
 from .project import log_at as log_at
-from .provenance import changed_inputs as changed_inputs
-from .provenance import facts_of as facts_of
-from .provenance import provenance_of as provenance_of
 from .run import LATEST as LATEST
 from .run import ProjectRun as ProjectRun
 from .run import run_project as run_project
 from .run import summary_of as summary_of
 from .saved import FILE as FILE
 from .saved import Run as Run
+from .saved import changed_inputs as changed_inputs
+from .saved import facts_of as facts_of
 from .saved import load_run as load_run
+from .saved import provenance_of as provenance_of
 from .saved import save_run as save_run

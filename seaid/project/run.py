@@ -26,8 +26,7 @@ from seaid.identification import (
 )
 from seaid.log import Log
 from seaid.project.project import Options, Project, check_logs
-from seaid.project.provenance import facts_of, provenance_of
-from seaid.project.saved import FILE, Run, save_run
+from seaid.project.saved import FILE, Run, facts_of, provenance_of, save_run
 from seaid.robot import Robot
 
 LATEST = "latest"

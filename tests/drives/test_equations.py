@@ -11,7 +11,7 @@ import sympy as sp
 from seaid._arrays import Array
 from seaid.drives import FrictionTerm
 from seaid.drives.drives import Drive, SeriesElasticDrive, StiffDrive
-from seaid.drives.equations import motor_equation, spring_equation
+from seaid.drives.equations import extra_torque, motor_equation, spring_equation
 from seaid.drives.regressor import DriveRegressor, drive_regressor
 from seaid.drives.symbols import (
     F_C,
@@ -29,7 +29,6 @@ from seaid.drives.symbols import (
     theta_M,
 )
 from seaid.drives.toml import read_drives
-from seaid.drives.user_terms import extra_torque
 from seaid.errors import RobotError, SymbolicError
 
 LINEAR = SeriesElasticDrive(

@@ -10,7 +10,7 @@ from scipy.signal import lfilter
 
 from seaid._arrays import Array
 from seaid.errors import ExcitationError
-from seaid.estimation.gauss_newton import Residuals, fisher_covariance, gauss_newton_step
+from seaid.estimation.nonlinear_least_squares import Residuals, fisher_covariance, gauss_newton_step
 from tests.standard_errors import check_scores
 
 pytestmark = pytest.mark.rounding

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from seaid._arrays import Array
-from seaid.estimation.variable_projection import separable_least_squares
+from seaid.estimation.nonlinear_least_squares import separable_least_squares
 
 pytestmark = pytest.mark.rounding
 

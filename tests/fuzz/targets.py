@@ -35,8 +35,8 @@ from seaid.drives.toml import read_drives
 from seaid.errors import RobotError, SeaidError
 from seaid.log.description import description_for
 from seaid.log.log import column_names
+from seaid.log.reading import repaired
 from seaid.log.repair.data import Channel, Repairs
-from seaid.log.repair.repair import repaired
 from seaid.regressor.regression import actuator_regression
 from seaid.robot.robot import Robot
 from tests.fuzz import seeds

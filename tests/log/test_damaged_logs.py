@@ -18,10 +18,9 @@ import seaid
 from seaid._arrays import Array
 from seaid.errors import LogError
 from seaid.log.log import column_names
-from seaid.log.reading import Log
+from seaid.log.reading import Log, repaired
 from seaid.log.repair.clocks import clock_line, longest_bridge
 from seaid.log.repair.data import Channel
-from seaid.log.repair.repair import repaired
 from seaid.robot.robot import Robot
 from seaid.simulation.simulation import measure
 from tests.experiments import ELASTIC, LEG_SENSORS, leg, leg_motion, true_value

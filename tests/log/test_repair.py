@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from seaid._arrays import Array
 from seaid.errors import LogError
+from seaid.log.reading import repaired as repaired_channels
 from seaid.log.repair.data import Channel, Repair, Repairs
-from seaid.log.repair.repair import repaired as repaired_channels
 from seaid.log.repair.resampling import interpolated
 
 RATE = 500.0

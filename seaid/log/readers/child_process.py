@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from seaid import errors
 from seaid.errors import SeaidError, reason_of
-from seaid.log.readers.memory import free_memory
+from seaid.log.readers.table import free_memory
 
 Arrays = Mapping[str, NDArray[Any]]
 Answer = tuple[Any, Arrays]

@@ -18,8 +18,7 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid.errors import LogError, listed, shortened
-from seaid.log.readers.memory import check_memory
-from seaid.log.readers.table import Block, Blocks, Table
+from seaid.log.readers.table import Block, Blocks, Table, check_memory
 
 LONGEST_LINE = 1_000_000
 """Most characters of a line of a CSV file: 100 for each of the most columns."""

@@ -11,13 +11,14 @@ from typing import Any
 from seaid._arrays import Array
 from seaid._files import whole_file
 from seaid.errors import LogError, shortened
-from seaid.log.readers.memory import check_columns, check_memory
 from seaid.log.readers.table import (
     Block,
     Blocks,
     Table,
     as_floats,
+    check_columns,
     check_lengths,
+    check_memory,
     damaged,
     damaged_column,
     is_number,

@@ -13,8 +13,7 @@ import numpy as np
 
 from seaid._arrays import Array, as_float
 from seaid.errors import LogError, reason_of
-from seaid.log.readers.memory import check_columns, check_memory
-from seaid.log.readers.table import Block, Table, no_numbers
+from seaid.log.readers.table import Block, Table, check_columns, check_memory, no_numbers
 
 _GROWTH = 10.0
 """Bytes in memory per byte of JSON."""

@@ -13,8 +13,7 @@ import numpy as np
 
 from seaid.errors import LogError, listed
 from seaid.log.readers.child_process import Answer, run_in_child
-from seaid.log.readers.memory import check_columns
-from seaid.log.readers.table import Block, Table, damaged, is_number, optional
+from seaid.log.readers.table import Block, Table, check_columns, damaged, is_number, optional
 
 _SECONDS, _BYTES_PER_SECOND = 15.0, 2e6
 """Smallest limit of processor time of the child, and the slowest rate of reading."""

@@ -14,13 +14,14 @@ from typing import IO, Any
 import numpy as np
 
 from seaid.errors import LogError
-from seaid.log.readers.memory import check_columns, check_memory
 from seaid.log.readers.table import (
     Block,
     Blocks,
     Table,
     as_floats,
+    check_columns,
     check_lengths,
+    check_memory,
     damaged,
     damaged_column,
     is_number,

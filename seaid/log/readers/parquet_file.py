@@ -11,8 +11,17 @@ import numpy as np
 from seaid._arrays import Array
 from seaid._files import whole_file
 from seaid.errors import LogError, shortened
-from seaid.log.readers.memory import check_columns, check_memory
-from seaid.log.readers.table import Block, Blocks, Table, damaged, no_numbers, optional, samples
+from seaid.log.readers.table import (
+    Block,
+    Blocks,
+    Table,
+    check_columns,
+    check_memory,
+    damaged,
+    no_numbers,
+    optional,
+    samples,
+)
 
 _KIND = "a Parquet file"
 

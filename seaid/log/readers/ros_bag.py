@@ -19,8 +19,7 @@ import numpy as np
 
 from seaid.errors import LogError
 from seaid.log.readers.child_process import Answer, run_in_child
-from seaid.log.readers.memory import check_columns, size_of
-from seaid.log.readers.table import Block, Table, check_installed, damaged
+from seaid.log.readers.table import Block, Table, check_columns, check_installed, damaged, size_of
 
 _LOOKED_AT = 100
 """Messages of a topic that define its columns; several senders may share a topic."""

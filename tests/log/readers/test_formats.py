@@ -12,12 +12,12 @@ import pyarrow as arrow
 import pyarrow.parquet as parquet
 import pytest
 
-import seaid.log.readers.memory as limits
+import seaid.log.readers.table as limits
 from seaid._arrays import Array
 from seaid.errors import LogError
 from seaid.log.long_log import iterate_log, open_long_log
-from seaid.log.readers.memory import free_memory
 from seaid.log.readers.opening import open_table
+from seaid.log.readers.table import free_memory
 from seaid.log.reading import WRITTEN, Log, read_log, write_log
 from seaid.robot.robot import Robot
 

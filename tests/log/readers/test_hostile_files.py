@@ -23,13 +23,13 @@ import pyarrow.parquet as parquet
 import pytest
 
 import seaid.log.readers.hebi_log as hebi_log
-import seaid.log.readers.memory as limits
 import seaid.log.readers.ros_bag as ros_bag
+import seaid.log.readers.table as limits
 from seaid.errors import LogError, SeaidError
 from seaid.log.long_log import iterate_log, open_long_log
 from seaid.log.readers.child_process import Answer
-from seaid.log.readers.memory import free_memory
 from seaid.log.readers.opening import READERS, open_table
+from seaid.log.readers.table import free_memory
 from seaid.log.reading import Log, read_log, write_log
 from seaid.robot.robot import Robot
 from tests.fuzz.mutators import damaged_bytes
