@@ -77,7 +77,10 @@ _SPELLINGS = {
         **{"us": "us usec micros microseconds", "ns": "ns nsec nanosec nanos nanoseconds"},
     },
     "velocity": {"rpm": "rpm", "deg/s": "dps", "rad/s": "radps"},
-    "temperature": {"degC": "degC celsius C"},
+    "temperature": {
+        "degC": "degC celsius C °C",
+        **{"K": "K kelvin", "degF": "degF fahrenheit F °F"},
+    },
 }
 """{quantity: {unit: its spellings}}. A column of a torque may be in amperes, too."""
 

@@ -13,7 +13,7 @@ import numpy as np
 from seaid._arrays import Array
 from seaid.errors import LogError, listed, unknown_name
 from seaid.log.description import Clock, LogDescription, Servo, Source
-from seaid.log.log import UNIT_FACTORS, column_name, column_names
+from seaid.log.log import TEMPERATURES, UNIT_FACTORS, column_name, column_names
 from seaid.log.readers.table import Block, Table
 from seaid.log.repair.data import Channel
 from seaid.robot import Robot, coupled_names
@@ -145,19 +145,23 @@ def _clock_of(where: str, table: Table, description: LogDescription, source: Sou
 def _channel(data: Block, robot: Robot, one: _Described) -> Channel:
     source, clock, where = one.source, one.clock, one.where
     name, unit = _name_of(robot, one.joint, one.quantity)
-    factor = source.sign * source.scale
+    factor, offset = source.sign * source.scale, source.offset
     try:
         if source.servo:
             values = _servo_voltage(data, source.servo)
         else:
-            factor *= _unit_factor(robot, one, unit)
+            if unit == "degC":
+                degree, zero = TEMPERATURES[source.unit or unit]
+                factor, offset = factor * degree, offset + factor * zero
+            else:
+                factor *= _unit_factor(robot, one, unit)
             values = data[str(source.column)] * _number(data, source.times)
         if clock.column is None:
             time = np.arange(len(values)) / float(clock.rate_hz or 1.0)
         else:
             time = data[clock.column] * UNIT_FACTORS["s"][clock.unit]
         period = None if source.wraps is None else abs(factor) * source.wraps
-        return Channel(name, time, factor * values + source.offset, period, source.delay_s)
+        return Channel(name, time, factor * values + offset, period, source.delay_s)
     except (LogError, ValueError) as problem:
         text = str(problem)
         raise LogError(text if text.startswith(where) else f"{where}: {text}") from None

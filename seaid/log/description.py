@@ -15,7 +15,7 @@ from seaid._arrays import FrozenMapping
 from seaid._files import MOST_TOML_BYTES, read_toml
 from seaid._progress import MOST_NAMES, Display, counted
 from seaid.errors import LogError, listed, shortened, shown, unknown_name
-from seaid.log.log import SENSORS, UNIT_FACTORS
+from seaid.log.log import SENSORS, TEMPERATURES, UNIT_FACTORS
 from seaid.log.repair.data import Repairs
 
 QUANTITIES = SENSORS
@@ -122,7 +122,7 @@ class LogDescription(Display):
     ----------
     joints : mapping
         {joint: {quantity: Source}}, with the quantities motor_position, joint_position,
-        motor_torque, joint_torque, motor_current, motor_voltage and deflection.
+        motor_torque, joint_torque, motor_current, motor_voltage, deflection and motor_temperature.
     time : Clock or None
         Clock of all sources without their own; None: that of the file (ROS bags and HEBI logs), or
         its column "time_s".
@@ -269,6 +269,7 @@ _UNITS = {
     "deflection": {*UNIT_FACTORS["rad"], *UNIT_FACTORS["m"], "counts"},
     "current": {*UNIT_FACTORS["A"]},
     "voltage": {*UNIT_FACTORS["V"]},
+    "temperature": {*TEMPERATURES},
 }
 
 Described = LogDescription | Mapping[str, Any] | str | Path

@@ -104,6 +104,7 @@ def quantities_of(inference: Inference, joint: str, robot: Robot | None) -> Sour
     _add_electric(inference, joint, found)
     if not any(name.startswith("motor_") or name.endswith("torque") for name in found):
         inference.note(joint, "no torque, current or voltage found")
+    _add_temperature(inference, joint, found)
     return found
 
 
@@ -269,6 +270,35 @@ def _add_electric(inference: Inference, joint: str, found: Sources) -> None:
             inference.note(f"{duties[0]} times {name}", "taken for the voltage of the motor")
             return
         inference.note(name, "has one sign: a supply, not the voltage of the motor")
+
+
+_OF_ELECTRONICS = ("controller", "board", "pcb", "fet", "driver", "mcu", "cpu", "ambient")
+"""Parts of names of temperatures that are not the motor's."""
+
+_KELVIN = 200.0
+"""A temperature above this is in kelvin: no motor of a robot is as hot, or as cold."""
+
+
+def _add_temperature(inference: Inference, joint: str, found: Sources) -> None:
+    """Add the temperature of the motor: one that says so, else the first of the joint."""
+    names = [
+        name
+        for name in inference.having("temperature", joint)
+        if not any(word in name.lower() for word in _OF_ELECTRONICS)
+    ]
+    if not names:
+        return
+    name = next((one for one in names if inference.meanings[one].side == "motor"), names[0])
+    unit = inference.meanings[name].unit
+    if unit is None and np.median(inference.finite(name)) > _KELVIN:
+        unit = "K"
+        inference.note(name, "taken for kelvin")
+    found["motor_temperature"] = {
+        "column": name,
+        **({} if unit in (None, "degC") else {"unit": unit}),
+    }
+    if inference.meanings[name].side != "motor":
+        inference.note(name, "taken for the temperature of the motor")
 
 
 _MEASURED = ("position", "torque", "deflection", "current", "voltage")

@@ -38,8 +38,12 @@ UNIT_FACTORS = {
     "A": {"A": 1.0, "mA": 1e-3, "uA": 1e-6, "kA": 1e3},
     "V": {"V": 1.0, "mV": 1e-3, "uV": 1e-6, "kV": 1e3},
     "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
+    "degC": {"degC": 1.0},
 }
 """{SI unit at the end of a column name: {unit: factor to the SI unit}}."""
+
+TEMPERATURES = {"degC": (1.0, 0.0), "K": (1.0, -273.15), "degF": (5 / 9, -160 / 9)}
+"""{unit of a temperature: (factor, its zero) in degrees Celsius}."""
 
 LogField = Literal[
     "motor_position",
@@ -49,6 +53,7 @@ LogField = Literal[
     "motor_current",
     "motor_voltage",
     "deflection",
+    "motor_temperature",
 ]
 """Fields of a `Log` with samples of sensors, each (T, n)."""
 
@@ -66,6 +71,7 @@ def column_names(joint: str, is_prismatic: bool) -> dict[str, str]:
         f"{joint}.motor_current_A": "motor_current",
         f"{joint}.motor_voltage_V": "motor_voltage",
         f"{joint}.deflection_{position}": "deflection",
+        f"{joint}.motor_temperature_degC": "motor_temperature",
     }
 
 
@@ -174,6 +180,8 @@ class Log(Display):
     deflection : array (T, n) or None
         Deflection of the spring by a sensor of its own, motor side less joint side, as a motion of
         the joint [rad, or m]: that of a spring between pulleys over the load pulley's radius.
+    motor_temperature : array (T, n) or None
+        Temperature of the motor [degC], for friction that depends on it.
     is_prismatic : tuple of bool
         One entry per joint; default: all revolute.
     report : tuple of Repair
@@ -205,6 +213,7 @@ class Log(Display):
     motor_current: Array | None = None
     motor_voltage: Array | None = None
     deflection: Array | None = None
+    motor_temperature: Array | None = None
     report: tuple[Repair, ...] = ()
     description: Mapping[str, Any] | None = None
 
@@ -348,6 +357,9 @@ def sorted_log(picked: dict[str, Array], robot: Robot, file_names: Sequence[str]
     return Log(time=time, joint_names=robot.joint_names, is_prismatic=robot.is_prismatic, **sensors)
 
 
+_NO_TORQUES = {"motor_position", "joint_position", "deflection", "motor_temperature"}
+
+
 def _check_sensors(
     robot: Robot,
     joint: str,
@@ -358,7 +370,7 @@ def _check_sensors(
     """Raise LogError if {column: field} of a joint are too few for its drive."""
     elastic = robot.drives[joint].is_elastic
     positions = sum(field.endswith("position") for field in found.values())
-    others = set(found.values()) - {"motor_position", "joint_position", "deflection"}
+    others = set(found.values()) - _NO_TORQUES
     if positions < (2 if elastic else 1) or not others:
         names = column_names(joint, robot.is_prismatic[robot.index(joint)])
         missing = [name for name in names if name not in found]

@@ -129,6 +129,8 @@ class Motion(Display):
     deflection, deflection_rate : array (T, n) or None
         Measured deflection of the springs and its derivative [rad, rad/s], of prismatic joints [m,
         m/s], NaN for joints without the sensor.
+    motor_temperature : array (T, n) or None
+        Temperature of the motors [degC], NaN for those without the sensor.
     gear_torque : array (T, n) or None
         Estimated torque of rigid drives on their load [N m or N], if their friction depends on it.
     bridged : array (T,) or None
@@ -154,6 +156,7 @@ class Motion(Display):
     motor_voltage: Array | None = None
     deflection: Array | None = None
     deflection_rate: Array | None = None
+    motor_temperature: Array | None = None
     gear_torque: Array | None = None
     bridged: BoolArray | None = None
     processing: Processing | None = None
@@ -313,6 +316,9 @@ def _motion(
     n, springs = robot.n, signals.get("deflection")
     if springs is not None:
         springs = low_pass(springs, rate_hz, POSITION_BAND * cutoff_hz)
+    warmth = signals.get("motor_temperature")
+    if warmth is not None:
+        warmth = low_pass(warmth, rate_hz, POSITION_BAND * cutoff_hz)
     return Motion(
         time=time,
         joint_names=robot.joint_names,
@@ -328,6 +334,7 @@ def _motion(
         motor_voltage=signals.get("motor_voltage"),
         deflection=springs,
         deflection_rate=None if springs is None else spline_derivatives(time, springs)[1],
+        motor_temperature=warmth,
         cutoff_hz=float(cutoff_hz),
         transient_s=1.0 / cutoff_hz,
         bridged=_bridged(log.time, time),

@@ -43,6 +43,7 @@ _SENSORS = {
     "motor_current": "motor current",
     "motor_voltage": "motor voltage",
     "deflection": "deflection of the spring",
+    "motor_temperature": "temperature of the motor",
 }
 
 

@@ -151,15 +151,24 @@ def _packed_run(run: Run, room: int, lines: int) -> dict[str, Any]:
 
 
 def _packed_motion(motions: Sequence[Motion], time: Array, is_thinned: bool) -> dict[str, Any]:
-    """Return joint positions and velocities at the samples of the traces, null without room."""
+    """Return what the residual is drawn over at the samples of the traces, null without room.
+
+    These are joint positions and velocities, and the temperatures of motors that were logged.
+    """
+    states = {"position": "joint_position", "velocity": "joint_velocity"}
+    if motions and all(one.motor_temperature is not None for one in motions):
+        states["temperature"] = "motor_temperature"
+    found: dict[str, Any] = dict.fromkeys(("position", "velocity", "temperature"))
     if is_thinned or not motions:
-        return {"position": None, "velocity": None}
+        return found
     own = np.concatenate([motion.time for motion in motions])
-    return {
-        state: [packed(np.interp(time, own, column)) for column in whole.T]
-        for state in ("position", "velocity")
-        for whole in [np.concatenate([getattr(one, f"joint_{state}") for one in motions])]
-    }
+    for state, field in states.items():
+        whole = np.concatenate([getattr(one, field) for one in motions])
+        found[state] = [
+            packed(np.interp(time, own, one)) if np.all(np.isfinite(one)) else None
+            for one in whole.T
+        ]
+    return found
 
 
 def _lags(count: int, rate_hz: float, cutoff_hz: float) -> IndexArray:

@@ -212,11 +212,35 @@ def test_elastic_joint_in_milliseconds_with_current(tmp_path: Path) -> None:
             "motor_position": "motor_pos_1",
             "joint_position": "link_pos_1",
             "motor_current": "current_1",
+            "motor_temperature": "temp_1",
         }
     }
     assert found.description.to_dict()["time"] == {"column": "time_ms", "unit": "ms"}
     assert "joint_1: the motor turns 100 times as far: check the gear ratio" in found.unsure
-    assert found.unused == ("temp_1",)
+    assert not found.unused
+    assert "temp_1: taken for the temperature of the motor" in found.unsure
+
+
+@pytest.mark.parametrize(
+    ("names", "column", "unit", "level"),
+    [
+        (("j1_temp",), "j1_temp", None, 40.0),
+        (("j1_temperature_K",), "j1_temperature_K", "K", 310.0),
+        (("j1_temp_degF",), "j1_temp_degF", "degF", 100.0),
+        (("j1_temp",), "j1_temp", "K", 310.0),
+        (("j1_temp_C", "j1_motor_temp_C"), "j1_motor_temp_C", None, 40.0),
+        (("j1_temp_controller", "j1_temp_winding"), "j1_temp_winding", None, 40.0),
+        (("j1_board_temp",), None, None, 40.0),
+    ],
+)
+def test_the_temperature_of_the_motor_is_read_in_its_unit(
+    tmp_path: Path, names: tuple[str, ...], column: str | None, unit: str | None, level: float
+) -> None:
+    warm = dict.fromkeys(names, level + 0.01 * wave(0.1))
+    found = guess(tmp_path, t=TIME, j1_pos=wave(0.5), j1_tau=wave(0.6), **warm)
+    (sources,) = found.description.joints.values()
+    source = sources.get("motor_temperature")
+    assert (source and source.column, source and source.unit) == (column, unit)
 
 
 def test_degrees_counts_and_nanoseconds_are_inferred_from_their_size(tmp_path: Path) -> None:
@@ -343,6 +367,8 @@ def test_description_is_shown_as_a_table_with_its_doubts(tmp_path: Path) -> None
 # Measured logs
 
 HEBI = ("motor_position", "joint_position", "joint_torque", "motor_current", "motor_voltage")
+HEBI = (*HEBI, "motor_temperature")
+UNPOWERED = (*HEBI[:4], HEBI[-1])
 STIFF = ("joint_position", "motor_torque")
 
 
@@ -359,17 +385,21 @@ STIFF = ("joint_position", "motor_torque")
             "hebi_arms/sample.npz",
             "",
             2,
-            ("joint_position", "deflection", "joint_torque", "motor_current"),
+            ("joint_position", "deflection", "joint_torque", "motor_current", HEBI[-1]),
         ),
         ("hebi_x5_unloaded/exampleLog.csv", "", 1, HEBI),
         pytest.param(
-            "hebi_x5_unloaded/exampleLog.hebilog", "", 1, HEBI[:4], marks=pytest.mark.hebi
+            "hebi_x5_unloaded/exampleLog.hebilog",
+            "",
+            1,
+            (*HEBI[:4], HEBI[-1]),
+            marks=pytest.mark.hebi,
         ),
         ("ur10_exciting/ur10_exciting_trajectory.npz", "", 6, STIFF),
         ("ur10_exciting/ur10_exciting_trajectory.db3", "", 6, STIFF),
         ("double_pendulum_a0/strong_torque", "*.npz", 2, STIFF),
         ("double_pendulum_a0/weak_torque", "*.npz", 2, STIFF),
-        ("xl330_pendulum/raw", "*.npz", 1, STIFF[:1]),
+        ("xl330_pendulum/raw", "*.npz", 1, (STIFF[0], HEBI[-1])),
     ],
 )
 def test_every_measured_set_is_described(

@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -109,6 +110,7 @@ def test_csv_names_its_columns_as_the_design_says(tmp_path: Path) -> None:
     ]
     names = list(column_names("b", is_prismatic=True))
     more = ["b.motor_current_A", "b.motor_voltage_V", "b.deflection_m"]
+    more += ["b.motor_temperature_degC"]
     assert names == [*header.split(",")[5:], *more]
 
 
@@ -124,9 +126,11 @@ def test_motor_current_and_voltage_survive_files_and_cuts(tmp_path: Path) -> Non
         motor_current=current,
         motor_voltage=voltage,
     )
+    log = replace(log, motor_temperature=current - 5.0)
     write_log(log, tmp_path / "log.npz")
     back = read_log(tmp_path / "log.npz", one_joint(tmp_path)).between(5.0, 55.0)
     np.testing.assert_array_equal(back.sensors()["motor_current"], current[5:55])
+    np.testing.assert_array_equal(back.sensors()["motor_temperature"], current[:50])
     np.testing.assert_array_equal(back.sensors()["motor_voltage"], voltage[5:55])
 
 

@@ -105,6 +105,19 @@ def test_value_is_the_column_in_si_units_at_its_side(
     np.testing.assert_allclose(log.sensors()[quantity][:, 0], factor * wave(0.7), rtol=1e-12)
 
 
+@pytest.mark.parametrize(
+    ("unit", "factor", "zero"), [("degC", 1.0, 0.0), ("K", 1.0, -273.15), ("degF", 5 / 9, -160 / 9)]
+)
+def test_a_temperature_is_in_degrees_celsius(
+    tmp_path: Path, unit: str, factor: float, zero: float
+) -> None:
+    source = {"column": "b", "unit": unit, "scale": 2.0, "offset": 1.0}
+    description = described(motor_temperature=source)
+    log = read_log(log_file(tmp_path), robot_of(tmp_path, PULLEYS), description=description)
+    expected = 2.0 * (factor * wave(0.7) + zero) + 1.0
+    np.testing.assert_allclose(log.sensors()["motor_temperature"][:, 0], expected, rtol=1e-12)
+
+
 def test_prismatic_joint_is_in_metres_and_newtons(tmp_path: Path) -> None:
     robot = robot_of(tmp_path, DRUM, kind="prismatic")
     description = described(

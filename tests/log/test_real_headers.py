@@ -30,8 +30,9 @@ LEAST = 0.9
 SIZES = {"rad": 1.0, "deg": 57.3, "turn": 0.159, "counts": 652.0, "s": 1.0, "ms": 1e3, "us": 1e6}
 SIZES["ns"] = 1e9
 NEVER_READ = ("velocity", "acceleration", "temperature")
-"""Quantities that are never read from a log, so that it is all one whether they are commands."""
+"""Quantities that are never commands, or never read from a log."""
 SI = {"position": "rad", "torque": "Nm", "current": "A", "voltage": "V", "time": "s"}
+SI["temperature"] = "degC"
 
 
 @dataclass(frozen=True)

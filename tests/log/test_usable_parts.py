@@ -211,3 +211,25 @@ def test_rows_over_a_bridged_gap_are_excluded(gap_s: float, excluded: bool) -> N
     assert (near > 1 / (4 * 4.0)) == excluded
     whole = row_samples(reconstruct_motion(leg(), plain, 4.0))
     assert len(rows) == pytest.approx(len(whole), abs=4)
+
+
+# Temperatures
+
+
+def test_a_temperature_that_steps_and_drifts_decides_nothing_of_what_is_used(
+    tmp_path: Path,
+) -> None:
+    motion, _, _ = with_rest(leg_motion(), 3.0, 2.0)
+    log = measure(leg(), motion, LEG_SENSORS, seed=1)
+    warmth = np.round(30.0 + 0.4 * log.time)[:, None] * np.ones(leg().n)  # a step in 2.5 s
+    warm = replace(log, motor_temperature=warmth)
+    np.testing.assert_array_equal(usable(warm).time, usable(log).time)
+    seaid.write_log(warm, tmp_path / "log.csv")
+    back = seaid.read_log(tmp_path / "log.csv", leg(), repair=seaid.Repairs())
+    assert len(back.time) == len(log.time)
+    assert not holes(back.time)
+    motion = reconstruct_motion(leg(), back)
+    assert motion.motor_temperature is not None
+    assert np.all(np.isfinite(motion.motor_temperature))
+    inside = np.searchsorted(back.time, motion.time)
+    assert np.max(np.abs(motion.motor_temperature - warmth[inside])) < 1.1

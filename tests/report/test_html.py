@@ -246,6 +246,20 @@ def test_spectrum_of_a_sine_has_its_amplitude_at_its_frequency(tmp_path: Path) -
     assert amplitude[peak] == pytest.approx(0.7, rel=0.1)
 
 
+def test_residuals_are_drawn_over_the_temperature_of_a_motor_that_has_one(tmp_path: Path) -> None:
+    warmth = np.linspace(25.0, 60.0, len(arm_result().motions[0].time))
+    columns = np.column_stack([warmth, *[np.full_like(warmth, np.nan)] * (arm_found().robot.n - 1)])
+    motion = replace(arm_result().motions[0], motor_temperature=columns)
+    page = page_of(tmp_path, arm_found(), replace(arm_result(), motions=(motion,)))
+    run = json.loads(page.scripts["traces-data"])["runs"][0]
+    first, *others = run["temperature"]
+    assert others == [None] * (arm_found().robot.n - 1)
+    assert np.all((unpacked(first) > 24.9) & (unpacked(first) < 60.1))
+    assert np.all(np.diff(unpacked(first)) >= 0)
+    plain = page_of(tmp_path, arm_found(), arm_result())
+    assert json.loads(plain.scripts["traces-data"])["runs"][0]["temperature"] is None
+
+
 def test_without_room_traces_are_thinned_with_their_peaks_and_said_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

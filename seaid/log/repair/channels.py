@@ -7,7 +7,15 @@ import numpy as np
 from seaid._arrays import Array, BoolArray, is_constant, resolution, runs
 from seaid.errors import LogError
 from seaid.log.repair.clocks import RepairedClock, longest_bridge, longest_step
-from seaid.log.repair.data import FEWEST, Channel, Fault, Repair, Repairs, is_position
+from seaid.log.repair.data import (
+    FEWEST,
+    Channel,
+    Fault,
+    Repair,
+    Repairs,
+    is_position,
+    is_temperature,
+)
 from seaid.log.repair.resampling import gap_error
 
 _FARTHER = 2.0
@@ -238,6 +246,8 @@ def repaired_channel(
         channel, time, values, zero_dropouts(values), "sudden zeros", found
     )
     missing += lost
+    if is_temperature(channel.name):  # it is slow, so that neither repeats nor gaps are faults
+        return time, values
     if len(values) >= FEWEST:
         values = _without_wraps(channel, time, values, found)
     held = held_dropouts(values, 2 if is_position(channel.name) else 3)

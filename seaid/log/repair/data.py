@@ -137,6 +137,11 @@ def is_position(name: str) -> bool:
     return "position" in name.rsplit(".", 1)[-1]
 
 
+def is_temperature(name: str) -> bool:
+    """Return whether a column name of seaid is that of a temperature, which changes slowly."""
+    return "temperature" in name.rsplit(".", 1)[-1]
+
+
 @dataclass(frozen=True, eq=False)
 class Channel:
     """Samples `values` (T,) of a sensor at `time` (T,) [s] as logged, unsorted and not repaired.

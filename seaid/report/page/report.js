@@ -17,7 +17,7 @@
 
   const traces = stored("traces-data");
   const charts = {};
-  const hidden = Object.fromEntries(["torque", "residual", "spectrum", "autocorrelation", "over-velocity", "over-position"].map((name) => [name, new Set()]));
+  const hidden = Object.fromEntries(["torque", "residual", "spectrum", "autocorrelation", "over-velocity", "over-position", "over-temperature"].map((name) => [name, new Set()]));
   let zoom = null;
   let zooming = false;
 
@@ -175,6 +175,9 @@
       const length = traces.units.load[joint] === "N" ? "m" : "rad";
       scatter("over-velocity", `velocity [${length}/s]`, unit, motion.velocity, residual);
       scatter("over-position", `position [${length}]`, unit, motion.position, residual);
+      const warmth = run.temperature && run.temperature[joint];
+      at("over-temperature").parentElement.hidden = !warmth;
+      if (warmth) scatter("over-temperature", "temperature of the motor [°C]", unit, unpacked(warmth), residual.map((one, place) => one == null ? null : one * Math.sign(motion.velocity[place])));
     }
     const seen = run.unseen ? "unseen" : "used for identification";
     at("shown").textContent = `${traces.joints[joint]}, ${side} side, ${run.name} (${seen}); below ${run.cutoff.toPrecision(3)} Hz.`;
