@@ -251,13 +251,13 @@ def test_residuals_are_drawn_over_the_temperature_of_a_motor_that_has_one(tmp_pa
     columns = np.column_stack([warmth, *[np.full_like(warmth, np.nan)] * (arm_found().robot.n - 1)])
     motion = replace(arm_result().motions[0], motor_temperature=columns)
     page = page_of(tmp_path, arm_found(), replace(arm_result(), motions=(motion,)))
-    run = json.loads(page.scripts["traces-data"])["runs"][0]
+    run = json.loads(page.scripts["traces-data"])["runs"][-1]
     first, *others = run["temperature"]
     assert others == [None] * (arm_found().robot.n - 1)
     assert np.all((unpacked(first) > 24.9) & (unpacked(first) < 60.1))
     assert np.all(np.diff(unpacked(first)) >= 0)
     plain = page_of(tmp_path, arm_found(), arm_result())
-    assert json.loads(plain.scripts["traces-data"])["runs"][0]["temperature"] is None
+    assert json.loads(plain.scripts["traces-data"])["runs"][-1]["temperature"] is None
 
 
 def test_without_room_traces_are_thinned_with_their_peaks_and_said_so(
