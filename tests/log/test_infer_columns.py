@@ -366,8 +366,10 @@ def test_description_is_shown_as_a_table_with_its_doubts(tmp_path: Path) -> None
 
 # Measured logs
 
-HEBI = ("motor_position", "joint_position", "joint_torque", "motor_current", "motor_voltage")
-HEBI = (*HEBI, "motor_temperature")
+HEBI = (
+    *("motor_position", "joint_position", "joint_torque", "motor_current", "motor_voltage"),
+    "motor_temperature",
+)
 UNPOWERED = (*HEBI[:4], HEBI[-1])
 STIFF = ("joint_position", "motor_torque")
 
