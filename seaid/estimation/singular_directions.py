@@ -63,10 +63,21 @@ def scaled_svd(
     """Return the decomposition of columns (R, p); `what` names them in an `error`."""
     norms = np.linalg.norm(columns, axis=0)
     norms[norms == 0] = 1.0
-    left, sizes, vectors = safely(
-        linalg.svd, columns / norms, what=what, error=error, full_matrices=False, check_finite=False
-    )
+    left, sizes, vectors = safely(_svd, columns / norms, what=what, error=error)
     return ScaledSVD(left, sizes, vectors, norms)
+
+
+def _svd(matrix: Array) -> tuple[Array, Array, Array]:
+    """Return the thin decomposition: divide and conquer, or QR iterations where it fails.
+
+    Divide and conquer (gesdd) is faster, but sometimes does not converge for a finite matrix.
+    """
+    try:
+        found = linalg.svd(matrix, full_matrices=False, check_finite=False)
+    except linalg.LinAlgError:
+        found = linalg.svd(matrix, full_matrices=False, check_finite=False, lapack_driver="gesvd")
+    left, sizes, vectors = found
+    return left, sizes, vectors
 
 
 @dataclass(frozen=True, eq=False)
