@@ -33,7 +33,7 @@ from scripts.benchmarks.random_programs import (
 )
 from seaid._arrays import Array
 from seaid.estimation.estimate import Estimate
-from seaid.identification.physical.consistency import FeasibleParameters, feasible_parameters
+from seaid.identification.physical_consistency import FeasibleParameters, feasible_parameters
 from seaid.regressor.base import base_parameters, random_states
 from seaid.regressor.load import LoadModel, load_model
 from seaid.regressor.rigid_body import rigid_body_regressor

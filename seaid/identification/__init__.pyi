@@ -7,9 +7,6 @@ from .checking import check as check
 from .conditions import CONDITION_SPECIFIC as CONDITION_SPECIFIC
 from .conditions import Conditions as Conditions
 from .conditions import identify_conditions as identify_conditions
-from .cross_validation import cross_validate as cross_validate
-from .cutoff_sweep import CutoffSensitivity as CutoffSensitivity
-from .cutoff_sweep import cutoff_sensitivity as cutoff_sensitivity
 from .datasets import Source as Source
 from .delays import Delay as Delay
 from .delays import correct_delays as correct_delays
@@ -21,7 +18,10 @@ from .identification import identify as identify
 from .model_selection import TermSelection as TermSelection
 from .model_selection import compare_terms as compare_terms
 from .output_error import refine as refine
-from .physical.consistency import FeasibleParameters as FeasibleParameters
+from .physical_consistency import FeasibleParameters as FeasibleParameters
+from .repeated_identification import CutoffSensitivity as CutoffSensitivity
+from .repeated_identification import cross_validate as cross_validate
+from .repeated_identification import cutoff_sensitivity as cutoff_sensitivity
 from .term_columns import TermComparison as TermComparison
 from .validation import Fit as Fit
 from .validation import Validation as Validation

@@ -71,7 +71,7 @@ from seaid.identification.missing_terms import (
     with_default_terms,
 )
 from seaid.identification.nonlinear_terms import with_fixed_warnings
-from seaid.identification.physical.consistency import FeasibleParameters, feasible_parameters
+from seaid.identification.physical_consistency import FeasibleParameters, feasible_parameters
 from seaid.identification.sensitivity import sensitivity_findings
 from seaid.identification.simultaneous import estimate_simultaneous
 from seaid.identification.transmission_error import periodic_findings

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from seaid.errors import IdentificationError
-from seaid.identification.cutoff_sweep import CutoffSensitivity, cutoff_sensitivity
 from seaid.identification.identification import Identification, identify
+from seaid.identification.repeated_identification import CutoffSensitivity, cutoff_sensitivity
 from seaid.log.reading import Log
 from seaid.simulation.simulation import measure
 from tests.experiments import ARM_SENSORS, arm, arm_motion
@@ -39,7 +39,7 @@ def test_a_band_that_tells_other_parameters_is_refused(monkeypatch: pytest.Monke
     def identified(*_: object, cutoff_hz: float | None = None) -> Identification:
         return plain if cutoff_hz is None else fewer
 
-    monkeypatch.setattr("seaid.identification.cutoff_sweep.identify", identified)
+    monkeypatch.setattr("seaid.identification.repeated_identification.identify", identified)
     result = cutoff_sensitivity(KNOWN, log(), [6.0])
     assert "other parameters are ident" in result.refused[6.0]
     assert np.all(np.isnan(result.values[result.cutoffs_hz == 6.0]))

@@ -29,8 +29,7 @@ from seaid.estimation import (
     regularised,
     with_selected_weight,
 )
-from seaid.identification.drive_estimates import with_values
-from seaid.identification.physical.problem import (
+from seaid.identification.consistency_program import (
     NON_NEGATIVE,
     Boxes,
     MassBounds,
@@ -39,6 +38,7 @@ from seaid.identification.physical.problem import (
     interior_start,
     prior_bodies,
 )
+from seaid.identification.drive_estimates import with_values
 from seaid.regressor import LoadModel
 from seaid.robot import Robot
 

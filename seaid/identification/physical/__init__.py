@@ -1,1 +1,0 @@
-"""Physically consistent inertial parameters: nearest to an estimate and to a prior."""
