@@ -51,8 +51,6 @@ def inspect(
     choices: tuple[tuple[str, ...], ...] = (
         _CHOICES if sensors is None else (tuple(names(sensors) or ()),)
     )
-    if robot.dependent_joints and sensors is None:
-        choices = ()
     found = {", ".join(one): identifiability(robot, one) for one in choices}  # type: ignore[arg-type]
     content = {
         "joints": _joint_facts(robot),
@@ -63,7 +61,7 @@ def inspect(
     }
     text = [*_tree_lines(robot, tree, tree.root), *_link_lines(inconsistent), *_base_lines(base)]
     details = [str(one) for one in found.values()]
-    text += details if sensors is not None else [_identifiability_table(found)] if found else []
+    text += details if sensors is not None else [_identifiability_table(found)]
     show("\n".join(text), content, as_json, robot=robot.name)
 
 

@@ -401,14 +401,76 @@ def test_inspect_shows_what_follows(gripper: Robot) -> None:
     found = CliRunner().invoke(app, ["inspect", str(gripper.urdf)])
     assert found.exit_code == 0, found.output
     assert "cam_turn: mimics squeeze, times -12 plus 0.3" in found.output
+    assert "Identifiability by sensors" in found.output
     free = CliRunner().invoke(app, ["inspect", str(gripper.urdf), "--independent-mimics"])
     assert "mimics" not in free.output
     assert "Identifiability by sensors" in free.output
 
 
-def test_exact_methods_name_the_ways_out(gripper: Robot) -> None:
-    for method in (seaid.symbolic.base_parameters, seaid.identifiability):
-        with pytest.raises(
-            RobotError, match=r"has mimic joints \(.*\), which the exact methods do"
-        ):
-            method(gripper)
+def test_symbolic_equations_name_the_ways_out(gripper: Robot) -> None:
+    for through in ("energy", "torque"):
+        with pytest.raises(RobotError, match=r"has mimic joints \(.*\), which symbolic equations"):
+            seaid.symbolic.base_parameters(gripper, through=through)
+
+
+# Base parameters, exact against numeric
+
+
+def check_same_base(robot: Robot) -> None:
+    exact, numeric = seaid.symbolic.base_parameters(robot), seaid.base_parameters(robot)
+    assert exact.columns == numeric.columns
+    np.testing.assert_allclose(exact.grouping, numeric.grouping, atol=1e-9)
+
+
+@pytest.mark.parametrize("path", MIMICS, ids=lambda path: path.stem)
+def test_exact_base_parameters_are_the_numeric_ones(path: Path) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", SeaidWarning)
+        check_same_base(seaid.load_robot(path))
+
+
+@pytest.mark.parametrize("multiplier", [-1, 2, 0.5, -1.5, 0.37, 1.13446, -12])
+@pytest.mark.parametrize("offset", [0.0, 0.3])
+def test_any_multiplier_and_offset_has_exact_base_parameters(
+    write_urdf: Write, multiplier: float, offset: float
+) -> None:
+    """A parallelogram and a finger in series: between them a joint that moves by itself."""
+    text = gripper_text().replace(
+        '<mimic joint="shoulder" multiplier="-1" offset="0.2"/>',
+        f'<mimic joint="shoulder" multiplier="{multiplier}" offset="{offset}"/>',
+    )
+    text = text.replace(
+        'joint="mirror" multiplier="-12"', f'joint="turn" multiplier="{multiplier}"'
+    )
+    robot = seaid.load_robot(write_urdf(text))
+    check_same_base(robot)
+    found = seaid.identifiability(robot, ["joint_position", "motor_torque"])
+    assert found.agree
+    assert found.body_count == len(seaid.base_parameters(robot).columns)
+
+
+def test_a_floating_base_has_the_rank_of_one_on_six_joints(write_urdf: Write) -> None:
+    text = gripper_text().replace(
+        '<link name="base"/>', f'<link name="base">{_body(3, "0 0 0")}</link>'
+    )
+    free = seaid.symbolic.base_parameters(seaid.load_robot(write_urdf(text)), floating_base=True)
+    links = ["world", "x", "y", "z", "roll", "pitch", "base"]
+    text += "".join(f'<link name="{name}"/>' for name in links[:-1])
+    axes = ["1 0 0", "0 1 0", "0 0 1"] * 2
+    for place, (parent, child, axis) in enumerate(zip(links, links[1:], axes, strict=False)):
+        kind = "prismatic" if place < 3 else "revolute"
+        text += f'<joint name="to_{child}" type="{kind}"><parent link="{parent}"/>'
+        text += f'<child link="{child}"/><axis xyz="{axis}"/>'
+        text += '<limit lower="-2" upper="2" velocity="3" effort="50"/></joint>'
+    robot = seaid.load_robot(write_urdf(text))
+    Y = rigid_body_regressor(robot, *states(9, 60)).reshape(-1, len(robot.parameters))
+    own = [name not in links[:-1] for name in robot.body_names]
+    sizes = np.linalg.svd(Y[:, np.repeat(own, 10)], compute_uv=False)
+    assert np.count_nonzero(sizes > 1e-9 * sizes[0]) == free.rank
+
+
+def test_sensors_of_a_gripper_determine_what_the_regressor_does(gripper: Robot) -> None:
+    found = seaid.identifiability(gripper)
+    assert found.agree
+    assert found.body_count == len(seaid.base_parameters(gripper).columns)
+    assert found.rank > seaid.identifiability(gripper, ["joint_position", "joint_torque"]).rank

@@ -9,7 +9,7 @@ from typing import get_args
 import numpy as np
 
 from seaid.errors import SeaidWarning, SymbolicError, unknown_name
-from seaid.regressor.exact.geometry import ExactTree, exact_tree
+from seaid.regressor.exact.geometry import ExactTree, exact_tree, independent_tree
 from seaid.regressor.exact.grouping import (
     ExactBaseParameters,
     Route,
@@ -44,8 +44,9 @@ def base_parameters(
         Its geometry is made rational as described in `seaid.regressor.exact.geometry`.
     through : {"recursion", "energy", "torque"}, optional
         The route; all give the same result. "recursion" (default) solves one small null space per
-        joint, in milliseconds for any tree; "energy" reduces the polynomials of kinetic and
-        potential energy; "torque" those of the joint torques, (11)-(13) of the paper.
+        joint, in milliseconds for any tree, and takes mimic joints; "energy" reduces the
+        polynomials of kinetic and potential energy; "torque" those of the joint torques, (11)-(13)
+        of the paper.
     torque_joints : list of str, optional
         Joints whose torque is known, served by "torque" only. Default: all.
     floating_base : bool, default False
@@ -81,15 +82,16 @@ def base_parameters(
     """
     route = _route(through, torque_joints, floating_base)
     known = _known(robot, torque_joints)
-    tree = exact_tree(robot)
     if route != "recursion":
+        tree = independent_tree(robot)
         return _checked(robot, _by_polynomials(robot, tree, route, known, max_terms, progress))
     names = robot.parameter_names
     if floating_base:
         taken = "base" in robot.body_names
         names = parameter_names(["floating_base" if taken else "base"]) + names
-    echelon = from_null_space(null_space(tree, floating=floating_base), len(names))
-    echelon = _of_unknown(robot, echelon, len(names) - 10 * robot.n)
+    nulls = null_space(exact_tree(robot), floating=floating_base)
+    echelon = from_null_space(nulls, len(names))
+    echelon = _of_unknown(robot, echelon, len(names) - len(robot.parameters))
     return _checked(robot, packed(echelon, names, route))
 
 

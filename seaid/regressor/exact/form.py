@@ -31,7 +31,7 @@ from seaid.drives import (
 from seaid.errors import SymbolicError
 from seaid.regressor.exact.base import base_parameters
 from seaid.regressor.exact.codegen import Numeric, Program, Value, numeric
-from seaid.regressor.exact.geometry import exact_tree
+from seaid.regressor.exact.geometry import independent_tree
 from seaid.regressor.exact.grouping import ExactBaseParameters
 from seaid.regressor.exact.newton_euler import Entries, regressor_program
 from seaid.robot import Robot, coupled_groups
@@ -136,7 +136,7 @@ def rigid_body(robot: Robot) -> RigidBodyForm:
 
     It is without payload, friction and rotor inertia, as `seaid.regressor.rigid_body_regressor`.
     """
-    program, entries = regressor_program(exact_tree(robot))
+    program, entries = regressor_program(independent_tree(robot))
     return RigidBodyForm(
         robot_name=robot.name,
         joint_names=robot.joint_names,

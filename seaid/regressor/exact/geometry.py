@@ -63,45 +63,66 @@ class ExactJoint:
 class ExactTree:
     """Joints with parents first, and the gravity (3, 1) in the base frame.
 
-    `bodies[i]` is the index, among the robot's bodies, of the body that joint i moves.
+    `bodies[i]` is the index, among the robot's bodies, of the body that joint i moves. A position
+    is `multipliers[i]` times that of the independent joint `leaders[i]`: the rows of E. Constant
+    angles and lengths of E q + e are in the placements.
     """
 
     joints: tuple[ExactJoint, ...]
     gravity: fmpq_mat
     bodies: tuple[int, ...]
+    leaders: tuple[int, ...]
+    multipliers: tuple[fmpq, ...]
 
 
-def exact_tree(robot: Robot) -> ExactTree:
+def independent_tree(robot: Robot) -> ExactTree:
     """Return the exact geometry of a robot. Raises RobotError if it has dependent joints."""
     if robot.dependent_joints:
         names = listed(joint.name for joint in robot.dependent_joints)
         raise RobotError(
-            f"'{robot.name}' has mimic joints ({names}), which the exact methods do not take: use "
-            "the numeric seaid.base_parameters, or load it with independent_mimics=True or without "
-            "their leaders in joints=",
+            f"'{robot.name}' has mimic joints ({names}), which symbolic equations do not take: use "
+            'base_parameters with through="recursion", or load it with independent_mimics=True or '
+            "without their leaders in joints=",
             "independent_mimics=True",
             "joints=",
         )
-    model = robot.model
+    return exact_tree(robot)
+
+
+def exact_tree(robot: Robot) -> ExactTree:
+    """Return the exact geometry of a robot."""
+    model, n = robot.model, robot.n
+    followers = robot.dependent_joints
+    leaders = [*range(n), *(robot.index(one.leader) for one in followers)]
+    factors = [*[fmpq(1)] * n, *(exact_number(one.multiplier) for one in followers)]
+    offsets = [*[0.0] * n, *(one.offset for one in followers)]
     joints: list[ExactJoint] = []
     for index in range(1, model.njoints):
         parent = int(model.parents[index]) - 1
         placement = model.jointPlacements[index]
         above = _IDENTITY if parent < 0 else joints[parent].alignment
         axis = joint_axis(model.joints[index])
+        body = robot.model_order[index - 1]
         rotation, alignment = _between_axes(above, exact_rotation(placement.rotation), axis)
         translation = fmpq_mat([[exact_number(x)] for x in placement.translation])
+        translation = above.transpose() * translation
+        if robot.all_prismatic[body]:
+            translation += rotation * fmpq_mat([[0], [0], [exact_number(offsets[body])]])
+        elif offsets[body]:
+            rotation = rotation * _about_z(offsets[body])
         joints.append(
             ExactJoint(
                 parent=parent,
-                is_prismatic=robot.is_prismatic[robot.model_order[index - 1]],
+                is_prismatic=robot.all_prismatic[body],
                 rotation=rotation,
-                translation=above.transpose() * translation,
+                translation=translation,
                 alignment=alignment,
             )
         )
     gravity = fmpq_mat([[exact_number(x)] for x in model.gravity.linear])
-    return ExactTree(tuple(joints), gravity, robot.model_order)
+    order = robot.model_order
+    moved = (tuple(leaders[i] for i in order), tuple(factors[i] for i in order))
+    return ExactTree(tuple(joints), gravity, order, *moved)
 
 
 def _between_axes(above: fmpq_mat, placed: fmpq_mat, axis: Array) -> tuple[fmpq_mat, fmpq_mat]:

@@ -4,15 +4,23 @@ A change of body i is undetectable, in combination with a change of its parent, 
 energy seen from the parent does not depend on q_i and q_i' (Wensing, Niemeyer and Slotine 2017, who
 do it numerically). The parent's motions enter by the spans of v, v v^T and gravity. The cost is
 O(n); nothing is rounded.
+
+Joints that one coordinate moves (mimic joints), with those between them and the body that carries
+them all, are a group with one such question: the sum of their energies must not depend on the
+group's coordinates x and x'. It is asked at random rational points of the circle, without rounding:
+the rank is never too high, and too low only if the points are special.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from functools import cache
+from math import gcd, lcm
 
-from flint import fmpq, fmpq_mat
+import numpy as np
+from flint import fmpq, fmpq_mat, nmod_mat
 
 from seaid.regressor.exact.geometry import (
     PAIRS,
@@ -59,7 +67,12 @@ def null_space(tree: ExactTree, *, floating: bool = False) -> list[Null]:
     base = _full_spans() if floating else Spans([], [], _basis([tree.gravity.entries()]))
     spans = {-1: base}
     nulls: list[Null] = []
+    groups = {place: group for group in _groups(tree) for place in group}
     for place, (joint, body) in enumerate(zip(tree.joints, tree.bodies, strict=True)):
+        if place in groups:
+            if place == groups[place][0]:
+                nulls += _group_nulls(tree, groups[place], spans, shift, floating)
+            continue
         hidden, spans[place] = _hidden(joint, spans[joint.parent])
         own = inertia_transform(joint.alignment)
         above, parent = inertia_transform(joint.rotation, joint.translation), 0
@@ -162,13 +175,13 @@ def _basis(vectors: Sequence[Sequence[fmpq]]) -> list[Vector]:
     return [list(row) for row in echelon.tolist()[:rank]]
 
 
-def _nullspace(rows: Sequence[Vector]) -> list[fmpq_mat]:
-    """Return a basis of vectors (10, 1) that all rows map to zero."""
+def _nullspace(rows: Sequence[Vector], width: int = 10) -> list[fmpq_mat]:
+    """Return a basis of vectors (width, 1) that all rows map to zero."""
     echelon = _basis(rows)
     pivots = [next(j for j, x in enumerate(row) if x != 0) for row in echelon]
     found = []
-    for free in (j for j in range(10) if j not in pivots):
-        vector = [fmpq(int(j == free)) for j in range(10)]
+    for free in (j for j in range(width) if j not in pivots):
+        vector = [fmpq(int(j == free)) for j in range(width)]
         for row, pivot in zip(echelon, pivots, strict=True):
             vector[pivot] = -row[free]
         found.append(_column(vector))
@@ -184,3 +197,254 @@ def _symmetric(entries: Sequence[fmpq]) -> fmpq_mat:
     for (i, j), value in zip(PAIRS, entries, strict=True):
         matrix[i, j] = matrix[j, i] = value
     return matrix
+
+
+def _groups(tree: ExactTree) -> list[list[int]]:
+    """Return the places of the joints that move together, with those between them, in order."""
+    leaders = sorted({one for one in tree.leaders if tree.leaders.count(one) > 1})
+    groups = [{place for place, one in enumerate(tree.leaders) if one == own} for own in leaders]
+    while True:
+        groups = [_with_joints_between(tree, group) for group in groups]
+        pair = next(
+            ((a, b) for i, a in enumerate(groups) for b in groups[:i] if a & b),
+            None,
+        )
+        if pair is None:
+            return [sorted(group) for group in groups]
+        groups = [one for one in groups if one not in pair] + [pair[0] | pair[1]]
+
+
+def _with_joints_between(tree: ExactTree, group: set[int]) -> set[int]:
+    """Return a group with all joints up to the body that carries it."""
+    chains = [_chain(tree, place) for place in group]
+    common = set.intersection(*(set(chain[1:]) for chain in chains))
+    return set().union(*chains) - common
+
+
+def _chain(tree: ExactTree, place: int) -> list[int]:
+    """Return a joint and those before it, to the base."""
+    found = []
+    while place >= 0:
+        found.append(place)
+        place = tree.joints[place].parent
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class _Pose:
+    """A body of a group at one point: its place in the parent's frame, and B in v_i = A v + B x'.
+
+    `rates` has a column (6,) of B for each coordinate.
+    """
+
+    rotation: fmpq_mat
+    translation: fmpq_mat
+    rates: dict[int, fmpq_mat]
+
+
+def _group_nulls(
+    tree: ExactTree, group: list[int], spans: dict[int, Spans], shift: int, floating: bool
+) -> list[Null]:
+    """Return the undetectable changes of a group, and add the spans of its bodies to `spans`."""
+    first = min(group)
+    carrier = tree.joints[first].parent
+    above, still = spans[carrier], _poses(tree, group, carrier, None)
+    rows: list[Vector] = []
+    reached: dict[int, Spans] = {place: Spans([], [], []) for place in group}
+    random, unchanged = np.random.default_rng(0), 0
+    while unchanged < _CONFIRMING:
+        poses = _poses(tree, group, carrier, random)
+        before = len(rows), [_sizes(reached[place]) for place in group]
+        rows = _independent([*rows, *_conditions(group, poses, still, above)])
+        for place in group:
+            reached[place] = _behind(poses[place], above, reached[place])
+        after = len(rows), [_sizes(reached[place]) for place in group]
+        unchanged = unchanged + 1 if after == before else 0
+    spans.update(reached)
+    nulls = []
+    for change in _nullspace(rows, 10 * len(group)):
+        null, total = Null(), fmpq_mat(10, 1)
+        for i, place in enumerate(group):
+            own = _column(change.entries()[10 * i : 10 * i + 10])
+            aligned = inertia_transform(tree.joints[place].alignment)
+            null |= _at(10 * tree.bodies[place] + shift, aligned * own)
+            total += inertia_transform(still[place].rotation, still[place].translation) * own
+        if carrier >= 0:
+            total = inertia_transform(tree.joints[carrier].alignment) * total
+            null |= _at(10 * tree.bodies[carrier] + shift, -total)
+        elif floating:
+            null |= _at(0, -total)
+        nulls.append(null)
+    return nulls
+
+
+def _independent(rows: list[Vector]) -> list[Vector]:
+    """Return the first rows that are independent, by their residues modulo a prime.
+
+    These are independent as rationals too; the elimination of rationals is then made only once.
+    """
+    residues = [[int(x.p) * pow(int(x.q), -1, _PRIME) % _PRIME for x in row] for row in rows]
+    turned = [list(column) for column in zip(*residues, strict=True)]
+    echelon, rank = nmod_mat(turned, _PRIME).rref()
+    table = echelon.tolist()[:rank]
+    pivots = [next(j for j, x in enumerate(row) if int(x)) for row in table]
+    return [rows[pivot] for pivot in pivots]
+
+
+_PRIME = 2**61 - 1
+
+_CONFIRMING = 3
+"""Random points that add nothing, after which the conditions count as complete."""
+
+
+def _sizes(spans: Spans) -> tuple[int, int, int]:
+    return len(spans.velocity), len(spans.square), len(spans.gravity)
+
+
+def _poses(
+    tree: ExactTree, group: list[int], carrier: int, random: np.random.Generator | None
+) -> dict[int, _Pose]:
+    """Return the bodies of a group in its carrier's frame, at a random point or at zero."""
+    positions = _positions(tree, group, random)
+    identity = fmpq_mat([[int(i == j) for j in range(3)] for i in range(3)])
+    found = {carrier: _Pose(identity, fmpq_mat(3, 1), {})}
+    for place in group:
+        joint, before = tree.joints[place], found[tree.joints[place].parent]
+        value = positions[place]
+        turn, slide = identity, fmpq_mat(3, 1)
+        if isinstance(value, tuple):
+            c, s = value
+            turn = fmpq_mat([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+        else:
+            slide[2, 0] = value
+        rotation = joint.rotation * turn
+        translation = joint.translation + joint.rotation * slide
+        X = twist_transform(rotation, translation)
+        rates = {leader: X * column for leader, column in before.rates.items()}
+        axis = fmpq_mat(6, 1)
+        axis[2 if joint.is_prismatic else 5, 0] = tree.multipliers[place]
+        leader = tree.leaders[place]
+        rates[leader] = rates[leader] + axis if leader in rates else axis
+        found[place] = _Pose(
+            before.rotation * rotation, before.translation + before.rotation * translation, rates
+        )
+    return found
+
+
+def _positions(
+    tree: ExactTree, group: list[int], random: np.random.Generator | None
+) -> dict[int, fmpq | tuple[fmpq, fmpq]]:
+    """Return the position of each joint: a length, or cosine and sine of an angle.
+
+    A length and an angle of one coordinate are independent numbers, since no polynomial relates q
+    to cos q. Angles with multipliers a/b of each other, both small, are multiples of one angle.
+    """
+    found: dict[int, fmpq | tuple[fmpq, fmpq]] = {}
+    for leader in {tree.leaders[place] for place in group}:
+        own = [place for place in group if tree.leaders[place] == leader]
+        length = _random_number(random)
+        for place in (one for one in own if tree.joints[one].is_prismatic):
+            found[place] = tree.multipliers[place] * length
+        turning = [one for one in own if not tree.joints[one].is_prismatic]
+        while turning:
+            first = _fraction(tree.multipliers[turning[0]])
+            ratios = {one: _fraction(tree.multipliers[one]) / first for one in turning}
+            similar = {
+                one: ratio
+                for one, ratio in ratios.items()
+                if max(abs(ratio.numerator), ratio.denominator) <= _MOST_TURNS
+            }
+            common = lcm(*(ratio.denominator for ratio in similar.values()))
+            turns = {one: int(ratio * common) for one, ratio in similar.items()}
+            shared = gcd(*turns.values())
+            t = _random_number(random)
+            circle = (1 - t * t) / (1 + t * t), 2 * t / (1 + t * t)
+            found |= {one: _turned(circle, count // shared) for one, count in turns.items()}
+            turning = [one for one in turning if one not in similar]
+    return found
+
+
+_MOST_TURNS = 60
+"""Numerator and denominator up to which the ratio of two multipliers is one of small integers."""
+
+
+def _fraction(value: fmpq) -> Fraction:
+    return Fraction(int(value.p), int(value.q)) or Fraction(1)
+
+
+def _random_number(random: np.random.Generator | None) -> fmpq:
+    if random is None:
+        return fmpq(0)
+    above, below = random.integers(1, 40, 2).tolist()
+    return fmpq(int(above), int(below)) * (-1 if random.random() < 0.5 else 1)
+
+
+def _turned(circle: tuple[fmpq, fmpq], count: int) -> tuple[fmpq, fmpq]:
+    """Return cosine and sine of a multiple of an angle."""
+    c, s = fmpq(1), fmpq(0)
+    for _ in range(abs(count)):
+        c, s = c * circle[0] - s * circle[1], s * circle[0] + c * circle[1]
+    return c, (s if count >= 0 else -s)
+
+
+def _conditions(
+    group: list[int], poses: dict[int, _Pose], still: dict[int, _Pose], above: Spans
+) -> list[Vector]:
+    """Return the conditions at one point: the energy is that at zero, without a part in x'."""
+    parts = [_energies(poses[place], still[place], above, _leaders(poses)) for place in group]
+    return [[x for part in row for x in part] for row in zip(*parts, strict=True)]
+
+
+def _leaders(poses: dict[int, _Pose]) -> list[int]:
+    return sorted({leader for pose in poses.values() for leader in pose.rates})
+
+
+def _energies(pose: _Pose, still: _Pose, above: Spans, leaders: list[int]) -> list[Vector]:
+    """Return what each unit parameter of a body adds to the energy that must vanish."""
+    nothing = fmpq_mat(6, 1)
+    rates = [pose.rates.get(leader, nothing) for leader in leaders]
+    A, at_zero = _twist(pose), _twist(still)
+    moving = [_both_ways(a, b) for i, a in enumerate(rates) for b in rates[: i + 1]]
+    moving += [_both_ways(A * _column(v), b) for v in above.velocity for b in rates]
+    moving += [_carried(A, w, at_zero) for w in above.square]
+    rows = [applied(TWICE_KINETIC, w, 10, _ZERO) for w in moving]
+    for z in map(_column, above.gravity):
+        weight = (z.transpose() * (pose.translation - still.translation))[0, 0]
+        turned = (pose.rotation - still.rotation).transpose() * z
+        rows.append([weight, *turned.entries(), *[_ZERO] * 6])
+    return rows
+
+
+def _twist(pose: _Pose) -> fmpq_mat:
+    return twist_transform(pose.rotation, pose.translation)
+
+
+def _both_ways(one: fmpq_mat, other: fmpq_mat) -> Vector:
+    """Return the 21 entries of a b^T + b a^T."""
+    a, b = one.entries(), other.entries()
+    return [a[i] * b[j] + b[i] * a[j] for i, j in PAIRS]
+
+
+def _carried(A: fmpq_mat, square: Vector, minus: fmpq_mat | None = None) -> Vector:
+    """Return the 21 entries of A w A^T, minus those by another map."""
+    w = _symmetric(square)
+    found = A * w * A.transpose()
+    if minus is not None:
+        found -= minus * w * minus.transpose()
+    return [found[i, j] for i, j in PAIRS]
+
+
+def _behind(pose: _Pose, above: Spans, known: Spans) -> Spans:
+    """Return the spans of a body, widened by those at one point."""
+    if known.is_full:
+        return known
+    A, rates = _twist(pose), list(pose.rates.values())
+    carried = [A * _column(v) for v in above.velocity]
+    square = [_carried(A, w) for w in above.square]
+    square += [_both_ways(a, b) for a in [*carried, *rates] for b in rates]
+    turned = pose.rotation.transpose()
+    return Spans(
+        velocity=_basis([*known.velocity, *(one.entries() for one in [*carried, *rates])]),
+        square=_basis([*known.square, *square]),
+        gravity=_basis([*known.gravity, *((turned * _column(z)).entries() for z in above.gravity)]),
+    )

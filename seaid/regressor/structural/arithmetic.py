@@ -11,8 +11,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cache, lru_cache
-from math import isqrt
+from functools import cache, cached_property, lru_cache
+from math import isqrt, lcm
 from typing import Any, Protocol
 
 import numpy as np
@@ -46,7 +46,7 @@ class Numbers(Protocol):
         """Return random values (count,) of a signal."""
 
     def states(self, count: int) -> tuple[Any, Any, Any, Any]:
-        """Return random q, its cosine and sine, v and a, each (count, n)."""
+        """Return random q, v and a, each (count, n), and cosine and sine of the joints."""
 
     def regressor(self, q: Any, turned: Any, v: Any, a: Any) -> Any:
         """Return the joint-torque regressor (T, n, 10n)."""
@@ -169,12 +169,25 @@ class ResidueNumbers:
     def depends(self) -> list[frozenset[int]]:
         """Return, for each joint, the joints on whose motion its torque depends."""
         program, entries = self._program
+        leaders = self._leaders
         found = []
         for row in range(self.robot.n):
-            names = needed(program, [x for (i, _), x in entries.items() if i == row])
-            inputs = {name[1:] for name in names if name[0] in "qva"}
-            found.append(frozenset(map(int, inputs)))
+            values = [x for (i, _), x in entries.items() if leaders[i] == row]
+            inputs = {name[1:] for name in needed(program, values) if name[0] in "qva"}
+            found.append(frozenset(leaders[int(one)] for one in inputs))
         return found
+
+    @cached_property
+    def _leaders(self) -> list[int]:
+        """The independent joint of each body."""
+        return [self.robot.index(self.robot.joint_of(i)) for i in range(len(self.robot.body_names))]
+
+    @cached_property
+    def _multipliers(self) -> list[Fraction]:
+        """The multiplier of each body's joint."""
+        found = [exact_number(one.multiplier) for one in self.robot.dependent_joints]
+        exact = [Fraction(int(x.p), int(x.q)) for x in found]
+        return [Fraction(1)] * self.robot.n + exact
 
     def number(self, value: float | Fraction) -> int:
         """Return the residue of a rational; a double counts as the decimal that it represents."""
@@ -192,22 +205,30 @@ class ResidueNumbers:
         return self.random(count)
 
     def states(self, count: int) -> tuple[Residues, tuple[Residues, Residues], Residues, Residues]:
-        """Return random q, cosine and sine, v and a, each (count, n).
+        """Return random q, cosine and sine of all bodies' angles, v and a, of `count` instants.
 
-        Cosine and sine are independent of q, because no polynomial relation links them.
+        Cosine and sine are independent of q, because no polynomial relation links them. Those of
+        a mimic joint, and of its leader, are of multiples of one angle.
         """
         q, turn, v, a = (self.random(count, self.robot.n) for _ in range(4))
-        return q, _circle(turn), v, a
+        cosine, sine = _circle(turn)
+        turned = np.zeros((2, count, len(self._leaders)), dtype=object)
+        for body, leader in enumerate(self._leaders):
+            own = zip(self._leaders, self._multipliers, strict=True)
+            common = lcm(*(x.denominator for i, x in own if i == leader))
+            turns = int(self._multipliers[body] * common)
+            turned[:, :, body] = _turned(cosine[:, leader], sine[:, leader], turns)
+        return q, (turned[0], turned[1]), v, a
 
     def regressor(
         self, q: Residues, turned: tuple[Residues, Residues], v: Residues, a: Residues
     ) -> Residues:
         """Return the joint-torque regressor (T, n, 10n), as `rigid_body_regressor`."""
         known = self._steps(q, turned, v, a)
-        Y = np.zeros((len(q), self.robot.n, 10 * self.robot.n), dtype=object)
+        Y = np.zeros((len(q), self.robot.n, self.robot.parameters.size), dtype=object)
         for (row, column), value in self._program[1].items():
-            Y[:, row, column] = _sum(value, known, len(q))
-        return Y
+            Y[:, self._leaders[row], column] += self._on_leader(row, _sum(value, known, len(q)))
+        return np.asarray(Y % PRIME)
 
     def torques(
         self,
@@ -221,13 +242,20 @@ class ResidueNumbers:
         known = self._steps(q, turned, v, a)
         found = np.zeros((len(q), self.robot.n), dtype=object)
         for (row, column), value in self._program[1].items():
-            found[:, row] += _sum(value, known, len(q)) * bodies[column]
+            own = self._on_leader(row, _sum(value, known, len(q)))
+            found[:, self._leaders[row]] += own * bodies[column]
         return np.asarray(found % PRIME)
+
+    def _on_leader(self, row: int, torque: Residues) -> Residues:
+        """Return the torque of a body's joint on its leader: a row of tau = E^T tau_all."""
+        return torque if row < self.robot.n else torque * residue(self._multipliers[row])
 
     def _steps(
         self, q: Residues, turned: tuple[Residues, Residues], v: Residues, a: Residues
     ) -> dict[str, Residues]:
         """Return every named value of the program."""
+        factors = np.array([residue(one) for one in self._multipliers], dtype=object)
+        q, v, a = (x[:, self._leaders] * factors % PRIME for x in (q, v, a))
         states = dict(zip("cs", turned, strict=True)) | {"q": q, "v": v, "a": a}
         known = {f"{x}{i}": column for x, s in states.items() for i, column in enumerate(s.T)}
         for name, value in self._program[0].steps.items():
@@ -326,6 +354,20 @@ def _circle(t: Residues) -> tuple[Residues, Residues]:
     """Return cosine (1 - t^2) / (1 + t^2) and sine 2 t / (1 + t^2) for half tangents t."""
     below = _inverse((1 + t * t) % PRIME)
     return (1 - t * t) * below % PRIME, 2 * t * below % PRIME
+
+
+def _turned(cosine: Residues, sine: Residues, turns: int) -> tuple[Residues, Residues]:
+    """Return cosine and sine of a multiple of an angle, by squaring of c + i s."""
+    if turns == 1:
+        return cosine, sine
+    c, s = np.ones_like(cosine), np.zeros_like(sine)
+    left = abs(turns)
+    while left:
+        if left % 2:
+            c, s = (c * cosine - s * sine) % PRIME, (s * cosine + c * sine) % PRIME
+        cosine, sine = (cosine**2 - sine**2) % PRIME, 2 * cosine * sine % PRIME
+        left //= 2
+    return c, (s if turns >= 0 else -s % PRIME)
 
 
 def _power(base: Any, exponent: int) -> Any:

@@ -68,7 +68,7 @@ def random_truth(numbers: Numbers, system: System) -> Truth:
                 numbers.reduced(value * numbers.number(_speed(drive))) if is_speed else value
             )
         drives.append(known)
-    bodies = numbers.random(10 * system.robot.n)
+    bodies = numbers.random(system.robot.parameters.size)
     bodies[system.robot.is_known] = 0
     return Truth(bodies, tuple(drives))
 
@@ -83,17 +83,18 @@ def columns_at_instants(
 ) -> Any:
     """Return the derivatives (count * W, m) of the sums of equations by all unknown parameters.
 
-    Instants are free or, with the known parameters `payload` (10n,), those of a true motion.
+    Instants are free or, with the known parameters `payload` (10N,), those of a true motion.
     """
     robot, terms, sums = system.robot, system.terms, system.sums
     Y, drives = _instants(numbers, robot, terms, truth, count, payload)
-    starts = np.cumsum([10 * robot.n, *(len(drive.unknowns) for drive in terms)]).tolist()
+    bodies = robot.parameters.size
+    starts = np.cumsum([bodies, *(len(drive.unknowns) for drive in terms)]).tolist()
     H = np.zeros((count, len(sums), starts[-1]), dtype=Y.dtype)
     for e in sorted(system.used):
         equation = system.equations[e]
         slopes = np.zeros((count, starts[-1]), dtype=Y.dtype)
         if equation.kind == "load":
-            slopes[:, : 10 * robot.n] = -Y[:, equation.index] * ~robot.is_known
+            slopes[:, :bodies] = -Y[:, equation.index] * ~robot.is_known
         for i, factor, expression in equation.parts:
             for place, symbol in enumerate(terms[i].unknowns, starts[i]):
                 slope = _slope(expression, symbol)
@@ -370,7 +371,7 @@ def _rank_in_doubles(
 
 def _negligible(system: System, H: Array) -> BoolArray:
     """Return which columns of bodies are zero up to rounding, as `base.negligible`."""
-    norms, bodies = np.linalg.norm(H, axis=0), np.arange(H.shape[1]) < 10 * system.robot.n
+    norms, bodies = np.linalg.norm(H, axis=0), np.arange(H.shape[1]) < system.robot.parameters.size
     return np.asarray(bodies & (norms < 1e-9 * norms[bodies].max(initial=0.0)))
 
 
