@@ -406,7 +406,7 @@ def _energies(pose: _Pose, still: _Pose, above: Spans, leaders: list[int]) -> li
     A, at_zero = _twist(pose), _twist(still)
     moving = [_both_ways(a, b) for i, a in enumerate(rates) for b in rates[: i + 1]]
     moving += [_both_ways(A * _column(v), b) for v in above.velocity for b in rates]
-    moving += [_carried(A, w, at_zero) for w in above.square]
+    moving += [_transformed(A, w, at_zero) for w in above.square]
     rows = [applied(TWICE_KINETIC, w, 10, _ZERO) for w in moving]
     for z in map(_column, above.gravity):
         weight = (z.transpose() * (pose.translation - still.translation))[0, 0]
@@ -425,7 +425,7 @@ def _both_ways(one: fmpq_mat, other: fmpq_mat) -> Vector:
     return [a[i] * b[j] + b[i] * a[j] for i, j in PAIRS]
 
 
-def _carried(A: fmpq_mat, square: Vector, minus: fmpq_mat | None = None) -> Vector:
+def _transformed(A: fmpq_mat, square: Vector, minus: fmpq_mat | None = None) -> Vector:
     """Return the 21 entries of A w A^T, minus those by another map."""
     w = _symmetric(square)
     found = A * w * A.transpose()
@@ -439,12 +439,12 @@ def _behind(pose: _Pose, above: Spans, known: Spans) -> Spans:
     if known.is_full:
         return known
     A, rates = _twist(pose), list(pose.rates.values())
-    carried = [A * _column(v) for v in above.velocity]
-    square = [_carried(A, w) for w in above.square]
-    square += [_both_ways(a, b) for a in [*carried, *rates] for b in rates]
+    moved = [A * _column(v) for v in above.velocity]
+    square = [_transformed(A, w) for w in above.square]
+    square += [_both_ways(a, b) for a in [*moved, *rates] for b in rates]
     turned = pose.rotation.transpose()
     return Spans(
-        velocity=_basis([*known.velocity, *(one.entries() for one in [*carried, *rates])]),
+        velocity=_basis([*known.velocity, *(one.entries() for one in [*moved, *rates])]),
         square=_basis([*known.square, *square]),
         gravity=_basis([*known.gravity, *((turned * _column(z)).entries() for z in above.gravity)]),
     )
