@@ -8,15 +8,15 @@ well the encoders of both sides agree. Friction that would drive the joint count
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 
 from seaid._arrays import Array, BoolArray, IndexArray, safely
-from seaid.errors import IdentificationError
+from seaid.errors import IdentificationError, Severity
 from seaid.estimation import RANK_TOLERANCE, scaled_svd
 from seaid.log import Motion, column_name, in_band, in_band_at, row_samples
 from seaid.regressor import INPUT_FIELDS, regressor_at_drives
@@ -440,3 +440,17 @@ def _of_motors(robot: Robot, motion: Motion) -> Array:
     """Return the motor torque (T, n), NaN for drives whose current or voltage was logged."""
     inputs = np.array([INPUT_FIELDS[drive.motor_input] for drive in robot.drives.values()])
     return np.where(inputs == "motor_torque", motion.motor_torque, np.nan)
+
+
+@dataclass(frozen=True, eq=False)
+class Hypothesis:
+    """A possible mistake: how to undo it, and the finding if it explains the log."""
+
+    code: str
+    message: str
+    undo: Callable[[Experiment], Experiment]
+    joint: str = ""
+    remedy: str = ""
+    severity: Severity = "wrong"
+    evidence: dict[str, float] = field(default_factory=dict)
+    penalty: float = 0.0
