@@ -14,7 +14,8 @@ from seaid._arrays import Array
 from seaid.drives.drives import SeriesElasticDrive, StiffDrive
 from seaid.excitation.basis import make_basis
 from seaid.excitation.trajectory import Trajectory
-from seaid.identification.identification import Identification
+from seaid.identification.identification import Identification, identify
+from seaid.identification.validation import Validation, validate
 from seaid.log.motion import Motion
 from seaid.log.reading import Log
 from seaid.robot.robot import Payload, Robot, load_robot
@@ -81,11 +82,39 @@ def arm() -> Robot:
     return load_robot(DATA / "mixed_arm.urdf", DATA / "mixed_arm.toml")
 
 
-@cache
 def arm_motion(seed: int = 0) -> Motion:
     """Return the true motion of six seconds with the mixed arm."""
+    return _arm_motion(seed)
+
+
+@cache
+def _arm_motion(seed: int) -> Motion:
     middle, reach = (0.0, 0.3, 0.15, 0.0), (0.4, 0.8, 0.2, 0.9)
     return simulate_motion(arm(), wiggle(arm(), 6.0, middle, reach, seed=seed))
+
+
+@cache
+def leg_log(seed: int = 1) -> Log:
+    """Return the log of the leg with the test mass by its sensors."""
+    return measure(leg(TEST_MASS), leg_motion(TEST_MASS), LEG_SENSORS, seed)
+
+
+@cache
+def arm_log(seed: int = 1, *, motion_seed: int = 0) -> Log:
+    """Return a log of the mixed arm by its sensors."""
+    return measure(arm(), arm_motion(motion_seed), ARM_SENSORS, seed)
+
+
+@cache
+def arm_found() -> Identification:
+    """Return the mixed arm identified from a simulated log: stiff, elastic, sliding joints."""
+    return identify(arm().without_nominal(), arm_log())
+
+
+@cache
+def arm_result() -> Validation:
+    """Return its validation on another motion."""
+    return validate(arm_found(), arm_log(2, motion_seed=5))
 
 
 def perfect_log(robot: Robot, motion: Motion) -> Log:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cache
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
@@ -11,28 +10,14 @@ import numpy as np
 from seaid._arrays import Array, FrozenMapping, frozen
 from seaid.estimation.diagnostics import ModelChecks, TermTest, Whiteness
 from seaid.estimation.estimate import Estimate
-from seaid.identification.identification import Identification, identify
-from seaid.identification.validation import Fit, Validation, validate
+from seaid.identification.identification import Identification
+from seaid.identification.validation import Fit, Validation
 from seaid.regressor.base import BaseParameters
 from seaid.regressor.load import LoadModel
 from seaid.robot.inertia import UNITS
 from seaid.robot.robot import Robot, load_robot
-from seaid.simulation.simulation import measure
-from tests.experiments import ARM_SENSORS, arm, arm_motion
 
 HOSTILE = ("<b>x</b>", "\"'&amp;", "</script><script>alert(1)</script>", "${a}", "$x_y$", "{{ 7 }}")
-
-
-@cache
-def arm_found() -> Identification:
-    """Return the mixed arm identified from a simulated log: stiff, elastic, sliding joints."""
-    return identify(arm().without_nominal(), measure(arm(), arm_motion(), ARM_SENSORS, seed=1))
-
-
-@cache
-def arm_result() -> Validation:
-    """Return its validation on another motion."""
-    return validate(arm_found(), measure(arm(), arm_motion(seed=5), ARM_SENSORS, seed=2))
 
 
 def chain(folder: Path, joints: tuple[str, ...]) -> Robot:

@@ -28,8 +28,7 @@ from seaid.excitation.criteria import CRITERIA, CriterionName
 from seaid.identification import Identification, Validation
 from seaid.log import Log
 from seaid.robot import Robot
-from seaid.simulation.simulation import measure
-from tests.experiments import ARM_SENSORS, arm, arm_motion
+from tests.experiments import arm, arm_log
 
 
 @dataclass(frozen=True)
@@ -46,7 +45,7 @@ class Given:
 
 @pytest.fixture(scope="module")
 def given(tmp_path_factory: pytest.TempPathFactory) -> Given:
-    log = measure(arm(), arm_motion(), ARM_SENSORS, seed=1)
+    log = arm_log()
     found = seaid.identify(arm().without_nominal(), log)
     basis = seaid.excitation.make_basis("bspline", 2.0, 9)
     plan = seaid.Trajectory(arm().joint_names, basis, np.zeros((9, arm().n)))

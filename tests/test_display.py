@@ -17,13 +17,12 @@ from seaid._arrays import Array
 from seaid._progress import Display, Result, counted, value_text
 from seaid.report import base_table, fields_table, table
 from seaid.report.text import Text, joined
-from seaid.simulation.simulation import measure
-from tests.experiments import ARM_SENSORS, arm, arm_motion
+from tests.experiments import arm, arm_log
 
 
 @pytest.fixture(scope="module")
 def log() -> seaid.Log:
-    return measure(arm(), arm_motion(), ARM_SENSORS, seed=1)
+    return arm_log()
 
 
 @pytest.fixture(scope="module")

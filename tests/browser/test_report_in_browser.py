@@ -19,8 +19,8 @@ from playwright.sync_api import Browser, BrowserContext, ConsoleMessage, Page, s
 
 from seaid.errors import Finding
 from seaid.report.html import write_comparison, write_report
-from tests.experiments import arm
-from tests.report_pages import HOSTILE, arm_found, arm_result, made_up
+from tests.experiments import arm, arm_found, arm_result
+from tests.report_pages import HOSTILE, made_up
 
 pytestmark = pytest.mark.browser
 

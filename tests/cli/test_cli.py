@@ -465,6 +465,8 @@ def test_what_cannot_be_done_is_said_in_one_line(
         ("simulate arm.urdf run_plan.json -o run.mat", "must end in .csv or .npz"),
         ("export arm.urdf --from run.csv -o found.toml", "must end in .urdf or .xml"),
         ("validate arm.urdf run.csv", "--from, --run: give one of the two"),
+        ("report arm.urdf --from run.csv -o report.pdf", "must end in .html or .htm"),
+        ("report arm.urdf", "--from, --run: give one of the two"),
         ("export arm.urdf -o found.urdf", "--from, --run: give one of the two"),
         ("export arm.urdf --from run.csv --parameters p -o found.urdf", "give one of them"),
     ],

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.test_cli import arm, done, refused, robot_and_drives, run
+from tests.cli.test_cli import arm, done, refused, robot_and_drives
 
 __all__ = ["arm"]
 
@@ -62,19 +62,3 @@ def test_report_does_not_validate_on_what_it_is_identified_from(arm: Path, tmp_p
     message = refused("report", *robot_and_drives(arm), *logs, "-o", page)
     assert "run.csv' is used for the identification: validate on another log" in message
     assert not page.exists()
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        ("report arm.urdf --from run.csv -o report.pdf", "must end in .html or .htm"),
-        ("report arm.urdf", "--from, --run: give one of the two"),
-    ],
-)
-def test_wrong_usage_of_report(
-    arm: Path, monkeypatch: pytest.MonkeyPatch, arguments: str, words: str
-) -> None:
-    monkeypatch.chdir(arm)
-    said = run(*arguments.split())
-    assert said.code == 2
-    assert words in " ".join(said.err.split())

@@ -25,7 +25,7 @@ from seaid.log.motion import Motion
 from seaid.regressor import identifiability
 from seaid.robot.robot import Robot
 from seaid.simulation.simulation import Noise, measure, simulate_motion
-from tests.experiments import ARM_SENSORS, arm, arm_motion, wiggle
+from tests.experiments import ARM_SENSORS, arm, arm_log, arm_motion, wiggle
 
 ERROR = {"motor": {1: (1e-3, 5e-4)}, "joint": {3: (0.0, 2e-3)}}
 RIPPLE = {"motor": {2: (5e-4, 0.0)}}
@@ -193,7 +193,7 @@ def test_remedy_as_printed_repairs_the_result() -> None:
 
 def test_a_second_log_may_turn_the_gear_less_than_once() -> None:
     """The slide's gear turns 2.6 times in the whole log and 0.7 times in a part of it."""
-    log = measure(arm(), arm_motion(), ARM_SENSORS, 0)
+    log = arm_log(0)
     slip = 0.05 * np.ptp(log.motor_torque[:, 2]) * np.sin(log.motor_position[:, 2])
     torque = log.motor_torque + np.eye(4)[2] * slip[:, None]
     log = replace(log, motor_torque=torque)

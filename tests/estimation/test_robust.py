@@ -24,8 +24,7 @@ from seaid.estimation.robust import (
 )
 from seaid.identification.identification import identify
 from seaid.regressor.regression import Regression
-from seaid.simulation.simulation import measure
-from tests.experiments import ARM_SENSORS, arm, arm_motion, true_value
+from tests.experiments import arm, arm_log, true_value
 from tests.standard_errors import check_scores
 
 pytestmark = pytest.mark.rounding
@@ -192,7 +191,7 @@ def test_what_does_not_settle_is_refused(monkeypatch: pytest.MonkeyPatch) -> Non
 def test_a_saturated_amplifier_in_a_log(name: LinearEstimator) -> None:
     """The torque sensor of one joint stands at a wrong value for a tenth of the log."""
     assert name in ESTIMATORS
-    log = measure(arm(), arm_motion(), ARM_SENSORS, 0)
+    log = arm_log(0)
     torque = log.motor_torque.copy()
     torque[3000:3600, 1] = 3 * np.max(np.abs(torque[:, 1]))
     log, known = replace(log, motor_torque=torque), arm().without_nominal()
@@ -210,7 +209,7 @@ def test_a_saturated_amplifier_in_a_log(name: LinearEstimator) -> None:
 @pytest.mark.parametrize("name", ["huber", "tukey"])
 def test_spikes_in_a_log(name: LinearEstimator) -> None:
     """One of a thousand samples of torque is a spike; the low pass smears it over its rows."""
-    log = measure(arm(), arm_motion(), ARM_SENSORS, 0)
+    log = arm_log(0)
     torque, rng = log.motor_torque.copy(), np.random.default_rng(0)
     bad = rng.random(torque.shape) < 1e-3
     torque[bad] += (10 * np.std(torque, axis=0) * rng.choice([-1.0, 1.0], torque.shape))[bad]

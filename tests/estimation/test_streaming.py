@@ -33,8 +33,7 @@ from seaid.regressor.regression import (
     regressions_of_parts,
     stacked,
 )
-from seaid.simulation.simulation import measure
-from tests.experiments import ARM_SENSORS, arm, arm_motion
+from tests.experiments import arm, arm_log
 
 CUTOFF_HZ = 8.0
 ROBOT = arm().without_nominal()
@@ -43,7 +42,7 @@ JOINT = "shoulder"
 
 @cache
 def log(seed: int = 0) -> Log:
-    return measure(arm(), arm_motion(seed), ARM_SENSORS, seed)
+    return arm_log(seed, motion_seed=seed)
 
 
 @pytest.fixture(scope="module", params=[".npz", ".csv"])

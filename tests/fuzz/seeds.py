@@ -24,8 +24,7 @@ from seaid.excitation.trajectory import Trajectory
 from seaid.log.motion import Motion
 from seaid.log.reading import Log
 from seaid.robot.robot import Robot
-from seaid.simulation.simulation import measure
-from tests.experiments import ARM_SENSORS, DATA, MODELS, arm, arm_motion, wiggle
+from tests.experiments import DATA, MODELS, arm, arm_log, wiggle
 from tests.one_joint import BODY
 
 ARM_URDF, ARM_DRIVES = DATA / "mixed_arm.urdf", DATA / "mixed_arm.toml"
@@ -123,7 +122,7 @@ def small_robot(*joints: str) -> Robot:
 @cache
 def log() -> Log:
     """Return six seconds of the arm at 250 Hz."""
-    full = measure(arm(), arm_motion(), ARM_SENSORS, 0)
+    full = arm_log(0)
     part: dict[str, Any] = {name: values[::4] for name, values in full.sensors().items()}
     return replace(full, time=full.time[::4], **part)
 

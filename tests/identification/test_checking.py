@@ -6,7 +6,6 @@ import tomllib
 from collections.abc import Callable, Mapping
 from copy import deepcopy
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -24,26 +23,15 @@ from seaid.log.motion import reconstruct_motions
 from seaid.robot.robot import Payload, Robot, load_robot
 from seaid.simulation.simulation import measure
 from tests.experiments import (
-    ARM_SENSORS,
     LEG_SENSORS,
     MODELS,
     TEST_MASS,
     arm,
-    arm_motion,
+    arm_log,
     leg,
+    leg_log,
     leg_motion,
 )
-
-
-@cache
-def leg_log(seed: int = 1) -> Log:
-    return measure(leg(TEST_MASS), leg_motion(TEST_MASS), LEG_SENSORS, seed)
-
-
-@cache
-def arm_log(seed: int = 1) -> Log:
-    return measure(arm(), arm_motion(), ARM_SENSORS, seed)
-
 
 CASES: dict[str, tuple[Callable[[], Robot], Callable[..., Log]]] = {
     "leg": (lambda: leg(TEST_MASS), leg_log),

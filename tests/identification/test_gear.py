@@ -18,8 +18,7 @@ from seaid.identification.validation import validate
 from seaid.log.log import Log
 from seaid.robot.robot import Robot
 from seaid.simulation.plant import plant_of
-from seaid.simulation.simulation import measure
-from tests.experiments import ARM_SENSORS, arm, arm_motion
+from tests.experiments import arm, arm_log, arm_motion
 
 GEAR = 4000.0
 
@@ -33,7 +32,7 @@ def with_gear(robot: Robot, stiffness: float, joint: str = "shoulder") -> Robot:
 
 @cache
 def log() -> Log:
-    return measure(arm(), arm_motion(), ARM_SENSORS, 0)
+    return arm_log(0)
 
 
 @cache

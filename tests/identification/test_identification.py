@@ -27,6 +27,7 @@ from tests.experiments import (
     arm,
     arm_motion,
     leg,
+    leg_log,
     leg_motion,
     perfect_log,
 )
@@ -37,20 +38,15 @@ KNOWN = leg(TEST_MASS).without_nominal()
 
 
 @cache
-def log(seed: int = 1) -> Log:
-    return measure(leg(TEST_MASS), leg_motion(TEST_MASS), LEG_SENSORS, seed)
-
-
-@cache
 def found() -> Identification:
-    return identify(KNOWN, log())
+    return identify(KNOWN, leg_log())
 
 
 def changed(field: str, joint: str, value: float) -> Log:
     """Return the log with one signal of one joint held at a value."""
-    values = getattr(log(), field).copy()
+    values = getattr(leg_log(), field).copy()
     values[:, KNOWN.index(joint)] = value
-    return replace(log(), **{field: values})
+    return replace(leg_log(), **{field: values})
 
 
 def standing(joint: str) -> Log:
@@ -68,7 +64,7 @@ def test_weights_are_settled_once_a_fit(monkeypatch: pytest.MonkeyPatch) -> None
         return orthonormal(qr_factor, theta)
 
     monkeypatch.setattr("seaid.estimation.least_squares.orthonormal", counted)
-    identify(KNOWN, log())
+    identify(KNOWN, leg_log())
     assert len(settled) == len(ELASTIC) + 1
 
 
@@ -90,7 +86,7 @@ def test_result_has_what_the_design_says() -> None:
 
 
 def test_same_log_gives_the_same_result_twice() -> None:
-    again = identify(KNOWN, log())
+    again = identify(KNOWN, leg_log())
     assert np.array_equal(again.load.values, found().load.values)
     assert np.array_equal(again.load.covariance, found().load.covariance)
 
@@ -116,7 +112,7 @@ def test_found_robot_moves_like_the_true_one_at_unseen_states() -> None:
 
 
 def test_torques_of_the_elastic_joints_alone_tell_21() -> None:
-    part = identify(KNOWN, log(), torque_joints=ELASTIC)
+    part = identify(KNOWN, leg_log(), torque_joints=ELASTIC)
     assert len(part.load.values) == 21
     assert tuple(part.drives) == ELASTIC
     assert part.model.torque_joints == ELASTIC
@@ -132,7 +128,7 @@ def test_robot_without_drives_is_identified_from_its_joint_torques(tulip_urdf: P
     robot = load_robot(tulip_urdf, payloads=(TEST_MASS,))
     motion = leg_motion(TEST_MASS)
     torques = joint_torques(robot, *motion.joint_states)
-    ideal = replace(log(), joint_position=motion.joint_position, joint_torque=torques)
+    ideal = replace(leg_log(), joint_position=motion.joint_position, joint_torque=torques)
     nothing = np.full_like(torques, np.nan)
     ideal = replace(ideal, motor_torque=nothing, motor_position=nothing)
     result = identify(robot.without_nominal(), ideal, cutoff_hz=20.0)
@@ -142,7 +138,7 @@ def test_robot_without_drives_is_identified_from_its_joint_torques(tulip_urdf: P
 
 
 def test_ordinary_and_weighted_agree_within_their_errors() -> None:
-    plain = identify(KNOWN, log(), estimator="ols")
+    plain = identify(KNOWN, leg_log(), estimator="ols")
     difference = np.abs(plain.load.values - found().load.values)
     assert np.all(difference < 5 * plain.load.standard_errors)
     assert not np.array_equal(plain.load.values, found().load.values)
@@ -151,14 +147,14 @@ def test_ordinary_and_weighted_agree_within_their_errors() -> None:
 def test_springs_make_the_load_side_less_sure() -> None:
     """The covariance carries what is not known of the springs."""
     motion = leg_motion(TEST_MASS)
-    measured = replace(log(), joint_torque=motion.joint_torque)
+    measured = replace(leg_log(), joint_torque=motion.joint_torque)
     sure = identify(KNOWN, measured)
     assert not sure.springs
     assert np.median(found().load.standard_errors / sure.load.standard_errors) > 1.5
 
 
 def test_uncertain_joint_zeros_widen_the_errors_and_move_nothing() -> None:
-    wide = identify(KNOWN, log(), encoder_offset_std=0.002)
+    wide = identify(KNOWN, leg_log(), encoder_offset_std=0.002)
     assert wide.load.values == pytest.approx(found().load.values, rel=1e-9)
     ratio = wide.load.standard_errors / found().load.standard_errors
     assert np.min(ratio) >= 1.0
@@ -179,7 +175,7 @@ def test_wrong_joint_zeros_are_within_errors_that_know_of_them() -> None:
 
 def test_parameters_json_has_the_fields_of_the_design(tmp_path: Path) -> None:
     path = tmp_path / "parameters.json"
-    found().save(path, validate(found(), log(2)))
+    found().save(path, validate(found(), leg_log(2)))
     content = json.loads(path.read_text())
     assert content["robot"] == "tulip_leg"
     assert content["joints"] == list(KNOWN.joint_names)
@@ -216,7 +212,7 @@ def test_parameters_json_without_validation() -> None:
 )
 def test_unknown_choice_names_the_nearest(option: dict[str, str], words: str) -> None:
     with pytest.raises(IdentificationError, match=words):
-        identify(KNOWN, log(), **option)  # type: ignore[arg-type]
+        identify(KNOWN, leg_log(), **option)  # type: ignore[arg-type]
 
 
 def test_no_log_at_all() -> None:
@@ -233,22 +229,22 @@ def test_no_log_at_all() -> None:
 )
 def test_rows_that_tell_nothing(rows: tuple[str, ...], kind: type[Exception], words: str) -> None:
     with pytest.raises(kind, match=words):
-        identify(KNOWN, log(), torque_joints=rows)
+        identify(KNOWN, leg_log(), torque_joints=rows)
 
 
 @pytest.mark.parametrize("cutoff_hz", [-1.0, 0.0, 600.0, np.nan])
 def test_cutoff_out_of_range(cutoff_hz: float) -> None:
     with pytest.raises(LogError, match="cutoff_hz must be between 0 and half the sampling rate"):
-        identify(KNOWN, log(), cutoff_hz=cutoff_hz)
+        identify(KNOWN, leg_log(), cutoff_hz=cutoff_hz)
 
 
 def test_log_too_short_for_the_cutoff() -> None:
     with pytest.raises(LogError, match=r"too short: 0.199 s are fewer than 10 periods"):
-        identify(KNOWN, log().between(2.0, 2.2))
+        identify(KNOWN, leg_log().between(2.0, 2.2))
 
 
 def test_robot_that_stands_still() -> None:
-    still = log()
+    still = leg_log()
     for joint in KNOWN.joint_names:
         one = standing(joint)
         still = replace(
@@ -309,11 +305,11 @@ def test_motion_of_one_joint_does_not_tell_the_others() -> None:
 
 def test_log_that_lacks_a_joint_or_a_torque() -> None:
     fewer = Log(
-        time=log().time,
+        time=leg_log().time,
         joint_names=KNOWN.joint_names[:4],
-        motor_position=log().motor_position[:, :4],
-        joint_position=log().joint_position[:, :4],
-        motor_torque=log().motor_torque[:, :4],
+        motor_position=leg_log().motor_position[:, :4],
+        joint_position=leg_log().joint_position[:, :4],
+        motor_torque=leg_log().motor_torque[:, :4],
     )
     with pytest.raises(LogError, match="the log has no joint ankle_pitch of 'tulip_leg'"):
         identify(KNOWN, fewer)
@@ -328,8 +324,8 @@ def test_log_that_lacks_a_joint_or_a_torque() -> None:
 
 
 def test_logs_with_other_sensors_do_not_go_together() -> None:
-    torque = np.full_like(log().motor_torque, np.nan)
+    torque = np.full_like(leg_log().motor_torque, np.nan)
     torque[:, 3] = leg_motion(TEST_MASS).joint_torque[:, 3]
     other = replace(changed("motor_torque", "knee_pitch", np.nan), joint_torque=torque)
     with pytest.raises(LogError, match="the logs must have the same torque sensors"):
-        identify(KNOWN, [log(), other])
+        identify(KNOWN, [leg_log(), other])

@@ -28,12 +28,13 @@ from seaid.log.reading import Log
 from seaid.robot.robot import Robot
 from seaid.simulation.simulation import measure
 from tests.experiments import (
-    ARM_SENSORS,
     LEG_SENSORS,
     TEST_MASS,
     arm,
+    arm_log,
     arm_motion,
     leg,
+    leg_log,
     leg_motion,
     perfect_log,
 )
@@ -57,16 +58,11 @@ def open_robot() -> Robot:
     return leg(TEST_MASS).with_drives(drives).without_nominal()
 
 
-@cache
-def log(seed: int = 3) -> Log:
-    return measure(leg(TEST_MASS), leg_motion(TEST_MASS), LEG_SENSORS, seed)
-
-
 def with_torque(joint: str, more: Array) -> Log:
     """Return the log of a motor that needs more torque for the same motion."""
-    torque = log().motor_torque.copy()
+    torque = leg_log(3).motor_torque.copy()
     torque[:, leg().index(joint)] += more
-    return replace(log(), motor_torque=torque)
+    return replace(leg_log(3), motor_torque=torque)
 
 
 def findings(found: Identification) -> list[Finding]:
@@ -89,9 +85,9 @@ def spring_part(joint: str, power: int, share: float) -> Array:
 
 @pytest.mark.parametrize("seed", range(2))
 def test_a_right_model_has_no_finding(seed: int) -> None:
-    assert findings(identify(named(), log(seed))) == []
-    assert findings(identify(open_robot(), log(seed))) == []
-    sensed = measure(arm(), arm_motion(), ARM_SENSORS, seed)
+    assert findings(identify(named(), leg_log(seed))) == []
+    assert findings(identify(open_robot(), leg_log(seed))) == []
+    sensed = arm_log(seed)
     assert findings(identify(arm().without_nominal(), sensed)) == []
 
 
@@ -133,7 +129,7 @@ def test_missing_friction_is_named() -> None:
 
 
 def test_an_offset_is_added_where_nobody_named_terms_and_named_where_somebody_did() -> None:
-    sensed = with_torque("hip_roll", np.full(len(log().time), 0.03))
+    sensed = with_torque("hip_roll", np.full(len(leg_log(3).time), 0.03))
     (finding,) = findings(identify(named(), sensed))
     assert finding.code == "missing-term"
     assert "friction_offset" not in identify(named(), sensed).drives["hip_roll"].names
@@ -244,7 +240,9 @@ def test_what_the_low_pass_leaves_without_noise_is_no_missing_term(name: str) ->
     assert found.known.drives == truth.without_nominal().drives
 
 
-@pytest.mark.parametrize("make", [log, stribeck, lambda: with_torque("hip_pitch", cubic())])
+@pytest.mark.parametrize(
+    "make", [lambda: leg_log(3), stribeck, lambda: with_torque("hip_pitch", cubic())]
+)
 def test_screening_excludes_no_term_that_a_comparison_supports(
     make: Callable[[], Log], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -10,15 +10,14 @@ from seaid.errors import IdentificationError
 from seaid.identification.identification import identify
 from seaid.identification.model_selection import TermSelection, compare_terms
 from seaid.log.reading import Log
-from seaid.simulation.simulation import measure
-from tests.experiments import LEG_SENSORS, TEST_MASS, leg, leg_motion
+from tests.experiments import TEST_MASS, leg, leg_log, leg_motion
 
 ROBOT = leg(TEST_MASS).without_nominal()
 
 
 @cache
 def plain_log() -> Log:
-    return measure(leg(TEST_MASS), leg_motion(TEST_MASS), LEG_SENSORS, seed=3)
+    return leg_log(3)
 
 
 @cache

@@ -17,8 +17,7 @@ from seaid.identification.sensitivity import difference, fit_of
 from seaid.log.reading import Log
 from seaid.regressor.regression import Regression
 from seaid.robot.robot import Robot, load_robot
-from seaid.simulation.simulation import measure
-from tests.experiments import ARM_SENSORS, MODELS, arm, arm_motion
+from tests.experiments import MODELS, arm, arm_log
 from tests.standard_errors import check_scores
 
 CODES = ("homogeneous", "estimator-disagrees", "cutoff-sensitive")
@@ -122,7 +121,7 @@ def test_estimator_and_cutoff_are_named_with_both_values() -> None:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_right_set_up_has_no_flag(seed: int) -> None:
-    log = measure(arm(), arm_motion(), ARM_SENSORS, seed)
+    log = arm_log(seed)
     assert not flags(identify(arm().without_nominal(), log))
 
 

@@ -13,8 +13,7 @@ from seaid.errors import LogError
 from seaid.log.motion import reconstruct_motion, reconstruct_motions
 from seaid.log.reading import Log
 from seaid.log.repair.data import Repair
-from seaid.simulation.simulation import measure
-from tests.experiments import ARM_SENSORS, arm, arm_motion, leg, perfect_log
+from tests.experiments import arm, arm_log, arm_motion, leg, perfect_log
 
 
 def log() -> Log:
@@ -59,7 +58,7 @@ def test_derivatives_are_those_of_the_true_motion(signal: str, allowed: float) -
 
 
 def test_torques_stay_as_measured() -> None:
-    noisy = measure(arm(), arm_motion(), ARM_SENSORS)
+    noisy = arm_log(0)
     motion = reconstruct_motion(arm(), noisy)
     assert np.array_equal(motion.motor_torque, noisy.motor_torque)
     assert np.all(np.isnan(motion.joint_torque))

@@ -13,9 +13,7 @@ from seaid.estimation.estimate import Estimate
 from seaid.identification.identification import Identification, identify
 from seaid.log.log import Log
 from seaid.report.comparison import comparison_of
-from seaid.simulation.simulation import measure
-from tests.experiments import ARM_SENSORS, arm, arm_motion
-from tests.report_pages import arm_found
+from tests.experiments import arm, arm_found, arm_log, arm_motion
 
 WARM = 0.3
 """Part of the viscous friction that the warm shoulder lacks."""
@@ -24,7 +22,7 @@ WARM = 0.3
 @cache
 def warm() -> Identification:
     """Return the arm identified from the same motion with a warm shoulder."""
-    log = measure(arm(), arm_motion(), ARM_SENSORS, seed=7)
+    log = arm_log(7)
     return identify(arm().without_nominal(), _warm(log))
 
 
@@ -50,7 +48,7 @@ def test_what_changed_is_significant_and_nothing_else() -> None:
 
 def test_a_log_in_common_makes_estimates_correlated() -> None:
     """The same planned motion recorded twice is not the same log."""
-    log = measure(arm(), arm_motion(), ARM_SENSORS, seed=1)  # that of arm_found
+    log = arm_log()  # that of arm_found
     again = identify(arm().without_nominal(), log, cutoff_hz=7.0)
     assert comparison_of(arm_found(), again).dependence == "correlated"
     assert "upper bound" in comparison_of(arm_found(), again).sentence

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -14,16 +13,7 @@ import pytest
 
 from scripts.torque_figures import save_actuator_figure, save_load_figure
 from seaid.errors import SeaidError
-from seaid.identification.identification import identify
-from seaid.identification.validation import Validation, validate
-from seaid.simulation.simulation import measure
-from tests.experiments import ARM_SENSORS, arm, arm_motion
-
-
-@cache
-def result() -> Validation:
-    found = identify(arm().without_nominal(), measure(arm(), arm_motion(), ARM_SENSORS, seed=1))
-    return validate(found, measure(arm(), arm_motion(seed=5), ARM_SENSORS, seed=2))
+from tests.experiments import arm_result
 
 
 @pytest.fixture
@@ -47,8 +37,8 @@ def png_size(path: Path) -> tuple[int, int]:
 
 
 def test_files_are_png_of_a_sensible_size(tmp_path: Path) -> None:
-    save_actuator_figure(result(), tmp_path / "new folder" / "actuator_side.png")
-    save_load_figure(result(), tmp_path / "load_side.png")
+    save_actuator_figure(arm_result(), tmp_path / "new folder" / "actuator_side.png")
+    save_load_figure(arm_result(), tmp_path / "load_side.png")
     for path in (tmp_path / "new folder" / "actuator_side.png", tmp_path / "load_side.png"):
         width, height = png_size(path)
         assert 800 <= width <= 2000
@@ -59,16 +49,17 @@ def test_files_are_png_of_a_sensible_size(tmp_path: Path) -> None:
 def test_actuator_figure_shows_best_and_worst_joint(
     tmp_path: Path, drawn: list[matplotlib.figure.Figure]
 ) -> None:
-    save_actuator_figure(result(), tmp_path / "a.png")
-    errors = result().actuator.relative_error
+    save_actuator_figure(arm_result(), tmp_path / "a.png")
+    found = arm_result()
+    errors = found.actuator.relative_error
     best, worst = (1, 2) if errors[1] < errors[2] else (2, 1)
     axes = drawn[0].axes
     captions = [axis.get_title(loc="left") for axis in axes]
     assert len(captions) == 2
     for caption, joint, note in zip(captions, (best, worst), ("best", "worst"), strict=True):
-        assert f"{result().joints[joint]}, {note} joint" in caption
-        assert f"relative error {errors[joint]:.1%} below {result().cutoff_hz:.3g} Hz" in caption
-        assert f"R² {result().actuator.r_squared[joint]:.4f}" in caption
+        assert f"{found.joints[joint]}, {note} joint" in caption
+        assert f"relative error {errors[joint]:.1%} below {found.cutoff_hz:.3g} Hz" in caption
+        assert f"R² {found.actuator.r_squared[joint]:.4f}" in caption
     assert axes[0].get_ylabel() == "torque [mN m]"
     assert axes[-1].get_xlabel() == "time [s]"
 
@@ -76,22 +67,22 @@ def test_actuator_figure_shows_best_and_worst_joint(
 def test_load_figure_shows_every_joint_measured_grey_and_computed_black(
     tmp_path: Path, drawn: list[matplotlib.figure.Figure]
 ) -> None:
-    save_load_figure(result(), tmp_path / "b.png")
+    save_load_figure(arm_result(), tmp_path / "b.png")
     assert len(drawn[0].axes) == 4
     for joint, axis in enumerate(drawn[0].axes):
         measured, computed = axis.get_lines()
         assert (measured.get_label(), computed.get_label()) == ("measured", "computed")
         assert (measured.get_color(), computed.get_color()) == ("0.62", "black")
-        assert np.array_equal(measured.get_ydata(), result().load.measured[:, joint], True)
-        assert np.array_equal(computed.get_ydata(), result().load.computed[:, joint], True)
+        assert np.array_equal(measured.get_ydata(), arm_result().load.measured[:, joint], True)
+        assert np.array_equal(computed.get_ydata(), arm_result().load.computed[:, joint], True)
         caption = axis.get_title(loc="left")
-        assert f"{result().load.relative_error[joint]:.1%}" in caption
-        assert f"({result().load.raw_relative_error[joint]:.1%} raw)" in caption
+        assert f"{arm_result().load.relative_error[joint]:.1%}" in caption
+        assert f"({arm_result().load.raw_relative_error[joint]:.1%} raw)" in caption
 
 
 def test_no_actuator_figure_without_an_elastic_joint(tmp_path: Path) -> None:
-    nothing = replace(result().actuator, relative_error=np.full(4, np.nan))
-    stiff = replace(result(), actuator=nothing)
+    nothing = replace(arm_result().actuator, relative_error=np.full(4, np.nan))
+    stiff = replace(arm_result(), actuator=nothing)
     with pytest.raises(SeaidError, match="none of rail, shoulder, telescope, wrist has an act"):
         save_actuator_figure(stiff, tmp_path / "a.png")
     assert not list(tmp_path.iterdir())
@@ -100,5 +91,5 @@ def test_no_actuator_figure_without_an_elastic_joint(tmp_path: Path) -> None:
 def test_figure_that_cannot_be_written_leaves_nothing(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(SeaidError, match="cannot write"):
-        save_load_figure(result(), tmp_path / "file" / "load_side.png")
+        save_load_figure(arm_result(), tmp_path / "file" / "load_side.png")
     assert [path.name for path in tmp_path.iterdir()] == ["file"]

@@ -43,8 +43,8 @@ from seaid.report.html_verdict import (
     with_nominal_values,
 )
 from seaid.robot.robot import Robot
-from tests.experiments import arm, leg
-from tests.report_pages import HOSTILE, arm_found, arm_result, made_up, prediction
+from tests.experiments import arm, arm_found, arm_result, leg
+from tests.report_pages import HOSTILE, made_up, prediction
 
 PAGE_BYTES = 6_000_000
 VOID = {"meta", "br", "input", "link", "img", "hr"}

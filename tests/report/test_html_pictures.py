@@ -20,8 +20,7 @@ from seaid.report.html_robot import (
 )
 from seaid.report.html_traces import autocorrelation
 from seaid.robot.inertia import from_center_of_mass
-from tests.experiments import arm, leg
-from tests.report_pages import arm_found
+from tests.experiments import arm, arm_found, leg
 
 
 def points_of(svg: str) -> Array:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 import pytest
 
-from seaid.identification.identification import Identification, identify
+from seaid.identification.identification import identify
 from seaid.identification.validation import validate
 from seaid.report.text import (
     drive_table,
@@ -18,13 +16,7 @@ from seaid.report.text import (
     table,
     validation_table,
 )
-from seaid.simulation.simulation import measure
-from tests.experiments import ARM_SENSORS, arm, arm_motion
-
-
-@cache
-def found() -> Identification:
-    return identify(arm().without_nominal(), measure(arm(), arm_motion(), ARM_SENSORS, seed=1))
+from tests.experiments import arm, arm_found, arm_log
 
 
 def estimates(summary: str) -> str:
@@ -67,11 +59,11 @@ def test_percent_has_two_digits(value: float, text: str) -> None:
 
 
 def test_summary_has_every_parameter_with_error_and_unit() -> None:
-    summary = found().summary()
-    assert summary == identification_table(found())
+    summary = arm_found().summary()
+    assert summary == identification_table(arm_found())
     assert summary.startswith("mixed_arm: good: no warning contradicts the set-up or the model\n")
     assert "mixed_arm: 14 base parameters from the torques at rail, shoulder," in summary
-    for joint, estimate in found().drives.items():
+    for joint, estimate in arm_found().drives.items():
         for name, value, error, unit in zip(
             estimate.names, estimate.values, estimate.standard_errors, estimate.units, strict=True
         ):
@@ -79,14 +71,14 @@ def test_summary_has_every_parameter_with_error_and_unit() -> None:
             assert f" {number(value)} " in line
             assert f" {number(error)} " in line
             assert line.endswith(unit)
-    for name, value in zip(found().load.names, found().load.values, strict=True):
+    for name, value in zip(arm_found().load.names, arm_found().load.values, strict=True):
         assert lines(summary, name[:50], number(value))
-    assert f"{found().load_side.condition_number:.3g}" in summary
+    assert f"{arm_found().load_side.condition_number:.3g}" in summary
 
 
 def test_summary_is_aligned() -> None:
     """Units are right-aligned, so all lines of a table end at the same place."""
-    rows = lines(estimates(found().summary()), "friction")
+    rows = lines(estimates(arm_found().summary()), "friction")
     assert len(rows) == 8
     assert len({len(line) for line in rows if line.endswith("N m")}) == 1
 
@@ -94,7 +86,7 @@ def test_summary_is_aligned() -> None:
 def test_flags_are_in_the_summary() -> None:
     narrow = identify(
         arm().without_nominal(),
-        measure(arm(), arm_motion(), ARM_SENSORS, seed=1).between(1.0, 2.6),
+        arm_log().between(1.0, 2.6),
         cutoff_hz=10.0,
     )
     assert narrow.warnings
@@ -104,17 +96,17 @@ def test_flags_are_in_the_summary() -> None:
 
 
 def test_truth_stands_next_to_the_estimate() -> None:
-    (line,) = lines(drive_table("Table 1", found(), arm()), "shoulder", "stiffness")
-    value = found().drives["shoulder"].value("stiffness")
+    (line,) = lines(drive_table("Table 1", arm_found(), arm()), "shoulder", "stiffness")
+    value = arm_found().drives["shoulder"].value("stiffness")
     assert " 250 " in line
     assert f" {percent(value / 250 - 1)} " in line
-    (line,) = lines(load_table("Base", found(), arm()), "m_carriage + m_upper_arm")
+    (line,) = lines(load_table("Base", arm_found(), arm()), "m_carriage + m_upper_arm")
     assert " 5 " in line
     assert "s.e." in line
 
 
 def test_validation_table_has_both_sides_and_dashes_where_there_is_none() -> None:
-    result = validate(found(), measure(arm(), arm_motion(seed=5), ARM_SENSORS, seed=2))
+    result = validate(arm_found(), arm_log(2, motion_seed=5))
     text = validation_table(result)
     (line,) = lines(text, "shoulder")
     assert percent(result.actuator.relative_error[1]) in line

@@ -20,7 +20,7 @@ from seaid.log.reading import Log, write_log
 from seaid.project.saved import save_run
 from seaid.view.shapes import ellipsoids_of
 from seaid.view.window import View, view_robot
-from tests.report_pages import arm_found
+from tests.experiments import arm_found
 
 MODELS = Path(__file__).parents[2] / "models"
 LEG = (str(MODELS / "tulip_leg.urdf"), "--drives", str(MODELS / "tulip_leg.toml"))
