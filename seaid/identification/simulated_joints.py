@@ -69,7 +69,24 @@ class Response:
 
 
 def torque_jacobians(robot: Robot, q: Array, v: Array, a: Array) -> TorqueJacobians:
-    """Return the derivatives of the inverse dynamics, payloads included, at states (T, n) each."""
+    """Return the derivatives of the inverse dynamics, payloads included, at states (T, n) each.
+
+    Pinocchio adds inertias of bodies, which needs positive masses, and estimated ones may be
+    negative. Torques are linear in the parameters: equal masses are added, and theirs subtracted.
+    """
+    bodies = (robot.parameters + robot.payload_parameters).reshape(-1, 10)
+    if np.all(bodies[:, 0] > 0):
+        return TorqueJacobians(*robot.from_model(_derivatives(robot, q, v, a), 2))
+    added = np.zeros_like(bodies)
+    added[:, 0] = 2.0 * np.max(np.abs(bodies[:, 0]), initial=1.0)
+    heavier = robot.with_values(robot.parameters + added.ravel(), robot.drives)
+    alone = robot.with_values(added.ravel() - robot.payload_parameters, robot.drives)
+    found = _derivatives(heavier, q, v, a) - _derivatives(alone, q, v, a)
+    return TorqueJacobians(*robot.from_model(found, 2))
+
+
+def _derivatives(robot: Robot, q: Array, v: Array, a: Array) -> Array:
+    """Return d tau / d (q, v, a) of the model's joints, (3, T, N, N)."""
     model, data = robot.model, robot.model.createData()
     states = (robot.to_model(state, order) for order, state in enumerate((q, v, a)))
     found = np.empty((3, len(q), model.nv, model.nv))
@@ -79,7 +96,7 @@ def torque_jacobians(robot: Robot, q: Array, v: Array, a: Array) -> TorqueJacobi
         found[0, t], found[1, t], found[2, t] = data.dtau_dq, data.dtau_dv, data.M
     upper = np.triu(found[2])
     found[2] = upper + np.swapaxes(np.triu(found[2], 1), 1, 2)
-    return TorqueJacobians(*robot.from_model(found, 2))
+    return found
 
 
 def response_to(jacobians: TorqueJacobians, force: Array, step: float, windows: int) -> Response:

@@ -1,6 +1,6 @@
 """The text of a robot's description: what a path or a name stands for, and what it must be instead.
 
-`urdf_path` resolves names of the package robot_descriptions; `urdf_text` reads a URDF, expands a
+`urdf_path` resolves names of robot_descriptions and of example-robot-data; `urdf_text` reads a URDF, expands a
 xacro file where the package xacro is installed, converts a MuJoCo model, and says for any other
 file what it is and what turns it into a URDF.
 """
@@ -12,6 +12,7 @@ import importlib
 import math
 import re
 import warnings
+from importlib import metadata
 from pathlib import Path
 
 from seaid._files import working_folder
@@ -25,7 +26,7 @@ ROBOT_SUFFIXES = (".urdf", ".xacro", ".sdf", ".xml", ".mjcf")
 """Suffixes of files that describe a robot, read or refused with the converter's name."""
 
 _LOGS = (".csv", ".npz", ".json", ".parquet", ".h5", ".hdf5", ".mat", ".txt", ".bag", ".mcap")
-_DESCRIPTION = re.compile(r"[a-z0-9_]+_description")
+_NAME = re.compile(r"[A-Za-z0-9_]+")
 _MOST_NAMED = 5
 """Files of a folder that a message names."""
 
@@ -34,11 +35,17 @@ _PACKED = {b"\x1f\x8b": "gunzip -k", b"PK\x03\x04": "unzip", b"\xfd7zXZ": "unxz 
 
 
 def urdf_path(given: str | Path) -> Path:
-    """Return the file of a path, or of a name of robot_descriptions such as 'go2_description'."""
+    """Return the file of a path, or of a name.
+
+    Names are those of robot_descriptions, such as 'go2_description', and of the URDFs of
+    example-robot-data, such as 'panda'.
+    """
     path = Path(given)
     name = str(given)
-    if not _DESCRIPTION.fullmatch(name) or path.exists():
+    if not _NAME.fullmatch(name) or path.exists():
         return path
+    if not name.endswith("_description"):
+        return _example(name) or path
     try:
         known = importlib.import_module("robot_descriptions").DESCRIPTIONS
     except ImportError:
@@ -59,6 +66,28 @@ def urdf_path(given: str | Path) -> Path:
         if hasattr(module, kind):
             return Path(getattr(module, kind))
     raise RobotError(f"robot_descriptions has neither a URDF nor an MJCF of '{name}'")
+
+
+def _example(name: str) -> Path | None:
+    """Return a robot of example-robot-data by the name of its URDF; None if there is none.
+
+    As of example_robot_data.load, which the package on PyPI lacks: 'ur5' is ur5_robot.urdf. Raises
+    RobotError if several begin with the name.
+    """
+    try:
+        found = metadata.files("example-robot-data") or []
+    except metadata.PackageNotFoundError:
+        return None
+    urdfs = {path.stem: path for path in found if path.suffix == ".urdf"}
+    for exact in (name, f"{name}_robot"):
+        if exact in urdfs:
+            return Path(str(urdfs[exact].locate())).resolve()
+    near = sorted(one for one in urdfs if one.startswith(name))
+    if near:
+        raise RobotError(
+            f"example-robot-data has no robot '{name}' but {listed(near)}: name one of them"
+        )
+    return None
 
 
 def urdf_text(path: Path) -> bytes:

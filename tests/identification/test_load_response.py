@@ -31,6 +31,21 @@ def test_derivatives_are_those_of_differences(joints: tuple[str, ...] | None) ->
             assert jacobian[:, :, joint] == pytest.approx(change, abs=1e-7)
 
 
+def test_bodies_of_negative_mass_have_derivatives_that_are_linear_in_the_parameters() -> None:
+    """Estimates may have them; Pinocchio then takes their sum with others for a mass of 1e-12."""
+    robot = load_robot(DATA / "mixed_arm.urdf", payloads=[Payload("tool", 0.7, (0.1, 0.0, 0.05))])
+    states = np.random.default_rng(0).uniform(-1, 1, (3, 4, robot.n))
+    mass = np.zeros(robot.parameters.size)
+    mass[::10] = [0.0, -3.0, -6.0, -0.5]
+    wrong, heavy, payload = (
+        torque_jacobians(robot.with_values(one, robot.drives), *states)
+        for one in (robot.parameters + mass, robot.parameters - mass, robot.parameters)
+    )
+    for name in ("position", "velocity", "acceleration"):
+        mean = (getattr(wrong, name) + getattr(heavy, name)) / 2
+        np.testing.assert_allclose(mean, getattr(payload, name), atol=1e-10)
+
+
 def constant(M: float, C: float, K: float, samples: int) -> TorqueJacobians:
     return TorqueJacobians(*(np.full((samples, 1, 1), value) for value in (K, C, M)))
 

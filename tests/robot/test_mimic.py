@@ -327,6 +327,18 @@ def test_log_without_followers_gives_back_the_truth(gripper: Robot, tmp_path: Pa
     np.testing.assert_allclose(back.parameters, found.robot.parameters)
 
 
+@pytest.mark.slow  # it simulates 4 s, identifies and refines
+def test_a_refinement_starts_from_bodies_that_are_physically_inconsistent(gripper: Robot) -> None:
+    """The fingers hardly accelerate: their masses are found negative, and those of bodies too."""
+    assert gripper.urdf is not None
+    truth, log = _experiment(gripper.urdf, 0, 4.0)
+    found = seaid.identify(gripper.without_nominal(), log)
+    assert np.min(found.robot.parameters[::10]) < -1
+    refined = seaid.refine(found, log)
+    assert "worse-than-start" not in [one.code for one in refined.warnings]
+    assert abs(drive_errors(refined, truth, "stiffness")["stiffness of shoulder"]) < 2e-3
+
+
 def test_plan_moves_the_leaders_within_the_limits_of_the_followers(gripper: Robot) -> None:
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "the search for an excitation ended early")

@@ -3,13 +3,16 @@
 import gzip
 import sys
 import types
+import warnings
 from collections.abc import Callable
+from importlib import metadata
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from seaid.errors import RobotError
+from scripts.example_robots import example_urdf
+from seaid.errors import RobotError, SeaidWarning
 from seaid.robot import Robot, load_robot, search_folders
 
 MODELS = Path(__file__).resolve().parents[2] / "models"
@@ -164,6 +167,25 @@ def test_a_name_of_robot_descriptions_is_its_file(
     assert refusal("leg_description") == (
         "robot_descriptions has neither a URDF nor an MJCF of 'leg_description'"
     )
+
+
+def test_a_name_of_example_robot_data_is_its_file() -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", SeaidWarning)
+        assert load_robot("panda").dependent_joints[0].name == "panda_finger_joint2"
+        assert load_robot("ur5").urdf == example_urdf("ur5_robot.urdf")
+    assert refusal("talos").startswith(
+        "example-robot-data has no robot 'talos' but talos_full_v2, talos_full_v2_box, "
+    )
+    assert refusal("tallos").startswith("no URDF file at 'tallos'")
+
+
+def test_without_the_package_a_name_is_a_path(monkeypatch: pytest.MonkeyPatch) -> None:
+    def missing(name: str) -> None:
+        raise metadata.PackageNotFoundError(name)
+
+    monkeypatch.setattr(metadata, "files", missing)
+    assert refusal("panda").startswith("no URDF file at 'panda'")
 
 
 def test_a_name_without_the_package_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
