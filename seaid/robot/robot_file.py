@@ -1,8 +1,8 @@
 """The text of a robot's description: what a path or a name stands for, and what it must be instead.
 
-`urdf_path` resolves names of robot_descriptions and of example-robot-data; `urdf_text` reads a URDF, expands a
-xacro file where the package xacro is installed, converts a MuJoCo model, and says for any other
-file what it is and what turns it into a URDF.
+`urdf_path` resolves names of robot_descriptions and of example-robot-data; `urdf_text` reads a
+URDF, expands a xacro file where the package xacro is installed, converts a MuJoCo model, and says
+for any other file what it is and what turns it into a URDF.
 """
 
 from __future__ import annotations
