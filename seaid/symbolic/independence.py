@@ -1,17 +1,19 @@
 """Linear independence of the fundamental functions of (11), which the paper presupposes.
 
 Monomials in signals and in sine, cosine and exponential of different signals are independent once
-sin^2 is reduced. All other functions are tested numerically: they are evaluated with 200 digits at
-random points, and a dependence is accepted if it also holds at fresh points.
+sin^2 is reduced. All other functions are tested numerically: they are evaluated at random points,
+among them points at which each function is alive (tanh(1000 w) near w = 0.001). A dependence is
+accepted if it holds with 200 digits, relative to its terms, also at fresh points.
 """
 
 from __future__ import annotations
 
 import random
 import warnings
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
 from fractions import Fraction
-from itertools import chain
+from itertools import chain, combinations
 
 import numpy as np
 import sympy as sp
@@ -21,12 +23,15 @@ from sympy.core.function import AppliedUndef
 
 from seaid._arrays import safely
 from seaid.errors import SeaidWarning, SymbolicError
+from seaid.symbolic.generators import subexpressions
 from seaid.symbolic.polynomial import Exponents, Ring, term_to_sympy
 
 Combination = dict[Exponents, fmpq]
+_Row = list[mpf]
+_Point = dict[sp.Expr, sp.Expr]
 
-_DIGITS = 200
-_SMALL = mpf(10) ** -(_DIGITS // 2)
+_DIGITS, _FEW_DIGITS, _MOST_DIGITS = 200, 25, 6000
+_ROUNDS = 4
 _LONGEST = 10**12
 _MOST_FUNCTIONS = 300
 _CERTAIN = (sp.Symbol, AppliedUndef, sp.Derivative, sp.sin, sp.cos, sp.exp)
@@ -112,25 +117,56 @@ def _dependences(
 ) -> dict[Exponents, Combination]:
     """Return {function: combination of those before it} within a `group`, at random points."""
     parts = sorted({_part(f, group) for f in functions}, key=lambda e: (sum(e), e[::-1]))
-    with mp.workdps(_DIGITS):
-        few = len(parts) <= _MOST_FUNCTIONS
-        table = _evaluated(ring, group, parts, len(parts) + 4, seed=1) if few else None
-        if table is None:
-            names = ", ".join(str(ring.generators[i]) for i in group)
-            warnings.warn(
-                f"whether {len(parts)} functions made of {names} are independent was not checked; "
-                "if they are not, too many base parameters are counted",
-                SeaidWarning,
-                stacklevel=4,
+    names = ", ".join(str(ring.generators[i]) for i in group)
+    points = _Points(ring, [ring.generators[i] for i in group])
+    rows: list[_Row] | None = None
+    if len(parts) <= _MOST_FUNCTIONS:
+        rows = _evaluated(group, parts, points, len(parts) + 4, _FEW_DIGITS)
+    if rows is None:
+        warnings.warn(
+            f"whether {len(parts)} functions made of {names} are independent was not checked; "
+            "if they are not, too many base parameters are counted",
+            SeaidWarning,
+            stacklevel=4,
+        )
+        return {}
+    if _surely_independent(rows):
+        return {}
+    digits = min(_DIGITS + 2 * _decades(rows), _MOST_DIGITS)
+    with mp.workdps(digits):
+        rows = []
+        for _ in range(_ROUNDS):
+            rows += _evaluated(group, parts, points, len(parts) + 4, digits) or []
+            found = _eliminated(rows)
+            fresh = _evaluated(group, parts, points, 8, digits) or []
+            if all(_holds(row, *dependence) for row in fresh for dependence in found.items()):
+                break
+            rows += fresh
+        else:
+            raise SymbolicError(
+                f"whether the functions made of {names} are independent remains open: "
+                f"{len(rows)} random points do not decide it; give one of them as a signal"
             )
-            return {}
-        if _surely_independent(table):
-            return {}
-        fresh = _evaluated(ring, group, parts, 8, seed=2) or []
         return {
             parts[column]: _confirmed(ring, parts, column, factors, fresh)
-            for column, factors in _eliminated(table).items()
+            for column, factors in found.items()
         }
+
+
+def _decades(rows: list[_Row]) -> int:
+    """Return the largest power of ten, positive or negative, of the values."""
+    return max((abs(int(mp.log10(abs(x)))) for row in rows for x in row if x), default=0)
+
+
+def _small() -> mpf:
+    """Return what counts as zero among numbers near 1: half of the digits are rounding."""
+    return mpf(10) ** -(mp.dps // 2)
+
+
+def _holds(row: _Row, column: int, factors: Mapping[int, mpf]) -> bool:
+    """Whether a dependence holds at a point, up to the rounding of its largest term."""
+    terms = [row[column], *(-factor * row[j] for j, factor in factors.items())]
+    return bool(abs(mp.fsum(terms)) <= _small() * max(map(abs, terms)))
 
 
 def _confirmed(
@@ -138,62 +174,153 @@ def _confirmed(
     parts: list[Exponents],
     column: int,
     factors: Mapping[int, mpf],
-    fresh: list[list[mpf]],
+    fresh: list[_Row],
 ) -> Combination:
     """Return a dependence with rational factors, if it also holds at the points `fresh`."""
     short = {other: _short_rational(factor) for other, factor in factors.items()}
-    for row in fresh:
-        if abs(row[column] - sum(_value(short[j]) * row[j] for j in short)) >= _SMALL:
-            names = ", ".join(str(term_to_sympy(ring, parts[other])) for other in short)
-            raise SymbolicError(
-                f"the function {term_to_sympy(ring, parts[column])} of the motion depends on "
-                f"{names} with factors that are not short rational numbers; write the equations "
-                "with one of these functions less"
-            )
+    exact = {other: _value(factor) for other, factor in short.items()}
+    if not all(_holds(row, column, exact) for row in fresh):
+        names = ", ".join(str(term_to_sympy(ring, parts[other])) for other in short)
+        raise SymbolicError(
+            f"the function {term_to_sympy(ring, parts[column])} of the motion depends on "
+            f"{names} with factors that are not short rational numbers; write the equations "
+            "with one of these functions less"
+        )
     return {parts[other]: factor for other, factor in short.items()}
 
 
 def _evaluated(
-    ring: Ring, group: tuple[int, ...], parts: list[Exponents], count: int, seed: int
-) -> list[list[mpf]] | None:
-    """Return the values at `count` random points, a row per point; None if they are not real."""
-    expressions = [ring.generators[i] for i in group]
-    rows: list[list[mpf]] = []
-    for point in _random_points(ring, expressions, count, seed):
-        values = [x.xreplace(point).evalf(_DIGITS) for x in expressions]
-        if all(value.is_Float or value.is_Rational for value in values):
-            pairs = list(zip(group, map(mp.mpmathify, values), strict=True))
-            rows.append([mp.fprod(x ** int(part[i]) for i, x in pairs) for part in parts])
-            if len(rows) == count:
-                return rows
-    return None
+    group: tuple[int, ...], parts: list[Exponents], points: _Points, count: int, digits: int
+) -> list[_Row] | None:
+    """Return the values at random points, a row per point; None if too few of them are real.
+
+    There are `count` points of ordinary size, and as many at which arguments of functions are.
+    """
+    found: list[_Row] = []
+    with mp.workdps(digits):
+        for drawn, wanted in ((points.ordinary(count), count), (points.alive(count), 2 * count)):
+            for point in drawn:
+                values = [_real_value(x, point, digits) for x in points.expressions]
+                if None not in values:
+                    powers = list(zip(group, values, strict=True))
+                    found.append([mp.fprod(x ** int(part[i]) for i, x in powers) for part in parts])
+                if len(found) >= wanted:
+                    break
+    return found if len(found) >= count else None
 
 
-def _random_points(
-    ring: Ring, expressions: list[sp.Expr], count: int, seed: int
-) -> Iterator[dict[sp.Expr, sp.Rational]]:
-    """Yield 20 points for each of `count`: values of both signs, later positive ones only."""
-    generator = random.Random(seed)
-    signals = sorted({s for x in expressions for s in _signals(ring, x)}, key=str)
-    free = {s for x in expressions for s in x.free_symbols} - ring.moving
-    constants = {s: _random(generator, positive=True) for s in sorted(free, key=str)}
-    for attempt in range(20 * count):
-        positive = attempt >= 10 * count
-        yield constants | {s: _random(generator, positive) for s in signals}
+def _real_value(expression: sp.Expr, point: _Point, digits: int) -> mpf | None:
+    try:
+        value = expression.xreplace(point).evalf(digits, maxn=4 * _MOST_DIGITS)
+    except (ArithmeticError, ValueError, TypeError):  # a pole, or nothing that sympy evaluates
+        return None
+    return mp.mpmathify(value) if value.is_Float or value.is_Rational else None
 
 
-def _random(generator: random.Random, positive: bool) -> sp.Rational:
-    sign = 1 if positive else generator.choice((-1, 1))
-    return sp.Rational(sign * generator.randint(200, 2200), 1009)
+@dataclass(eq=False)
+class _Points:
+    """Random values of the signals in some functions of the motion."""
+
+    ring: Ring
+    expressions: list[sp.Expr]
+    draw: random.Random = field(default_factory=lambda: random.Random(1))
+    constants: _Point = field(init=False)
+    signals: list[sp.Expr] = field(init=False)
+
+    def __post_init__(self) -> None:
+        signals = {s for x in self.expressions for s in _signals(self.ring, x)}
+        free = {s for x in self.expressions for s in x.free_symbols} - self.ring.moving
+        self.signals = sorted(signals, key=str)
+        self.constants = {s: self._random(positive=True) for s in sorted(free, key=str)}
+
+    def ordinary(self, count: int) -> Iterator[_Point]:
+        """Yield 20 points for each of `count`: values of both signs, later positive ones only."""
+        for attempt in range(20 * count):
+            positive = attempt >= 10 * count
+            yield self.constants | {s: self._random(positive) for s in self.signals}
+
+    def alive(self, count: int) -> Iterator[_Point]:
+        """Yield points at which the argument of some function is between -3 and 3.
+
+        There tanh(1000 w) is no sign, exp(-(w/0.02)^2) not zero, and Max(q - 30, 0) not constant.
+        """
+        pairs = [(x, s) for x in _arguments(self.expressions) for s in _signals(self.ring, x)]
+        pairs.sort(key=str)
+        for _ in range(-(-2 * count // len(pairs)) if pairs else 0):
+            for argument, signal in pairs:
+                point = next(self.ordinary(1))
+                target = self._random(positive=False)
+                within = argument.xreplace({s: x for s, x in point.items() if s != signal})
+                roots = _real_roots(within - target, signal)
+                if roots:
+                    yield point | {signal: self.draw.choice(roots)}
+
+    def _random(self, positive: bool) -> sp.Rational:
+        sign = 1 if positive else self.draw.choice((-1, 1))
+        return sp.Rational(sign * self.draw.randint(200, 2200), 1009)
 
 
-def _surely_independent(table: list[list[mpf]]) -> bool:
-    """Whether singular values in double precision already show independence, the usual case."""
-    values = np.array(table, dtype=np.float64)
-    values /= np.linalg.norm(values, axis=0)
+def _arguments(expressions: Iterable[sp.Expr]) -> set[sp.Expr]:
+    """Return what functions are taken of: of Max the differences, of conditions both sides'."""
+    found: set[sp.Expr] = set()
+    for part in subexpressions(*expressions):
+        if isinstance(part, sp.Max | sp.Min):
+            found |= {left - right for left, right in combinations(part.args, 2)}
+        elif isinstance(part, sp.core.relational.Relational):
+            found.add(part.lhs - part.rhs)
+        elif part.is_Pow and not part.exp.is_Integer:
+            found |= {part.base, part.exp}
+        elif part.is_Function and not isinstance(part, AppliedUndef | sp.Piecewise):
+            found.update(part.args)
+    return {x for x in found if isinstance(x, sp.Expr) and x.free_symbols}
+
+
+_GRID = [sign * 10.0 ** (k / 4) for sign in (-1, 1) for k in range(-48, 49)]
+"""Where roots are searched for: from 1e-12 to 1e12, four places in each decade."""
+
+
+def _real_roots(expression: sp.Expr, signal: sp.Expr) -> list[sp.Rational]:
+    """Return places where an expression of one signal is zero, exact to 25 digits."""
+    x = sp.Dummy("x", real=True)
+    expression = expression.xreplace({signal: x})
+    if expression.is_polynomial(x):
+        roots = sp.Poly(expression, x).nroots(n=25, maxsteps=200)
+        return [sp.Rational(str(root)) for root in roots if root.is_real]
+    function = sp.lambdify(x, expression, modules="mpmath")
+
+    def sign(at: float | mpf) -> int | None:
+        try:
+            value = function(mpf(at))
+            return int(mp.sign(value)) if mp.isfinite(value) and not mp.im(value) else None
+        except (ArithmeticError, ValueError, TypeError, NameError):
+            return None
+
+    found = []
+    grid = sorted(_GRID)
+    signs = [sign(at) for at in grid]
+    for low, high, first, last in zip(grid, grid[1:], signs, signs[1:], strict=False):
+        if first and last and first != last:
+            ends = [mpf(low), mpf(high)]
+            for _ in range(100):
+                middle = (ends[0] + ends[1]) / 2
+                ends[int(sign(middle) != first)] = middle
+            found.append(sp.Rational(str(mp.nstr(ends[0], 25))))
+    return found
+
+
+def _surely_independent(rows: list[_Row]) -> bool:
+    """Whether singular values in double precision already show independence, the usual case.
+
+    Rows and columns are scaled by their largest entries first, which keeps the rank.
+    """
+    values = np.array(rows, dtype=object)
+    for _ in range(2):
+        for axis in (1, 0):
+            largest = np.max(np.abs(values), axis=axis, keepdims=True)
+            values = values / np.where(largest == 0, mpf(1), largest)
     singular = safely(
         np.linalg.svd,
-        values,
+        values.astype(np.float64),
         what="the independence of functions",
         error=SymbolicError,
         compute_uv=False,
@@ -201,22 +328,33 @@ def _surely_independent(table: list[list[mpf]]) -> bool:
     return bool(singular[-1] > 1e-9 * singular[0])
 
 
-def _eliminated(table: list[list[mpf]]) -> dict[int, dict[int, mpf]]:
-    """Return {dependent column: factors of the independent ones}, by pivoted Gauss-Jordan."""
+def _eliminated(table: list[_Row]) -> dict[int, dict[int, mpf]]:
+    """Return {dependent column: factors of the independent ones}, by pivoted Gauss-Jordan.
+
+    An entry counts as zero below its rounding error, which is carried along: `_small` * `sizes`.
+    """
     rows = np.array(table, dtype=object)
+    sizes = np.abs(rows)
     pivots: list[int] = []
     dependent: dict[int, dict[int, mpf]] = {}
     for column in range(rows.shape[1]):
         top = len(pivots)
-        best = top + int(np.argmax(np.abs(rows[top:, column])))
-        if abs(rows[best, column]) < _SMALL:
-            factors = zip(pivots, rows[:, column], strict=False)
-            dependent[column] = {pivot: x for pivot, x in factors if abs(x) > _SMALL}
+        below = np.where(sizes[:, column] == 0, mpf(1), sizes[:, column])
+        sure = np.abs(rows[:, column]) / below
+        best = top + int(np.argmax(sure[top:])) if top < len(rows) else top
+        if top == len(rows) or sure[best] <= _small():
+            seen = {pivot: rows[i, column] for i, pivot in enumerate(pivots) if sure[i] > _small()}
+            dependent[column] = seen
             continue
-        rows[[top, best]] = rows[[best, top]]
-        rows[top] = rows[top] / rows[top, column]
+        rows[[top, best]], sizes[[top, best]] = rows[[best, top]], sizes[[best, top]]
+        sizes[top], rows[top] = sizes[top] / abs(rows[top, column]), rows[top] / rows[top, column]
         others = np.arange(len(rows)) != top
-        rows[others] = rows[others] - np.outer(rows[others, column], rows[top])
+        factors = rows[others, column]
+        # the error of a - f b is the largest of those of a, of f times b, and of b times f
+        errors = np.outer(sizes[others, column], np.abs(rows[top]))
+        errors = np.maximum(errors, np.outer(np.abs(factors), sizes[top]))
+        sizes[others] = np.maximum(sizes[others], errors)
+        rows[others] = rows[others] - np.outer(factors, rows[top])
         pivots.append(column)
     return dependent
 
