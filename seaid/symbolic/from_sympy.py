@@ -13,6 +13,7 @@ from sympy.core.function import AppliedUndef
 
 from seaid._progress import track
 from seaid.errors import SymbolicError
+from seaid.symbolic.algebraic import algebraic_relations
 from seaid.symbolic.generators import (
     CIRCULAR,
     bottom_up,
@@ -183,12 +184,16 @@ def _with_inputs(ring: Ring, equations: Sequence[Ratio]) -> Ring:
 
 def _add_relations(ring: Ring) -> None:
     """Add the ring's relations, lowest generator first, because each uses those below it."""
+    numbers = {relation.generator: relation for relation in algebraic_relations(ring)}
     roots = {root(x, unit): (x, unit) for x, unit in ring.units["root"].items()}
     for place in reversed(range(len(ring.generators))):
         expression, x = ring.generators[place], ring.context.gen(place)
         degree = 2
+        if place in numbers:
+            ring.relations.insert(0, numbers[place])
+            continue
         if expression in roots:
-            base, degree = roots[expression]
+            base, degree = roots[expression][0], int(roots[expression][1])
             below = _read(ring, base, {})
             if not below.denominator.is_one():
                 continue

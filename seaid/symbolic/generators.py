@@ -34,7 +34,7 @@ class _Scan:
     time: frozenset[sp.Symbol]
     plain: dict[sp.Expr, None] = field(default_factory=dict)
     signs: dict[sp.Expr, None] = field(default_factory=dict)
-    units: dict[str, dict[sp.Expr, int]] = field(
+    units: dict[str, dict[sp.Expr, sp.Rational]] = field(
         default_factory=lambda: {"angle": {}, "exponent": {}, "root": {}}
     )
     seen: set[sp.Expr] = field(default_factory=set)
@@ -208,17 +208,24 @@ def _visit_function(scan: _Scan, function: sp.Expr) -> None:
         _visit(scan, argument)
     elif function.is_Pow and function.exp.is_Rational:
         bases = root_bases(function.base)
-        _note_units(scan.units["root"], [(base, function.exp) for base in bases])
+        for base in bases:
+            unit = int(scan.units["root"].get(base, 1))
+            scan.units["root"][base] = sp.Integer(lcm(unit, int(function.exp.q)))
         for base in bases:
             _visit(scan, base)
     else:
         scan.plain[expanded_inside(function)] = None
 
 
-def _note_units(units: dict[sp.Expr, int], factors: list[tuple[sp.Expr, sp.Rational]]) -> None:
+def _note_units(
+    units: dict[sp.Expr, sp.Rational], factors: list[tuple[sp.Expr, sp.Rational]]
+) -> None:
     """Extend the common denominators in `units` by those of [(expression, rational factor)]."""
     for part, factor in factors:
-        units[part] = lcm(units.get(part, 1), int(factor.q))
+        if part.is_number:  # cos(173 pi / 1800) stays what it is
+            units[part] = 1 / sp.gcd(1 / units[part] if part in units else 0, factor)
+        else:
+            units[part] = sp.Integer(lcm(int(units.get(part, 1)), int(factor.q)))
 
 
 def parts(argument: sp.Expr) -> list[tuple[sp.Expr, sp.Rational]]:
@@ -295,7 +302,7 @@ def _generators(scan: _Scan) -> tuple[sp.Expr, ...]:
     return tuple(dict.fromkeys(order))
 
 
-def root(base: sp.Expr, unit: int) -> sp.Expr:
+def root(base: sp.Expr, unit: sp.Integer) -> sp.Expr:
     """Return base^(1/unit), the generator whose powers are all roots of `base`."""
     return sp.Pow(base, sp.Rational(1, unit))
 

@@ -201,8 +201,8 @@ def _evaluated(
         for drawn, wanted in ((points.ordinary(count), count), (points.alive(count), 2 * count)):
             for point in drawn:
                 values = [_real_value(x, point, digits) for x in points.expressions]
-                if None not in values:
-                    powers = list(zip(group, values, strict=True))
+                powers = [(i, x) for i, x in zip(group, values, strict=True) if x is not None]
+                if len(powers) == len(group):
                     found.append([mp.fprod(x ** int(part[i]) for i, x in powers) for part in parts])
                 if len(found) >= wanted:
                     break

@@ -13,7 +13,7 @@ from functools import partial
 from typing import NamedTuple, TypeVar
 
 import sympy as sp
-from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx
+from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx, fmpq_poly
 
 from seaid.errors import SymbolicError
 
@@ -60,7 +60,7 @@ class Ring:
     known: tuple[int, ...]
     undeclared: tuple[int, ...]
     moving: frozenset[sp.Symbol]
-    units: Mapping[str, Mapping[sp.Expr, int]]
+    units: Mapping[str, Mapping[sp.Expr, sp.Rational]]
     max_terms: int
     relations: list[Relation] = field(default_factory=list)
     index: dict[sp.Expr, int] = field(init=False, repr=False)
@@ -105,28 +105,47 @@ def _rationalised(
 ) -> tuple[fmpq_mpoly, fmpq_mpoly]:
     """Free the denominator of generators with a relation: 1/sqrt(2) becomes sqrt(2)/2.
 
-    Sums in several such functions of the motion stay: each of them would double the terms.
+    Sums in several such functions of the motion stay: each of them would double the terms. So do
+    sums of known symbols and algebraic numbers of degree three and more.
     """
     degrees = denominator.degrees()
     present = {place for place, _, _ in ring.relations if degrees[place] > 0}
     if not present:
         return numerator, denominator
     one_moves = len(present.intersection(ring.motion)) == 1
-    for place, degree, _ in ring.relations:
+    for place, degree, relation in ring.relations:
         power = denominator.degrees()[place]
         if power < 1:
             continue
         x = ring.context.gen(place)
         parts = collect(ring, denominator, place)
-        if len(parts) == 1:
+        powers = collect(ring, relation, place)
+        if len(parts) == 1 and powers.keys() == {0, degree}:
             factor = x ** (degree - power)
         elif degree == 2 and (one_moves or place not in ring.motion):
-            factor = parts[0] - x * parts[1]
+            # the conjugate of a + b x with x^2 + l x + c = 0 is a - b l - b x
+            a, b, zero = parts.get(0, ring.constant(0)), parts[1], ring.constant(0)
+            factor = a - multiply(ring, b, powers.get(1, zero)) - x * b
+        elif all(one.is_constant() for one in (*parts.values(), *powers.values())):
+            factor = _inverse(ring, place, parts, powers)
         else:
             continue
         numerator = multiply(ring, numerator, factor)
         denominator = multiply(ring, denominator, factor)
     return numerator, denominator
+
+
+def _inverse(
+    ring: Ring, place: int, parts: Mapping[int, fmpq_mpoly], relation: Mapping[int, fmpq_mpoly]
+) -> fmpq_mpoly:
+    """Return the inverse of a polynomial with rational coefficients in an algebraic number."""
+    value, modulus = (
+        fmpq_poly([side[n].leading_coefficient() if n in side else 0 for n in range(max(side) + 1)])
+        for side in (parts, relation)
+    )
+    x = ring.context.gen(place)
+    factors = value.xgcd(modulus)[1].coeffs()
+    return sum((factor * x**n for n, factor in enumerate(factors)), ring.constant(0))
 
 
 def collect(ring: Ring, polynomial: fmpq_mpoly, place: int) -> dict[int, fmpq_mpoly]:

@@ -13,12 +13,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import chain
-from math import prod
 from typing import Literal
 
 import numpy as np
 import sympy as sp
 from flint import fmpq, fmpq_mat, fmpq_mpoly
+from mpmath import mp, mpf
 
 from seaid._progress import Display
 from seaid.errors import SeaidWarning, SymbolicError
@@ -303,9 +303,9 @@ def _warn_of_cancelled(
 ) -> None:
     """Warn of base columns that are independent of those before them by rounded numbers only."""
     known = _random_knowns(ring)
-    H = np.array([[_at(row[j], known) if j in row else 0.0 for j in pivots] for row in rows])
-    H = H[np.any(H, axis=1)]
-    H /= np.max(np.abs(H), axis=1, keepdims=True)
+    with mp.workdps(_DIGITS):
+        table = [[_at(row[j], known) if j in row else mpf(0) for j in pivots] for row in rows]
+    H = np.array([[x / max(map(abs, row)) for x in row] for row in table if any(row)], dtype=float)
     left = np.abs(np.diag(np.linalg.qr(H / np.linalg.norm(H, axis=0), mode="r")))
     for place in np.flatnonzero(left < _CANCELLED):
         warnings.warn(
@@ -318,17 +318,25 @@ def _warn_of_cancelled(
         )
 
 
-def _random_knowns(ring: Ring) -> dict[int, float]:
+_DIGITS = 1000
+"""Digits of a coefficient such as cos(500 x) in powers of cos x, whose terms cancel."""
+
+
+def _random_knowns(ring: Ring) -> dict[int, mpf]:
     """Return {place: value} of the known generators, with random values of the known symbols."""
     symbols = {s for i in ring.known for s in ring.generators[i].free_symbols}
     draw = random.Random(3)
-    values = {s: sp.Float(draw.uniform(0.5, 1.5)) for s in sorted(symbols, key=str)}
-    return {i: float(sp.re(ring.generators[i].subs(values).evalf())) for i in ring.known}
+    values = {s: sp.Rational(draw.randint(500, 1500), 1009) for s in sorted(symbols, key=str)}
+    return {
+        i: mp.re(mp.mpmathify(ring.generators[i].subs(values).evalf(_DIGITS))) for i in ring.known
+    }
 
 
-def _at(polynomial: fmpq_mpoly, values: Mapping[int, float]) -> float:
-    return sum(
-        float(value.p) / float(value.q) * prod(values[i] ** int(e) for i, e in enumerate(m) if e)
+def _at(polynomial: fmpq_mpoly, values: Mapping[int, mpf]) -> mpf:
+    return mp.fsum(
+        mpf(int(value.p))
+        / int(value.q)
+        * mp.fprod(values[i] ** int(e) for i, e in enumerate(m) if e)
         for m, value in polynomial.terms()
     )
 
