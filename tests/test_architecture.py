@@ -116,7 +116,8 @@ ONE_IMPORTER = {
         "identification.sensitivity",
         *("identification.instrumental", "identification.simultaneous"),
         "identification.transmission_error",
-        *("regressor.exact.lagrangian", "regressor.exact.recursion", "symbolic.independence"),
+        *("regressor.exact.lagrangian", "regressor.exact.recursion"),
+        *("symbolic.algebraic", "symbolic.independence"),
     ),
     "functions that users call": (
         *("identification.conditions", "log.infer_columns", "log.long_log", "project.saved"),

@@ -141,6 +141,91 @@ def test_known_numbers_form_a_field() -> None:
     assert reduce(separate(equation, [x, y, a], P[:2])).pivots == (0,)
 
 
+pi, sqrt, cos, sin, tan = sp.pi, sp.sqrt, sp.cos, sp.sin, sp.tan
+EQUAL_NUMBERS = [
+    (sin(pi / 7) ** 2, (1 - cos(2 * pi / 7)) / 2),
+    (cos(pi / 7) - cos(2 * pi / 7) + cos(3 * pi / 7), sp.Rational(1, 2)),
+    (8 * cos(pi / 9) ** 3 - 6 * cos(pi / 9), sp.Integer(1)),
+    (8 * sin(pi / 9) * sin(2 * pi / 9) * sin(4 * pi / 9), sqrt(3)),
+    (tan(pi / 7) * tan(2 * pi / 7) * tan(3 * pi / 7), sqrt(7)),
+    (sin(pi / 8) * cos(pi / 8), sqrt(2) / 4),
+    (sqrt(3 + 2 * sqrt(2)), 1 + sqrt(2)),
+    (sp.cbrt(2) * sqrt(2), 2 ** sp.Rational(5, 6)),
+    (1 / (1 + cos(pi / 9)), 1 / (2 * cos(pi / 18) ** 2)),
+    (cos(173 * pi / 1800) ** 2, 1 - sin(173 * pi / 1800) ** 2),
+]
+
+
+@pytest.mark.parametrize(("left", "right"), EQUAL_NUMBERS)
+def test_equal_algebraic_numbers_are_equal(left: sp.Expr, right: sp.Expr) -> None:
+    rows = [P[0] * left * x + P[1] * right * x - y, (P[0] + P[1]) * z - a]
+    assert list(reduce(separate(rows, [x, y, z, a], P[:2])).parameters) == [P[0] + P[1]]
+    rows = [P[0] * left * x + P[1] * (right + sp.Rational(1, 10**9)) * x - y, rows[1]]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        assert reduce(separate(rows, [x, y, z, a], P[:2])).pivots == (0, 1)
+
+
+def test_numbers_of_a_large_field_that_cancel_are_said() -> None:
+    """The field of cos(pi/180) has degree 48: its relations are not used."""
+    left, right = 2 * cos(7 * pi / 180) * cos(7 * pi / 180), cos(14 * pi / 180) + 1
+    assert abs((left - right).evalf()) < 1e-12
+    rows = [P[0] * left * x + P[1] * right * x - y, (P[0] + P[1]) * z - a]
+    assert reduce(separate(rows, [x, y, z, a], P[:2])).pivots == (0,)  # an addition theorem
+    left, right = cos(pi / 180) - cos(59 * pi / 180), sin(pi * 149 / 180)
+    assert abs((left - right).evalf()) < 1e-12
+    rows = [P[0] * left * x + P[1] * right * x - y, (P[0] + P[1]) * z - a]
+    with pytest.warns(SeaidWarning, match="p2 is identifiable only because numbers"):
+        reduce(separate(rows, [x, y, z, a], P[:2]))
+
+
+SHARP = [
+    [x, sp.sign(x), sp.sign(x) * sp.exp(-((x / 0.02) ** 2))],
+    [x, sp.sign(x), sp.sign(x) * sp.exp(-((50 * x - 1500) ** 2)), sp.Abs(x) * x],
+    [x, sp.sign(x), sp.sign(x) * sp.exp(-sp.Abs(500 * x)), sp.Abs(x) * x],
+    [x, sp.sign(x), sp.tanh(1000 * x), sp.atan(1000 * x), sp.erf(1000 * x)],
+    [x, sp.tanh(10**6 * x), sp.tanh(2 * 10**6 * x)],
+    [x, sp.Integer(1), sp.Max(x - 30, 0), sp.Max(x - 31, 0)],
+    [x - y, sp.Max(x - y - 0.001, 0) + sp.Min(x - y + 0.001, 0)],
+    [x, sp.exp(1000 * x), sp.tanh(x)],
+    [sp.log(x - 1000), sp.sqrt(x - 1000), (x - 1000) ** sp.Rational(3, 2)],
+    [sp.sign(sp.sin(x) - 0.5), sp.tanh(200 * sp.sin(x) - 100)],
+    [x * sp.exp(-(10**6) * x**2) * sp.Rational(1, 10**9), sp.tanh(x * sp.Rational(1, 10**8))],
+    [x, sp.Piecewise((x**2, x < 40), (x, True)), sp.Heaviside(x - 50)],
+]
+
+
+@pytest.mark.parametrize("functions", SHARP)
+def test_sharp_and_far_functions_are_independent(functions: list[sp.Expr]) -> None:
+    equation = sum(p * f for p, f in zip(P, functions, strict=False)) - a
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        base = reduce(separate(equation, [x, y, a], P[: len(functions)]))
+    assert base.pivots == tuple(range(len(functions)))
+
+
+SHARP_AND_DEPENDENT = [
+    ([sp.exp(1000 * x), sp.sinh(1000 * x), sp.cosh(1000 * x)], [P[0] + P[2], P[1] - P[2]]),
+    ([sp.exp(1000 * x), sp.sinh(1000 * x), sp.exp(-1000 * x)], [P[0] + P[2], P[1] - 2 * P[2]]),
+    (
+        [sp.tanh(1000 * x), (sp.exp(2000 * x) - 1) / (sp.exp(2000 * x) + 1), x],
+        [P[0] + P[1], P[2]],
+    ),
+    ([sp.Heaviside(x - 50), sp.sign(x - 50), sp.Integer(1)], [P[0] + 2 * P[2], P[1] - P[2]]),
+    (
+        [sp.Max(x - 100, 0), sp.Piecewise((x - 100, x > 100), (0, True)), x],
+        [P[0] + P[1], P[2]],
+    ),
+]
+
+
+@pytest.mark.parametrize(("functions", "base"), SHARP_AND_DEPENDENT)
+def test_sharp_and_far_dependences_are_found(functions: list[sp.Expr], base: list[sp.Expr]) -> None:
+    equation = sum(p * f for p, f in zip(P, functions, strict=False)) - a
+    with pytest.warns(SeaidWarning, match="functions of the motion depend on each other"):
+        assert list(reduce(separate(equation, [x, y, a], P[:3])).parameters) == base
+
+
 def test_denominators_of_the_motion() -> None:
     equation = P[0] / (1 + x) + P[1] * x / (1 + x) + P[2] * y / (r + x) + P[3] - a
     form = separate(equation, [x, y, a], P[:4])
