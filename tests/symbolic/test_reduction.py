@@ -172,7 +172,7 @@ def test_numbers_of_a_large_field_that_cancel_are_said() -> None:
     assert abs((left - right).evalf()) < 1e-12
     rows = [P[0] * left * x + P[1] * right * x - y, (P[0] + P[1]) * z - a]
     assert reduce(separate(rows, [x, y, z, a], P[:2])).pivots == (0,)  # an addition theorem
-    left, right = cos(pi / 180) - cos(59 * pi / 180), sin(pi * 149 / 180)
+    left, right = cos(pi / 180) - cos(59 * pi / 180), cos(61 * pi / 180)
     assert abs((left - right).evalf()) < 1e-12
     rows = [P[0] * left * x + P[1] * right * x - y, (P[0] + P[1]) * z - a]
     with pytest.warns(SeaidWarning, match="p2 is identifiable only because numbers"):
