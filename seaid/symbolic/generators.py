@@ -189,7 +189,7 @@ def _visit(scan: _Scan, expression: sp.Expr) -> None:
 
 def _visit_function(scan: _Scan, function: sp.Expr) -> None:
     inside = sorted(function.free_symbols.intersection(scan.unknowns), key=scan.unknowns.index)
-    if inside:
+    if inside and not _is_phase(scan, function):
         raise SymbolicError(
             f"the unknown {inside[0]} is inside {function}, so the equation is not linear in any "
             f"product of unknowns; make {inside[0]} known, or name the whole function as one "
@@ -215,6 +215,14 @@ def _visit_function(scan: _Scan, function: sp.Expr) -> None:
             _visit(scan, base)
     else:
         scan.plain[expanded_inside(function)] = None
+
+
+def _is_phase(scan: _Scan, function: sp.Expr) -> bool:
+    """Whether this is a sine or cosine of a sum in which the unknowns are terms: sin(q + phi)."""
+    unknowns = set(scan.unknowns)
+    return isinstance(function, CIRCULAR) and all(
+        part in unknowns or not part.free_symbols & unknowns for part, _ in parts(function.args[0])
+    )
 
 
 def _note_units(
@@ -320,9 +328,9 @@ def _plain_key(scan: _Scan) -> Callable[[sp.Expr], tuple[object, ...]]:
 
 def _kind(scan: _Scan, generator: sp.Expr) -> str:
     """Return "motion", "unknown" or "known"."""
-    if generator in scan.unknowns:
-        return "unknown"
     free = generator.free_symbols
+    if free.intersection(scan.unknowns):
+        return "unknown"
     return "motion" if free & scan.time or free.intersection(scan.motion) else "known"
 
 

@@ -331,7 +331,7 @@ def _surely_independent(rows: list[_Row]) -> bool:
 def _eliminated(table: list[_Row]) -> dict[int, dict[int, mpf]]:
     """Return {dependent column: factors of the independent ones}, by pivoted Gauss-Jordan.
 
-    An entry counts as zero below its rounding error, which is carried along: `_small` * `sizes`.
+    An entry counts as zero below its propagated rounding error, `_small` * `sizes`.
     """
     rows = np.array(table, dtype=object)
     sizes = np.abs(rows)

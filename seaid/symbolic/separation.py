@@ -89,7 +89,8 @@ def separate(
         The measured signals; the derivatives of a function of time are included.
     unknowns : sympy symbols
         The symbols to identify, in the order of the columns. Unknowns that occur only as a product
-        become one lumped parameter, placed after its first factor. Every other symbol is known and
+        become one lumped parameter, placed after its first factor. An unknown phase gives two: of
+        a sin(q + phi) these are a cos(phi) and a sin(phi). Every other symbol is known and
         stays a symbol; a symbol t is time. A function of time that is not in `motion` is an input
         and must not multiply an unknown; so is a symbol that multiplies nothing that moves.
     max_terms : int, default 500 000
@@ -128,6 +129,7 @@ def separate(
     """
     expressions, signals, symbols = declared(equations, motion, unknowns)
     ring, ratios = read_equations(expressions, signals, symbols, max_terms, progress=progress)
+    symbols = _with_phases(ring, symbols)
     rows: list[Row] = []
     pairs = list(enumerate(zip(ratios, expressions, strict=True), 1))
     for number, (equation, expression) in track(pairs, "equations grouped", progress):
@@ -147,12 +149,21 @@ def separate(
     )
 
 
-def _lumped(unknowns: Sequence[sp.Symbol], monomial: Exponents) -> sp.Expr:
+def _with_phases(ring: Ring, unknowns: tuple[sp.Symbol, ...]) -> tuple[sp.Expr, ...]:
+    """Return the unknowns, with cos(phi) and sin(phi) for an unknown phi inside of them."""
+    found: list[sp.Expr] = []
+    for unknown in unknowns:
+        within = [x for x in (ring.generators[i] for i in ring.unknown) if x.has(unknown)]
+        found += sorted(within, key=str) or [unknown]
+    return tuple(dict.fromkeys(found))
+
+
+def _lumped(unknowns: Sequence[sp.Expr], monomial: Exponents) -> sp.Expr:
     return sp.Mul(*(u**e for u, e in zip(unknowns, monomial, strict=True)))
 
 
 def _grouped(
-    ring: Ring, equation: Ratio, expression: sp.Expr, unknowns: Sequence[sp.Symbol]
+    ring: Ring, equation: Ratio, expression: sp.Expr, unknowns: Sequence[sp.Expr]
 ) -> dict[Exponents, Entry]:
     """Clear the denominators with unknowns, and group an equation by its products of unknowns."""
     numerator = equation.numerator
@@ -217,7 +228,7 @@ def _entry(ring: Ring, terms: Mapping[Exponents, fmpq_mpoly], below: fmpq_mpoly)
     return Entry({m: from_polynomial(ring, known) for m, known in terms.items()}, below)
 
 
-def _columns(rows: Sequence[Row], unknowns: Sequence[sp.Symbol]) -> tuple[Exponents, ...]:
+def _columns(rows: Sequence[Row], unknowns: Sequence[sp.Expr]) -> tuple[Exponents, ...]:
     """Return the columns: the products that occur, and the unknowns that occur in none."""
     found = {monomial for row in rows for monomial in row if any(monomial)}
     if not found:
@@ -227,12 +238,12 @@ def _columns(rows: Sequence[Row], unknowns: Sequence[sp.Symbol]) -> tuple[Expone
             "symbols are used, and that their terms do not cancel"
         )
     for place in range(len(unknowns)):
-        if not any(monomial[place] for monomial in found):
+        if unknowns[place].is_Symbol and not any(monomial[place] for monomial in found):
             found.add(tuple(int(i == place) for i in range(len(unknowns))))
     return tuple(sorted(found, key=column_key))
 
 
-def _check_undeclared(ring: Ring, rows: Sequence[Row], unknowns: Sequence[sp.Symbol]) -> None:
+def _check_undeclared(ring: Ring, rows: Sequence[Row], unknowns: Sequence[sp.Expr]) -> None:
     """Refuse an undeclared function of time that multiplies an unknown."""
     for number, row in enumerate(rows, 1):
         for monomial, entry in row.items():

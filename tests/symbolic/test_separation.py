@@ -262,6 +262,26 @@ def test_deeply_nested_equations_are_read() -> None:
     assert form.regressor[0].subs(x, 0) == 1
 
 
+def test_an_unknown_phase_gives_two_parameters() -> None:
+    phi, psi = sp.symbols("phi psi")
+    form = separate(m * sp.sin(x + phi) + k * y - a, [x, y, a], [k, m, phi])
+    assert list(form.parameters) == [k, m * sp.cos(phi), m * sp.sin(phi)]
+    assert list(form.regressor) == [y, sp.sin(x), sp.cos(x)]
+    assert reduce(form).pivots == (0, 1, 2)
+    form = separate(sp.cos(2 * x - phi) + k * phi * y - a, [x, y, a], [k, phi])
+    assert list(form.parameters) == [k * phi, sp.cos(phi), sp.sin(phi)]
+    # the amplitude (m sin(x + phi))^2 has the mean m^2 / 2, so that cos^2 + sin^2 = 1 is used
+    form = separate(m * sp.sin(x + phi) ** 2 - a, [x, a], [m, phi])
+    assert list(form.parameters) == [m, m * sp.cos(phi) ** 2, m * sp.cos(phi) * sp.sin(phi)]
+    both = separate(m * sp.sin(x + phi - psi) - a, [x, a], [m, phi, psi])
+    assert len(both.parameters) == 4
+    assert reduce(both).pivots == (0, 1)
+    with pytest.raises(SymbolicError, match=r"unknown phi is inside sin\(phi\*x\)"):
+        separate(m * sp.sin(x * phi) - a, [x, a], [m, phi])
+    with pytest.raises(SymbolicError, match="cannot be cleared"):
+        separate(m * sp.tan(x + phi) * y, [x, y, a], [m, phi])
+
+
 # Multiples of an angle, as a gear with many teeth has them: powers of sine and cosine would cancel.
 
 
