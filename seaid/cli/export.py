@@ -35,6 +35,10 @@ def export(
     allow_inconsistent: Annotated[
         bool, Option("--allow-inconsistent", help="Also write physically inconsistent bodies.")
     ] = False,
+    at_temperature: Annotated[
+        float | None,
+        Option(help="Temperature of the motors [degC], for friction that depends on it."),
+    ] = None,
     result: ResultOptions,
 ) -> None:
     """Write the identified robot as URDF or MuJoCo model.
@@ -66,7 +70,7 @@ def export(
         robot, facts = found.robot, facts_of(found)
     kind = ".urdf" if is_stdout(output) else output.suffix.lower()
     with written(output, kind) as file:
-        tables, notes = _WRITERS[kind](robot, file, allow_inconsistent)
+        tables, notes = _WRITERS[kind](robot, file, allow_inconsistent, at_temperature)
     for text in notes:
         note(text.replace("payloads=", option_of("payloads=")))
     if is_stdout(output):
@@ -81,17 +85,18 @@ def export(
 _Written = tuple[Path | None, tuple[str, ...]]
 
 
-def _urdf(robot: Robot, output: Path, allow_inconsistent: bool) -> _Written:
+def _urdf(robot: Robot, output: Path, allow_inconsistent: bool, warmth: float | None) -> _Written:
     from seaid.export import write_urdf
 
-    files = write_urdf(robot, output, force=allow_inconsistent)
+    files = write_urdf(robot, output, force=allow_inconsistent, at_temperature_degC=warmth)
     return files.drives, files.notes
 
 
-def _mjcf(robot: Robot, output: Path, allow_inconsistent: bool) -> _Written:
+def _mjcf(robot: Robot, output: Path, allow_inconsistent: bool, warmth: float | None) -> _Written:
     from seaid.export import write_mjcf
 
-    return None, write_mjcf(robot, output, force=allow_inconsistent).notes
+    model = write_mjcf(robot, output, force=allow_inconsistent, at_temperature_degC=warmth)
+    return None, model.notes
 
 
 _WRITERS = {".urdf": _urdf, ".xml": _mjcf}

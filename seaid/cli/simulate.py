@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+import typer
 from typer import Argument, Option
 
 from seaid.cli.messages import is_terminal, written
@@ -53,6 +54,16 @@ class NoiseOptions:
         return Noise(**found)
 
 
+def _temperatures(text: str) -> dict[str, list[float]] | None:
+    """Return {joint: temperatures from start to end} of a text as knee=20:45,hip=30."""
+    try:
+        pairs = [part.rpartition("=") for part in text.split(",") if part]
+        return {joint: [float(one) for one in of.split(":")] for joint, _, of in pairs} or None
+    except ValueError:
+        hint = "knee=30 or knee=20:45, joints separated by commas"
+        raise typer.BadParameter(f"'{text}' is not {hint}", param_hint="--temperature") from None
+
+
 def simulate(
     given: RobotOptions,
     trajectory: Annotated[Path, Argument(help="Trajectory of seaid excite.", metavar="TRAJECTORY")],
@@ -60,6 +71,10 @@ def simulate(
     rate_hz: Annotated[float, Option(help="Rate of controller and log [Hz].")] = 1000.0,
     sensors: NoiseOptions,
     seed: Annotated[int, Option(help="Seed of the noise.")] = 0,
+    temperature: Annotated[
+        str,
+        Option(help="Temperatures of motors [degC], knee=30 or from start to end, knee=20:45."),
+    ] = "",
     output: Output = Path("log.csv"),
     result: ResultOptions,
 ) -> None:
@@ -85,6 +100,7 @@ def simulate(
         rate_hz=rate_hz,
         noise=noise,
         seed=seed,
+        temperature_degC=_temperatures(temperature),
         progress=is_terminal(),
     )
     with written(output, ".csv") as file:

@@ -46,6 +46,7 @@ from .symbols import tau_M as tau_M
 from .symbols import theta_L as theta_L
 from .symbols import theta_M as theta_M
 from .symbols import u_M as u_M
+from .terms import BY_TEMPERATURE as BY_TEMPERATURE
 from .terms import COULOMB as COULOMB
 from .terms import LEVEL_OF as LEVEL_OF
 from .terms import PARAMETERS as PARAMETERS

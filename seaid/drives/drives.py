@@ -16,6 +16,7 @@ from typing import Any, ClassVar, Self, get_args
 from seaid._arrays import FrozenMapping, number
 from seaid._progress import Display
 from seaid.drives.terms import (
+    BY_TEMPERATURE,
     COULOMB,
     DRY,
     FIELDS,
@@ -103,6 +104,7 @@ def _check_numbers(drive: Drive) -> None:
         if value is None or field.name in _NO_NUMBERS:
             continue
         least = "zero or more" if field.name in _MAY_BE_ZERO else "more than zero"
+        least = "any number" if field.name == "reference_temperature_degC" else least
         _check_number(field.name, value, least)
 
 
@@ -271,6 +273,7 @@ class _Parameters(Display):
     known: tuple[str, ...] = ()
     nominal: Mapping[str, float] = _NOTHING
     transmission: Mapping[str, float] = _NOTHING
+    reference_temperature_degC: float = 25.0
     torque_ripple: Mapping[str, Any] | tuple[Harmonic, ...] = ()
     std: Mapping[str, float] = _NOTHING
     is_elastic: ClassVar[bool] = False
@@ -334,6 +337,32 @@ class _Parameters(Display):
     @property
     def _amplitudes(self) -> list[str]:
         return [name for one in self.harmonics for name in one.names]
+
+    @property
+    def has_temperature_terms(self) -> bool:
+        """Whether the friction depends on the temperature of the motor."""
+        return bool({*BY_TEMPERATURE} & {*self.friction})
+
+    def at_temperature(self, temperature_degC: float | None = None) -> Self:
+        """Return the drive with the friction of one temperature; None: that of reference."""
+        if not self.has_temperature_terms:
+            return self
+        values, warmer = self.own_values, 0.0
+        if temperature_degC is not None:
+            warmer = temperature_degC - self.reference_temperature_degC
+        slopes = {PARAMETERS_OF["friction"][term][0]: x for term, x in BY_TEMPERATURE.items()}
+        levels = {
+            level: max(values[level] + warmer * values.get(slope, 0.0), 0.0)
+            for slope, level in slopes.items()
+            if level in values
+        }
+        bare = replace(
+            self,
+            friction=tuple(term for term in self.friction if term not in BY_TEMPERATURE),
+            nominal={name: x for name, x in self.nominal.items() if name not in slopes},
+            known=tuple(name for name in self.known if name not in slopes),
+        )
+        return bare.with_values(levels) if warmer else bare
 
     def with_values(self, values: Mapping[str, float]) -> Self:
         """Return the drive with new `values` {parameter: value}, stored in fields or `nominal`."""
@@ -405,6 +434,9 @@ class StiffDrive(_Parameters):
     transmission : mapping {joint: factor}
         The drive turns the sum of factor * q instead of its own joint (a differential, a
         parallelogram), see `seaid.robot.transmission`.
+    reference_temperature_degC : float
+        Temperature of the motor at which friction has its stated values, 25 degC, if it has the
+        terms "viscous_temperature" or "coulomb_temperature".
     torque_ripple : mapping {angle: orders}
         Periodic torque of the motor: orders of "motor", "joint" or "mesh", such as
         {"motor": [6]}, or {order: [cos, sin]} with nominal amplitudes [N m].

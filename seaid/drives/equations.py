@@ -17,14 +17,17 @@ from seaid.drives.drives import Drive, is_smooth
 from seaid.drives.symbols import (
     F_0,
     F_C,
+    F_CT,
     F_L,
     F_S,
     I_M,
     PARAMETER_NAMES,
     STATES,
+    Delta_T,
     F_a,
     F_q,
     F_v,
+    F_vT,
     K_t,
     K_u,
     N,
@@ -74,7 +77,7 @@ _NAMES = {
     **STATES,
     **{str(symbol): symbol for symbol in (N, r_M, r_L, F_v, F_C, F_0, k, f_0, I_M)},
 }
-_TAKEN = {*PARAMETER_NAMES.values(), *map(str, PARAMETER_NAMES)}
+_TAKEN = {*PARAMETER_NAMES.values(), *map(str, PARAMETER_NAMES), str(Delta_T.func)}
 _PLAIN = ("atan", "cos", "cosh", "exp", "log", "sign", "sin", "sinh", "sqrt", "tan", "tanh")
 _FUNCTIONS = {"abs": sp.Abs, **{name: getattr(sp, name) for name in _PLAIN}}
 
@@ -208,6 +211,7 @@ def friction_level(drive: Drive) -> sp.Expr:
         **dict.fromkeys(COULOMB, F_C),
         "load": F_L * sp.Abs(behind_gear),
         "stribeck": F_S * sp.exp(-((w / w_S) ** 2)),
+        "coulomb_temperature": F_CT * Delta_T,
     }
     return sum((terms[term] for term in drive.friction if term in terms), sp.Integer(0))
 
@@ -225,6 +229,7 @@ def smooth_friction(drive: Drive) -> sp.Expr:
         "offset": F_0,
         "asymmetric": F_a * sp.Abs(w),
         "quadratic": F_q * w * sp.Abs(w),
+        "viscous_temperature": F_vT * Delta_T * w,
     }
     own = sum((terms[term] for term in drive.friction if term in terms), sp.Integer(0))
     own = own + periodic(drive, "torque_ripple")

@@ -12,8 +12,8 @@ the joint's two bodies.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cache
+from dataclasses import dataclass, replace
+from functools import cache, partial
 
 import numpy as np
 import sympy as sp
@@ -48,6 +48,7 @@ OfState = Callable[..., float]
 """A function of motor angle and speed, joint position and speed, and torque through the gear."""
 
 _STATE = ("theta_M", "theta_M_dot", "theta_L", "theta_L_dot", "tau_G")
+_WARMER = "Delta_T"
 _PLAIN_FRICTION = {"viscous", "coulomb"}
 
 
@@ -69,6 +70,15 @@ class DriveFunctions:
     joint_level: float
     is_dry: bool
     is_under_load: bool
+
+    def warmer(self, by: float) -> DriveFunctions:
+        """Return the functions at a temperature of the motor above that of reference [K]."""
+        at = {
+            name: partial(function, **{_WARMER: by})
+            for name in ("friction", "level")
+            if isinstance(function := getattr(self, name), partial)
+        }
+        return replace(self, **at)
 
 
 def is_plain(drive: Drive) -> bool:
@@ -178,6 +188,10 @@ def _with_values(drive: Drive, expression: sp.Expr, needed: Sequence[str] | None
 
 def _function(expression: sp.Expr) -> OfState:
     arguments = [sp.Symbol(name) for name in _STATE]
+    warmer = sp.Symbol(_WARMER)
+    if warmer in expression.free_symbols:
+        function = sp.lambdify([*arguments, warmer], expression, modules="math", cse=True)
+        return partial(function, **{_WARMER: 0.0})
     return sp.lambdify(arguments, expression, modules="math", cse=True)  # type: ignore[no-any-return]
 
 
@@ -401,7 +415,7 @@ def missing_value(joint: str, name: str) -> ExcitationError:
 def _friction(drive: Drive) -> tuple[sp.Expr, tuple[str, str]]:
     """Return the friction as that of a stiff drive, with the load torque as the spring's torque."""
     lever = drive.ratio * drive.load_radius / drive.motor_radius
-    stiff = StiffDrive(friction=drive.friction)
+    stiff = StiffDrive(friction=drive.at_temperature().friction)
     turning = dry_friction(stiff) * sp.sign(theta_M.diff(time_symbol))
     friction = smooth_friction(stiff) + turning
     return friction.subs(N, sp.Float(lever)), ("theta_M_dot", "tau_G")

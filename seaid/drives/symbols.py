@@ -21,11 +21,15 @@ i_M, u_M = (sp.Function(name)(t) for name in ("i_M", "u_M"))
 tau_G = sp.Function("tau_G")(t)
 """Torque of a stiff gear on its load, a given signal in the load-dependent friction."""
 
+Delta_T = sp.Function("Delta_T")(t)
+"""Temperature of the motor above the reference temperature of the drive [K]."""
+
 N, r_M, r_L = sp.symbols("N r_M r_L", positive=True)
 I_M, F_v, F_C, F_0, F_a, F_q, F_L, F_S, w_0 = sp.symbols(
     "I_M F_v F_C F_0 F_a F_q F_L F_S w_0", real=True
 )
 w_C, w_S, g, K_t, K_u = sp.symbols("w_C w_S g K_t K_u", positive=True)
+F_vT, F_CT = sp.symbols("F_vT F_CT", real=True)
 k, k_3, k_5, c_k, f_0, d_0 = sp.symbols("k k_3 k_5 c_k f_0 d_0", real=True)
 k_P, tau_P, b_L, c_L = sp.symbols("k_P tau_P b_L c_L", real=True)
 
@@ -40,6 +44,8 @@ PARAMETER_NAMES = {
     F_L: "load_friction",
     F_S: "stribeck_friction",
     w_S: "stribeck_speed",
+    F_vT: "viscous_temperature_slope",
+    F_CT: "coulomb_temperature_slope",
     k: "stiffness",
     k_3: "cubic_stiffness",
     k_5: "fifth_stiffness",
@@ -64,7 +70,7 @@ def symbol_of(name: str) -> sp.Symbol:
 
 
 SYMBOLS = {name: symbol for symbol, name in PARAMETER_NAMES.items()}
-SIGNALS = (theta_M, theta_L, tau_M, tau_L, i_M, u_M, tau_G)
+SIGNALS = (theta_M, theta_L, tau_M, tau_L, i_M, u_M, tau_G, Delta_T)
 STATES = {
     "theta_M": theta_M,
     "theta_M_dot": theta_M.diff(t),

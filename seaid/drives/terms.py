@@ -8,6 +8,8 @@
   standstill too, and their tanh replaces sign(w) in the next two terms;
 - stribeck F_S exp(-(w / w_S)^2) sign(w), static friction above the sliding one;
 - load F_L |torque through the gear| sign(w): the spring's torque, or the load of a stiff drive;
+- viscous_temperature F_vT dT w and coulomb_temperature F_CT dT sign(w): what viscous and Coulomb
+  friction grow by, per kelvin that the motor is warmer than the drive's reference temperature;
 - offset F_0, a constant torque that makes Coulomb friction differ between the directions. Stiff
   drives only: the spring offset of an elastic one is the same column.
 
@@ -75,6 +77,8 @@ PARAMETERS = {
     "load_friction": Parameter("1"),
     "stribeck_friction": Parameter("N m", is_positive=False),
     "stribeck_speed": Parameter("rad/s", starts=(0.03, 0.1, 0.3), is_divisor=True),
+    "viscous_temperature_slope": Parameter("N m s/(rad K)", is_positive=False),
+    "coulomb_temperature_slope": Parameter("N m/K", is_positive=False),
     "stiffness": Parameter("F/L"),
     "cubic_stiffness": Parameter("F/L^3", is_positive=False),
     "fifth_stiffness": Parameter("F/L^5", is_positive=False),
@@ -111,7 +115,7 @@ def key_of(name: str, unit: str) -> str:
     if unit == "1":
         return name
     above, _, below = unit.replace("^", "").partition("/")
-    above, below = above.replace(" ", ""), below.replace(" ", "")
+    above, below = above.replace(" ", ""), below.translate(str.maketrans("", "", " ()"))
     return f"{name}_{above}_per_{below}" if below else f"{name}_{above.replace('kgm2', 'kg_m2')}"
 
 
@@ -125,6 +129,8 @@ FrictionTerm = Literal[
     "quadratic",
     "load",
     "stribeck",
+    "viscous_temperature",
+    "coulomb_temperature",
 ]
 SpringTerm = Literal["linear", "cubic", "fifth", "dead_zone", "damping", "preload"]
 ParallelSpringTerm = Literal["linear", "preload"]
@@ -141,6 +147,8 @@ PARAMETERS_OF: dict[str, dict[str, tuple[str, ...]]] = {
         "quadratic": ("quadratic_friction",),
         "load": ("load_friction",),
         "stribeck": ("stribeck_friction", "stribeck_speed"),
+        "viscous_temperature": ("viscous_temperature_slope",),
+        "coulomb_temperature": ("coulomb_temperature_slope",),
     },
     "spring": {
         "linear": ("stiffness",),
@@ -176,7 +184,13 @@ MotorInput = Literal["torque", "current", "voltage"]
 COULOMB = ("coulomb", "smooth_coulomb", "shifted_coulomb")
 """Friction terms of which a drive has at most one."""
 
-DRY = ("coulomb", "load", "stribeck")
+BY_TEMPERATURE = {
+    "viscous_temperature": "viscous_friction",
+    "coulomb_temperature": "coulomb_friction",
+}
+"""{friction term that depends on the motor's temperature: the parameter that it changes}."""
+
+DRY = ("coulomb", "load", "stribeck", "coulomb_temperature")
 """Friction terms that can hold a motor at rest, unless the drive's Coulomb friction is smooth."""
 
 NONLINEAR_SPRING = ("cubic", "fifth", "dead_zone")

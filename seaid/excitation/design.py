@@ -192,6 +192,7 @@ def design_excitation(
     space = motion_space(function, robot.joint_names, bounds, start or others, end or others)
     if not rest_to_rest:
         space = with_run_in(space, robot.joint_names, bounds)
+    robot = robot.at_temperature()  # a plan does not know how warm the motors will be
     base = pivoted_base(robot, torque_joints)
     target = (
         drive_target(robot, torque_joints, base, bounds.velocity)

@@ -15,7 +15,7 @@ from seaid._files import write_whole
 from seaid._progress import Display
 from seaid.errors import RobotError, checked
 from seaid.export.mjcf_bodies import TINY, add_bodies, text
-from seaid.export.mjcf_drives import add_drives
+from seaid.export.mjcf_drives import add_drives, temperature_notes
 from seaid.identification import Identification
 from seaid.robot import Robot
 from seaid.simulation import mass_matrix
@@ -104,7 +104,11 @@ class WrittenMjcf(Display):
 
 @checked(RobotError)
 def write_mjcf(
-    found: Identification | Robot, path: str | Path, *, force: bool = False
+    found: Identification | Robot,
+    path: str | Path,
+    *,
+    force: bool = False,
+    at_temperature_degC: float | None = None,
 ) -> WrittenMjcf:
     """Write a robot with its drives as a MuJoCo model (MJCF).
 
@@ -123,6 +127,8 @@ def write_mjcf(
         The file to write.
     force : bool
         Whether to write the nearest valid body for one that is physically inconsistent.
+    at_temperature_degC : float, optional
+        Temperature of the motors, for friction that depends on it. Default: that of reference.
 
     Returns
     -------
@@ -144,8 +150,8 @@ def write_mjcf(
     """
     from lxml import etree
 
-    robot = found.robot if isinstance(found, Identification) else found
-    path = Path(path)
+    given = found.robot if isinstance(found, Identification) else found
+    robot, path = given.at_temperature(at_temperature_degC), Path(path)
     if not np.all(np.isfinite(robot.parameters)):
         raise RobotError(f"'{robot.name}' has no inertial parameters to write")
     notes: list[str] = []
@@ -156,7 +162,7 @@ def write_mjcf(
     parts = [etree.SubElement(root, part) for part in ("tendon", "actuator")]
     step, step_note = step_s(robot)
     option.set("timestep", repr(step))
-    notes[:0] = [step_note, _SETTINGS_NOTE]
+    notes[:0] = [step_note, _SETTINGS_NOTE, *temperature_notes(given, at_temperature_degC)]
     add_drives(robot, joints, world, parts, step, notes)
     _add_dependent(robot, root, step, notes)
     if np.any(robot.payload_parameters):

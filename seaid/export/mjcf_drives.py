@@ -20,6 +20,19 @@ SMOOTH = ("smooth_coulomb", "shifted_coulomb")
 _SUPPORTED = ("viscous", "coulomb", *SMOOTH)
 
 
+def temperature_notes(robot: Robot, temperature_degC: float | None) -> list[str]:
+    """Return the notes on the temperature of friction that depends on it."""
+    by_temperature: dict[float, list[str]] = {}
+    for joint, drive in robot.drives.items():
+        if drive.has_temperature_terms:
+            at = drive.reference_temperature_degC if temperature_degC is None else temperature_degC
+            by_temperature.setdefault(at, []).append(joint)
+    return [
+        f"friction of {', '.join(joints)} at a motor temperature of {at:g} degC"
+        for at, joints in by_temperature.items()
+    ]
+
+
 def note_drive(joint: str, drive: Drive, notes: list[str]) -> None:
     """Add notes on the terms of a drive that the model lacks or approximates."""
     notes += [

@@ -20,6 +20,7 @@ from seaid._files import real_path, whole_file
 from seaid._progress import Display
 from seaid.drives import IDEAL_DRIVE, Drive, write_drives
 from seaid.errors import RobotError, checked, unknown_name
+from seaid.export.mjcf_drives import temperature_notes
 from seaid.identification import Identification
 from seaid.robot import (
     SMALLEST_KG,
@@ -203,6 +204,7 @@ def write_urdf(
     *,
     source: str | Path | None = None,
     force: bool = False,
+    at_temperature_degC: float | None = None,
 ) -> WrittenUrdf:
     """Write the robot's URDF with the identified bodies, and its drives as a TOML file.
 
@@ -221,6 +223,9 @@ def write_urdf(
         The URDF to edit. Default: the file from which the robot was loaded.
     force : bool
         Whether to write physically inconsistent bodies.
+    at_temperature_degC : float, optional
+        Temperature of the motors, for <dynamics> of friction that depends on it, as a comment at
+        the end of the file says. Default: that of reference. The drives keep their terms.
 
     Returns
     -------
@@ -251,11 +256,14 @@ def write_urdf(
     root = _root(source, text)
     links = root.named("link")
     edits = [edit for link in bodies for edit in _inertial_edits(text, links[link], bodies[link])]
-    edits += _dynamics(text, root, robot)
+    edits += _dynamics(text, root, robot.at_temperature(at_temperature_degC))
+    warmth = temperature_notes(robot, at_temperature_degC)
+    notes += warmth
     _note_missing(robot, notes)
     _note_files(path, source, root, notes)
     with whole_file(path) as temporary:
-        temporary.write_bytes(edited(text, edits))
+        comments = "".join(f"\n<!-- {one} -->\n" for one in warmth)
+        temporary.write_bytes(edited(text, edits) + comments.encode())
         if drives is not None:
             write_drives(robot.drives, drives)
     return WrittenUrdf(path, drives, tuple(notes))

@@ -13,6 +13,7 @@ from typing import TypeVar
 import numpy as np
 
 from seaid._progress import track
+from seaid.drives import BY_TEMPERATURE
 from seaid.errors import IdentificationError
 from seaid.estimation import Rows, stored_rows
 from seaid.log import (
@@ -102,6 +103,45 @@ def _in_common(dataset: Dataset) -> Dataset:
         return dataset
     band = CutoffSelection(dataset.cutoff_hz, "common to all logs")
     return replace(dataset, processing=replace(dataset.processing, cutoff_selection=band))
+
+
+LEAST_RANGE_K = 2.0
+"""Least range of a motor's temperature: friction changes by about 1 % per kelvin, and sensors have
+steps of up to 1 K. Whether the change is significant is seen from its standard error."""
+
+
+def check_temperatures(robot: Robot, datasets: Sequence[Dataset], only: str | None = None) -> None:
+    """Raise IdentificationError if friction by temperature lacks a temperature that changes.
+
+    `only`: the joint that is checked; None: all. The range in logs that are read in pieces is not
+    known here.
+    """
+    motions = [first_motion(one) for one in datasets]
+    for index, joint in enumerate(robot.joint_names):
+        drive = robot.drives[joint]
+        if not drive.has_temperature_terms or only not in (None, joint):
+            continue
+        column = f"{joint}.motor_temperature_degC"
+        if not all(has_temperature(motion, index) for motion in motions):
+            raise IdentificationError(
+                f"the friction of joint '{joint}' depends on the temperature of its motor, and a "
+                f"log has none: log '{column}', or remove its terms "
+                f"{', '.join(one for one in drive.friction if one in BY_TEMPERATURE)}"
+            )
+        warmth = np.concatenate([np.asarray(one.motor_temperature)[:, index] for one in motions])
+        low, high = float(np.min(warmth)), float(np.max(warmth))
+        if high - low < LEAST_RANGE_K and all(isinstance(one, Motion) for one in datasets):
+            raise IdentificationError(
+                f"'{column}' ranges from {low:.4g} to {high:.4g} degC: friction by temperature "
+                f"needs a range of {LEAST_RANGE_K:g} K or more. Add a log with a warmer or colder "
+                f"motor, or remove the terms from friction of '{joint}'"
+            )
+
+
+def has_temperature(motion: Motion, index: int) -> bool:
+    """Whether the temperature of a motor was logged."""
+    warmth = motion.motor_temperature
+    return warmth is not None and bool(np.all(np.isfinite(warmth[:, index])))
 
 
 def processing_of(datasets: Sequence[Dataset]) -> tuple[Processing, ...]:

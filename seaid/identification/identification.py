@@ -40,6 +40,7 @@ from seaid.identification.checking import (
 from seaid.identification.datasets import (
     Dataset,
     Source,
+    check_temperatures,
     datasets_by_log,
     first_motion,
     processing_of,
@@ -291,6 +292,7 @@ def identify(
         if len(logs_in_memory) == len(sources):
             check_excitation(robot, in_memory)
         check_channels(logs_in_memory)
+        check_temperatures(robot, datasets)
         experiment = experiment_of(robot, [list(map(first_motion, group)) for group in groups])
         findings += setup_findings(experiment, findings)
         used = joints_with_torque(robot, datasets) if torque_joints is None else selected

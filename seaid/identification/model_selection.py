@@ -14,14 +14,20 @@ from functools import cached_property
 
 from seaid._arrays import FrozenMapping
 from seaid._progress import MOST_NAMES, Result, counted, track
-from seaid.drives import PARAMETERS_OF, Drive, parameter_named
+from seaid.drives import BY_TEMPERATURE, PARAMETERS_OF, Drive, parameter_named
 from seaid.errors import IdentificationError, checked, listed, unknown_name
 from seaid.estimation import (
     FittedRows,
     estimator_named,
     fit,
 )
-from seaid.identification.datasets import Source, datasets_of, first_motion, sources_of
+from seaid.identification.datasets import (
+    Source,
+    check_temperatures,
+    datasets_of,
+    first_motion,
+    sources_of,
+)
 from seaid.identification.linearisation import with_gear_torques
 from seaid.identification.nonlinear_terms import linearised, starting_load_fit
 from seaid.identification.term_columns import (
@@ -40,10 +46,11 @@ from seaid.regressor import actuator_regression, stacked, with_gear_torque
 from seaid.robot import Robot
 
 _NOT_COMPARED = {
-    "friction": ("viscous", "coulomb", "shifted_coulomb"),
+    "friction": ("viscous", "coulomb", "shifted_coulomb", *BY_TEMPERATURE),
     "spring": ("linear", "fifth", "preload"),
 }
-"""Terms of the usual drive, and those for which another one stands in a comparison."""
+"""Terms of the usual drive, those for which another one stands in a comparison, and those of the
+motor's temperature, which are compared where the logs have it."""
 
 AT_THE_MOTOR = {
     field: tuple(term for term in PARAMETERS_OF[field] if term not in excluded)
@@ -122,16 +129,17 @@ def compare_terms(
     >>> selection = seaid.compare_terms(robot, log, terms={"friction": ["stribeck"]})
     >>> result = seaid.identify(selection.robot, log)
     """
-    asked, compared = _asked(terms), robot.selected(joints)
+    plain, compared = _asked(terms), robot.selected(joints)
     selected = robot.selected(torque_joints)  # refuses unknown joints before a log is read
     datasets = datasets_of(robot, sources_of(logs), cutoff_hz, None, progress)
     motions = [first_motion(dataset) for dataset in datasets]
     used = joints_with_torque(robot, datasets) if torque_joints is None else selected
     comparisons: list[TermComparison] = []
     model = _Model.of(robot, motions, used)
-    count = sum(len(list(possible_terms(robot.drives[joint], asked))) for joint in compared)
+    asked = {joint: _with_temperature(robot, motions, joint, plain, terms) for joint in compared}
+    count = sum(len(list(possible_terms(robot.drives[one], asked[one]))) for one in compared)
     for joint in track(compared, "terms", progress):
-        model = _extended(model, joint, asked, count, comparisons)
+        model = _extended(model, joint, asked[joint], count, comparisons)
     recommended = {
         joint: tuple(
             (one.field, one.term) for one in comparisons if one.joint == joint and one.selected
@@ -164,6 +172,30 @@ def _asked(terms: Mapping[str, Sequence[str]] | None) -> Mapping[str, Sequence[s
                 message = unknown_name(kind, name, PARAMETERS_OF[field])
                 raise IdentificationError(f"terms=: {message}")
     return terms
+
+
+def _with_temperature(
+    robot: Robot,
+    motions: Sequence[Motion],
+    joint: str,
+    asked: Mapping[str, Sequence[str]],
+    given: Mapping[str, Sequence[str]] | None,
+) -> Mapping[str, Sequence[str]]:
+    """Return the terms for a joint: with those of temperature if they are asked for and logged.
+
+    Raises IdentificationError for a temperature that is asked for and is not logged or constant.
+    """
+    named = {*(given or {}).get("friction", ())} & {*BY_TEMPERATURE}
+    terms = tuple(named or BY_TEMPERATURE)
+    bare = replace(robot.drives[joint], friction=terms, nominal={}, known=())
+    try:
+        check_temperatures(robot.with_drives({joint: bare}), motions, joint)
+    except IdentificationError:
+        if named:
+            raise
+        return asked
+    own = [*asked.get("friction", ()), *(() if given is not None else terms)]
+    return {**asked, "friction": own} if own else asked
 
 
 def _extended(

@@ -109,6 +109,8 @@ def signals(robot: Robot, motion: Motion, index: int) -> dict[str, Array]:
         "i_M": _channel(motion.motor_current, motion, index),
         "u_M": _channel(motion.motor_voltage, motion, index),
         "tau_G": _channel(motion.gear_torque, motion, index),
+        "Delta_T": _channel(motion.motor_temperature, motion, index)
+        - drive.reference_temperature_degC,
     }
 
 

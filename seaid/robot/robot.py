@@ -203,6 +203,13 @@ class Robot(Display):
         given = FrozenMapping({joint: drives[joint] for joint in self.joint_names}, "joint")
         return replace(self, model=model, parameters=parameters, drives=given)
 
+    def at_temperature(self, temperature_degC: float | None = None) -> Robot:
+        """Return the robot with the friction of one temperature; None: that of reference."""
+        warm = {
+            joint: drive.at_temperature(temperature_degC) for joint, drive in self.drives.items()
+        }
+        return self.with_drives({x: one for x, one in warm.items() if one is not self.drives[x]})
+
     def with_drives(self, drives: Mapping[str, Drive]) -> Robot:
         """Return the robot with other drives at some of its joints. Raises RobotError."""
         for joint in drives:

@@ -34,6 +34,9 @@ _STEP_PER_TIME_CONSTANT = 1.0
 
 _SHORTEST_STEP_S = 1e-6
 
+_COLDEST_K = 50.0
+"""Distance from the reference temperature at which steps are still short enough."""
+
 Extra = Callable[[float, float, float, float], float]
 
 
@@ -145,6 +148,19 @@ class Plant:
         return np.asarray(
             safely(np.linalg.inv, self.coupling, what="a transmission", error=RobotError)
         )
+
+
+def warmed(plant: Plant, temperature: Array | None) -> Plant:
+    """Return the plant at the temperatures (n,) of its motors [degC]; None: those of reference."""
+    if temperature is None:
+        return plant
+    return replace(
+        plant,
+        functions=tuple(
+            (index, one.warmer(temperature[index] - plant.drives[index].reference_temperature_degC))
+            for index, one in plant.functions
+        ),
+    )
 
 
 def inertia(plant: Plant, data: pin.Data, position: Array) -> Array:
@@ -298,6 +314,7 @@ def _longest_step(
         at_joint = values.get("joint_viscous_friction", 0.0)
         rate = (at_joint + damping * drive.load_radius**2) / effective[index]
         at_motor = values.get("viscous_friction", 0.0)
+        at_motor += _COLDEST_K * abs(values.get("viscous_temperature_slope", 0.0))
         if "coulomb_width" in values:
             level = values.get("coulomb_friction", 0.0) + abs(values.get("stribeck_friction", 0))
             at_motor += level / max(values["coulomb_width"], 1e-300)  # slope of F tanh(w / w_C)

@@ -18,7 +18,7 @@ from seaid.log import Log, check_whole, spline_derivatives
 from seaid.robot import Robot, at_drives
 from seaid.simulation.controller import input_gain
 from seaid.simulation.forward_dynamics import advance
-from seaid.simulation.plant import JOINT_POSITION, JOINT_SPEED, POSITION, SPEED, plant_of
+from seaid.simulation.plant import JOINT_POSITION, JOINT_SPEED, POSITION, SPEED, plant_of, warmed
 
 _LONGEST_STEP_S = 1e-3
 
@@ -66,6 +66,8 @@ def replay(robot: Robot, log: Log, command: Command | None = None) -> Log:
     shape = (len(log.time), robot.n)
     joint, motor, torques = np.empty(shape), np.empty(shape), np.empty(shape)
 
+    warmth = _warmth(robot, log)
+
     def torque(at: float, now: Array) -> Array:
         return (gains * given(at, now[JOINT_POSITION, back]))[order]
 
@@ -74,11 +76,12 @@ def replay(robot: Robot, log: Log, command: Command | None = None) -> Log:
         torques[tick] = torque(at, state)[back]
         if tick + 1 == len(log.time):
             break
+        own = warmed(plant, None if warmth is None else warmth[tick, order])
         steps = math.ceil((log.time[tick + 1] - at) / _LONGEST_STEP_S)
         step = (log.time[tick + 1] - at) / steps
         for part in range(steps):
             now = torque(at + part * step, state)
-            state = advance(plant, data, state, now, np.zeros(robot.n), step)
+            state = advance(own, data, state, now, np.zeros(robot.n), step)
     return Log(
         time=log.time,
         joint_names=robot.joint_names,
@@ -97,6 +100,15 @@ def _column(log: Log, field: str, joint: str) -> Array:
     if not np.all(np.isfinite(column)):
         raise LogError(f"replay: the log has no {field.replace('_', ' ')} of '{joint}'")
     return column
+
+
+def _warmth(robot: Robot, log: Log) -> Array | None:
+    """Return the temperatures (T, n) of motors whose friction depends on it; None without any."""
+    warm = [joint for joint in robot.joint_names if robot.drives[joint].has_temperature_terms]
+    found = np.zeros((len(log.time), robot.n))
+    for joint in warm:
+        found[:, robot.index(joint)] = _column(log, "motor_temperature", joint)
+    return found if warm else None
 
 
 def _first(log: Log, field: str, joint: str) -> tuple[float, float]:

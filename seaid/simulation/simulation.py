@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from seaid._arrays import Array, check_rate, frozen, seed_of
 from seaid._progress import Display, track
-from seaid.errors import SeaidError, checked
+from seaid.errors import SeaidError, checked, unknown_name
 from seaid.excitation import Trajectory
 from seaid.log import Log, Motion
 from seaid.robot import Robot, torques_at_joints
@@ -21,12 +22,25 @@ from seaid.simulation.forward_dynamics import (
     gear_torques,
     slip_directions,
 )
-from seaid.simulation.plant import JOINT_POSITION, JOINT_SPEED, POSITION, SPEED, Plant, plant_of
+from seaid.simulation.plant import (
+    JOINT_POSITION,
+    JOINT_SPEED,
+    POSITION,
+    SPEED,
+    Plant,
+    plant_of,
+    warmed,
+)
 
 SETTLE_S = 1.0
 """Time for which the controller holds the start of the trajectory before the log begins."""
 
 _LONGEST_STEP_S, _LARGEST_NOISE = 5e-4, 1e9
+_COLDEST_DEGC, _HOTTEST_DEGC = -100.0, 300.0
+
+Temperature = float | Sequence[float] | Mapping[str, float | Sequence[float]] | None
+"""Temperatures of motors, see `simulate`."""
+
 _LEAST_RATE_HZ = 0.1
 """A slower controller is unstable, and needs too many steps between its ticks."""
 
@@ -64,6 +78,7 @@ def simulate(
     rate_hz: float = 1000.0,
     noise: Noise | None = None,
     seed: int = 0,
+    temperature_degC: Temperature = None,
     progress: bool = False,
 ) -> Log:
     """Simulate a robot that follows a trajectory under PD joint control, and return its log.
@@ -80,6 +95,9 @@ def simulate(
         Errors of the sensors; the controller sees the same motor encoders as the log.
     seed : int, default 0
         Seed of the torque noise; the same seed gives the same log.
+    temperature_degC : float or mapping {joint: float or values over time}, optional
+        Temperature of the motors, for friction that depends on it: constant, or values at equal
+        distances in time from start to end, such as (20, 45). Default: that of reference.
     progress : bool, default False
         Show a progress bar on stderr.
 
@@ -103,7 +121,14 @@ def simulate(
     >>> log = seaid.simulate(robot, plan, noise=seaid.Noise(torque_std_Nm=0.002), seed=1)
     """
     noise = Noise() if noise is None else noise
-    motion = simulate_motion(robot, trajectory, rate_hz=rate_hz, noise=noise, progress=progress)
+    motion = simulate_motion(
+        robot,
+        trajectory,
+        rate_hz=rate_hz,
+        noise=noise,
+        temperature_degC=temperature_degC,
+        progress=progress,
+    )
     return measure(robot, motion, noise, seed)
 
 
@@ -121,6 +146,7 @@ def measure(robot: Robot, motion: Motion, noise: Noise, seed: int = 0) -> Log:
         motor_torque=inputs.torque,
         motor_current=inputs.current,
         motor_voltage=inputs.voltage,
+        motor_temperature=motion.motor_temperature,
         is_prismatic=robot.is_prismatic,
     )
 
@@ -131,6 +157,7 @@ def simulate_motion(
     *,
     rate_hz: float = 1000.0,
     noise: Noise | None = None,
+    temperature_degC: Temperature = None,
     progress: bool = False,
 ) -> Motion:
     """Return the true motion of a simulated experiment: states, accelerations and torques.
@@ -152,8 +179,36 @@ def simulate_motion(
         np.concatenate([np.repeat(rows[:1] * hold, settle, axis=0), rows])[:, order]
         for rows, hold in zip(trajectory.sample(time), (1.0, 0.0, 0.0), strict=True)
     ]
-    states, torques = _run(robot, plant, planned, noise, rate_hz, progress)
-    return _motion(robot, plant, time, states[settle:], torques[settle:])
+    warmth = _warmth(robot, temperature_degC, count)
+    ordered = None if warmth is None else warmth[:, order]
+    before = None if ordered is None else np.pad(ordered, ((settle, 0), (0, 0)), mode="edge")
+    states, torques = _run(robot, plant, planned, noise, before, rate_hz, progress)
+    motion = _motion(robot, plant, time, states[settle:], torques[settle:], ordered)
+    return replace(motion, motor_temperature=warmth)
+
+
+def _warmth(robot: Robot, given: Temperature, count: int) -> Array | None:
+    """Return the temperatures (count, n) of the motors [degC], None if none is given."""
+    if given is None:
+        return None
+    if not isinstance(given, Mapping):
+        given = dict.fromkeys(robot.joint_names, given)
+    found = np.empty((count, robot.n))
+    for joint in given:
+        if joint not in robot.joint_names:
+            raise SeaidError("temperature_degC: " + unknown_name("joint", joint, robot.joint_names))
+    for index, joint in enumerate(robot.joint_names):
+        values = np.atleast_1d(given.get(joint, robot.drives[joint].reference_temperature_degC))
+        values = frozen(f"temperature_degC of '{joint}'", values, (None,))
+        if not len(values) or not np.all((values > _COLDEST_DEGC) & (values < _HOTTEST_DEGC)):
+            raise SeaidError(
+                f"temperature_degC of '{joint}' must be between {_COLDEST_DEGC:g} and "
+                f"{_HOTTEST_DEGC:g} degC, found {values.tolist()}"
+            )
+        found[:, index] = np.interp(
+            np.linspace(0.0, 1.0, count), np.linspace(0.0, 1.0, len(values)), values
+        )
+    return found
 
 
 def _check_joints(robot: Robot, trajectory: Trajectory) -> None:
@@ -167,7 +222,13 @@ def _check_joints(robot: Robot, trajectory: Trajectory) -> None:
 
 
 def _run(
-    robot: Robot, plant: Plant, planned: list[Array], noise: Noise, rate_hz: float, progress: bool
+    robot: Robot,
+    plant: Plant,
+    planned: list[Array],
+    noise: Noise,
+    warmth: Array | None,
+    rate_hz: float,
+    progress: bool,
 ) -> tuple[Array, Array]:
     """Return states (T, 4, n) and motor torques (T, n) at the ticks, in the model's order."""
     q, v, a = planned
@@ -188,21 +249,25 @@ def _run(
         previous = reading
         command = controller.torque(tick, reading, velocity)
         rate = (command - torque) * rate_hz
+        warm = plant if warmth is None else warmed(plant, warmth[tick])
         for step in range(steps):
             at = torque + rate * step / (steps * rate_hz)
-            state = advance(plant, data, state, at, rate, 1 / (steps * rate_hz))
+            state = advance(warm, data, state, at, rate, 1 / (steps * rate_hz))
         torque = command
     return states, torques
 
 
-def _motion(robot: Robot, plant: Plant, time: Array, states: Array, torques: Array) -> Motion:
+def _motion(
+    robot: Robot, plant: Plant, time: Array, states: Array, torques: Array, warmth: Array | None
+) -> Motion:
     data, order = plant.model.createData(), robot.joint_order
     speeds, through = np.empty((2, *torques.shape)), np.full(torques.shape, np.nan)
     for tick, (state, torque) in enumerate(zip(states, torques, strict=True)):
-        slip = slip_directions(plant, data, state, torque)
-        speeds[:, tick] = accelerations(plant, data, state, torque, slip)
+        warm = plant if warmth is None else warmed(plant, warmth[tick])
+        slip = slip_directions(warm, data, state, torque)
+        speeds[:, tick] = accelerations(warm, data, state, torque, slip)
         if plant.under_load:
-            through[tick] = gear_torques(plant, data, state, speeds[1, tick], slip)
+            through[tick] = gear_torques(warm, data, state, speeds[1, tick], slip)
     load = _spring_torques(plant, states)
     back = np.argsort(order)
     inputs = motor_inputs(robot, torques[:, back])

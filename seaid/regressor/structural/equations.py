@@ -134,9 +134,10 @@ class DriveTerms:
 def drive_terms(drive: Drive, sensors: frozenset[str]) -> DriveTerms:
     """Return the equations of a drive whose motor has the given sensors.
 
-    Periodic errors are excluded: their functions are independent of all others.
+    Periodic errors and friction by temperature are excluded: their functions are independent of all
+    others.
     """
-    drive = drive.without_harmonics()
+    drive = drive.without_harmonics().at_temperature()
     sensed = [x for x in INPUTS if x in sensors] or [f"motor_{drive.motor_input}"]
     driver = sensed[0]
     seen, scale, source = _driven_by(drive, INPUTS[driver]), _SCALES[driver], MOTOR_SIGNALS[driver]

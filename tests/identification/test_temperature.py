@@ -1,0 +1,201 @@
+"""Friction that depends on the temperature of the motor: recovered, selected, refused, exported."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import seaid
+from seaid._arrays import Array
+from seaid.drives import Drive, StiffDrive
+from seaid.errors import IdentificationError, LogError, SeaidError
+from seaid.identification import Identification
+from seaid.log import Log
+from seaid.robot import Robot
+from seaid.simulation.forward_dynamics import accelerations
+from seaid.simulation.plant import plant_of, warmed
+from seaid.simulation.simulation import measure
+from tests.experiments import LEG_SENSORS, TEST_MASS, leg, leg_motion, leg_trajectory, wiggle
+from tests.one_joint import one_joint
+
+KNEE = "knee_pitch"
+TERMS = ("viscous", "coulomb", "viscous_temperature", "coulomb_temperature")
+SLOPES = {"viscous_temperature_slope": -0.96e-6, "coulomb_temperature_slope": -1.1e-5}
+"""-1.2 and -0.4 % of the friction of the knee per kelvin."""
+
+
+def warming(drive: Drive) -> Drive:
+    return replace(drive, friction=TERMS, nominal={**drive.nominal, **SLOPES})
+
+
+def log_at(warmth: Array, slopes: tuple[float, ...] = tuple(SLOPES.values()), seed: int = 1) -> Log:
+    """Return a log whose knee has more friction by the formula, at the same motion."""
+    robot, motion = leg(TEST_MASS), leg_motion(TEST_MASS)
+    index = robot.index(KNEE)
+    speed, torque = motion.motor_velocity[:, index], motion.motor_torque.copy()
+    torque[:, index] += (warmth - 25.0) * (slopes[0] * speed + slopes[1] * np.sign(speed))
+    column = np.full_like(torque, np.nan)
+    column[:, index] = warmth
+    motion = replace(motion, motor_torque=torque, motor_temperature=column)
+    return measure(robot, motion, LEG_SENSORS, seed)
+
+
+def ramp(low: float = 18.0, high: float = 48.0) -> Array:
+    return np.linspace(low, high, len(leg_motion(TEST_MASS).time))
+
+
+def robot_of(terms: tuple[str, ...] = TERMS) -> Robot:
+    robot = leg(TEST_MASS)
+    drive = replace(robot.drives[KNEE], friction=terms)  # type: ignore[arg-type]
+    return robot.with_drives({KNEE: drive}).without_nominal()
+
+
+@cache
+def found() -> Identification:
+    return seaid.identify(robot_of(), log_at(ramp()))
+
+
+def test_friction_of_a_warming_motor_is_recovered_within_its_intervals() -> None:
+    estimate, true = found().drives[KNEE], {**leg(TEST_MASS).drives[KNEE].values, **SLOPES}
+    for name, value, error in zip(
+        estimate.names, estimate.values, estimate.standard_errors, strict=True
+    ):
+        if name in TERMS[:2] or name in SLOPES:
+            assert abs(value - true[name]) < 3 * error, name
+    assert estimate.standard_error("viscous_temperature_slope") < 0.2e-6
+    assert not any(one.severity == "wrong" for one in found().warnings)
+
+
+def test_the_temperature_of_another_run_is_predicted() -> None:
+    """The error of the torque at 60 degC is that of the noise only with the terms."""
+    hot = log_at(ramp(58.0, 62.0), seed=2)
+    index = leg().index(KNEE)
+    errors = [
+        seaid.validate(one, hot).actuator.relative_error[index]
+        for one in (found(), seaid.identify(robot_of(TERMS[:2]), log_at(ramp())))
+    ]
+    assert errors[0] < 0.04
+    assert errors[1] > 3 * errors[0]
+
+
+@pytest.mark.parametrize(
+    ("slopes", "expected"),
+    [(tuple(SLOPES.values()), ((("friction", "viscous_temperature")),)), ((0.0, 0.0), ())],
+)
+def test_the_term_is_selected_where_the_data_support_it(
+    slopes: tuple[float, ...], expected: tuple[tuple[str, str], ...]
+) -> None:
+    selection = seaid.compare_terms(robot_of(TERMS[:2]), log_at(ramp(), slopes), joints=KNEE)
+    compared = {one.term for one in selection.comparisons}
+    assert {"viscous_temperature", "coulomb_temperature"} <= compared
+    assert selection.recommended.get(KNEE, ()) == expected
+
+
+def test_without_a_temperature_no_such_term_is_compared() -> None:
+    log = replace(log_at(ramp()), motor_temperature=None)
+    terms = {"friction": ["quadratic"]}
+    selection = seaid.compare_terms(robot_of(TERMS[:2]), log, joints=KNEE, terms=terms)
+    assert {one.term for one in selection.comparisons} == {"quadratic"}
+    with pytest.raises(IdentificationError, match="a log has none: log 'knee_pitch"):
+        seaid.compare_terms(
+            robot_of(TERMS[:2]), log, joints=KNEE, terms={"friction": ["viscous_temperature"]}
+        )
+
+
+@pytest.mark.parametrize("warmth", [ramp(31.0, 31.4), ramp(31.0, 31.0)])
+def test_a_temperature_that_does_not_change_is_named_with_its_range(warmth: Array) -> None:
+    text = rf"ranges from 31 to {warmth[-1]:g} degC: friction by temperature needs a range of 2 K"
+    with pytest.raises(IdentificationError, match=text):
+        seaid.identify(robot_of(), log_at(warmth))
+
+
+def test_a_cold_and_a_warm_log_are_a_range_together() -> None:
+    both = [log_at(ramp(20.0, 20.5)), log_at(ramp(45.0, 45.5), seed=2)]
+    estimate = seaid.identify(robot_of(), both).drives[KNEE]
+    name = "viscous_temperature_slope"
+    assert abs(estimate.value(name) - SLOPES[name]) < 3 * estimate.standard_error(name)
+
+
+def test_a_log_without_the_temperature_is_refused() -> None:
+    with pytest.raises(IdentificationError, match="or remove its terms viscous_temperature"):
+        seaid.identify(robot_of(), replace(log_at(ramp()), motor_temperature=None))
+
+
+# The drive at one temperature
+
+
+def test_a_plant_at_one_temperature_is_that_of_the_friction_there() -> None:
+    robot = leg(TEST_MASS)
+    drives = {joint: warming(robot.drives[joint]) for joint in ("hip_yaw", KNEE)}
+    warm = robot.with_drives(drives)
+    one = warmed(plant_of(warm), np.full(robot.n, 45.0))
+    other = plant_of(warm.at_temperature(45.0))
+    rng = np.random.default_rng(0)
+    for state in rng.normal(size=(5, 4, robot.n)):
+        torque = rng.normal(size=robot.n)
+        found = [
+            accelerations(plant, plant.model.createData(), state, torque, np.sign(state[1]))
+            for plant in (one, other)
+        ]
+        np.testing.assert_allclose(found[0], found[1], rtol=1e-9)
+
+
+def test_the_log_of_a_simulation_has_the_temperature_and_replays_with_it(tmp_path: Path) -> None:
+    drive = StiffDrive(gear_ratio=5.0, motor_inertia_kg_m2=1e-4, friction=TERMS)
+    values = {"viscous_friction": 0.02, "coulomb_friction": 0.02}
+    values |= {"viscous_temperature_slope": -4e-4, "coulomb_temperature_slope": -4e-4}
+    robot = one_joint(tmp_path).with_drives({"arm": drive.with_values(values)})
+    plan = wiggle(robot, 1.0, (0.0,), (1.0,), seed=1)
+    log = seaid.simulate(robot, plan, rate_hz=500.0, temperature_degC={"arm": (20.0, 60.0)})
+    assert log.motor_temperature is not None
+    np.testing.assert_allclose(log.motor_temperature[:, 0], np.linspace(20.0, 60.0, 501))
+    errors = [
+        np.max(np.abs(seaid.replay(one, log).joint_position - log.joint_position))
+        for one in (robot, robot.at_temperature(40.0))
+    ]
+    assert errors[0] < 0.1 * errors[1]
+    with pytest.raises(LogError, match="the log has no motor temperature of 'arm'"):
+        seaid.replay(robot, replace(log, motor_temperature=None))
+
+
+def test_the_drive_of_one_temperature_has_its_friction() -> None:
+    drive = warming(leg().drives[KNEE])
+    at = drive.at_temperature(45.0)
+    assert at.friction == ("viscous", "coulomb")
+    assert at.values["viscous_friction"] == pytest.approx(8e-5 - 20 * 0.96e-6)
+    assert at.values["coulomb_friction"] == pytest.approx(2.68e-3 - 20 * 1.1e-5)
+    assert drive.at_temperature().values == leg().drives[KNEE].values
+    assert at.at_temperature(90.0) is at
+
+
+def test_export_states_the_temperature_of_the_friction(tmp_path: Path) -> None:
+    robot = leg(TEST_MASS)
+    warm = robot.with_drives({KNEE: warming(robot.drives[KNEE])})
+    for path, write in (("leg.xml", seaid.write_mjcf), ("leg.urdf", seaid.write_urdf)):
+        write(warm, tmp_path / path, at_temperature_degC=45.0)  # type: ignore[operator]
+        text = (tmp_path / path).read_text()
+        assert "friction of knee_pitch at a motor temperature of 45 degC" in text
+    damping = re.findall(r'damping="([^"]+)"', (tmp_path / "leg.xml").read_text())
+    assert any(abs(float(one) - (8e-5 - 20 * 0.96e-6)) < 1e-9 for one in damping)
+    back = seaid.load_robot(tmp_path / "leg.urdf", tmp_path / "leg.toml")
+    assert back.drives[KNEE].friction == TERMS
+    assert back.drives[KNEE].values == warm.drives[KNEE].values
+    assert "degC" not in seaid.write_mjcf(robot, tmp_path / "plain.xml").notes[2]
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"knee": 20.0}, "did you mean 'knee_pitch'"),
+        ({KNEE: 400.0}, "must be between -100 and 300 degC, found"),
+        ({KNEE: ()}, "must be between -100 and 300 degC, found"),
+    ],
+)
+def test_temperatures_of_a_simulation_are_checked(given: dict[str, float], words: str) -> None:
+    with pytest.raises(SeaidError, match=words):
+        seaid.simulate(leg(), leg_trajectory(), temperature_degC=given)
