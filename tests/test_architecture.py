@@ -128,7 +128,7 @@ ONE_IMPORTER = {
         *("view.panel", "view.playback", "view.plots"),
     ),
     "one step of a long way, which would make its importer longer than 400 lines": (
-        *("excitation.run_in", "excitation.search", "export.mjcf_drives"),
+        *("excitation.run_in", "excitation.search"),
         *("identification.body_hypotheses", "identification.setup_hypotheses"),
         *("identification.consistency_program", "log.repair.channels"),
         "identification.known_constants",

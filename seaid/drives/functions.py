@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
+from typing import Any
 
 import numpy as np
 import sympy as sp
@@ -73,7 +74,7 @@ class DriveFunctions:
 
     def warmer(self, by: float) -> DriveFunctions:
         """Return the functions at a temperature of the motor above that of reference [K]."""
-        at = {
+        at: dict[str, Any] = {
             name: partial(function, **{_WARMER: by})
             for name in ("friction", "level")
             if isinstance(function := getattr(self, name), partial)

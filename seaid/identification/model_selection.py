@@ -187,7 +187,7 @@ def _with_temperature(
     """
     named = {*(given or {}).get("friction", ())} & {*BY_TEMPERATURE}
     terms = tuple(named or BY_TEMPERATURE)
-    bare = replace(robot.drives[joint], friction=terms, nominal={}, known=())
+    bare = replace(robot.drives[joint], friction=terms, nominal={}, known=())  # type: ignore[arg-type]
     try:
         check_temperatures(robot.with_drives({joint: bare}), motions, joint)
     except IdentificationError:

@@ -37,8 +37,10 @@ from seaid.regressor import (
 )
 from seaid.robot import Robot, torques_at_drives
 
-_DIRECTED = ("coulomb_friction", "load_friction", "stribeck_friction", "stribeck_speed")
-_DIRECTED += ("coulomb_temperature_slope",)
+_DIRECTED = (
+    *("coulomb_friction", "load_friction", "stribeck_friction", "stribeck_speed"),
+    "coulomb_temperature_slope",
+)
 """Parameters of friction whose columns have the sign of the speed, or its tanh."""
 
 

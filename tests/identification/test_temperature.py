@@ -12,7 +12,7 @@ import pytest
 
 import seaid
 from seaid._arrays import Array
-from seaid.drives import Drive, StiffDrive
+from seaid.drives import Drive, FrictionTerm, StiffDrive
 from seaid.errors import IdentificationError, LogError, SeaidError
 from seaid.identification import Identification
 from seaid.log import Log
@@ -24,7 +24,12 @@ from tests.experiments import LEG_SENSORS, TEST_MASS, leg, leg_motion, leg_traje
 from tests.one_joint import one_joint
 
 KNEE = "knee_pitch"
-TERMS = ("viscous", "coulomb", "viscous_temperature", "coulomb_temperature")
+TERMS: tuple[FrictionTerm, ...] = (
+    "viscous",
+    "coulomb",
+    "viscous_temperature",
+    "coulomb_temperature",
+)
 SLOPES = {"viscous_temperature_slope": -0.96e-6, "coulomb_temperature_slope": -1.1e-5}
 """-1.2 and -0.4 % of the friction of the knee per kelvin."""
 
@@ -49,9 +54,9 @@ def ramp(low: float = 18.0, high: float = 48.0) -> Array:
     return np.linspace(low, high, len(leg_motion(TEST_MASS).time))
 
 
-def robot_of(terms: tuple[str, ...] = TERMS) -> Robot:
+def robot_of(terms: tuple[FrictionTerm, ...] = TERMS) -> Robot:
     robot = leg(TEST_MASS)
-    drive = replace(robot.drives[KNEE], friction=terms)  # type: ignore[arg-type]
+    drive = replace(robot.drives[KNEE], friction=terms)
     return robot.with_drives({KNEE: drive}).without_nominal()
 
 
@@ -177,7 +182,7 @@ def test_export_states_the_temperature_of_the_friction(tmp_path: Path) -> None:
     robot = leg(TEST_MASS)
     warm = robot.with_drives({KNEE: warming(robot.drives[KNEE])})
     for path, write in (("leg.xml", seaid.write_mjcf), ("leg.urdf", seaid.write_urdf)):
-        write(warm, tmp_path / path, at_temperature_degC=45.0)  # type: ignore[operator]
+        write(warm, tmp_path / path, at_temperature_degC=45.0)
         text = (tmp_path / path).read_text()
         assert "friction of knee_pitch at a motor temperature of 45 degC" in text
     damping = re.findall(r'damping="([^"]+)"', (tmp_path / "leg.xml").read_text())
