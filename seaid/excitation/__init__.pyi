@@ -19,6 +19,7 @@ from .limits import Limits as Limits
 from .limits import Margins as Margins
 from .limits import joint_limits as joint_limits
 from .limits import margins as margins
+from .multisine import Multisine as Multisine
 from .run_in import add_run_in as add_run_in
 from .scene_file import Box as Box
 from .scene_file import load_scene as load_scene

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal, Protocol, get_args
+from typing import Any, Literal, Protocol
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from seaid.excitation.spline import SplineBasis
 
 @dataclass(frozen=True)
 class FourierBasis:
-    """A finite Fourier series over one period.
+    """A finite Fourier series over one period, or several equal ones.
 
     The coefficients of a joint are the constant, then the amplitudes of the sines, then those of
     the cosines [rad or m]. The motion can be repeated without a jump, so that periods can be
@@ -33,11 +33,14 @@ class FourierBasis:
     harmonics : int
         Number of harmonics, at least 1.
     duration : float
-        The period [s].
+        The length of the motion [s].
+    periods : int
+        Number of equal periods in it.
     """
 
     harmonics: int
     duration: float
+    periods: int = 1
 
     def __post_init__(self) -> None:
         if not (self.harmonics >= 1 and self.harmonics == int(self.harmonics)):
@@ -48,6 +51,15 @@ class FourierBasis:
             raise ExcitationError(
                 f"duration must be more than zero seconds, found {shown(self.duration)}"
             )
+        if not (self.periods >= 1 and self.periods == int(self.periods)):
+            raise ExcitationError(
+                f"periods must be a whole number of at least 1, found {shown(self.periods)}"
+            )
+
+    @property
+    def period_s(self) -> float:
+        """Length of one period [s]."""
+        return self.duration / self.periods
 
     @property
     def size(self) -> int:
@@ -68,9 +80,9 @@ class FourierBasis:
     def matrices(self, time: Array) -> tuple[Array, Array, Array]:
         """Return the matrices (T, K) of position, velocity and acceleration at times (T,) [s]."""
         number = np.arange(1, self.harmonics + 1)
-        rate = 2 * np.pi * number / self.duration
+        rate = 2 * np.pi * number / self.period_s
         # modulo the period, so that the end gives exactly the values of the start
-        phase = 2 * np.pi * np.outer(np.asarray(time) / self.duration % 1.0, number)
+        phase = 2 * np.pi * np.outer(np.asarray(time) / self.period_s % 1.0, number)
         sine, cosine = np.sin(phase), np.cos(phase)
         one = np.ones((len(phase), 1))
         return (
@@ -86,7 +98,7 @@ class FourierBasis:
 
     def shifted(self, coefficients: Array, time: float) -> Array:
         """Return the coefficients (K, n) of the motion started at `time` [s] of its period."""
-        phase = 2 * np.pi * np.arange(1, self.harmonics + 1) * (time / self.duration % 1.0)
+        phase = 2 * np.pi * np.arange(1, self.harmonics + 1) * (time / self.period_s % 1.0)
         sine, cosine = np.sin(phase)[:, None], np.cos(phase)[:, None]
         a, b = np.split(coefficients[1:], 2)
         return np.vstack([coefficients[:1], cosine * a - sine * b, sine * a + cosine * b])
@@ -94,14 +106,16 @@ class FourierBasis:
     def hull(self, order: int, density: int) -> Array:
         """Return the matrix (C, K) whose largest |row @ c| bounds the derivative of `order`."""
         count = max(density, 2) * self.size
-        time = self.duration * np.arange(count) / count
+        time = self.period_s * np.arange(count) / count
         # M. Riesz (1914): around a maximum M of |s|, |s(phase)| >= M cos(N phase) for N harmonics,
         # so the largest of C equally spaced samples is at least M cos(pi N / C)
         return np.asarray(self.matrices(time)[order] / np.cos(np.pi * self.harmonics / count))
 
     def to_dict(self) -> dict[str, Any]:
         """Return the basis as JSON content."""
-        return {"type": "fourier", "harmonics": self.harmonics, "duration": self.duration}
+        periods = {"periods": self.periods} if self.periods > 1 else {}
+        size = {"harmonics": self.harmonics, "duration": self.duration}
+        return {"type": "fourier", **size, **periods}
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,8 +202,7 @@ def _block_diagonal(blocks: Sequence[Array]) -> Array:
     return np.asarray(block_diag(*blocks))
 
 
-BasisName = Literal["bspline", "polynomial", "fourier"]
-BASES = get_args(BasisName)
+BasisName = Literal["bspline", "polynomial", "fourier", "multisine"]
 _QUINTIC = 5
 _SHORTEST_S, _LONGEST_S = 1e-3, 1e6
 _LEAST: dict[BasisName, int] = {"bspline": 6, "polynomial": 4, "fourier": 3}
@@ -233,8 +246,8 @@ class Basis(Protocol):
 
 def make_basis(name: BasisName, duration: float, coefficients: int) -> Basis:
     """Return the basis of a name, with `coefficients` per joint, or raise ExcitationError."""
-    if name not in BASES:
-        raise ExcitationError(unknown_name("basis", name, BASES))
+    if name not in _LEAST:
+        raise ExcitationError(unknown_name("basis", name, _LEAST))
     if not (np.isfinite(duration) and duration > 0):
         raise ExcitationError(
             f"duration must be more than zero seconds, found {duration}", "duration"
@@ -271,7 +284,8 @@ def basis_from_dict(content: Any) -> Basis:
         return SplineBasis(degree, numbers("knots", content["knots"], ExcitationError))
     if content["type"] == "fourier":
         duration = number("duration", content["duration"], ExcitationError)
-        return FourierBasis(_whole("harmonics", content["harmonics"]), duration)
+        periods = _whole("periods", content.get("periods", 1))
+        return FourierBasis(_whole("harmonics", content["harmonics"]), duration, periods)
     if content["type"] == "joined":
         parts = content["parts"]
         if not isinstance(parts, list):

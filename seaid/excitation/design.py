@@ -22,8 +22,19 @@ from seaid.excitation.criteria import (
     has_full_rank,
     pivoted_base,
     singular_values,
+    triangular_factor,
 )
-from seaid.excitation.limits import JointLimits, Limits, Margins, drive_limits, joint_limits
+from seaid.excitation.limits import (
+    JointLimits,
+    Limits,
+    Margins,
+    drive_limits,
+    joint_limits,
+    margins,
+    positive_values,
+)
+from seaid.excitation.multisine import Multisine
+from seaid.excitation.multisine import multisine as multisine_motion
 from seaid.excitation.objective import Target, drive_target, load_target, stacked_regressor
 from seaid.excitation.problem import (
     Problem,
@@ -96,6 +107,7 @@ def design_excitation(
     *,
     basis: BasisName = "bspline",
     coefficients: int | None = None,
+    multisine: Multisine | None = None,
     limits: Limits | None = None,
     rest_to_rest: bool = True,
     start: EndState | None = None,
@@ -124,10 +136,14 @@ def design_excitation(
     robot : Robot
     duration : float
         Length of the motion [s].
-    basis : {"bspline", "polynomial", "fourier"}
-        Functions of time that compose the motion; "polynomial" is (18).
+    basis : {"bspline", "polynomial", "fourier", "multisine"}
+        Functions of time that compose the motion; "polynomial" is (18). "multisine" is a periodic
+        motion for `frequency_response`, of random phases instead of a search: only `limits`,
+        `torque_joints`, `torque_std` and `seed` apply to it.
     coefficients : int, optional
         Number of coefficients per joint; by default it grows with the duration.
+    multisine : Multisine, optional
+        Band, periods, spectrum and amplitudes of a multisine.
     limits : Limits, optional
         Limits that hold over the whole motion. Default: the robot's, see `Limits`.
     rest_to_rest : bool
@@ -179,15 +195,21 @@ def design_excitation(
     >>> plan.condition_number
     >>> plan.trajectory.save_set_points("plan.csv")
     """
+    seed = seed_of(seed, ExcitationError)
+    bounds = joint_limits(robot, limits)
+    drives = drive_limits(robot, limits or Limits(), bounds.velocity)
+    if basis == "multisine":
+        shape = multisine or Multisine()
+        motion = multisine_motion(robot, duration, shape, bounds, drives, seed)
+        return _of_multisine(robot, motion, torque_joints, torque_std, bounds)
+    if multisine is not None:
+        raise ExcitationError("multisine= needs basis='multisine'", "basis='multisine'")
     measure = CRITERIA[criterion]
     for name, count in (("starts", starts), ("iterations", iterations)):
         if count < 1:
             raise ExcitationError(f"{name} must be at least 1, found {count}", name)
-    seed = seed_of(seed, ExcitationError)
     count = _coefficients(robot, basis, duration) if coefficients is None else coefficients
     function = make_basis(basis, duration, count)
-    bounds = joint_limits(robot, limits)
-    drives = drive_limits(robot, limits or Limits(), bounds.velocity)
     others = EndState() if rest_to_rest else IN_MOTION
     space = motion_space(function, robot.joint_names, bounds, start or others, end or others)
     if not rest_to_rest:
@@ -244,6 +266,39 @@ def _excitation(
         standard_errors=np.linalg.norm(inverse, axis=1) * target.column_scale,
         singular_values=singular_values(R),
         start_singular_values=singular_values(R_first),
+    )
+
+
+def _of_multisine(
+    robot: Robot,
+    motion: Trajectory,
+    torque_joints: str | Sequence[str] | None,
+    torque_std: float | Sequence[float] | dict[str, float],
+    bounds: JointLimits,
+) -> Excitation:
+    """Return a multisine with the condition number of the load side, which it need not identify."""
+    base = pivoted_base(robot, torque_joints)
+    target = load_target(robot, torque_joints, base)
+    std = positive_values(robot, "torque_std", torque_std, np.ones(robot.n))[[*target.rows]]
+    time = np.linspace(0.0, motion.duration, _REPORT_SAMPLES)
+    H = stacked_regressor(replace(target, row_weights=1 / std), time, motion.sample(time))
+    values = singular_values(triangular_factor(H, np.empty((0, H.shape[1]))))
+    kappa = float(values[0] / values[-1]) if values[-1] > 0 else np.inf
+    inverse = _safely(np.linalg.pinv, H.T @ H)
+    errors = np.sqrt(np.maximum(np.diag(inverse), 0.0)) if np.isfinite(kappa) else np.inf
+    return Excitation(
+        trajectory=motion,
+        condition_number=kappa,
+        base=base,
+        margins=margins(motion, bounds),
+        limits=bounds,
+        criterion="condition_number",
+        value=kappa,
+        names=target.names,
+        units=target.units,
+        standard_errors=np.broadcast_to(errors, len(target.names)),
+        singular_values=values,
+        start_singular_values=values,
     )
 
 

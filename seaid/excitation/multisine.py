@@ -1,0 +1,268 @@
+"""Random-phase multisines around a posture, for the frequency response of a robot's joints.
+
+Pintelon and Schoukens, System Identification: A Frequency Domain Approach, 2012, chapters 4 and 5.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from seaid._arrays import Array, finite, number
+from seaid._progress import Display
+from seaid.errors import ExcitationError, shown, unknown_name
+from seaid.excitation.basis import FourierBasis
+from seaid.excitation.limits import (
+    DRIVE_KINDS,
+    KINDS,
+    DriveLimits,
+    JointLimits,
+    LimitValue,
+    drive_loads,
+    limit_values,
+    margins,
+)
+from seaid.excitation.trajectory import Trajectory
+from seaid.robot import Robot
+
+Spectrum = Literal["position", "velocity", "acceleration"]
+_FLAT: dict[str, int] = {"position": 0, "velocity": 1, "acceleration": 2}
+
+_HIGHEST_HZ = 20.0
+_MOST_HARMONICS = 400
+"""Harmonics of a period: bounds of the motion take a matrix of twice its square, times 64."""
+
+_USE = 0.95
+"""Share of the limits that a multisine without a given amplitude uses."""
+
+_GRID = 8
+"""Instants per period of the highest frequency, at which limits of the drives are checked."""
+
+
+@dataclass(frozen=True, repr=False)
+class Multisine(Display):
+    """A sum of cosines with random phases, repeated over periods, around a posture.
+
+    Parameters
+    ----------
+    band_hz : (float, float), optional
+        Lowest and highest excited frequency [Hz]. Default: from that of the period to 20.
+    period_s : float, optional
+        Length of a period [s]; frequencies are multiples of its inverse. Default: half of the
+        duration, so that the motion has two periods.
+    spectrum : {"acceleration", "velocity", "position"} or list of (hz, amplitude)
+        The quantity with equal amplitudes at all frequencies, or relative amplitudes of the
+        position, between which they are interpolated.
+    amplitude : float, sequence of n floats or dict, optional
+        Largest displacement of each joint from its posture [rad or m]; 0 holds a joint. Default:
+        what the limits allow, the same share of them for all joints.
+    posture : float, sequence of n floats or dict, optional
+        Mean position of each joint. Default: the middle of its limits.
+    odd : bool
+        Whether only odd multiples are excited: even ones then show nonlinear distortions.
+    left_out : int
+        One of so many consecutive excited frequencies, chosen at random, is not excited, and shows
+        odd distortions; 0 excites all.
+    realisation : int
+        Number of the random phases; different realisations show what is nonlinear.
+    experiment : int
+        Number of the experiment from 0 to n - 1: the phases of n moving joints are shifted such
+        that their n experiments are orthogonal, and determine the response from every joint to
+        every joint.
+
+    Examples
+    --------
+    >>> shape = seaid.Multisine(band_hz=(0.5, 15.0), period_s=5.0, amplitude={"knee": 0.1})
+    >>> plan = seaid.design_excitation(robot, 10.0, basis="multisine", multisine=shape)
+    """
+
+    band_hz: tuple[float, float] | None = None
+    period_s: float | None = None
+    spectrum: Spectrum | Sequence[tuple[float, float]] = "acceleration"
+    amplitude: LimitValue = None
+    posture: LimitValue = None
+    odd: bool = True
+    left_out: int = 4
+    realisation: int = 0
+    experiment: int = 0
+
+    def __post_init__(self) -> None:
+        for name in ("left_out", "realisation", "experiment"):
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, int) or value < 0:
+                text = f"{name} must be a whole number, zero or more, found {shown(value)}"
+                raise ExcitationError(text, name)
+        if isinstance(self.spectrum, str) and self.spectrum not in _FLAT:
+            raise ExcitationError(unknown_name("spectrum", self.spectrum, _FLAT), "spectrum")
+
+
+def multisine(
+    robot: Robot,
+    duration: float,
+    shape: Multisine,
+    limits: JointLimits,
+    drives: DriveLimits | None,
+    seed: int,
+) -> Trajectory:
+    """Return the multisine of a shape within limits. Raises ExcitationError where it breaks one."""
+    basis, excited = _frequencies(shape, duration, seed)
+    middle = limit_values(robot, "posture", shape.posture, limits.middle)
+    default = np.full(robot.n, np.inf)
+    most = limit_values(robot, "amplitude", shape.amplitude, default, unlimited=True)
+    coefficients = np.zeros((basis.size, robot.n))
+    moving = np.flatnonzero(most != 0)
+    coefficients[1:, moving] = _unscaled(shape, basis, excited, len(moving), seed)
+    sliding = tuple(np.array(robot.joint_names)[list(robot.is_prismatic)].tolist())
+
+    def motion(size: Array | float) -> Trajectory:
+        values = coefficients * size
+        values[0] = middle
+        return Trajectory(robot.joint_names, basis, values, sliding)
+
+    room = np.minimum(limits.upper - middle, middle - limits.lower)
+    if np.any(room <= 0):
+        joint = int(np.argmin(room))
+        raise ExcitationError(
+            f"joint '{robot.joint_names[joint]}': the posture {middle[joint]:.4g} of the multisine "
+            f"is not inside of its position limits, {limits.lower[joint]:.4g} to "
+            f"{limits.upper[joint]:.4g}: give another posture",
+            "posture",
+        )
+    bounds = np.array([room, limits.velocity, limits.acceleration])
+    peaks = _peaks(basis, coefficients)
+    share = np.min(bounds / np.maximum(peaks, 1e-300), axis=0)
+    given = np.isfinite(most)
+    size = np.where(given, most / np.maximum(peaks[0], 1e-300), _USE * share)
+    if shape.amplitude is None or not np.all(given):
+        free = np.where(given, 1.0, _drive_share(motion, size, drives, basis))
+        size = size * free
+    found = motion(size)
+    _check_limits(found, bounds, peaks * size, drives)
+    return found
+
+
+def _frequencies(shape: Multisine, duration: float, seed: int) -> tuple[FourierBasis, Array]:
+    """Return the basis, and the numbers of the excited harmonics."""
+    period = number("period_s", shape.period_s or duration / 2, ExcitationError)
+    if not (math.isfinite(period) and 0 < period <= duration):
+        text = f"period_s must be more than zero and at most the duration, {duration:g} s"
+        raise ExcitationError(f"{text}, found {period:g}", "period_s")
+    periods = round(duration / period)
+    if abs(periods * period - duration) > 1e-6 * duration:
+        raise ExcitationError(
+            f"a duration of {duration:g} s is not a whole number of periods of {period:g} s: give "
+            f"{max(periods, 1) * period:g} s",
+            "duration",
+        )
+    low, high = shape.band_hz or (1 / period, _HIGHEST_HZ)
+    low, high = finite("band_hz", (low, high), (2,), ExcitationError).tolist()
+    harmonics = np.arange(max(1, math.ceil(low * period - 1e-9)), math.floor(high * period + 1e-9) + 1)
+    if shape.odd:
+        harmonics = harmonics[harmonics % 2 == 1]
+    if len(harmonics) < 2 or not 0 <= low < high:
+        raise ExcitationError(
+            f"the band {low:g} to {high:g} Hz has {len(harmonics)} frequencies of a period of "
+            f"{period:g} s, at least two are needed: give a wider band or a longer period",
+            "band_hz",
+        )
+    if harmonics[-1] > _MOST_HARMONICS:
+        raise ExcitationError(
+            f"{high:g} Hz is harmonic {harmonics[-1]} of a period of {period:g} s, at most "
+            f"{_MOST_HARMONICS} are allowed: give a shorter period, or a lower band",
+            "band_hz",
+        )
+    if shape.left_out:
+        # Pintelon and Schoukens 2012, section 4.3: one line at random of each group is not excited
+        rng = np.random.default_rng([seed, len(harmonics)])
+        groups = np.arange(0, len(harmonics) - shape.left_out + 1, shape.left_out)
+        harmonics = np.delete(harmonics, groups + rng.integers(shape.left_out, size=len(groups)))
+    return FourierBasis(int(harmonics[-1]), float(duration), periods), harmonics
+
+
+def _unscaled(shape: Multisine, basis: FourierBasis, excited: Array, n: int, seed: int) -> Array:
+    """Return the amplitudes (2H, n) of sines and cosines, up to one factor per joint."""
+    frequency = excited / basis.period_s
+    if isinstance(shape.spectrum, str):
+        size = frequency ** -float(_FLAT[shape.spectrum])
+    else:
+        table = finite("spectrum", shape.spectrum, (None, 2), ExcitationError)
+        if len(table) < 1 or np.any(np.diff(table[:, 0]) <= 0) or np.any(table[:, 1] <= 0):
+            text = "spectrum must have increasing frequencies and amplitudes above zero"
+            raise ExcitationError(text, "spectrum")
+        size = np.exp(np.interp(frequency, table[:, 0], np.log(table[:, 1])))
+    rng = np.random.default_rng([seed, shape.realisation])
+    phase = 2 * np.pi * rng.random((len(excited), n))
+    # the orthogonal experiments of Dobrowiecki and Schoukens 2007: joint j turned by 2 pi e j / n
+    phase += 2 * np.pi * shape.experiment * np.arange(n) / max(n, 1)
+    found = np.zeros((2, basis.harmonics, n))
+    found[0, excited - 1] = -size[:, None] * np.sin(phase)
+    found[1, excited - 1] = size[:, None] * np.cos(phase)
+    flat: Array = found.reshape(-1, n)
+    return flat
+
+
+def _peaks(basis: FourierBasis, coefficients: Array) -> Array:
+    """Return upper bounds (3, n) of displacement, speed and acceleration of unit size."""
+    about = coefficients.copy()
+    about[0] = 0.0
+    return np.array([np.abs(basis.hull(order, 16) @ about).max(axis=0) for order in range(3)])
+
+
+def _grid(basis: FourierBasis) -> Array:
+    """Return instants [s] of one period."""
+    count = _GRID * basis.harmonics
+    return basis.period_s * np.arange(count) / count
+
+
+def _drive_share(motion, size: Array, drives: DriveLimits | None, basis: FourierBasis) -> float:
+    """Return the largest factor up to 1 at which the motion keeps the limits of the drives."""
+    if drives is None:
+        return 1.0
+    time, inside, outside = _grid(basis), 0.0, 1.0
+    for step in range(14):
+        middle = 1.0 if step == 0 else 0.5 * (inside + outside)
+        loads = np.abs(drive_loads(drives, time, motion(middle * size).sample(time))).max(axis=1)
+        if np.all(loads <= _USE * drives.largest):
+            inside = middle
+            if step == 0:
+                break
+        else:
+            outside = middle
+    return inside
+
+
+def _check_limits(
+    found: Trajectory, bounds: Array, peaks: Array, drives: DriveLimits | None
+) -> None:
+    """Raise ExcitationError naming the joint and the first limit that a multisine breaks."""
+    kinds, most, largest = list(KINDS), list(peaks), list(bounds)
+    if drives is not None:
+        time = _grid(found.basis)  # type: ignore[arg-type]
+        kinds += [kind.replace("_", " ") for kind in DRIVE_KINDS]
+        most += list(np.abs(drive_loads(drives, time, found.sample(time))).max(axis=1))
+        largest += list(drives.largest)
+    for kind, used, allowed in zip(kinds, most, largest, strict=True):
+        over = used / allowed
+        joint = int(np.argmax(over))
+        if over[joint] > 1.0:
+            name = found.joint_names[joint]
+            size = peaks[0, joint]
+            lower = (
+                f"give an amplitude of at most {_USE * size / over[joint]:.3g} for '{name}', a "
+                "lower band, or none to use what the limits allow"
+            )
+            raise ExcitationError(
+                f"joint '{name}': the multisine breaks its {kind} limit: {used[joint]:.4g}, "
+                f"allowed {allowed[joint]:.4g}; {lower}",
+                "amplitude",
+            )
+        if not np.any(peaks[0] > 0):
+            raise ExcitationError(
+                "the multisine moves no joint: the limits of torque are reached at its posture, or "
+                "all amplitudes are zero; give another posture or other limits",
+                "amplitude",
+            )
