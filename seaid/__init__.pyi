@@ -42,6 +42,7 @@ from .identification import Conditions as Conditions
 from .identification import CutoffSensitivity as CutoffSensitivity
 from .identification import Delay as Delay
 from .identification import FeasibleParameters as FeasibleParameters
+from .identification import FrequencyResponse as FrequencyResponse
 from .identification import Identification as Identification
 from .identification import SetupCheck as SetupCheck
 from .identification import TermSelection as TermSelection
@@ -53,6 +54,7 @@ from .identification import correct_delays as correct_delays
 from .identification import cross_validate as cross_validate
 from .identification import cutoff_sensitivity as cutoff_sensitivity
 from .identification import estimate_delays as estimate_delays
+from .identification import frequency_response as frequency_response
 from .identification import identify as identify
 from .identification import identify_conditions as identify_conditions
 from .identification import refine as refine

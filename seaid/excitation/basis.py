@@ -203,6 +203,9 @@ def _block_diagonal(blocks: Sequence[Array]) -> Array:
 
 
 BasisName = Literal["bspline", "polynomial", "fourier", "multisine"]
+BASES: tuple[BasisName, ...] = ("bspline", "polynomial", "fourier")
+"""Those of `make_basis`; a multisine is a Fourier series of its own."""
+
 _QUINTIC = 5
 _SHORTEST_S, _LONGEST_S = 1e-3, 1e6
 _LEAST: dict[BasisName, int] = {"bspline": 6, "polynomial": 4, "fourier": 3}
@@ -246,8 +249,8 @@ class Basis(Protocol):
 
 def make_basis(name: BasisName, duration: float, coefficients: int) -> Basis:
     """Return the basis of a name, with `coefficients` per joint, or raise ExcitationError."""
-    if name not in _LEAST:
-        raise ExcitationError(unknown_name("basis", name, _LEAST))
+    if name not in BASES:
+        raise ExcitationError(unknown_name("basis", name, BASES))
     if not (np.isfinite(duration) and duration > 0):
         raise ExcitationError(
             f"duration must be more than zero seconds, found {duration}", "duration"

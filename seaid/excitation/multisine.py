@@ -6,13 +6,14 @@ Pintelon and Schoukens, System Identification: A Frequency Domain Approach, 2012
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Literal
 
 import numpy as np
 
-from seaid._arrays import Array, finite, number
+from seaid._arrays import Array, BoolArray, finite, number
 from seaid._progress import Display
 from seaid.errors import ExcitationError, shown, unknown_name
 from seaid.excitation.basis import FourierBasis
@@ -24,7 +25,6 @@ from seaid.excitation.limits import (
     LimitValue,
     drive_loads,
     limit_values,
-    margins,
 )
 from seaid.excitation.trajectory import Trajectory
 from seaid.robot import Robot
@@ -39,6 +39,7 @@ _MOST_HARMONICS = 400
 _USE = 0.95
 """Share of the limits that a multisine without a given amplitude uses."""
 
+_BISECTIONS = 12
 _GRID = 8
 """Instants per period of the highest frequency, at which limits of the drives are checked."""
 
@@ -64,7 +65,7 @@ class Multisine(Display):
         Mean position of each joint. Default: the middle of its limits.
     odd : bool
         Whether only odd multiples are excited: even ones then show nonlinear distortions.
-    left_out : int
+    omit_one_of : int
         One of so many consecutive excited frequencies, chosen at random, is not excited, and shows
         odd distortions; 0 excites all.
     realisation : int
@@ -86,12 +87,12 @@ class Multisine(Display):
     amplitude: LimitValue = None
     posture: LimitValue = None
     odd: bool = True
-    left_out: int = 4
+    omit_one_of: int = 4
     realisation: int = 0
     experiment: int = 0
 
     def __post_init__(self) -> None:
-        for name in ("left_out", "realisation", "experiment"):
+        for name in ("omit_one_of", "realisation", "experiment"):
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, int) or value < 0:
                 text = f"{name} must be a whole number, zero or more, found {shown(value)}"
@@ -113,16 +114,7 @@ def multisine(
     middle = limit_values(robot, "posture", shape.posture, limits.middle)
     default = np.full(robot.n, np.inf)
     most = limit_values(robot, "amplitude", shape.amplitude, default, unlimited=True)
-    coefficients = np.zeros((basis.size, robot.n))
     moving = np.flatnonzero(most != 0)
-    coefficients[1:, moving] = _unscaled(shape, basis, excited, len(moving), seed)
-    sliding = tuple(np.array(robot.joint_names)[list(robot.is_prismatic)].tolist())
-
-    def motion(size: Array | float) -> Trajectory:
-        values = coefficients * size
-        values[0] = middle
-        return Trajectory(robot.joint_names, basis, values, sliding)
-
     room = np.minimum(limits.upper - middle, middle - limits.lower)
     if np.any(room <= 0):
         joint = int(np.argmin(room))
@@ -132,15 +124,33 @@ def multisine(
             f"{limits.upper[joint]:.4g}: give another posture",
             "posture",
         )
+    if not len(moving):
+        text = "the multisine moves no joint: all amplitudes are zero; give one of them"
+        raise ExcitationError(text, "amplitude")
+    sliding = tuple(np.array(robot.joint_names)[list(robot.is_prismatic)].tolist())
+    # all experiments have one size, that of the largest peaks, so that they are orthogonal
+    unscaled = np.zeros((len(moving), basis.size, robot.n))
+    for experiment, values in enumerate(unscaled):
+        one = replace(shape, experiment=experiment)
+        values[1:, moving] = _unscaled(one, basis, excited, len(moving), seed)
+    peaks = np.max([_peaks(basis, one) for one in unscaled], axis=0)
+
+    def motion(size: Array, experiment: int) -> Trajectory:
+        values = unscaled[experiment] * size
+        values[0] = middle
+        return Trajectory(robot.joint_names, basis, values, sliding)
+
     bounds = np.array([room, limits.velocity, limits.acceleration])
-    peaks = _peaks(basis, coefficients)
     share = np.min(bounds / np.maximum(peaks, 1e-300), axis=0)
     given = np.isfinite(most)
     size = np.where(given, most / np.maximum(peaks[0], 1e-300), _USE * share)
-    if shape.amplitude is None or not np.all(given):
-        free = np.where(given, 1.0, _drive_share(motion, size, drives, basis))
-        size = size * free
-    found = motion(size)
+    size[peaks[0] == 0] = 0.0
+    mine = shape.experiment % len(moving)
+    if drives is not None and not np.all(given):
+        size = _within_drives(
+            [partial(motion, experiment=e) for e in range(len(moving))], size, given, drives
+        )
+    found = motion(size, mine)
     _check_limits(found, bounds, peaks * size, drives)
     return found
 
@@ -160,7 +170,9 @@ def _frequencies(shape: Multisine, duration: float, seed: int) -> tuple[FourierB
         )
     low, high = shape.band_hz or (1 / period, _HIGHEST_HZ)
     low, high = finite("band_hz", (low, high), (2,), ExcitationError).tolist()
-    harmonics = np.arange(max(1, math.ceil(low * period - 1e-9)), math.floor(high * period + 1e-9) + 1)
+    harmonics = np.arange(
+        max(1, math.ceil(low * period - 1e-9)), math.floor(high * period + 1e-9) + 1
+    )
     if shape.odd:
         harmonics = harmonics[harmonics % 2 == 1]
     if len(harmonics) < 2 or not 0 <= low < high:
@@ -175,16 +187,16 @@ def _frequencies(shape: Multisine, duration: float, seed: int) -> tuple[FourierB
             f"{_MOST_HARMONICS} are allowed: give a shorter period, or a lower band",
             "band_hz",
         )
-    if shape.left_out:
+    if shape.omit_one_of:
         # Pintelon and Schoukens 2012, section 4.3: one line at random of each group is not excited
         rng = np.random.default_rng([seed, len(harmonics)])
-        groups = np.arange(0, len(harmonics) - shape.left_out + 1, shape.left_out)
-        harmonics = np.delete(harmonics, groups + rng.integers(shape.left_out, size=len(groups)))
+        groups = np.arange(0, len(harmonics) - shape.omit_one_of + 1, shape.omit_one_of)
+        harmonics = np.delete(harmonics, groups + rng.integers(shape.omit_one_of, size=len(groups)))
     return FourierBasis(int(harmonics[-1]), float(duration), periods), harmonics
 
 
 def _unscaled(shape: Multisine, basis: FourierBasis, excited: Array, n: int, seed: int) -> Array:
-    """Return the amplitudes (2H, n) of sines and cosines, up to one factor per joint."""
+    """Return the amplitudes (2H, n) of sines and cosines, up to a scale per joint."""
     frequency = excited / basis.period_s
     if isinstance(shape.spectrum, str):
         size = frequency ** -float(_FLAT[shape.spectrum])
@@ -218,21 +230,26 @@ def _grid(basis: FourierBasis) -> Array:
     return basis.period_s * np.arange(count) / count
 
 
-def _drive_share(motion, size: Array, drives: DriveLimits | None, basis: FourierBasis) -> float:
-    """Return the largest factor up to 1 at which the motion keeps the limits of the drives."""
-    if drives is None:
-        return 1.0
-    time, inside, outside = _grid(basis), 0.0, 1.0
-    for step in range(14):
-        middle = 1.0 if step == 0 else 0.5 * (inside + outside)
-        loads = np.abs(drive_loads(drives, time, motion(middle * size).sample(time))).max(axis=1)
-        if np.all(loads <= _USE * drives.largest):
-            inside = middle
-            if step == 0:
-                break
-        else:
-            outside = middle
-    return inside
+def _within_drives(
+    motions: Sequence[Callable[[Array], Trajectory]],
+    size: Array,
+    given: BoolArray,
+    drives: DriveLimits,
+) -> Array:
+    """Return the sizes (n,), those not given reduced until all motions keep limits of drives."""
+    basis = motions[0](size).basis
+    time, inside, outside = _grid(basis), 0.0, 1.0  # type: ignore[arg-type]
+    reduced = size
+    for middle in (1.0, *[math.nan] * _BISECTIONS):
+        factor = middle if middle == 1.0 else 0.5 * (inside + outside)
+        trial = np.where(given, size, factor * size)
+        loads = [drive_loads(drives, time, one(trial).sample(time)) for one in motions]
+        kept = np.all(np.abs(loads).max(axis=(0, 2)) <= _USE * drives.largest)
+        inside, outside = (factor, outside) if kept else (inside, factor)
+        if inside == 1.0:
+            break
+        reduced = np.where(given, size, inside * size)
+    return size if inside == 1.0 else reduced
 
 
 def _check_limits(
@@ -260,9 +277,9 @@ def _check_limits(
                 f"allowed {allowed[joint]:.4g}; {lower}",
                 "amplitude",
             )
-        if not np.any(peaks[0] > 0):
-            raise ExcitationError(
-                "the multisine moves no joint: the limits of torque are reached at its posture, or "
-                "all amplitudes are zero; give another posture or other limits",
-                "amplitude",
-            )
+    if not np.any(peaks[0] > 0):
+        raise ExcitationError(
+            "the multisine moves no joint: the limits of torque are reached at its posture; give "
+            "another posture or other limits",
+            "posture",
+        )

@@ -12,6 +12,8 @@ from .delays import Delay as Delay
 from .delays import correct_delays as correct_delays
 from .delays import estimate_delays as estimate_delays
 from .drive_estimates import POORLY_IDENTIFIED as POORLY_IDENTIFIED
+from .frequency import FrequencyResponse as FrequencyResponse
+from .frequency import frequency_response as frequency_response
 from .identification import Identification as Identification
 from .identification import Method as Method
 from .identification import identify as identify

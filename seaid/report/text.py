@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from seaid.identification import (
         Conditions,
         FeasibleParameters,
+        FrequencyResponse,
         Identification,
         SetupCheck,
         TermComparison,
@@ -148,6 +149,31 @@ def estimate_table(estimate: Estimate) -> Text:
     return joined([table(counted(len(rows), "parameter"), header, rows), *warnings])
 
 
+def frequency_table(found: FrequencyResponse) -> Text:
+    """Return resonances, damping and springs of elastic joints, and the noise of the response."""
+    rows = [
+        [f"{name.replace('_', ' ')} of {joint}", number(value), number(error), unit]
+        for joint, one in found.drives.items()
+        for name, value, error, unit in _entries(one)
+    ]
+    header = ["parameter", "estimated", "std. error", "unit"]
+    size = np.abs(np.einsum("fii->fi", found.response))
+    parts = [np.einsum("fii->fi", one) / size for one in (found.noise_std, found.total_std)]
+    quality = [
+        [joint, *(percent(float(np.median(one[:, place]))) for one in parts)]
+        for place, joint in enumerate(found.joints)
+    ]
+    text = "Response of each motor: standard deviation, median over frequencies"
+    return joined(
+        [
+            repr(found),
+            table("Springs", header, rows),
+            table(text, ["joint", "by noise", "with nonlinear distortion"], quality),
+            *warning_lines(found.warnings),
+        ]
+    )
+
+
 def base_table(base: BaseParameters) -> Text:
     """Return the base parameters as combinations of standard ones."""
     title = f"{counted(len(base.columns), 'base parameter')} (singular-value gap {base.gap:.2g})"
@@ -173,7 +199,8 @@ def excitation_table(plan: Excitation) -> Text:
 
 def condition_lines(plan: Excitation) -> list[str]:
     """Return the condition numbers of a planned motion in two lines."""
-    first, last = (one[0] / one[-1] for one in (plan.start_singular_values, plan.singular_values))
+    ends = [one[[0, -1]] for one in (plan.start_singular_values, plan.singular_values)]
+    first, last = (one[0] / one[1] if one[1] > 0 else np.inf for one in ends)
     return [
         f"condition number of the scaled columns: random start {first:.4g}, planned {last:.4g}",
         f"condition number of the {len(plan.base.columns)} base columns: "

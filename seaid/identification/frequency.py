@@ -1,0 +1,385 @@
+"""Frequency responses from motor torque to motor angle, and the springs that they show.
+
+The best linear approximation with its noise and its total variance: Pintelon and Schoukens, System
+Identification: A Frequency Domain Approach, 2012, chapters 4 and 7. The springs are those of the
+linearised robot that explains the same spectra by maximum likelihood (chapter 9).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from seaid._arrays import Array
+from seaid._progress import Result, counted
+from seaid.drives import Drive
+from seaid.errors import Finding, IdentificationError, by_severity, checked, listed
+from seaid.estimation import Estimate
+from seaid.excitation import FourierBasis, Trajectory
+from seaid.identification.identification import Identification
+from seaid.identification.linear_joints import LinearJoints, fitted, linearised, reflection
+from seaid.identification.spectra import (
+    Spectra,
+    approximation_of,
+    moving_joints,
+    record_of,
+    spectra_of,
+)
+from seaid.log import Log
+from seaid.robot import Robot, at_joints
+
+_OF_NYQUIST = 0.8
+"""Share of half the rate up to which a response is trusted."""
+
+_POOR = 0.25
+"""Relative standard error above which a spring is not determined by the response."""
+
+_BEYOND = 10.0
+"""An antiresonance above this multiple of the highest frequency is that of a rigid joint."""
+
+_WANTED = 0.05
+"""Relative standard error of a stiffness that a remedy aims at."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FrequencyResponse(Result):
+    """The measured response of joints to their motor torques, and the springs in it.
+
+    Attributes
+    ----------
+    joints : tuple of n str
+        The joints that move in the logs.
+    frequency_hz : array (F,)
+        Frequencies of the response [Hz].
+    response : array (F, n, n)
+        Best linear approximation from the motor torque of a joint (last axis) to the motor angle of
+        a joint [rad/(N m)], complex.
+    joint_response : array (F, n, n) or None
+        The same to the joint position [rad/(N m) or m/(N m)], where all of them are measured.
+    noise_std, total_std : array (F, n, n)
+        Standard deviations of `response`: by noise, which differs from period to period, and in
+        total, with what the nonlinear parts of the robot do; NaN where the logs do not show it.
+    coherence : array (F, n)
+        Share of the power of each motor angle that the linear response explains.
+    model : array (F, n, n)
+        Response of the linearised robot that fits the logs best, with dry friction as the viscous
+        one that it equals for this motion.
+    identified : array (F, n, n) or None
+        That of the linearised robot of an identification.
+    drives : mapping {joint: Estimate}
+        Of each elastic joint: `resonance` and `antiresonance` [Hz], which are frequencies with all
+        motors free and with all held, their damping ratios, and the stiffness, spring damping,
+        motor inertia, viscous friction and load inertia.
+    period_s : float or None
+        Length of a period [s], None for a log that is not periodic.
+    warnings : tuple of Finding
+        What limits the result, from the worst to the mildest.
+    """
+
+    table_name = "frequency_table"
+
+    joints: tuple[str, ...]
+    frequency_hz: Array
+    response: Array
+    joint_response: Array | None
+    noise_std: Array
+    total_std: Array
+    coherence: Array
+    model: Array
+    identified: Array | None
+    drives: Mapping[str, Estimate]
+    period_s: float | None
+    warnings: tuple[Finding, ...] = ()
+
+    def _in_short(self) -> str:
+        ends = f"{self.frequency_hz[0]:.3g} to {self.frequency_hz[-1]:.3g} Hz"
+        return f"joints {listed(self.joints, 6)}: {counted(len(self.frequency_hz), 'line')}, {ends}"
+
+
+@checked(IdentificationError)
+def frequency_response(
+    robot: Robot,
+    logs: Log | Sequence[Log],
+    *,
+    plan: Trajectory | None = None,
+    period_s: float | None = None,
+    band_hz: Sequence[float] | None = None,
+    joints: str | Sequence[str] | None = None,
+    identification: Identification | None = None,
+) -> FrequencyResponse:
+    """Measure the frequency response of joints, and the resonance, damping and springs in it.
+
+    Motor torques and motor angles suffice. The best linear approximation needs periodic motions, as
+    `design_excitation(..., basis="multisine")` plans them, or takes segments of the log (Welch).
+    Noise is what differs between periods, and nonlinear distortion what differs between
+    realisations, or appears at frequencies that were not excited. The springs are found by a
+    maximum-likelihood fit of the linearised robot: mass matrix, gravity stiffness, springs with
+    damping, motors with viscous and dry friction. It starts from nominal values where there are
+    some; it is weighted by the variance of what it leaves, and the standard errors follow from it.
+
+    Parameters
+    ----------
+    robot : Robot
+    logs : Log or sequence of Log
+        Logs about the same posture. As many as joints move, or more, with motions independent of
+        each other, give the response at each frequency by itself; fewer smooth it over frequencies.
+    plan : Trajectory, optional
+        A multisine that the logs followed: its period, and the frequencies that it excites.
+    period_s : float, optional
+        Length of the period [s] of periodic logs without `plan`.
+    band_hz : (float, float), optional
+        Lowest and highest frequency [Hz]. Default: what is excited, below 0.8 times half the rate.
+    joints : sequence of str, optional
+        Joints that take part. Default: those that move.
+    identification : Identification, optional
+        Its linearised robot is compared: response, and stiffness by its interval.
+
+    Returns
+    -------
+    FrequencyResponse
+
+    Raises
+    ------
+    IdentificationError
+        For logs without torques or angles of the motors, of several rates, too short for a period,
+        or in which no joint moves.
+
+    Examples
+    --------
+    >>> found = seaid.frequency_response(robot, [log], plan=plan.trajectory)
+    >>> found.drives["knee"].value("resonance"), found.drives["knee"].interval(0.95)
+    """
+    logs = [logs] if isinstance(logs, Log) else list(logs)
+    basis = getattr(plan, "basis", None)
+    if plan is not None and not isinstance(basis, FourierBasis):
+        text = "plan= must be a multisine, from design_excitation(..., basis='multisine')"
+        raise IdentificationError(f"{text}, found a {type(basis).__name__}", "plan=")
+    period = basis.period_s if isinstance(basis, FourierBasis) else period_s
+    rate, periodic = _rate_of(logs, period), period is not None
+    band = _band(band_hz, _OF_NYQUIST * rate / 2)
+    ratio = np.array([reflection(robot.drives[joint]) for joint in robot.joint_names])
+    records = [record_of(robot, log, ratio, period) for log in logs]
+    picked = _picked(robot, records, joints, band[1])
+    spectra = spectra_of(records, picked, band, _harmonics(basis, plan), periodic=periodic)
+    held = np.mean([one.posture for one in records], axis=0)
+    posture = at_joints(robot.transmission, held) if plan is None else plan.coefficients[0]
+    nominal = linearised(robot, posture, picked)
+    drives = [robot.drives[robot.joint_names[index]] for index in picked]
+    fit = fitted(spectra, nominal, drives)
+    measured = approximation_of(spectra, records, picked)
+    names = tuple(robot.joint_names[index] for index in picked)
+    ratio = ratio[picked]
+    scale = ratio[:, None] * ratio
+    known = None
+    if identification is not None:
+        other = identification.robot
+        levels = [_level(other.drives[name], r) for name, r in zip(names, ratio, strict=True)]
+        linear = linearised(other, posture, picked)
+        known = scale * _with_dry_friction(linear, np.array(levels), spectra, measured.hz)
+    found = FrequencyResponse(
+        joints=names,
+        frequency_hz=measured.hz,
+        response=scale * measured.motor,
+        joint_response=None if measured.joint is None else ratio * measured.joint,
+        noise_std=scale * measured.noise,
+        total_std=scale * measured.total,
+        coherence=measured.coherence,
+        model=scale * _with_dry_friction(fit.joints, fit.dry, spectra, measured.hz),
+        identified=known,
+        drives={
+            names[place]: fit.estimate(int(place), drives[place])
+            for place in np.flatnonzero(nominal.elastic)
+        },
+        period_s=period,
+    )
+    findings = _unseen(found, nominal, rate) + _disagreements(found, identification)
+    return replace(found, warnings=by_severity(findings))
+
+
+def _rate_of(logs: Sequence[Log], period_s: float | None) -> float:
+    """Return the rate of all logs [Hz]. Raises IdentificationError for logs that do not fit."""
+    if not logs:
+        raise IdentificationError("a frequency response needs at least one log", "logs=")
+    rates = [(len(log.time) - 1) / float(log.time[-1] - log.time[0]) for log in logs]
+    if max(rates) > 1.001 * min(rates):
+        raise IdentificationError(
+            f"the logs have rates from {min(rates):.6g} to {max(rates):.6g} Hz: a frequency "
+            "response needs one rate; give logs of one rate, or one of them"
+        )
+    if period_s is None:
+        return rates[0]
+    if not (math.isfinite(period_s) and period_s > 0):
+        text = f"period_s must be more than zero seconds, found {period_s}"
+        raise IdentificationError(text, "period_s")
+    for log, rate in zip(logs, rates, strict=True):
+        duration = len(log.time) / rate
+        if duration < period_s * (1 - 1e-6):
+            raise IdentificationError(
+                f"a log of {duration:.4g} s is shorter than the period of {period_s:.4g} s: give a "
+                "longer log, or the period that it has",
+                "period_s",
+            )
+    return rates[0]
+
+
+def _band(band_hz: Sequence[float] | None, top_hz: float) -> tuple[float, float]:
+    """Return the lowest and highest frequency [Hz], below what the rate shows."""
+    given = (0.0, math.inf) if band_hz is None else tuple(map(float, band_hz))
+    if len(given) != 2 or not 0 <= given[0] < given[1]:
+        text = f"band_hz must be a lowest and a highest frequency, found {list(given)}"
+        raise IdentificationError(text, "band_hz")
+    return given[0], min(given[1], top_hz)
+
+
+def _picked(
+    robot: Robot, records: Sequence[Any], joints: str | Sequence[str] | None, top_hz: float
+) -> list[int]:
+    """Return the indices of the joints that take part, which need both motor channels."""
+    if joints is None:
+        picked = moving_joints(records, top_hz)
+    else:
+        picked = [robot.index(joint) for joint in robot.selected(joints)]
+    if not picked:
+        raise IdentificationError("no motor moves in these logs: give logs of a multisine")
+    for name, field in (("torque", "motor_torque"), ("motor", "motor_position")):
+        for index in picked:
+            if not all(np.all(np.isfinite(getattr(one, name)[..., index])) for one in records):
+                joint = robot.joint_names[index]
+                raise IdentificationError(
+                    f"joint '{joint}' has no {field.replace('_', ' ')} in a log: a frequency "
+                    f"response needs both, from the motor; log '{joint}.{field}_...', or leave the "
+                    "joint out with joints=",
+                    "joints=",
+                )
+    return picked
+
+
+def _harmonics(basis: Any, plan: Trajectory | None) -> Array | None:
+    """Return the numbers of the harmonics that a plan excites, None without a plan."""
+    if plan is None:
+        return None
+    sizes = np.abs(plan.coefficients[1:]).reshape(2, basis.harmonics, -1).sum(axis=(0, 2))
+    return np.asarray(1 + np.flatnonzero(sizes))
+
+
+def _level(drive: Drive, ratio: float) -> float:
+    return float(drive.values.get("coulomb_friction", 0.0) * ratio)
+
+
+def _with_dry_friction(joints: LinearJoints, level: Array, spectra: Spectra, hz: Array) -> Array:
+    """Return the response (F, n, n) with dry friction as the viscous one closest to it.
+
+    The best linear approximation of a sign is a gain for a random speed (Bussgang 1952).
+    """
+    speed = 2j * np.pi * spectra.hz[:, None] * spectra.motor
+    power = np.sum(np.abs(speed) ** 2, axis=(0, 1, 2))
+    gain = np.sum(np.real(np.conj(speed) * spectra.sign), axis=(0, 1, 2)) / power
+    n = len(level)
+    alike = replace(joints, friction=joints.friction + level * gain)
+    return alike.compliance(2j * np.pi * hz)[:, :n, :n]
+
+
+def _unseen(found: FrequencyResponse, nominal: LinearJoints, rate: float) -> list[Finding]:
+    """Return a finding for each joint whose spring the response does not show, and the remedy."""
+    expected = np.full(len(found.drives), np.nan)
+    if np.all(np.isfinite(nominal.stiffness)) and np.all(np.isfinite(nominal.mass)):
+        expected = np.abs(nominal.modes()[1]) / (2 * np.pi)
+    findings = []
+    for (joint, one), hz in zip(found.drives.items(), expected.tolist(), strict=True):
+        size = one.value("stiffness")
+        top = float(found.frequency_hz[-1])
+        beyond = not one.value("antiresonance") <= _BEYOND * top  # or none at all, NaN
+        error = math.inf if beyond else one.standard_error("stiffness") / size
+        error = error if math.isfinite(error) else math.inf
+        if error <= _POOR:
+            continue
+        says, remedy = _remedy(found, joint, hz, (top, rate), error)
+        findings.append(
+            Finding(
+                "unseen-resonance",
+                f"the response of {joint} does not determine its spring (relative standard error "
+                f"{error:.2g}): {says}",
+                joint,
+                "wrong",
+                {"relative_standard_error": error, "expected_hz": hz, "highest_hz": top},
+                remedy,
+                "likely" if math.isfinite(hz) else "possible",
+            )
+        )
+    return findings
+
+
+def _remedy(
+    found: FrequencyResponse, joint: str, hz: float, ends: tuple[float, float], error: float
+) -> tuple[str, str]:
+    """Return why a spring is not seen, and what would show it, from its expected antiresonance."""
+    top, rate = ends
+    if hz > _OF_NYQUIST * rate / 2:
+        least = 2 * _MARGIN * hz / _OF_NYQUIST
+        return (
+            f"with its nominal values the antiresonance is at {hz:.3g} Hz, and half of the rate "
+            f"(Nyquist) is {rate / 2:.4g} Hz",
+            f"log at {least:.3g} Hz or more, and excite up to {_MARGIN * hz:.3g} Hz",
+        )
+    if hz > top:
+        return (
+            f"with its nominal values the antiresonance is at {hz:.3g} Hz, and the motion excites "
+            f"up to {top:.3g} Hz",
+            f"excite up to {_MARGIN * hz:.3g} Hz",
+        )
+    place = found.joints.index(joint)
+    near = int(np.argmin(np.abs(found.frequency_hz - (hz if math.isfinite(hz) else top))))
+    share = found.total_std[near, place, place] / abs(found.response[near, place, place])
+    factor = min(error, _MOST_FACTOR * _WANTED) / _WANTED
+    louder = f"give {factor:.2g} times the amplitude, or {factor**2:.2g} times the periods"
+    if math.isfinite(hz):
+        return (
+            f"with its nominal values the antiresonance is at {hz:.3g} Hz, where noise and "
+            f"nonlinear distortion are {share:.2g} of the response",
+            louder,
+        )
+    return (
+        f"no resonance stands out up to {top:.3g} Hz; it is above that, or inside the noise, which "
+        f"is {share:.2g} of the response there",
+        f"excite up to {2 * top:.3g} Hz, logged at {4 * _MARGIN * top:.3g} Hz or more; or {louder}",
+    )
+
+
+_MARGIN, _MOST_FACTOR = 1.5, 20.0
+"""Share above an antiresonance up to which a motion should excite; most that a remedy asks for."""
+
+
+def _disagreements(
+    found: FrequencyResponse, identification: Identification | None
+) -> list[Finding]:
+    """Return a finding for each stiffness whose interval excludes that of an identification."""
+    findings = []
+    for joint, own in found.drives.items() if identification is not None else ():
+        other = identification.drive_side.get(joint)  # type: ignore[union-attr]
+        if other is None or "stiffness" not in other.names:
+            continue
+        (low, high), (least, most) = (
+            one.interval()[one.names.index("stiffness")] for one in (own, other)
+        )
+        if low > most or high < least:
+            one, two = own.value("stiffness"), other.value("stiffness")
+            unit = own.units[own.names.index("stiffness")]
+            findings.append(
+                Finding(
+                    "estimator-disagrees",
+                    f"the stiffness of {joint} is {one:.4g} {unit} by its frequency response, "
+                    f"{low:.4g} to {high:.4g}, and {two:.4g} by the identification, {least:.4g} "
+                    f"to {most:.4g}: a spring that is not linear, or softer at other amplitudes, a "
+                    "cutoff below its resonance, or another posture",
+                    joint,
+                    "doubtful",
+                    {"frequency_response": one, "identification": two},
+                    "compare the terms of the spring with compare_terms, or motions of one size",
+                    "possible",
+                )
+            )
+    return findings

@@ -1,0 +1,538 @@
+"""The robot linearised about a posture: motors, springs and bodies as A(s) x = forces, in SI units.
+
+Coordinates are those of the joints: a motor angle is divided by its ratio to the joint, N r_L/r_M,
+and its torque multiplied by it, so that all inertias, stiffnesses and dampings are at the joint.
+Motor of an elastic joint, (7):  I s^2 phi_M + F s phi_M + (k + c s)(phi_M - phi) = tau_M
+Load, (8) linearised:            M s^2 phi + D s phi + G phi - (k + c s)(phi_M - phi) = 0
+with the mass matrix M and the Hessian G of the potential energy at the posture. A stiff joint has
+no motor coordinate: I and F are added to the diagonals of M and D.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from scipy.ndimage import uniform_filter1d
+from scipy.optimize import least_squares, linear_sum_assignment, nnls
+
+from seaid._arrays import Array, BoolArray, IndexArray, safely
+from seaid.drives import Drive, is_dry
+from seaid.estimation import Estimate
+from seaid.identification.spectra import NEAR, Spectra
+from seaid.robot import Robot
+from seaid.simulation import mass_matrix
+
+_WHAT = "the linearised robot"
+
+
+@dataclass(frozen=True, eq=False)
+class LinearJoints:
+    """Matrices at the joints of n drives, of which those in `elastic` (n,) have a spring.
+
+    `inertia`, `friction`, `stiffness`, `damping` (n,) are I, F, k and c; `mass`, `gravity` (n, n)
+    and `drag` (n,) M, G and D. A stiff joint has its rotor in `mass`, and zeros in k, c and I.
+    """
+
+    elastic: BoolArray
+    inertia: Array
+    friction: Array
+    stiffness: Array
+    damping: Array
+    mass: Array
+    gravity: Array
+    drag: Array
+
+    def matrices(self) -> tuple[Array, Array, Array]:
+        """Return inertia, damping and stiffness (N, N) of the motors, then the stiff and loads.
+
+        The first n coordinates are those of the motor encoders, the others the elastic loads.
+        """
+        n, e = len(self.elastic), np.flatnonzero(self.elastic)
+        load = np.arange(n)
+        load[e] = n + np.arange(len(e))
+        size = n + len(e)
+        full = [np.zeros((size, size)) for _ in range(3)]
+        springs = (np.zeros(n), self.damping, self.stiffness)
+        at_motor = (self.inertia, self.friction, np.zeros(n))
+        for matrix, own, motor, spring in zip(
+            full, (self.mass, np.diag(self.drag), self.gravity), at_motor, springs, strict=True
+        ):
+            matrix[np.ix_(load, load)] += own
+            matrix[np.arange(n), np.arange(n)] += motor
+            for i in e:
+                pair = np.array([i, load[i]])
+                matrix[np.ix_(pair, pair)] += spring[i] * np.array([[1.0, -1.0], [-1.0, 1.0]])
+        return full[0], full[1], full[2]
+
+    def compliance(self, s: Any) -> Array:
+        """Return A(s)^-1 (F, N, N) at complex frequencies s (F,) [rad/s]."""
+        inertia, damping, stiffness = self.matrices()
+        s = s[:, None, None]
+        A = inertia * s**2 + damping * s + stiffness
+        return np.asarray(safely(np.linalg.inv, A, what=_WHAT))
+
+    def modes(self) -> tuple[Array, Array]:
+        """Return resonances and antiresonances (2 of (m,)) as eigenvalues of each elastic joint.
+
+        Resonances are poles, with all motors free; antiresonances are zeros, with all motors held.
+        A mode belongs to the joint whose spring has most of its energy.
+        """
+        n, e = len(self.elastic), np.flatnonzero(self.elastic)
+        m, c, k = self.matrices()
+        free = np.arange(len(m))
+        held = n + np.arange(len(e))
+        return self._assigned(m, c, k, free), self._assigned(m, c, k, held)
+
+    def _assigned(self, m: Array, c: Array, k: Array, kept: IndexArray) -> Array:
+        n, e = len(self.elastic), np.flatnonzero(self.elastic)
+        m, c, k = (matrix[np.ix_(kept, kept)] for matrix in (m, c, k))
+        size = len(kept)
+        inverse = safely(np.linalg.inv, m, what=_WHAT)
+        state = np.block([[np.zeros((size, size)), np.eye(size)], [-inverse @ k, -inverse @ c]])
+        values, vectors = safely(np.linalg.eig, state, what=_WHAT)
+        # one of each complex pair; an overdamped mode has two real values, of which none is one
+        upper = np.flatnonzero(values.imag > 0)
+        shapes = np.zeros((len(self.elastic) + len(e), len(upper)), dtype=complex)
+        shapes[kept] = vectors[:size, upper]
+        stretch = shapes[e] - shapes[n + np.arange(len(e))]
+        energy = self.stiffness[e, None] * np.abs(stretch) ** 2
+        # per kinetic energy, so that the lowest modes, with little of a spring's, count little
+        energy /= np.maximum(
+            np.sum(np.abs(vectors[:size, upper]) ** 2 * np.diag(m)[:, None], 0), 1e-300
+        )
+        found = np.full(len(e), np.nan, dtype=complex)
+        rows, columns = linear_sum_assignment(-energy)
+        found[rows] = values[upper[columns]]
+        return found
+
+
+def linearised(robot: Robot, posture: Array, joints: Sequence[int]) -> LinearJoints:
+    """Return a robot with nominal values, linearised at a posture (n,) with other joints held.
+
+    Drives that move several joints have their coordinates phi = C q: M and G become C^-T M C^-1.
+    Missing values are NaN.
+    """
+    data, model = robot.model.createData(), robot.model
+    mass = robot.from_model(mass_matrix(model, data, robot.to_model(posture)), axes=2)
+    C = safely(np.linalg.inv, robot.transmission, what="a transmission")
+    gravity = _gravity_slope(robot, posture)
+    picked = np.ix_(joints, joints)
+    mass, gravity = ((C.T @ one @ C)[picked] for one in (mass, 0.5 * (gravity + gravity.T)))
+    drives = [robot.drives[robot.joint_names[index]] for index in joints]
+    elastic = np.array([drive.is_elastic for drive in drives])
+    ratio = np.array([reflection(drive) for drive in drives])
+    radius = np.array([drive.load_radius for drive in drives])
+
+    def values(name: str, missing: float) -> Array:
+        return np.array([drive.values.get(name, missing) for drive in drives], dtype=float)
+
+    rotor = values("motor_inertia", np.nan) * ratio**2
+    return LinearJoints(
+        elastic=elastic,
+        inertia=np.where(elastic, rotor, 0.0),
+        friction=values("viscous_friction", 0.0) * ratio**2,
+        stiffness=np.where(elastic, values("stiffness", np.nan) * radius**2, 0.0),
+        damping=np.where(elastic, values("spring_damping", 0.0) * radius**2, 0.0),
+        mass=mass + np.diag(np.where(elastic, 0.0, np.nan_to_num(rotor))),
+        gravity=gravity + np.diag(values("parallel_stiffness", 0.0)),
+        drag=values("joint_viscous_friction", 0.0),
+    )
+
+
+def reflection(drive: Drive) -> float:
+    """Return N r_L / r_M, motor angle per motion of the joint with a rigid spring."""
+    return float(drive.ratio * drive.load_radius / drive.motor_radius)
+
+
+_STEP_RAD = 1e-5
+
+
+def _gravity_slope(robot: Robot, posture: Array) -> Array:
+    """Return the slope (n, n) of the gravity torques by central differences."""
+    data = robot.model.createData()
+
+    def torques(q: Array) -> Array:
+        return robot.from_model(pin.computeGeneralizedGravity(robot.model, data, robot.to_model(q)))
+
+    steps = _STEP_RAD * np.eye(robot.n)
+    slopes = [(torques(posture + one) - torques(posture - one)) / (2 * _STEP_RAD) for one in steps]
+    return np.array(slopes).T
+
+
+@dataclass(frozen=True, eq=False)
+class _Parameters:
+    """The free parameters of n joints as a vector: where each field of `LinearJoints` is in it.
+
+    log k and, where the rotor is not known, log I of elastic joints; c; F; D where the drive has
+    it; the upper triangles of M and G; the level F_C of dry friction.
+    """
+
+    start: LinearJoints
+    rotors: BoolArray
+    drags: BoolArray
+    dry: BoolArray
+
+    @cached_property
+    def sizes(self) -> list[int]:
+        n, e = len(self.dry), int(np.sum(self.start.elastic))
+        triangle = n * (n + 1) // 2
+        free = [int(np.sum(one)) for one in (self.rotors, self.drags, self.dry)]
+        return [e, free[0], e, n, free[1], triangle, triangle, free[2]]
+
+    def vector(self, joints: LinearJoints, dry: Array) -> Array:
+        """Return the vector of some joints."""
+        upper, e = np.triu_indices(len(dry)), self.start.elastic
+        parts = [np.log(joints.stiffness[e]), np.log(joints.inertia[self.rotors])]
+        parts += [joints.damping[e], joints.friction, joints.drag[self.drags]]
+        parts += [joints.mass[upper], joints.gravity[upper], dry[self.dry]]
+        return np.concatenate(parts)
+
+    def joints(self, x: Array) -> tuple[LinearJoints, Array]:
+        """Return the joints of a vector, and their dry friction (n,)."""
+        k, rotor, c, F, D, M, G, level = np.split(x, np.cumsum(self.sizes)[:-1])
+        n, e = len(self.dry), self.start.elastic
+        upper = np.triu_indices(n)
+        inertia, drag, dry = self.start.inertia.copy(), self.start.drag.copy(), np.zeros(n)
+        stiffness, damping = np.zeros((2, n))
+        stiffness[e], damping[e] = np.exp(np.clip(k, -60, 60)), c
+        inertia[self.rotors], drag[self.drags] = np.exp(np.clip(rotor, -60, 60)), D
+        dry[self.dry] = level
+        mass, gravity = np.zeros((2, n, n))
+        mass[upper], gravity[upper] = M, G
+        mass, gravity = (one + np.triu(one, 1).T for one in (mass, gravity))
+        found = replace(
+            self.start,
+            inertia=inertia,
+            friction=F,
+            stiffness=stiffness,
+            damping=damping,
+            mass=mass,
+            gravity=gravity,
+            drag=drag,
+        )
+        return found, dry
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """The linearised robot that fits spectra best, its dry friction (n,), and its covariance.
+
+    `residual` is the root mean square of the weighted residual: 1 if the weights fit.
+    """
+
+    parameters: _Parameters
+    x: Array
+    covariance: Array
+    residual: float
+
+    @property
+    def joints(self) -> LinearJoints:
+        """The linearised robot."""
+        return self.parameters.joints(self.x)[0]
+
+    @property
+    def dry(self) -> Array:
+        """Level of the dry friction (n,) of the motors, at the joints."""
+        return self.parameters.joints(self.x)[1]
+
+    def estimate(self, place: int, drive: Drive) -> Estimate:
+        """Return resonance, antiresonance and the numbers of one elastic joint, by its place."""
+        values = self._values(self.x, place, drive)
+        steps = 1e-5 * np.maximum(np.abs(self.x), 1e-3)
+        slopes = [
+            (self._values(self.x + one, place, drive) - self._values(self.x - one, place, drive))
+            / (2 * step)
+            for one, step in zip(np.diag(steps), steps, strict=True)
+        ]
+        J = np.array(slopes).T  # the delta method
+        force, length = drive.spring_units
+        torque, angle = drive.joint_units
+        inertia = "kg m^2" if torque == "N m" else "kg"
+        names = {"resonance": "Hz", "resonance_damping": "1", "antiresonance": "Hz"}
+        names |= {"antiresonance_damping": "1", "stiffness": f"{force}/{length}"}
+        names |= {"spring_damping": f"{force} s/{length}", "motor_inertia": "kg m^2"}
+        names |= {"viscous_friction": "N m s/rad", "load_inertia": inertia}
+        names |= {"gravity_stiffness": f"{torque}/{angle}"}
+        covariance = J @ self.covariance @ J.T
+        return Estimate(
+            tuple(names), values, covariance, tuple(names.values()), self.residual, float("nan")
+        )
+
+    def _values(self, x: Array, place: int, drive: Drive) -> Array:
+        joints, _ = self.parameters.joints(x)
+        poles, zeros = joints.modes()
+        mode = int(np.sum(joints.elastic[:place]))
+        by_radius, by_ratio = drive.load_radius**2, reflection(drive) ** 2
+        numbers = [
+            *(part for one in (poles[mode], zeros[mode]) for part in _frequency(one)),
+            joints.stiffness[place] / by_radius,
+            joints.damping[place] / by_radius,
+            joints.inertia[place] / by_ratio,
+            joints.friction[place] / by_ratio,
+            joints.mass[place, place],
+            joints.gravity[place, place],
+        ]
+        return np.array(numbers, dtype=float)
+
+
+def _frequency(mode: complex) -> tuple[float, float]:
+    """Return the natural frequency [Hz] and the damping ratio of an eigenvalue."""
+    size = abs(mode)
+    return size / (2 * np.pi), -mode.real / size
+
+
+_STARTS = (1.0, 0.4, 2.5)
+"""Factors on the stiffness at the start: the nominal one may be wrong."""
+
+_SCAN = 8
+"""Antiresonances, spread over the band, from which a search without a nominal stiffness starts."""
+
+_AVERAGED = 40
+"""Lines of all logs over which a power is averaged, at least: fewer make intervals too narrow."""
+
+_LEAST_LEFT = 0.1
+"""Share of the power of a line that the fit leaves at least."""
+
+_LIGHT = 0.02
+"""Damping ratio of a spring at the start."""
+
+_ROUNDS, _LEAST_ROUNDS = 8, 3
+_ENDS, _ENDS_WITH_LINE = (0, 1, 2), (-1, 0, 1, 2)
+"""Powers of s by which the ends of a record act on a motor: position and speed, one for what
+sampling adds, and of a log without periods the line that is subtracted. On a load 0 and 1 act: its
+others are combinations of these."""
+
+_RIGID = 0.3
+"""Share of the inertia that is the rotor's, where nothing is known."""
+
+
+def fitted(spectra: Spectra, nominal: LinearJoints, drives: Sequence[Drive]) -> Fit:
+    """Return the maximum-likelihood fit of the linearised robot to the spectra of all logs.
+
+    The motor angles are Y = H (U - F_C S + T) with the spectra of torque and sign of the speed, and
+    what the ends of the record leave, a polynomial T of s (Pintelon and Schoukens 2012, section
+    6.3.2). The residual is weighted by its own variance, averaged over near lines, so that noise
+    and nonlinear distortion count as large as they are.
+    """
+    dry = np.array([is_dry(drive) for drive in drives])
+    known = np.isfinite(nominal.inertia)
+    parameters = _Parameters(
+        start=nominal,
+        rotors=nominal.elastic & ~known,
+        drags=np.array(["viscous" in drive.joint_friction for drive in drives]),
+        dry=dry,
+    )
+    problem = _Problem(spectra, parameters)
+    found = [problem.solved(x, rounds=_LEAST_ROUNDS) for x in _starts(spectra, parameters)]
+    x, _ = min(found, key=lambda one: one[1])
+    return problem.fit(problem.solved(x, rounds=_ROUNDS)[0])
+
+
+def _starts(spectra: Spectra, parameters: _Parameters) -> list[Array]:
+    nominal = parameters.start
+    e = nominal.elastic
+    U, Y, s = spectra.torque.mean(1), spectra.motor.mean(1), 2j * np.pi * spectra.hz
+    rigid_mass, friction, gravity = _rigid(U, Y, s)
+    mass = nominal.mass
+    inertia = nominal.inertia.copy()
+    unknown = e & ~np.isfinite(inertia)
+    inertia[unknown] = _RIGID * np.abs(np.diag(rigid_mass))[unknown]
+    if not np.all(np.isfinite(mass)):
+        mass = rigid_mass - np.diag(inertia * e)
+        least = _RIGID * np.maximum(np.abs(np.diag(rigid_mass)), inertia * e)
+        mass = mass + np.diag(np.maximum(least - np.diag(mass), 0.0))
+    if not np.all(np.isfinite(nominal.gravity)):
+        nominal = replace(nominal, gravity=gravity)
+    base = replace(nominal, mass=mass, inertia=inertia, friction=np.maximum(friction, 0.0))
+    level = 0.1 * np.sqrt(np.mean(np.abs(U) ** 2, axis=(0, 1)))
+    if np.all(np.isfinite(nominal.stiffness)):
+        springs = [factor * nominal.stiffness for factor in _STARTS]
+    else:
+        scan = np.geomspace(spectra.hz[0] * 2, spectra.hz[-1], _SCAN)
+        springs = [np.where(e, np.diag(mass) * (2 * np.pi * hz) ** 2, 0.0) for hz in scan]
+    starts = []
+    for one in springs:
+        # lightly damped, since an undamped zero on a line is no place to start from
+        light = 2 * _LIGHT * np.sqrt(one * np.maximum(np.diag(mass), 0.0))
+        damping = np.where(base.damping > 0, base.damping, light)
+        joints = replace(base, stiffness=one, damping=damping)
+        starts.append(parameters.vector(joints, level))
+    return starts
+
+
+def _rigid(U: Array, Y: Array, s: Any) -> tuple[Array, Array, Array]:
+    """Return inertia, friction and stiffness of a rigid robot at the lowest third of the lines."""
+    n = U.shape[2]
+    low = slice(0, max(len(s) // 3, min(len(s), 3 * n)))
+    y, u = Y[:, low].reshape(-1, n), U[:, low].reshape(-1, n)
+    t = np.tile(s[low], len(Y))[:, None]
+    found = []
+    for joint in range(n):
+        columns = np.hstack([t**2 * y, t * y[:, [joint]], y])
+        weight = 1 / np.maximum(np.abs(u[:, [joint]]), 1e-300)
+        rows, target = weight * columns, weight[:, 0] * u[:, joint]
+        stacked = np.vstack([rows.real, rows.imag])
+        goal = np.concatenate([target.real, target.imag])
+        found.append(safely(np.linalg.lstsq, stacked, goal, what=_WHAT, rcond=None)[0])
+    x = np.array(found)
+    mass, gravity = x[:, :n], x[:, n + 1 :]
+    return 0.5 * (mass + mass.T), x[:, n], 0.5 * (gravity + gravity.T)
+
+
+def _shape(error: Array, gain: Array) -> Array:
+    """Return a + b gain (L,), the power of noise of the torque and of the angle, fitted to errors.
+
+    Iterated weights, since the scatter of a power is of its own size.
+    """
+    columns = np.column_stack([np.ones_like(gain), gain])
+    shape = np.full_like(error, np.mean(error))
+    for _ in range(_ROUNDS):
+        found, _ = nnls(columns / shape[:, None], error / shape)
+        shape = np.maximum(columns @ found, 1e-3 * np.mean(error) + 1e-300)
+    return shape
+
+
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    """Weighted residuals of the motor angles over all logs and lines."""
+
+    spectra: Spectra
+    parameters: _Parameters
+
+    @cached_property
+    def s(self) -> Any:
+        """The complex frequencies (L,) [rad/s]."""
+        return 2j * np.pi * self.spectra.hz
+
+    def responses(self, x: Array) -> Array:
+        """Return the responses (L, n, N) of the motor angles to forces on all coordinates."""
+        joints, _ = self.parameters.joints(x)
+        return joints.compliance(self.s)[:, : len(joints.elastic)]
+
+    def errors(self, x: Array, weights: Array) -> Array:
+        """Return weights (L, n, n) times the errors (E, L, n), less what the ends may explain."""
+        H = self.responses(x)
+        n = H.shape[1]
+        _, dry = self.parameters.joints(x)
+        force = self.spectra.torque.mean(1) - dry * self.spectra.sign.mean(1)
+        error = self.spectra.motor.mean(1) - np.einsum("lij,elj->eli", H[:, :, :n], force)
+        error = np.einsum("lij,elj->eli", weights, error)
+        Q = self.ends(H, weights)
+        flat = error.reshape(len(error), -1)
+        stacked = np.hstack([flat.real, flat.imag])
+        left = stacked - (stacked @ Q) @ Q.T
+        real, imaginary = np.split(left, 2, axis=1)
+        return (real + 1j * imaginary).reshape(error.shape)
+
+    def ends(self, H: Array, weights: Array) -> Array:
+        """Return an orthonormal basis (2Ln, c) of what the ends of one log may do."""
+        n = H.shape[1]
+        ends = weights @ H
+        scale = np.abs(self.s[-1])
+        powers = [(power, (self.s / scale)[:, None, None] ** power) for power in self.powers]
+        parts = [ends[:, :, :n] * factor for _, factor in powers]
+        parts += [ends[:, :, n:] * factor for power, factor in powers if power in (0, 1)]
+        ends = np.concatenate(parts, axis=2)
+        columns = ends.reshape(-1, ends.shape[2])
+        return np.asarray(np.linalg.qr(np.vstack([columns.real, columns.imag]))[0])
+
+    def weights(self, x: Array) -> tuple[Array, Array]:
+        """Return weights (L, n, n), and the variance (L, n) of the torques that they come from.
+
+        A = H^-1 turns an error of the angles into one of the torques, whose variance is smooth.
+        """
+        n = self.spectra.torque.shape[-1]
+        A = safely(np.linalg.inv, self.responses(x)[:, :, :n], what=_WHAT)
+        error = np.mean(np.abs(self.errors(x, A)) ** 2, axis=0)
+        least = 1e-12 * np.mean(np.abs(self.spectra.torque) ** 2, axis=(0, 1, 2))
+        shape = np.stack([_shape(error[:, i], np.abs(A[:, i, i]) ** 2) for i in range(n)], axis=1)
+        power = self.spare_share * shape * self.averaged(error / shape)
+        power = np.maximum(power, least)
+        return A / np.sqrt(power)[:, :, None], power
+
+    def averaged(self, power: Array) -> Array:
+        """Return a power (L, n) averaged over near lines."""
+        width = 2 * max(NEAR, math.ceil(_AVERAGED / (2 * len(self.spectra.motor)))) + 1
+        return np.asarray(uniform_filter1d(power, width, axis=0))
+
+    @property
+    def powers(self) -> tuple[int, ...]:
+        """Powers of s by which the ends of a record act."""
+        return _ENDS if self.spectra.is_periodic else _ENDS_WITH_LINE
+
+    @cached_property
+    def spare_share(self) -> float:
+        """Real equations per degree of freedom, by which residuals are smaller than errors."""
+        E, _, L, n = self.spectra.torque.shape
+        return float(2 * E * L * n / max(self.spare, 1))
+
+    @property
+    def spare(self) -> int:
+        """Degrees of freedom: real equations less parameters and ends."""
+        E, _, L, n = self.spectra.torque.shape
+        size = n + int(np.sum(self.parameters.start.elastic))
+        ends = len(self.powers) * n + 2 * (size - n)
+        return int(2 * E * L * n - ends * E - sum(self.parameters.sizes))
+
+    def solved(self, x: Array, rounds: int) -> tuple[Array, float]:
+        """Return the parameters and the cost, the logarithm of the residual torques."""
+        power = np.ones(1)
+        for _ in range(rounds):
+            weights, power = self.weights(x)
+            found = least_squares(
+                self._real, x, args=(weights,), x_scale=self._scale(x), max_nfev=12
+            )
+            step = np.max(np.abs(found.x - x) / self._scale(x))
+            x = found.x
+            if step < 1e-6:
+                break
+        _, power = self.weights(x)
+        return x, float(np.sum(np.log(power)))
+
+    def _scale(self, x: Array) -> Array:
+        """Return typical sizes of the parameters: of one kind the largest."""
+        parts = np.split(x, np.cumsum(self.parameters.sizes)[:-1])
+        logs = (0, 1)
+        sizes = [
+            np.ones(len(one))
+            if i in logs
+            else np.full(len(one), max(np.max(np.abs(one), initial=0), 1e-6))
+            for i, one in enumerate(parts)
+        ]
+        return np.concatenate(sizes)
+
+    def _real(self, x: Array, weights: Array) -> Array:
+        error = self.errors(x, weights).ravel()
+        return np.concatenate([error.real, error.imag])
+
+    def fit(self, x: Array) -> Fit:
+        """Return the fit with the covariance of its parameters."""
+        weights, _ = self.weights(x)
+        steps = 1e-6 * self._scale(x)
+        slopes = [
+            (self._real(x + one, weights) - self._real(x - one, weights)) / (2 * step)
+            for one, step in zip(np.diag(steps), steps, strict=True)
+        ]
+        J = np.array(slopes).T
+        scale = self._scale(x)
+        inverse = scale[:, None] * safely(np.linalg.pinv, J * scale, what=_WHAT)
+        errors = self.errors(x, weights)
+        # the power of a line, of which the fit takes the share h, is |e|^2 / (1 - h), as in HC2
+        # (MacKinnon and White 1985), averaged over near lines; real and imaginary parts have half
+        Q = self.ends(self.responses(x), weights)
+        by_fit = np.sum(np.linalg.qr(J)[0] ** 2, axis=1).reshape(2, *errors.shape).mean(axis=0)
+        by_ends = np.sum(Q**2, axis=1).reshape(2, *errors.shape[1:]).mean(axis=0)
+        left = np.maximum(1 - by_fit - by_ends, _LEAST_LEFT)
+        power = self.averaged(np.mean(np.abs(errors) ** 2 / left, axis=0))
+        spread = np.broadcast_to(power, (2, *errors.shape)).ravel()
+        covariance = 0.5 * (inverse * spread) @ inverse.T
+        residual = float(np.sqrt(np.mean(np.abs(errors) ** 2)))
+        if self.spare < 1:
+            covariance = np.full_like(covariance, np.nan)  # fewer equations than unknowns
+        return Fit(self.parameters, x, covariance, residual)

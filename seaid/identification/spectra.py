@@ -1,0 +1,337 @@
+"""Spectra of logs at the joints, and the best linear approximation from torques to angles.
+
+Pintelon and Schoukens, System Identification: A Frequency Domain Approach, 2012, chapters 4 and 7.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.ndimage import maximum_filter1d, uniform_filter1d
+from scipy.signal import csd, savgol_filter
+
+from seaid._arrays import Array, BoolArray, safely
+from seaid.errors import IdentificationError
+from seaid.log import Log
+from seaid.robot import Robot, at_drives
+
+MOVES = 0.02
+"""A joint takes part if its acceleration in the band is this share of that of the fastest joint."""
+
+_EXCITED = 0.04
+"""A line of a period is excited if it has this share of the power of the strongest one near it."""
+
+_ABOVE_NOISE, _FLOOR = 20.0, 1e-5
+"""An excited line has this multiple of the power of the noise, and share of the largest one."""
+
+_FEWEST_LINES = 4
+"""Lines that are not excited, from which a nonlinear distortion is estimated."""
+
+_BROAD_FLOOR = 1e-3
+"""The same share for a log without periods, whose ends leak into all lines."""
+
+NEAR = 6
+"""Lines on either side that are near: variances and, with few logs, responses are smooth there."""
+
+_SEGMENTS = 8
+"""Segments of a log without periods, half overlapping (Welch)."""
+
+_safely = partial(safely, what="the frequency response")
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """One log at the joints in P periods of N samples: torque, angles, sign of the motor's speed.
+
+    Arrays are (P, N, n); a log without periods has one, from which the line between its ends is
+    subtracted. `joint` is NaN where not measured; `posture` (n,) is the mean position, by the motor
+    there.
+    """
+
+    torque: Array
+    motor: Array
+    joint: Array
+    sign: Array
+    step_s: float
+    posture: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Spectra:
+    """Spectra of E logs in P periods at L lines, (E, P, L, n), with those of unexcited lines.
+
+    `other` are torque and motor angle (2, E, P, K, n) at `other_hz` (K,), where nothing is excited.
+    """
+
+    hz: Array
+    torque: Array
+    motor: Array
+    joint: Array
+    sign: Array
+    other_hz: Array
+    other: Array
+    is_periodic: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Approximation:
+    """Responses (F, n, n) at the joints, their standard deviations, and the coherence (F, n)."""
+
+    hz: Array
+    motor: Array
+    joint: Array | None
+    noise: Array
+    total: Array
+    coherence: Array
+
+
+def record_of(robot: Robot, log: Log, ratio: Array, period_s: float | None) -> Record:
+    """Return a log at the joints, with whole periods counted from its end.
+
+    The first of three periods or more, in which the motion settles, is excluded.
+    """
+    time = log.time
+    step = float(time[-1] - time[0]) / (len(time) - 1)
+    torque = log.motor_torque * ratio
+    motor = log.motor_position / ratio
+    joint = at_drives(robot.transmission, log.joint_position)
+    values = np.stack([torque, motor, joint])
+    uneven = float(np.max(np.abs(np.diff(time) - step))) > 1e-3 * step
+    if period_s is None:
+        if uneven:
+            values = _at(time, values, np.linspace(time[0], time[-1], len(time)))
+        shaped = values[:, None].copy()
+        # a jump from the end to the start would alias; a line acts as 1/s does
+        line = np.linspace(0.0, 1.0, len(time))[:, None]
+        shaped[1:] -= shaped[1:, :, :1] + line * (shaped[1:, :, -1:] - shaped[1:, :, :1])
+    else:
+        count = round(period_s / step)
+        periods = round_down((len(time) * step) / period_s)
+        kept = periods - 1 if periods >= 3 else periods
+        if uneven or abs(count * step - period_s) > 1e-6 * period_s:
+            step = period_s / count
+            end = time[-1] + (0.0 if len(time) * step > periods * period_s else step)
+            values = _at(time, values, end - step * np.arange(kept * count, 0, -1))
+        else:
+            spare = len(time) - periods * count  # one sample: the end, which is the start again
+            first = (0 if spare <= 1 else spare) + (periods - kept) * count
+            values = values[:, first : first + kept * count]
+        shaped = values.reshape(3, kept, count, -1)
+    flat = (motor if period_s is None else shaped[1]).reshape(-1, shaped.shape[-1])
+    speed = savgol_filter(np.nan_to_num(flat), 5, 2, deriv=1, axis=0)
+    width = 0.02 * np.maximum(np.std(speed, axis=0), 1e-300)
+    sign = np.tanh(speed / width).reshape(shaped[1].shape)
+    posture = np.mean(np.where(np.isfinite(joint), joint, motor), axis=0)
+    return Record(shaped[0], shaped[1], shaped[2], sign, step, posture)
+
+
+def round_down(value: float) -> int:
+    """Return the whole number below a value, rounding errors aside."""
+    return math.floor(value + 1e-6)
+
+
+def _at(time: Array, values: Array, wanted: Array) -> Array:
+    """Return values (3, T, n) at other times, by cubic splines."""
+    inside = np.clip(wanted, time[0], time[-1])
+    filled = np.nan_to_num(values)
+    found = CubicSpline(time, filled, axis=1)(inside)
+    found[np.broadcast_to(~np.isfinite(values[:, :1]), found.shape)] = np.nan
+    return np.asarray(found)
+
+
+def moving_joints(records: Sequence[Record], top_hz: float) -> list[int]:
+    """Return the joints whose motors accelerate in the band."""
+    power = np.zeros(records[0].motor.shape[-1])
+    for one in records:
+        lines, hz = _transform(one.motor - one.motor.mean((0, 1)), one.step_s)
+        power += np.mean(np.abs(lines[:, hz < top_hz] * hz[hz < top_hz, None] ** 2) ** 2, (0, 1))
+    size = np.sqrt(np.nan_to_num(power))
+    return [int(i) for i in np.flatnonzero(size > MOVES * np.max(size))] if np.max(size) else []
+
+
+def _transform(values: Array, step_s: float) -> tuple[Array, Array]:
+    """Return the amplitudes (P, L, n) of each period, and the frequencies (L,) [Hz]."""
+    count = values.shape[1]
+    lines: Array = 2 * np.fft.rfft(values, axis=1) / count
+    return lines, np.asarray(np.fft.rfftfreq(count, step_s), dtype=np.float64)
+
+
+def spectra_of(
+    records: Sequence[Record],
+    picked: Sequence[int],
+    band_hz: tuple[float, float],
+    harmonics: Array | None,
+    *,
+    periodic: bool,
+) -> Spectra:
+    """Return the spectra of joints in a band; `harmonics` are the excited ones, else looked for."""
+    periods = min(len(one.torque) for one in records)
+    count = min(one.torque.shape[1] for one in records)
+    fields = []
+    for name in ("torque", "motor", "joint", "sign"):
+        parts = [getattr(one, name)[-periods:, :count][..., picked] for one in records]
+        lines = [_transform(one, records[0].step_s) for one in parts]
+        fields.append(np.stack([line for line, _ in lines]))
+    hz: Array = np.asarray(np.fft.rfftfreq(count, records[0].step_s), dtype=np.float64)
+    low, high = band_hz
+    within = (hz > 0) & (hz >= low) & (hz <= high)
+    if harmonics is None and periodic:
+        excited = _excited(fields, hz, within)
+    elif harmonics is None:
+        power = np.sum(np.abs(fields[0]) ** 2, axis=(0, 1, 3)) * within
+        smooth = uniform_filter1d(power, 2 * NEAR + 1)
+        floor = _ABOVE_NOISE * np.median(smooth[len(smooth) * 3 // 4 :])
+        excited = within & (smooth > max(_BROAD_FLOOR * np.max(smooth), floor))
+    else:
+        excited = within & np.isin(np.arange(len(hz)), harmonics)
+    others = within & ~excited
+    if np.sum(excited) < 2:
+        raise IdentificationError(
+            f"the logs have {np.sum(excited)} excited frequencies from {low:g} to {high:.4g} Hz; "
+            "all else is noise: give another band_hz, the plan that they followed, or logs of a "
+            "larger motion",
+            "band_hz",
+        )
+    others &= hz <= hz[excited][-1]
+    number = np.arange(len(hz))
+    odd = others & (number % 2 == 1)
+    if np.all(number[excited] % 2) and np.sum(odd) >= _FEWEST_LINES:
+        others = odd  # distortion by dry friction is odd, and even lines do not show it
+    torque, motor, joint, sign = (one[:, :, excited] for one in fields)
+    other = np.stack([one[:, :, others] for one in fields[:2]])
+    return Spectra(hz[excited], torque, motor, joint, sign, hz[others], other, periodic)
+
+
+def _excited(fields: Sequence[Array], hz: Array, within: BoolArray) -> BoolArray:
+    """Return the lines (L,) that stand out of those near them, in torque or in acceleration.
+
+    They stand out of what differs between periods too.
+    """
+    found = np.zeros(len(hz), dtype=bool)
+    for values in (fields[0], fields[1] * hz[:, None] ** 2):
+        periods = values.shape[1]
+        power = np.sum(np.abs(np.mean(values, axis=1)) ** 2, axis=(0, 2)) * within
+        least = np.full(len(hz), _FLOOR * np.max(power))
+        if periods > 1:
+            noise = np.sum(np.var(values, axis=1) / (periods - 1), axis=(0, 2))
+            least = np.maximum(least, _ABOVE_NOISE * uniform_filter1d(noise, 2 * NEAR + 1))
+        near = maximum_filter1d(power, 2 * NEAR + 1)
+        found |= (power > _EXCITED * near) & (power > least) & within
+    return found
+
+
+def approximation_of(
+    spectra: Spectra, records: Sequence[Record], picked: Sequence[int]
+) -> Approximation:
+    """Return the best linear approximation, from periods or else from segments."""
+    if not spectra.is_periodic:
+        return _by_segments(records, picked, spectra)
+    E, P, L, n = spectra.torque.shape
+    U, Y = spectra.torque.mean(axis=1), spectra.motor.mean(axis=1)
+    few = n > E
+    motor, gram = _responses(U, Y, few)
+    measured = bool(np.all(np.isfinite(spectra.joint)))
+    joint = _responses(U, spectra.joint.mean(axis=1), few)[0] if measured else None
+    left = spectra.motor - np.einsum("fij,epfj->epfi", motor, spectra.torque)
+    noise = np.full((L, n), np.nan)
+    if P > 1:
+        # of the mean over P periods, from what differs between them
+        differs = left - left.mean(axis=1, keepdims=True)
+        power = np.sum(np.abs(differs) ** 2, axis=(0, 1)) / (E * (P - 1) * P)
+        noise = uniform_filter1d(power, NEAR, axis=0)
+    total = _total(spectra, motor, left.mean(axis=1), E - n if not few else 0)
+    with np.errstate(invalid="ignore"):
+        total = np.where(np.isnan(total), noise, np.fmax(total, np.nan_to_num(noise)))
+        power = np.mean(np.abs(Y) ** 2, axis=0)
+        coherence = np.clip(1 - total / np.maximum(power, 1e-300), 0.0, 1.0)
+        spread = [np.sqrt(one[:, :, None] * gram[:, None, :]) for one in (noise, total)]
+    return Approximation(spectra.hz, motor, joint, spread[0], spread[1], coherence)
+
+
+def _responses(U: Array, Y: Array, few: bool) -> tuple[Array, Array]:
+    """Return G (L, n, n) of Y = G U over logs (E, L, n), and the diagonals (L, n) of (U^H U)^-1.
+
+    With `few` logs, less than joints, G is a quadratic of the frequency near each line (the local
+    polynomial method).
+    """
+    E, L, n = U.shape
+    G, gram = np.empty((L, n, n), dtype=complex), np.empty((L, n))
+    half = max(NEAR, math.ceil(1.5 * 3 * n / (2 * E))) if few else 0
+    for line in range(L):
+        first = min(max(line - half, 0), max(L - 2 * half - 1, 0))
+        near = np.arange(first, min(first + 2 * half + 1, L))
+        away = (near - line) / max(half, 1)
+        powers = [away**p for p in range(3 if few else 1)]
+        rows = np.concatenate([U[:, near] * p[:, None] for p in powers], axis=2).reshape(
+            -1, n * len(powers)
+        )
+        inverse = _safely(np.linalg.pinv, rows)
+        G[line] = (inverse @ Y[:, near].reshape(-1, n))[:n].T
+        gram[line] = np.sum(np.abs(inverse[:n]) ** 2, axis=1)
+    return G, gram
+
+
+def _total(spectra: Spectra, motor: Array, left: Array, spare: int) -> Array:
+    """Return the variance (L, n) of what the linear response leaves, averaged over near lines.
+
+    `left` are (E, L, n). With logs to spare it is that between realisations, else that at lines
+    which are not excited (detection lines); NaN without either.
+    """
+    _, L, n = left.shape
+    if spare > 0:
+        return np.asarray(uniform_filter1d(np.sum(np.abs(left) ** 2, 0) / spare, NEAR, axis=0))
+    if len(spectra.other_hz) < _FEWEST_LINES:
+        return np.full((L, n), np.nan)
+    U, Y = spectra.other.mean(axis=2)
+    index = np.arange(L)
+    between = np.stack(
+        [
+            np.interp(spectra.other_hz, spectra.hz, part[:, i, j])
+            for part in (motor.real, motor.imag)
+            for i in index[:n]
+            for j in index[:n]
+        ]
+    ).reshape(2, n, n, -1)
+    G = np.moveaxis(between[0] + 1j * between[1], -1, 0)
+    power = np.mean(np.abs(Y - np.einsum("fij,efj->efi", G, U)) ** 2, axis=0)
+    smooth = uniform_filter1d(power, 2 * NEAR, axis=0)
+    columns = [np.interp(spectra.hz, spectra.other_hz, smooth[:, i]) for i in range(n)]
+    return np.stack(columns, axis=1)
+
+
+def _by_segments(
+    records: Sequence[Record], picked: Sequence[int], spectra: Spectra
+) -> Approximation:
+    """Return the response by the averaged cross-spectra of segments of all logs (Welch)."""
+    n, sums = len(picked), []
+    for one in records:
+        fields = [getattr(one, name)[0][:, picked] for name in ("torque", "motor", "joint")]
+        signals = np.nan_to_num(np.concatenate(fields, axis=1).T)
+        length = 2 * signals.shape[1] // (_SEGMENTS + 1)
+        hz, cross = csd(
+            signals[:, None], signals[None], 1 / one.step_s, nperseg=length, detrend="linear"
+        )
+        sums.append(cross)
+    # csd(x, y) is the mean of conj(X) Y; S_uu^T G^T = S_uy
+    S = np.moveaxis(np.sum(sums, axis=0), -1, 0)
+    kept = (hz >= spectra.hz[0]) & (hz <= spectra.hz[-1]) & (hz > 0)
+    S = S[kept]
+    u, y, q = (slice(k * n, (k + 1) * n) for k in range(3))
+    G = np.swapaxes(_safely(np.linalg.solve, S[:, u, u], S[:, u, y]), 1, 2)
+    joint = np.swapaxes(_safely(np.linalg.solve, S[:, u, u], S[:, u, q]), 1, 2)
+    power = np.real(np.einsum("fii->fi", S[:, y, y]))
+    explained = np.real(np.einsum("fij,fji->fi", G, S[:, u, y]))
+    coherence = np.clip(explained / np.maximum(power, 1e-300), 0.0, 1.0)
+    averages = len(records) * _SEGMENTS * 0.6  # of half overlapping Hann windows (Welch 1967)
+    inverse = np.real(np.einsum("fii->fi", _safely(np.linalg.inv, S[:, u, u])))
+    left = power * (1 - coherence) / max(averages - n, 1.0)
+    total = np.sqrt(left[:, :, None] * inverse[:, None, :])
+    measured = bool(np.all(np.isfinite(spectra.joint)))
+    return Approximation(
+        hz[kept], G, joint if measured else None, np.full_like(total, np.nan), total, coherence
+    )

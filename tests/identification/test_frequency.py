@@ -1,0 +1,218 @@
+"""Frequency responses of linear plants that scipy simulates, and the springs found in them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import seaid
+from seaid._arrays import Array
+from seaid.identification.frequency import FrequencyResponse, frequency_response
+from seaid.log.log import Log
+from tests.linear_plant import RATE_HZ, TwoMass, multisine_torque
+
+PLANT = TwoMass()
+NAMES = ("resonance", "resonance_damping", "antiresonance", "antiresonance_damping")
+
+
+@cache
+def clean_log(seed: int = 0, top_hz: float = 25.0) -> Log:
+    return PLANT.log(multisine_torque(0.1, seed=seed, top_hz=top_hz), joint=True)
+
+
+def with_noise(log: Log, seed: int, torque_std: float = 0.005, angle_std: float = 1e-3) -> Log:
+    noise = np.random.default_rng(seed).normal(size=(2, len(log.time), 1))
+    nothing = np.full_like(log.joint_position, np.nan)
+    return replace(
+        log,
+        motor_torque=log.motor_torque + torque_std * noise[0],
+        motor_position=log.motor_position + angle_std * noise[1],
+        joint_position=nothing,
+    )
+
+
+def values(found: FrequencyResponse, *names: str) -> Array:
+    return np.array([found.drives["arm"].value(name) for name in names])
+
+
+@pytest.mark.parametrize("nominal", [True, False])
+def test_the_springs_of_a_linear_plant_are_found_without_a_joint_encoder(
+    tmp_path: Path, nominal: bool
+) -> None:
+    """Also where neither body nor spring nor friction has a value in the files."""
+    robot = PLANT.robot(tmp_path)
+    log = replace(clean_log(), joint_position=np.full_like(clean_log().joint_position, np.nan))
+    found = frequency_response(robot if nominal else robot.without_nominal(), log, period_s=4.0)
+    assert values(found, *NAMES) == pytest.approx(PLANT.modes, rel=3e-3)
+    assert values(found, "stiffness", "spring_damping", "load_inertia") == pytest.approx(
+        [PLANT.stiffness, PLANT.damping, PLANT.load], rel=3e-3
+    )
+    assert values(found, "viscous_friction", "gravity_stiffness") == pytest.approx(
+        [PLANT.friction, PLANT.gravity], rel=3e-3
+    )
+    assert found.joint_response is None
+    assert found.warnings == ()
+
+
+def test_the_response_is_that_of_the_plant_and_lies_within_its_standard_deviations(
+    tmp_path: Path,
+) -> None:
+    """Near the antiresonance an error of the period that has not quite settled is seen."""
+    robot = PLANT.robot(tmp_path)
+    found = frequency_response(robot, clean_log(), period_s=4.0)
+    exact = PLANT.response(found.frequency_hz)
+    assert found.response[:, 0, 0] == pytest.approx(exact, rel=0.02)
+    assert found.model[:, 0, 0] == pytest.approx(exact, rel=2e-3)
+    assert found.joint_response is not None
+    noisy = frequency_response(robot, with_noise(clean_log(), 1), period_s=4.0)
+    scores = np.abs(noisy.response[:, 0, 0] - exact) / noisy.noise_std[:, 0, 0]
+    assert 0.6 < np.sqrt(np.mean(scores**2)) < 1.6
+    assert np.all(noisy.coherence > 0.9)
+
+
+def test_a_log_without_periods_gives_the_same_spring(tmp_path: Path) -> None:
+    robot = PLANT.robot(tmp_path)
+    cut = with_noise(clean_log(), 2, 0.001).between(0.3, 10.0)
+    found = frequency_response(robot.without_nominal(), cut)
+    assert found.period_s is None
+    assert values(found, *NAMES) == pytest.approx(PLANT.modes, rel=5e-3)
+    assert values(found, "stiffness") == pytest.approx([PLANT.stiffness], rel=5e-3)
+    exact = PLANT.response(found.frequency_hz)
+    near = np.abs(found.response[:, 0, 0] / exact - 1)
+    assert np.median(near) < 0.03
+
+
+@pytest.mark.slow  # 60 fits
+def test_intervals_hold_the_truth_as_often_as_they_say(tmp_path: Path) -> None:
+    robot = PLANT.robot(tmp_path)
+    truth = [*PLANT.modes, PLANT.stiffness, PLANT.damping, PLANT.load, PLANT.friction]
+    names = (*NAMES, "stiffness", "spring_damping", "load_inertia", "viscous_friction")
+    scores = []
+    for seed in range(60):
+        found = frequency_response(robot, with_noise(clean_log(), seed), period_s=4.0)
+        errors = [found.drives["arm"].standard_error(name) for name in names]
+        scores.append((values(found, *names) - truth) / errors)
+    spread = np.sqrt(np.mean(np.array(scores) ** 2))
+    held = np.mean(np.abs(scores) < 1.96)
+    assert 0.8 < spread < 1.3
+    assert 0.88 < held < 0.99
+
+
+def test_dry_friction_makes_the_nonlinear_variance_and_not_the_noise(tmp_path: Path) -> None:
+    """Realisations differ by what is nonlinear, periods by noise only."""
+    robot = PLANT.robot(tmp_path)
+    logs = [
+        [
+            with_noise(PLANT.log(multisine_torque(0.1, seed=seed, left_out=4), coulomb=level), seed)
+            for seed in range(4)
+        ]
+        for level in (0.0, 0.02)
+    ]
+    plain, dry = (frequency_response(robot, one, period_s=4.0) for one in logs)
+    share = [np.median(one.total_std / one.noise_std) for one in (plain, dry)]
+    assert share[0] < 1.5
+    assert share[1] > 3.0
+    one = frequency_response(robot, logs[1][0], period_s=4.0)
+    assert np.median(one.total_std / one.noise_std) > 3.0  # by odd lines that are not excited
+    drive = replace(robot.drives["arm"], coulomb_friction_Nm=0.02, friction=("viscous", "coulomb"))
+    better = frequency_response(robot.with_drives({"arm": drive}), logs[1], period_s=4.0)
+    assert values(better, *NAMES) == pytest.approx(PLANT.modes, rel=0.03)
+    assert better.drives["arm"].standard_error("stiffness") < dry.drives["arm"].standard_error(
+        "stiffness"
+    )
+
+
+def test_a_resonance_that_the_log_cannot_show_is_said_with_the_remedy(tmp_path: Path) -> None:
+    robot = PLANT.robot(tmp_path)
+    low = with_noise(clean_log(top_hz=2.0), 3)
+    (one,) = frequency_response(robot, low, period_s=4.0).warnings
+    assert (one.code, one.severity, one.joint) == ("unseen-resonance", "wrong", "arm")
+    assert "the antiresonance is at 4.09 Hz, and the motion excites up to" in one.message
+    assert one.remedy == "excite up to 6.13 Hz"
+
+    every = slice(None, None, 160)
+    slow = Log(
+        time=low.time[every],
+        joint_names=low.joint_names,
+        motor_position=low.motor_position[every],
+        joint_position=low.joint_position[every],
+        motor_torque=low.motor_torque[every],
+    )
+    (one,) = frequency_response(robot, slow, period_s=4.0).warnings
+    assert "half of the rate (Nyquist) is 3.125 Hz" in one.message
+    assert one.remedy == "log at 15.3 Hz or more, and excite up to 6.13 Hz"
+
+    blind = frequency_response(robot.without_nominal(), low, period_s=4.0).warnings
+    assert "above that, or inside the noise" in blind[0].message
+    faint = with_noise(clean_log(), 4, torque_std=2.0, angle_std=0.5)
+    (one,) = frequency_response(robot, faint, period_s=4.0).warnings
+    assert "noise and nonlinear distortion are" in one.message
+    assert "times the amplitude" in one.remedy
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"logs": []}, "needs at least one log"),
+        ({"period_s": 50.0}, "shorter than the period"),
+        ({"period_s": -1.0}, "period_s must be more than zero"),
+        ({"band_hz": (3.0, 1.0)}, "band_hz must be a lowest and a highest"),
+        ({"band_hz": (1.0, 1.1)}, "excited frequencies from 1 to 1.1 Hz"),
+    ],
+)
+def test_wrong_arguments_are_refused(tmp_path: Path, change: dict[str, Any], says: str) -> None:
+    given: dict[str, Any] = {"logs": clean_log(), "period_s": 4.0} | change
+    with pytest.raises(seaid.IdentificationError, match=says):
+        frequency_response(PLANT.robot(tmp_path), **given)
+
+
+def test_logs_without_a_motor_channel_or_of_two_rates_are_refused(tmp_path: Path) -> None:
+    robot, log = PLANT.robot(tmp_path), clean_log()
+    silent = replace(log, motor_torque=np.full_like(log.motor_torque, np.nan))
+    with pytest.raises(seaid.IdentificationError, match="'arm' has no motor torque"):
+        frequency_response(robot, silent, period_s=4.0)
+    faster = replace(log, time=log.time / 2)
+    with pytest.raises(seaid.IdentificationError, match="rates from 1000 to 2000 Hz"):
+        frequency_response(robot, [log, faster], period_s=4.0)
+    still = replace(log, motor_position=np.zeros_like(log.motor_position))
+    with pytest.raises(seaid.IdentificationError, match="no motor moves"):
+        frequency_response(robot, still, period_s=4.0)
+    basis = seaid.excitation.make_basis("bspline", 4.0, 8)
+    plan = seaid.Trajectory(("arm",), basis, np.zeros((8, 1)))
+    with pytest.raises(seaid.IdentificationError, match="must be a multisine"):
+        frequency_response(robot, log, plan=plan)
+
+
+def test_uneven_time_stamps_are_put_on_whole_periods(tmp_path: Path) -> None:
+    """A clock that is 0.02 % fast makes a period of no whole number of samples."""
+    robot, log = PLANT.robot(tmp_path), clean_log()
+    jitter = np.random.default_rng(0).uniform(-0.2, 0.2, len(log.time)) / RATE_HZ
+    moved = log.time + jitter * (log.time > 0)
+    torque, angle = (
+        np.interp(moved, log.time, one[:, 0])[:, None]
+        for one in (log.motor_torque, log.motor_position)
+    )
+    uneven = Log(
+        time=moved,
+        joint_names=("arm",),
+        motor_position=angle,
+        joint_position=np.full_like(angle, np.nan),
+        motor_torque=torque,
+    )
+    found = frequency_response(robot, uneven, period_s=4.0)
+    assert values(found, *NAMES) == pytest.approx(PLANT.modes, rel=0.01)
+
+
+def test_the_table_has_every_number_and_warning(tmp_path: Path) -> None:
+    found = frequency_response(
+        PLANT.robot(tmp_path), with_noise(clean_log(top_hz=2.0), 3), period_s=4.0
+    )
+    text = found.summary()
+    assert "antiresonance damping of arm" in text
+    assert "unseen-resonance" in text
+    assert repr(found).startswith("FrequencyResponse(joints arm: ")

@@ -1,0 +1,145 @@
+"""Linear plants of motors, springs and loads, simulated by scipy: nothing of seaid is in them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.signal import cont2discrete
+
+from seaid._arrays import Array
+from seaid.log.log import Log
+from seaid.robot.robot import Robot, load_robot
+
+RATE_HZ = 1000.0
+
+
+@dataclass(frozen=True)
+class TwoMass:
+    """A motor behind a gear, a rotary spring with damping, a load with a gravity stiffness."""
+
+    gear_ratio: float = 100.0
+    motor_inertia: float = 2e-5
+    friction: float = 4e-4
+    stiffness: float = 160.0
+    damping: float = 0.3
+    load: float = 0.25
+    gravity: float = 5.0
+
+    @property
+    def matrices(self) -> tuple[Array, Array]:
+        """A and B of the state (motor angle, joint position, their speeds), from (7) and (8)."""
+        N, k, c = self.gear_ratio, self.stiffness, self.damping
+        mass = np.diag([self.motor_inertia, self.load])
+        pull = np.array([[1 / N**2, -1 / N], [-1 / N, 1.0]])
+        stiffness = k * pull + np.diag([0.0, self.gravity])
+        damping = c * pull + np.diag([self.friction, 0.0])
+        inverse = np.linalg.inv(mass)
+        A = np.block([[np.zeros((2, 2)), np.eye(2)], [-inverse @ stiffness, -inverse @ damping]])
+        return A, np.vstack([np.zeros((2, 1)), inverse[:, :1]])
+
+    def response(self, hz: Array) -> Array:
+        """The exact response from motor torque to motor angle [rad/(N m)]."""
+        A, B = self.matrices
+        s = 2j * np.pi * np.asarray(hz)
+        return np.array([np.linalg.solve(one * np.eye(4) - A, B)[0, 0] for one in s])
+
+    @property
+    def modes(self) -> Array:
+        """Resonance [Hz], its damping ratio, antiresonance [Hz] and its damping ratio."""
+        A, _ = self.matrices
+        poles = np.linalg.eigvals(A)
+        pole = poles[np.argmax(poles.imag)]
+        zeros = np.roots([self.load, self.damping, self.stiffness + self.gravity])
+        pairs = [(abs(one) / (2 * np.pi), -one.real / abs(one)) for one in (pole, zeros[0])]
+        return np.ravel(pairs)
+
+    def log(
+        self,
+        torque: Array,
+        *,
+        coulomb: float = 0.0,
+        torque_std: float = 0.0,
+        angle_std: float = 0.0,
+        seed: int = 0,
+        joint: bool = False,
+    ) -> Log:
+        """Drive the plant from rest by a torque (T,) that is linear between its samples."""
+        A, B = self.matrices
+        substeps = 1 if coulomb == 0 else 5
+        rate = RATE_HZ * substeps
+        fine = np.interp(
+            np.arange(len(torque) * substeps) / rate, np.arange(len(torque)) / RATE_HZ, torque
+        )
+        Ad, Bd, C, D, _ = cont2discrete(
+            (A, B, np.eye(4), np.zeros((4, 1))), 1 / rate, "foh" if not coulomb else "zoh"
+        )
+        state, states = np.zeros(4), np.empty((len(fine), 4))
+        for t, u in enumerate(fine):
+            states[t] = C @ state + D[:, 0] * u
+            if coulomb:
+                u = u - coulomb * np.tanh(state[2] / 0.5)
+            state = Ad @ state + Bd[:, 0] * u
+        states = states[::substeps]
+        rng = np.random.default_rng(seed)
+        noise = rng.normal(size=(2, len(torque)))
+        return Log(
+            time=np.arange(len(torque)) / RATE_HZ,
+            joint_names=("arm",),
+            motor_position=(states[:, 0] + angle_std * noise[0])[:, None],
+            joint_position=np.where(joint, states[:, 1], np.nan)[:, None],
+            motor_torque=(torque + torque_std * noise[1])[:, None],
+        )
+
+    def robot(self, folder: Path, *, nominal: bool = True) -> Robot:
+        """The robot of a pendulum with these numbers; without `nominal` k and F are not known."""
+        length = self.gravity / 9.81  # of one kilogram
+        inertia = self.load - length**2
+        path = folder / "pendulum.urdf"
+        path.write_text(
+            '<robot name="pendulum"><link name="base"/><link name="body"><inertial>'
+            f'<origin xyz="0 0 {-length}"/><mass value="1"/>'
+            f'<inertia ixx="{inertia}" ixy="0" ixz="0" iyy="{inertia}" iyz="0" '
+            f'izz="{inertia}"/></inertial></link>'
+            '<joint name="arm" type="revolute"><parent link="base"/><child link="body"/>'
+            '<axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="50" velocity="9"/>'
+            "</joint></robot>"
+        )
+        drive = {
+            "type": "series_elastic",
+            "gear_ratio": self.gear_ratio,
+            "motor_inertia_kg_m2": self.motor_inertia,
+            "friction": ["viscous"],
+            "spring": ["linear", "damping"],
+        }
+        if nominal:
+            drive |= {
+                "stiffness_Nm_per_rad": self.stiffness,
+                "viscous_friction_Nms_per_rad": self.friction,
+                "nominal": {"spring_damping": self.damping},
+            }
+        return load_robot(path, {"arm": drive})
+
+
+def multisine_torque(
+    size: float,
+    *,
+    period_s: float = 4.0,
+    periods: int = 3,
+    top_hz: float = 25.0,
+    seed: int = 0,
+    left_out: int = 0,
+) -> Array:
+    """Return a torque of odd harmonics with equal amplitudes and random phases, rms `size`.
+
+    Every `left_out`-th is not excited.
+    """
+    rng = np.random.default_rng(seed)
+    harmonics = np.arange(1, int(top_hz * period_s) + 1, 2)
+    if left_out:
+        harmonics = np.delete(harmonics, np.s_[left_out // 2 :: left_out])
+    time = np.arange(round(period_s * RATE_HZ)) / RATE_HZ
+    phase = rng.uniform(0, 2 * np.pi, len(harmonics))
+    one = np.cos(2 * np.pi * np.outer(time / period_s, harmonics) + phase).sum(axis=1)
+    return np.tile(size * one / np.std(one), periods)
