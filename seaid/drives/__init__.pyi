@@ -16,6 +16,7 @@ from .equations import spring_force as spring_force
 from .functions import SMOOTH_SIGNALS as SMOOTH_SIGNALS
 from .functions import DriveFunctions as DriveFunctions
 from .functions import NonlinearSpring as NonlinearSpring
+from .functions import OfState as OfState
 from .functions import SmoothColumns as SmoothColumns
 from .functions import drive_functions as drive_functions
 from .functions import friction_curve as friction_curve
@@ -27,6 +28,8 @@ from .functions import nonlinear_spring as nonlinear_spring
 from .functions import smooth_columns as smooth_columns
 from .functions import spring_curve as spring_curve
 from .functions import stretch_of as stretch_of
+from .hysteresis import after_travel as after_travel
+from .hysteresis import states as states
 from .regressor import DriveRegressor as DriveRegressor
 from .regressor import drive_regressor as drive_regressor
 from .regressor import flat_names as flat_names
@@ -48,7 +51,9 @@ from .symbols import theta_M as theta_M
 from .symbols import u_M as u_M
 from .terms import BY_TEMPERATURE as BY_TEMPERATURE
 from .terms import COULOMB as COULOMB
+from .terms import DEAD_ZONES as DEAD_ZONES
 from .terms import LEVEL_OF as LEVEL_OF
+from .terms import MEMORY as MEMORY
 from .terms import PARAMETERS as PARAMETERS
 from .terms import PARAMETERS_OF as PARAMETERS_OF
 from .terms import FrictionTerm as FrictionTerm

@@ -18,8 +18,10 @@ from seaid._progress import Display
 from seaid.drives.terms import (
     BY_TEMPERATURE,
     COULOMB,
+    DEAD_ZONES,
     DRY,
     FIELDS,
+    MEMORY,
     NONLINEAR_SPRING,
     PARAMETERS,
     PARAMETERS_OF,
@@ -50,7 +52,7 @@ def unit_of(drive: Drive, name: str) -> str:
 
 def is_smooth(drive: Drive) -> bool:
     """Whether the drive's friction is a continuous function of speed, known at standstill too."""
-    return bool({"smooth_coulomb", "shifted_coulomb"} & set(drive.friction))
+    return bool({*COULOMB[1:]} & set(drive.friction))
 
 
 def is_dry(drive: Drive) -> bool:
@@ -157,11 +159,12 @@ def _check_terms(drive: Drive) -> None:
     inputs = get_args(MotorInput)
     if not isinstance(drive.motor_input, str) or drive.motor_input not in inputs:
         raise RobotError(unknown_name("motor input", drive.motor_input, inputs))
-    coulomb = sorted({*COULOMB} & {*drive.friction}, key=drive.friction.index)
-    if len(coulomb) > 1:
-        raise RobotError(
-            f"friction may have one of {', '.join(COULOMB)}, found {', '.join(coulomb)}"
-        )
+    for field, alike in (("friction", COULOMB), ("spring", DEAD_ZONES), ("spring", MEMORY)):
+        found = [term for term in getattr(drive, field) if term in alike]
+        if len(found) > 1:
+            raise RobotError(
+                f"{field} may have one of {', '.join(alike)}, found {', '.join(found)}"
+            )
     if drive.is_elastic and "offset" in drive.friction:
         raise RobotError(
             "an elastic drive has no friction offset: its constant column is the spring offset"
@@ -287,6 +290,17 @@ class _Parameters(Display):
         """Return the drive without periodic errors."""
         there: dict[str, Any] = {field: () for field in FIELDS if getattr(self, field)}
         return replace(self, **there) if there else self
+
+    def without_memory(self) -> Self:
+        """Return the drive with sharp Coulomb friction, and a spring without hysteresis."""
+        if not {*MEMORY} & {*self.friction, *self.spring}:  # type: ignore[attr-defined]
+            return self
+        bare: Any = {"friction": tuple("coulomb" if x in MEMORY else x for x in self.friction)}
+        if self.is_elastic:
+            bare["spring"] = tuple(x for x in self.spring if x not in MEMORY)  # type: ignore[attr-defined]
+        gone = ("presliding_angle", "hysteresis_force", "hysteresis_deflection")
+        bare["nominal"] = {name: x for name, x in self.nominal.items() if name not in gone}
+        return replace(self, **bare, known=tuple(name for name in self.known if name not in gone))
 
     @property
     def is_nonlinear_spring(self) -> bool:

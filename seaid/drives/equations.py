@@ -14,10 +14,12 @@ from functools import lru_cache
 import sympy as sp
 
 from seaid.drives.drives import Drive, is_smooth
+from seaid.drives.hysteresis import LAWS
 from seaid.drives.symbols import (
     F_0,
     F_C,
     F_CT,
+    F_H,
     F_L,
     F_S,
     I_M,
@@ -56,9 +58,12 @@ from seaid.drives.symbols import (
     u_M,
     w_0,
     w_C,
+    w_g,
+    w_H,
+    w_M,
     w_S,
 )
-from seaid.drives.terms import COULOMB
+from seaid.drives.terms import COULOMB, DEAD_ZONES
 from seaid.errors import RobotError, SymbolicError, shortened, shown, unknown_name
 from seaid.symbolic import expression_of
 
@@ -165,16 +170,19 @@ def spring_force(drive: Drive) -> sp.Expr:
     A linear spring has the spring offset f_0, which absorbs unknown encoder offsets.
     """
     d = deflection(drive)
-    rate = (r_M / N * theta_M - r_L * theta_L).diff(t)
+    stretch = r_M / N * theta_M - r_L * theta_L
     if "dead_zone" in drive.spring:
         d = d - (sp.Abs(d + g) - sp.Abs(d - g)) / 2  # d less its saturation to -g .. g
+    elif "smooth_dead_zone" in drive.spring:  # the same in the limit w_g -> 0
+        d = d - (sp.sqrt((d + g) ** 2 + w_g**2) - sp.sqrt((d - g) ** 2 + w_g**2)) / 2
     terms = {
         "linear": k * d,
         "cubic": k_3 * d**3,
         "fifth": k_5 * d**5,
-        "damping": c_k * rate,
+        "damping": c_k * stretch.diff(t),
         "preload": f_0 if drive.is_nonlinear_spring else 0,
-        "dead_zone": 0,
+        **dict.fromkeys(DEAD_ZONES, 0),
+        **{term: F_H * law(stretch, w_H) for term, law in LAWS.items()},
     }
     offset = f_0 if drive.is_elastic and not drive.is_nonlinear_spring else 0
     whole = sum((terms[term] for term in drive.spring), sp.Integer(0)) + offset
@@ -196,8 +204,11 @@ def periodic(drive: Drive, field: str) -> sp.Expr:
 
 
 def direction(drive: Drive) -> sp.Expr:
-    """Return sign(w) of the motor speed w, or its tanh for smooth Coulomb friction."""
+    """Return sign(w) of the motor speed w, its tanh for smooth friction, or a presliding state."""
     w = theta_M.diff(t)
+    for term in drive.friction:
+        if term in LAWS:
+            return LAWS[term](theta_M, w_M)
     if "shifted_coulomb" in drive.friction:
         return sp.tanh((w - w_0) / w_C)
     return sp.tanh(w / w_C) if "smooth_coulomb" in drive.friction else sp.sign(w)

@@ -28,6 +28,7 @@ from seaid.drives.equations import (
     smooth_friction,
     spring_force,
 )
+from seaid.drives.hysteresis import Law, Slope
 from seaid.drives.regressor import DriveRegressor, flat_names
 from seaid.drives.symbols import (
     PARAMETER_NAMES,
@@ -42,13 +43,14 @@ from seaid.drives.symbols import (
     theta_M,
 )
 from seaid.drives.symbols import t as time_symbol
-from seaid.drives.terms import PARAMETERS_OF, key_of
+from seaid.drives.terms import DEAD_ZONES, PARAMETERS_OF, key_of
 from seaid.errors import ExcitationError, RobotError
 
 OfState = Callable[..., float]
-"""A function of motor angle and speed, joint position and speed, and torque through the gear."""
+"""A function of motor angle and speed, joint position and speed, torque through the gear, and the
+states of hysteresis at motor and spring, which are zero if they are not given."""
 
-_STATE = ("theta_M", "theta_M_dot", "theta_L", "theta_L_dot", "tau_G")
+_STATE = ("theta_M", "theta_M_dot", "theta_L", "theta_L_dot", "tau_G", "z_M", "z_F")
 _WARMER = "Delta_T"
 _PLAIN_FRICTION = {"viscous", "coulomb"}
 
@@ -131,7 +133,9 @@ def spring_curve(drive: Drive) -> SpringCurve:
         return spring_curve(drive.without_harmonics())
     stretch = sp.Symbol("stretch", real=True)
     undamped = [term for term in drive.spring if term != "damping"]
-    force = _with_values(drive, spring_force(drive), needed=undamped)
+    force = _with_values(
+        drive, spring_force(drive), needed=undamped
+    )  # z_F = 0 below: mid of a loop
     zero = {sp.Symbol(name): 0 for name in _STATE}
     turned = stretch * drive.ratio / drive.motor_radius
     curve = force.subs({**zero, sp.Symbol("theta_M"): turned})
@@ -184,16 +188,25 @@ def _with_values(drive: Drive, expression: sp.Expr, needed: Sequence[str] | None
                 f"'{key_of(name, unit_of(drive, name))}' is not given; a simulation needs a "
                 "nominal value"
             )
-    return flat.subs({symbol_of(name): value for name, value in values.items()})
+    given = flat.subs({symbol_of(name): value for name, value in values.items()})
+    return given.replace(lambda e: isinstance(e, Law), _state_of)
+
+
+def _state_of(law: Law) -> sp.Symbol:
+    """Return the symbol of the state of a law, that of the motor or of the spring."""
+    is_spring = any(str(symbol) == "theta_L" for symbol in law.free_symbols)
+    return sp.Symbol("z_F" if is_spring else "z_M")
 
 
 def _function(expression: sp.Expr) -> OfState:
     arguments = [sp.Symbol(name) for name in _STATE]
     warmer = sp.Symbol(_WARMER)
-    if warmer in expression.free_symbols:
-        function = sp.lambdify([*arguments, warmer], expression, modules="math", cse=True)
-        return partial(function, **{_WARMER: 0.0})
-    return sp.lambdify(arguments, expression, modules="math", cse=True)  # type: ignore[no-any-return]
+    is_warmed = warmer in expression.free_symbols
+    if is_warmed:
+        arguments.append(warmer)
+    function = sp.lambdify(arguments, expression, modules="math", cse=True)
+    function.__defaults__ = (0.0,) * (3 if is_warmed else 2)
+    return partial(function, **{_WARMER: 0.0}) if is_warmed else function
 
 
 def _vectorised(argument: sp.Symbol, expression: sp.Expr) -> Callable[[Array], Array]:
@@ -258,16 +271,32 @@ def smooth_columns(regressor: DriveRegressor) -> SmoothColumns:
     """Return the columns of a drive's regressor with slopes.
 
     Current and voltage follow from the motion by (7) with the drive's values; missing encoder
-    offsets count as zero.
+    offsets count as zero. Hysteresis is that of wide motions, with a step at each reversal.
     """
-    row = tuple(_with_input(flat_names(entry), regressor.drive) for entry in regressor.row)
+    shaped = {"presliding_angle", "hysteresis_deflection"}
+    places = [place for place, name in enumerate(regressor.names) if name not in shaped]
+    names, units = (
+        tuple(of[place] for place in places) for of in (regressor.names, regressor.units)
+    )
+    entries = [flat_names(regressor.row[place]) for place in places]
+    row = tuple(_without_memory(_with_input(entry, regressor.drive)) for entry in entries)
     values = {"deflection_zero": 0.0, "spring_offset": 0.0, **regressor.drive.values}
     if "preload" not in regressor.drive.spring:
         values["spring_offset"] = 0.0
     check_divisors(regressor.drive, values)
     known = {str(symbol_of(name)): value for name, value in values.items()}
     known |= regressor.known
-    return SmoothColumns(regressor.names, regressor.units, row, FrozenMapping(known))
+    return SmoothColumns(names, units, row, FrozenMapping(known))
+
+
+def _without_memory(entry: sp.Expr) -> sp.Expr:
+    """Return a flat expression with the direction of motion in the place of a state."""
+    angles = [x for x in entry.free_symbols if str(x) in ("theta_M", "theta_L")]
+    speeds = {x: sp.Symbol(f"{x}_dot") for x in angles}
+    sharp = entry.replace(
+        lambda e: isinstance(e, Law), lambda e: sp.sign(e.args[0].xreplace(speeds))
+    )
+    return sharp.replace(lambda e: isinstance(e, Slope), lambda _: sp.Integer(0))
 
 
 def _with_input(entry: sp.Expr, drive: Drive) -> sp.Expr:
@@ -362,10 +391,11 @@ class NonlinearSpring:
 
 def nonlinear_spring(joint: str, drive: Drive) -> NonlinearSpring:
     """Return a drive's undamped spring; raise ExcitationError if it has no linear stiffness."""
-    k, k_3, k_5, preload, gap = (
+    k, k_3, k_5, preload = (
         drive.values[PARAMETERS_OF["spring"][term][0]] if term in drive.spring else 0.0
-        for term in ("linear", "cubic", "fifth", "preload", "dead_zone")
+        for term in ("linear", "cubic", "fifth", "preload")
     )
+    gap = drive.values["dead_zone"] if {*DEAD_ZONES} & {*drive.spring} else 0.0
     if k <= 0:
         raise ExcitationError(
             f"joint '{joint}': its spring has no linear stiffness, so that the motor motion along "
@@ -426,7 +456,8 @@ def _curve(
     joint: str, drive: Drive, expression: sp.Expr, signals: tuple[str, str]
 ) -> SmoothColumns:
     known = FrozenMapping({str(symbol_of(name)): value for name, value in drive.values.items()})
-    curve = SmoothColumns(("torque",), ("N m",), (flat_names(expression),), known, signals)
+    torque = _without_memory(flat_names(expression))
+    curve = SmoothColumns(("torque",), ("N m",), (torque,), known, signals)
     for name in curve.missing:
         raise missing_value(joint, name)
     check_divisors(drive, drive.values)

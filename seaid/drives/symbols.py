@@ -28,9 +28,9 @@ N, r_M, r_L = sp.symbols("N r_M r_L", positive=True)
 I_M, F_v, F_C, F_0, F_a, F_q, F_L, F_S, w_0 = sp.symbols(
     "I_M F_v F_C F_0 F_a F_q F_L F_S w_0", real=True
 )
-w_C, w_S, g, K_t, K_u = sp.symbols("w_C w_S g K_t K_u", positive=True)
+w_C, w_S, w_M, g, w_g, w_H, K_t, K_u = sp.symbols("w_C w_S w_M g w_g w_H K_t K_u", positive=True)
+k, k_3, k_5, c_k, F_H, f_0, d_0 = sp.symbols("k k_3 k_5 c_k F_H f_0 d_0", real=True)
 F_vT, F_CT = sp.symbols("F_vT F_CT", real=True)
-k, k_3, k_5, c_k, f_0, d_0 = sp.symbols("k k_3 k_5 c_k f_0 d_0", real=True)
 k_P, tau_P, b_L, c_L = sp.symbols("k_P tau_P b_L c_L", real=True)
 
 PARAMETER_NAMES = {
@@ -38,6 +38,7 @@ PARAMETER_NAMES = {
     F_C: "coulomb_friction",
     w_C: "coulomb_width",
     w_0: "coulomb_shift",
+    w_M: "presliding_angle",
     F_0: "friction_offset",
     F_a: "asymmetric_friction",
     F_q: "quadratic_friction",
@@ -50,7 +51,10 @@ PARAMETER_NAMES = {
     k_3: "cubic_stiffness",
     k_5: "fifth_stiffness",
     g: "dead_zone",
+    w_g: "dead_zone_rounding",
     c_k: "spring_damping",
+    F_H: "hysteresis_force",
+    w_H: "hysteresis_deflection",
     f_0: "spring_offset",
     d_0: "deflection_zero",
     I_M: "motor_inertia",

@@ -6,6 +6,8 @@
 - coulomb F_C sign(w); or smooth_coulomb F_C tanh(w / w_C) of width w_C; or shifted_coulomb
   F_C tanh((w - w_0) / w_C), zero at the speed w_0 (Gaz et al. 2019). The smooth ones are known at
   standstill too, and their tanh replaces sign(w) in the next two terms;
+- or dahl or maxwell_slip F_C z: presliding, with a state z that follows the motor's travel over the
+  angle w_M, see `seaid.drives.hysteresis`; z replaces sign(w) in the next two terms, too;
 - stribeck F_S exp(-(w / w_S)^2) sign(w), static friction above the sliding one;
 - load F_L |torque through the gear| sign(w): the spring's torque, or the load of a stiff drive;
 - viscous_temperature F_vT dT w and coulomb_temperature F_CT dT sign(w): what viscous and Coulomb
@@ -14,7 +16,9 @@
   drives only: the spring offset of an elastic one is the same column.
 
 `spring`, with deflection d: linear k d, cubic k_3 d^3, fifth k_5 d^5; dead_zone subtracts a half
-width g from |d| (backlash); damping c_k d' parallel to the spring; preload a constant force f_0.
+width g from |d| (backlash), smooth_dead_zone with corners that are round over w_g; damping c_k d'
+parallel to the spring; dahl or maxwell_slip F_H z, hysteresis whose state z follows the deflection
+over w_H; preload a constant force f_0.
 A nonlinear spring has the unknown zero of its deflection, `deflection_zero`; a linear one has a
 force at zero measured deflection instead, `spring_offset`, which contains its preload.
 
@@ -51,7 +55,8 @@ class Parameter:
 
     In `unit`, F and L are force and length of the spring (N and m, or N m and rad), P and Q those
     of the joint. A parameter in which the equations are nonlinear has `starts` of its search, in
-    units of the largest motor speed (rad/s) or of half the range of the deflection (L). The
+    units of the largest motor speed (rad/s), or of half the range of motor angle (rad) or
+    deflection (L). The
     equations are divided by a parameter that `is_divisor`.
     """
 
@@ -66,11 +71,14 @@ class Parameter:
         return "".join(letters.get(letter, letter) for letter in self.unit)
 
 
+_PRESLIDING = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1)
+
 PARAMETERS = {
     "viscous_friction": Parameter("N m s/rad"),
     "coulomb_friction": Parameter("N m"),
     "coulomb_width": Parameter("rad/s", starts=(0.002, 0.01, 0.05, 0.2), is_divisor=True),
     "coulomb_shift": Parameter("rad/s", is_positive=False, starts=(0.0,)),
+    "presliding_angle": Parameter("rad", starts=_PRESLIDING, is_divisor=True),
     "friction_offset": Parameter("N m", is_positive=False),
     "asymmetric_friction": Parameter("N m s/rad", is_positive=False),
     "quadratic_friction": Parameter("N m s^2/rad^2", is_positive=False),
@@ -82,8 +90,11 @@ PARAMETERS = {
     "stiffness": Parameter("F/L"),
     "cubic_stiffness": Parameter("F/L^3", is_positive=False),
     "fifth_stiffness": Parameter("F/L^5", is_positive=False),
-    "dead_zone": Parameter("L", starts=(0.03, 0.15, 0.4)),
+    "dead_zone": Parameter("L", starts=(0.03, 0.15, 0.4, 0.85)),
+    "dead_zone_rounding": Parameter("L", starts=(0.005, 0.05)),
     "spring_damping": Parameter("F s/L"),
+    "hysteresis_force": Parameter("F"),
+    "hysteresis_deflection": Parameter("L", starts=(0.02, 0.05, 0.1, 0.2, 0.4), is_divisor=True),
     "spring_offset": Parameter("F", is_positive=False),
     "deflection_zero": Parameter("L", is_positive=False, starts=(0.0,)),
     "motor_inertia": Parameter("kg m^2"),
@@ -124,6 +135,8 @@ FrictionTerm = Literal[
     "coulomb",
     "smooth_coulomb",
     "shifted_coulomb",
+    "dahl",
+    "maxwell_slip",
     "offset",
     "asymmetric",
     "quadratic",
@@ -132,7 +145,17 @@ FrictionTerm = Literal[
     "viscous_temperature",
     "coulomb_temperature",
 ]
-SpringTerm = Literal["linear", "cubic", "fifth", "dead_zone", "damping", "preload"]
+SpringTerm = Literal[
+    "linear",
+    "cubic",
+    "fifth",
+    "dead_zone",
+    "smooth_dead_zone",
+    "damping",
+    "dahl",
+    "maxwell_slip",
+    "preload",
+]
 ParallelSpringTerm = Literal["linear", "preload"]
 JointFrictionTerm = Literal["viscous", "coulomb"]
 
@@ -142,6 +165,8 @@ PARAMETERS_OF: dict[str, dict[str, tuple[str, ...]]] = {
         "coulomb": ("coulomb_friction",),
         "smooth_coulomb": ("coulomb_friction", "coulomb_width"),
         "shifted_coulomb": ("coulomb_friction", "coulomb_width", "coulomb_shift"),
+        "dahl": ("coulomb_friction", "presliding_angle"),
+        "maxwell_slip": ("coulomb_friction", "presliding_angle"),
         "offset": ("friction_offset",),
         "asymmetric": ("asymmetric_friction",),
         "quadratic": ("quadratic_friction",),
@@ -155,7 +180,10 @@ PARAMETERS_OF: dict[str, dict[str, tuple[str, ...]]] = {
         "cubic": ("cubic_stiffness",),
         "fifth": ("fifth_stiffness",),
         "dead_zone": ("dead_zone",),
+        "smooth_dead_zone": ("dead_zone", "dead_zone_rounding"),
         "damping": ("spring_damping",),
+        "dahl": ("hysteresis_force", "hysteresis_deflection"),
+        "maxwell_slip": ("hysteresis_force", "hysteresis_deflection"),
         "preload": ("spring_offset",),
     },
     "parallel_spring": {"linear": ("parallel_stiffness",), "preload": ("parallel_preload",)},
@@ -181,7 +209,10 @@ LEVEL_OF = {
 MotorInput = Literal["torque", "current", "voltage"]
 """Values of `motor_input=`, with their parameters in `PARAMETERS_OF`."""
 
-COULOMB = ("coulomb", "smooth_coulomb", "shifted_coulomb")
+MEMORY = ("dahl", "maxwell_slip")
+"""Terms with a state, of friction and of springs: a drive has at most one of each."""
+
+COULOMB = ("coulomb", "smooth_coulomb", "shifted_coulomb", *MEMORY)
 """Friction terms of which a drive has at most one."""
 
 BY_TEMPERATURE = {
@@ -193,7 +224,10 @@ BY_TEMPERATURE = {
 DRY = ("coulomb", "load", "stribeck", "coulomb_temperature")
 """Friction terms that can hold a motor at rest, unless the drive's Coulomb friction is smooth."""
 
-NONLINEAR_SPRING = ("cubic", "fifth", "dead_zone")
+DEAD_ZONES = ("dead_zone", "smooth_dead_zone")
+"""Spring terms of which a drive has at most one."""
+
+NONLINEAR_SPRING = ("cubic", "fifth", *DEAD_ZONES)
 """Spring terms whose force depends on where the deflection is zero."""
 
 
@@ -225,7 +259,14 @@ def readable(name: str) -> str:
     return f"{name.parameter.replace('_', ' ')} of {name.joint}"
 
 
-_SERIES_POWERS = {"stiffness": 1, "cubic_stiffness": 4, "fifth_stiffness": 6, "spring_damping": 2}
+_SERIES_POWERS = {
+    "stiffness": 1,
+    "cubic_stiffness": 4,
+    "fifth_stiffness": 6,
+    "spring_damping": 2,
+    "hysteresis_force": 1,
+    "hysteresis_deflection": -1,
+}
 """{parameter: p}: between the encoders it is that of the spring over (1 + c k)^p.
 
 A motor encoder sees the wind-up c F of the gear, with compliance c, under the spring force F as

@@ -14,7 +14,7 @@ import numpy as np
 
 from seaid._arrays import Array, BoolArray, IndexArray, frozen
 from seaid._progress import Display
-from seaid.drives import SmoothColumns, friction_curve, joint_term_parameters
+from seaid.drives import DEAD_ZONES, SmoothColumns, friction_curve, joint_term_parameters
 from seaid.errors import ExcitationError, unknown_name
 from seaid.excitation.basis import Basis
 from seaid.excitation.criteria import States
@@ -257,7 +257,7 @@ DRIVE_KINDS = ("joint_torque", "motor_torque", "motor_speed", "deflection")
 _DEFLECTION = DRIVE_KINDS.index("deflection")
 
 _NOT_FLAT = {
-    "dead_zone": ("motor_torque", "motor_speed"),
+    **dict.fromkeys(DEAD_ZONES, ("motor_torque", "motor_speed")),
     "damping": ("motor_torque", "motor_speed", "deflection"),
 }
 """{spring term: kinds that the joint's motion does not determine at each instant}: the motor jumps

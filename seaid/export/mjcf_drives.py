@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from seaid.drives import PARAMETERS_OF, Drive, key_of, unit_of
+from seaid.drives import COULOMB, DEAD_ZONES, MEMORY, PARAMETERS_OF, Drive, key_of, unit_of
 from seaid.errors import RobotError
 from seaid.export.mjcf_bodies import TINY, text
 from seaid.robot import Robot
 
-SMOOTH = ("smooth_coulomb", "shifted_coulomb")
+SMOOTH = COULOMB[1:]
 """Friction terms that are written as dry friction."""
 
 _SUPPORTED = ("viscous", "coulomb", *SMOOTH)
@@ -41,8 +41,11 @@ def note_drive(joint: str, drive: Drive, notes: list[str]) -> None:
         if term in SMOOTH
     ]
     excluded: list[str] = [term for term in drive.friction if term not in _SUPPORTED]
+    excluded += [f"{term} of the spring" for term in drive.spring if term in MEMORY]
     excluded += map("extra term {}".format, drive.extra_terms)
     excluded += dict.fromkeys(one.field.replace("_", " ") for one in drive.harmonics)
+    if "smooth_dead_zone" in drive.spring:
+        notes.append(f"joint '{joint}': its smooth_dead_zone is written with sharp corners")
     if excluded:
         notes.append(f"joint '{joint}': excluded, not available in MuJoCo: {', '.join(excluded)}")
     offset = drive.values.get("spring_offset", 0.0)
@@ -178,7 +181,7 @@ def _motor(joint: str, drive: Drive) -> _Coordinate:
 
 def _spring(joint: str, drive: Drive) -> _Coordinate:
     """Return the spring of a drive in the coordinate of its deflection."""
-    linear = ("linear", "dead_zone", "damping", "preload")
+    linear = ("linear", *DEAD_ZONES, "damping", *MEMORY, "preload")
     nonlinear = [term for term in drive.spring if term not in linear]
     if nonlinear:
         raise RobotError(
@@ -187,7 +190,7 @@ def _spring(joint: str, drive: Drive) -> _Coordinate:
         )
     stiffness = _value(joint, drive, "stiffness")
     damping = _of_term(joint, drive, "spring", "damping")
-    if "dead_zone" in drive.spring:
+    if {*DEAD_ZONES} & {*drive.spring}:
         if "preload" in drive.spring:
             raise RobotError(
                 f"joint '{joint}': the spring has a dead zone and a preload that acts inside it, "

@@ -136,9 +136,12 @@ def with_warnings(estimate: Estimate, joint: str, qr_factor: QRFactor | None) ->
 
 
 def _has_linear_spring(estimate: Estimate) -> bool:
-    """Return whether the spring is k times the deflection and an offset, and nothing else."""
-    nonlinear = ("deflection_zero", "cubic_stiffness", "fifth_stiffness", "dead_zone")
-    return "spring_offset" in estimate.names and not set(nonlinear) & set(estimate.names)
+    """Return whether the spring is k times the deflection and an offset, and nothing else.
+
+    A dead zone has a zero of its deflection.
+    """
+    others = ("deflection_zero", "cubic_stiffness", "fifth_stiffness", "hysteresis_force")
+    return "spring_offset" in estimate.names and not set(others) & set(estimate.names)
 
 
 def _weak_spring(estimate: Estimate, qr_factor: QRFactor) -> list[str]:

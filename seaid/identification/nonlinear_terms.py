@@ -19,6 +19,7 @@ from seaid._arrays import Array, BoolArray, IndexArray
 from seaid.drives import (
     COULOMB,
     LEVEL_OF,
+    MEMORY,
     PARAMETERS,
     Drive,
     DriveRegressor,
@@ -64,6 +65,7 @@ from seaid.regressor import (
     input_signals,
     load_model,
     motor_regressor,
+    signals,
     stacked,
 )
 from seaid.robot import Robot
@@ -162,9 +164,11 @@ def linearised(
     `joints` are those that are searched; None: all elastic ones. Linear drives stay as they are.
     Raises IdentificationError if a linear spring has no stiffness to start from.
     """
+    searched = robot.elastic_joints if joints is None else joints
+    check_reversals(robot, motions, searched)
     found = {
         joint: _linearised_drive(robot, motions, joint)
-        for joint in (robot.elastic_joints if joints is None else joints)
+        for joint in searched
         if actuator_equation(robot, motions[0], joint)[0].non_linear
     }
     return robot.with_drives(found) if found else robot
@@ -338,6 +342,45 @@ def bounds_of(name: str, scale: Scale) -> tuple[float, float]:
     return middle - _MOST * size, middle + _MOST * size
 
 
+_LEAST_RETURN = 0.01
+"""Least return of a position, over its range, that shows a law of hysteresis: with less its state
+keeps one value, which is an offset."""
+
+
+def check_reversals(robot: Robot, motions: Sequence[Motion], joints: Sequence[str]) -> None:
+    """Raise IdentificationError for hysteresis in a position that never returns."""
+    for joint in joints:
+        drive, index = robot.drives[joint], robot.index(joint)
+        for field, what, unit in (
+            ("friction", "angle of the motor", "rad"),
+            ("spring", "deflection", drive.spring_units[1]),
+        ):
+            term = next((term for term in getattr(drive, field) if term in MEMORY), None)
+            if term is None:
+                continue
+            returns, ranges = [0.0], [1e-12]
+            for motion in motions:
+                by_name = signals(robot, motion, index)
+                x = by_name["theta_M"]
+                if field == "spring":
+                    x = (
+                        drive.motor_radius / drive.ratio * x
+                        - drive.load_radius * by_name["theta_L"]
+                    )
+                down = float(np.max(np.maximum.accumulate(x) - x))
+                up = float(np.max(x - np.minimum.accumulate(x)))
+                returns.append(min(up, down))
+                ranges.append(max(up, down))
+            if max(returns) < _LEAST_RETURN * max(ranges):
+                raise IdentificationError(
+                    f"joint '{joint}': its {field} has hysteresis ('{term}'), and the {what} never "
+                    f"turns back: it moves by {max(ranges):.3g} {unit} and returns by "
+                    f"{max(returns):.2g} {unit}. Log a motion with reversals, whose {what} returns "
+                    f"by more than {_LEAST_RETURN * max(ranges):.2g} {unit} and many times the "
+                    f"width of the law, such as one of design_excitation, or remove '{term}'"
+                )
+
+
 _SWEEPS = 2
 """Number of sweeps in which each joint is searched with the others fixed."""
 
@@ -366,8 +409,13 @@ def nonlinear_joints(robot: Robot, used: Sequence[str]) -> tuple[str, ...]:
 
 
 def linearised_load(robot: Robot, motions: Sequence[Motion], used: Sequence[str]) -> Robot:
-    """Return the robot with the values at which its stiff drives are linearised."""
+    """Return the robot with the values at which its stiff drives are linearised.
+
+    Raises IdentificationError for a hysteresis without reversals.
+    """
     nonlinear = nonlinear_joints(robot, used)
+    stiff = [joint for joint in used if joint not in robot.elastic_joints]
+    check_reversals(robot, motions, stiff)
     if not nonlinear:
         return robot
     scales = {joint: speed_scale(robot, motions, joint) for joint in nonlinear}

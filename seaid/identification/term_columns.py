@@ -14,7 +14,16 @@ from itertools import product
 import numpy as np
 
 from seaid._arrays import Array, BoolArray, FrozenMapping, IndexArray
-from seaid.drives import COULOMB, PARAMETERS, Drive, DriveRegressor, parameter_of, term_fields
+from seaid.drives import (
+    COULOMB,
+    DEAD_ZONES,
+    MEMORY,
+    PARAMETERS,
+    Drive,
+    DriveRegressor,
+    parameter_of,
+    term_fields,
+)
 from seaid.errors import IdentificationError, RobotError
 from seaid.estimation import (
     LEAST_EXPLAINED,
@@ -48,10 +57,12 @@ _DIRECTED = (
 def with_term(drive: Drive, field: str, term: str) -> Drive:
     """Return the drive with one more term, without the values of parameters that it then lacks.
 
-    A Coulomb term takes the place of another one. Raises RobotError for a term that the drive
-    cannot have.
+    A Coulomb term takes the place of another one, and so do dead zones and laws of hysteresis.
+    Raises RobotError for a term that the drive cannot have.
     """
-    terms = tuple(one for one in getattr(drive, field) if not {one, term} <= {*COULOMB})
+    alike = [*map(set, (COULOMB, DEAD_ZONES, MEMORY))]
+    own = getattr(drive, field)
+    terms = tuple(one for one in own if not any({one, term} <= some for some in alike))
     bare = replace(drive, nominal={}, known=(), **{field: (*terms, term)})  # type: ignore[arg-type]
     names = bare.parameter_names
     valued = bare.with_values({n: x for n, x in drive.values.items() if n in names})
@@ -62,9 +73,10 @@ def possible_terms(drive: Drive, asked: Mapping[str, Sequence[str]]) -> Iterator
     """Yield the terms (field, term) among those asked for that a drive lacks and can have."""
     for field, terms in asked.items():
         own = getattr(drive, field) if field in term_fields(drive) else terms
-        has_smooth = bool({*COULOMB[1:]} & {*own})
+        smooth = {"friction": COULOMB[1:], "spring": (*DEAD_ZONES, *MEMORY)}.get(field, ())
         for term in terms:
-            if term in own or (has_smooth and term in COULOMB[:2]):
+            instead = {*smooth, "coulomb"} - {"shifted_coulomb"} if {*smooth} & {*own} else ()
+            if term in own or term in instead:
                 continue
             try:
                 with_term(drive, field, term)
@@ -184,9 +196,9 @@ def _changed(
 ) -> list[str]:
     """Return the parameters of the drive whose columns a term changes."""
     names: Sequence[str] = ()
-    if "coulomb_width" in extra:  # the tanh replaces the sign in all friction
+    if {"coulomb_width", "presliding_angle"} & {*extra}:  # in place of the sign in all friction
         names = _DIRECTED
-    elif term == "dead_zone":
+    elif term in DEAD_ZONES:
         names = ("stiffness",)
     return [name for name in names if name in old.names and name in new.names]
 
@@ -362,16 +374,17 @@ def explained_squares(columns: Array, y: Array) -> float:
 
 @dataclass(frozen=True)
 class Scale:
-    """Largest motor speed [rad/s], middle and half range of the deflection."""
+    """Largest motor speed [rad/s], half range of its angle, middle and half range of deflection."""
 
     speed: float
+    turn: float
     middle: float
     reach: float
 
 
 def deflection_scale(robot: Robot, motions: Sequence[Motion], joint: str) -> Scale:
     """Return the scale of an elastic joint."""
-    index, drive = robot.index(joint), robot.drives[joint]
+    drive = robot.drives[joint]
     by_name = [actuator_equation(robot, motion, joint)[1] for motion in motions]
     stretch = np.concatenate(
         [
@@ -379,20 +392,22 @@ def deflection_scale(robot: Robot, motions: Sequence[Motion], joint: str) -> Sca
             for one in by_name
         ]
     )
-    speed = max(float(np.max(np.abs(one.motor_velocity[:, index]))) for one in motions)
     low, high = float(np.min(stretch)), float(np.max(stretch))
-    return Scale(max(speed, 1e-9), 0.5 * (low + high), max(0.5 * (high - low), 1e-12))
+    motor = speed_scale(robot, motions, joint)
+    return replace(motor, middle=0.5 * (low + high), reach=max(0.5 * (high - low), 1e-12))
 
 
 def speed_scale(robot: Robot, motions: Sequence[Motion], joint: str) -> Scale:
     """Return the scale of a stiff joint."""
     index = robot.index(joint)
-    return Scale(max(float(np.max(np.abs(one.motor_velocity[:, index]))) for one in motions), 0, 1)
+    speed = max(float(np.max(np.abs(one.motor_velocity[:, index]))) for one in motions)
+    turn = max(float(np.ptp(one.motor_position[:, index])) for one in motions) / 2
+    return Scale(max(speed, 1e-9), max(turn, 1e-12), 0.0, 1.0)
 
 
 def size_of(name: str, scale: Scale) -> float:
     """Return the unit of the starts of a nonlinear parameter."""
-    return scale.speed if PARAMETERS[name].unit == "rad/s" else scale.reach
+    return {"rad/s": scale.speed, "rad": scale.turn}.get(PARAMETERS[name].unit, scale.reach)
 
 
 def load_samples(robot: Robot, motion: Motion, joint: str) -> IndexArray:

@@ -11,6 +11,7 @@ import numpy as np
 
 from seaid._arrays import Array, BoolArray
 from seaid._progress import Display, sampled_text
+from seaid.drives import DEAD_ZONES, MEMORY
 from seaid.errors import Finding, LogError, checked
 from seaid.log.filtering import CutoffSelection, low_pass, select_cutoff, spline_derivatives
 from seaid.log.repair.clocks import irregular_steps, longest_bridge, longest_step, typical_step
@@ -282,6 +283,14 @@ def reconstruct_motions(
     return tuple(replace(one, fastest=fastest) for one in motions)
 
 
+_CORNERS = 3.0
+"""Cutoff for a spring with a dead zone or hysteresis, over that of the motion.
+
+The force has corners where the teeth meet and where the motion turns back. At the cutoff of the
+motion a contact of 4000 N m/rad comes out at a quarter of its stiffness, and the loop of a spring
+5 % small (scripts/benchmarks/hysteresis.py)."""
+
+
 def _given(cutoff_hz: float) -> CutoffSelection:
     return CutoffSelection(cutoff_hz, "as given")
 
@@ -295,7 +304,15 @@ def _sampled(robot: Robot, log: Log) -> tuple[Array, dict[str, Array]]:
 
 def _selected(robot: Robot, time: Array, signals: dict[str, Array]) -> CutoffSelection:
     joint, motor = signals["joint_position"], signals["motor_position"]
-    return select_cutoff(joint, motor, _rate_hz(time), robot.joint_names)
+    found = select_cutoff(joint, motor, _rate_hz(time), robot.joint_names)
+    corners = {*DEAD_ZONES, *MEMORY}
+    sharp = [joint for joint, drive in robot.drives.items() if corners & {*drive.spring}]
+    if not sharp:
+        return found
+    cutoff_hz = min(_CORNERS * found.cutoff_hz, found.rate_limit_hz)
+    times = cutoff_hz / found.cutoff_hz
+    reason = f"{times:.2g} times that of the motion, for the corners of the spring of {sharp[0]}"
+    return replace(found, cutoff_hz=cutoff_hz, reason=reason)
 
 
 def _motion(

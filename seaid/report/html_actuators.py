@@ -15,11 +15,14 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid.drives import (
+    MEMORY,
+    PARAMETERS,
     PARAMETERS_OF,
     Drive,
     friction_curve,
     parameter_named,
     spring_curve,
+    states,
 )
 from seaid.errors import SeaidError
 from seaid.log import Motion, in_band, standstill
@@ -40,7 +43,9 @@ _SIGN_WIDTH = 1e-6
 
 _FRICTION = {name for terms in PARAMETERS_OF["friction"].values() for name in terms}
 _SPRING = {name for terms in PARAMETERS_OF["spring"].values() for name in terms}
-_SPRING |= {"spring_offset", "deflection_zero"}
+_SPRING |= {"spring_offset"}
+_SHAPES = {name for name, one in PARAMETERS.items() if one.starts}
+"""Parameters whose columns are slopes, no parts of a torque."""
 
 
 @dataclass(frozen=True)
@@ -141,7 +146,7 @@ def _elastic_side(
     is_motor = bool(regressor.signals & {"tau_M", "i_M", "u_M"})
     left = zeta - np.sum(parts, axis=1) - (offset if is_motor else 0.0)
     own = {
-        kind: left + np.sum(parts[:, [name in names for name in regressor.names]], axis=1)
+        kind: left + np.sum(parts[:, [name in names - _SHAPES for name in regressor.names]], axis=1)
         for kind, names in (("friction", _FRICTION), ("spring", _SPRING))
     }
     lever = drive.ratio / drive.motor_radius if is_motor else 1.0
@@ -234,6 +239,8 @@ def _spring_figure(joint: str, samples: _Samples, identified: Drive, nominal: Dr
         Layer(samples.x[~is_up], samples.force[~is_up], "sample down"),
     ]
     x = np.linspace(float(np.min(samples.x)), float(np.max(samples.x)), _CURVE)
+    if {*MEMORY} & {*identified.spring}:
+        x = np.concatenate([x, x[::-1]])  # around the loop
     for name, drive in (("nominal", nominal), ("identified", identified)):
         curve = _spring_force(drive, x)
         if curve is not None:
@@ -249,11 +256,18 @@ def _spring_figure(joint: str, samples: _Samples, identified: Drive, nominal: Dr
 
 
 def _spring_force(drive: Drive, x: Array) -> Array | None:
-    """Return the force (P,) of a relaxed spring's deflections x, None if a value is missing."""
+    """Return the force (P,) of a relaxed spring's deflections x, None if a value is missing.
+
+    Hysteresis is that of the second time along x.
+    """
     try:
         plain = drive.without_harmonics()
         if "deflection_zero" in plain.values:
             plain = replace(plain, nominal={**plain.nominal, "deflection_zero": 0.0})
-        return spring_curve(plain).force(x)
+        force = spring_curve(plain).force(x)
+        for law in {*MEMORY} & {*plain.spring}:
+            z = states(law, np.tile(x, 2), plain.values["hysteresis_deflection"])[0][len(x) :]
+            force = force + plain.values["hysteresis_force"] * z
+        return force
     except SeaidError:
         return None

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from seaid._arrays import Array
-from seaid.drives import key_of, spring_curve, stretch_of, unit_of
+from seaid.drives import DEAD_ZONES, key_of, spring_curve, stretch_of, unit_of
 from seaid.errors import RobotError
 from seaid.robot import Robot
 from seaid.simulation.plant import Plant, inverse_dynamics, inverse_inertia
@@ -109,9 +109,9 @@ def joint_controller(plant: Plant, q: Array, v: Array, a: Array, rate_hz: float)
     slow = _SLOW * np.maximum(np.max(np.abs(motor_velocity), axis=0), 1e-300)
     friction = plant.viscous * motor_velocity + plant.coulomb * np.tanh(motor_velocity / slow)
     for index, drive in plant.functions:
-        state = (motor_position, motor_velocity, q, v, load)
-        states = np.column_stack([values[:, index] for values in state])
         direction = np.tanh(motor_velocity[:, index] / slow[index])
+        state = (motor_position, motor_velocity, q, v, load)
+        states = np.column_stack([*(values[:, index] for values in state), direction])
         friction[:, index] = [drive.friction(*state) for state in states.tolist()]
         friction[:, index] += direction * [drive.level(*state) for state in states.tolist()]
     elastic = plant.motor_inertia * motor_acceleration + r_M / N * load / r_L
@@ -154,7 +154,7 @@ def _nonlinear_stretch(
     drive = plant.drives[index]
     curve = spring_curve(drive)
     stretch = stretch_of(curve, force)
-    if "dead_zone" in drive.spring:
+    if {*DEAD_ZONES} & {*drive.spring}:
         stretch = gaussian_filter1d(stretch, _PASSAGE_S * rate_hz, mode="nearest")
     return stretch, max(float(np.median(curve.slope(stretch))), 0.0)
 

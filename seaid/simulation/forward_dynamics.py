@@ -15,6 +15,7 @@ import numpy as np
 import pinocchio as pin
 
 from seaid._arrays import Array, IndexArray, safely
+from seaid.drives import OfState, after_travel
 from seaid.errors import RobotError, SeaidError
 from seaid.simulation.plant import (
     JOINT_POSITION,
@@ -76,7 +77,26 @@ def drive_states(plant: Plant, state: Array) -> Array:
     """Return a state (4, n) with the drives' coordinates phi = C q in place of the joints'."""
     if plant.coupling is None:
         return state
-    return np.concatenate([state[:JOINT_POSITION], state[JOINT_POSITION:] @ plant.coupling.T])
+    turned = state.copy()
+    turned[JOINT_POSITION : JOINT_SPEED + 1] = (
+        state[JOINT_POSITION : JOINT_SPEED + 1] @ plant.coupling.T
+    )
+    return turned
+
+
+def of_column(function: OfState, column: list[float], through: float = 0.0) -> float:
+    """Return a term of a drive at its column of a state, with the torque through its gear."""
+    return function(*column[: JOINT_SPEED + 1], through, *column[JOINT_SPEED + 1 :])
+
+
+def with_memory(plant: Plant, before: Array, state: Array) -> Array:
+    """Return a state with its hysteresis moved on by the travel since `before`."""
+    if plant.memory:
+        change = drive_states(plant, state - before)
+        for index, row, (motor, joint), law, width in plant.memory:
+            travel = motor * change[POSITION, index] + joint * change[JOINT_POSITION, index]
+            state[row, index] = after_travel(law, before[row, index], travel, width)
+    return state
 
 
 def spring_force(plant: Plant, turned: Array) -> Array:
@@ -85,9 +105,10 @@ def spring_force(plant: Plant, turned: Array) -> Array:
         plant.stiffness
         * (plant.motor_lever * turned[POSITION] - plant.load_radius * turned[JOINT_POSITION])
     )
+    at = turned.T.tolist()
     for index, drive in plant.functions:
         if plant.elastic[index]:
-            force[index] = drive.force(*turned[:, index].tolist(), 0.0)
+            force[index] = of_column(drive.force, at[index])
     return force
 
 
@@ -102,7 +123,7 @@ def accelerations(
     turned = drive_states(plant, state)
     free = torque - plant.viscous * state[SPEED] - plant.coulomb * slip[: len(torque)]
     for index, extra in plant.extras:
-        free[index] -= extra(*turned[:, index])
+        free[index] -= extra(*turned[: JOINT_SPEED + 1, index])
     force = spring_force(plant, turned)
     if not plant.functions:
         return _driven(plant, data, state, free, force, slip)
@@ -113,9 +134,9 @@ def accelerations(
         rest = free.copy()
         for index, drive in plant.functions:
             through = float(gear[index])
-            rest[index] -= drive.friction(*at[index], through)
+            rest[index] -= of_column(drive.friction, at[index], through)
             if slip[index] != 0:
-                rest[index] -= drive.level(*at[index], through) * slip[index]
+                rest[index] -= of_column(drive.level, at[index], through) * slip[index]
         motor, joint = _driven(plant, data, state, rest, force, slip)
         found = (plant.ratio * (rest - plant.motor_inertia * motor))[under_load]
         error = found - gear[under_load]
@@ -187,10 +208,10 @@ def gear_torques(
 ) -> Array:
     """Return the torque (n,) of stiff gears on their loads, without sticking joint friction."""
     armature, plant.model.armature = plant.model.armature.copy(), np.zeros(plant.model.nv)
-    torque = inverse_dynamics(plant, data, (*state[JOINT_POSITION:], acceleration))
+    torque = inverse_dynamics(plant, data, (*state[[JOINT_POSITION, JOINT_SPEED]], acceleration))
     plant.model.armature = armature
     for index, drive in plant.functions:
-        torque[index] += drive.joint_torque(*state[JOINT_POSITION:, index].tolist())
+        torque[index] += drive.joint_torque(*state[[JOINT_POSITION, JOINT_SPEED], index].tolist())
     torque[plant.dry_joints] += plant.joint_coulomb * slip[len(torque) :]
     torque = torque if plant.uncoupling is None else torque @ plant.uncoupling
     return np.where(plant.elastic, np.nan, torque)
@@ -217,9 +238,10 @@ def slip_directions(plant: Plant, data: pin.Data, state: Array, torque: Array) -
         return slip
     free, turned = torque.copy(), drive_states(plant, state)
     for index, extra in plant.extras:
-        free[index] -= extra(*turned[:, index])
+        free[index] -= extra(*turned[: JOINT_SPEED + 1, index])
+    at = turned.T.tolist()
     for index, drive in plant.functions:
-        free[index] -= drive.friction(*turned[:, index].tolist(), 0.0)
+        free[index] -= of_column(drive.friction, at[index])
     free -= plant.motor_lever * spring_force(plant, turned)
     level = friction_levels(plant, turned, np.zeros_like(free))
     moves = np.flatnonzero(plant.elastic & (slip[:n] == 0) & (np.abs(free) > level[:n]))
@@ -256,9 +278,9 @@ def friction_levels(plant: Plant, turned: Array, through: Array) -> Array:
     """
     if not plant.functions:
         return plant.coulomb
-    level = np.append(plant.coulomb, plant.joint_coulomb)
+    level, at = np.append(plant.coulomb, plant.joint_coulomb), turned.T.tolist()
     for index, drive in plant.functions:
-        level[index] = drive.level(*turned[:, index].tolist(), float(through[index]))
+        level[index] = of_column(drive.level, at[index], float(through[index]))
     return level
 
 
@@ -339,12 +361,15 @@ def _runge_kutta(
     step: float,
 ) -> Array:
     def rate(at: float, y: Array) -> Array:
+        y = with_memory(plant, state, y)
         motor, joint = accelerations(plant, data, y, torque + torque_rate * at, slip)
-        return np.array([y[SPEED], motor, y[JOINT_SPEED], joint])
+        rates = np.zeros_like(y)
+        rates[: JOINT_SPEED + 1] = y[SPEED], motor, y[JOINT_SPEED], joint
+        return rates
 
     half = 0.5 * step
     k1 = rate(0.0, state)
     k2 = rate(half, state + half * k1)
     k3 = rate(half, state + half * k2)
     k4 = rate(step, state + step * k3)
-    return np.asarray(state + step / 6 * (k1 + 2 * k2 + 2 * k3 + k4))
+    return with_memory(plant, state, state + step / 6 * (k1 + 2 * k2 + 2 * k3 + k4))

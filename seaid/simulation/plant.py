@@ -5,7 +5,8 @@ All joints are in the order of Pinocchio's model.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
 
@@ -13,7 +14,15 @@ import numpy as np
 import pinocchio as pin
 
 from seaid._arrays import Array, BoolArray, IndexArray, safely
-from seaid.drives import Drive, DriveFunctions, drive_functions, extra_torque, is_plain
+from seaid.drives import (
+    MEMORY,
+    PARAMETERS_OF,
+    Drive,
+    DriveFunctions,
+    drive_functions,
+    extra_torque,
+    is_plain,
+)
 from seaid.errors import RobotError
 from seaid.robot import Robot, coupled_groups
 
@@ -28,6 +37,9 @@ def mass_matrix(model: pin.Model, data: pin.Data, position: Array) -> Array:
 
 POSITION, SPEED, JOINT_POSITION, JOINT_SPEED = range(4)
 """Rows of a state (4, n): motor angle and speed, joint position and speed."""
+
+MEMORY_ROWS = {"friction": 4, "spring": 5}
+"""Further rows (6, n) of a robot with hysteresis: states of its laws, `drives.hysteresis`."""
 
 _STEP_PER_TIME_CONSTANT = 1.0
 """Longest step, as part of the time constant inertia / damping of a joint."""
@@ -106,6 +118,16 @@ class Plant:
         return tuple((index, extra_torque(drive)) for index, drive in pairs if drive.extra_terms)
 
     @cached_property
+    def memory(self) -> tuple[tuple[int, int, tuple[float, float], str, float], ...]:
+        """Joint, row of the state, levers of motor and joint, law and width of each hysteresis."""
+        return tuple(_memory(self.drives))
+
+    @cached_property
+    def rows(self) -> int:
+        """Number of rows of a state."""
+        return JOINT_SPEED + 1 + (len(MEMORY_ROWS) if self.memory else 0)
+
+    @cached_property
     def under_load(self) -> tuple[int, ...]:
         """Indices of the drives whose friction depends on the torque through a stiff gear."""
         return tuple(index for index, drive in self.functions if drive.is_under_load)
@@ -161,6 +183,17 @@ def warmed(plant: Plant, temperature: Array | None) -> Plant:
             for index, one in plant.functions
         ),
     )
+
+
+def _memory(
+    drives: Sequence[Drive],
+) -> Iterator[tuple[int, int, tuple[float, float], str, float]]:
+    for index, drive in enumerate(drives):
+        stretch = drive.motor_radius / drive.ratio, -drive.load_radius
+        for field, levers in (("friction", (1.0, 0.0)), ("spring", stretch)):
+            for term in set(MEMORY) & set(getattr(drive, field)):
+                width = drive.values[PARAMETERS_OF[field][term][1]]
+                yield index, MEMORY_ROWS[field], levers, term, width
 
 
 def inertia(plant: Plant, data: pin.Data, position: Array) -> Array:
@@ -318,6 +351,13 @@ def _longest_step(
         if "coulomb_width" in values:
             level = values.get("coulomb_friction", 0.0) + abs(values.get("stribeck_friction", 0))
             at_motor += level / max(values["coulomb_width"], 1e-300)  # slope of F tanh(w / w_C)
+        if "presliding_angle" in values:  # resonance of the motor on its bristles, not a damping
+            inertia = drive.motor_inertia_kg_m2 if drive.is_elastic else effective[index]
+            lever = 1.0 if drive.is_elastic else drive.ratio**2
+            stiffness = values.get("coulomb_friction", 0.0) / max(
+                values["presliding_angle"], 1e-300
+            )
+            rate += math.sqrt(lever * stiffness / float(inertia or 1.0))
         if drive.is_elastic:
             inertia = float(drive.motor_inertia_kg_m2 or 0.0)
             rate += (at_motor + damping * (drive.motor_radius / drive.ratio) ** 2) / inertia
@@ -327,8 +367,8 @@ def _longest_step(
         if step < _SHORTEST_STEP_S:
             raise RobotError(
                 f"joint '{names[index]}': its friction has a time constant of {1 / rate:.2g} s, "
-                "too stiff to simulate: give a larger coulomb_width_rad_per_s, or use the term "
-                "'coulomb' (sharp) instead"
+                "too stiff to simulate: give a larger coulomb_width_rad_per_s or "
+                "presliding_angle_rad, or use the term 'coulomb' (sharp) instead"
             )
         longest = min(longest, step)
     return longest

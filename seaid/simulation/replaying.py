@@ -62,7 +62,9 @@ def replay(robot: Robot, log: Log, command: Command | None = None) -> Log:
     plant, order = plant_of(robot), robot.joint_order
     given = _logged(robot, log) if command is None else command
     gains = np.array([input_gain(robot, joint) for joint in robot.joint_names])
-    data, state, back = plant.model.createData(), _start(robot, log)[:, order], np.argsort(order)
+    data, back = plant.model.createData(), np.argsort(order)
+    state = np.zeros((plant.rows, robot.n))
+    state[: JOINT_SPEED + 1] = _start(robot, log)[:, order]
     shape = (len(log.time), robot.n)
     joint, motor, torques = np.empty(shape), np.empty(shape), np.empty(shape)
 

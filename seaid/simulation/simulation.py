@@ -20,6 +20,7 @@ from seaid.simulation.forward_dynamics import (
     advance,
     drive_states,
     gear_torques,
+    of_column,
     slip_directions,
 )
 from seaid.simulation.plant import (
@@ -230,15 +231,15 @@ def _run(
     rate_hz: float,
     progress: bool,
 ) -> tuple[Array, Array]:
-    """Return states (T, 4, n) and motor torques (T, n) at the ticks, in the model's order."""
+    """Return states (T, rows, n) and motor torques (T, n) at the ticks, in the model's order."""
     q, v, a = planned
     controller = joint_controller(plant, q, v, a, rate_hz)
     ticks, joints = planned[0].shape
     order, data = robot.joint_order, plant.model.createData()
     back = np.argsort(order)
     steps = math.ceil(1 / (rate_hz * _LONGEST_STEP_S))
-    states, torques = np.empty((ticks, 4, joints)), np.empty((ticks, joints))
-    state = np.zeros((4, joints))
+    states, torques = np.empty((ticks, plant.rows, joints)), np.empty((ticks, joints))
+    state = np.zeros((plant.rows, joints))
     state[POSITION], state[JOINT_POSITION] = controller.motor_position[0], planned[0][0]
     torque, velocity, previous = controller.feedforward[0], np.zeros(joints), None
     for tick in track(range(ticks), "simulating", progress):
@@ -290,7 +291,7 @@ def _motion(
 
 
 def _spring_torques(plant: Plant, states: Array) -> Array:
-    """Return the spring torques (4b) (T, n) on the drives' coordinates along states (T, 4, n)."""
+    """Return the spring torques (4b) (T, n) at the drives along states (T, rows, n)."""
     turned = states
     if plant.coupling is not None or plant.functions:
         turned = np.array([drive_states(plant, state) for state in states])
@@ -299,7 +300,7 @@ def _spring_torques(plant: Plant, states: Array) -> Array:
     load = np.where(plant.elastic, plant.load_radius * plant.stiffness * stretch, np.nan)
     for index, drive in plant.functions:
         if plant.elastic[index]:
-            force = [drive.force(*state, 0.0) for state in turned[:, :, index].tolist()]
+            force = [of_column(drive.force, column) for column in turned[:, :, index].tolist()]
             load[:, index] = plant.load_radius[index] * np.array(force)
     return load
 

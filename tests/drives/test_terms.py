@@ -51,6 +51,10 @@ VALUES = {
     "cubic_stiffness": 300.0,
     "fifth_stiffness": 900.0,
     "dead_zone": 0.02,
+    "dead_zone_rounding": 0.003,
+    "presliding_angle": 0.3,
+    "hysteresis_force": 1.5,
+    "hysteresis_deflection": 0.4,
     "spring_damping": 0.4,
     "spring_offset": 0.3,
     "deflection_zero": 0.05,
@@ -64,6 +68,13 @@ CHOICES = [
     (("viscous",), ("linear", "cubic"), ("deflection_zero",)),
     (("viscous",), ("linear", "damping", "preload"), ()),
     (("viscous",), ("linear", "dead_zone"), ("dead_zone", "deflection_zero")),
+    (
+        ("viscous",),
+        ("linear", "smooth_dead_zone"),
+        ("dead_zone", "dead_zone_rounding", "deflection_zero"),
+    ),
+    (("viscous", "dahl"), ("linear",), ("presliding_angle",)),
+    (("viscous",), ("linear", "maxwell_slip"), ("hysteresis_deflection",)),
 ]
 
 
@@ -85,12 +96,25 @@ def test_what_is_linear_stays_linear(
     assert tuple(PARAMETER_NAMES[symbol] for symbol in nonlinear) == expected
 
 
+def with_own_values(drive: SeriesElasticDrive) -> SeriesElasticDrive:
+    """Return a drive with the values of its own parameters."""
+    return drive.with_values({x: VALUES[x] for x in drive.parameter_names if x in VALUES})
+
+
+MEMORY = replace(
+    ELASTIC,
+    friction=("viscous", "dahl", "load", "stribeck"),
+    spring=("linear", "smooth_dead_zone", "maxwell_slip"),
+)
+
+
+@pytest.mark.parametrize("terms", [EVERYTHING, MEMORY], ids=["everything", "memory"])
 @pytest.mark.parametrize("equation_of", [motor_equation, spring_equation])
 def test_near_given_values_the_equation_is_exact_and_its_columns_are_its_slopes(
-    equation_of: object,
+    equation_of: object, terms: SeriesElasticDrive
 ) -> None:
     """zeta - R p is the equation at p_0 for every p_0; R its central difference."""
-    drive = EVERYTHING.with_values(VALUES)
+    drive = with_own_values(terms)
     regressor = drive_regressor(equation_of(drive), drive)  # type: ignore[operator]
     s, p_0 = signals(), np.array([VALUES[name] for name in regressor.names])
 
@@ -249,8 +273,14 @@ def test_values_are_read_under_keys_with_units() -> None:
         ({"spring": ["dead_zone"]}, "needs a stiffness term"),
         (
             {"friction": ["coulomb", "smooth_coulomb"]},
-            "one of coulomb, smooth_coulomb, shifted_coulomb, found coulomb, sm",
+            "shifted_coulomb, dahl, maxwell_slip, found coulomb, smooth_coulomb",
         ),
+        ({"spring": ["linear", "dahl", "maxwell_slip"]}, "spring may have one of dahl, maxwell_s"),
+        (
+            {"spring": ["linear", "dead_zone", "smooth_dead_zone"]},
+            "one of dead_zone, smooth_dead_zone, found dead_zone, smooth_dead_zone",
+        ),
+        ({"presliding_angle_rad": 0.1}, "but the drive lacks the term 'dahl' of friction"),
         ({"motor_input": "volts"}, "no motor input is named 'volts'; did you mean 'voltage'?"),
         ({"parallel_spring": ["cubic"]}, "no parallel spring term is named 'cubic'"),
         ({"joint_friction": ["viscos"]}, "did you mean 'viscous'?"),
@@ -276,9 +306,10 @@ def test_wrong_terms_and_values_are_refused(change: dict[str, object], words: st
 
 
 def test_every_choice_is_hashable_and_survives_a_round_trip_of_its_values() -> None:
-    drive: Drive = EVERYTHING.with_values(VALUES)
+    drive: Drive = with_own_values(EVERYTHING)
     assert {drive: 1}[replace(drive)] == 1
-    assert drive.values == {**VALUES, "motor_inertia": 1e-5}
+    own = {name: x for name, x in VALUES.items() if name in EVERYTHING.parameter_names}
+    assert drive.values == {**own, "motor_inertia": 1e-5}
     assert EVERYTHING.with_values(drive.values) == drive
 
 

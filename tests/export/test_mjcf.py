@@ -193,6 +193,9 @@ TERMS: dict[str, Drive] = {
         {"dead_zone": 0.02, "deflection_zero": 0.01, "spring_damping": 0.1},
         spring=("linear", "dead_zone", "damping"),
     ),
+    "smooth dead zone, sharp here": elastic(
+        {"dead_zone": 0.02, "dead_zone_rounding": 0.0}, spring=("linear", "smooth_dead_zone")
+    ),
     "parallel spring": elastic(PULLED, parallel_spring=("linear", "preload")),
     "joint friction": elastic({"joint_viscous_friction": 0.3}, joint_friction=("viscous",)),
     "parallel spring of a stiff drive": stiff(PULLED, parallel_spring=("linear", "preload")),
@@ -204,6 +207,39 @@ def test_accelerations_with_every_term_that_mujoco_has(name: str, tmp_path: Path
     other = STIFF if isinstance(TERMS[name], SeriesElasticDrive) else ELASTIC
     robot = two_joints(tmp_path, replace(other, friction=VISCOUS), TERMS[name])
     assert acceleration_errors(Twin(robot, tmp_path), 30) < 1e-9
+
+
+def test_play_of_a_gear_turns_the_motor_alone(tmp_path: Path) -> None:
+    """Within the backlash the motor of a free arm moves without its joint, beyond it does not."""
+    free = {"spring": ("linear", "dead_zone"), "friction": ()}
+    robot = two_joints(tmp_path, replace(STIFF, friction=()), elastic({"dead_zone": 0.05}, **free))
+    model = Twin(robot, tmp_path).model
+    data = mujoco.MjData(model)
+    place, motor = (model.joint(name).qposadr[0] for name in ("two", "two_motor"))
+    ratio, forces = robot.drives["two"].ratio, []
+    for turned in (0.049, 0.051):
+        data.qpos[:] = 0.0
+        data.qpos[motor] = turned * ratio
+        data.qpos[place] = 0.0
+        mujoco.mj_forward(model, data)
+        forces.append(float(data.qfrc_spring[place]))
+    assert forces[0] == 0.0
+    assert forces[1] == pytest.approx(robot.drives["two"].values["stiffness"] * 0.001)
+
+
+def test_hysteresis_is_left_out_and_said(tmp_path: Path) -> None:
+    values = {"presliding_angle": 0.3, "hysteresis_force": 1.0, "hysteresis_deflection": 0.01}
+    spring = ("linear", "maxwell_slip", "smooth_dead_zone")
+    drive = elastic(
+        {**values, "dead_zone": 0.01, "dead_zone_rounding": 0.001},
+        friction=("viscous", "dahl"),
+        spring=spring,
+    )
+    written = write_mjcf(two_joints(tmp_path, STIFF, drive), tmp_path / "out.xml")
+    text = "\n".join(written.notes)
+    assert "'two': its dahl is written as dry friction (friction loss)" in text
+    assert "'two': excluded, not available in MuJoCo: maxwell_slip of the spring" in text
+    assert "'two': its smooth_dead_zone is written with sharp corners" in text
 
 
 @pytest.mark.parametrize("make", [stiff, elastic])

@@ -6,9 +6,11 @@ from functools import cache
 import numpy as np
 import pytest
 
+from seaid.drives.hysteresis import states
 from seaid.errors import IdentificationError
 from seaid.identification.identification import identify
 from seaid.identification.model_selection import TermSelection, compare_terms
+from seaid.identification.term_columns import possible_terms, with_term
 from seaid.log.reading import Log
 from tests.experiments import TEST_MASS, leg, leg_log, leg_motion
 
@@ -42,6 +44,47 @@ def test_a_term_that_is_there_is_recommended_alone() -> None:
         "cubic",
     }
     assert [one.term for one in found.comparisons if one.selected] == ["stribeck"]
+
+
+LAWS = ("dahl", "maxwell_slip")
+
+
+@pytest.mark.parametrize(
+    ("field", "law", "width", "level"),
+    [("friction", "dahl", 6.0, 0.01), ("spring", "maxwell_slip", 4e-4, 20.0)],
+)
+def test_hysteresis_that_is_there_is_recommended(
+    field: str, law: str, width: float, level: float
+) -> None:
+    """Of both laws the right one, in the place of Coulomb friction or next to the spring."""
+    motion, torque = leg_motion(TEST_MASS), plain_log().motor_torque.copy()
+    drive = leg().drives["knee_pitch"]
+    motor = motion.motor_position[:, 3]
+    lever = drive.motor_radius / drive.ratio
+    if field == "spring":
+        stretch = lever * motor - drive.load_radius * motion.joint_position[:, 3]
+        torque[:, 3] += lever * level * states(law, stretch, width)[0]
+    else:
+        coulomb = drive.values["coulomb_friction"] + level
+        torque[:, 3] += coulomb * states(law, motor, width)[0]
+        torque[:, 3] -= drive.values["coulomb_friction"] * np.sign(motion.motor_velocity[:, 3])
+    log = replace(plain_log(), motor_torque=torque)
+    terms = {"friction": LAWS, "spring": (*LAWS, "dead_zone")}
+    found = compare_terms(ROBOT, log, joints=["knee_pitch"], terms=terms)
+    assert dict(found.recommended)["knee_pitch"][0] == (field, law)
+    assert law in getattr(found.robot.drives["knee_pitch"], field)
+
+
+def test_hysteresis_that_is_not_there_is_not_recommended() -> None:
+    terms = {"friction": LAWS, "spring": LAWS}
+    assert not compare_terms(ROBOT, plain_log(), terms=terms).recommended
+
+
+def test_a_law_takes_the_place_of_another() -> None:
+    drive = replace(ROBOT.drives["knee_pitch"], friction=("viscous", "dahl"))
+    assert with_term(drive, "friction", "maxwell_slip").friction == ("viscous", "maxwell_slip")
+    asked = {"friction": ("coulomb", "smooth_coulomb", "dahl", "maxwell_slip", "load")}
+    assert [term for _, term in possible_terms(drive, asked)] == ["load"]
 
 
 def test_the_table_and_the_words_say_what_to_do() -> None:

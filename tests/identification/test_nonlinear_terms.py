@@ -30,6 +30,7 @@ from tests.standard_errors import check_scores
 from tests.terms import (
     ELASTIC,
     STIFF,
+    TIME,
     arm,
     exact_motion,
     free_stretch,
@@ -45,6 +46,12 @@ FRICTION: dict[str, Case] = {
     "shifted": (
         {"friction": ("viscous", "shifted_coulomb")},
         {"coulomb_width": 1.5, "coulomb_shift": 0.4},
+    ),
+    "dahl": ({"friction": ("viscous", "dahl")}, {"presliding_angle": 0.4}),
+    "maxwell slip": ({"friction": ("viscous", "maxwell_slip")}, {"presliding_angle": 0.4}),
+    "dahl under load": (
+        {"friction": ("viscous", "dahl", "load")},
+        {"presliding_angle": 0.4, "load_friction": 0.1},
     ),
     "asymmetric": (
         {"friction": ("viscous", "coulomb", "asymmetric")},
@@ -83,6 +90,18 @@ SPRINGS: dict[str, Case] = {
     "dead zone": (
         {"spring": ("linear", "dead_zone")},
         {"dead_zone": 0.02, "deflection_zero": 0.01},
+    ),
+    "smooth dead zone": (
+        {"spring": ("linear", "smooth_dead_zone")},
+        {"dead_zone": 0.02, "dead_zone_rounding": 0.003, "deflection_zero": 0.01},
+    ),
+    "dahl": (
+        {"spring": ("linear", "dahl")},
+        {"hysteresis_force": 2.0, "hysteresis_deflection": 0.02},
+    ),
+    "maxwell slip": (
+        {"spring": ("linear", "maxwell_slip")},
+        {"hysteresis_force": 2.0, "hysteresis_deflection": 0.02},
     ),
     "damping": ({"spring": ("linear", "damping")}, {"spring_damping": 3.0}),
     "preload": ({"spring": ("linear", "preload")}, {"spring_offset": 1.5}),
@@ -301,9 +320,10 @@ def found_in(log: Log, known: Robot, rows: list[str] | None = None) -> Identific
 
 NONLINEAR = ("shifted", "load", "stribeck")
 NONLINEAR_SPRINGS = ("cubic", "dead zone", "damping")
+MEMORY = ("dahl", "maxwell slip")
 
 
-@pytest.mark.parametrize("term", NONLINEAR)
+@pytest.mark.parametrize("term", [*NONLINEAR, *MEMORY])
 def test_friction_is_inside_its_interval(term: str) -> None:
     for joint, drives in (
         ("one", (with_terms(STIFF, *FRICTION[term]), ELASTIC)),
@@ -314,7 +334,7 @@ def test_friction_is_inside_its_interval(term: str) -> None:
         check_intervals(found_in(log, truth), truth, joint)
 
 
-@pytest.mark.parametrize("term", NONLINEAR_SPRINGS)
+@pytest.mark.parametrize("term", [*NONLINEAR_SPRINGS, *MEMORY])
 def test_springs_are_inside_their_intervals(term: str) -> None:
     truth = robot(STIFF, with_terms(ELASTIC, *SPRINGS[term]))
     log = noisy_log(exact_motion(truth, {"two": free_stretch(0.15)}), 0.003, 2e-5)
@@ -571,3 +591,46 @@ def test_a_motor_driven_by_current_that_stands_still_has_no_rows(tmp_path: Path)
     write_log(replace(log, motor_position=position), path)
     with pytest.raises(SeaidError, match=r"0 rows \(.* near standstill\) cannot|does not excite"):
         identify(known, open_long_log(path, known, cutoff_hz=10.0))
+
+
+@pytest.mark.parametrize(
+    ("joint", "field", "words"),
+    [
+        ("one", "friction", "its friction has hysteresis ('dahl'), and the angle of the motor"),
+        ("two", "friction", "its friction has hysteresis ('dahl'), and the angle of the motor"),
+        ("two", "spring", "its spring has hysteresis ('dahl'), and the deflection"),
+    ],
+)
+def test_hysteresis_without_reversals_is_named(joint: str, field: str, words: str) -> None:
+    terms = {"spring": ("linear", "dahl")} if field == "spring" else {"friction": ("dahl",)}
+    known = robot(**{joint: with_terms(STIFF if joint == "one" else ELASTIC, terms, {})})
+    one_way = 0.2 * TIME + 0.01 * np.sin(TIME)
+    stretch = 0.01 * one_way if field == "spring" else np.zeros_like(TIME)
+    motion = exact_motion(robot(), {"two": free_stretch(0.1)})
+    angle, joints = motion.motor_position.copy(), motion.joint_position.copy()
+    place = known.index(joint)
+    joints[:, place] = one_way
+    angle[:, place] = known.drives[joint].ratio * (one_way + stretch)
+    motion = replace(motion, motor_position=angle, joint_position=joints)
+    with pytest.raises(IdentificationError) as caught:
+        identified(known, motion)
+    assert words in str(caught.value)
+    assert "never turns back" in str(caught.value)
+    assert "Log a motion with reversals" in str(caught.value)
+
+
+def test_laws_of_known_shape_are_linear_and_refined() -> None:
+    """`refine` simulates what is linear in its parameters: a law with a known width is."""
+    shape = {"presliding_angle": 0.4}
+    drive = with_terms(ELASTIC, {"friction": ("viscous", "dahl")}, shape)
+    truth = robot(STIFF, drive)
+    log = noisy_log(exact_motion(truth), 0.003, 2e-5)
+    known = robot(STIFF, replace(drive, known=("presliding_angle",))).without_nominal()
+    found = identify(known, log, cutoff_hz=10.0)
+    assert "presliding_angle" not in found.drives["two"].names
+    refined = refine(found, log)
+    check_intervals(found, truth, "two")
+    told, level = refined.drives["two"], truth.drives["two"].values["coulomb_friction"]
+    assert told.value("coulomb_friction") == pytest.approx(level, rel=0.02)
+    with pytest.raises(IdentificationError, match="whose equation is not linear in its parameters"):
+        refine(found_in(log, truth), log)

@@ -12,6 +12,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import sympy as sp
+from scipy.integrate import solve_ivp
 
 from seaid._arrays import Array
 from seaid.drives import FrictionTerm
@@ -201,6 +202,71 @@ def run(
         state = advance(plant, data, state, now, (then - now) / step, step)
         states.append(state)
     return np.array(states)
+
+
+HYSTERESIS = {
+    f"{law} {kind}": (law, kind, drive)
+    for law in ("dahl", "maxwell_slip")
+    for kind, drive in (
+        ("stiff gear", stiff({"presliding_angle": 0.3}, friction=("viscous", law, "load"))),
+        ("elastic gear", elastic({"presliding_angle": 0.3}, friction=("viscous", law, "load"))),
+        (
+            "spring",
+            elastic(
+                {"hysteresis_force": 0.5, "hysteresis_deflection": 0.003}, spring=("linear", law)
+            ),
+        ),
+    )
+}
+
+
+@pytest.mark.parametrize("case", HYSTERESIS)
+def test_hysteresis_follows_its_differential_equation(case: str, tmp_path: Path) -> None:
+    """The motor equation (7) holds along a simulated motion with a state by `solve_ivp`."""
+    law, kind, drive = HYSTERESIS[case]
+    if kind != "spring":
+        drive = drive.with_values({"load_friction": 0.05})
+    robot = arm(tmp_path, *((drive, ELASTIC) if kind == "stiff gear" else (STIFF, drive)))
+    place = 0 if kind == "stiff gear" else 1
+    plan = wiggle(robot, 2.0, (0.2, 0.3), (0.8, 1.1))
+    motion = simulate_motion(robot, plan, rate_hz=500.0)
+    values = drive.values
+    motor, speed = motion.motor_position[:, place], motion.motor_velocity[:, place]
+    d = motor / drive.ratio - motion.joint_position[:, place]
+    v = np.gradient(d, motion.time) if kind == "spring" else speed
+    width = values["hysteresis_deflection" if kind == "spring" else "presliding_angle"]
+
+    def rate(time: float, z: Array) -> Array:
+        now = np.interp(time, motion.time, v)
+        slides = (now - abs(now) * z) if law == "dahl" else np.where(z * np.sign(now) < 1, now, 0)
+        return np.asarray(slides / width)
+
+    z = solve_ivp(rate, (0, 2), [0.0], t_eval=motion.time, max_step=2e-3).y[0]
+    force = values.get("stiffness", 0.0) * d
+    direction = np.sign(speed) if kind == "spring" else z
+    if kind == "spring":
+        force = force + values["hysteresis_force"] * z
+    elif kind == "stiff gear":
+        assert motion.gear_torque is not None
+        force = motion.gear_torque[:, place]
+    load = values.get("load_friction", 0.0) * np.abs(force) / drive.ratio
+    level = values["coulomb_friction"] + load
+    needed = values["motor_inertia"] * motion.motor_acceleration[:, place] + force / drive.ratio
+    needed += values["viscous_friction"] * speed + level * direction
+    kept = (motion.time > 0.8) & (np.abs(speed) > 0.5)  # z forgets its start
+    error = (motion.motor_torque[:, place] - needed)[kept]
+    assert np.max(np.abs(error)) < 0.02 * values["coulomb_friction"]
+
+
+def test_a_stuck_motor_yields_like_its_bristles(write_chain: Chain) -> None:
+    """Without gravity a small torque turns a motor by tau w / F, and lets it back when it goes."""
+    drive = stiff({"presliding_angle": 0.5}, friction=("viscous", "maxwell_slip"))
+    plant = plant_of(pendulum(write_chain, drive, g=0.0))
+    assert plant.rows == 6
+    loaded = run(plant, np.zeros((6, 1)), lambda t: np.array([min(t, 1.0) * 0.01]), 3.0, 1e-3)
+    assert loaded[-1, POSITION, 0] == pytest.approx(0.01 * 0.5 / 0.02, rel=0.02)
+    back = run(plant, loaded[-1], lambda _: np.zeros(1), 3.0, 1e-3)
+    assert abs(back[-1, POSITION, 0]) < 0.02 * loaded[-1, POSITION, 0]
 
 
 PENDULUM = 'revolute <axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="9" velocity="9"/>'

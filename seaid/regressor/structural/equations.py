@@ -135,9 +135,9 @@ def drive_terms(drive: Drive, sensors: frozenset[str]) -> DriveTerms:
     """Return the equations of a drive whose motor has the given sensors.
 
     Periodic errors and friction by temperature are excluded: their functions are independent of all
-    others.
+    others. Hysteresis counts as its limit without presliding.
     """
-    drive = drive.without_harmonics().at_temperature()
+    drive = drive.without_harmonics().at_temperature().without_memory()
     sensed = [x for x in INPUTS if x in sensors] or [f"motor_{drive.motor_input}"]
     driver = sensed[0]
     seen, scale, source = _driven_by(drive, INPUTS[driver]), _SCALES[driver], MOTOR_SIGNALS[driver]
