@@ -126,7 +126,7 @@ ONE_IMPORTER = {
     ),
     "one part of the page or window each": (
         *("report.html_actuators", "report.html_experiment", "report.html_verdict"),
-        *("view.panel", "view.playback", "view.plots"),
+        *("view.panel", "view.playback"),
     ),
     "one step of a long way, which would make its importer longer than 400 lines": (
         *("excitation.run_in", "excitation.search"),
@@ -158,7 +158,7 @@ def test_modules_with_one_importer_have_a_reason() -> None:
 
 def test_no_chain_of_imports_is_long() -> None:
     assert longest_chain(import_graph("seaid", ROOT / "seaid")) <= 15
-    assert len([name for name in SOURCES if not name.startswith(ONE_PER_FORMAT)]) <= 175
+    assert len([name for name in SOURCES if not name.startswith(ONE_PER_FORMAT)]) <= 172
 
 
 def test_every_name_of_a_face_is_there_and_none_is_hidden_by_a_module() -> None:

@@ -27,16 +27,18 @@ from seaid.log import (
     still_share,
 )
 from seaid.regressor.base import grouped_text, left_to_right, negligible, random_states
-from seaid.regressor.drive_signals import (
+from seaid.regressor.regression import (
     INPUTS,
+    Regress,
+    Regression,
     input_signals,
     joint_regressor,
     motor_regressor,
+    rows_by_pieces,
     sensed_torque,
     signals,
     spring_regressor,
 )
-from seaid.regressor.regression import Regress, Regression, rows_by_pieces
 from seaid.regressor.rigid_body import regressor_at_drives
 from seaid.robot import UNITS, at_drives, group_of, torques_at_drives
 

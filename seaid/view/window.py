@@ -21,18 +21,16 @@ from seaid.errors import RobotError, SeaidError, checked, reason_of, unknown_nam
 from seaid.excitation import Excitation, Trajectory
 from seaid.log import Log, Motion
 from seaid.robot import Robot
-from seaid.view.panel import NOTHING, notes_of, put_panel, slider_end, table
+from seaid.view.panel import NOTHING, draw_plots, notes_of, put_panel, put_plots, slider_end, table
 from seaid.view.picture import deflection_colors, picture_of
 from seaid.view.playback import playback_of, scales
-from seaid.view.plots import draw_plots, put_plots
 from seaid.view.stage import paint, place, put_on_stage, set_the_view, show
 
 if TYPE_CHECKING:
     from seaid.identification import Identification
-    from seaid.view.panel import Panel
+    from seaid.view.panel import Panel, Plots
     from seaid.view.picture import Picture
     from seaid.view.playback import Playback, Shown
-    from seaid.view.plots import Plots
     from seaid.view.stage import Stage
 
 _FRAMES_HZ = 30.0

@@ -22,7 +22,7 @@ from seaid.identification.validation import validate
 from seaid.log.long_log import open_long_log
 from seaid.log.motion import Motion
 from seaid.log.reading import Log, write_log
-from seaid.regressor.drive_signals import motor_regressor, signals
+from seaid.regressor.regression import motor_regressor, signals
 from seaid.regressor.rigid_body import joint_torques
 from seaid.regressor.structural.identifiability import identifiability
 from seaid.robot.robot import Payload, Robot

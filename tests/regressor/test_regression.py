@@ -12,13 +12,18 @@ import pytest
 from seaid._arrays import Array
 from seaid.drives import SeriesElasticDrive
 from seaid.errors import LogError
-from seaid.log.filtering import low_pass
+from seaid.log.filtering import in_band, low_pass, standstill
 from seaid.log.motion import Motion
-from seaid.log.sampling import in_band, standstill
 from seaid.regressor.base import base_parameters
-from seaid.regressor.drive_signals import motor_regressor, signals, spring_regressor
 from seaid.regressor.load import LoadModel, load_model, load_regression, offset_sensitivity
-from seaid.regressor.regression import actuator_columns, actuator_regression, stacked
+from seaid.regressor.regression import (
+    actuator_columns,
+    actuator_regression,
+    motor_regressor,
+    signals,
+    spring_regressor,
+    stacked,
+)
 from seaid.regressor.rigid_body import joint_torques
 from seaid.robot.robot import Robot, load_robot
 from tests.experiments import ELASTIC, TEST_MASS, arm, arm_motion, leg, leg_motion, true_value
@@ -249,7 +254,7 @@ def test_a_long_motion_is_evaluated_piece_by_piece(
         for joint in robot.elastic_joints
     }
     whole = load_regression(robot, long, columns, springs)
-    monkeypatch.setattr("seaid.log.sampling.PIECE_SAMPLES", most)
+    monkeypatch.setattr("seaid.log.filtering.PIECE_SAMPLES", most)
     monkeypatch.setattr("seaid.regressor.regression.PIECE_SAMPLES", most)
     found = load_regression(robot, long, columns, springs)
     assert found.excluded == whole.excluded > 0
