@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -23,6 +24,7 @@ from seaid.simulation.simulation import Noise, measure, simulate_motion
 
 MODELS = Path(__file__).parents[1] / "models"
 DATA = Path(__file__).parent / "data"
+States = tuple[Array, Array, Array]
 TEST_MASS = Payload("foot", 2.0, (0.15, 0.0, 0.0))
 ELASTIC = ("hip_pitch", "knee_pitch", "ankle_pitch")
 
@@ -115,6 +117,31 @@ def arm_found() -> Identification:
 def arm_result() -> Validation:
     """Return its validation on another motion."""
     return validate(arm_found(), arm_log(2, motion_seed=5))
+
+
+def motion_of(
+    robot: Robot,
+    time: Array,
+    joint: States,
+    motor: States,
+    torque: Array | None = None,
+    **more: Any,
+) -> Motion:
+    """Return an unfiltered motion of positions, speeds and accelerations on both sides."""
+    q, v, a = joint
+    nothing = np.full_like(q, np.nan)
+    return Motion(
+        time=time,
+        joint_names=robot.joint_names,
+        joint_position=q,
+        joint_velocity=v,
+        joint_acceleration=a,
+        motor_position=motor[0],
+        motor_velocity=motor[1],
+        motor_acceleration=motor[2],
+        motor_torque=nothing if torque is None else torque,
+        **{"joint_torque": nothing, "cutoff_hz": np.inf, **more},
+    )
 
 
 def perfect_log(robot: Robot, motion: Motion) -> Log:

@@ -30,6 +30,7 @@ from seaid.regressor.base import base_parameters
 from seaid.regressor.load import load_model
 from seaid.regressor.rigid_body import joint_torques
 from seaid.robot.robot import Payload, Robot, load_robot
+from tests.experiments import motion_of
 
 PERIOD_S, RATE_HZ = 8.0, 250.0
 TIME = np.arange(int(PERIOD_S * RATE_HZ)) / RATE_HZ
@@ -96,18 +97,12 @@ def exact_motion(robot: Robot, stretch: Mapping[str, Array] | None = None, seed:
         current[:, index] = needed / drive.values.get("torque_constant", 1.0)
         voltage[:, index] = needed / drive.values.get("voltage_constant", 1.0)
     kinds = np.array([robot.drives[joint].motor_input for joint in robot.joint_names])
-    return Motion(
-        time=TIME,
-        joint_names=robot.joint_names,
-        joint_position=q,
-        joint_velocity=v,
-        joint_acceleration=a,
-        motor_position=motor,
-        motor_velocity=slope(motor),
-        motor_acceleration=slope(slope(motor)),
-        motor_torque=np.where(kinds == "torque", torque, np.nan),
-        joint_torque=np.full_like(q, np.nan),
-        cutoff_hz=np.inf,
+    return motion_of(
+        robot,
+        TIME,
+        (q, v, a),
+        (motor, slope(motor), slope(slope(motor))),
+        np.where(kinds == "torque", torque, np.nan),
         motor_current=np.where(kinds == "current", current, np.nan),
         motor_voltage=np.where(kinds == "voltage", voltage, np.nan),
     )

@@ -42,6 +42,7 @@ from tests.experiments import (
     arm,
     leg,
     leg_trajectory,
+    motion_of,
     true_value,
     wiggle,
 )
@@ -83,19 +84,8 @@ def flat_motion(robot: Robot, trajectory: Trajectory, rate_hz: float) -> Motion:
             + len(drive.extra_terms) * CUBIC * speed**3
             + lever * load[:, index]
         )
-    return Motion(
-        time=time,
-        joint_names=robot.joint_names,
-        joint_position=q,
-        joint_velocity=v,
-        joint_acceleration=a,
-        motor_position=motor[0],
-        motor_velocity=motor[1],
-        motor_acceleration=motor[2],
-        motor_torque=torque,
-        joint_torque=measured,
-        cutoff_hz=np.inf,
-    )
+    states = (motor[0], motor[1], motor[2])
+    return motion_of(robot, time, (q, v, a), states, torque, joint_torque=measured)
 
 
 @cache

@@ -8,9 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from seaid._arrays import Array
 from seaid.errors import ExcitationError, RobotError
-from seaid.log.motion import Motion
 from seaid.regressor.base import (
     base_parameters,
     grouped_text,
@@ -20,6 +18,7 @@ from seaid.regressor.base import (
 )
 from seaid.regressor.rigid_body import rigid_body_regressor
 from seaid.robot.robot import Robot, load_robot
+from tests.experiments import motion_of
 
 pytestmark = pytest.mark.rounding
 
@@ -171,7 +170,7 @@ def test_motion_of_one_joint_tells_what_a_pendulum_tells(write_chain: Chain) -> 
     robot = load_robot(write_chain({"one": _joint("y"), "two": _joint("y")}))
     time = np.linspace(0, 5, 300)
     q, v, a = (np.column_stack([f(time), 0 * time]) for f in (np.sin, np.cos, lambda t: -np.sin(t)))
-    motion = _motion(robot, time, q, v, a)
+    motion = motion_of(robot, time, (q, v, a), (q, v, a))
     alone = base_parameters(robot, motion, torque_joints=("one",))
     assert alone.names == ("mx_one_link", "mz_one_link", "Iyy_one_link")
     assert len(base_parameters(robot, motion).columns) == 6
@@ -187,7 +186,7 @@ def test_nothing_identifiable_is_an_error(write_chain: Chain) -> None:
     robot = load_robot(write_chain({"turn": _joint("y")}), gravity=(0, 0, 0))
     still = np.zeros((60, 1))
     with pytest.raises(ExcitationError, match=r"no parameter of 'test' is identifiable .* turn"):
-        base_parameters(robot, _motion(robot, np.arange(60) / 10, still, still, still))
+        base_parameters(robot, motion_of(robot, np.arange(60) / 10, (still,) * 3, (still,) * 3))
 
 
 @pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
@@ -233,23 +232,6 @@ def test_grouping_of_a_planar_arm_reads_as_in_the_textbooks(write_chain: Chain) 
         "mx_two_link",
         "mz_two_link",
         "Iyy_two_link",
-    )
-
-
-def _motion(robot: Robot, time: Array, q: Array, v: Array, a: Array) -> Motion:
-    nothing = np.full_like(q, np.nan)
-    return Motion(
-        time=time,
-        joint_names=robot.joint_names,
-        joint_position=q,
-        joint_velocity=v,
-        joint_acceleration=a,
-        motor_position=q,
-        motor_velocity=v,
-        motor_acceleration=a,
-        motor_torque=nothing,
-        joint_torque=nothing,
-        cutoff_hz=np.inf,
     )
 
 

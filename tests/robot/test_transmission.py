@@ -63,7 +63,7 @@ from seaid.robot.transmission import (
     torques_at_joints,
 )
 from seaid.simulation.replaying import replay
-from tests.experiments import DATA, MODELS, drive_errors, drive_scores, true_value
+from tests.experiments import DATA, MODELS, drive_errors, drive_scores, motion_of, true_value
 from tests.standard_errors import check_scores
 
 DRIVE = ("viscous_friction", "coulomb_friction", "stiffness")
@@ -271,19 +271,7 @@ def true_motion(case: Case, seed: int = 0, duration: float = 8.0) -> Motion:
         lever = drive.motor_radius / drive.load_radius
         torque[:, i] = inertia * acceleration[:, i] + viscous * speed[:, i]
         torque[:, i] += coulomb * np.sign(speed[:, i]) + lever * tau_phi[:, i] / drive.ratio
-    return Motion(
-        time=time,
-        joint_names=robot.joint_names,
-        joint_position=q,
-        joint_velocity=v,
-        joint_acceleration=a,
-        motor_position=now,
-        motor_velocity=speed,
-        motor_acceleration=acceleration,
-        motor_torque=torque,
-        joint_torque=np.full_like(q, np.nan),
-        cutoff_hz=np.inf,
-    )
+    return motion_of(robot, time, (q, v, a), (now, speed, acceleration), torque)
 
 
 def log_of(motion: Motion, *, torque: float = 0.0, angle: float = 0.0, seed: int = 0) -> Log:
