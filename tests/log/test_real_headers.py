@@ -18,19 +18,23 @@ from seaid.log.column_meaning import meaning_of
 from seaid.log.infer_columns import Description, describe_log
 from tests.one_joint import chain
 
-HEADERS = tomllib.loads(
-    (Path(__file__).parents[1] / "data" / "headers" / "headers.toml").read_text("utf-8")
-)["header"]
+FOLDER = Path(__file__).parents[1] / "data" / "headers"
+HEADERS = tomllib.loads((FOLDER / "headers.toml").read_text("utf-8"))["header"]
+MORE = tomllib.loads((FOLDER / "more_headers.toml").read_text("utf-8"))["header"]
 DEVELOP = [one for one in HEADERS if one.get("develop")]
 HELD_OUT = [one for one in HEADERS if not one.get("develop")]
+FIRST_HALF = [one for one in MORE if one["half"] == 1]
+SECOND_HALF = [one for one in MORE if one["half"] == 2]
 TIME: Array = np.linspace(0.0, 3.99, 400)
+MOTIONS = ("position", "velocity", "acceleration")
 LEAST = 0.9
 """Share of the columns that must be right."""
 
 SIZES = {"rad": 1.0, "deg": 57.3, "turn": 0.159, "counts": 652.0, "s": 1.0, "ms": 1e3, "us": 1e6}
-SIZES["ns"] = 1e9
+SIZES |= {"ns": 1e9, "mrad": 1e3, "rpm": 9.55, "deg/s": 57.3, "mA": 1e3, "mNm": 1e3}
 NEVER_READ = ("velocity", "acceleration", "temperature")
 """Quantities that are never commands, or never read from a log."""
+NO_QUANTITY = ("other", "doubtful", "supply", "flag")
 SI = {"position": "rad", "torque": "Nm", "current": "A", "voltage": "V", "time": "s"}
 SI["temperature"] = "degC"
 
@@ -42,6 +46,7 @@ class Truth:
     column: str
     joint: str
     quantity: str
+    kind: str
     side: str
     unit: str
     role: str
@@ -60,7 +65,8 @@ def truths(header: dict[str, Any]) -> Iterator[Truth]:
             yield Truth(
                 column=pattern.replace("{}", label),
                 joint=joint if named or len(header["joints"]) == 1 else "",
-                quantity="" if quantity in ("other", "doubtful") else quantity,
+                quantity="" if quantity in NO_QUANTITY else quantity,
+                kind=quantity,
                 side=side,
                 unit=unit,
                 role=next((one for one in more if one != "doubtful"), ""),
@@ -69,17 +75,30 @@ def truths(header: dict[str, Any]) -> Iterator[Truth]:
 
 
 def samples(truth: Truth, number: int) -> Array:
-    """Return samples as such a column has them; the side of the motor turns fifty times as far."""
-    size = SIZES.get(truth.unit, 1.0)
+    """Return samples as such a column has them: a motion of each joint, its derivatives, a torque.
+
+    The side of the motor turns fifty times as far.
+    """
+    size, seed = SIZES.get(truth.unit, 1.0), np.random.default_rng(number)
+    noise = 1e-3 * seed.standard_normal(len(TIME))
     if truth.quantity == "time":
         return size * TIME
     if truth.quantity == "temperature":
         return 40 + 0.1 * (number % 3) * TIME
-    if truth.quantity == "position":
-        size *= 50.0 if truth.side == "motor" else 1.0
-    seed = np.random.default_rng(number)
-    wave = np.sin(2 * np.pi * seed.uniform(0.3, 0.9) * TIME + seed.uniform(0, 6))
-    return size * wave + 1e-3 * seed.standard_normal(len(TIME))
+    if truth.kind == "supply":
+        return 24 + noise
+    if truth.kind == "flag":
+        return np.repeat(seed.integers(0, 4, 8), len(TIME) // 8)
+    rate, start = 2 * np.pi * seed.uniform(0.3, 0.9), seed.uniform(0, 6)
+    if truth.quantity in MOTIONS and truth.role in ("", "command"):  # of one motion per joint
+        of_joint = np.random.default_rng([len(truth.joint), *truth.joint.encode()])
+        rate, start = 2 * np.pi * of_joint.uniform(0.3, 0.9), of_joint.uniform(0, 6)
+        start += 0.05 * (truth.role == "command")
+    size *= 50.0 if truth.side == "motor" and truth.quantity in MOTIONS else 1.0
+    order = MOTIONS.index(truth.quantity) if truth.quantity in MOTIONS else 0
+    wave = rate**order * np.sin(rate * TIME + start + order * np.pi / 2)
+    values = size * (wave + noise)
+    return np.round(values) if truth.unit == "counts" else values
 
 
 def described(header: dict[str, Any], folder: Path) -> Description:
@@ -98,7 +117,8 @@ def used_as(found: Description) -> dict[str, tuple[str, str, str | None]]:
     for joint, sources in found.description.joints.items():
         for quantity, source in sources.items():
             for column in source.columns():
-                used[column] = (joint, quantity, source.unit)
+                name = "supply" if column == source.times else quantity
+                used[column] = (joint, name, source.unit)
             if source.time is not None and source.time.column:
                 used[source.time.column] = ("", "time", source.time.unit)
     clock = found.description.time
@@ -119,6 +139,8 @@ def is_right(
         is_read = meaning.quantity == truth.quantity and is_role_read
         return not truth.quantity or (is_read and not is_needed)
     joint, quantity, unit = used
+    if quantity == "supply" or truth.quantity == "duty":  # their product is a voltage
+        return truth.kind == quantity or quantity == "motor_voltage"
     side, kind = quantity.split("_") if "_" in quantity else ("", quantity)
     wanted_side = truth.side if kind in ("position", "torque") else ""
     return (
@@ -145,7 +167,7 @@ def judged(header: dict[str, Any], folder: Path) -> list[tuple[Truth, bool, bool
     return result
 
 
-@pytest.mark.parametrize("header", HEADERS, ids=[one["name"] for one in HEADERS])
+@pytest.mark.parametrize("header", HEADERS + MORE, ids=[one["name"] for one in HEADERS + MORE])
 def test_no_column_of_a_real_header_is_wrong_without_being_listed(
     header: dict[str, Any], tmp_path: Path
 ) -> None:
