@@ -19,7 +19,7 @@ _QUANTITIES = {
     "velocity": "vel velocity speed dq qd qdot omega dtheta velocities rpm qvel",
     "acceleration": "acc accel acceleration accelerations ddq qdd qddot ddtheta",
     "deflection": "defl deflection twist",
-    "torque": "tau torque eff effort trq tq moment force torques frc",
+    "torque": "tau torque eff effort trq tq moment force torques frc couple",
     "current": "cur current amps iq curr currents i",
     "voltage": "volt volts voltage u voltages",
     "duty": "pwm duty",
@@ -32,18 +32,21 @@ _PRECEDENCE = (
     "time",
 )
 """Quantities by how they rank if a name has words of several; in one rank the first word counts."""
+_WEAK = {"enc", "encoder"}
+"""Words of a position that say nothing beside another quantity: "encoder_velocity"."""
 _RANK = {kind: rank for rank, kinds in enumerate(_PRECEDENCE) for kind in kinds.split()}
-_MOTOR = {"m", "motor", "mot", "rotor", "drive", "winding"}
+_MOTOR = {"m", "motor", "motors", "mot", "rotor", "drive", "winding", "moteur"}
 _JOINT = {"joint", "link", "load", "out", "output", "l", "arm", "sensor", "external"}
+_JOINT |= {"joints", "links", "j"}
 _ROLES = {
     "commanded": "cmd command commanded goal target des desired ref reference setpoint stpt con "
     "demand",
     "estimated": "est estimated",
     "derived": "filt filtered fric friction model ff error err expected predicted "
-    "gravity coriolis constraint nullspace limit limits max min threshold hat",
+    "gravity gravite pred coriolis constraint nullspace limit limits max min threshold hat",
     "elsewhere": "tcp ee eef tool cart cartesian task wrench imu gyro foot battery batt bms",
     "filler": "meas measured raw state states header actual act value data of the w bus actuator "
-    "servo axis",
+    "servo axis electric",
 }
 """Words of commands, of what is computed, of what is not at a joint, and words without meaning."""
 _COMMANDED, _ESTIMATED, _DERIVED, _ELSEWHERE, _FILLER = (
@@ -60,7 +63,7 @@ _SPELLINGS = {
         "mrad": "mrad millirad",
         "deg": "deg degs degree degrees °",
         "mdeg": "mdeg millideg",
-        "turn": "turn turns rev revs revolution revolutions",
+        "turn": "turn turns rev revs revolution revolutions rot rots",
         "counts": "count counts cts tick ticks inc incs increments pulses lsb",
         "mm": "mm millimeter millimetre millimeters millimetres",
         **{"cm": "cm", "um": "um micron microns", "m": "m"},
@@ -106,6 +109,7 @@ _RATE = re.compile(
 """A unit of a velocity or an acceleration: "rad/s", "deg_per_s", "m/s^2"."""
 
 _COMPUTED = _COMMANDED | _DERIVED | _ELSEWHERE
+_UNDERSTOOD = {*_WORDS, *_MOTOR, *_JOINT, *_COMPUTED, *_ESTIMATED, *_FILLER, "jnt"}
 _GENERIC = {*_WORDS, *_MOTOR, *_FILLER, *_JOINT}
 _NO_LABEL = {*_WORDS, *_MOTOR, *_COMPUTED, *_ESTIMATED, *_FILLER}
 """Words that say what a column is; the others, except its unit, are the label of its joint."""
@@ -131,7 +135,8 @@ class Meaning:
 
     Of these, `is_estimate` is True for what the drive estimates, as a torque from its current.
     `quantity` is "position", ... or "" if unknown; `side` is "motor", "joint" or ""; `joint` is the
-    name of the robot's joint, or the remainder of the name; `unit` may be None.
+    name of the robot's joint, or the remainder of the name; `unit` may be None; `unknown` are the
+    words that no table has, if the joints of a robot are known.
     """
 
     quantity: str
@@ -140,6 +145,7 @@ class Meaning:
     unit: str | None
     is_raw: bool
     is_estimate: bool = False
+    unknown: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -193,7 +199,15 @@ def meaning_of(name: str, joints: Sequence[str] = ()) -> Meaning:
         unit=unit[1] if unit else None,
         is_raw=is_measured and _ESTIMATED.isdisjoint(texts),
         is_estimate=is_measured and not _ESTIMATED.isdisjoint(texts),
+        unknown=_unknown(words, joints) if joints else (),
     )
+
+
+def _unknown(words: Sequence[_Word], joints: Sequence[str]) -> tuple[str, ...]:
+    """Return the words that are no numbers, units or words of joints, and in no table."""
+    named = (one.text for one in words if one.unit is None and not one.text.isdigit())
+    of_joints = {one for known, _ in _known(tuple(joints)) for one in known}
+    return tuple(one for one in named if one not in _UNDERSTOOD | of_joints)
 
 
 def joint_alone(name: str, joints: Sequence[str]) -> str:
@@ -276,7 +290,7 @@ def _split(word: str) -> list[str]:
     """Split a word into known words: "mpos" into m and pos, "wcur" into w and cur."""
     if word in _WORDS or word in _UNITS_SMALL or len(word) < 2:
         return [word]
-    if word[0] in "mlw" and (word[1:] in _WORDS or word[1:] == "d"):
+    if word[0] in "mlwj" and (word[1:] in _WORDS or word[1:] == "d"):
         return [word[0], word[1:]]
     if word[-1] in "ml" and word[:-1] in _WORDS:
         return [word[:-1], word[-1]]
@@ -285,11 +299,12 @@ def _split(word: str) -> list[str]:
 
 def _quantity(texts: Sequence[str]) -> str:
     """Return the quantity; "current" before another one means the present: current_position."""
-    kinds = [
-        _WORDS[one]
+    said = [
+        one
         for one, following in pairwise([*texts, ""])
         if one in _WORDS and not (one == "current" and _WORDS.get(following, one) != one)
     ]
+    kinds = [_WORDS[one] for one in said if one not in _WEAK] or [_WORDS[one] for one in said]
     return min(kinds, key=_RANK.__getitem__, default="")
 
 

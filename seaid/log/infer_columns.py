@@ -10,8 +10,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +19,16 @@ import numpy as np
 from seaid._arrays import Array
 from seaid._progress import Display, counted
 from seaid.errors import LogError, checked, in_one_line, listed, shortened
+from seaid.log.column_checks import (
+    Inference,
+    Sources,
+    check_used,
+    correlation,
+    is_far,
+    is_state,
+    is_within,
+    unit_by_velocity,
+)
 from seaid.log.column_meaning import Meaning, joint_alone, meaning_of
 from seaid.log.description import Clock, LogDescription, Source
 from seaid.log.log import UNIT_FACTORS
@@ -38,53 +47,7 @@ _POSITION_FACTORS = {"": 1.0, **UNIT_FACTORS["rad"], **UNIT_FACTORS["m"]}
 """Factors of the units of positions to rad or m; counts have none that is known."""
 
 _LISTED = 100
-"""Most columns named in one note."""
-
-Sources = dict[str, dict[str, Any]]
-"""Arguments of the Source of each quantity of a joint."""
-
-
-@dataclass(eq=False)
-class Inference:
-    """The columns of a log: samples, meanings of their names, and notes on uncertain choices."""
-
-    data: Block
-    meanings: dict[str, Meaning]
-    notes: dict[str, list[str]] = field(default_factory=dict)
-
-    def having(self, quantity: str, joint: str, *sides: str) -> list[str]:
-        """Return the columns with a quantity of a joint, except commands and derived signals.
-
-        `sides` selects those whose names state one of these sides, or none if it contains "".
-        """
-        return [
-            name
-            for name in self._raw.get((quantity, joint), ())
-            if name in self.data and (not sides or self.meanings[name].side in sides)
-        ]
-
-    def finite(self, name: str) -> Array:
-        """Return the samples of a column that are finite."""
-        values = self.data[name]
-        return values[np.isfinite(values)]
-
-    @cached_property
-    def _raw(self) -> dict[tuple[str, str], list[str]]:
-        """The raw columns by quantity and joint."""
-        found: dict[tuple[str, str], list[str]] = {}
-        for name, meaning in self.meanings.items():
-            if meaning.is_raw:
-                found.setdefault((meaning.quantity, meaning.joint), []).append(name)
-        return found
-
-    def note(self, about: str, text: str) -> None:
-        """Note an uncertain choice; notes with the same text become one sentence."""
-        self.notes.setdefault(text, []).append(about)
-
-    def unsure(self) -> tuple[str, ...]:
-        """Return the notes as sentences."""
-        sentences = (f"{listed(about, _LISTED)}: {text}" for text, about in self.notes.items())
-        return tuple(map(in_one_line, sentences))
+"""Most columns named in the message of a log without positions."""
 
 
 def quantities_of(inference: Inference, joint: str, robot: Robot | None) -> Sources:
@@ -99,6 +62,8 @@ def quantities_of(inference: Inference, joint: str, robot: Robot | None) -> Sour
         inference.note(column, "taken for degrees, like the joint's")
     if len(found) == 2:
         _note_ratio(inference, joint, found)
+    elif "joint_position" in found:
+        _note_side(inference, joint, found["joint_position"], robot)
     _add_deflection(inference, joint, found)
     _add_torques(inference, joint, found)
     _add_electric(inference, joint, found)
@@ -130,9 +95,19 @@ def _sides_by_range(inference: Inference, names: list[str]) -> tuple[list[str], 
     if len(names) == 2 and ranges[large] > 5 * ranges[small] and large in unnamed:
         inference.note(large, f"moves much farther than {small}: taken for the motor side")
         return [large], [small]
-    if names[0] in unnamed:
-        inference.note(names[0], "taken for the joint side of the gear; it may be the motor side")
     return [], names
+
+
+def _note_side(
+    inference: Inference, joint: str, source: Mapping[str, Any], robot: Robot | None
+) -> None:
+    """Note the side of an only position: usual is that of the joint, within its limits."""
+    column, factor = source["column"], _POSITION_FACTORS.get(source.get("unit", ""), np.nan)
+    if not inference.meanings[column].side:
+        fits = is_within(inference, column, factor, joint, robot)
+        is_usual = fits and not inference.is_of_a_drive
+        text = "taken for the joint side of the gear; it may be the motor side"
+        inference.choose(column, text, is_usual=is_usual)
 
 
 def _note_ratio(inference: Inference, joint: str, found: Sources) -> None:
@@ -143,8 +118,8 @@ def _note_ratio(inference: Inference, joint: str, found: Sources) -> None:
     )
     twists = [inference.data[name] for name in inference.having("deflection", joint)]
     sides = [load] + [load + sign * twist for twist in twists for sign in (1.0, -1.0)]
-    best = max(sides, key=lambda side: _correlation(motor, side) ** 2)
-    if _correlation(motor, best) ** 2 > _STIFF:
+    best = max(sides, key=lambda side: correlation(motor, side) ** 2)
+    if correlation(motor, best) ** 2 > _STIFF:
         good = np.isfinite(motor) & np.isfinite(best)
         ratio = np.cov(motor[good], best[good])[0, 1] / np.var(best[good], ddof=1)
         inference.note(joint, f"the motor turns {ratio:.5g} times as far: check the gear ratio")
@@ -161,14 +136,22 @@ def _position_unit(
         return {"unit": "counts", "counts_per_turn": float(power)}
     if unit is not None:
         return {"unit": unit}
+    if unit := unit_by_velocity(inference, column, joint):
+        inference.choose(column, f"{unit} by its velocity", is_usual=True)
+        return {} if unit == "rad" else {"unit": unit}
     farthest = _farthest_rad(joint, robot)
     if quantity != "joint_position" or farthest is None:
         return {}
-    if moves > farthest:
+    unit = "deg" if moves > farthest else "rad"
+    fits = is_within(inference, column, UNIT_FACTORS["rad"][unit], joint, robot)
+    if fits and is_far(inference, column) and not inference.is_of_a_drive:
+        inference.choose(column, f"taken for {unit}", is_usual=True)
+    elif unit == "deg":
         inference.note(f"{column} (moves by {moves:.4g})", "taken for degrees")
-        return {"unit": "deg"}
-    inference.note(f"{column} (moves by {moves:.3g})", "taken for rad")
-    return {}
+    else:
+        more = "; turns are usual of such drives" if inference.is_of_a_drive else ""
+        inference.note(f"{column} (moves by {moves:.3g})", f"taken for rad{more}")
+    return {} if unit == "rad" else {"unit": unit}
 
 
 def _farthest_rad(joint: str, robot: Robot | None) -> float | None:
@@ -190,7 +173,7 @@ def _add_deflection(inference: Inference, joint: str, found: Sources) -> None:
     elif found:
         torques = inference.having("torque", joint)[:1]
         twist = inference.data[names[0]]
-        pulls = sum(_correlation(inference.data[name], twist) for name in torques)
+        pulls = sum(correlation(inference.data[name], twist) for name in torques)
         found["deflection"] = {"column": names[0], "sign": -1 if pulls < 0 else 1}
         origin = f", inferred from {torques[0]}" if pulls else ""
         inference.note(names[0], f"check its sign (motor side minus joint side){origin}")
@@ -213,7 +196,7 @@ def _add_torques(inference: Inference, joint: str, found: Sources) -> None:
         if meaning.unit in UNIT_FACTORS["A"]:
             inference.note(name, "a torque in amperes: describe it with torque_constant_Nm_per_A")
             continue
-        if twists and abs(_correlation(inference.data[name], inference.data[twists[0]])) > _SAME:
+        if twists and abs(correlation(inference.data[name], inference.data[twists[0]])) > _SAME:
             side = "joint"
             inference.note(name, f"proportional to {twists[0]}: one is computed from the other")
         elif not side and "motor_position" in found:
@@ -236,16 +219,6 @@ def _add_torques(inference: Inference, joint: str, found: Sources) -> None:
 def _unit(meaning: Meaning, usual: str) -> dict[str, str]:
     """Return the argument for the unit of a source, none for the usual one."""
     return {} if meaning.unit in (None, usual) else {"unit": meaning.unit}
-
-
-def _correlation(one: Array, other: Array) -> float:
-    """Return the correlation of two channels, 0 where they cannot be compared."""
-    if len(one) != len(other):
-        return 0.0
-    good = np.isfinite(one) & np.isfinite(other)
-    if np.sum(good) < 3 or np.ptp(one[good]) == 0 or np.ptp(other[good]) == 0:
-        return 0.0
-    return float(np.corrcoef(one[good], other[good])[0, 1])
 
 
 def _add_electric(inference: Inference, joint: str, found: Sources) -> None:
@@ -298,7 +271,8 @@ def _add_temperature(inference: Inference, joint: str, found: Sources) -> None:
         **({} if unit in (None, "degC") else {"unit": unit}),
     }
     if inference.meanings[name].side != "motor":
-        inference.note(name, "taken for the temperature of the motor")
+        text = "taken for the temperature of the motor"
+        inference.choose(name, text, is_usual=len(names) == 1)
 
 
 _MEASURED = ("position", "torque", "deflection", "current", "voltage")
@@ -313,6 +287,7 @@ that cannot be read."""
 _SHOWN = 100
 """Most unused columns that are shown."""
 
+_SECONDS = {None: 1.0, "s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 _STEPS_S = {"s": 5e-5, "ms": 5e-2, "us": 50.0, "ns": 5e4}
 """Smallest step of a clock in this unit (20 kHz); the largest is a thousand times that."""
 
@@ -329,11 +304,14 @@ class Description(Display):
         The uncertain choices, as sentences.
     unused : tuple of str
         Columns of the file that are not used.
+    assumed : tuple of str
+        Usual choices that neither names nor samples contradict, as sentences.
     """
 
     description: LogDescription
     unsure: tuple[str, ...]
     unused: tuple[str, ...]
+    assumed: tuple[str, ...] = ()
 
     def _in_short(self) -> str:
         more = f"{len(self.unsure)} unsure, {counted(len(self.unused), 'unused column')}"
@@ -342,6 +320,7 @@ class Description(Display):
     def to_toml(self) -> str:
         """Return the TOML of the description, with the uncertain choices as comments on top."""
         comments = "".join(f"# unsure: {shortened(one, 500)}\n" for one in self.unsure)
+        comments += "".join(f"# assumed: {shortened(one, 500)}\n" for one in self.assumed)
         return comments + self.description.to_toml()
 
     def __str__(self) -> str:
@@ -352,6 +331,7 @@ class Description(Display):
         widths = [max(len(row[place]) for row in cells) for place in range(5)]
         lines = ["  ".join(map(str.ljust, row, widths)).rstrip() for row in cells]
         lines += [f"unsure: {one}" for one in self.unsure]
+        lines += [f"assumed: {one}" for one in self.assumed]
         return "\n".join([*lines, f"not used: {listed(self.unused, _SHOWN) or 'none'}"])
 
     def _cells(self, source: Source) -> tuple[str, str, str]:
@@ -404,23 +384,26 @@ def describe_log(
     _with_bare_names(inference, joints_known)
     inference.data |= _with_signal(_all_samples(table, inference), inference)
     clocks = {} if table.clocks else _file_clocks(table, inference)
+    _with_estimates(inference)
+    inference.time = _time_of(inference, clocks.get(""))
     tags = _with_motor(inference, _joints(inference))
     if not tags:
         raise LogError(
             f"'{path}': no column looks like the position of a joint; columns are "
-            f"{listed(table.names)}{'; ' if table.notice else ''}{table.notice}"
+            f"{listed(table.names, _LISTED)}{'; ' if table.notice else ''}{table.notice}"
         )
     names = _joint_names(tags, robot, inference)
     _label_by_joint(inference, names)
-    joints = {}
+    joints, found = {}, dict[str, Sources]()
     for tag, joint in names.items():
         own = clocks.get(tag) if tag else None
         if joint not in joints or own:
-            sources = quantities_of(inference, joint, robot)
+            sources = found[joint] = quantities_of(inference, joint, robot)
             joints[joint] = {
                 name: Source(**one, time=own or clocks.get(table.files.get(one["column"], joint)))
                 for name, one in sources.items()
             }
+    check_used(inference, found, robot, {one.column or "" for one in clocks.values()})
     is_own = bool(table.clocks) or not clocks.keys().isdisjoint(table.files.values())
     common = None if is_own else _common_clock(inference, clocks, tags)
     files = tuple(
@@ -429,7 +412,25 @@ def describe_log(
     description = LogDescription(joints, common, files=files if table.files else ())
     used = description.columns()
     unused = tuple(name for name in table.names if not used & {name, table.bare(name)})
-    return Description(description, inference.unsure(), unused)
+    return Description(description, inference.unsure(), unused, inference.assumptions())
+
+
+def _time_of(inference: Inference, clock: Clock | None) -> Array | None:
+    """Return the samples of a clock in seconds since the first."""
+    if clock is None or clock.column not in inference.data:
+        return None
+    values = inference.data[str(clock.column)]
+    return np.asarray((values - values[0]) * _SECONDS[clock.unit], dtype=float)
+
+
+def _with_estimates(inference: Inference) -> None:
+    """Take positions that a drive calls estimated for measured, if there are no others."""
+    kinds = {name: one for name, one in inference.meanings.items() if one.quantity == "position"}
+    if not any(one.is_raw and name in inference.data for name, one in kinds.items()):
+        for name, one in kinds.items():
+            if one.is_estimate and name in inference.data:
+                inference.meanings[name] = replace(one, is_raw=True, is_estimate=False)
+                inference.note(name, "an estimate of the drive, as there is no other position")
 
 
 def _common_clock(
@@ -477,6 +478,13 @@ def _with_signal(data: Block, inference: Inference) -> Block:
         meaning = inference.meanings[name]
         if np.any(np.abs(finite) > LARGEST):
             inference.note(name, f"has values beyond {LARGEST:g}: no sensor, excluded")
+        elif meaning.quantity in _MEASURED and meaning.is_raw and len(finite) and is_state(finite):
+            if np.ptp(finite) > 0:
+                inference.note(name, "has a few whole numbers only: a state, excluded")
+            elif meaning.quantity == "voltage":
+                found[name] = values
+            else:
+                inference.note(name, f"{finite[0]:.6g} all the time: a dead sensor, excluded")
         elif len(finite) and (np.ptp(finite) > 0 or meaning.quantity == "voltage"):
             found[name] = values
         elif meaning.quantity in _MEASURED and meaning.is_raw:

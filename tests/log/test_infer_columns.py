@@ -218,7 +218,7 @@ def test_elastic_joint_in_milliseconds_with_current(tmp_path: Path) -> None:
     assert found.description.to_dict()["time"] == {"column": "time_ms", "unit": "ms"}
     assert "joint_1: the motor turns 100 times as far: check the gear ratio" in found.unsure
     assert not found.unused
-    assert "temp_1: taken for the temperature of the motor" in found.unsure
+    assert "temp_1: taken for the temperature of the motor" in found.assumed
 
 
 @pytest.mark.parametrize(

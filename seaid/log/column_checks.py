@@ -1,0 +1,335 @@
+"""Checks of what columns were taken for: by all words of their names, and by their samples.
+
+A meaning is sure if each word is understood and the samples agree: a position is the integral of
+the velocity of its joint and stays within its limits, a current has two signs, a raw value is not
+in whole numbers. Everything else becomes a doubt; usual conventions become assumptions.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from seaid._arrays import Array
+from seaid.errors import in_one_line, listed
+from seaid.log.column_meaning import Meaning
+from seaid.log.log import UNIT_FACTORS
+from seaid.log.readers.table import Block
+from seaid.robot import Robot
+
+Sources = dict[str, dict[str, Any]]
+"""Arguments of the Source of each quantity of a joint."""
+
+_LISTED = 100
+"""Most columns named in one note."""
+
+_EQUAL = 0.999999
+"""Correlation of a measurement with a command above which it is no measurement."""
+
+_ALIKE = 0.995
+"""Correlation with a signal of a joint above which an unknown column is named for it."""
+
+_FOLLOWS, _UNRELATED = 0.95, 0.5
+"""Shares of the variance of a position that the integral of a velocity explains: it is its
+velocity, or it is something else."""
+
+_UNIT_SPREAD = 0.05
+"""Relative error of the scale between a position and an integrated velocity, for a unit."""
+
+_TURNS_FAR_RAD = 0.5
+"""A motion this far, if it were in degrees, is none that anybody identifies a robot from."""
+
+_BEYOND = 0.2
+"""Share of the range of a joint by which encoders exceed the limits in its file."""
+
+_FEW, _WHOLE = 8, 20.0
+"""Distinct whole numbers of a state; range of whole numbers that are raw values of a drive."""
+
+_RATES = {"rad/s": 1.0, "mrad/s": 1e-3, "deg/s": np.pi / 180, "turn/s": 2 * np.pi}
+_RATES |= {"rpm": np.pi / 30, "m/s": 1.0, "mm/s": 1e-3}
+_DRIVE = re.compile(r"(?<![a-z])(iq|q_?current|odrive|moteus)(?![a-z])", re.IGNORECASE)
+"""Names of drives, which have turns of the motor for angles of the joint."""
+
+
+@dataclass(eq=False)
+class Inference:
+    """The columns of a log: samples, meanings of their names, and notes on uncertain choices.
+
+    `assumed` are conventions that nothing contradicts; `time` are the samples of the clock of all
+    columns in seconds, None if there is none.
+    """
+
+    data: Block
+    meanings: dict[str, Meaning]
+    notes: dict[str, list[str]] = field(default_factory=dict)
+    assumed: dict[str, list[str]] = field(default_factory=dict)
+    time: Array | None = None
+
+    def having(self, quantity: str, joint: str, *sides: str) -> list[str]:
+        """Return the columns with a quantity of a joint, except commands and derived signals.
+
+        `sides` selects those whose names state one of these sides, or none if it contains "".
+        """
+        return [
+            name
+            for name in self._raw.get((quantity, joint), ())
+            if name in self.data and (not sides or self.meanings[name].side in sides)
+        ]
+
+    def finite(self, name: str) -> Array:
+        """Return the samples of a column that are finite."""
+        values = self.data[name]
+        return values[np.isfinite(values)]
+
+    @cached_property
+    def _raw(self) -> dict[tuple[str, str], list[str]]:
+        """The raw columns by quantity and joint."""
+        found: dict[tuple[str, str], list[str]] = {}
+        for name, meaning in self.meanings.items():
+            if meaning.is_raw:
+                found.setdefault((meaning.quantity, meaning.joint), []).append(name)
+        return found
+
+    @cached_property
+    def is_of_a_drive(self) -> bool:
+        """Whether names of the log are those of drives that have turns for angles."""
+        return any(_DRIVE.search(name) for name in self.meanings)
+
+    def note(self, about: str, text: str) -> None:
+        """Note an uncertain choice; notes with the same text become one sentence."""
+        self.notes.setdefault(text, []).append(about)
+
+    def choose(self, about: str, text: str, *, is_usual: bool) -> None:
+        """Note a choice: a usual one that the samples allow is assumed, another is uncertain."""
+        (self.assumed if is_usual else self.notes).setdefault(text, []).append(about)
+
+    def unsure(self) -> tuple[str, ...]:
+        """Return the notes as sentences."""
+        return _sentences(self.notes)
+
+    def assumptions(self) -> tuple[str, ...]:
+        """Return the assumptions as sentences."""
+        return _sentences(self.assumed)
+
+
+def _sentences(notes: Mapping[str, list[str]]) -> tuple[str, ...]:
+    found = (f"{listed(about, _LISTED)}: {text}" for text, about in notes.items())
+    return tuple(map(in_one_line, found))
+
+
+def correlation(one: Array, other: Array) -> float:
+    """Return the correlation of two channels, 0 where they cannot be compared."""
+    if len(one) != len(other):
+        return 0.0
+    good = np.isfinite(one) & np.isfinite(other)
+    if np.sum(good) < 3 or np.ptp(one[good]) == 0 or np.ptp(other[good]) == 0:
+        return 0.0
+    return float(np.corrcoef(one[good], other[good])[0, 1])
+
+
+def is_state(values: Array) -> bool:
+    """Return whether samples are a few whole numbers, as of a mode or a flag."""
+    return (
+        len(values) >= 100
+        and bool(np.all(values == np.round(values)))
+        and len(np.unique(values)) <= _FEW
+    )
+
+
+def is_within(
+    inference: Inference, column: str, factor: float, joint: str, robot: Robot | None
+) -> bool:
+    """Return whether a position times a factor stays about within the limits of a known joint."""
+    if robot is None or joint not in robot.joint_names:
+        return False
+    index = robot.index(joint)
+    lower, upper = float(robot.lower_limits[index]), float(robot.upper_limits[index])
+    values, more = factor * inference.finite(column), _BEYOND * (upper - lower)
+    return bool(lower - more <= np.min(values) and np.max(values) <= upper + more)
+
+
+def is_far(inference: Inference, column: str) -> bool:
+    """Return whether a position moves too far in its own numbers for these to be degrees."""
+    return float(np.ptp(inference.finite(column))) >= _TURNS_FAR_RAD
+
+
+def unit_by_velocity(inference: Inference, column: str, joint: str) -> str | None:
+    """Return the unit of an angle that a velocity with a unit gives, None if there is none."""
+    for name, share, scale in _velocities(inference, column, joint):
+        rate = _RATES.get(inference.meanings[name].unit or "")
+        if rate is None or share < _FOLLOWS:
+            continue
+        for unit in ("rad", "deg", "turn", "mrad"):
+            if abs(abs(scale) * UNIT_FACTORS["rad"][unit] / rate - 1) < _UNIT_SPREAD:
+                return unit
+    return None
+
+
+def _velocities(
+    inference: Inference, column: str, joint: str
+) -> Iterator[tuple[str, float, float]]:
+    """Yield velocities of a joint, how much of a position their integral explains, and its scale.
+
+    position = scale * (integral of the velocity) + a + b t, where b is an offset of the velocity.
+    """
+    time, position = inference.time, inference.data[column]
+    side = inference.meanings[column].side
+    sides = {side, ""} if side else {"", "motor", "joint"}
+    for name in inference.having("velocity", joint, *sides):
+        speed = inference.data[name]
+        if time is None or not len(time) == len(position) == len(speed):
+            return
+        good = np.isfinite(time) & np.isfinite(position) & np.isfinite(speed)
+        if np.sum(good) < 20 or np.ptp(speed[good]) == 0:
+            continue
+        t, v, q = time[good] - time[good][0], speed[good], position[good]
+        path = np.concatenate([[0.0], np.cumsum(np.diff(t) * (v[1:] + v[:-1]) / 2)])
+        others = np.column_stack([np.ones(len(t)), t])
+        path, q = (one - others @ np.linalg.lstsq(others, one, rcond=None)[0] for one in (path, q))
+        power = float(path @ path)
+        if power > 0 and np.var(q) > 0:
+            yield name, float((path @ q) ** 2 / (power * (q @ q))), float(path @ q) / power
+
+
+def check_used(
+    inference: Inference, joints: Mapping[str, Sources], robot: Robot | None, clocks: set[str]
+) -> None:
+    """Note what words or samples of the columns leave in doubt; `clocks` are those of the time."""
+    used = {one["column"] for sources in joints.values() for one in sources.values()}
+    used |= {one.get("times", "") for sources in joints.values() for one in sources.values()}
+    used &= inference.meanings.keys()
+    _note_unknown_words(inference, used)
+    for joint, sources in joints.items():
+        for quantity, source in sources.items():
+            column, kind = source["column"], quantity.rpartition("_")[2]
+            if kind == "position":
+                _check_position(inference, source, joint, robot)
+            elif kind in ("torque", "current"):
+                _check_effort(inference, column)
+            _check_commands(inference, column, joint)
+    _note_left_out(inference, used)
+    _note_unknown_columns(inference, joints, used | clocks)
+
+
+def _note_unknown_words(inference: Inference, used: set[str]) -> None:
+    """Note words of used columns that no table has, unless most names have them: a prefix."""
+    count = Counter(word for one in inference.meanings.values() for word in set(one.unknown))
+    for name in sorted(used):
+        words = [
+            one
+            for one in inference.meanings[name].unknown
+            if count[one] < 0.5 * len(inference.meanings)
+        ]
+        if words:
+            inference.note(name, f"the meaning of {listed(words)} in the name is not known")
+
+
+def _check_position(
+    inference: Inference, source: Mapping[str, Any], joint: str, robot: Robot | None
+) -> None:
+    """Note a position that its velocities, its limits or the type of its joint contradict."""
+    column, unit = source["column"], source.get("unit")
+    factor = UNIT_FACTORS["rad"].get(unit or "rad", 0.0)
+    for name, share, scale in _velocities(inference, column, joint):
+        rate = _RATES.get(inference.meanings[name].unit or "")
+        if share < _UNRELATED:
+            inference.note(f"{column}, {name}", "one is not the velocity of the other")
+        elif share > _FOLLOWS and scale < 0:
+            inference.note(f"{column}, {name}", "position and velocity have opposite signs")
+        elif share > _FOLLOWS and rate and factor and abs(scale * factor / rate - 1) > 0.1:
+            more = f"moves {scale * factor / rate:.4g} times as far as {name} says"
+            inference.note(column, f"{more}: check the units, and whether both are on one side")
+    if robot is None or joint not in robot.joint_names:
+        return
+    is_length = unit in UNIT_FACTORS["m"]
+    if unit not in (None, "counts") and is_length != robot.is_prismatic[robot.index(joint)]:
+        inference.note(column, f"{unit} does not fit the type of {joint}")
+    elif unit in ("deg", "mdeg") and not is_far(inference, column):
+        inference.note(column, f"hardly moves in {unit}: check its unit")
+
+
+def _check_effort(inference: Inference, column: str) -> None:
+    """Note a current with one sign, and whole numbers without a unit."""
+    values, meaning = inference.finite(column), inference.meanings[column]
+    if np.min(values) * np.max(values) >= 0 and meaning.quantity == "current":
+        inference.note(column, "has one sign: a magnitude or the current of a supply?")
+    if meaning.unit is None and np.ptp(values) > _WHOLE and np.all(values == np.round(values)):
+        inference.note(column, "in whole numbers without a unit: raw values of the drive?")
+
+
+def _check_commands(inference: Inference, column: str, joint: str) -> None:
+    """Note a measurement that equals a command of its joint."""
+    kind, values = inference.meanings[column].quantity, inference.data[column]
+    for name, one in inference.meanings.items():
+        is_other = (one.quantity, one.joint) == (kind, joint) and not one.is_raw
+        other = inference.data.get(name) if is_other and name != column else None
+        if other is not None and correlation(other, values) > _EQUAL:
+            inference.note(column, f"equals {name}: which one is measured?")
+
+
+def _note_left_out(inference: Inference, used: set[str]) -> None:
+    """Note columns with the name of a measurement that are not used."""
+    said = used.union(*inference.notes.values())
+    for name, one in inference.meanings.items():
+        is_measured = one.quantity in ("position", "torque", "deflection", "current")
+        is_measured &= one.is_raw or one.is_estimate
+        if is_measured and name in inference.data and name not in said:
+            inference.note(name, f"has the name of a {one.quantity}, and is not used")
+
+
+def _note_unknown_columns(
+    inference: Inference, joints: Mapping[str, Sources], used: set[str]
+) -> None:
+    """Note columns of no known quantity that move like a joint, or may be what one lacks."""
+    names = [
+        name
+        for name, values in inference.data.items()
+        if not inference.meanings[name].quantity and name not in used and not is_state(values)
+    ]
+    is_lacking = any(
+        not any(name.endswith(("torque", "current", "voltage")) for name in sources)
+        for sources in joints.values()
+    )
+    signals = list(_signals(inference, joints))
+    like = _alike({name: inference.data[name] for name in names[:1000]}, signals)
+    for name in names:
+        if name in like:
+            inference.note(name, f"not understood, and not used; it moves like {like[name]}")
+        elif is_lacking and _is_one_per_joint(name, names, len(joints)):
+            inference.note(name, "not understood: it may be what a joint lacks")
+
+
+def _is_one_per_joint(name: str, names: list[str], count: int) -> bool:
+    """Return whether as many names as joints differ in their numbers only."""
+    family = re.sub(r"\d+", "#", name)
+    return count == 1 or sum(re.sub(r"\d+", "#", one) == family for one in names) == count
+
+
+def _signals(inference: Inference, joints: Mapping[str, Sources]) -> Iterator[tuple[str, Array]]:
+    """Yield the motion of each joint and its derivatives by time, with their names."""
+    for joint, sources in joints.items():
+        for quantity in ("joint_position", "motor_position"):
+            if quantity in sources:
+                values, time = inference.data[sources[quantity]["column"]], inference.time
+                if time is None or len(time) != len(values) or np.any(np.diff(time) <= 0):
+                    time = np.arange(len(values), dtype=float)
+                if len(values) < 100:
+                    return
+                yield f"the position of {joint}", values
+                yield f"the velocity of {joint}", np.gradient(values, time)
+                break
+
+
+def _alike(columns: Block, signals: list[tuple[str, Array]]) -> dict[str, str]:
+    """Return {column: name of the signal} of columns that are proportional to one."""
+    return {
+        name: next(what for what, signal in signals if abs(correlation(signal, values)) > _ALIKE)
+        for name, values in columns.items()
+        if any(abs(correlation(signal, values)) > _ALIKE for _, signal in signals)
+    }
