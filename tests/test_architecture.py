@@ -136,7 +136,7 @@ ONE_IMPORTER = {
         *("regressor.structural.arithmetic", "regressor.structural.equations"),
     ),
     "one stage of reading each, which most logs do not pass": (
-        *("log.column_meaning", "log.custom_columns"),
+        *("log.column_checks", "log.custom_columns"),
     ),
 }
 """{reason: modules that only one other module imports}."""

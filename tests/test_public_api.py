@@ -90,7 +90,7 @@ CLASSES = {
     "most_saturated largest_drift",
     "Repair": "channel kind count time_s action",
     "LogDescription": "joints time where repair to_dict to_toml",
-    "Description": "description unsure unused to_toml",
+    "Description": "description unsure unused assumed to_toml",
     "LongLog": "path cutoff_hz",
     "FeasibleParameters": "robot values estimate distance chi_square active_bounds notes",
     "Identifiability": "names identifiable combinations ratios unidentifiable base rank usable gap "

@@ -17,7 +17,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from seaid.log.readers.opening import open_table
 from seaid.report.text import table
-from tests.log.test_real_headers import DEVELOP, HEADERS, HELD_OUT, judged
+from tests.log.test_real_headers import DEVELOP, FIRST_HALF, HELD_OUT, SECOND_HALF, judged
 
 HEBI = Path(__file__).resolve().parents[2] / "models/logs/hebi_x5_unloaded/exampleLog.hebilog"
 
@@ -25,7 +25,9 @@ HEBI = Path(__file__).resolve().parents[2] / "models/logs/hebi_x5_unloaded/examp
 def main() -> None:
     """Print the table of the headers and the time of the HEBI log."""
     rows = []
-    for name, headers in (("developed on", DEVELOP), ("only asked", HELD_OUT), ("all", HEADERS)):
+    groups = {"59, developed on": DEVELOP, "59, others": HELD_OUT}
+    groups |= {"42, first half": FIRST_HALF, "42, second half": SECOND_HALF}
+    for name, headers in groups.items():
         columns = []
         for header in headers:
             with tempfile.TemporaryDirectory() as folder:
@@ -33,9 +35,14 @@ def main() -> None:
         right = [one for _, one, _ in columns]
         silent = sum(not right and not listed for _, right, listed in columns)
         rows.append([name, str(len(headers)), str(len(columns)), f"{sum(right) / len(right):.1%}"])
-        rows[-1].append(str(silent))
+        doubted = sum(ok and listed and not one.doubtful for one, ok, listed in columns)
+        rows[-1] += [str(silent), f"{doubted / sum(right):.1%}"]
     print(
-        table("describe_log", ["headers", "count", "columns", "right", "wrong, not listed"], rows)
+        table(
+            "describe_log",
+            ["headers", "count", "columns", "right", "wrong, not listed", "right, doubted"],
+            rows,
+        )
     )
     if find_spec("hebi"):
         start = time.perf_counter()

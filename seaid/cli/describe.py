@@ -45,6 +45,7 @@ def describe(
     content = {
         "description": guess.description.to_dict(),
         "unsure": guess.unsure,
+        "assumed": guess.assumed,
         "unused": guess.unused,
     }
     if output is not None and not is_stdout(output):

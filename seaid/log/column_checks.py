@@ -18,7 +18,7 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid.errors import in_one_line, listed
-from seaid.log.column_meaning import Meaning
+from seaid.log.column_meaning import Meaning, is_of_another_part
 from seaid.log.log import UNIT_FACTORS
 from seaid.log.readers.table import Block
 from seaid.robot import Robot
@@ -75,12 +75,14 @@ class Inference:
         """Return the columns with a quantity of a joint, except commands and derived signals.
 
         `sides` selects those whose names state one of these sides, or none if it contains "".
+        Those that say "measured" are first.
         """
-        return [
+        found = [
             name
             for name in self._raw.get((quantity, joint), ())
             if name in self.data and (not sides or self.meanings[name].side in sides)
         ]
+        return sorted(found, key=lambda name: not self.meanings[name].is_said)
 
     def finite(self, name: str) -> Array:
         """Return the samples of a column that are finite."""
@@ -190,8 +192,8 @@ def _velocities(
             continue
         t, v, q = time[good] - time[good][0], speed[good], position[good]
         path = np.concatenate([[0.0], np.cumsum(np.diff(t) * (v[1:] + v[:-1]) / 2)])
-        others = np.column_stack([np.ones(len(t)), t])
-        path, q = (one - others @ np.linalg.lstsq(others, one, rcond=None)[0] for one in (path, q))
+        t -= np.mean(t)
+        path, q = (one - np.mean(one) - t * (t @ one) / (t @ t) for one in (path, q))
         power = float(path @ path)
         if power > 0 and np.var(q) > 0:
             yield name, float((path @ q) ** 2 / (power * (q @ q))), float(path @ q) / power
@@ -276,11 +278,21 @@ def _check_commands(inference: Inference, column: str, joint: str) -> None:
 def _note_left_out(inference: Inference, used: set[str]) -> None:
     """Note columns with the name of a measurement that are not used."""
     said = used.union(*inference.notes.values())
+    forms = {(inference.meanings[name].quantity, *form) for name in used for form in _forms(name)}
     for name, one in inference.meanings.items():
         is_measured = one.quantity in ("position", "torque", "deflection", "current")
-        is_measured &= one.is_raw or one.is_estimate
+        if is_of_another_part(name):
+            is_measured &= any((one.quantity, *form) in forms for form in _forms(name))
+        else:
+            is_measured &= one.is_raw or one.is_estimate
         if is_measured and name in inference.data and name not in said:
             inference.note(name, f"has the name of a {one.quantity}, and is not used")
+
+
+def _forms(name: str) -> Iterator[tuple[str, str]]:
+    """Yield what stands before and behind each word of a name but the last."""
+    for word in re.finditer(r"[^\W_]+(?=[\W_])", name):
+        yield name[: word.start()], name[word.end() :]
 
 
 def _note_unknown_columns(

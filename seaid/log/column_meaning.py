@@ -14,16 +14,17 @@ from functools import cache
 from itertools import pairwise
 
 _QUANTITIES = {
-    "time": "t time stamp timestamp ts clock seconds sec nanosec elapsed times",
-    "position": "pos position angle q theta phi ang enc encoder positions qpos",
-    "velocity": "vel velocity speed dq qd qdot omega dtheta velocities rpm qvel",
-    "acceleration": "acc accel acceleration accelerations ddq qdd qddot ddtheta",
+    "time": "t time stamp timestamp ts clock seconds sec nanosec elapsed times zeit",
+    "position": "pos position angle q theta phi ang enc encoder positions qpos winkel",
+    "velocity": "vel velocity speed dq qd qdot omega dtheta velocities rpm erpm qvel rate "
+    "geschwindigkeit vitesse",
+    "acceleration": "acc accel acceleration accelerations ddq qdd qddot ddtheta beschleunigung",
     "deflection": "defl deflection twist",
-    "torque": "tau torque eff effort trq tq moment force torques frc couple",
-    "current": "cur current amps iq curr currents i",
-    "voltage": "volt volts voltage u voltages",
+    "torque": "tau torque eff effort trq tq moment force torques frc couple drehmoment",
+    "current": "cur current amps iq curr currents i strom courant",
+    "voltage": "volt volts voltage u voltages spannung",
     "duty": "pwm duty",
-    "temperature": "temp temperature wtemp temperatures temps",
+    "temperature": "temp temperature wtemp temperatures temps temperatur",
 }
 _WORDS = {word: kind for kind, words in _QUANTITIES.items() for word in words.split()}
 _PRECEDENCE = (
@@ -33,25 +34,28 @@ _PRECEDENCE = (
 )
 """Quantities by how they rank if a name has words of several; in one rank the first word counts."""
 _WEAK = {"enc", "encoder"}
-"""Words of a position that say nothing beside another quantity: "encoder_velocity"."""
+"""Words of a position that say nothing next to another quantity: "encoder_velocity"."""
 _RANK = {kind: rank for rank, kinds in enumerate(_PRECEDENCE) for kind in kinds.split()}
 _MOTOR = {"m", "motor", "motors", "mot", "rotor", "drive", "winding", "moteur"}
 _JOINT = {"joint", "link", "load", "out", "output", "l", "arm", "sensor", "external"}
-_JOINT |= {"joints", "links", "j"}
+_JOINT |= {"joints", "links", "j", "spring"}
 _ROLES = {
     "commanded": "cmd command commanded goal target des desired ref reference setpoint stpt con "
-    "demand",
-    "estimated": "est estimated",
+    "demand soll",
+    "estimated": "est estimate estimated",
     "derived": "filt filtered fric friction model ff error err expected predicted "
-    "gravity gravite pred coriolis constraint nullspace limit limits max min threshold hat",
+    "gravity gravite pred computed coriolis constraint nullspace limit limits max min threshold "
+    "hat",
     "elsewhere": "tcp ee eef tool cart cartesian task wrench imu gyro foot battery batt bms",
     "filler": "meas measured raw state states header actual act value data of the w bus actuator "
-    "servo axis electric",
+    "servo axis electric dof ist",
 }
 """Words of commands, of what is computed, of what is not at a joint, and words without meaning."""
 _COMMANDED, _ESTIMATED, _DERIVED, _ELSEWHERE, _FILLER = (
     set(words.split()) for words in _ROLES.values()
 )
+_SAID = {"meas", "measured", "actual", "act", "present", "ist"}
+"""Words that say that a value is measured."""
 _BEFORE_D = {*_WORDS, "j", "m", "l"}
 """Words after which d says that a value is desired."""
 _OUTSIDE = {"external", "ext"}
@@ -136,7 +140,8 @@ class Meaning:
     Of these, `is_estimate` is True for what the drive estimates, as a torque from its current.
     `quantity` is "position", ... or "" if unknown; `side` is "motor", "joint" or ""; `joint` is the
     name of the robot's joint, or the remainder of the name; `unit` may be None; `unknown` are the
-    words that no table has, if the joints of a robot are known.
+    words that no table has, if the joints of a robot are known; `is_said` is True if the name says
+    "measured".
     """
 
     quantity: str
@@ -146,6 +151,7 @@ class Meaning:
     is_raw: bool
     is_estimate: bool = False
     unknown: tuple[str, ...] = ()
+    is_said: bool = False
 
 
 @dataclass(frozen=True)
@@ -200,6 +206,7 @@ def meaning_of(name: str, joints: Sequence[str] = ()) -> Meaning:
         is_raw=is_measured and _ESTIMATED.isdisjoint(texts),
         is_estimate=is_measured and not _ESTIMATED.isdisjoint(texts),
         unknown=_unknown(words, joints) if joints else (),
+        is_said=not _SAID.isdisjoint(texts),
     )
 
 
@@ -214,7 +221,15 @@ def joint_alone(name: str, joints: Sequence[str]) -> str:
     """Return the joint of a name with nothing else but words without meaning, or an empty text."""
     texts = tuple(one.text for one in _words(_in_latin(name)))
     bare = tuple(one for one in texts if one not in _FILLER)
-    return next((joint for known, joint in _known(tuple(joints)) if known in (texts, bare)), "")
+    numbered = ("joint", *bare[1:]) if bare[:1] == ("j",) else bare  # "J1" is joint_1
+    spelled = (texts, bare, numbered)
+    return next((joint for known, joint in _known(tuple(joints)) if known in spelled), "")
+
+
+def is_of_another_part(name: str) -> bool:
+    """Return whether a name is no command, but of a tool, a foot, an IMU or a battery."""
+    texts = {one.text for one in _words(_in_latin(name))}
+    return bool(texts & _ELSEWHERE) and not texts & (_COMMANDED | _DERIVED)
 
 
 def _is_measured(texts: Sequence[str], quantity: str) -> bool:
@@ -262,7 +277,9 @@ def _words(text: str) -> list[_Word]:
     for run in _RUN.findall(text):
         head, unit = _without_unit(run)
         parts = _SPLIT.findall(head)
-        if "".join(parts[:-1]).lower() in _WORDS:  # "dQ1"
+        if head.lower() in _WORDS:  # "qD"
+            parts = [head]
+        elif "".join(parts[:-1]).lower() in _WORDS:  # "dQ1"
             parts = ["".join(parts[:-1]), parts[-1]]
         for number, part in enumerate(parts):
             glued = number > 0 and part.isdigit()
@@ -294,6 +311,9 @@ def _split(word: str) -> list[str]:
         return [word[0], word[1:]]
     if word[-1] in "ml" and word[:-1] in _WORDS:
         return [word[:-1], word[-1]]
+    for end in range(3, len(word) - 2):  # "motorpos", "istposition"
+        if word[:end] in _UNDERSTOOD and word[end:] in _WORDS:
+            return [word[:end], word[end:]]
     return [word]
 
 
@@ -347,8 +367,9 @@ def _is_at_joint(words: Sequence[_Word]) -> bool:
         for one in words
         if not one.text.isdigit() and (one.unit is None or one.text in _GENERIC)
     ]
-    if any(word in _JOINT and following in _WORDS for word, following in pairwise(others)):
-        return True
+    for word, following in pairwise(others):
+        if (word in _JOINT and following in _WORDS) or (following == "sensor" and word in _WORDS):
+            return True
     return _GENERIC.issuperset(others) and not _JOINT.isdisjoint(others)
 
 

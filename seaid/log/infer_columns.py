@@ -607,7 +607,8 @@ def _label_by_joint(inference: Inference, names: Mapping[str, str]) -> None:
     numbers = {_number_in(tag): joint for tag, joint in names.items()}
     for name, meaning in inference.meanings.items():
         number, joint = _number_in(meaning.joint), names.get(meaning.joint)
-        if joint is None and number and meaning.is_raw and meaning.quantity in _MEASURED:
+        is_sensor = meaning.is_raw or meaning.is_estimate
+        if joint is None and number and is_sensor and meaning.quantity in _MEASURED:
             joint = numbers.get(number) if len(numbers) == len(names) else None
             if joint is None or (meaning.quantity, joint) in labelled:
                 continue
