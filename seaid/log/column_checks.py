@@ -215,7 +215,7 @@ def check_used(
             elif kind in ("torque", "current"):
                 _check_effort(inference, column)
             _check_commands(inference, column, joint)
-    _note_left_out(inference, used)
+    _note_excluded(inference, used)
     _note_unknown_columns(inference, joints, used | clocks)
 
 
@@ -275,7 +275,7 @@ def _check_commands(inference: Inference, column: str, joint: str) -> None:
             inference.note(column, f"equals {name}: which one is measured?")
 
 
-def _note_left_out(inference: Inference, used: set[str]) -> None:
+def _note_excluded(inference: Inference, used: set[str]) -> None:
     """Note columns with the name of a measurement that are not used."""
     said = used.union(*inference.notes.values())
     forms = {(inference.meanings[name].quantity, *form) for name in used for form in _forms(name)}
