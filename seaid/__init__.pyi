@@ -12,6 +12,7 @@ from . import robot as robot
 from . import simulation as simulation
 from . import symbolic as symbolic
 from . import view as view
+from .drives import Controller as Controller
 from .drives import SeriesElasticDrive as SeriesElasticDrive
 from .drives import StiffDrive as StiffDrive
 from .drives import write_drives as write_drives

@@ -1,3 +1,4 @@
+from .controller import Controller as Controller
 from .drives import IDEAL_DRIVE as IDEAL_DRIVE
 from .drives import STD_OF_TORQUE as STD_OF_TORQUE
 from .drives import DefaultTerms as DefaultTerms

@@ -15,6 +15,7 @@ from typing import Any, ClassVar, Self, get_args
 
 from seaid._arrays import FrozenMapping, number
 from seaid._progress import Display
+from seaid.drives.controller import Controller, controller_of
 from seaid.drives.terms import (
     BY_TEMPERATURE,
     COULOMB,
@@ -96,7 +97,16 @@ _LENGTH_SIZES, _SIZES = (1e-9, 1e9), (0.0, 1e30)
 
 _MOST_EXTRA_TERMS = 20
 _TERM_FIELDS = (*(name for name in PARAMETERS_OF if name != "motor_input"), "known", "extra_terms")
-_NO_NUMBERS = (*PARAMETERS_OF, *FIELDS, "known", "extra_terms", "nominal", "transmission", "std")
+_NO_NUMBERS = (
+    *PARAMETERS_OF,
+    "controller",
+    *FIELDS,
+    "known",
+    "extra_terms",
+    "nominal",
+    "transmission",
+    "std",
+)
 
 
 def _check_numbers(drive: Drive) -> None:
@@ -104,6 +114,9 @@ def _check_numbers(drive: Drive) -> None:
     for field in fields(drive):
         value = getattr(drive, field.name)
         if value is None or field.name in _NO_NUMBERS:
+            continue
+        if field.name == "command_delay_s":
+            _check_number(field.name, value, "any number")
             continue
         least = "zero or more" if field.name in _MAY_BE_ZERO else "more than zero"
         least = "any number" if field.name == "reference_temperature_degC" else least
@@ -159,6 +172,17 @@ def _check_terms(drive: Drive) -> None:
     inputs = get_args(MotorInput)
     if not isinstance(drive.motor_input, str) or drive.motor_input not in inputs:
         raise RobotError(unknown_name("motor input", drive.motor_input, inputs))
+    if drive.controller is not None:
+        object.__setattr__(drive, "controller", controller_of(drive.controller))
+    if (drive.controller is None) == (drive.motor_input == "position_command"):
+        raise RobotError(
+            'motor_input = "position_command" and a controller go together: '
+            + (
+                "give its gains in the table 'controller'"
+                if drive.controller is None
+                else f"found a controller and the motor input '{drive.motor_input}'"
+            )
+        )
     for field, alike in (("friction", COULOMB), ("spring", DEAD_ZONES), ("spring", MEMORY)):
         found = [term for term in getattr(drive, field) if term in alike]
         if len(found) > 1:
@@ -258,6 +282,7 @@ CONSTANTS = (
     "motor_inertia_kg_m2",
     "motor_pulley_radius_m",
     "load_pulley_radius_m",
+    "command_delay_s",
 )
 """Constants that may have a standard deviation in `std`."""
 
@@ -273,6 +298,8 @@ class _Parameters(Display):
     extra_terms: tuple[str, ...] = ()
     parallel_spring: tuple[ParallelSpringTerm, ...] = ()
     motor_input: MotorInput = "torque"
+    controller: Controller | None = None
+    command_delay_s: float | None = None
     known: tuple[str, ...] = ()
     nominal: Mapping[str, float] = _NOTHING
     transmission: Mapping[str, float] = _NOTHING
@@ -439,8 +466,12 @@ class StiffDrive(_Parameters):
     extra_terms : tuple of str
         Further torques [N m] at the motor as text, such as "c*theta_M_dot**3", see
         `seaid.drives.extra_terms`.
-    motor_input : {"torque", "current", "voltage"}
+    motor_input : {"torque", "current", "voltage", "position_command"}
         The logged quantity of the motor.
+    controller : Controller, optional
+        The position controller of a drive whose commanded position was logged.
+    command_delay_s : float, optional
+        Nominal delay [s] of the command; negative where the positions are logged late.
     known : tuple of str
         Parameters whose values are known and not identified.
     nominal : mapping {parameter: value}

@@ -26,6 +26,7 @@ from seaid.drives.symbols import (
     PARAMETER_NAMES,
     STATES,
     Delta_T,
+    T_C,
     F_a,
     F_q,
     F_v,
@@ -49,6 +50,7 @@ from seaid.drives.symbols import (
     r_M,
     symbol_of,
     t,
+    tau_C,
     tau_G,
     tau_L,
     tau_M,
@@ -277,7 +279,12 @@ def joint_equation(drive: Drive) -> DriveEquation:
 
 
 def _input_torque(drive: Drive) -> sp.Expr:
-    return {"torque": tau_M, "current": K_t * i_M, "voltage": K_u * u_M}[drive.motor_input]
+    return {
+        "torque": tau_M,
+        "current": K_t * i_M,
+        "voltage": K_u * u_M,
+        "position_command": tau_M - T_C * tau_C.diff(t),
+    }[drive.motor_input]
 
 
 def _known(drive: Drive) -> tuple[sp.Symbol, ...]:

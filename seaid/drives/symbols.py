@@ -24,6 +24,9 @@ tau_G = sp.Function("tau_G")(t)
 Delta_T = sp.Function("Delta_T")(t)
 """Temperature of the motor above the reference temperature of the drive [K]."""
 
+tau_C = sp.Function("tau_C")(t)
+"""Part of the motor torque that the command of a position controller gives, K_p u / N."""
+
 N, r_M, r_L = sp.symbols("N r_M r_L", positive=True)
 I_M, F_v, F_C, F_0, F_a, F_q, F_L, F_S, w_0 = sp.symbols(
     "I_M F_v F_C F_0 F_a F_q F_L F_S w_0", real=True
@@ -31,6 +34,7 @@ I_M, F_v, F_C, F_0, F_a, F_q, F_L, F_S, w_0 = sp.symbols(
 w_C, w_S, w_M, g, w_g, w_H, K_t, K_u = sp.symbols("w_C w_S w_M g w_g w_H K_t K_u", positive=True)
 k, k_3, k_5, c_k, F_H, f_0, d_0 = sp.symbols("k k_3 k_5 c_k F_H f_0 d_0", real=True)
 F_vT, F_CT = sp.symbols("F_vT F_CT", real=True)
+T_C = sp.Symbol("T_C", real=True)
 k_P, tau_P, b_L, c_L = sp.symbols("k_P tau_P b_L c_L", real=True)
 
 PARAMETER_NAMES = {
@@ -60,6 +64,7 @@ PARAMETER_NAMES = {
     I_M: "motor_inertia",
     K_t: "torque_constant",
     K_u: "voltage_constant",
+    T_C: "command_delay",
     k_P: "parallel_stiffness",
     tau_P: "parallel_preload",
     b_L: "joint_viscous_friction",
@@ -74,7 +79,7 @@ def symbol_of(name: str) -> sp.Symbol:
 
 
 SYMBOLS = {name: symbol for symbol, name in PARAMETER_NAMES.items()}
-SIGNALS = (theta_M, theta_L, tau_M, tau_L, i_M, u_M, tau_G, Delta_T)
+SIGNALS = (theta_M, theta_L, tau_M, tau_L, i_M, u_M, tau_G, Delta_T, tau_C)
 STATES = {
     "theta_M": theta_M,
     "theta_M_dot": theta_M.diff(t),

@@ -27,7 +27,8 @@ viscous b_L q' and coulomb c_L sign(q').
 
 `motor_input`, the logged quantity: torque; current, with torque = torque constant * current;
 voltage, with torque = voltage constant * voltage (the viscous friction then contains the back-EMF).
-The constants are unknown parameters.
+The constants are unknown parameters. position_command: the drive's `controller` gives the torque,
+whose command acts after the delay T, tau_M - T tau_C' with the commanded part tau_C = K_p u / N.
 
 Periodic errors: the transmission error of the gear [rad, or m of a linear spring] adds to the
 deflection that the encoders show; the spring force sees k times that, which is linear in its
@@ -100,6 +101,7 @@ PARAMETERS = {
     "motor_inertia": Parameter("kg m^2"),
     "torque_constant": Parameter("N m/A", is_divisor=True),
     "voltage_constant": Parameter("N m/V", is_divisor=True),
+    "command_delay": Parameter("s", is_positive=False),
     "parallel_stiffness": Parameter("P/Q", is_positive=False),
     "parallel_preload": Parameter("P", is_positive=False),
     "joint_viscous_friction": Parameter("P s/Q"),
@@ -195,6 +197,7 @@ PARAMETERS_OF: dict[str, dict[str, tuple[str, ...]]] = {
         "torque": (),
         "current": ("torque_constant",),
         "voltage": ("voltage_constant",),
+        "position_command": ("command_delay",),
     },
 }
 """{field of a drive: {term: its parameters}}."""
@@ -206,7 +209,7 @@ LEVEL_OF = {
 }
 """{nonlinear friction term: the parameter that multiplies the slopes of its other parameters}."""
 
-MotorInput = Literal["torque", "current", "voltage"]
+MotorInput = Literal["torque", "current", "voltage", "position_command"]
 """Values of `motor_input=`, with their parameters in `PARAMETERS_OF`."""
 
 MEMORY = ("dahl", "maxwell_slip")

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from seaid._files import read_toml, write_whole
+from seaid.drives.controller import Controller
 from seaid.drives.drives import (
     CONSTANTS,
     IDEAL_DRIVE,
@@ -200,6 +201,9 @@ def drive_table(drive: Drive) -> dict[str, Any]:
 
 def _plain(value: Any) -> Any:
     """Return a field as a TOML type."""
+    if isinstance(value, Controller):
+        given = ((field, getattr(value, field.name)) for field in fields(value))
+        return {field.name: float(x) for field, x in given if x != field.default}
     if isinstance(value, Mapping):
         return {name: float(number) for name, number in value.items()}
     if isinstance(value, tuple):

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import accumulate
 
 import numpy as np
@@ -35,7 +36,11 @@ from seaid.identification.datasets import Dataset, Source, datasets_of, rows_in_
 from seaid.identification.drive_estimates import merged_estimates, spring_of, with_warnings
 from seaid.identification.gear import deflection_joints, with_rigid_gears
 from seaid.identification.identification import Identification, identification_of
-from seaid.identification.linearisation import linearised_robot
+from seaid.identification.linearisation import (
+    MOST_DELAY_ROUNDS,
+    linearised_robot,
+    with_estimated_delays,
+)
 from seaid.identification.nonlinear_terms import with_fixed_warnings
 from seaid.identification.torque_offsets import with_spring_torque
 from seaid.identification.two_step import (
@@ -335,6 +340,36 @@ def identify_conditions(
     ... )
     >>> print(both.summary())
     """
+    once = partial(
+        _identify_conditions,
+        condition_specific=condition_specific,
+        torque_joints=torque_joints,
+        estimator=estimator,
+        cutoff_hz=cutoff_hz,
+        progress=progress,
+    )
+    found = once(conditions)
+    for _ in range(MOST_DELAY_ROUNDS):
+        later = {
+            name: (with_estimated_delays(robot, found.identifications[name].robot), logs)
+            for name, (robot, logs) in conditions.items()
+        }
+        if all(later[name][0] is robot for name, (robot, _) in conditions.items()):
+            break
+        conditions, found = later, once(later)
+    return found
+
+
+def _identify_conditions(
+    conditions: Mapping[str, tuple[Robot, Source | Sequence[Source]]],
+    *,
+    condition_specific: Sequence[str],
+    torque_joints: str | Sequence[str] | None,
+    estimator: LinearEstimator,
+    cutoff_hz: float | None,
+    progress: bool,
+) -> Conditions:
+    """Return the result of `identify_conditions` with delays linearised at those of the drives."""
     robots, datasets = _read(conditions, cutoff_hz, progress)
     first = robots[next(iter(robots))]
     _check_specific(first, condition_specific)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal
@@ -63,7 +63,11 @@ from seaid.identification.known_constants import (
     exact_constants,
     with_known_std,
 )
-from seaid.identification.linearisation import linearised_robot
+from seaid.identification.linearisation import (
+    MOST_DELAY_ROUNDS,
+    linearised_robot,
+    with_estimated_delays,
+)
 from seaid.identification.missing_terms import (
     MOST_ROUNDS,
     missing_terms,
@@ -77,7 +81,7 @@ from seaid.identification.sensitivity import sensitivity_findings
 from seaid.identification.simultaneous import estimate_simultaneous
 from seaid.identification.transmission_error import periodic_findings
 from seaid.identification.two_step import RobotEstimate, estimate_two_step, joints_with_torque
-from seaid.log import Log, Motion, Processing, stretches
+from seaid.log import Log, Motion, Processing, stretches, with_commanded_torque
 from seaid.regressor import (
     BaseParameters,
     LoadModel,
@@ -272,6 +276,43 @@ def identify(
     >>> result = seaid.identify(robot, seaid.read_log("run.csv", robot), feasible=True)
     >>> print(result.summary())
     """
+    once = partial(
+        _identify,
+        logs=logs,
+        torque_joints=torque_joints,
+        method=method,
+        estimator=estimator,
+        feasible=feasible,
+        cutoff_hz=cutoff_hz,
+        encoder_offset_std=encoder_offset_std,
+        known_std=known_std,
+        executor=executor,
+        progress=progress,
+    )
+    found = once(robot)
+    for _ in range(MOST_DELAY_ROUNDS):
+        later = with_estimated_delays(robot, found.robot)
+        if later is robot:
+            break
+        robot, found = later, once(later)
+    return found
+
+
+def _identify(
+    robot: Robot,
+    *,
+    logs: Source | Sequence[Source],
+    torque_joints: str | Sequence[str] | None,
+    method: Method,
+    estimator: EstimatorName,
+    feasible: bool,
+    cutoff_hz: float | None,
+    encoder_offset_std: float,
+    known_std: Mapping[str, float],
+    executor: Executor | None,
+    progress: bool,
+) -> Identification:
+    """Return the result of `identify` with delays of commands linearised at those of the drives."""
     if estimator == "iv" and method != "two-step":
         raise IdentificationError(
             f'estimator="iv" needs method="two-step", found "{method}"',
@@ -282,7 +323,10 @@ def identify(
     check_known_std(known_std)
     selected = robot.selected(torque_joints)  # refuses unknown joints before a log is read
     solver = estimator_named("wls" if estimator == "iv" else estimator)
-    sources = sources_of(logs)
+    sources = [
+        with_commanded_torque(robot, source) if isinstance(source, Log) else source
+        for source in sources_of(logs)
+    ]
     logs_in_memory = [source for source in sources if isinstance(source, Log)]
     findings = log_findings(robot, logs_in_memory)
     with explained(findings):

@@ -109,6 +109,10 @@ def constants_of(
             if name == STD_OF_TORQUE and std:
                 louder = [_with_torques(one, [robot.index(joint)]) for one in datasets]
                 yield Constant(name, joint, std, robot, louder)
+            elif std and name == "command_delay_s":
+                later = (drive.command_delay_s or 0.0) + _STEP * std  # the delay may be zero
+                other = replace(drive, command_delay_s=later)
+                yield Constant(name, joint, 1.0, robot.with_drives({joint: other}), datasets)
             elif std and (value := getattr(drive, name, None)):
                 relative = std / abs(value) if name in drive.std else std
                 other = replace(drive, **{name: (1 + _STEP) * value})

@@ -69,6 +69,8 @@ def check_refinable(robot: Robot) -> None:
 
 
 def _not_refinable(robot: Robot, joint: str, drive: Drive) -> str:
+    if drive.controller is not None:
+        return "of which the command was logged, not the torque"
     if drive.motor_input != "torque":
         return f"of which the {drive.motor_input} was logged, not the torque"
     if drive.parallel_spring or drive.joint_friction:

@@ -241,6 +241,7 @@ def _input_torque(identification: Identification, motion: Motion, joint: str) ->
     values = {**drive.values, **dict(zip(estimate.names, estimate.values, strict=True))}
     factor = {
         "torque": 1.0,
+        "position_command": 1.0,
         "current": values.get("torque_constant", np.nan),
         "voltage": values.get("voltage_constant", np.nan),
     }[drive.motor_input]

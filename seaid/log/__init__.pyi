@@ -1,3 +1,4 @@
+from .commands import with_commanded_torque as with_commanded_torque
 from .description import LogDescription as LogDescription
 from .description import changed_source as changed_source
 from .filtering import PIECE_SAMPLES as PIECE_SAMPLES

@@ -54,6 +54,7 @@ LogField = Literal[
     "motor_voltage",
     "deflection",
     "motor_temperature",
+    "position_command",
 ]
 """Fields of a `Log` with samples of sensors, each (T, n)."""
 
@@ -72,6 +73,7 @@ def column_names(joint: str, is_prismatic: bool) -> dict[str, str]:
         f"{joint}.motor_voltage_V": "motor_voltage",
         f"{joint}.deflection_{position}": "deflection",
         f"{joint}.motor_temperature_degC": "motor_temperature",
+        f"{joint}.position_command_{position}": "position_command",
     }
 
 
@@ -182,6 +184,8 @@ class Log(Display):
         the joint [rad, or m]: that of a spring between pulleys over the load pulley's radius.
     motor_temperature : array (T, n) or None
         Temperature of the motor [degC], for friction that depends on it.
+    position_command : array (T, n) or None
+        Commanded position of a drive with a position controller, behind its gear [rad or m].
     is_prismatic : tuple of bool
         One entry per joint; default: all revolute.
     report : tuple of Repair
@@ -214,6 +218,7 @@ class Log(Display):
     motor_voltage: Array | None = None
     deflection: Array | None = None
     motor_temperature: Array | None = None
+    position_command: Array | None = None
     report: tuple[Repair, ...] = ()
     description: Mapping[str, Any] | None = None
 

@@ -13,6 +13,7 @@ from seaid._arrays import Array, BoolArray
 from seaid._progress import Display, sampled_text
 from seaid.drives import DEAD_ZONES, MEMORY
 from seaid.errors import Finding, LogError, checked
+from seaid.log.commands import command_delay, commanded_torque
 from seaid.log.filtering import CutoffSelection, low_pass, select_cutoff, spline_derivatives
 from seaid.log.repair.clocks import irregular_steps, longest_bridge, longest_step, typical_step
 from seaid.log.repair.resampling import in_gap, interpolated
@@ -132,6 +133,10 @@ class Motion(Display):
         m/s], NaN for joints without the sensor.
     motor_temperature : array (T, n) or None
         Temperature of the motors [degC], NaN for those without the sensor.
+    command_slope : array (T, n) or None
+        Rate [N m/s] of the motor torque by the command of position controllers, see `Controller`.
+    command_delay_s : tuple of float
+        Delay of the commands [s] in `motor_torque`, for each joint; empty without commands.
     gear_torque : array (T, n) or None
         Estimated torque of rigid drives on their load [N m or N], if their friction depends on it.
     bridged : array (T,) or None
@@ -158,6 +163,8 @@ class Motion(Display):
     deflection: Array | None = None
     deflection_rate: Array | None = None
     motor_temperature: Array | None = None
+    command_slope: Array | None = None
+    command_delay_s: tuple[float, ...] = ()
     gear_torque: Array | None = None
     bridged: BoolArray | None = None
     processing: Processing | None = None
@@ -186,7 +193,7 @@ class Motion(Display):
     def samples(self, part: slice) -> Motion:
         """Return some successive samples of the motion, as a part of the same log."""
         signals = {name: value for name, value in vars(self).items() if np.ndim(value) > 0}
-        del signals["joint_names"]
+        signals = {name: x for name, x in signals.items() if isinstance(x, np.ndarray)}
         cut = {name: value[part] for name, value in signals.items() if name != "fastest"}
         return replace(self, **cut, fastest=self.largest_speeds)
 
@@ -333,6 +340,8 @@ def _motion(
     n, springs = robot.n, signals.get("deflection")
     if springs is not None:
         springs = low_pass(springs, rate_hz, POSITION_BAND * cutoff_hz)
+    torque, slope = commanded_torque(robot, time, signals, POSITION_BAND * cutoff_hz)
+    delays = [command_delay(robot.drives[joint]) for joint in robot.joint_names]
     warmth = signals.get("motor_temperature")
     if warmth is not None:
         warmth = low_pass(warmth, rate_hz, POSITION_BAND * cutoff_hz)
@@ -345,13 +354,15 @@ def _motion(
         motor_position=position[:, n:],
         motor_velocity=velocity[:, n:],
         motor_acceleration=acceleration[:, n:],
-        motor_torque=signals["motor_torque"],
+        motor_torque=torque,
         joint_torque=signals.get("joint_torque", np.full_like(joint, np.nan)),
         motor_current=signals.get("motor_current"),
         motor_voltage=signals.get("motor_voltage"),
         deflection=springs,
         deflection_rate=None if springs is None else spline_derivatives(time, springs)[1],
         motor_temperature=warmth,
+        command_slope=slope if "position_command" in signals else None,
+        command_delay_s=tuple(delays) if "position_command" in signals else (),
         cutoff_hz=float(cutoff_hz),
         transient_s=1.0 / cutoff_hz,
         bridged=_bridged(log.time, time),

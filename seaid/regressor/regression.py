@@ -33,10 +33,15 @@ if TYPE_CHECKING:
     from seaid.robot import Robot
 
 
-INPUTS = {"torque": "tau_M", "current": "i_M", "voltage": "u_M"}
+INPUTS = {"torque": "tau_M", "current": "i_M", "voltage": "u_M", "position_command": "tau_M"}
 """{motor input: its signal in the drive's equation}."""
 
-INPUT_FIELDS = {"torque": "motor_torque", "current": "motor_current", "voltage": "motor_voltage"}
+INPUT_FIELDS = {
+    "torque": "motor_torque",
+    "current": "motor_current",
+    "voltage": "motor_voltage",
+    "position_command": "motor_torque",
+}
 """Field of a motion with a drive's logged input."""
 
 _STILL = 1e-5
@@ -119,7 +124,8 @@ def signals(robot: Robot, motion: Motion, index: int) -> dict[str, Array]:
         "theta_L": position,
         "theta_L_dot": _moving(velocity),
         "theta_L_ddot": acceleration,
-        "tau_M": motion.motor_torque[:, index],
+        "tau_M": _without_delay(motion, index),
+        "tau_C_dot": _channel(motion.command_slope, motion, index),
         "tau_L": np.zeros(len(motion.time)),
         "i_M": _channel(motion.motor_current, motion, index),
         "u_M": _channel(motion.motor_voltage, motion, index),
@@ -140,6 +146,14 @@ def input_signals(robot: Robot, motion: Motion, index: int) -> dict[str, Array]:
     if np.all(np.isnan(found["tau_M"])) and drive.motor_input == "torque":
         found["tau_M"] = sensed_torque(robot, motion, index) / drive.ratio
     return found
+
+
+def _without_delay(motion: Motion, index: int) -> Array:
+    """Return the motor torque (T,), that of a command without its delay, to first order in it."""
+    torque = motion.motor_torque[:, index]
+    if motion.command_slope is None:
+        return torque
+    return np.asarray(torque + motion.command_delay_s[index] * motion.command_slope[:, index])
 
 
 def _moving(speed: Array) -> Array:

@@ -96,6 +96,8 @@ def _sources(found: Identification, side: str) -> list[str]:
 
 def _motor_source(found: Identification, joint: str) -> str:
     kind = found.known.drives[joint].motor_input
+    if kind == "position_command":
+        return "the torque that the controller gives for the logged command"
     if kind != "torque":
         return f"the motor's {kind} times the identified constant"
     if not _has_motor_torque(found, joint):
@@ -109,6 +111,8 @@ def _load_source(found: Identification, joint: str) -> str:
         return "the torque of the identified spring at its measured deflection, (4b)"
     if joint in found.robot.elastic_joints:
         return "the torque of the sensor at the joint"
+    if drive.motor_input == "position_command":
+        return "the torque that the controller gives for the logged command, at the joint"
     if drive.motor_input != "torque":
         return f"the motor's {drive.motor_input} times the identified constant, at the joint"
     if drive == IDEAL_DRIVE:

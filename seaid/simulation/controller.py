@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +11,7 @@ from scipy.ndimage import gaussian_filter1d
 from seaid._arrays import Array
 from seaid.drives import DEAD_ZONES, key_of, spring_curve, stretch_of, unit_of
 from seaid.errors import RobotError
+from seaid.log import Log
 from seaid.robot import Robot
 from seaid.simulation.plant import Plant, inverse_dynamics, inverse_inertia
 
@@ -48,7 +50,7 @@ def motor_inputs(robot: Robot, torque: Array) -> MotorInputs:
 def input_gain(robot: Robot, joint: str) -> float:
     """Return the motor torque [N m] per unit of the drive's motor input, or raise RobotError."""
     drive = robot.drives[joint]
-    if drive.motor_input == "torque":
+    if drive.motor_input in ("torque", "position_command"):
         return 1.0
     name = {"current": "torque_constant", "voltage": "voltage_constant"}[drive.motor_input]
     value = drive.values.get(name, 0.0)
@@ -170,3 +172,79 @@ def _least_inertia(plant: Plant, q: Array) -> Array:
         inverse = inverse_inertia(plant, data, configuration)
         inertias.append(1 / np.diag(inverse if C is None else C @ inverse @ C.T))
     return np.asarray(np.min(inertias, axis=0))
+
+
+@dataclass(eq=False)
+class PositionControllers:
+    """The controllers of drives that follow logged position commands, in a simulation.
+
+    `index` (m,) are their places among the joints; `command` (T, m) are the commands at `time`.
+    """
+
+    index: Array
+    time: Array
+    command: Array
+    delay_s: Array
+    ratio: Array
+    position_gain: Array
+    velocity_gain: Array
+    limit: Array
+    feedback: Array | None = None
+
+    def with_torque(self, torque: Array, at: float, position: Array, velocity: Array) -> Array:
+        """Return motor torques (n,) with those of the controllers at a time and a motor state."""
+        wanted = self.position_gain * self._commands(at) + self._feedback(position, velocity)
+        given = torque.copy()
+        given[self.index] = np.clip(wanted, -self.limit, self.limit) / self.ratio
+        return given
+
+    def _commands(self, at: float) -> Array:
+        pairs = zip(self.delay_s, self.command.T, strict=True)
+        return np.array([np.interp(at - delay, self.time, one) for delay, one in pairs])
+
+    def rate(self, at: float, position: Array, velocity: Array, step: float) -> Array:
+        """Return the rate (n,) of the motor torque in a step that starts at a state.
+
+        That of the feedback is the rate in the last step.
+        """
+        now, change = self._feedback(position, velocity), np.zeros(len(position))
+        if self.feedback is not None:
+            ahead = self.position_gain * (self._commands(at + step) - self._commands(at))
+            change[self.index] = (ahead + now - self.feedback) / (step * self.ratio)
+        self.feedback = now
+        return change
+
+    def _feedback(self, position: Array, velocity: Array) -> Array:
+        turned = [one[self.index] / self.ratio for one in (position, velocity)]
+        return np.asarray(-self.position_gain * turned[0] - self.velocity_gain * turned[1])
+
+
+def position_controllers(robot: Robot, log: Log) -> PositionControllers | None:
+    """Return the controllers of the drives with a position command, None without one."""
+    drives = [robot.drives[joint] for joint in robot.joint_names]
+    own = [index for index, drive in enumerate(drives) if drive.controller is not None]
+    if not own:
+        return None
+    commands = np.full((len(log.time), robot.n), np.nan)
+    if log.position_command is not None:
+        columns = [log.joint_names.index(joint) for joint in robot.joint_names]
+        commands = log.position_command[:, columns]
+    for index in own:
+        if np.isnan(commands[0, index]):
+            raise RobotError(f"the log has no position command of '{robot.joint_names[index]}'")
+    chosen = [drives[index] for index in own]
+    laws = [drive.controller for drive in chosen if drive.controller is not None]
+
+    def of_all(values: Iterable[float]) -> Array:
+        return np.array(list(values), dtype=float)
+
+    return PositionControllers(
+        index=np.array(own),
+        time=log.time,
+        command=commands[:, own],
+        delay_s=of_all(drive.values.get("command_delay", 0.0) for drive in chosen),
+        ratio=of_all(drive.ratio for drive in chosen),
+        position_gain=of_all(one.position_gain_Nm_per_rad for one in laws),
+        velocity_gain=of_all(one.velocity_gain_Nms_per_rad for one in laws),
+        limit=of_all(one.torque_limit_Nm for one in laws),
+    )

@@ -16,11 +16,13 @@ from seaid._arrays import Array
 from seaid.errors import LogError, SeaidError, checked
 from seaid.log import Log, check_whole, spline_derivatives
 from seaid.robot import Robot, at_drives
-from seaid.simulation.controller import input_gain
+from seaid.simulation.controller import input_gain, position_controllers
 from seaid.simulation.forward_dynamics import advance
 from seaid.simulation.plant import JOINT_POSITION, JOINT_SPEED, POSITION, SPEED, plant_of, warmed
 
 _LONGEST_STEP_S = 1e-3
+_LONGEST_CLOSED_S = 5e-4
+"""Longest steps without and with a controller, whose torque changes with the state."""
 
 Command = Callable[[float, Array], Array]
 """Function of time [s] and joint positions (n,) that returns motor inputs (n,)."""
@@ -36,7 +38,8 @@ def replay(robot: Robot, log: Log, command: Command | None = None) -> Log:
         The model, with values of all parameters.
     log : Log
         The log with the start and, without `command`, the inputs of all motors: torque, current or
-        voltage, by each drive's `motor_input`.
+        voltage, by each drive's `motor_input`. With a position command, the drive's controller
+        closes the loop on the model's own position, with the delay of the command.
     command : callable, optional
         Function (time [s], joint positions (n,)) -> motor inputs (n,), for example a position
         servo with known gains; it is called with the model's own positions.
@@ -60,6 +63,7 @@ def replay(robot: Robot, log: Log, command: Command | None = None) -> Log:
     """
     check_whole(log)
     plant, order = plant_of(robot), robot.joint_order
+    controllers = position_controllers(robot, log) if command is None else None
     given = _logged(robot, log) if command is None else command
     gains = np.array([input_gain(robot, joint) for joint in robot.joint_names])
     data, back = plant.model.createData(), np.argsort(order)
@@ -71,7 +75,10 @@ def replay(robot: Robot, log: Log, command: Command | None = None) -> Log:
     warmth = _warmth(robot, log)
 
     def torque(at: float, now: Array) -> Array:
-        return (gains * given(at, now[JOINT_POSITION, back]))[order]
+        logged = gains * given(at, now[JOINT_POSITION, back])
+        if controllers is not None:
+            logged = controllers.with_torque(logged, at, now[POSITION, back], now[SPEED, back])
+        return logged[order]
 
     for tick, at in enumerate(log.time):
         joint[tick], motor[tick] = state[JOINT_POSITION, back], state[POSITION, back]
@@ -79,11 +86,16 @@ def replay(robot: Robot, log: Log, command: Command | None = None) -> Log:
         if tick + 1 == len(log.time):
             break
         own = warmed(plant, None if warmth is None else warmth[tick, order])
-        steps = math.ceil((log.time[tick + 1] - at) / _LONGEST_STEP_S)
+        longest = _LONGEST_STEP_S if controllers is None else _LONGEST_CLOSED_S
+        steps = math.ceil((log.time[tick + 1] - at) / longest)
         step = (log.time[tick + 1] - at) / steps
         for part in range(steps):
             now = torque(at + part * step, state)
-            state = advance(own, data, state, now, np.zeros(robot.n), step)
+            rate = np.zeros(robot.n)
+            if controllers is not None:
+                moving = state[POSITION, back], state[SPEED, back]
+                rate = controllers.rate(at + part * step, *moving, step)[order]
+            state = advance(own, data, state, now, rate, step)
     return Log(
         time=log.time,
         joint_names=robot.joint_names,
@@ -122,7 +134,12 @@ def _first(log: Log, field: str, joint: str) -> tuple[float, float]:
 def _logged(robot: Robot, log: Log) -> Command:
     """Return the logged motor inputs as a function of time, interpolated linearly."""
     kinds = {joint: robot.drives[joint].motor_input for joint in robot.joint_names}
-    inputs = [_column(log, f"motor_{kind}", joint) for joint, kind in kinds.items()]
+    inputs = [
+        np.zeros(len(log.time))
+        if kind == "position_command"
+        else _column(log, f"motor_{kind}", joint)
+        for joint, kind in kinds.items()
+    ]
 
     def given(at: float, _: Array) -> Array:
         return np.array([np.interp(at, log.time, one) for one in inputs])

@@ -110,7 +110,7 @@ def test_csv_names_its_columns_as_the_design_says(tmp_path: Path) -> None:
     ]
     names = list(column_names("b", is_prismatic=True))
     more = ["b.motor_current_A", "b.motor_voltage_V", "b.deflection_m"]
-    more += ["b.motor_temperature_degC"]
+    more += ["b.motor_temperature_degC", "b.position_command_m"]
     assert names == [*header.split(",")[5:], *more]
 
 

@@ -86,6 +86,12 @@ INPUTS: dict[str, MotorInput] = {
 }
 """{sensor of a motor's input: `motor_input`}, the best first."""
 
+
+def input_sensor(drive: Drive) -> str:
+    """Return the sensor of a drive's input; known gains make a torque of a commanded position."""
+    return "motor_torque" if drive.controller is not None else f"motor_{drive.motor_input}"
+
+
 BACK_EMF = sp.Symbol("back_emf_damping", real=True)
 """Damping by the back-EMF, a parameter of its own if voltage and torque are both measured."""
 
@@ -138,7 +144,7 @@ def drive_terms(drive: Drive, sensors: frozenset[str]) -> DriveTerms:
     others. Hysteresis counts as its limit without presliding.
     """
     drive = drive.without_harmonics().at_temperature().without_memory()
-    sensed = [x for x in INPUTS if x in sensors] or [f"motor_{drive.motor_input}"]
+    sensed = [x for x in INPUTS if x in sensors] or [input_sensor(drive)]
     driver = sensed[0]
     seen, scale, source = _driven_by(drive, INPUTS[driver]), _SCALES[driver], MOTOR_SIGNALS[driver]
     share, behind, spring = 1 / N, tau_L / N, None
@@ -185,6 +191,11 @@ def _driven_by(drive: Drive, motor_input: MotorInput) -> Drive:
     """Return the drive with another motor input, and the constants that go with it."""
     if motor_input == drive.motor_input:
         return drive
+    if drive.controller is not None:
+        nominal = {name: x for name, x in drive.nominal.items() if name != "command_delay"}
+        known = tuple(name for name in drive.known if name != "command_delay")
+        drive = replace(drive, controller=None, motor_input="torque", nominal=nominal, known=known)
+        return _driven_by(drive, motor_input)
     constants = ("torque_constant", "voltage_constant")
     wanted = {"current": constants[0], "voltage": constants[1]}.get(motor_input)
     kept = {name: x for name, x in drive.nominal.items() if name not in constants or name == wanted}

@@ -183,9 +183,11 @@ def _sensed(
 
 
 def _full_set(robot: Robot, joint: str) -> tuple[str, ...]:
+    from seaid.regressor.structural.equations import input_sensor
+
     drive = robot.drives[joint]
     positions = ("motor_position", "joint_position") if drive.is_elastic else ("joint_position",)
-    return (*positions, f"motor_{drive.motor_input}")
+    return (*positions, input_sensor(drive))
 
 
 def _checked(joint: str, names: Iterable[str]) -> frozenset[str]:

@@ -1,0 +1,234 @@
+"""Logs with position commands and no torque: the controller is known, its delay perhaps not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+import seaid
+from seaid._arrays import Array
+from seaid.errors import IdentificationError, LogError, RobotError
+
+URDF = """<robot name="one"><link name="base"/><link name="arm"><inertial><origin xyz="0.2 0 0"/>
+<mass value="1.5"/><inertia ixx="0.01" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial>
+</link><joint name="j" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/>
+<limit lower="-3" upper="3" effort="50" velocity="20"/></joint></robot>"""
+TRUTH = {"viscous_friction": 0.12, "coulomb_friction": 0.18, "motor_inertia": 0.0243}
+"""Of the MuJoCo plant at the joint: damping, friction loss and armature."""
+SOFT, HARD = (40.0, 1.0), (20.0, 3.0)
+"""Two gain sets: K_p [N m/rad] and K_d [N m s/rad]."""
+TIME = np.arange(0, 20, 0.005)
+CHIRP = 0.4 * np.sin(2 * np.pi * (0.1 * TIME + 0.0625 * TIME**2)) + 0.2 * np.sin(2.3 * TIME)
+
+
+@pytest.fixture(scope="module")
+def urdf(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("commands") / "one.urdf"
+    path.write_text(URDF)
+    return path
+
+
+def robot_of(
+    urdf: Path, gains: tuple[float, float], delay_s: float | None = None, std_s: float = 0.0
+) -> seaid.Robot:
+    """Return the robot with a known arm; `delay_s` None: to be estimated."""
+    controller = seaid.Controller(
+        position_gain_Nm_per_rad=gains[0], velocity_gain_Nms_per_rad=gains[1]
+    )
+    drive = seaid.StiffDrive(
+        friction=("viscous", "coulomb", "offset"),
+        motor_input="position_command",
+        controller=controller,
+        command_delay_s=delay_s,
+        known=() if delay_s is None else ("command_delay",),
+        std={"command_delay_s": std_s} if std_s else {},
+    )
+    return seaid.load_robot(urdf, {"j": drive}, known_bodies=["arm"])
+
+
+def log_of(position: Array) -> seaid.Log:
+    unknown = np.full((len(TIME), 1), np.nan)
+    return seaid.Log(
+        time=TIME,
+        joint_names=("j",),
+        joint_position=position[:, None],
+        motor_position=unknown,
+        motor_torque=unknown,
+        position_command=CHIRP[:, None],
+    )
+
+
+def mujoco_log(gains: tuple[float, float], delay_s: float, noise: float, seed: int) -> seaid.Log:
+    """Return the log of MuJoCo's own position actuator, whose command is late."""
+    step_s = 2.5e-4
+    model = mujoco.MjModel.from_xml_string(
+        f"""<mujoco><option timestep="{step_s}" integrator="implicitfast" gravity="0 0 -9.81"/>
+        <worldbody><body><joint name="j" axis="0 1 0" armature="{TRUTH["motor_inertia"]}"
+        damping="{TRUTH["viscous_friction"]}" frictionloss="{TRUTH["coulomb_friction"]}"
+        solreffriction="0.001 1"/><inertial pos="0.2 0 0" mass="1.5" diaginertia="0.01 0.02 0.02"/>
+        </body></worldbody>
+        <actuator><position joint="j" kp="{gains[0]}" kv="{gains[1]}"/></actuator></mujoco>"""
+    )
+    data, parts = mujoco.MjData(model), 20
+    data.qpos[0] = CHIRP[0]
+    ticks = np.arange(len(TIME) * parts) * step_s
+    commands = np.interp(ticks - delay_s, TIME, CHIRP)
+    position = np.empty(len(TIME))
+    for tick, command in enumerate(commands):
+        if tick % parts == 0:
+            position[tick // parts] = data.qpos[0]
+        data.ctrl[0] = command
+        mujoco.mj_step(model, data)
+    return log_of(position + np.random.default_rng(seed).normal(size=len(TIME)) * noise)
+
+
+def values_of(found: seaid.Identification) -> dict[str, tuple[float, float]]:
+    """Return {parameter: (value, standard error)}."""
+    side = found.load_side
+    names = [str(name).removesuffix(" of j") for name in side.names]
+    return dict(zip(names, zip(side.values, side.standard_errors, strict=True), strict=True))
+
+
+@pytest.mark.parametrize("delay_s", [0.0, 0.007, 0.02])
+def test_two_gain_sets_separate_delay_armature_and_friction(urdf: Path, delay_s: float) -> None:
+    """The plant is MuJoCo's."""
+    logs = [mujoco_log(gains, delay_s, 2e-4, seed) for seed, gains in enumerate((SOFT, HARD))]
+    both = seaid.identify_conditions(
+        {"soft": (robot_of(urdf, SOFT), logs[0]), "hard": (robot_of(urdf, HARD), logs[1])},
+        condition_specific=(),
+    )
+    values = values_of(both.identifications["soft"])
+    assert abs(values["command_delay"][0] - delay_s) < 1e-4
+    for name, truth in TRUTH.items():
+        bound = 0.01 if name == "motor_inertia" else 0.018
+        assert values[name][0] == pytest.approx(truth, rel=bound), name
+
+
+def test_a_delay_is_linearised_where_it_is(urdf: Path) -> None:
+    """One gain set tells a delay by the gravity and the higher frequencies of this motion."""
+    log = mujoco_log(SOFT, 0.015, 0.0, 0)
+    values = values_of(seaid.identify(robot_of(urdf, SOFT), log))
+    assert abs(values["command_delay"][0] - 0.015) < 5e-5
+    assert values["motor_inertia"][0] == pytest.approx(TRUTH["motor_inertia"], rel=0.01)
+
+
+def test_an_unknown_delay_is_in_the_error_of_the_armature(urdf: Path) -> None:
+    """To first order a delay T adds (K_d + F_v) T to the armature."""
+    log = mujoco_log(SOFT, 0.0, 1e-4, 0)
+    exact = values_of(seaid.identify(robot_of(urdf, SOFT, 0.0), log))
+    late = values_of(seaid.identify(robot_of(urdf, SOFT, 1e-3), log))
+    unsure = values_of(seaid.identify(robot_of(urdf, SOFT, 0.0, std_s=1e-3), log))
+    change = late["motor_inertia"][0] - exact["motor_inertia"][0]
+    assert change == pytest.approx(-(SOFT[1] + TRUTH["viscous_friction"]) * 1e-3, rel=0.1)
+    for name in ("viscous_friction", "motor_inertia"):
+        change = late[name][0] - exact[name][0]
+        added = np.sqrt(unsure[name][1] ** 2 - exact[name][1] ** 2)
+        assert added == pytest.approx(abs(change), rel=0.05), name
+        assert unsure[name][0] == pytest.approx(exact[name][0], rel=1e-6)
+
+
+def test_the_replay_closes_the_loop_with_the_controller(urdf: Path) -> None:
+    """The replay of the truth is MuJoCo's motion; identified from it, it is that once more."""
+    log = mujoco_log(HARD, 0.01, 0.0, 0).between(2.0, 7.0)
+    truth = robot_of(urdf, HARD, 0.01)
+    drive = replace(
+        truth.drives["j"],
+        motor_inertia_kg_m2=TRUTH["motor_inertia"],
+        viscous_friction_Nms_per_rad=TRUTH["viscous_friction"],
+        coulomb_friction_Nm=TRUTH["coulomb_friction"],
+        nominal={"friction_offset": 0.0},
+    )
+    truth = truth.with_drives({"j": drive})
+    moved = float(np.std(log.joint_position))
+    error = seaid.replay(truth, log).joint_position - log.joint_position
+    assert np.max(np.abs(error)) < 2e-3 * moved
+    found = seaid.identify(robot_of(urdf, HARD), log)
+    again = seaid.replay(found.robot, log).joint_position - log.joint_position
+    assert np.std(again) < 3e-3 * moved
+
+
+def test_a_spring_behind_a_position_controller(tmp_path: Path, urdf: Path) -> None:
+    controller = seaid.Controller(
+        position_gain_Nm_per_rad=60.0, velocity_gain_Nms_per_rad=2.0, torque_limit_Nm=50.0
+    )
+    given = seaid.SeriesElasticDrive(
+        gear_ratio=50.0,
+        motor_inertia_kg_m2=2e-5,
+        stiffness_Nm_per_rad=150.0,
+        viscous_friction_Nms_per_rad=2e-4,
+        coulomb_friction_Nm=4e-3,
+        motor_input="position_command",
+        controller=controller,
+        command_delay_s=0.004,
+        nominal={"spring_offset": 0.0},
+    )
+    seaid.write_drives({"j": given}, tmp_path / "drives.toml")
+    true = seaid.load_robot(urdf, tmp_path / "drives.toml", known_bodies=["arm"])
+    assert true.drives["j"] == given
+    plan = log_of(np.zeros(len(TIME)))
+    plan = replace(plan, motor_position=np.zeros((len(TIME), 1))).between(0.0, 8.0)
+    log = replace(
+        seaid.replay(true, plan),
+        position_command=plan.position_command,
+        motor_torque=np.full_like(plan.motor_torque, np.nan),
+    )
+    seaid.write_log(log, tmp_path / "run.csv")
+    robot = true.without_nominal()
+    found = seaid.identify(robot, seaid.read_log(tmp_path / "run.csv", robot))
+    assert found.drives["j"].value("stiffness") == pytest.approx(150.0, rel=0.01)
+    assert found.drives["j"].value("command_delay") == pytest.approx(0.004, abs=2e-4)
+
+
+def test_what_is_wrong_with_commands_is_said(urdf: Path) -> None:
+    robot, log = robot_of(urdf, SOFT), mujoco_log(SOFT, 0.0, 0.0, 0)
+    blind = replace(log, position_command=None)
+    with pytest.raises(LogError, match=r"no column 'j\.position_command_rad'"):
+        seaid.identify(robot, blind)
+    with pytest.raises(RobotError, match="no position command of 'j'"):
+        seaid.replay(seaid.identify(robot, log).robot, blind)
+    backwards = replace(log, position_command=-CHIRP[:, None])
+    with pytest.raises(
+        IdentificationError, match="check the gains of its controller and the signs"
+    ):
+        seaid.identify(robot, backwards)
+    with pytest.raises(IdentificationError, match="command was logged, not the torque"):
+        seaid.refine(seaid.identify(robot, log), log)
+
+
+@pytest.mark.parametrize(
+    ("drive", "words"),
+    [
+        ({"motor_input": "position_command"}, "give its gains in the table 'controller'"),
+        ({"controller": {"position_gain_Nm_per_rad": 1.0}}, "and the motor input 'torque'"),
+        (
+            {"motor_input": "position_command", "controller": {"Kp": 1.0}},
+            "controller: no key is named 'Kp'",
+        ),
+        (
+            {"motor_input": "position_command", "controller": {"velocity_gain_Nms_per_rad": 1.0}},
+            "key 'position_gain_Nm_per_rad' is missing",
+        ),
+        ({"motor_input": "position_command", "controller": 20}, "must be a table with its gains"),
+    ],
+)
+def test_wrong_controllers(urdf: Path, drive: dict[str, object], words: str) -> None:
+    with pytest.raises(RobotError, match=words):
+        seaid.load_robot(urdf, {"j": {"type": "stiff", "gear_ratio": 1.0, **drive}})
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"position_gain_Nm_per_rad": 0}, "position_gain_Nm_per_rad must be more than zero and"),
+        ({"velocity_gain_Nms_per_rad": -1.0}, "velocity_gain_Nms_per_rad must be zero or more"),
+        ({"position_gain_Nm_per_rad": np.inf}, "and finite, found inf"),
+        ({"torque_limit_Nm": True}, "torque_limit_Nm must be more than zero, found True"),
+    ],
+)
+def test_gains_are_checked(changes: dict[str, float], words: str) -> None:
+    with pytest.raises(RobotError, match=words):
+        seaid.Controller(**{"position_gain_Nm_per_rad": 1.0, **changes})
