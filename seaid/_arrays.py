@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from numbers import Real
 from operator import index
 from typing import Any, TypeVar
@@ -149,6 +149,11 @@ def connected_groups(links: BoolArray) -> list[list[int]]:
     while not np.array_equal(further := reached @ reached, reached):
         reached = further
     return [np.flatnonzero(row).tolist() for i, row in enumerate(reached) if not row[:i].any()]
+
+
+def spaced(values: Iterable[float]) -> str:
+    """Return numbers as an attribute of XML: with spaces between them, in full precision."""
+    return " ".join(repr(float(value)) for value in values)
 
 
 def safely(

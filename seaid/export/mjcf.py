@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import scipy.linalg
 
-from seaid._arrays import safely
+from seaid._arrays import safely, spaced
 from seaid._files import write_whole
 from seaid._progress import Display
 from seaid.errors import RobotError, checked
-from seaid.export.mjcf_bodies import TINY, add_bodies, text
+from seaid.export.mjcf_bodies import TINY, add_bodies
 from seaid.export.mjcf_drives import add_drives, temperature_notes
 from seaid.identification import Identification
 from seaid.robot import Robot
@@ -186,9 +186,9 @@ def _add_dependent(robot: Robot, root: Any, step: float, notes: list[str]) -> No
             "joint",
             joint1=joint.name,
             joint2=joint.leader,
-            polycoef=text((joint.offset, joint.multiplier, 0.0, 0.0, 0.0)),
-            solref=text((2 * step, 1.0)),
-            solimp=text((0.999, 0.9999, 0.001)),
+            polycoef=spaced((joint.offset, joint.multiplier, 0.0, 0.0, 0.0)),
+            solref=spaced((2 * step, 1.0)),
+            solimp=spaced((0.999, 0.9999, 0.001)),
         )
     notes.append(
         f"{', '.join(joint.name for joint in robot.dependent_joints)}: a mimic joint follows its "

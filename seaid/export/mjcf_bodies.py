@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
-from seaid._arrays import Array, safely
+from seaid._arrays import Array, safely, spaced
 from seaid.errors import RobotError
 from seaid.robot import THIN, Robot, inconsistent_link, is_physical, out_of_range, pseudo_inertia
 
@@ -32,8 +31,8 @@ def add_bodies(robot: Robot, world: Any, notes: list[str], force: bool) -> dict[
             bodies[robot.model.parents[position]],
             "body",
             name=_body_name(robot, link, notes),
-            pos=text(placement.translation),
-            quat=text(_quaternion(placement.rotation)),
+            pos=spaced(placement.translation),
+            quat=spaced(_quaternion(placement.rotation)),
         )
         bodies.append(body)
         _add_inertial(body, link, loaded[index], notes, force)
@@ -52,11 +51,6 @@ def _body_name(robot: Robot, link: str, notes: list[str]) -> str:
     return name
 
 
-def text(values: Iterable[float]) -> str:
-    """Return numbers as an attribute of MJCF, in full precision."""
-    return " ".join(repr(float(value)) for value in values)
-
-
 def _add_joint(body: Any, robot: Robot, position: int, index: int) -> Any:
     joint = robot.model.joints[position]
     data = joint.createData()
@@ -67,14 +61,14 @@ def _add_joint(body: Any, robot: Robot, position: int, index: int) -> Any:
         "joint",
         name=robot.all_joint_names[index],
         type="slide" if slides else "hinge",
-        axis=text(along[:3] if slides else along[3:]),
+        axis=spaced(along[:3] if slides else along[3:]),
     )
     lower, upper = -np.inf, np.inf
     if index < robot.n:
         lower, upper = float(robot.lower_limits[index]), float(robot.upper_limits[index])
     element.set("limited", "false")
     if np.isfinite(lower) and np.isfinite(upper) and lower < upper:
-        element.set("range", text((lower, upper)))
+        element.set("range", spaced((lower, upper)))
     body.insert(1, element)
     return element
 
@@ -100,10 +94,10 @@ def _add_inertial(body: Any, link: str, parameters: Array, notes: list[str], for
     etree.SubElement(
         body,
         "inertial",
-        pos=text(center),
-        quat=text(_quaternion(axes)),
-        mass=text([max(mass, TINY)]),
-        diaginertia=text(moments[[1, 2, 0]] + moments[[2, 0, 1]]),
+        pos=spaced(center),
+        quat=spaced(_quaternion(axes)),
+        mass=spaced([max(mass, TINY)]),
+        diaginertia=spaced(moments[[1, 2, 0]] + moments[[2, 0, 1]]),
     )
 
 

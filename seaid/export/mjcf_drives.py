@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from seaid._arrays import spaced
 from seaid.drives import COULOMB, DEAD_ZONES, MEMORY, PARAMETERS_OF, Drive, key_of, unit_of
 from seaid.errors import RobotError
-from seaid.export.mjcf_bodies import TINY, text
+from seaid.export.mjcf_bodies import TINY
 from seaid.robot import Robot
 
 SMOOTH = COULOMB[1:]
@@ -135,7 +136,7 @@ def add_drives(
             spring = _spring(joint, drive)
             _add_tendon(tendons, _free(f"{joint}_spring", taken), lever, spring, step)
         ratio = 1.0 if drive.is_elastic else drive.ratio
-        actuators.append(actuators.makeelement("motor", name=joint, gear=text([ratio]), **where))
+        actuators.append(actuators.makeelement("motor", name=joint, gear=spaced([ratio]), **where))
     note_drives(robot, step, notes)
 
 
@@ -221,7 +222,7 @@ def _value(joint: str, drive: Drive, name: str) -> float:
 def _set_joint(element: Any, values: _Coordinate, step: float) -> None:
     _set_numbers(element, values, step)
     if values.rest[0]:
-        element.set("springref", text(values.rest))
+        element.set("springref", spaced(values.rest))
 
 
 def _add_tendon(
@@ -231,9 +232,9 @@ def _add_tendon(
     element = tendons.makeelement("fixed", name=name)
     _set_numbers(element, values, step)
     if values.stiffness:
-        element.set("springlength", text(values.rest))
+        element.set("springlength", spaced(values.rest))
     for joint, factor in lever.items():
-        element.append(element.makeelement("joint", joint=joint, coef=text([factor])))
+        element.append(element.makeelement("joint", joint=joint, coef=spaced([factor])))
     tendons.append(element)
 
 
@@ -247,10 +248,10 @@ def _set_numbers(element: Any, values: _Coordinate, step: float) -> None:
     }
     for name, number in numbers.items():
         if number:
-            element.set(name, text([number]))
+            element.set(name, spaced([number]))
     if values.friction:
-        element.set("solreffriction", text([2 * step, 1.0]))
-        element.set("solimpfriction", text([_FIRM, _FIRM, 0.001]))
+        element.set("solreffriction", spaced([2 * step, 1.0]))
+        element.set("solimpfriction", spaced([_FIRM, _FIRM, 0.001]))
 
 
 def _add_rotor(world: Any, joint: str, drive: Drive, taken: set[str], step: float) -> str:
@@ -260,7 +261,7 @@ def _add_rotor(world: Any, joint: str, drive: Drive, taken: set[str], step: floa
     if values.armature <= TINY:
         raise RobotError(f"joint '{joint}': an elastic drive needs a motor inertia to be simulated")
     body = world.makeelement("body", name=name)
-    nothing = {"mass": text([TINY]), "diaginertia": text([TINY] * 3)}
+    nothing = {"mass": spaced([TINY]), "diaginertia": spaced([TINY] * 3)}
     body.append(body.makeelement("inertial", pos="0 0 0", **nothing))
     element = body.makeelement("joint", name=name, type="hinge", axis="0 0 1", limited="false")
     # the body's own inertia about its axis is subtracted from the armature

@@ -15,7 +15,7 @@ from xml.parsers import expat
 import numpy as np
 import pinocchio as pin
 
-from seaid._arrays import Array
+from seaid._arrays import Array, spaced
 from seaid._files import real_path, whole_file
 from seaid._progress import Display
 from seaid.drives import IDEAL_DRIVE, Drive, write_drives
@@ -394,11 +394,9 @@ def _inertial_edits(text: bytes, element: Element, parameters: Array) -> list[Ed
     inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) - mass * second
     places = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2)}
     children = {
-        "origin": {"xyz": _numbers(center), "rpy": "0 0 0"},
-        "mass": {"value": _numbers([mass])},
-        "inertia": {
-            name: _numbers([inertia[at]]) for name, at in {**places, "izz": (2, 2)}.items()
-        },
+        "origin": {"xyz": spaced(center), "rpy": "0 0 0"},
+        "mass": {"value": spaced([mass])},
+        "inertia": {name: spaced([inertia[at]]) for name, at in {**places, "izz": (2, 2)}.items()},
     }
     if inertial is None:
         return [with_content(text, element, [new_element("inertial", children)])]
@@ -414,7 +412,7 @@ def _dynamics(text: bytes, root: Element, robot: Robot) -> list[Edit]:
             "friction": ("coulomb_friction", drive.ratio),
         }
         seen = {
-            attribute: _numbers([factor * drive.values[name]])
+            attribute: spaced([factor * drive.values[name]])
             for attribute, (name, factor) in written.items()
             if name in drive.values
         }
@@ -460,7 +458,3 @@ def _note_files(path: Path, source: Path, root: Element, notes: list[str]) -> No
             f"'{relative[0]}'{f' and {more} other files' if more else ''} are relative to its "
             f"folder: write it into '{folder}', or copy them"
         )
-
-
-def _numbers(values: Iterable[float]) -> str:
-    return " ".join(repr(float(value)) for value in values)

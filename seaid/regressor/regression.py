@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -51,7 +51,7 @@ _STILL = 1e-5
 
 def motor_regressor(robot: Robot, joint: str) -> DriveRegressor:
     """Return the regressor derived from the motor equation (7) of a joint."""
-    return _motor_regressor(robot.drives[joint], joint)
+    return _regressor(motor_equation, robot.drives[joint], joint)
 
 
 def spring_regressor(robot: Robot, joint: str) -> DriveRegressor:
@@ -59,12 +59,12 @@ def spring_regressor(robot: Robot, joint: str) -> DriveRegressor:
     drive = robot.drives[joint]
     if not drive.is_elastic:
         raise LogError(f"joint '{joint}' has no spring")
-    return _spring_regressor(drive, joint)
+    return _regressor(spring_equation, drive, joint)
 
 
 def joint_regressor(robot: Robot, joint: str) -> DriveRegressor:
     """Return the regressor of the joint terms: parallel spring and joint friction."""
-    return _joint_regressor(robot.drives[joint], joint)
+    return _regressor(joint_equation, robot.drives[joint], joint)
 
 
 def under_load(robot: Robot, used: Sequence[str]) -> tuple[str, ...]:
@@ -85,18 +85,8 @@ def is_linear(robot: Robot, used: Sequence[str]) -> bool:
 
 
 @cache
-def _joint_regressor(drive: Drive, joint: str) -> DriveRegressor:
-    return drive_regressor(joint_equation(drive), drive, joint)
-
-
-@cache
-def _motor_regressor(drive: Drive, joint: str) -> DriveRegressor:
-    return drive_regressor(motor_equation(drive), drive, joint)
-
-
-@cache
-def _spring_regressor(drive: Drive, joint: str) -> DriveRegressor:
-    return drive_regressor(spring_equation(drive), drive, joint)
+def _regressor(equation: Callable[[Drive], Any], drive: Drive, joint: str) -> DriveRegressor:
+    return drive_regressor(equation(drive), drive, joint)
 
 
 def signals(robot: Robot, motion: Motion, index: int) -> dict[str, Array]:

@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from seaid._arrays import Array, FrozenMapping
+from seaid._progress import counted
 from seaid.drives import PARAMETERS_OF
-from seaid.errors import SEVERITIES, Severity
+from seaid.errors import SEVERITIES, Severity, listed
 from seaid.identification import POORLY_IDENTIFIED, verdict_with
 from seaid.log import row_samples
 from seaid.report.html_tables import (
@@ -85,9 +86,9 @@ def page_verdict(found: Identification, runs: Sequence[Run]) -> PageVerdict:
     sentence = because + said[2] if is_repeated else verdict.sentence
     unseen = error_rows(found, [run for run in runs if run.is_unseen])
     rows = unseen or error_rows(found, runs)
-    counted = (("Drive parameters", found.drives.values()), ("Base parameters", [found.load]))
+    kinds = (("Drive parameters", found.drives.values()), ("Base parameters", [found.load]))
     numbers = [_prediction(rows, bool(unseen))]
-    for name, estimates in counted:
+    for name, estimates in kinds:
         errors = _relative_errors(estimates)
         if len(errors):
             good = int(np.sum(errors < POORLY_IDENTIFIED))
@@ -95,7 +96,7 @@ def page_verdict(found: Identification, runs: Sequence[Run]) -> PageVerdict:
             numbers.append((name, f"{good} of {len(errors)}", note))
     if found.motions:
         length = sum(float(one.time[-1] - one.time[0]) for one in found.motions)
-        note = f"in {_count(len(found.motions), 'motion')}, below {found.cutoff_hz:.3g} Hz"
+        note = f"in {counted(len(found.motions), 'motion')}, below {found.cutoff_hz:.3g} Hz"
         numbers.append(("Data", seconds(length), note))
     level = verdict.level.replace(" ", "-")
     return PageVerdict(level, _WORDS[verdict.level], _sentence(sentence), tuple(numbers))
@@ -172,7 +173,7 @@ def _of_validation(found: Identification, runs: Sequence[Run]) -> Iterator[Notic
         bad = [row for row in rows if row.relative_error > _BADLY_PREDICTED]
         if bad:
             torques = [f"{one.joint} ({one.side} side) {share(one.relative_error)}" for one in bad]
-            message = f"Relative error of torques in the {run.name}: {_listed(torques)}."
+            message = f"Relative error of torques in the {run.name}: {listed(torques, 8)}."
             yield Notice("badly-predicted", "doubtful", (message,), tuple(one.joint for one in bad))
 
 
@@ -186,12 +187,12 @@ def _of_bodies(found: Identification) -> Iterator[str]:
     ]
     if wrong and found.feasible is None:
         yield (
-            f"{_listed(wrong)}: the inertial parameters are physically inconsistent. They have the "
-            "identified base parameters and thus the right torques, but a simulator may refuse "
+            f"{listed(wrong, 8)}: the inertial parameters are physically inconsistent. They have "
+            "the identified base parameters and thus the right torques, but a simulator may refuse "
             "them. Identify with feasible=True for physically consistent ones."
         )
     elif wrong:
-        yield f"{_listed(wrong)}: the inertial parameters are physically inconsistent."
+        yield f"{listed(wrong, 8)}: the inertial parameters are physically inconsistent."
 
 
 def _poorly_determined(found: Identification) -> Iterator[str]:
@@ -234,11 +235,6 @@ def _excluded(found: Identification) -> Iterator[str]:
             )
 
 
-def _listed(names: Sequence[str], most: int = 8) -> str:
-    more = f" and {len(names) - most} more" if len(names) > most else ""
-    return ", ".join(names[:most]) + more
-
-
 def _sentence(text: str) -> str:
     return _capital(text) + ("" if text.endswith(".") else ".")
 
@@ -246,10 +242,6 @@ def _sentence(text: str) -> str:
 def _capital(text: str) -> str:
     """Return a text with a capital first letter."""
     return text[:1].upper() + text[1:]
-
-
-def _count(number: int, name: str) -> str:
-    return f"{number} {name}{'' if number == 1 else 's'}"
 
 
 _ZEROS = ("spring_offset", "deflection_zero", "torque_offset")

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from seaid._arrays import Array
+from seaid._arrays import Array, spaced
 from seaid.errors import RobotError, SeaidWarning, reason_of
 
 _EARTH = (0.0, 0.0, -9.81)
@@ -117,7 +117,7 @@ def _add_joint(
         if kind == "revolute" and not joint.limited[0]:
             kind = "continuous"
     element = _joint(root, _joint_name(joint), kind, links, placement)
-    etree.SubElement(element, "axis", xyz=_text(axis))
+    etree.SubElement(element, "axis", xyz=spaced(axis))
     if joint.limited[0] and kind in ("prismatic", "revolute"):
         lower, upper = map(float, joint.range)
         etree.SubElement(element, "limit", lower=repr(lower), upper=repr(upper))
@@ -140,7 +140,7 @@ def _origin(element: Any, placement: pin.SE3) -> None:
     angles = np.array(pin.rpy.matrixToRpy(placement.rotation))
     nearest = np.round(angles / (math.pi / 2)) * (math.pi / 2)
     angles = np.where(np.abs(angles - nearest) < _EXACT_RAD, nearest, angles)
-    etree.SubElement(element, "origin", xyz=_text(placement.translation), rpy=_text(angles))
+    etree.SubElement(element, "origin", xyz=spaced(placement.translation), rpy=spaced(angles))
 
 
 def _add_equalities(root: Any, model: Any, kinds: Any, path: Path) -> None:
@@ -178,7 +178,3 @@ def _rotation(quaternion: Array) -> Array:
     """Return the rotation of a quaternion w, x, y, z."""
     w, x, y, z = quaternion
     return np.asarray(pin.Quaternion(w, x, y, z).normalized().toRotationMatrix())
-
-
-def _text(values: Array) -> str:
-    return " ".join(repr(float(value)) for value in values)

@@ -40,8 +40,8 @@ def test_refine_is_that_of_the_library(arm: Path, tmp_path: Path) -> None:
     assert said.out.splitlines()[-1] == f"Results: {file}"
     run_file = tmp_path / "run.npz"
     done("identify", *robot_and_drives(arm), arm / "run.csv", "-o", run_file)
-    done("refine", arm / "run.csv", "--run", run_file, "-o", tmp_path / "again.json")
-    again = json.loads((tmp_path / "again.json").read_text())["drives"]
+    done("refine", arm / "run.csv", "--run", run_file, "-o", tmp_path / "again.npz")
+    again = seaid.load_run(tmp_path / "again.npz").identification.to_dict()["drives"]
     for joint, values in json.loads(file.read_text())["drives"].items():
         for name, one in values.items():
             assert again[joint][name]["value"] == pytest.approx(one["value"], rel=1e-9)
