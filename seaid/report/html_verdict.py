@@ -16,7 +16,7 @@ import numpy as np
 from seaid._arrays import Array, FrozenMapping
 from seaid._progress import counted
 from seaid.drives import PARAMETERS_OF
-from seaid.errors import SEVERITIES, Severity, listed
+from seaid.errors import SEVERITIES, Severity
 from seaid.identification import POORLY_IDENTIFIED, verdict_with
 from seaid.log import row_samples
 from seaid.report.html_tables import (
@@ -173,7 +173,7 @@ def _of_validation(found: Identification, runs: Sequence[Run]) -> Iterator[Notic
         bad = [row for row in rows if row.relative_error > _BADLY_PREDICTED]
         if bad:
             torques = [f"{one.joint} ({one.side} side) {share(one.relative_error)}" for one in bad]
-            message = f"Relative error of torques in the {run.name}: {listed(torques, 8)}."
+            message = f"Relative error of torques in the {run.name}: {_listed(torques)}."
             yield Notice("badly-predicted", "doubtful", (message,), tuple(one.joint for one in bad))
 
 
@@ -187,12 +187,12 @@ def _of_bodies(found: Identification) -> Iterator[str]:
     ]
     if wrong and found.feasible is None:
         yield (
-            f"{listed(wrong, 8)}: the inertial parameters are physically inconsistent. They have "
+            f"{_listed(wrong)}: the inertial parameters are physically inconsistent. They have "
             "the identified base parameters and thus the right torques, but a simulator may refuse "
             "them. Identify with feasible=True for physically consistent ones."
         )
     elif wrong:
-        yield f"{listed(wrong, 8)}: the inertial parameters are physically inconsistent."
+        yield f"{_listed(wrong)}: the inertial parameters are physically inconsistent."
 
 
 def _poorly_determined(found: Identification) -> Iterator[str]:
@@ -233,6 +233,11 @@ def _excluded(found: Identification) -> Iterator[str]:
                 f"{where} is identified from {share(1 - count / rows)} of its instants: the others "
                 "are near standstill, where the direction of dry friction is unknown."
             )
+
+
+def _listed(names: Sequence[str], most: int = 8) -> str:
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more
 
 
 def _sentence(text: str) -> str:
