@@ -46,9 +46,12 @@ from .identification import FeasibleParameters as FeasibleParameters
 from .identification import FrequencyResponse as FrequencyResponse
 from .identification import Identification as Identification
 from .identification import SetupCheck as SetupCheck
+from .identification import StaticCalibration as StaticCalibration
+from .identification import Statics as Statics
 from .identification import TermSelection as TermSelection
 from .identification import Validation as Validation
 from .identification import Verdict as Verdict
+from .identification import calibrate_statics as calibrate_statics
 from .identification import check as check
 from .identification import compare_terms as compare_terms
 from .identification import correct_delays as correct_delays
@@ -56,8 +59,10 @@ from .identification import cross_validate as cross_validate
 from .identification import cutoff_sensitivity as cutoff_sensitivity
 from .identification import estimate_delays as estimate_delays
 from .identification import frequency_response as frequency_response
+from .identification import held_poses as held_poses
 from .identification import identify as identify
 from .identification import identify_conditions as identify_conditions
+from .identification import read_statics as read_statics
 from .identification import refine as refine
 from .identification import validate as validate
 from .log import Description as Description
@@ -89,6 +94,7 @@ from .regressor import Identifiability as Identifiability
 from .regressor import base_parameters as base_parameters
 from .regressor import cross_check as cross_check
 from .regressor import identifiability as identifiability
+from .report import write_calibration as write_calibration
 from .report import write_comparison as write_comparison
 from .report import write_report as write_report
 from .robot import Payload as Payload

@@ -49,6 +49,7 @@ COMMANDS = {
     "describe": "Infer the meaning of custom columns, as a log description in TOML.",
     "delays": "Estimate by how much the channels of a log are late or early.",
     "gear-ratio": "Estimate the gear ratios from the angles on both sides of the gears.",
+    "calibrate": "Calibrate a spring or a torque sensor by dead weights, ramps or held poses.",
     "check": "Check units, signs, ratios, gravity and payloads of an experiment before a fit.",
     "identify": "Identify drives and bodies from one log or several.",
     "validate": "Identify from some logs, or load a run, and predict the torques of another log.",

@@ -24,6 +24,11 @@ from .physical_consistency import FeasibleParameters as FeasibleParameters
 from .repeated_identification import CutoffSensitivity as CutoffSensitivity
 from .repeated_identification import cross_validate as cross_validate
 from .repeated_identification import cutoff_sensitivity as cutoff_sensitivity
+from .static_calibration import StaticCalibration as StaticCalibration
+from .static_calibration import Statics as Statics
+from .static_calibration import calibrate_statics as calibrate_statics
+from .static_calibration import held_poses as held_poses
+from .static_calibration import read_statics as read_statics
 from .term_columns import TermComparison as TermComparison
 from .validation import Fit as Fit
 from .validation import Validation as Validation

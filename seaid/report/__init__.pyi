@@ -4,6 +4,7 @@ from .comparison import comparison_of as comparison_of
 from .comparison import comparison_of_parameters as comparison_of_parameters
 from .figures import save_sensitivity_figure as save_sensitivity_figure
 from .figures import sensitivity_table as sensitivity_table
+from .html import write_calibration as write_calibration
 from .html import write_comparison as write_comparison
 from .html import write_report as write_report
 from .text import base_table as base_table
@@ -22,6 +23,7 @@ from .text import robot_table as robot_table
 from .text import sensors_table as sensors_table
 from .text import setup_table as setup_table
 from .text import short_text as short_text
+from .text import statics_table as statics_table
 from .text import table as table
 from .text import terms_table as terms_table
 from .text import validation_table as validation_table

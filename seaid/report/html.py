@@ -15,9 +15,10 @@ import numpy as np
 from seaid._files import plain, write_whole
 from seaid._progress import counted
 from seaid.errors import SeaidError, checked
-from seaid.identification import Identification, Validation, compared
+from seaid.identification import Identification, StaticCalibration, Validation, compared
 from seaid.report.comparison import comparison_of
 from seaid.report.html_actuators import actuator_figures
+from seaid.report.html_charts import Axis, Layer, chart
 from seaid.report.html_experiment import (
     excitation_table,
     known_table,
@@ -38,6 +39,7 @@ from seaid.report.html_robot import Label, Posture, bodies_picture, posture_of, 
 from seaid.report.html_tables import (
     base_table,
     bodies_table,
+    calibration_table,
     condition_table,
     difference_table,
     drive_table,
@@ -191,6 +193,66 @@ def write_comparison(
         numbers=[
             (name, _identified_from(one)) for name, one in zip(names, (first, second), strict=True)
         ],
+    )
+    write_whole(path, page)
+
+
+@checked(SeaidError)
+def write_calibration(found: StaticCalibration, path: str | Path, *, name: str = "joint") -> None:
+    """Write a calibration from statics as one HTML page.
+
+    Parameters
+    ----------
+    found : StaticCalibration
+    path : path
+        The file to write, ending in .html.
+    name : str
+        What was calibrated, in the title.
+
+    Raises
+    ------
+    SeaidError
+        For another suffix, and if the file cannot be written.
+
+    Examples
+    --------
+    >>> found = seaid.calibrate_statics(seaid.read_statics("weights.csv"))
+    >>> seaid.write_calibration(found, "weights.html", name="knee")
+    """
+    path = _page_path(path)
+    statics, law = found.statics, found.load_at(found.statics.reading)
+    friction = found.value("friction") if "friction" in found.names else 0.0
+    direction = np.asarray(statics.direction)
+    x = np.linspace(float(statics.reading.min()), float(statics.reading.max()), 161)
+    axes = Axis("reading", statics.reading_unit), Axis("load", statics.load_unit)
+    left = statics.load - law
+    up, down = direction >= 0, direction < 0
+    curves = [
+        Layer(statics.reading[up], statics.load[up], "sample up"),
+        Layer(statics.reading[down], statics.load[down], "sample down"),
+        Layer(x, found.load_at(x), "identified", "line"),
+    ]
+    residuals = [
+        Layer(statics.load[up], left[up], "sample up"),
+        Layer(statics.load[down], left[down], "sample down"),
+        *(
+            Layer(statics.load[of], np.full(int(of.sum()), level), "identified", "line")
+            for of, level in ((up, friction), (down, -friction))
+            if friction and of.any()
+        ),
+    ]
+    page = _rendered(
+        "calibration.html.j2",
+        robot=name,
+        found=found,
+        law=chart(curves, *axes, title=f"Load over reading of {name}"),
+        residual=chart(
+            residuals,
+            Axis("load", statics.load_unit),
+            Axis("load less law", statics.load_unit),
+            title=f"What the law of {name} leaves over the load",
+        ),
+        table=calibration_table(found),
     )
     write_whole(path, page)
 

@@ -18,7 +18,7 @@ from seaid.report.html_traces import SIDES
 
 if TYPE_CHECKING:
     from seaid.estimation import Estimate, TermTest
-    from seaid.identification import Fit, Identification
+    from seaid.identification import Fit, Identification, StaticCalibration
     from seaid.report.comparison import Comparison
     from seaid.report.html_traces import Run
     from seaid.report.html_verdict import Nominal
@@ -332,6 +332,21 @@ def term_name(side: str, term: TermTest) -> str:
     """Return the name of a tested term with its joint."""
     name = term.terms[0]
     return readable(name if side in ("load", "both") else JointParameter(name, side))
+
+
+def calibration_table(found: StaticCalibration) -> Table:
+    """Return the parameters of a calibration from statics."""
+    rows: list[list[Cell]] = []
+    errors, intervals = found.standard_errors.tolist(), found.intervals.tolist()
+    for name, value, error, (low, high), unit in zip(
+        found.names, found.values.tolist(), errors, intervals, found.units, strict=True
+    ):
+        texts = rounded(value, error, low, high)
+        interval = Cell(f"{texts.lower} to {texts.upper}")
+        values = Cell(texts.value, value), Cell(texts.error, error), interval
+        rows.append([Cell(name.replace("_", " ")), *values, Cell(unit)])
+    heads = ("Parameter", "Value", "Std. error", "95 % interval", "Unit")
+    return table_of("calibration", "Parameters of the law, and friction.", heads, rows)
 
 
 def residual_table(found: Identification) -> Table:

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
         FrequencyResponse,
         Identification,
         SetupCheck,
+        StaticCalibration,
         TermComparison,
         TermSelection,
         Validation,
@@ -548,6 +549,32 @@ def _text(found: Identification, name: str) -> str:
     if name not in estimate.names and isinstance(name, JointParameter):
         estimate, key = found.drives[name.joint], name.parameter
     return f"{number(estimate.value(key))} +- {estimate.standard_error(key):.2g}"
+
+
+def statics_table(found: StaticCalibration) -> Text:
+    """Return the parameters of a calibration from statics, with rms, linearity and hysteresis."""
+    rows = [
+        [name, number(value), number(error), f"{number(low)} to {number(high)}", unit]
+        for name, value, error, (low, high), unit in zip(
+            found.names,
+            found.values.tolist(),
+            found.standard_errors.tolist(),
+            found.intervals.tolist(),
+            found.units,
+            strict=True,
+        )
+    ]
+    header = ["parameter", "estimated", "std. error", "95 % interval", "unit"]
+    lines = [
+        f"rms {found.rms:.3g} {found.statics.load_unit} over "
+        f"{counted(len(found.statics.load), 'load')}, nonlinearity {percent(found.linearity)}"
+    ]
+    if np.isfinite(found.hysteresis):
+        lines[0] += f", hysteresis {percent(found.hysteresis)} of the range of the load"
+    else:
+        lines[0] += " of the range of the load; no hysteresis without loads up and down"
+    lines += [f"! {one}" for one in found.warnings]
+    return joined([table(f"Calibration from statics, {found.law} law", header, rows), *lines])
 
 
 def terms_table(selection: TermSelection) -> Text:

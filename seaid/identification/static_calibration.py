@@ -1,0 +1,521 @@
+"""Calibration from statics: the law of a spring, gain and offset of a torque sensor.
+
+The loads are known: dead weights, or gravity at held poses. The reading (a deflection, or the raw
+value of a sensor) has the errors, so that load = law(reading) is estimated with functions of the
+load as instruments: unbiased by noise of the reading, and for a straight line the same as the
+regression of the reading on the load. Friction opposes the change of the load: under the same load
+the reading differs between up and down; the mean is the law, half of the difference is friction.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from seaid._arrays import Array, frozen, safely
+from seaid._progress import Result, counted
+from seaid.errors import Finding, IdentificationError, checked, listed
+from seaid.log import Log
+from seaid.regressor import joint_torques
+from seaid.robot import Robot
+
+Law = Literal["linear", "cubic"]
+
+_GRAVITY = 9.80665
+_FEWEST = 5
+"""Fewest loads of a calibration; each direction needs three of its own."""
+
+_TURNS = 50
+"""Most iterations of Gauss and Newton; a straight line needs one, a cubic law a few."""
+
+_SIGNIFICANT = 0.01
+"""Level at which a cubic term or friction counts as supported by the data."""
+
+_WRONG, _DOUBTFUL = 0.5, 0.05
+"""Relative misfit (rms over rms of the loads) of no calibration, and of a poor one."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Statics:
+    """Loads and readings at rest, in the order in which they were taken.
+
+    Attributes
+    ----------
+    load, reading : array (T,)
+        Loads [N m, or N], and deflections or raw values of a sensor.
+    load_unit : {"N m", "N"}
+    reading_unit : str
+        "rad" and "m" are deflections of a spring; any other one is a sensor's, such as "mV".
+    direction : array (T,) of 1, -1 or 0
+        Whether the load rose or fell before the reading; 0: unknown.
+    """
+
+    load: Array
+    reading: Array
+    load_unit: str = "N m"
+    reading_unit: str = "rad"
+    direction: Array | None = None
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class StaticCalibration(Result):
+    """The result of `calibrate_statics`; str() is its table.
+
+    Attributes
+    ----------
+    statics : Statics
+        The loads and readings, with directions.
+    law : {"linear", "cubic"}
+        load = k d, or k d + k_3 d^3, with d = reading less its zero.
+    names, values, standard_errors, units
+        "stiffness" (of a sensor "gain"), "cubic_stiffness" (cubic law), "zero" (the reading without
+        a load), and "friction" if loads rose and fell.
+    intervals : array (p, 2)
+        95 % intervals, by Student's t.
+    rms : float
+        Standard deviation of load less law and friction, by its degrees of freedom.
+    linearity, hysteresis : float
+        Largest distance of the cubic law from the straight line at the readings, and mean
+        difference of the load between up and down, as parts of the range of the load; hysteresis is
+        NaN without both directions.
+    cubic_p_value : float
+        Probability of so large a cubic term by chance.
+    warnings : tuple of Finding
+    """
+
+    table_name = "statics_table"
+
+    statics: Statics
+    law: Law
+    names: tuple[str, ...]
+    values: Array
+    standard_errors: Array
+    units: tuple[str, ...]
+    intervals: Array
+    rms: float
+    linearity: float
+    hysteresis: float
+    cubic_p_value: float
+    warnings: tuple[Finding, ...] = ()
+
+    def _in_short(self) -> str:
+        value = f"{self.names[0]} {self.values[0]:.4g} {self.units[0]}"
+        return f"{value}, rms {self.rms:.3g} {self.statics.load_unit}"
+
+    def value(self, name: str) -> float:
+        """Return the value of a parameter."""
+        return float(self.values[self.names.index(name)])
+
+    def standard_error(self, name: str) -> float:
+        """Return the standard error of a parameter."""
+        return float(self.standard_errors[self.names.index(name)])
+
+    def load_at(self, reading: Array) -> Array:
+        """Return the load (P,) of the law at readings, without friction."""
+        d = np.asarray(reading) - self.value("zero")
+        cubic = self.value("cubic_stiffness") if self.law == "cubic" else 0.0
+        return np.asarray(self.values[0] * d + cubic * d**3)
+
+
+@checked(IdentificationError)
+def calibrate_statics(statics: Statics, *, law: Law = "linear") -> StaticCalibration:
+    """Calibrate a spring or a torque sensor by known static loads.
+
+    Parameters
+    ----------
+    statics : Statics
+        Loads and readings: of arrays, `read_statics` or `held_poses`. A missing `direction` follows
+        from the order of the loads, so that a slow ramp up and down separates friction.
+    law : {"linear", "cubic"}
+        A straight line, or one with a cubic term.
+
+    Returns
+    -------
+    StaticCalibration
+
+    Raises
+    ------
+    IdentificationError
+        For fewer than five loads, values that are not finite, and loads or readings that do not
+        change.
+
+    Examples
+    --------
+    >>> loads = np.linspace(-14.7, 14.7, 18)
+    >>> statics = seaid.Statics(loads, deflection_rad)
+    >>> print(seaid.calibrate_statics(statics))
+    """
+    statics = _checked(statics)
+    line, cubic = (_Fit.of(statics, one) for one in ("linear", "cubic"))
+    fit = line if law == "linear" else cubic
+    p_value = cubic.p_value(1)
+    spread = statics.load.max() - statics.load.min()
+    bend = cubic.law_at(statics.reading) - line.law_at(statics.reading)
+    friction = fit.theta[-1] if fit.has_friction else np.nan
+    return StaticCalibration(
+        statics=statics,
+        law=law,
+        names=fit.names,
+        values=fit.theta,
+        standard_errors=fit.errors,
+        units=fit.units,
+        intervals=fit.theta[:, None] + fit.quantile * fit.errors[:, None] * np.array([-1.0, 1.0]),
+        rms=float(np.sqrt(fit.residual @ fit.residual / (len(fit.residual) - len(fit.theta)))),
+        linearity=float(np.max(np.abs(bend)) / spread),
+        hysteresis=float(2 * abs(friction) / spread),
+        cubic_p_value=p_value,
+        warnings=tuple(_findings(fit, law, p_value)),
+    )
+
+
+def _checked(statics: Statics) -> Statics:
+    """Return the statics with directions. Raises IdentificationError for what gives no law."""
+    load = frozen("load", statics.load, (None,), IdentificationError)
+    reading = frozen("reading", statics.reading, (len(load),), IdentificationError)
+    for name, values in (("load", load), ("reading", reading)):
+        if not np.all(np.isfinite(values)):
+            raise IdentificationError(
+                f"{name} {int(np.argmin(np.isfinite(values))) + 1} is not finite: remove its row"
+            )
+        if len(values) < _FEWEST or np.ptp(values) == 0:
+            found = f"{len(values)} of them" if len(values) < _FEWEST else f"all {values[0]:g}"
+            raise IdentificationError(
+                f"a calibration needs {_FEWEST} or more {name}s that differ, found {found}"
+            )
+    if statics.load_unit not in ("N m", "N"):
+        raise IdentificationError(f"load_unit must be 'N m' or 'N', found '{statics.load_unit}'")
+    given = statics.direction
+    direction = _direction(load) if given is None else np.sign(np.asarray(given, dtype=float))
+    direction = frozen("direction", direction, (len(load),), IdentificationError)
+    return replace(statics, load=load, reading=reading, direction=direction)
+
+
+def _direction(load: Array) -> Array:
+    """Return whether the loads (T,) rise (1) or fall (-1); a repeated load as the one before."""
+    step = np.sign(np.diff(load))
+    known = np.flatnonzero(step)
+    before = known[np.clip(np.searchsorted(known, np.arange(len(step)), "right") - 1, 0, None)]
+    found = step[before]
+    return np.concatenate([found[:1], found])
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """A law with its parameters theta = (k, [k_3], zero, [friction])."""
+
+    statics: Statics
+    law: Law
+    theta: Array
+    errors: Array
+    residual: Array
+    has_friction: bool
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        gain = "stiffness" if self.statics.reading_unit in ("rad", "m") else "gain"
+        cubic = (f"cubic_{gain}",) if self.law == "cubic" else ()
+        return (gain, *cubic, "zero", *(("friction",) if self.has_friction else ()))
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        force, length = self.statics.load_unit, self.statics.reading_unit
+        cubic = (f"{force}/{length}^3",) if self.law == "cubic" else ()
+        units = (f"{force}/{length}", *cubic, length)
+        return (*units, force) if self.has_friction else units
+
+    @cached_property
+    def quantile(self) -> float:
+        """Student's t of a 95 % interval."""
+        from scipy.stats import t
+
+        return float(t.ppf(0.975, len(self.residual) - len(self.theta)))
+
+    def p_value(self, place: int) -> float:
+        """Return the probability of so large a parameter by chance."""
+        from scipy.stats import t
+
+        ratio = abs(self.theta[place]) / max(self.errors[place], 1e-300)
+        return float(2 * t.sf(ratio, len(self.residual) - len(self.theta)))
+
+    def law_at(self, reading: Array) -> Array:
+        """Return the load (P,) of the law without friction."""
+        bare = replace(self.statics, reading=reading, direction=np.zeros(len(reading)))
+        return _predicted(bare, self.law, self.theta)[0]
+
+    @classmethod
+    def of(cls, statics: Statics, law: Law) -> _Fit:
+        """Return the instrumental-variable estimate: Z^T (load - law) = 0, Z of the load alone."""
+        load, reading, direction = statics.load, statics.reading, np.asarray(statics.direction)
+        has_friction = min(np.sum(direction > 0), np.sum(direction < 0)) >= 3
+        start = np.polyfit(reading, load, 1)
+        theta = np.array([start[0], -start[1] / start[0]])
+        if law == "cubic":
+            theta = np.insert(theta, 1, 0.0)
+        if has_friction:
+            theta = np.append(theta, 0.0)
+        # the part of the reading that the load explains, without its noise
+        explained = [load, load**3] if law == "cubic" else [load]
+        basis = np.column_stack([np.ones_like(load), *explained, direction])
+        if not has_friction:
+            basis = basis[:, :-1]
+        clean = (
+            basis
+            @ safely(
+                np.linalg.lstsq,
+                basis,
+                reading,
+                rcond=None,
+                what="the loads",
+                error=IdentificationError,
+            )[0]
+        )
+        for _ in range(_TURNS):
+            predicted, J = _predicted(statics, law, theta)
+            Z = _predicted(replace(statics, reading=clean), law, theta)[1]
+            step = safely(
+                np.linalg.solve,
+                Z.T @ J,
+                Z.T @ (load - predicted),
+                what="the law: give more different loads",
+                error=IdentificationError,
+            )
+            theta = theta + step
+            if np.all(np.abs(step) <= 1e-12 * np.maximum(np.abs(theta), 1e-9)):
+                break
+        predicted, J = _predicted(statics, law, theta)
+        Z = _predicted(replace(statics, reading=clean), law, theta)[1]
+        residual = load - predicted
+        inverse = safely(np.linalg.inv, Z.T @ J, what="the law", error=IdentificationError)
+        variance = residual @ residual / max(len(load) - len(theta), 1)
+        covariance = variance * inverse @ (Z.T @ Z) @ inverse.T
+        errors = np.sqrt(np.diag(covariance) * _correlation_factor(residual))
+        return cls(statics, law, theta, errors, residual, bool(has_friction))
+
+
+def _predicted(statics: Statics, law: Law, theta: Array) -> tuple[Array, Array]:
+    """Return the load (T,) of a law with friction, and its slopes (T, p) by the parameters."""
+    k, zero = theta[0], theta[2 if law == "cubic" else 1]
+    k_3 = theta[1] if law == "cubic" else 0.0
+    d = statics.reading - zero
+    columns = [d, *([d**3] if law == "cubic" else []), -(k + 3 * k_3 * d**2)]
+    load = k * d + k_3 * d**3
+    if len(theta) > len(columns):
+        columns.append(np.asarray(statics.direction))
+        load = load + theta[-1] * columns[-1]
+    return load, np.column_stack(columns)
+
+
+def _correlation_factor(residual: Array) -> float:
+    """Return the factor (1 + r)/(1 - r) on variances for residuals correlated by r at lag 1.
+
+    A ramp has many samples that are not independent; a table of weights is not corrected for a
+    correlation that chance explains.
+    """
+    left = residual - np.mean(residual)
+    r = float(left[1:] @ left[:-1] / max(float(left @ left), 1e-300))
+    return (1 + r) / (1 - min(r, 0.999)) if r > 2 / np.sqrt(len(left)) else 1.0
+
+
+def _findings(fit: _Fit, law: Law, cubic_p_value: float) -> list[Finding]:
+    """Return what to know before the calibration is used."""
+    found: list[Finding] = []
+    load = fit.statics.load
+    misfit = float(np.sqrt(np.mean(fit.residual**2) / np.var(load)))
+    if misfit > _DOUBTFUL:
+        text = f"the law explains the loads to {misfit:.1%} of their standard deviation only"
+        severity = "wrong" if misfit > _WRONG else "doubtful"
+        remedy = "check the order of the rows and their units, and that the joint was at rest"
+        found.append(Finding("no-fit", text, "", severity, remedy=remedy))  # type: ignore[arg-type]
+    if law == "linear" and cubic_p_value < _SIGNIFICANT:
+        text = f"the readings bend: a cubic term has a p-value of {cubic_p_value:.2g}"
+        found.append(Finding("nonlinear-spring", text, "", "doubtful", remedy='law="cubic"'))
+    if law == "cubic" and cubic_p_value > _SIGNIFICANT:
+        text = f"the cubic term is not significant: its p-value is {cubic_p_value:.2g}"
+        found.append(Finding("needless-term", text, "", "note", remedy='law="linear"'))
+    if fit.theta[0] < 0:
+        text = "a larger load has a smaller reading: the sign of one of them is opposite"
+        found.append(
+            Finding("sign", text, "", "doubtful", remedy="change the sign of the readings")
+        )
+    return found
+
+
+# Where statics come from
+
+_LOADS = {"load_Nm": ("N m", 1.0), "load_mNm": ("N m", 1e-3), "load_N": ("N", 1.0)}
+_READINGS = {
+    "deflection_rad": ("rad", 1.0),
+    "deflection_mrad": ("rad", 1e-3),
+    "deflection_deg": ("rad", np.pi / 180),
+    "deflection_m": ("m", 1.0),
+    "deflection_mm": ("m", 1e-3),
+}
+"""{column: (unit, factor)} of a table of statics; sensor_<unit> is a reading in any unit."""
+
+
+@checked(IdentificationError)
+def read_statics(path: str | Path) -> Statics:
+    """Read a table of loads and readings, a CSV file with a header.
+
+    The load is `load_Nm`, `load_mNm` or `load_N`, or `mass_kg` with `lever_m` (torque by 9.80665
+    m/s^2) or without (force). The reading is `deflection_rad` (`_mrad`, `_deg`, `_m`, `_mm`), or
+    `sensor_<unit>` in any unit. A column `direction` of 1 and -1 is optional.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Returns
+    -------
+    Statics
+
+    Raises
+    ------
+    IdentificationError
+        For a file that cannot be read, columns that are missing, and values that are no numbers.
+
+    Examples
+    --------
+    >>> seaid.calibrate_statics(seaid.read_statics("weights.csv"))
+    """
+    try:
+        with Path(path).open(encoding="utf-8-sig", newline="") as file:
+            rows = [[one.strip() for one in row] for row in csv.reader(file) if any(row)]
+    except (OSError, UnicodeDecodeError, csv.Error) as problem:
+        raise IdentificationError(f"'{path}' cannot be read: {problem}") from None
+    names = rows[0] if rows else []
+    columns = {name: _numbers(path, name, place, rows[1:]) for place, name in enumerate(names)}
+    reading = next((name for name in names if name in _READINGS or name[:7] == "sensor_"), None)
+    load = next((name for name in names if name in _LOADS), None)
+    if reading is None or (load is None and "mass_kg" not in names):
+        allowed = (
+            f"{', '.join(_LOADS)} or mass_kg (and lever_m), and {', '.join(_READINGS)} or sensor_mV"
+        )
+        raise IdentificationError(
+            f"'{path}' needs a column of loads and one of readings ({allowed}), found "
+            f"{listed(names) or 'none'}"
+        )
+    if load is not None:
+        load_unit, factor = _LOADS[load]
+        loads = factor * columns[load]
+    else:
+        load_unit = "N m" if "lever_m" in names else "N"
+        loads = _GRAVITY * columns["mass_kg"] * columns.get("lever_m", np.ones(len(rows) - 1))
+    unit, factor = _READINGS.get(reading, (reading[7:], 1.0))
+    return Statics(loads, factor * columns[reading], load_unit, unit, columns.get("direction"))
+
+
+def _numbers(path: str | Path, name: str, place: int, rows: Sequence[Sequence[str]]) -> Array:
+    found = np.empty(len(rows))
+    for number, row in enumerate(rows):
+        try:
+            found[number] = float(row[place])
+        except (ValueError, IndexError):
+            text = f"found '{row[place]}'" if place < len(row) else "found nothing"
+            raise IdentificationError(
+                f"'{path}': row {number + 2} of column '{name}' must be a number, {text}"
+            ) from None
+    return found
+
+
+_HELD_S, _SMOOTH_S, _MOVES = 0.3, 0.1, 0.01
+"""Least time at a pose [s], average of a speed [s], and share of the range of a position that it
+may move by in that time at rest."""
+
+
+@checked(IdentificationError)
+def held_poses(
+    robot: Robot, log: Log, joint: str, *, sensor: Literal["spring", "torque"] = "spring"
+) -> Statics:
+    """Return the gravity torque of a joint and a reading at the held poses of a log.
+
+    The bodies and payloads of the robot must be known: they are the dead weights. Poses at which
+    all joints rest for 0.3 s or longer are averaged.
+
+    Parameters
+    ----------
+    robot : Robot
+    log : Log
+    joint : str
+        The joint that is calibrated.
+    sensor : {"spring", "torque"}
+        "spring": the deflection of its spring, between the encoders or by its own sensor; "torque":
+        the torque sensor of the joint.
+
+    Returns
+    -------
+    Statics
+
+    Raises
+    ------
+    IdentificationError
+        For a joint without a spring or sensor, unknown bodies, and fewer than five poses.
+
+    Examples
+    --------
+    >>> poses = seaid.held_poses(robot, log, "knee", sensor="torque")
+    >>> seaid.calibrate_statics(poses).value("gain")
+    """
+    robot.selected(joint)
+    index, place = (
+        robot.index(joint),
+        log.joint_names.index(joint) if joint in log.joint_names else -1,
+    )
+    if place < 0:
+        raise IdentificationError(
+            f"the log has no joint '{joint}'; it has {listed(log.joint_names)}"
+        )
+    if not np.all(np.isfinite(robot.parameters)):
+        raise IdentificationError("held poses need the inertial parameters of the bodies")
+    drive = robot.drives[joint]
+    order = [log.joint_names.index(one) for one in robot.joint_names]
+    position = log.joint_position[:, order]
+    values = log.joint_torque
+    if sensor == "spring":
+        values = log.deflection
+        if values is None or np.isnan(values[0, place]):
+            lever = (
+                drive.motor_radius / (drive.ratio * drive.load_radius)
+                if drive.is_elastic
+                else np.nan
+            )
+            values = lever * log.motor_position - log.joint_position
+        values = values * (drive.load_radius if drive.is_elastic else np.nan)
+    if values is None or np.isnan(values[0, place]) or np.any(np.isnan(position[0])):
+        wanted = (
+            "a spring with both encoders, or its deflection" if sensor == "spring" else "a sensor"
+        )
+        raise IdentificationError(
+            f"joint '{joint}' needs {wanted}, and all joints their positions in the log"
+        )
+    spans = _rests(log.time, position)
+    if len(spans) < _FEWEST:
+        raise IdentificationError(
+            f"the log has {counted(len(spans), 'held pose')}, at least {_FEWEST} are needed: hold "
+            f"each for more than {_HELD_S} s"
+        )
+    poses = np.array([position[one].mean(axis=0) for one in spans])
+    reading = np.array([values[one, place].mean() for one in spans])
+    nothing = np.zeros_like(poses)
+    load = joint_torques(robot, poses, nothing, nothing)[:, index]
+    force, length = drive.spring_units if drive.is_elastic else drive.joint_units
+    if sensor == "torque":
+        return Statics(load, reading, drive.joint_units[0], drive.joint_units[0])
+    return Statics(load / drive.load_radius, reading, force, length)
+
+
+def _rests(time: Array, position: Array) -> list[slice]:
+    """Return the spans in which all positions (T, n) rest."""
+    window = max(1, round(_SMOOTH_S * (len(time) - 1) / float(time[-1] - time[0])))
+    moved = np.abs(position[window:] - position[:-window])
+    allowed = _MOVES * np.maximum(np.ptp(position, axis=0), 1e-9)
+    still = np.concatenate([np.all(moved <= allowed, axis=1), np.zeros(window, dtype=bool)])
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]])))
+    spans = [slice(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    return [one for one in spans if time[one.stop - 1] - time[one.start] >= _HELD_S]

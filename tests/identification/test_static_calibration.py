@@ -1,0 +1,267 @@
+"""Calibration from statics: laws recovered, intervals that hold, ramps, poses, tables, mistakes."""
+
+from __future__ import annotations
+
+import json
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import seaid
+from seaid._arrays import Array
+from seaid.cli.commands import app
+from seaid.errors import IdentificationError
+from seaid.identification.static_calibration import (
+    StaticCalibration,
+    Statics,
+    calibrate_statics,
+    held_poses,
+    read_statics,
+)
+from tests.experiments import leg
+
+WEIGHTS = np.linspace(-14.7, 14.7, 18)
+"""The loads [N m] of the published calibration of an ANYdrive: k = 159.8 N m/rad, rms 0.077 N m."""
+
+STIFFNESS, RMS = 159.8, 0.077
+
+
+def anydrive(seed: int) -> StaticCalibration:
+    noise = RMS / STIFFNESS * np.random.default_rng(seed).normal(size=len(WEIGHTS))
+    return calibrate_statics(Statics(WEIGHTS, WEIGHTS / STIFFNESS + 0.01 + noise))
+
+
+def ramp(seed: int, friction: float = 0.3, cubic: float = 2000.0) -> Statics:
+    """Return a slow ramp up and down, with the readings of a spring behind friction."""
+    up = np.linspace(-15.0, 15.0, 300)
+    load = np.concatenate([up, up[-2::-1]])
+    direction = np.repeat([1.0, -1.0], [300, 299])
+    d = np.linspace(-0.16, 0.16, 20_001)
+    reading = np.interp(load - friction * direction, 150.0 * d + cubic * d**3, d) + 0.02
+    noise = 5e-4 * np.random.default_rng(seed).normal(size=len(load))
+    return Statics(load, reading + noise)
+
+
+def test_a_copy_of_the_published_experiment_has_its_interval_and_rms() -> None:
+    """Published are 159.8 +- 0.4 N m/rad: one standard error of 18 equal steps is 0.32."""
+    found = [anydrive(seed) for seed in range(400)]
+    values = np.array([one.values[0] for one in found])
+    errors = np.array([one.standard_errors[0] for one in found])
+    assert abs(np.mean(values) - STIFFNESS) < 3 * np.std(values) / 20
+    assert np.mean(errors) == pytest.approx(0.32, abs=0.01)
+    assert np.std(values) == pytest.approx(np.mean(errors), rel=0.1)
+    assert np.mean([one.rms for one in found]) == pytest.approx(RMS, rel=0.03)
+    inside = [one.intervals[0, 0] < STIFFNESS < one.intervals[0, 1] for one in found]
+    assert 0.92 < np.mean(inside) < 0.975
+    # the linear law is right: chance calls it bent in 1 % of the draws
+    assert sum(bool(one.warnings) for one in found) <= 10
+
+
+def test_a_straight_line_is_the_regression_of_the_reading_on_the_load() -> None:
+    """An independent route: loads without errors are the regressor."""
+    found = anydrive(3)
+    slope, start = np.polyfit(WEIGHTS, found.statics.reading, 1)
+    assert found.value("stiffness") == pytest.approx(1 / slope, rel=1e-9)
+    assert found.value("zero") == pytest.approx(start, rel=1e-9)
+
+
+def test_noise_of_the_reading_does_not_soften_the_spring() -> None:
+    """The regression of the load on the reading is 20 % low here."""
+    load = np.tile(WEIGHTS, 500)
+    noise = 0.5 * np.std(WEIGHTS) / STIFFNESS * np.random.default_rng(0).normal(size=len(load))
+    statics = Statics(load, load / STIFFNESS + noise, direction=np.zeros(len(load)))
+    found = calibrate_statics(statics)
+    assert np.polyfit(statics.reading, load, 1)[0] < 0.82 * STIFFNESS
+    assert abs(found.values[0] - STIFFNESS) < 3 * found.standard_errors[0]
+
+
+def test_a_ramp_up_and_down_separates_friction_from_a_cubic_spring() -> None:
+    found = [calibrate_statics(ramp(seed), law="cubic") for seed in range(60)]
+    assert found[0].names == ("stiffness", "cubic_stiffness", "zero", "friction")
+    assert found[0].units == ("N m/rad", "N m/rad^3", "rad", "N m")
+    true = np.array([150.0, 2000.0, 0.02, 0.3])
+    errors = np.array([one.values - true for one in found])
+    sizes = np.array([one.standard_errors for one in found])
+    scores = errors / sizes
+    assert np.all(np.abs(np.mean(scores, axis=0)) < 0.5)
+    assert np.all((np.std(scores, axis=0) > 0.75) & (np.std(scores, axis=0) < 1.3))
+    assert found[0].hysteresis == pytest.approx(0.6 / 30, rel=0.05)
+    assert 0.01 < found[0].linearity < 0.04
+    assert not found[0].warnings
+
+
+def test_one_direction_knows_no_hysteresis() -> None:
+    found = calibrate_statics(Statics(WEIGHTS, WEIGHTS / STIFFNESS))
+    assert np.isnan(found.hysteresis)
+    assert "friction" not in found.names
+    assert "no hysteresis without loads up and down" in str(found)
+
+
+def test_correlated_readings_have_a_wider_interval() -> None:
+    """A drifting sensor on a long ramp: the scatter is that of the standard errors."""
+    load = np.linspace(-10.0, 10.0, 400)
+    values, errors = [], []
+    for seed in range(200):
+        white = np.random.default_rng(seed).normal(size=400)
+        noise = np.zeros(400)
+        for k in range(1, 400):
+            noise[k] = 0.9 * noise[k - 1] + 1e-3 * white[k]
+        found = calibrate_statics(Statics(load, load / 100.0 + noise))
+        values.append(found.values[0])
+        errors.append(found.standard_errors[0])
+    assert 0.75 < np.mean(errors) / np.std(values) < 1.3
+
+
+@pytest.mark.parametrize(
+    ("statics", "law", "code", "severity"),
+    [
+        (ramp(0, 0.0), "linear", "nonlinear-spring", "doubtful"),
+        (ramp(0, 0.0, 0.0), "cubic", "needless-term", "note"),
+        (Statics(WEIGHTS, -WEIGHTS / STIFFNESS), "linear", "sign", "doubtful"),
+        (Statics(WEIGHTS, np.cos(np.arange(18.0)) + 1e-3 * WEIGHTS), "linear", "no-fit", "wrong"),
+    ],
+)
+def test_what_is_wrong_is_named(statics: Statics, law: Any, code: str, severity: str) -> None:
+    found = calibrate_statics(statics, law=law)
+    assert (code, severity) in {(one.code, one.severity) for one in found.warnings}
+
+
+@pytest.mark.parametrize(
+    ("load", "reading", "words"),
+    [
+        (np.ones(18), WEIGHTS, "5 or more loads that differ, found all 1"),
+        (WEIGHTS, np.ones(18), "5 or more readings that differ, found all 1"),
+        (WEIGHTS[:4], WEIGHTS[:4], "5 or more loads that differ, found 4 of them"),
+        (np.where(WEIGHTS > 14, np.nan, WEIGHTS), WEIGHTS, "load 18 is not finite"),
+        (WEIGHTS, WEIGHTS[1:], "reading"),
+    ],
+)
+def test_statics_that_give_no_law_are_refused(load: Array, reading: Array, words: str) -> None:
+    with pytest.raises(IdentificationError, match=words):
+        calibrate_statics(Statics(load, reading))
+    with pytest.raises(IdentificationError, match="load_unit must be 'N m' or 'N'"):
+        calibrate_statics(Statics(WEIGHTS, WEIGHTS, load_unit="kg"))
+
+
+# Tables
+
+
+def test_tables_are_read_in_their_units(tmp_path: Path) -> None:
+    path = tmp_path / "weights.csv"
+    path.write_text(
+        "mass_kg,lever_m,deflection_mrad\n" + "".join(f"{m},0.5,{3 * m}\n" for m in range(6))
+    )
+    statics = read_statics(path)
+    np.testing.assert_allclose(statics.load, 9.80665 * 0.5 * np.arange(6.0))
+    np.testing.assert_allclose(statics.reading, 3e-3 * np.arange(6.0))
+    assert calibrate_statics(statics).value("stiffness") == pytest.approx(9.80665 / 6e-3)
+    path.write_text(
+        "load_N,sensor_mV,direction\n" + "".join(f"{m},{2 * m + 7},1\n" for m in range(6))
+    )
+    found = calibrate_statics(read_statics(path))
+    assert found.names == ("gain", "zero")
+    assert found.units == ("N/mV", "mV")
+    np.testing.assert_allclose(found.values, [0.5, 7.0])
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (
+            "torque,angle\n1,2\n",
+            "a column of loads and one of readings .*found torque, angle",
+        ),
+        ("load_Nm,deflection_rad\n1,2\n3,x\n", "row 3 of column 'deflection_rad' must be a number"),
+        ("load_Nm,deflection_rad\n1,2\n3\n", "found nothing"),
+        ("", "found none"),
+    ],
+)
+def test_mistakes_in_a_table_are_named(tmp_path: Path, text: str, words: str) -> None:
+    (tmp_path / "weights.csv").write_text(text)
+    with pytest.raises(IdentificationError, match=words):
+        read_statics(tmp_path / "weights.csv")
+    with pytest.raises(IdentificationError, match="cannot be read"):
+        read_statics(tmp_path / "none.csv")
+
+
+# Held poses
+
+
+def poses_log(offset: float = 0.4, gain: float = 0.8) -> seaid.Log:
+    """Return a log of the leg at nine held poses, its knee spring of 40 kN/m as nothing else."""
+    robot = leg()
+    joint = robot.index("knee_pitch")
+    rng = np.random.default_rng(4)
+    poses = np.tile(rng.uniform(-0.3, 0.3, robot.n), (9, 1))
+    poses[:, joint] = np.linspace(0.1, 1.3, 9)
+    moves = [np.linspace(one, two, 50) for one, two in pairwise(poses)]
+    parts = [np.tile(poses[0], (100, 1))]
+    for move, pose in zip(moves, poses[1:], strict=True):
+        parts += [move, np.tile(pose, (100, 1))]
+    position = np.concatenate(parts)
+    nothing = np.zeros_like(position)
+    torque = seaid.regressor.joint_torques(robot, position, nothing, nothing)
+    drive = robot.drives["knee_pitch"]
+    stretch = torque[:, [joint]] / drive.load_radius / 40e3
+    motor = (stretch + drive.load_radius * position) * drive.ratio / drive.motor_radius
+    sensed = np.full_like(position, np.nan)
+    sensed[:, joint] = torque[:, joint] / gain + offset
+    time = np.arange(len(position)) / 100.0
+    return seaid.Log(time, robot.joint_names, motor, position, nothing, joint_torque=sensed)
+
+
+def test_held_poses_calibrate_spring_and_sensor() -> None:
+    spring = calibrate_statics(held_poses(leg(), poses_log(), "knee_pitch"))
+    assert spring.units[0] == "N/m"
+    assert spring.value("stiffness") == pytest.approx(40e3, rel=1e-6)
+    sensor = calibrate_statics(held_poses(leg(), poses_log(), "knee_pitch", sensor="torque"))
+    assert sensor.names == ("gain", "zero")
+    assert sensor.value("gain") == pytest.approx(0.8, rel=1e-6)
+    assert sensor.value("zero") == pytest.approx(0.4, rel=1e-6)
+
+
+def test_a_log_without_poses_or_sensor_is_refused() -> None:
+    log = poses_log()
+    bare = leg().with_values(np.full_like(leg().parameters, np.nan), leg().drives)
+    with pytest.raises(IdentificationError, match="has 1 held pose, at least 5 are needed"):
+        held_poses(leg(), log.between(0.0, 0.9), "knee_pitch")
+    with pytest.raises(IdentificationError, match="joint 'hip_yaw' needs a spring"):
+        held_poses(leg(), log, "hip_yaw")
+    with pytest.raises(IdentificationError, match="needs a sensor"):
+        held_poses(leg(), log, "hip_pitch", sensor="torque")
+    with pytest.raises(IdentificationError, match="need the inertial parameters"):
+        held_poses(bare, log, "knee_pitch")
+
+
+# The page and the command
+
+
+def test_the_page_has_the_law_and_what_it_leaves(tmp_path: Path) -> None:
+    found = calibrate_statics(ramp(0), law="cubic")
+    seaid.write_calibration(found, tmp_path / "knee.html", name="<knee>")
+    page = (tmp_path / "knee.html").read_text()
+    assert "&lt;knee&gt;" in page
+    assert "<knee>" not in page
+    assert page.count('<svg class="plot"') == 2
+    assert "cubic stiffness" in page
+    assert "hysteresis 2 %" in page
+    assert "http" not in page.replace("http-equiv", "").replace("http://www.w3.org", "")
+
+
+def test_the_command_prints_the_values_of_the_library(tmp_path: Path) -> None:
+    rows = "".join(f"{a},{b}\n" for a, b in zip(WEIGHTS, anydrive(0).statics.reading, strict=True))
+    (tmp_path / "weights.csv").write_text(f"load_Nm,deflection_rad\n{rows}")
+    page = tmp_path / "weights.html"
+    command = ["calibrate", str(tmp_path / "weights.csv"), "-o", str(page), "--json"]
+    said = CliRunner().invoke(app, command)
+    assert said.exit_code == 0, said.output
+    content = json.loads(said.stdout)["result"]
+    stiffness = content["parameters"]["stiffness"]
+    assert stiffness["value"] == pytest.approx(anydrive(0).value("stiffness"))
+    assert stiffness["unit"] == "N m/rad"
+    assert page.exists()
+    assert CliRunner().invoke(app, [*command[:2], "--joint", "knee"]).exit_code == 2
