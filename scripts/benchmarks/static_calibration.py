@@ -45,8 +45,8 @@ def main() -> None:
     half = np.mean([np.ptp(one.intervals[0]) / 2 for one in weights])
     print(line("stiffness", weights, STIFFNESS), f"half interval {half:.2g} N m/rad")
     print(f"rms {np.mean([one.rms for one in weights]):.4f} N m of {RMS}")
-    bent = sum(any(w.code == "nonlinear-spring" for w in one.warnings) for one in weights)
-    print(f"called bent: {bent} of {draws}")
+    curved = sum(any(w.code == "nonlinear-spring" for w in one.warnings) for one in weights)
+    print(f"called nonlinear: {curved} of {draws}")
     ramps = [calibrate_statics(ramp(seed), law="cubic") for seed in range(draws // 10)]
     for name, true in zip(ramps[0].names, (150.0, 2000.0, 0.02, 0.3), strict=True):
         print(line(name, ramps, true))

@@ -156,7 +156,7 @@ def calibrate_statics(statics: Statics, *, law: Law = "linear") -> StaticCalibra
     fit = line if law == "linear" else cubic
     p_value = cubic.p_value(1)
     spread = statics.load.max() - statics.load.min()
-    bend = cubic.law_at(statics.reading) - line.law_at(statics.reading)
+    curve = cubic.law_at(statics.reading) - line.law_at(statics.reading)
     friction = fit.theta[-1] if fit.has_friction else np.nan
     return StaticCalibration(
         statics=statics,
@@ -167,7 +167,7 @@ def calibrate_statics(statics: Statics, *, law: Law = "linear") -> StaticCalibra
         units=fit.units,
         intervals=fit.theta[:, None] + fit.quantile * fit.errors[:, None] * np.array([-1.0, 1.0]),
         rms=float(np.sqrt(fit.residual @ fit.residual / (len(fit.residual) - len(fit.theta)))),
-        linearity=float(np.max(np.abs(bend)) / spread),
+        linearity=float(np.max(np.abs(curve)) / spread),
         hysteresis=float(2 * abs(friction) / spread),
         cubic_p_value=p_value,
         warnings=tuple(_findings(fit, law, p_value)),
@@ -333,7 +333,7 @@ def _findings(fit: _Fit, law: Law, cubic_p_value: float) -> list[Finding]:
         remedy = "check the order of the rows and their units, and that the joint was at rest"
         found.append(Finding("no-fit", text, "", severity, remedy=remedy))  # type: ignore[arg-type]
     if law == "linear" and cubic_p_value < _SIGNIFICANT:
-        text = f"the readings bend: a cubic term has a p-value of {cubic_p_value:.2g}"
+        text = f"the law is not a straight line: a cubic term has a p-value of {cubic_p_value:.2g}"
         found.append(Finding("nonlinear-spring", text, "", "doubtful", remedy='law="cubic"'))
     if law == "cubic" and cubic_p_value > _SIGNIFICANT:
         text = f"the cubic term is not significant: its p-value is {cubic_p_value:.2g}"

@@ -57,7 +57,7 @@ def test_a_copy_of_the_published_experiment_has_its_interval_and_rms() -> None:
     assert np.mean([one.rms for one in found]) == pytest.approx(RMS, rel=0.03)
     inside = [one.intervals[0, 0] < STIFFNESS < one.intervals[0, 1] for one in found]
     assert 0.92 < np.mean(inside) < 0.975
-    # the linear law is right: chance calls it bent in 1 % of the draws
+    # the linear law is right: chance calls it nonlinear in 1 % of the draws
     assert sum(bool(one.warnings) for one in found) <= 10
 
 
