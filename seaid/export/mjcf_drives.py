@@ -18,7 +18,7 @@ from seaid.robot import Robot
 SMOOTH = COULOMB[1:]
 """Friction terms that are written as dry friction."""
 
-_SUPPORTED = ("viscous", "coulomb", *SMOOTH)
+_SUPPORTED = ("viscous", "coulomb", "offset", *SMOOTH)
 
 
 def temperature_notes(robot: Robot, temperature_degC: float | None) -> list[str]:
@@ -56,7 +56,17 @@ def note_drive(joint: str, drive: Drive, notes: list[str]) -> None:
             f"{unit_of(drive, 'spring_offset')}) comes from the encoder offsets and is not in the "
             "model, where the spring is at rest when both sides are at zero"
         )
-    if drive.motor_input != "torque":
+    if drive.controller is not None:
+        delay = drive.values.get("command_delay", 0.0)
+        late = (
+            f", with a delay of {delay * 1e3:.3g} ms, which MuJoCo has since 3.5"
+            if delay > 0
+            else ""
+        )
+        if delay < 0:
+            late = f"; its command would act {-delay * 1e3:.3g} ms early, which no model can"
+        notes.append(f"joint '{joint}': its control is the commanded position{late}")
+    elif drive.motor_input != "torque":
         constant = f"{drive.motor_input.replace('current', 'torque')}_constant"
         value = drive.values.get(constant)
         size = "unknown" if value is None else f"{value:.6g} {unit_of(drive, constant)}"
@@ -135,9 +145,43 @@ def add_drives(
             lever |= {name: -drive.load_radius * factor for name, factor in turned.items()}
             spring = _spring(joint, drive)
             _add_tendon(tendons, _free(f"{joint}_spring", taken), lever, spring, step)
-        ratio = 1.0 if drive.is_elastic else drive.ratio
-        actuators.append(actuators.makeelement("motor", name=joint, gear=spaced([ratio]), **where))
+        kind, attributes = _actuator(joint, drive, step)
+        actuators.append(actuators.makeelement(kind, name=joint, **attributes, **where))
     note_drives(robot, step, notes)
+
+
+def _actuator(joint: str, drive: Drive, step: float) -> tuple[str, dict[str, str]]:
+    """Return element and attributes of an actuator on the rotor, or behind a stiff gear.
+
+    Its torque is (tau - F_0) N of a control tau, or that of a position controller,
+    K_p (u - q) - K_d q' - F_0 N; at the rotor of a spring these are divided by N, at q = theta_M/N.
+    """
+    gear = 1.0 if drive.is_elastic else drive.ratio
+    offset = 0.0
+    if "offset" in drive.friction:
+        offset = _value(joint, drive, "friction_offset")
+    if drive.controller is None:
+        attributes = {"gear": spaced([gear])}
+        if not offset:
+            return "motor", attributes
+        return "general", attributes | {"biastype": "affine", "biasprm": spaced([-offset, 0, 0])}
+    turns = drive.ratio if drive.is_elastic else 1.0  # of the actuator's coordinate per q
+    gains = (drive.controller.position_gain_Nm_per_rad, drive.controller.velocity_gain_Nms_per_rad)
+    own, rate = (gain / turns**2 for gain in gains)
+    attributes = {
+        "gainprm": spaced([gains[0] / turns]),
+        "biastype": "affine",
+        "biasprm": spaced([-offset * gear, -own, -rate]),
+    }
+    limit = drive.controller.torque_limit_Nm / turns
+    if np.isfinite(limit):
+        shifted = [-limit - offset * gear, limit - offset * gear]
+        attributes |= {"forcelimited": "true", "forcerange": spaced(shifted)}
+    delay = drive.values.get("command_delay", 0.0)
+    if delay > 0:
+        samples = int(np.ceil(delay / step)) + 1
+        attributes |= {"delay": spaced([delay]), "nsample": str(samples), "interp": "linear"}
+    return "general", attributes
 
 
 def _behind_gear(joint: str, drive: Drive) -> _Coordinate:

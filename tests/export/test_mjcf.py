@@ -198,6 +198,7 @@ TERMS: dict[str, Drive] = {
     ),
     "parallel spring": elastic(PULLED, parallel_spring=("linear", "preload")),
     "joint friction": elastic({"joint_viscous_friction": 0.3}, joint_friction=("viscous",)),
+    "friction offset": stiff({"friction_offset": 0.03}, friction=("viscous", "offset")),
     "parallel spring of a stiff drive": stiff(PULLED, parallel_spring=("linear", "preload")),
 }
 

@@ -232,3 +232,47 @@ def test_wrong_controllers(urdf: Path, drive: dict[str, object], words: str) -> 
 def test_gains_are_checked(changes: dict[str, float], words: str) -> None:
     with pytest.raises(RobotError, match=words):
         seaid.Controller(**{"position_gain_Nm_per_rad": 1.0, **changes})
+
+
+@pytest.mark.parametrize("is_elastic", [False, True])
+def test_mujoco_moves_the_exported_model_as_the_replay(
+    urdf: Path, tmp_path: Path, is_elastic: bool
+) -> None:
+    """Controller, torque limit, delay and friction offset are in the model."""
+    values = {
+        "motor_inertia_kg_m2": 3e-4,
+        "viscous_friction_Nms_per_rad": 1.5e-3,
+        "coulomb_friction_Nm": 1e-4,
+        "motor_input": "position_command",
+        "command_delay_s": 0.01,
+        "controller": seaid.Controller(
+            position_gain_Nm_per_rad=40.0, velocity_gain_Nms_per_rad=1.0, torque_limit_Nm=6.0
+        ),
+    }
+    drive: seaid.StiffDrive | seaid.SeriesElasticDrive = seaid.StiffDrive(
+        gear_ratio=9.0,
+        friction=("viscous", "coulomb", "offset"),
+        nominal={"friction_offset": 0.02},
+        **values,  # type: ignore[arg-type]
+    )
+    if is_elastic:
+        drive = seaid.SeriesElasticDrive(gear_ratio=9.0, stiffness_Nm_per_rad=80.0, **values)  # type: ignore[arg-type]
+    robot = seaid.load_robot(urdf, {"j": drive})
+    log = log_of(np.zeros(len(TIME))).between(0.0, 3.0)
+    log = replace(log, motor_position=np.zeros((len(log.time), 1)))
+    expected = seaid.replay(robot, log).joint_position[:, 0]
+    written = seaid.write_mjcf(robot, tmp_path / "one.xml")
+    assert any(
+        "its control is the commanded position, with a delay of 10 ms" in x for x in written.notes
+    )
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "one.xml"))
+    data, found = mujoco.MjData(model), np.empty(len(log.time))
+    parts = round(0.005 / model.opt.timestep)
+    assert parts * model.opt.timestep == pytest.approx(0.005)
+    ticks = np.arange(parts * len(found)) * model.opt.timestep
+    for tick, command in enumerate(np.interp(ticks, log.time, CHIRP[: len(found)])):
+        if tick % parts == 0:
+            found[tick // parts] = data.joint("j").qpos[0]
+        data.actuator("j").ctrl = command
+        mujoco.mj_step(model, data)
+    assert np.max(np.abs(found - expected)) < 5e-3 * np.ptp(expected)
