@@ -19,6 +19,7 @@ from .gear_ratios import GearRatio as GearRatio
 from .gear_ratios import gear_ratio as gear_ratio
 from .infer_columns import Description as Description
 from .infer_columns import describe_log as describe_log
+from .infer_columns import logs_of_files as logs_of_files
 from .log import WRITTEN as WRITTEN
 from .log import Log as Log
 from .log import LogField as LogField

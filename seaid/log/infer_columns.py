@@ -447,6 +447,97 @@ def _common_clock(
     return common
 
 
+@dataclass(frozen=True)
+class _File:
+    """A file: its columns but the time, the quantities of these, and its time span [s]."""
+
+    path: Path
+    columns: frozenset[str]
+    quantities: frozenset[str]
+    start_s: float
+    end_s: float
+
+
+def logs_of_files(
+    paths: Sequence[Path], robot: Robot
+) -> tuple[list[tuple[Path, ...]], tuple[str, ...]]:
+    """Return the files of each log, and what is doubtful about it.
+
+    Files are of one log if none of their columns is in two of them, their times overlap, and not
+    each has both positions and torques. Clocks that begin at zero overlap in files of different
+    motions too, so that each such log is a doubt.
+    """
+    groups: list[list[_File]] = []
+    for one in (_file_of(path, robot) for path in paths):
+        fitting = (group for group in groups if all(_belong(one, each) for each in group))
+        group = next(fitting, None)
+        if group is None:
+            groups.append([one])
+        else:
+            group.append(one)
+    doubts = [
+        f"{listed(one.path.name for one in group)} have different columns over the same time "
+        f"({min(one.end_s for one in group) - max(one.start_s for one in group):.4g} s): taken "
+        "for the files of one log; if they are not, give each a [[log]] of its own"
+        for group in groups
+        if len(group) > 1
+    ]
+    doubts += [
+        f"{other.path.name} and {one.path.name} have different columns, and one lacks positions or "
+        "torques, but their times do not overlap: if they are of one motion, repair a clock and "
+        f'list both in one [[log]], files = ["{other.path.name}", "{one.path.name}"]'
+        for place, (one, *_) in enumerate(groups)
+        for other, *_ in groups[:place]
+        if _complement(one, other)
+    ]
+    return [tuple(one.path for one in group) for group in groups], tuple(doubts)
+
+
+_OVERLAP = 0.8
+"""Part of the shorter file's time from which two files are simultaneous."""
+
+_TORQUES = {"torque", "current", "voltage"}
+
+
+def _belong(one: _File, other: _File) -> bool:
+    return _complement(one, other) and _overlap(one, other)
+
+
+def _complement(one: _File, other: _File) -> bool:
+    """Whether files share no column, and one at least lacks positions or torques."""
+    complete = [
+        "position" in each.quantities and not _TORQUES.isdisjoint(each.quantities)
+        for each in (one, other)
+    ]
+    known = bool(one.columns and other.columns)
+    return known and one.columns.isdisjoint(other.columns) and not all(complete)
+
+
+def _overlap(one: _File, other: _File) -> bool:
+    common = min(one.end_s, other.end_s) - max(one.start_s, other.start_s)
+    shorter = min(one.end_s - one.start_s, other.end_s - other.start_s)
+    return common > _OVERLAP * shorter
+
+
+def _file_of(path: Path, robot: Robot) -> _File:
+    """Return what tells the log of a file; nothing if its clock is not found."""
+    nothing = _File(path, frozenset(), frozenset(), math.nan, math.nan)
+    try:
+        table = open_tables([path])
+        meanings = {name: meaning_of(name, robot.joint_names) for name in table.names}
+        inference = Inference({}, meanings)
+        inference.data |= _all_samples(table, inference)
+        clock = None if table.clocks else _clocks(inference).get("")
+        if clock is None or clock.column is None:
+            return nothing
+        time = table.load([clock.column])[clock.column] * UNIT_FACTORS["s"][clock.unit]
+    except LogError:
+        return nothing
+    columns = frozenset(table.names) - {clock.column}
+    quantities = frozenset(meanings[name].quantity for name in columns)
+    return _File(path, columns, quantities, float(np.nanmin(time)), float(np.nanmax(time)))
+
+
 def _all_samples(table: Table, inference: Inference) -> Block:
     """Return all readable columns of numbers, found by bisection, from the start of long files."""
     waiting = [[name for name, count in Counter(table.names).items() if count == 1]]

@@ -14,7 +14,7 @@ from seaid._files import write_whole
 from seaid._progress import Display
 from seaid.drives import drives_from_mapping, read_drives, write_drives
 from seaid.errors import LogError, SeaidError, checked
-from seaid.log import Log, describe_log, low_pass, read_log
+from seaid.log import Log, describe_log, logs_of_files, low_pass, read_log
 from seaid.project.project import FILE_NAME
 from seaid.robot import Payload, Robot, load_robot
 
@@ -65,8 +65,9 @@ def write_first_project(
 
     Logs with custom columns get a description (`describe_log`). Without `drives` the drives are
     those of the file next to the URDF, or are inferred: from both encoders the gear ratio, and
-    whether a spring lies between them. One log is divided into a part to identify from and one to
-    validate on; of several the last validates. Existing files are not changed.
+    whether a spring lies between them. Files with different columns over the same time are one log.
+    One log is divided into a part to identify from and one to validate on; of several the last
+    validates. Existing files are not changed.
 
     Parameters
     ----------
@@ -105,8 +106,9 @@ def write_first_project(
     doubts: list[str] = []
     known = _known_drives(urdf, drives, doubts)
     robot = load_robot(urdf, known, joints=joints, payloads=payloads, gravity=gravity)
-    read = [_read(Path(path), robot, folder) for path in logs]
-    doubts += [doubt for one in read for doubt in one.doubts]
+    grouped, of_files = logs_of_files([Path(path) for path in logs], robot)
+    read = [_read(files, robot, folder) for files in grouped]
+    doubts += [*of_files, *(doubt for one in read for doubt in one.doubts)]
     texts = {one.description_file: one.text for one in read if one.description_file and one.text}
     if known is None:
         tables, found = inferred_drives(robot, [one.log for one in read])
@@ -130,7 +132,7 @@ def write_first_project(
 class _ReadLog:
     """A log with the description it needs, if any; `text` where that was inferred."""
 
-    path: Path
+    files: tuple[Path, ...]
     log: Log
     description_file: Path | None = None
     text: str = ""
@@ -152,24 +154,25 @@ def _known_drives(
     return neighbour
 
 
-def _read(path: Path, robot: Robot, folder: Path) -> _ReadLog:
+def _read(files: tuple[Path, ...], robot: Robot, folder: Path) -> _ReadLog:
     """Read a log by its own column names, its description, or an inferred one."""
+    path = files[0]
     try:
-        return _ReadLog(path, read_log(path, robot))
+        return _ReadLog(files, read_log(files, robot))
     except LogError as problem:
         if path.with_suffix(".toml").is_file() or not path.exists():
             raise
         plain = problem
     try:
-        guess = describe_log(path, robot)
+        guess = describe_log(files, robot)
     except LogError:
         raise plain from None
     target = folder / f"{path.stem}_columns.toml"
     if target.exists():
-        return _ReadLog(path, read_log(path, robot, description=target), target)
-    log = read_log(path, robot, description=guess.description)
+        return _ReadLog(files, read_log(files, robot, description=target), target)
+    log = read_log(files, robot, description=guess.description)
     doubts = tuple(f"{path.name}: {one}" for one in guess.unsure)
-    return _ReadLog(path, log, target, guess.to_toml(), doubts)
+    return _ReadLog(files, log, target, guess.to_toml(), doubts)
 
 
 def inferred_drives(
@@ -308,7 +311,9 @@ def _log_lines(logs: Sequence[_ReadLog], folder: Path) -> Iterator[str]:
 def _one_log(
     one: _ReadLog, folder: Path, use: str, part: tuple[float, float] | None
 ) -> Iterator[str]:
-    yield f"[[log]]\nfile = {_quoted(_relative(one.path, folder))}"
+    files = [_quoted(_relative(each, folder)) for each in one.files]
+    yield "[[log]]"
+    yield f"file = {files[0]}" if len(files) == 1 else f"files = [{', '.join(files)}]"
     if one.description_file is not None:
         yield f"description = {_quoted(_relative(one.description_file, folder))}"
     yield f'use = "{use}"'

@@ -9,8 +9,9 @@ import pytest
 
 from seaid._arrays import Array
 from seaid.errors import LogError
-from seaid.log import describe_log, read_log
-from seaid.project.project import ProjectLog
+from seaid.log import describe_log, logs_of_files, read_log
+from seaid.project.first_project import write_first_project
+from seaid.project.project import ProjectLog, load_project
 from seaid.robot import Robot
 from tests.one_joint import one_joint
 
@@ -104,6 +105,59 @@ def test_files_of_matrices_are_told_apart_by_their_names(arm: Robot, tmp_path: P
     torque = {"column": "tau.txt:1", "unit": "mNm"}
     joints = {"arm": {"joint_position": "q.txt:1", "motor_torque": torque}}
     check(read_log(paths, arm, description={"time": "time.txt:1", "joints": joints}))
+
+
+def names_of(logs: list[tuple[Path, ...]]) -> list[list[str]]:
+    return [[path.name for path in files] for files in logs]
+
+
+def test_files_of_one_motion_are_recognised_by_columns_and_times(
+    arm: Robot, tmp_path: Path
+) -> None:
+    logs, doubts = logs_of_files(both(tmp_path), arm)
+    assert names_of(logs) == [["positions.csv", "torques.csv"]]
+    assert doubts == (
+        "positions.csv, torques.csv have different columns over the same time (4 s): taken for "
+        "the files of one log; if they are not, give each a [[log]] of its own",
+    )
+
+
+def test_runs_of_the_same_columns_and_whole_logs_stay_apart(arm: Robot, tmp_path: Path) -> None:
+    again = write(tmp_path / "again.csv", t=FAST, q=q(FAST))
+    logs, doubts = logs_of_files([tmp_path / "no.csv", both(tmp_path)[0], again], arm)
+    assert names_of(logs) == [["no.csv"], ["positions.csv"], ["again.csv"]]
+    hip = write(tmp_path / "hip.csv", t=FAST, hip_pos=q(FAST), hip_torque=tau(FAST))
+    knee = write(tmp_path / "knee.csv", t=FAST, knee_pos=q(FAST), knee_torque=tau(FAST))
+    logs, more = logs_of_files([hip, knee], arm)
+    assert names_of(logs) == [["hip.csv"], ["knee.csv"]]
+    assert doubts == more == ()
+
+
+def test_files_with_times_apart_are_a_doubt(arm: Robot, tmp_path: Path) -> None:
+    positions, _ = both(tmp_path)
+    late = write(tmp_path / "torques.csv", t=SLOW + 1000, tau=tau(SLOW))
+    logs, (doubt,) = logs_of_files([positions, late], arm)
+    assert names_of(logs) == [["positions.csv"], ["torques.csv"]]
+    assert doubt.startswith("positions.csv and torques.csv have different columns, and one lacks")
+    assert 'files = ["positions.csv", "torques.csv"]' in doubt
+
+
+def test_a_first_project_lists_the_files_of_one_log(arm: Robot, tmp_path: Path) -> None:
+    positions, torques = both(tmp_path)
+    shifted = [
+        write(tmp_path / "b_q.csv", t=FAST + 60, q=q(FAST)),
+        write(tmp_path / "b_tau.csv", t=SLOW + 60, tau=tau(SLOW)),
+    ]
+    assert arm.urdf is not None
+    made = write_first_project(arm.urdf, [positions, *shifted, torques], folder=tmp_path)
+    text = (tmp_path / "seaid.toml").read_text()
+    assert 'files = ["positions.csv", "torques.csv"]' in text
+    assert 'files = ["b_q.csv", "b_tau.csv"]' in text
+    assert sum("of one log" in one for one in made.doubts) == 2
+    project = load_project(tmp_path)
+    assert [one.use for one in project.logs] == ["identify", "validate"]
+    log = project.logs[0].read(arm)
+    np.testing.assert_allclose(log.joint_position[:, 0], q(log.time), atol=1e-6)
 
 
 @pytest.mark.parametrize(
