@@ -18,7 +18,8 @@ def gear_ratio(given: LogOptions, logs: Logs, *, as_json: AsJson = False) -> Non
     """Estimate the gear ratios from the angles on both sides of the gears.
 
     Each log has its own encoder offsets. Behind a gear with a spring the angle is that of the joint
-    plus the measured deflection, which the log must have.
+    plus the measured deflection; without it the motor equation explains the deflection by the
+    torque. The lines for the drives file let identify include the standard error in its own.
 
     seaid gear-ratio leg.urdf run.csv --drives leg.toml
     seaid gear-ratio arm.urdf a.csv b.csv --drives arm.toml
@@ -31,7 +32,7 @@ def gear_ratio(given: LogOptions, logs: Logs, *, as_json: AsJson = False) -> Non
     header = ["joint", "ratio", "std. error", "by the drives", "misfit", "unit"]
     keys = ("ratio", "standard_error", "of_drives", "misfit")
     rows = [
-        [joint, *(f"{one[key]:.6g}" for key in keys), one["unit"]]
+        [joint, *("-" if one[key] is None else f"{one[key]:.6g}" for key in keys), one["unit"]]
         for joint, one in found.items()
         if "ratio" in one
     ]
@@ -39,6 +40,12 @@ def gear_ratio(given: LogOptions, logs: Logs, *, as_json: AsJson = False) -> Non
     if not rows:
         raise LogError(f"no gear ratio is determined: {'; '.join(reasons)}")
     text = [table("Motor motion per motion behind the gear", header, rows), *reasons]
+    text.append("\nin the drives file:")
+    for joint, one in found.items():
+        if "ratio" in one:
+            key = "gear_ratio" if one["unit"] == "rad/rad" else "gear_ratio_rad_per_m"
+            text.append(f"[{joint}]\n{key} = {one['ratio']:.7g}")
+            text.append(f"{key}_std = {one['standard_error']:.2g}")
     show("\n".join(text), {"joints": found}, as_json, robot=robot.name)
 
 
@@ -58,7 +65,7 @@ def _ratio(robot: Robot, logs: Sequence[Log], joint: str) -> dict[str, Any]:
         behind = log.joint_position[:, place]
         if drive.is_elastic:
             if log.deflection is None or not np.all(np.isfinite(log.deflection[:, place])):
-                return {"reason": "its spring lies between the encoders; log its deflection too"}
+                return _of_motor_equation(robot, logs, joint)
             behind = behind + log.deflection[:, place]
         pair = log.motor_position[:, place], lever * behind
         if not all(np.all(np.isfinite(one)) for one in pair):
@@ -76,4 +83,22 @@ def _ratio(robot: Robot, logs: Sequence[Log], joint: str) -> dict[str, Any]:
         "of_drives": drive.ratio,
         "misfit": found.misfit_rad,
         "unit": units[0],
+    }
+
+
+def _of_motor_equation(robot: Robot, logs: Sequence[Log], joint: str) -> dict[str, Any]:
+    """Return the ratio of a joint whose spring lies between the encoders."""
+    import numpy as np
+
+    from seaid.identification import check
+
+    found = check(robot, list(logs)).joints[joint]
+    if not np.isfinite(found.gear_ratio):
+        return {"reason": "its spring lies between the encoders; log deflection or motor torque"}
+    return {
+        "ratio": found.gear_ratio,
+        "standard_error": found.gear_ratio_error,
+        "of_drives": robot.drives[joint].ratio,
+        "misfit": None,
+        "unit": "rad/rad",
     }

@@ -158,11 +158,19 @@ def verdict_of(warnings: Sequence[Finding], joints: Mapping[str, JointFit]) -> V
     ):
         reasons = [one for one in warnings if one.severity == severity]
         if reasons:
-            names = dict.fromkeys(
-                f"{one.code} ({one.joint})" if one.joint else one.code for one in reasons
-            )
+            names = [
+                f"{code} ({listed(own, _MOST_NAMED)})" if own else code
+                for code in dict.fromkeys(one.code for one in reasons)
+                for own in [
+                    list(dict.fromkeys(x.joint for x in reasons if x.code == code and x.joint))
+                ]
+            ]
             return Verdict(level, f"{start}: {', '.join(names)}", joints)  # type: ignore[arg-type]
     return Verdict("good", "good: no warning contradicts the set-up or the model", joints)
+
+
+_MOST_NAMED = 6
+"""Joints that the verdict names per code; the warnings name all."""
 
 
 def _load_sides(warnings: Sequence[Finding], joints: Mapping[str, JointFit]) -> str:

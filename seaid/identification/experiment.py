@@ -213,32 +213,42 @@ class Experiment:
         """Gear ratio between both encoders and its standard error, by joint.
 
         Of a spring joint from the motor equation (7), tau - I w' = friction + a theta_M - b theta_L
-        with N = b/a r_L/r_M; of others from the angles alone, where errors of the gear do not
-        average out (see `gear_ratio`).
+        with N = b/a r_L/r_M, or from the torque sensor and (4b); of others from the angles alone,
+        where errors of the gear do not average out (see `gear_ratio`).
         """
         found = {}
+        # the zeros of the encoders of each log but the first
+        zeros = np.equal.outer(self.log, np.unique(self.log)[1:]).astype(float)
         for j in np.flatnonzero(self.both).tolist():
             motor, joint = self.motor[0][:, j], self.joint[0][:, j]
             per_ratio = self.ratio[j] / self.lever[j]
-            if j in self._elastic and np.all(np.isfinite(self.torque[:, j])):
-                rows, y = self._moving[:, j], self._spring_torque(j)
-                columns = np.column_stack([motor, joint, self._any_friction(j)])
-                if not self.inertia[j]:
-                    columns = np.column_stack([columns, self.motor[2][:, j]])
+            if j in self._elastic:
+                rows, y, others = self._of_spring(j)
+                columns = np.column_stack([motor, joint, others, zeros])
                 if np.sum(rows) <= 3 * columns.shape[1]:
                     continue
                 (a, b, *_), covariance = _fitted(columns[rows], y[rows])
                 slope, slopes = -b / a, np.array([b / a**2, -1 / a])
                 error = float(np.sqrt(slopes @ covariance[:2, :2] @ slopes))
             elif not self.robot.drives[self.robot.joint_names[j]].is_elastic:
-                columns = np.column_stack([joint, np.ones(len(joint))])
-                slope, constant = scaled_svd(columns).solve(motor)
-                left = motor - columns @ (slope, constant)
+                columns = np.column_stack([joint, np.ones(len(joint)), zeros])
+                found_here = scaled_svd(columns).solve(motor)
+                slope, left = found_here[0], motor - columns @ found_here
                 error = float(np.std(left)) / max(float(np.std(joint)), 1e-300)
             else:
                 continue
             found[j] = float(slope) * per_ratio, error * abs(per_ratio)
         return found
+
+    def _of_spring(self, j: int) -> tuple[BoolArray, Array, Array]:
+        """Return rows, torque and columns but the angles: by (7), or by the sensor and (4b)."""
+        if not np.all(np.isfinite(self.torque[:, j])):
+            ones = np.ones((len(self.sensed), 1))
+            return np.isfinite(self.sensed[:, j]), np.nan_to_num(self.sensed[:, j]), ones
+        columns = self._any_friction(j)
+        if not self.inertia[j]:
+            columns = np.column_stack([columns, self.motor[2][:, j]])
+        return self._moving[:, j], self._spring_torque(j), columns
 
     @cached_property
     def _moving(self) -> BoolArray:

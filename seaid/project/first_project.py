@@ -14,6 +14,7 @@ from seaid._files import write_whole
 from seaid._progress import Display
 from seaid.drives import drives_from_mapping, read_drives, write_drives
 from seaid.errors import LogError, SeaidError, checked
+from seaid.identification import check
 from seaid.log import Log, describe_log, logs_of_files, low_pass, read_log
 from seaid.project.project import FILE_NAME
 from seaid.robot import Payload, Robot, load_robot
@@ -196,7 +197,41 @@ def inferred_drives(
         if table is not None:
             tables[joint] = table
         doubts.append(f"{joint}: {doubt}")
+    return _with_standard_errors(robot, logs, tables, doubts)
+
+
+def _with_standard_errors(
+    robot: Robot, logs: Sequence[Log], tables: dict[str, dict[str, object]], doubts: list[str]
+) -> tuple[dict[str, dict[str, object]], list[str]]:
+    """Return drive tables with the ratios and standard errors of `check`, from all logs.
+
+    It knows the springs of these drives, and takes (7) where the motor moves. The standard errors
+    go into those of the estimates (`gear_ratio_std`).
+    """
+    try:
+        joints = check(robot.with_drives(drives_from_mapping(tables)), logs).joints
+    except SeaidError:  # logs that fit no drive: run names what is wrong
+        return tables, doubts
+    for joint, table in tables.items():
+        one = joints[joint]
+        key = next(name for name in table if name.startswith("gear_ratio"))
+        rough = float(str(table[key]))
+        if abs(one.gear_ratio / rough - 1) < _SAME_RATIO and one.gear_ratio_error > 0:
+            table[key] = float(f"{one.gear_ratio:.7g}")
+            table[f"{key}_std"] = float(f"{one.gear_ratio_error:.2g}")
+            text = f"{key} = {one.gear_ratio:.7g} +- {one.gear_ratio_error:.2g} from both encoders,"
+            start = f"{joint}: {key} = "
+            doubts = [
+                f"{joint}: {text}{doubt.split('from both encoders,')[1]}"
+                if doubt.startswith(start) and "from both encoders," in doubt
+                else doubt
+                for doubt in doubts
+            ]
     return tables, doubts
+
+
+_SAME_RATIO = 0.03
+"""Difference of two estimates of a ratio above which neither is taken for the better one."""
 
 
 def _sensors(log: Log, index: int) -> dict[str, Array]:

@@ -216,7 +216,7 @@ def _parameter_cells(estimate: Estimate, nominal: Array) -> Iterator[tuple[Cell 
     for place, (value, error, (lower, upper), before) in enumerate(numbers):
         texts = rounded(float(value), float(error), float(lower), float(upper))
         yield (
-            short(float(before), 4),
+            _as_given(float(before)),
             Cell(texts.value, exact=float(value)),
             Cell(texts.error, exact=float(error)),
             f"{texts.lower} … {texts.upper}",
@@ -225,6 +225,12 @@ def _parameter_cells(estimate: Estimate, nominal: Array) -> Iterator[tuple[Cell 
             Cell(share(float(relative[place])), bar=(0.0, bar(float(relative[place])))),
             _mark(float(value), float(error), lower <= 0 <= upper),
         )
+
+
+def _as_given(value: float) -> str:
+    """Return a nominal value with four digits, or with all before its decimal point."""
+    whole = _power(abs(value)) + 1 if math.isfinite(value) else 0
+    return short(value, max(4, whole if whole <= _FIXED[1] else 0))
 
 
 def change(before: float, after: float) -> str:

@@ -87,12 +87,12 @@ def test_gear_ratios_are_those_of_the_library(arm: Path) -> None:
     assert joints["shoulder"]["ratio"] == pytest.approx(own.value)
     assert joints["shoulder"]["ratio"] == pytest.approx(50.0, rel=1e-3)
     assert joints["shoulder"]["of_drives"] == 50.0
-    assert "log its deflection too" in joints["elbow"]["reason"]
+    elbow = joints["elbow"]
+    assert elbow["ratio"] == pytest.approx(100.0, abs=4 * elbow["standard_error"])
+    assert elbow["misfit"] is None
     text = done("gear-ratio", *robot_and_drives(arm), arm / "run.csv").out
-    assert "elbow: its spring lies between the encoders" in text
-    assert "no gear ratio is determined: elbow: its spring" in refused(
-        *("gear-ratio", *robot_and_drives(arm), "--joints", "elbow", arm / "run.csv")
-    )
+    assert "in the drives file:\n[shoulder]\ngear_ratio = " in text
+    assert "gear_ratio_std = " in text
 
 
 def test_gear_ratio_behind_a_spring_uses_its_deflection(arm: Path, tmp_path: Path) -> None:

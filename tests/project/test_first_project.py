@@ -43,10 +43,13 @@ def test_gear_ratios_and_springs_come_from_both_encoders(leg_folder: Path) -> No
         given = drives[joint]
         total = drive.ratio * drive.load_radius / drive.motor_radius if drive.is_elastic else None
         ratio = drive.ratio if total is None else total
-        assert given.ratio == pytest.approx(ratio, rel=6e-3 if drive.is_elastic else 1e-4)
+        error = given.std["gear_ratio"]
+        assert error < (3e-3 if drive.is_elastic else 2e-4) * ratio
+        assert given.ratio == pytest.approx(ratio, abs=3 * error)
         assert given.is_elastic == drive.is_elastic
     assert [one.use for one in project.logs] == ["identify", "validate"]
     assert any(one.startswith("knee_pitch: gear_ratio = ") for one in made.doubts)
+    assert "gear_ratio_std = " in (leg_folder / "leg_drives.toml").read_text()
     text = (leg_folder / "seaid.toml").read_text()
     assert text.count("# unsure: ") == len(made.doubts)
 
