@@ -520,7 +520,7 @@ def _overlap(one: _File, other: _File) -> bool:
 
 
 def _file_of(path: Path, robot: Robot) -> _File:
-    """Return what tells the log of a file; nothing if its clock is not found."""
+    """Return the columns and times of a file; nothing if its clock is not found."""
     nothing = _File(path, frozenset(), frozenset(), math.nan, math.nan)
     try:
         table = open_tables([path])
