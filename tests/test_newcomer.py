@@ -360,19 +360,14 @@ def handed_over(setup: Setup, folder: Path) -> list[str]:
     return [*line, "--gravity", ",".join(map(str, setup.gravity))]
 
 
-NOT_SEEN = {"torque saturated at 50 or 80 %": "few samples are at the limit in this motion"}
-"""Mistakes that nothing names in this log; docs/results.md has all of the gauntlet."""
-
 SEVERE = {one.name: one for one in mistakes() if one.form == "severe"}
 
 
 @pytest.mark.slow  # each simulates and identifies a leg
 @pytest.mark.parametrize("name", [*SEVERE])
 def test_a_mistake_of_the_set_up_is_named(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    if name in NOT_SEEN:
-        request.applymarker(pytest.mark.xfail(reason=NOT_SEEN[name], strict=True))
     mistake, case = SEVERE[name], Case(subjects()["leg"])
     setup = mistake.change(case, case.setup(mistake.truth, mistake.logs))
     assert setup is not None
