@@ -260,9 +260,9 @@ def setup_rows(found: Identification) -> Table:
 _Row = tuple[str, ...]
 
 
-def _found(value: float, error: float) -> tuple[str, str]:
-    """Return a value and its 95 % interval as text."""
-    reach = _NORMAL_95 * error
+def _found(value: float, error: float, reach: float | None = None) -> tuple[str, str]:
+    """Return a value and its 95 % interval as text; `reach` is half of it if not of a normal."""
+    reach = _NORMAL_95 * error if reach is None else reach
     text = rounded(value, error, value - reach, value + reach)
     return text.value, f"{text.lower} … {text.upper}" if np.isfinite(error) else NONE
 
@@ -325,7 +325,7 @@ _LARGEST_DELAY_S = 0.1
 
 
 def _offset_rows(found: Identification, joint: str) -> Iterator[_Row]:
-    """Yield what the motor equation says of encoder offsets and of the zero of the torque."""
+    """Yield what the motor equation says of encoder offsets."""
     drive, estimate = found.known.drives[joint], found.drive_side.get(joint)
     if estimate is None:
         return
@@ -336,9 +336,10 @@ def _offset_rows(found: Identification, joint: str) -> Iterator[_Row]:
             slope = np.array([-1 / k, f / k**2])  # of -f / k
             error = float(np.sqrt(slope @ estimate.covariance[np.ix_(both, both)] @ slope))
             unit, how = drive.spring_units[1], "force of the spring at deflection zero"
-            yield joint, "offset of the deflection", *_found(-f / k, error), NONE, unit, how
-    for name in ("deflection_zero", "torque_offset"):
-        yield from _estimated(joint, estimate, name, "motor equation")
+            lower, upper = estimate.interval()[both[0]]
+            reach = error * (upper - lower) / (2 * estimate.standard_errors[both[0]])
+            yield joint, "offset of the deflection", *_found(-f / k, error, reach), NONE, unit, how
+    yield from _estimated(joint, estimate, "deflection_zero", "motor equation")
 
 
 def _gear_rows(found: Identification, joint: str) -> Iterator[_Row]:
@@ -352,8 +353,9 @@ def _estimated(joint: str, estimate: Estimate, name: str, how: str) -> Iterator[
     if name in estimate.names:
         place = estimate.names.index(name)
         value, error = estimate.value(name), estimate.standard_error(name)
-        unit = readable_unit(estimate.units[place])
-        yield joint, name.replace("_", " "), *_found(value, error), NONE, unit, how
+        unit, (lower, upper) = readable_unit(estimate.units[place]), estimate.interval()[place]
+        texts = _found(value, error, (upper - lower) / 2)
+        yield joint, name.replace("_", " "), *texts, NONE, unit, how
 
 
 def _delays(processing: Sequence[Processing]) -> Iterator[tuple[str, str, float]]:
