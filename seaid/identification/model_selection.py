@@ -29,7 +29,7 @@ from seaid.identification.datasets import (
     sources_of,
 )
 from seaid.identification.linearisation import with_gear_torques
-from seaid.identification.nonlinear_terms import linearised, starting_load_fit
+from seaid.identification.nonlinear_terms import check_reversals, linearised, starting_load_fit
 from seaid.identification.term_columns import (
     DriveRows,
     TermComparison,
@@ -292,6 +292,16 @@ def _fixed(drive: Drive) -> Drive:
     return replace(drive, known=(*drive.known, *more))
 
 
+def _unseen(model: _Model, joint: str, field: str, term: str) -> str:
+    """Return why no log shows a term with a memory, "" if one does."""
+    larger = model.robot.with_drives({joint: with_term(model.robot.drives[joint], field, term)})
+    try:
+        check_reversals(larger, model.motions, [joint])
+    except IdentificationError as problem:
+        return str(problem)
+    return ""
+
+
 _WLS = estimator_named("wls")
 
 
@@ -303,6 +313,9 @@ def _compared_terms(
     for at_motor in (True, False):
         fields = {field: of for field, of in asked.items() if (field in AT_THE_MOTOR) == at_motor}
         terms = list(possible_terms(model.robot.drives[joint], fields))
+        unseen = {one: reason for one in terms if (reason := _unseen(model, joint, *one))}
+        found += [TermComparison(joint, *one, step, None, why) for one, why in unseen.items()]
+        terms = [one for one in terms if one not in unseen]
         side = model.drive(joint, at_motor) if terms else None
         if side is not None:
             drive, fitted = side

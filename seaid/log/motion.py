@@ -291,11 +291,12 @@ def reconstruct_motions(
 
 
 _CORNERS = 3.0
-"""Cutoff for a spring with a dead zone or hysteresis, over that of the motion.
+"""Cutoff for an elastic drive with a dead zone, hysteresis or presliding, over that of the motion.
 
-The force has corners where the teeth meet and where the motion turns back. At the cutoff of the
+Their torque has corners where the teeth meet and where the motion turns back. At the cutoff of the
 motion a contact of 4000 N m/rad comes out at a quarter of its stiffness, and the loop of a spring
-5 % small (scripts/benchmarks/hysteresis.py)."""
+5 % small; the width of presliding is off by twice its standard error, and by half of it at twice
+the cutoff. That of a stiff drive is not (scripts/benchmarks/hysteresis.py)."""
 
 
 def _given(cutoff_hz: float) -> CutoffSelection:
@@ -313,12 +314,13 @@ def _selected(robot: Robot, time: Array, signals: dict[str, Array]) -> CutoffSel
     joint, motor = signals["joint_position"], signals["motor_position"]
     found = select_cutoff(joint, motor, _rate_hz(time), robot.joint_names)
     corners = {*DEAD_ZONES, *MEMORY}
-    sharp = [joint for joint, drive in robot.drives.items() if corners & {*drive.spring}]
+    elastic = [(joint, drive) for joint, drive in robot.drives.items() if drive.is_elastic]
+    sharp = [joint for joint, drive in elastic if corners & {*drive.spring, *drive.friction}]
     if not sharp:
         return found
     cutoff_hz = min(_CORNERS * found.cutoff_hz, found.rate_limit_hz)
     times = cutoff_hz / found.cutoff_hz
-    reason = f"{times:.2g} times that of the motion, for the corners of the spring of {sharp[0]}"
+    reason = f"{times:.2g} times that of the motion, for the corners in the drive of {sharp[0]}"
     return replace(found, cutoff_hz=cutoff_hz, reason=reason)
 
 

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from seaid.identification.model_selection import TermSelection, compare_terms
 from seaid.identification.term_columns import possible_terms, with_term
 from seaid.log.reading import Log
 from tests.experiments import TEST_MASS, leg, leg_log, leg_motion
+from tests.terms import ELASTIC, STIFF, TIME, arm, exact_motion, noisy_log
 
 ROBOT = leg(TEST_MASS).without_nominal()
 
@@ -78,6 +80,22 @@ def test_hysteresis_that_is_there_is_recommended(
 def test_hysteresis_that_is_not_there_is_not_recommended() -> None:
     terms = {"friction": LAWS, "spring": LAWS}
     assert not compare_terms(ROBOT, plain_log(), terms=terms).recommended
+
+
+def test_a_log_without_reversals_has_a_reason_in_the_place_of_a_comparison(tmp_path: Path) -> None:
+    robot = arm(tmp_path, STIFF, ELASTIC)
+    motion = exact_motion(robot)
+    joint, motor = motion.joint_position.copy(), motion.motor_position.copy()
+    joint[:, 0] = 0.3 * TIME + 0.05 * np.sin(TIME)
+    motor[:, 0] = 40 * joint[:, 0]
+    log = noisy_log(replace(motion, joint_position=joint, motor_position=motor), 0.003, 2e-5)
+    terms = {"friction": (*LAWS, "offset")}
+    known = robot.without_nominal()
+    found = compare_terms(known, log, joints=["one"], terms=terms, cutoff_hz=10.0)
+    for one in found.comparisons:
+        is_law = one.term in LAWS
+        assert (one.comparison is None) == is_law
+        assert ("the angle of the motor never turns back" in one.reason) == is_law
 
 
 def test_a_law_takes_the_place_of_another() -> None:

@@ -23,7 +23,7 @@ from seaid.drives import JointParameter
 from seaid.errors import Finding, SeaidError
 from seaid.estimation.diagnostics import ModelChecks, TermTest, Whiteness
 from seaid.estimation.estimate import Estimate
-from seaid.identification.identification import Identification
+from seaid.identification.identification import Identification, identify
 from seaid.identification.validation import Validation, compared
 from seaid.project.saved import load_run, save_run
 from seaid.report import html_tables, html_traces
@@ -45,6 +45,8 @@ from seaid.report.html_verdict import (
 from seaid.robot.robot import Robot
 from tests.experiments import arm, arm_found, arm_result, leg
 from tests.report_pages import HOSTILE, made_up, prediction
+from tests.terms import ELASTIC, STIFF, exact_motion, free_stretch, noisy_log, with_terms
+from tests.terms import arm as two_joints
 
 PAGE_BYTES = 6_000_000
 VOID = {"meta", "br", "input", "link", "img", "hr"}
@@ -520,6 +522,32 @@ def test_samples_of_friction_and_spring_lie_on_the_identified_lines() -> None:
         off = fast[:, 1] - np.interp(fast[:, 0], line[:, 0], line[:, 1])
         assert np.sqrt(np.mean(off**2)) < 8.0
         assert line_of(friction, "nominal").shape == line.shape  # the truth has values
+
+
+@pytest.mark.parametrize("term", ["dead_zone", "dahl"])
+def test_samples_of_springs_with_shapes_lie_on_their_lines(term: str, tmp_path: Path) -> None:
+    """A dead zone has one line; hysteresis has two, and the samples of both ways between them."""
+    values = {
+        "dead_zone": {"dead_zone": 0.04, "deflection_zero": 0.01},
+        "dahl": {"hysteresis_force": 3.0, "hysteresis_deflection": 0.01},
+    }
+    drive = with_terms(ELASTIC, {"spring": ("linear", term)}, values[term])
+    truth = two_joints(tmp_path, STIFF, drive)
+    log = noisy_log(exact_motion(truth, {"two": free_stretch(0.15)}), 1e-4, 1e-6)
+    found = identify(truth.without_nominal(), log, torque_joints=["one"], cutoff_hz=10.0)
+    (figure,) = (str(one.spring) for one in actuator_figures(found, truth) if one.joint == "two")
+    line = line_of(figure, "identified")
+    points = np.vstack([samples_of(figure, f"sample {way}") for way in ("up", "down")])
+    if term == "dead_zone":
+        off = points[:, 1] - np.interp(points[:, 0], line[:, 0], line[:, 1])
+        assert np.quantile(np.abs(off), 0.95) < 4.0  # of 246 high
+        return
+    up, down = line[: len(line) // 2], line[len(line) // 2 :][::-1]
+    middle, half = 0.5 * (up[:, 1] + down[:, 1]), 0.5 * np.max(np.abs(down[:, 1] - up[:, 1]))
+    off = points[:, 1] - np.interp(points[:, 0], up[:, 0], middle)
+    assert half > 3.0
+    assert np.max(np.abs(off)) < 1.4 * half
+    assert np.median(np.abs(off)) > 0.7 * half
 
 
 def test_without_nominal_values_no_nominal_line_is_drawn() -> None:
