@@ -271,9 +271,9 @@ def smooth_columns(regressor: DriveRegressor) -> SmoothColumns:
     """Return the columns of a drive's regressor with slopes.
 
     Current and voltage follow from the motion by (7) with the drive's values; missing encoder
-    offsets count as zero. Hysteresis is that of wide motions, with a step at each reversal.
+    offsets count as zero. Presliding is sharp friction, and springs have no hysteresis.
     """
-    shaped = {"presliding_angle", "hysteresis_deflection"}
+    shaped = {"presliding_angle", "hysteresis_force", "hysteresis_deflection"}
     places = [place for place, name in enumerate(regressor.names) if name not in shaped]
     names, units = (
         tuple(of[place] for place in places) for of in (regressor.names, regressor.units)
@@ -290,12 +290,9 @@ def smooth_columns(regressor: DriveRegressor) -> SmoothColumns:
 
 
 def _without_memory(entry: sp.Expr) -> sp.Expr:
-    """Return a flat expression with the direction of motion in the place of a state."""
-    angles = [x for x in entry.free_symbols if str(x) in ("theta_M", "theta_L")]
-    speeds = {x: sp.Symbol(f"{x}_dot") for x in angles}
-    sharp = entry.replace(
-        lambda e: isinstance(e, Law), lambda e: sp.sign(e.args[0].xreplace(speeds))
-    )
+    """Return a flat expression with sign(w) as the state of the motor, and none of the spring."""
+    states = {sp.Symbol("z_M"): sp.sign(sp.Symbol("theta_M_dot")), sp.Symbol("z_F"): sp.Integer(0)}
+    sharp = entry.replace(lambda e: isinstance(e, Law), lambda e: states[_state_of(e)])
     return sharp.replace(lambda e: isinstance(e, Slope), lambda _: sp.Integer(0))
 
 

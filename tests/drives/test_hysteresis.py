@@ -126,6 +126,15 @@ def test_plans_see_the_loop_of_wide_motions() -> None:
     np.testing.assert_allclose(mine_curve, other_curve)
 
 
+def test_plans_see_no_hysteresis_of_springs() -> None:
+    plain = SeriesElasticDrive(gear_ratio=50.0, stiffness_Nm_per_rad=100.0)
+    drive = replace(plain, spring=("linear", "dahl"))
+    mine, other = (
+        smooth_columns(drive_regressor(motor_equation(one), one)) for one in (drive, plain)
+    )
+    assert (mine.names, mine.missing) == (other.names, other.missing)
+
+
 def test_the_curve_of_a_spring_is_the_middle_of_its_loop() -> None:
     plain = SeriesElasticDrive(gear_ratio=50.0, stiffness_Nm_per_rad=100.0)
     drive = replace(plain, spring=("linear", "dahl")).with_values(

@@ -363,6 +363,23 @@ def test_errors_are_as_large_as_the_standard_errors_say() -> None:
     check_scores(scores, band=1.2)
 
 
+@pytest.mark.slow  # 36 searches for each of four laws
+def test_errors_of_hysteresis_are_as_large_as_the_standard_errors_say() -> None:
+    scores = []
+    for term in MEMORY:
+        spring, stretch = with_terms(ELASTIC, *SPRINGS[term]), {"two": free_stretch(0.15)}
+        for joint, drives, stretched in (
+            ("one", (with_terms(STIFF, *FRICTION[term]), ELASTIC), None),
+            ("two", (STIFF, spring), stretch),
+        ):
+            truth = robot(*drives)
+            motion, rows = exact_motion(truth, stretched), ["one"] if stretched else None
+            for seed in range(36):
+                found = found_in(noisy_log(motion, 0.003, 2e-5, seed), truth, rows)
+                scores.append(scores_of(found, truth, joint))
+    check_scores(scores, band=1.2)
+
+
 @pytest.mark.parametrize("term", ["asymmetric", "quadratic", "load"])
 def test_friction_that_is_not_there_is_found_to_be_nothing(term: str) -> None:
     terms, values = FRICTION[term]
