@@ -1,14 +1,14 @@
-"""Time of short commands, over that of Python and of its `import numpy` in the same minute.
+"""Processor time of short commands, over that of Python and its `import numpy` in the same minute.
 
 python scripts/benchmarks/start_up.py
 """
 
 from __future__ import annotations
 
+import resource
 import statistics
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -23,10 +23,15 @@ ROUNDS = 9
 
 
 def seconds(arguments: tuple[str, ...]) -> float:
-    """Return the time of one process of Python."""
-    begin = time.perf_counter()
+    """Return the processor time of one process of Python."""
+    before = _of_children()
     subprocess.run([sys.executable, *arguments], cwd=ROOT, check=True, capture_output=True)
-    return time.perf_counter() - begin
+    return _of_children() - before
+
+
+def _of_children() -> float:
+    usage = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return usage.ru_utime + usage.ru_stime
 
 
 def main() -> None:

@@ -146,7 +146,8 @@ def identifiability(
     payloads = [one.known_parameters for one in (robot, *conditions)]
     numeric = RealNumbers(robot, np.random.default_rng(seed))
     base, groups, rank, agree = decide(system, payloads, exact, numeric)
-    up_to_scale = np.isin(np.arange(len(base.names)), list(chain(*groups)))
+    up_to_scale = np.zeros(len(base.names), dtype=bool)
+    up_to_scale[list(chain(*groups))] = True
     alone = np.count_nonzero(base.grouping, axis=1) == 1
     missing = ~np.any(base.grouping, axis=0)
     missing[: robot.parameters.size] &= ~robot.is_known
