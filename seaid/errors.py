@@ -133,6 +133,8 @@ CODES = {
     "blocks-disagree": "estimates from parts of the data that differ by more than their errors",
     "cutoff-sensitive": "an estimate that depends on the cutoff",
     "worse-than-start": "a search that ended with a worse prediction than its start",
+    "motor-side": "springs and loads from motor angle and torque alone",
+    "hidden-resonance": "a spring that the motor torque hardly shows",
     "nothing-to-simulate": "a log without springs, which `refine` cannot improve",
     "contact": "bursts of torque that the model cannot explain: contact, or hands",
     "standstill": "a joint that hardly moves, or samples at rest that were excluded",

@@ -37,6 +37,7 @@ from .model_comparison import ModelComparison as ModelComparison
 from .model_comparison import best_supported as best_supported
 from .model_comparison import compare_models as compare_models
 from .model_comparison import time_blocks as time_blocks
+from .nonlinear_least_squares import LEAST_STD as LEAST_STD
 from .nonlinear_least_squares import Residuals as Residuals
 from .nonlinear_least_squares import Step as Step
 from .nonlinear_least_squares import gauss_newton_step as gauss_newton_step

@@ -26,6 +26,10 @@ _STANDS_OUT = 3.0
 _LEAST_INFLATION = 0.25
 """Autocorrelation reduces no variance below this part of that of white noise."""
 
+_LEAST_STATE = 1e-3
+"""Scaled singular value of a window's nuisance parameters below which its rows do not move them:
+few count where a motor with dry friction rests."""
+
 _REWEIGHTINGS = 20
 
 LEAST_STD = 1e-9
@@ -188,7 +192,9 @@ def _settled(logs: list[Residuals], distance: Array, precision: Array, frozen: b
         if not frozen:
             J, r = _projected(logs, stds)
             J, r = np.vstack([J, np.diag(precision)]), np.append(r, precision * distance)
-            change = -scaled_svd(J, "the output error").solve(r, 0.0)
+            # its triangle has the same solution, and p + 1 rows
+            R = safely(np.linalg.qr, np.column_stack([J, r]), what="the output error", mode="r")
+            change = -scaled_svd(R[:, :-1], "the output error").solve(R[:, -1], 0.0)
         nuisance = tuple(_nuisance(log, stds, change) for log in logs)
         new = _stds(logs, change, nuisance)
         settled = np.allclose(new, stds, rtol=1e-4)
@@ -248,7 +254,7 @@ def _nuisance(log: Residuals, stds: Array, change: Array) -> Array:
     columns = (log.nuisance * weights[..., None]).reshape(windows, weights[0].size, s)
     norms = np.linalg.norm(columns, axis=1, keepdims=True)
     norms[norms == 0] = 1.0
-    inverse = safely(np.linalg.pinv, columns / norms, what="the output error")
+    inverse = safely(np.linalg.pinv, columns / norms, what="the output error", rcond=_LEAST_STATE)
     return np.asarray(-np.einsum("wsm,wm->ws", inverse, after) / norms[:, 0])
 
 

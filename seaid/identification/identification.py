@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
@@ -15,7 +15,7 @@ import numpy as np
 from seaid._arrays import Array, FrozenMapping
 from seaid._files import write_json
 from seaid._progress import Result, counted
-from seaid.errors import Finding, IdentificationError, by_severity, checked
+from seaid.errors import ExcitationError, Finding, IdentificationError, by_severity, checked
 from seaid.estimation import Estimate, Estimator, EstimatorName, ModelChecks, estimator_named
 from seaid.identification.adequacy import (
     JointFit,
@@ -75,7 +75,18 @@ from seaid.identification.missing_terms import (
     supported_terms,
     with_default_terms,
 )
+from seaid.identification.method_limits import check_refinable
+from seaid.identification.motor_side import (
+    STARTS,
+    filled_by_model,
+    fit_rigid,
+    hardly_shown,
+    motor_side_finding,
+    resonance_findings,
+    without_joint_encoder,
+)
 from seaid.identification.nonlinear_terms import with_fixed_warnings
+from seaid.identification.output_error import first_estimate, refined_with_logs
 from seaid.identification.physical_consistency import FeasibleParameters, feasible_parameters
 from seaid.identification.sensitivity import sensitivity_findings
 from seaid.identification.simultaneous import estimate_simultaneous
@@ -329,6 +340,19 @@ def _identify(
     ]
     logs_in_memory = [source for source in sources if isinstance(source, Log)]
     findings = log_findings(robot, logs_in_memory)
+    unseen = without_joint_encoder(robot, logs_in_memory) if logs_in_memory else ()
+    if unseen and len(logs_in_memory) == len(sources):
+        fit = partial(
+            identify,
+            robot,
+            torque_joints=torque_joints,
+            estimator="wls" if estimator == "iv" else estimator,
+            encoder_offset_std=encoder_offset_std,
+            known_std=known_std,
+            executor=executor,
+        )
+        with explained(findings):
+            return _from_motors(robot, logs_in_memory, unseen, cutoff_hz, fit, encoder_offset_std)
     with explained(findings):
         groups = datasets_by_log(robot, sources, cutoff_hz, executor, progress)
         datasets = [one for group in groups for one in group]
@@ -378,6 +402,42 @@ def _identify(
     return replace(
         result, findings=tuple(findings), joint_fits=fits, exact_constants=exact, setup=setup
     )
+
+
+def _from_motors(
+    robot: Robot,
+    logs: list[Log],
+    joints: Sequence[str],
+    cutoff_hz: float | None,
+    fit: Callable[..., Identification],
+    encoder_offset_std: float,
+) -> Identification:
+    """Return the identification of logs without a sensor behind the springs of some joints.
+
+    A search of the stiffness gives their angles for a first regression, and its refinement the
+    simulated ones for a second, from which the terms of the drives and all findings come.
+    """
+    check_refinable(robot)
+    rigid = fit_rigid(robot, logs, joints, cutoff_hz)
+    cutoff_hz, problem = rigid.cutoff_hz, None
+    tried: list[tuple[Identification, list[Log]]] = []
+    for part in STARTS:
+        filled = filled_by_model(robot, rigid, joints, part * cutoff_hz)
+        try:
+            tried.append(first_estimate(fit(filled, cutoff_hz=cutoff_hz, feasible=True), logs))
+        except (IdentificationError, ExcitationError) as reason:
+            problem = problem or reason
+            continue
+        if not hardly_shown(tried[-1][0], joints):
+            break
+    if not tried and problem is not None:
+        raise problem
+    _, simulated = min(tried, key=lambda one: len(hardly_shown(one[0], joints)))
+    second = fit(simulated, cutoff_hz=cutoff_hz)
+    found, _ = refined_with_logs(second, logs, encoder_offset_std)
+    rate_hz = min((len(log.time) - 1) / float(log.time[-1] - log.time[0]) for log in logs)
+    own = [motor_side_finding(joints), *resonance_findings(found, joints, rate_hz)]
+    return replace(found, findings=(*found.findings, *own))
 
 
 def _two_step(

@@ -10,6 +10,7 @@ controller. Each window of the log has its own initial state.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -24,11 +25,19 @@ from seaid.errors import Finding, IdentificationError, checked
 from seaid.estimation import Estimate, Residuals, Step, gauss_newton_step, joined
 from seaid.identification.drive_estimates import merged_estimates, with_estimate, with_warnings
 from seaid.identification.method_limits import check_refinable
+from seaid.identification.motor_side import (
+    SAMPLES,
+    with_angles,
+    with_joint_angles,
+    with_rigid_angles,
+    without_joint_encoder,
+)
 from seaid.identification.simulated_joints import (
     Response,
     TorqueJacobians,
     finer_side,
     response_to,
+    smoothed,
     torque_jacobians,
 )
 from seaid.identification.torque_offsets import TORQUE_OFFSET
@@ -41,6 +50,7 @@ from seaid.log import (
     STANDSTILL,
     Log,
     Motion,
+    decimated,
     decimation,
     reconstruct_motion,
     reconstruct_motions,
@@ -68,13 +78,18 @@ WIDER = 3.0
 WINDOW_S = 1.0
 """Length [s] of the simulated windows, over which model errors accumulate."""
 
+SHORT_WINDOW_S, _FIRST_STEPS, _CLOSE_TO_LONGER = 0.25, 12, 0.5
+"""Windows and most steps of a first estimate without joint encoders, see `motor_side`; its next
+step [standard errors] from which longer windows go on."""
+
 
 @dataclass(frozen=True, eq=False)
 class Layout:
     """Places of the parameters: `names` (p,) of all, and the columns of each kind.
 
-    `simulated` are the joints behind springs; `precision` (p,) are the inverse standard deviations
-    of the prior, that of the encoder offsets.
+    `simulated` are the joints behind springs, `unseen` those of them without an encoder behind the
+    spring; `precision` (p,) are the inverse standard deviations of the prior, that of the encoder
+    offsets.
     """
 
     found: Identification
@@ -84,6 +99,12 @@ class Layout:
     load: slice
     zeros: slice
     precision: Array
+    unseen: tuple[str, ...] = ()
+
+    @property
+    def has_zeros(self) -> bool:
+        """Whether encoder offsets are estimated."""
+        return self.zeros.stop > self.zeros.start
 
     @property
     def start(self) -> Array:
@@ -92,6 +113,10 @@ class Layout:
         for joint, columns in self.drives.items():
             values[columns] = self.found.drive_side[joint].values
         values[self.load] = self.found.load_side.values
+        if self.unseen and self.found.feasible is not None:  # an inertia that can be simulated
+            consistent = self.found.base.project(self.found.robot.parameters)
+            values[self.load][: len(consistent)] = consistent
+        values[[self.spring(joint)[1] for joint in self.unseen]] = 0.0
         return values
 
     def spring(self, joint: str) -> list[int]:
@@ -118,8 +143,18 @@ class Run:
     log: int
 
 
-def layout_of(found: Identification, encoder_offset_std: float) -> Layout:
-    """Return the places of the parameters of an identification in one vector."""
+_EXACT_RAD = 1e-7
+"""Standard deviation of a motor's encoder offset, seen at the joint, that counts as zero."""
+
+
+def layout_of(
+    found: Identification, encoder_offset_std: float, unseen: tuple[str, ...] = ()
+) -> Layout:
+    """Return the places of the parameters of an identification in one vector.
+
+    The spring offset of an `unseen` joint is k r_L times the zero of its motor's encoder, which the
+    joint's angle follows: it turns gravity, and is known as well as that zero.
+    """
     robot = found.known
     names: list[str] = []
     drives: dict[str, slice] = {}
@@ -135,6 +170,11 @@ def layout_of(found: Identification, encoder_offset_std: float) -> Layout:
     )
     precision = np.zeros(len(names))
     precision[zeros] = 1 / encoder_offset_std if encoder_offset_std else 0.0
+    for joint in unseen:
+        own = found.drive_side[joint]
+        force = own.value("stiffness") * robot.drives[joint].load_radius
+        place = drives[joint].start + own.names.index("spring_offset")
+        precision[place] = 1 / (force * max(encoder_offset_std, _EXACT_RAD))
     return Layout(
         found=found,
         simulated=tuple(joint for joint in found.model.torque_joints if joint in found.springs),
@@ -143,6 +183,7 @@ def layout_of(found: Identification, encoder_offset_std: float) -> Layout:
         load=load,
         zeros=zeros,
         precision=precision,
+        unseen=unseen,
     )
 
 
@@ -150,7 +191,7 @@ _MOST_ENTRIES = 1_000_000
 """Entries of the response of the joints in memory at a time, of 20 or so arrays of this size."""
 
 
-def runs_of(layout: Layout, log: Log, number: int = 0) -> list[Run]:
+def runs_of(layout: Layout, log: Log, number: int = 0, window_s: float = WINDOW_S) -> list[Run]:
     """Return a log without gaps, with the wider cutoff, in parts of whole windows."""
     if not layout.simulated:
         return []
@@ -158,10 +199,13 @@ def runs_of(layout: Layout, log: Log, number: int = 0) -> list[Run]:
     rate_hz = (len(log.time) - 1) / (log.time[-1] - log.time[0])
     band = min(WIDER * layout.found.cutoff_hz, rate_hz / 8)
     motion = finer_side(known, reconstruct_motion(known, log, band))
+    if layout.unseen:
+        motion = smoothed(motion, [known.index(joint) for joint in layout.unseen])
+        motion = decimated(motion, max(1, int(motion.rate_hz / (SAMPLES * motion.cutoff_hz))))
     block = decimation(motion.rate_hz, motion.cutoff_hz)
     transient = round(motion.transient_s * motion.rate_hz)
     length = len(motion.time) - 2 * transient
-    windows = max(1, round(length / motion.rate_hz / WINDOW_S))
+    windows = max(1, round(length / motion.rate_hz / window_s))
     window = length // windows // block * block
     simulated = [known.index(joint) for joint in layout.simulated]
     still = np.column_stack([_turning(known, motion, joint) for joint in layout.simulated])
@@ -179,7 +223,7 @@ def runs_of(layout: Layout, log: Log, number: int = 0) -> list[Run]:
 
 def _zeros(layout: Layout, x: Array) -> Array:
     """Return the encoder offsets (n,), zero if they are not estimated."""
-    return x[layout.zeros] if layout.precision.any() else np.zeros(layout.found.known.n)
+    return x[layout.zeros] if layout.has_zeros else np.zeros(layout.found.known.n)
 
 
 def robot_at(layout: Layout, x: Array) -> Robot:
@@ -218,7 +262,7 @@ def measured(layout: Layout, log: Log) -> Residuals:
         rows = regress(motion)
         if columns != layout.load:
             _check_columns(layout, rows.names, joints[0])
-        if layout.precision.any():
+        if layout.has_zeros:
             rows = offset_sensitivity(known, motion, regress, start[columns])
         for joint in joints:
             mine = rows.joint == known.index(joint)
@@ -226,7 +270,7 @@ def measured(layout: Layout, log: Log) -> Residuals:
             kept[0, places[places % 2 == 0], channel] = True
             residual[0, places, channel] = rows.y[mine]
             jacobian[0, places, channel, columns] = -rows.H[mine]
-            if layout.precision.any():
+            if layout.has_zeros:
                 jacobian[0, places, channel, layout.zeros] = -rows.propagated[mine]
             channel += 1
     simulated = 2 * len(layout.simulated)
@@ -251,12 +295,13 @@ def linearised(layout: Layout, run: Run, x: Array) -> tuple[Residuals, Pull]:
     joints = [known.index(joint) for joint in layout.simulated]
     encoder = -response.position
     encoder[:, :, 0] += run.reading - motion.joint_position[:, joints]
-    if layout.precision.any():
+    if layout.has_zeros:
         zeros = [1 + layout.zeros.start + joint for joint in joints]
         encoder[:, :, 0] -= x[layout.zeros][joints]
         encoder[:, range(len(joints)), zeros] -= 1.0
     columns = np.concatenate([encoder, _drive_error(layout, run, x, response)], axis=1)
-    still = np.hstack([np.zeros_like(run.still), run.still])
+    without = np.broadcast_to(np.isin(layout.simulated, layout.unseen), run.still.shape)
+    still = np.hstack([without, run.still])
     return _blocks(run, columns, still, 2 * len(joints)), pull
 
 
@@ -304,7 +349,7 @@ def _load_error(layout: Layout, run: Run, x: Array) -> tuple[Array, Array, Torqu
     by_x[:, :, layout.load] = -H[:, mine]
     columns = [column for joint in layout.simulated for column in layout.spring(joint)]
     by_x[:, :, columns] = propagated[:, mine]
-    if layout.precision.any():
+    if layout.has_zeros:
         joints = [found.known.index(joint) for joint in layout.simulated]
         by_x[:, :, layout.zeros] = jacobians.position[:, joints]
         by_x[:, :, [layout.zeros.start + joint for joint in joints]] = 0.0
@@ -456,18 +501,29 @@ def refine(
         raise IdentificationError("refine needs a log, found none")
     check_offset_std(encoder_offset_std)
     _check_start(identification)
-    layout = layout_of(identification, encoder_offset_std)
-    shortest_s = SHORTEST_STRETCH / identification.cutoff_hz
+    return refined_with_logs(identification, logs, encoder_offset_std, iterations, progress)[0]
+
+
+def refined_with_logs(
+    identification: Identification,
+    logs: list[Log],
+    encoder_offset_std: float,
+    iterations: int = 20,
+    progress: bool = False,
+) -> tuple[Identification, list[Log]]:
+    """Return the result of `refine`, and the logs with the simulated angles of unseen joints."""
+    unseen = without_joint_encoder(identification.known, logs)
+    layout = layout_of(identification, encoder_offset_std, unseen)
     if not (layout.simulated or encoder_offset_std):
-        return _with_finding(identification, _NOTHING_SIMULATED)
-    parts = [part for log in logs for part in stretches(usable(log), shortest_s)]
-    runs = [run for number, part in enumerate(parts) for run in runs_of(layout, part, number)]
-    fixed = [one for part in parts if (one := measured(layout, part)).channels]
-    start = here = _simulated(layout, _point(layout, runs, fixed, layout.start))
-    for _ in track(range(iterations), "refining", progress):
-        here, better = _improved(layout, here)
-        if _size(here.step) < _SETTLED or not better:
-            break
+        return _with_finding(identification, _NOTHING_SIMULATED), logs
+    simulated = _filled(layout, logs, layout.start)
+    if unseen:
+        _, here = _iterated(
+            layout, simulated, layout.start, iterations, progress, SHORT_WINDOW_S
+        )
+        simulated = [_simulated_log(layout, log, here.runs) for log in logs]
+    first = here.x if unseen else layout.start
+    start, here = _iterated(layout, simulated, first, iterations, progress)
     if not _size(here.step) < _CLOSE:
         raise IdentificationError(
             f"the refinement did not converge in {iterations} iterations: its next step would be "
@@ -475,12 +531,63 @@ def refine(
             "together?"
         )
     refined = _refined(layout, here)
+    if unseen:
+        return refined, [_simulated_log(layout, log, here.runs) for log in logs]
     reason, evidence = _worse(identification, refined, logs, _zeros(layout, here.x))
     if here.step.merit > start.step.merit + _ALIKE:
         reason = "its likelihood is lower than that of the start"
     if reason:
-        return _unchanged(identification, reason, evidence)
-    return refined
+        return _unchanged(identification, reason, evidence), logs
+    return refined, logs
+
+
+def first_estimate(found: Identification, logs: list[Log]) -> tuple[Identification, list[Log]]:
+    """Return the fit in short windows of logs without some joint encoders, and simulated logs."""
+    layout = layout_of(found, 0.0, without_joint_encoder(found.known, logs))
+    filled = _filled(layout, logs, layout.start)
+    _, here = _iterated(layout, filled, layout.start, _FIRST_STEPS, False, SHORT_WINDOW_S)
+    return _refined(layout, here), [_simulated_log(layout, log, here.runs) for log in logs]
+
+
+def _iterated(
+    layout: Layout,
+    logs: list[Log],
+    x: Array,
+    iterations: int,
+    progress: bool,
+    window_s: float = WINDOW_S,
+) -> tuple[Point, Point]:
+    """Return the first and the last point of an iteration from the values x (p,)."""
+    settled = _SETTLED if window_s == WINDOW_S else _CLOSE_TO_LONGER
+    shortest_s = SHORTEST_STRETCH / layout.found.cutoff_hz
+    parts = [part for log in logs for part in stretches(usable(log), shortest_s)]
+    runs = [run for k, part in enumerate(parts) for run in runs_of(layout, part, k, window_s)]
+    fixed = [one for part in parts if (one := measured(layout, part)).channels]
+    start = here = _simulated(layout, _point(layout, runs, fixed, x))
+    for _ in track(range(iterations), "refining", progress):
+        here, better = _improved(layout, here)
+        if _size(here.step) < settled or not better:
+            break
+    return start, here
+
+
+def _filled(layout: Layout, logs: list[Log], x: Array) -> list[Log]:
+    """Return the logs with the angles of unseen joints by (7) at the values x (p,)."""
+    known, cutoff_hz = layout.found.known, layout.found.cutoff_hz
+    drives = {
+        joint: dict(zip(layout.found.drive_side[joint].names, x[layout.drives[joint]], strict=True))
+        for joint in layout.unseen
+    }
+    return [with_joint_angles(known, log, drives, cutoff_hz) if drives else log for log in logs]
+
+
+def _simulated_log(layout: Layout, log: Log, runs: list[Run]) -> Log:
+    """Return the simulated part of the log with the simulated angles of the unseen joints."""
+    places = {joint: layout.found.known.index(joint) for joint in layout.unseen}
+    own = [run.motion for run in runs if log.time[0] <= run.motion.time[0] <= log.time[-1]]
+    angles = [{joint: one.joint_position[:, j] for joint, j in places.items()} for one in own]
+    filled = with_rigid_angles(layout.found.known, log, layout.unseen)
+    return with_angles(filled, own, angles).between(own[0].time[0], own[-1].time[-1])
 
 
 _WORSE, _WORSE_SHARE = 1.5, 0.02
@@ -608,9 +715,10 @@ def _improved(layout: Layout, here: Point) -> tuple[Point, bool]:
     part = 1.0
     for _ in range(_MOST_HALVINGS):
         change = part * here.step.change
-        there = _simulated(layout, _next(layout, here, change, part, here.step.nuisance))
-        if there.step.merit <= here.step.merit + _ALIKE:
-            return there, True
+        with suppress(IdentificationError):  # it diverges there
+            there = _simulated(layout, _next(layout, here, change, part, here.step.nuisance))
+            if there.step.merit <= here.step.merit + _ALIKE:
+                return there, True
         part /= 2
     return here, False
 
@@ -654,7 +762,7 @@ def _moved(layout: Layout, run: Run, pull: Pull, change: Array, part: float, own
         new = state.copy()
         new[:, joints] += np.einsum("wtjs,ws->wtj", windowed, weights).reshape(moves.shape[:2])
         states.append(new)
-    if layout.precision.any():
+    if layout.has_zeros:
         others = [joint for joint in range(known.n) if joint not in joints]
         states[0][:, others] -= change[layout.zeros][others]
     q, v, a = states
@@ -668,7 +776,10 @@ def _refined(layout: Layout, here: Point) -> Identification:
     actuators, load_side = _estimates(layout, here)
     load, load_drives = split_load_side(found.model, load_side)
     refined = merged_estimates(actuators, load_drives)
-    drives = {joint: _with_old(refined[joint], old) for joint, old in found.drive_side.items()}
+    drives = {
+        joint: _with_old(refined[joint], old, joint in layout.unseen)
+        for joint, old in found.drive_side.items()
+    }
     robot = robot_at(layout, x)
     known = {
         joint: with_estimate(found.known.drives[joint], drives[joint]) if joint in drives else drive
@@ -684,11 +795,12 @@ def _refined(layout: Layout, here: Point) -> Identification:
     )
 
 
-def _with_old(new: Estimate, old: Estimate) -> Estimate:
+def _with_old(new: Estimate, old: Estimate, unseen: bool) -> Estimate:
     """Return a refined estimate with those warnings of the start that are about the motion."""
     again = {"poorly-identified", "needless-term", "negative-parameter"}  # of `with_warnings`
     kept = [one for one in old.warnings if one.code not in again]
-    return replace(new, warnings=(*new.warnings, *kept))
+    own = [one for one in new.warnings if not (unseen and one.code == "torque-offset")]
+    return replace(new, warnings=(*own, *kept))
 
 
 def _estimates(layout: Layout, here: Point) -> tuple[dict[str, Estimate], Estimate]:
