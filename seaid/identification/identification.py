@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
+from itertools import product
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal
@@ -15,7 +16,14 @@ import numpy as np
 from seaid._arrays import Array, FrozenMapping
 from seaid._files import write_json
 from seaid._progress import Result, counted
-from seaid.errors import ExcitationError, Finding, IdentificationError, by_severity, checked
+from seaid.errors import (
+    ExcitationError,
+    Finding,
+    IdentificationError,
+    LogError,
+    by_severity,
+    checked,
+)
 from seaid.estimation import Estimate, Estimator, EstimatorName, ModelChecks, estimator_named
 from seaid.identification.adequacy import (
     JointFit,
@@ -68,6 +76,7 @@ from seaid.identification.linearisation import (
     linearised_robot,
     with_estimated_delays,
 )
+from seaid.identification.method_limits import check_refinable
 from seaid.identification.missing_terms import (
     MOST_ROUNDS,
     missing_terms,
@@ -75,18 +84,17 @@ from seaid.identification.missing_terms import (
     supported_terms,
     with_default_terms,
 )
-from seaid.identification.method_limits import check_refinable
 from seaid.identification.motor_side import (
+    RIGID_BELOW,
     STARTS,
+    cutoff_of,
     filled_by_model,
-    fit_rigid,
-    hardly_shown,
     motor_side_finding,
     resonance_findings,
     without_joint_encoder,
 )
 from seaid.identification.nonlinear_terms import with_fixed_warnings
-from seaid.identification.output_error import first_estimate, refined_with_logs
+from seaid.identification.output_error import FirstEstimate, first_estimate, refined_with_logs
 from seaid.identification.physical_consistency import FeasibleParameters, feasible_parameters
 from seaid.identification.sensitivity import sensitivity_findings
 from seaid.identification.simultaneous import estimate_simultaneous
@@ -418,21 +426,22 @@ def _from_motors(
     simulated ones for a second, from which the terms of the drives and all findings come.
     """
     check_refinable(robot)
-    rigid = fit_rigid(robot, logs, joints, cutoff_hz)
-    cutoff_hz, problem = rigid.cutoff_hz, None
-    tried: list[tuple[Identification, list[Log]]] = []
-    for part in STARTS:
-        filled = filled_by_model(robot, rigid, joints, part * cutoff_hz)
-        try:
-            tried.append(first_estimate(fit(filled, cutoff_hz=cutoff_hz, feasible=True), logs))
-        except (IdentificationError, ExcitationError) as reason:
-            problem = problem or reason
-            continue
-        if not hardly_shown(tried[-1][0], joints):
+    cutoff_hz, problem = cutoff_of(robot, logs, joints, cutoff_hz), None
+    tried: list[FirstEstimate] = []
+    for below, part in product(RIGID_BELOW, STARTS):
+        for consistent in (False, True):  # an inertia as estimated may not be one to simulate
+            try:
+                filled = filled_by_model(robot, logs, joints, part * cutoff_hz, below * cutoff_hz)
+                start = fit(filled, cutoff_hz=cutoff_hz, feasible=consistent)
+                tried.append(first_estimate(start, logs))
+                break
+            except (IdentificationError, ExcitationError, LogError) as reason:
+                problem = problem or reason
+        if tried and tried[-1].is_at_noise:
             break
     if not tried and problem is not None:
         raise problem
-    _, simulated = min(tried, key=lambda one: len(hardly_shown(one[0], joints)))
+    simulated = min(tried, key=lambda one: one.merit).logs
     second = fit(simulated, cutoff_hz=cutoff_hz)
     found, _ = refined_with_logs(second, logs, encoder_offset_std)
     rate_hz = min((len(log.time) - 1) / float(log.time[-1] - log.time[0]) for log in logs)

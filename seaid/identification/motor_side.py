@@ -7,7 +7,7 @@ start the fit. `refine` simulates the joints from the motors instead, the one di
 equations neither drift nor depend on dry friction at rest, and compares the motor torques, whose
 noise no controller feeds back into the motor angles. Windows shorter than a period of the joint
 keep the cost smooth far from the solution (multiple shooting, Bock 1983); longer ones then give the
-accuracy. `fit_rigid` and `filled_by_model` give the first start, from a robot without springs.
+accuracy. `filled_by_model` gives the first start, by a robot without springs.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from seaid.estimation import LEAST_STD, RANK_TOLERANCE, scaled_svd
 from seaid.identification.simulated_joints import fitted_robot, torque_jacobians
 from seaid.identification.torque_offsets import TORQUE_OFFSET
 from seaid.identification.two_step import joints_with_torque
-from seaid.log import Log, Motion, low_pass, reconstruct_motions
+from seaid.log import FEWEST_PERIODS, Log, Motion, low_pass, reconstruct_motions
 from seaid.regressor import (
     LoadModel,
     actuator_columns,
@@ -39,9 +39,13 @@ from seaid.robot import Robot
 if TYPE_CHECKING:
     from seaid.identification.identification import Identification
 
-STARTS = (1.0, 0.4, 2.5)
-"""Antiresonances over the cutoff from which the fit starts, until one leads to springs that are well
-known. From stiffnesses of 0.3 to 10 times the true one short windows led there."""
+STARTS = (0.4, 1.0, 0.16, 2.5)
+"""Antiresonances over the cutoff from which the fit starts, until only noise is left of the torque;
+else the best one goes on. From 0.3 to 10 times the true stiffness short windows led there for a
+motion that hardly excites the resonance, from a smaller range if it does."""
+
+RIGID_BELOW = (1.0, 0.1)
+"""Parts of the cutoff up to which the robot counts as rigid in the first regression."""
 
 _WEIGHTINGS = 3
 
@@ -167,20 +171,23 @@ class RigidFit:
     torques: Sequence[Sequence[Array]]
     inertia: Array
 
-    @property
-    def cutoff_hz(self) -> float:
-        """The cutoff of all motions."""
-        return self.motions[0][0].cutoff_hz
+
+def cutoff_of(
+    robot: Robot, logs: Sequence[Log], joints: Sequence[str], cutoff_hz: float | None
+) -> float:
+    """Return the given cutoff, or the lowest that the logs propose."""
+    if cutoff_hz is not None:
+        return cutoff_hz
+    rigid = [with_rigid_angles(robot, log, joints) for log in logs]
+    return min(reconstruct_motions(robot, log)[0].cutoff_hz for log in rigid)
 
 
 def fit_rigid(
-    robot: Robot, logs: Sequence[Log], joints: Sequence[str], cutoff_hz: float | None
+    robot: Robot, logs: Sequence[Log], joints: Sequence[str], cutoff_hz: float
 ) -> RigidFit:
     """Return the regression of the robot with rigid drives instead of the springs of `joints`."""
     rigid = rigid_robot(robot, joints)
     logs = [with_rigid_angles(robot, log, joints) for log in logs]
-    if cutoff_hz is None:
-        cutoff_hz = min(reconstruct_motions(rigid, log)[0].cutoff_hz for log in logs)
     motions = [reconstruct_motions(rigid, log, cutoff_hz) for log in logs]
     every = [one for group in motions for one in group]
     used = [one for one in joints_with_torque(rigid, every) if one not in rigid.elastic_joints]
@@ -205,13 +212,21 @@ def _load_torque(rigid: Robot, motion: Motion, model: LoadModel, x: Array) -> Ar
 
 
 def filled_by_model(
-    robot: Robot, fit: RigidFit, joints: Sequence[str], antiresonance_hz: float
+    robot: Robot,
+    logs: Sequence[Log],
+    joints: Sequence[str],
+    antiresonance_hz: float,
+    rigid_below_hz: float,
 ) -> list[Log]:
     """Return the logs with joint positions by the load torques of a rigid robot.
 
     The springs are those with an antiresonance, of the joint with a locked motor, at the given
-    frequency. No noise of a torque is in these angles, so that a regression starts well with them.
+    frequency. Far below it the robot moves like a rigid one, above it as if its inertia were
+    negative. No noise of a torque is in these angles, so that a regression starts well with them.
     """
+    shortest_s = min(float(log.time[-1] - log.time[0]) for log in logs)
+    lowest_hz = 1.2 * FEWEST_PERIODS / shortest_s
+    fit = fit_rigid(robot, logs, joints, max(rigid_below_hz, lowest_hz))
     filled = []
     for log, motions, torques in zip(fit.logs, fit.motions, fit.torques, strict=True):
         angles: list[dict[str, Array]] = [{} for _ in motions]

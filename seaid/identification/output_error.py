@@ -18,10 +18,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.ndimage import maximum_filter1d
 
-from seaid._arrays import Array, BoolArray, FrozenMapping
+from seaid._arrays import Array, BoolArray, FrozenMapping, white_noise
 from seaid._progress import track
 from seaid.drives import DefaultTerms, is_dry
-from seaid.errors import Finding, IdentificationError, checked
+from seaid.errors import ExcitationError, Finding, IdentificationError, checked
 from seaid.estimation import Estimate, Residuals, Step, gauss_newton_step, joined
 from seaid.identification.drive_estimates import merged_estimates, with_estimate, with_warnings
 from seaid.identification.method_limits import check_refinable
@@ -104,7 +104,7 @@ class Layout:
     @property
     def has_zeros(self) -> bool:
         """Whether encoder offsets are estimated."""
-        return self.zeros.stop > self.zeros.start
+        return bool(self.zeros.stop > self.zeros.start)
 
     @property
     def start(self) -> Array:
@@ -424,6 +424,10 @@ def _blocks(run: Run, columns: Array, still: BoolArray, free: int) -> Residuals:
     )
 
 
+_AT_NOISE, _SMALLEST_TORQUE = 3.0, 1e-6
+"""Residual torque over the noise between samples at which a first estimate is not in a wrong
+minimum, where it was 10 to 60 times; and the least noise [N m] of a log."""
+
 _SETTLED, _CLOSE = 1e-3, 0.05
 _MOST_HALVINGS, _MOST_SWEEPS = 6, 5
 _ALIKE = 1e-3
@@ -518,9 +522,7 @@ def refined_with_logs(
         return _with_finding(identification, _NOTHING_SIMULATED), logs
     simulated = _filled(layout, logs, layout.start)
     if unseen:
-        _, here = _iterated(
-            layout, simulated, layout.start, iterations, progress, SHORT_WINDOW_S
-        )
+        _, here = _iterated(layout, simulated, layout.start, iterations, progress, SHORT_WINDOW_S)
         simulated = [_simulated_log(layout, log, here.runs) for log in logs]
     first = here.x if unseen else layout.start
     start, here = _iterated(layout, simulated, first, iterations, progress)
@@ -541,12 +543,31 @@ def refined_with_logs(
     return refined, logs
 
 
-def first_estimate(found: Identification, logs: list[Log]) -> tuple[Identification, list[Log]]:
-    """Return the fit in short windows of logs without some joint encoders, and simulated logs."""
+@dataclass(frozen=True, eq=False)
+class FirstEstimate:
+    """A fit in short windows: its merit, and the logs with the simulated angles of unseen joints.
+
+    `is_at_noise` says whether nothing but the noise of the torques is left.
+    """
+
+    merit: float
+    logs: list[Log]
+    is_at_noise: bool
+
+
+def first_estimate(found: Identification, logs: list[Log]) -> FirstEstimate:
+    """Return the fit in short windows of logs without some joint encoders."""
     layout = layout_of(found, 0.0, without_joint_encoder(found.known, logs))
     filled = _filled(layout, logs, layout.start)
     _, here = _iterated(layout, filled, layout.start, _FIRST_STEPS, False, SHORT_WINDOW_S)
-    return _refined(layout, here), [_simulated_log(layout, log, here.runs) for log in logs]
+    own = len(layout.simulated) + np.flatnonzero(np.isin(layout.simulated, layout.unseen))
+    columns = [found.known.index(joint) for joint in layout.unseen]
+    noise = [max(white_noise(log.motor_torque[:, column]) for log in logs) for column in columns]
+    if any(here.x[layout.spring(joint)[0]] <= 0 for joint in layout.unseen):
+        raise IdentificationError("the search of the stiffness ended below zero")
+    left = here.step.stds[own] <= _AT_NOISE * np.maximum(noise, _SMALLEST_TORQUE)
+    simulated = [_simulated_log(layout, log, here.runs) for log in logs]
+    return FirstEstimate(here.step.merit, simulated, bool(np.all(left)))
 
 
 def _iterated(
@@ -715,7 +736,7 @@ def _improved(layout: Layout, here: Point) -> tuple[Point, bool]:
     part = 1.0
     for _ in range(_MOST_HALVINGS):
         change = part * here.step.change
-        with suppress(IdentificationError):  # it diverges there
+        with suppress(IdentificationError, ExcitationError):  # it diverges there
             there = _simulated(layout, _next(layout, here, change, part, here.step.nuisance))
             if there.step.merit <= here.step.merit + _ALIKE:
                 return there, True
@@ -806,10 +827,13 @@ def _with_old(new: Estimate, old: Estimate, unseen: bool) -> Estimate:
 def _estimates(layout: Layout, here: Point) -> tuple[dict[str, Estimate], Estimate]:
     """Return the estimates of elastic drives by joint, and of the load side, at a point."""
     found, step = layout.found, here.step
+    covariance, x = step.covariance.copy(), here.x.copy()
+    fixed = [] if layout.has_zeros else [layout.spring(joint)[1] for joint in layout.unseen]
+    covariance[fixed], covariance[:, fixed], x[fixed] = 0.0, 0.0, 0.0
     whole = Estimate(
         names=layout.names,
-        values=here.x,
-        covariance=step.covariance,
+        values=x,
+        covariance=covariance,
         units=("",) * len(here.x),
         residual_std=float("nan"),
         condition_number=step.condition_number,

@@ -124,7 +124,8 @@ def response_to(jacobians: TorqueJacobians, force: Array, step: float, windows: 
     rates = safely(np.linalg.solve, M, K, what="a simulated motion")
     fastest = step**2 * float(np.max(np.linalg.norm(rates, axis=(2, 3)), initial=0.0))
     beta = 1 / 12 if fastest < _RESOLVED else 1 / 4
-    inverse = safely(np.linalg.inv, M + step / 2 * C + beta * step**2 * K, what="a simulated motion")
+    matrix = M + step / 2 * C + beta * step**2 * K
+    inverse = safely(np.linalg.inv, matrix, what="a simulated motion")
     count = force.shape[1]
     q, v, a = (np.zeros((count, windows, joints, columns + free)) for _ in range(3))
     q[0, :, :, columns : columns + joints] = np.eye(joints)

@@ -365,6 +365,9 @@ def sorted_log(picked: dict[str, Array], robot: Robot, file_names: Sequence[str]
 _NO_TORQUES = {"motor_position", "joint_position", "deflection", "motor_temperature"}
 
 
+_BOTH = "both positions and one torque, or at least motor position and motor torque"
+
+
 def _check_sensors(
     robot: Robot,
     joint: str,
@@ -380,8 +383,8 @@ def _check_sensors(
         names = column_names(joint, robot.is_prismatic[robot.index(joint)])
         missing = [name for name in names if name not in found]
         raise LogError(
-            f"joint '{joint}' needs {'both positions' if elastic else 'one position'} and one "
-            f"torque, found {', '.join(found.values()) or 'none'}; its columns are "
+            f"joint '{joint}' needs {_BOTH if elastic else 'one position and one torque'}, "
+            f"found {', '.join(found.values()) or 'none'}; its columns are "
             f"{', '.join(names)}{near_names(missing, picked, file_names)}"
         )
 

@@ -435,7 +435,11 @@ def _check_positions(robot: Robot, joint: Array, motor: Array) -> None:
         if robot.drives[name].is_elastic:
             if no_joint or no_motor:
                 side = "joint" if no_joint else "motor"
-                raise LogError(f"elastic joint '{name}' needs its {side} position in the log")
+                hint = "; without it, identify needs the motor torque of a log in memory (read_log)"
+                raise LogError(
+                    f"elastic joint '{name}' needs its {side} position in the log"
+                    f"{hint if no_joint and not no_motor else ''}"
+                )
         elif no_joint and no_motor and index not in coupled:
             raise LogError(f"joint '{name}' has no position in the log")
 

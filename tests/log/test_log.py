@@ -450,12 +450,22 @@ def test_elastic_joint_needs_both_positions(
     elastic_arm: Robot, write_csv: Callable[..., Path]
 ) -> None:
     read_log(write_csv(), elastic_arm)
-    words = "joint 'arm' needs both positions and one torque, found motor_position, motor_torque"
-    text = read_error(write_csv(*without("arm.joint_position_rad")), elastic_arm)
+    words = (
+        "joint 'arm' needs both positions and one torque, or at least motor position and motor "
+        "torque, found joint_position, motor_torque"
+    )
+    text = read_error(write_csv(*without("arm.motor_position_rad")), elastic_arm)
     assert words in text
     empty = VALUES.copy()
-    empty[:, 2] = np.nan
+    empty[:, 1] = np.nan
     assert words in read_error(write_csv(rows=empty), elastic_arm)
+
+
+def test_elastic_joint_may_have_the_motor_side_alone(
+    elastic_arm: Robot, write_csv: Callable[..., Path]
+) -> None:
+    log = read_log(write_csv(*without("arm.joint_position_rad")), elastic_arm)
+    assert np.all(np.isnan(log.joint_position))
 
 
 @pytest.mark.parametrize("typo", ["arm.motor_torque_nm", "arm.motor_torque", "arm.motortorque_Nm"])

@@ -1,0 +1,238 @@
+"""Stiffness and resonance from motor angle and motor torque alone, of two- and three-mass joints.
+
+Each plant is a pendulum behind a drive with a spring. Its equations are integrated here, by
+Runge-Kutta, and not by seaid; a controller follows a random-phase multisine. The log has the
+motor's encoder in whole steps, and its torque with white noise. A three-mass joint has a second spring in
+its link, which no model of seaid has: its error is the bias of the two-mass model.
+
+python scripts/benchmarks/motor_side.py [draws]
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+import seaid
+from seaid._arrays import Array
+from seaid.report.text import percent, table
+
+RATE_HZ, STEPS, BANDWIDTH = 1000.0, 8, 15.0
+GRAVITY = 9.81
+_WIDTH = 0.5
+"""Motor speed [rad/s] over which the simulated Coulomb friction changes its sign."""
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A pendulum behind a rotary spring; the link has a joint of its own if `link_k` is finite.
+
+    `mass` [kg] has its centre at `length` [m], and `inertia` [kg m^2] about it; `share` of the
+    mass moves behind the link's spring of `link_k` [N m/rad].
+    """
+
+    ratio: float
+    rotor: float
+    viscous: float
+    coulomb: float
+    k: float
+    mass: float
+    length: float
+    inertia: float
+    counts: int
+    torque_std: float
+    reach: float
+    highest_hz: float
+    link_k: float = np.inf
+    share: float = 0.3
+
+    @property
+    def load(self) -> float:
+        """Inertia about the joint [kg m^2]."""
+        return self.inertia + self.mass * self.length**2
+
+    @property
+    def antiresonance_hz(self) -> float:
+        """Frequency of the load with a locked motor."""
+        return float(np.sqrt(self.k / self.load) / (2 * np.pi))
+
+
+TULIP = Joint(
+    86 * 0.036 / 0.02,
+    3.4e-6,
+    8e-5,
+    0.00268,
+    59966 * 0.036**2,
+    1.5,
+    0.22,
+    0.02,
+    2000,
+    0.006,
+    0.35,
+    6.0,
+)
+"""The knee of the TULip leg (`models/README.md`), its pulleys as one ratio, with shank and foot."""
+
+ANYDRIVE = Joint(50.0, 6e-5, 4e-4, 0.012, 159.8, 2.5, 0.2, 0.03, 4096, 0.005, 0.35, 6.0)
+"""k as in the published calibration of an ANYdrive; the other numbers are assumed."""
+
+CENTAURO = Joint(120.0, 1e-4, 1.5e-3, 0.04, 6000.0, 8.0, 0.35, 0.3, 8192, 0.01, 0.3, 8.0)
+"""The size of a large drive of CENTAURO; all numbers are assumed."""
+
+JOINTS = {"TULip-like knee": TULIP, "ANYdrive-like": ANYDRIVE, "CENTAURO-like": CENTAURO}
+
+
+def multisine(joint: Joint, duration: float, seed: int) -> tuple[Array, Array]:
+    """Return frequencies [rad/s] and complex amplitudes [rad] of a random-phase multisine."""
+    lines = np.arange(2, int(joint.highest_hz * duration), 3)
+    rng = np.random.default_rng(seed)
+    rates = 2 * np.pi * lines / duration
+    sizes = np.exp(2j * np.pi * rng.uniform(size=len(lines))) / (1 + rates / (2 * np.pi))
+    t = np.linspace(0, duration, 4000)
+    peak = np.max(np.abs(np.real(np.exp(1j * np.outer(t, rates)) @ sizes)))
+    return rates, joint.reach * sizes / peak
+
+
+def simulated(joint: Joint, duration: float = 10.0, seed: int = 0) -> seaid.Log:
+    """Return the log of the motor side of a joint."""
+    n, far = joint.ratio, joint.share if np.isfinite(joint.link_k) else 0.0
+    near_J, far_J = (1 - far) * joint.load, far * joint.load
+    near_m, far_m = ((1 - x) * joint.mass * joint.length * GRAVITY for x in (far, 1 - far))
+    rates, sizes = multisine(joint, duration, seed)
+    reflected = joint.load + joint.rotor * n**2
+    gain_p, gain_d = reflected * BANDWIDTH**2, 2 * reflected * BANDWIDTH
+
+    def slope(x: Array, torque: float) -> Array:
+        th, w, q, v, p, u = x
+        spring = joint.k * (th / n - q)
+        link = joint.link_k * (q - p) if far else 0.0
+        friction = joint.viscous * w + joint.coulomb * np.tanh(w / _WIDTH)
+        a = (spring - near_m * np.sin(q) - link) / near_J
+        b = (link - far_m * np.sin(p)) / far_J if far else 0.0
+        return np.array([w, (torque - friction - spring / n) / joint.rotor, v, a, u, b])
+
+    time = np.arange(round(duration * RATE_HZ)) / RATE_HZ
+    waves = np.exp(1j * np.outer(time, rates))
+    plan = [np.real(waves @ (sizes * (1j * rates) ** order)) for order in range(3)]
+    step = 2 * np.pi / joint.counts
+    x = np.zeros(6)
+    x[:2], x[2], x[3] = (n * plan[0][0], n * plan[1][0]), plan[0][0], plan[1][0]
+    x[4], x[5] = x[2], x[3]
+    angle, torque = np.zeros((2, len(time)))
+    speed, before, h = x[1], x[0], 1 / (RATE_HZ * STEPS)
+    for t in range(len(time)):
+        reading = np.round(x[0] / step) * step
+        speed += 0.2 * ((reading - before) * RATE_HZ - speed) if t else 0.0
+        before = reading
+        wanted = gain_p * (plan[0][t] - reading / n) + gain_d * (plan[1][t] - speed / n)
+        drive = (wanted + reflected * plan[2][t]) / n
+        # the torque changes linearly from one tick to the next
+        last = torque[t - 1] if t else drive
+        angle[t], torque[t] = reading, drive
+        for part in range(STEPS):
+            begin, end = (last + (drive - last) * (part + s) / STEPS for s in (0, 1))
+            k1 = slope(x, begin)
+            k2 = slope(x + h / 2 * k1, (begin + end) / 2)
+            k3 = slope(x + h / 2 * k2, (begin + end) / 2)
+            x = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + slope(x + h * k3, end))
+    # the torque that acts at a tick is the command of the one before
+    acting = np.append(torque[0], torque[:-1])
+    noise = np.random.default_rng(seed + 1000).normal(0, joint.torque_std, len(time))
+    return seaid.Log(
+        time=time,
+        joint_names=("arm",),
+        motor_position=angle[:, None],
+        joint_position=np.full((len(time), 1), np.nan),
+        motor_torque=(acting + noise)[:, None],
+    )
+
+
+def robot_of(joint: Joint, folder: str | Path) -> seaid.Robot:
+    """Return the robot with geometry, gear and rotor of a joint, and nothing else."""
+    path = Path(folder) / "arm.urdf"
+    path.write_text(
+        '<robot name="arm"><link name="base"/><link name="body"/>'
+        '<joint name="arm" type="revolute"><parent link="base"/>'
+        '<child link="body"/><axis xyz="0 1 0"/>'
+        '<limit lower="-3" upper="3" effort="999" velocity="99"/></joint></robot>'
+    )
+    drive = seaid.SeriesElasticDrive(
+        gear_ratio=joint.ratio,
+        motor_inertia_kg_m2=joint.rotor,
+        friction=("viscous", "coulomb"),
+    )
+    return seaid.load_robot(path, {"arm": drive})
+
+
+def errors(joint: Joint, found: seaid.Identification) -> dict[str, float]:
+    """Return the relative errors of stiffness, resonance and inertia, and k's over its std."""
+    drive = found.drives["arm"]
+    k, load = drive.value("stiffness"), found.load.value("Iyy_body")
+    rotor = joint.rotor * joint.ratio**2
+    true = np.sqrt(joint.k * (1 / joint.load + 1 / rotor))
+    return {
+        "k": k / joint.k - 1,
+        "resonance": float(np.sqrt(k * (1 / load + 1 / rotor)) / true - 1),
+        "J": load / joint.load - 1,
+        "score": (k - joint.k) / drive.standard_error("stiffness"),
+        "std": drive.standard_error("stiffness") / joint.k,
+    }
+
+
+def main(draws: int = 3) -> None:
+    """Print the errors of each joint."""
+    rows = []
+    with tempfile.TemporaryDirectory() as folder:
+        for name, joint in JOINTS.items():
+            robot = robot_of(joint, folder)
+            found = [
+                errors(joint, seaid.identify(robot, simulated(joint, seed=seed)))
+                for seed in range(draws)
+            ]
+            worst = {key: max(abs(one[key]) for one in found) for key in found[0]}
+            std = float(np.mean([one["std"] for one in found]))
+            rows.append(
+                (
+                    name,
+                    f"{joint.antiresonance_hz:.1f} Hz",
+                    percent(worst["k"]),
+                    percent(std),
+                    percent(worst["resonance"]),
+                    percent(worst["J"]),
+                    f"{worst['score']:.1f}",
+                )
+            )
+            # the link's own antiresonance at 3 and 6 times that of the joint
+            for times in (3.0, 6.0):
+                stiff = (times**2) * joint.k * joint.share
+                three = replace(joint, link_k=stiff)
+                bias = errors(joint, seaid.identify(robot, simulated(three)))
+                rows.append(
+                    (
+                        f"  with a link of {times:g} times",
+                        f"{times * joint.antiresonance_hz:.1f} Hz",
+                        percent(abs(bias["k"])),
+                        percent(bias["std"]),
+                        percent(abs(bias["resonance"])),
+                        percent(abs(bias["J"])),
+                        f"{abs(bias['score']):.1f}",
+                    )
+                )
+    heads = (
+        "joint",
+        "antiresonance",
+        "error of k",
+        "std. error",
+        "of resonance",
+        "of J",
+        "error/std",
+    )
+    print(table(f"largest errors of {draws} draws, of three masses: one draw", heads, rows))
+
+
+if __name__ == "__main__":
+    main(*map(int, sys.argv[1:2]))

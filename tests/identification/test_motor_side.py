@@ -1,0 +1,129 @@
+"""Springs and loads from motor angle and motor torque alone, on plants integrated by others."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import seaid
+from scripts.benchmarks.motor_side import ANYDRIVE, JOINTS, Joint, errors, robot_of, simulated
+from seaid.errors import IdentificationError, LogError
+from seaid.identification.identification import Identification, identify
+from seaid.identification.motor_side import (
+    joint_angle,
+    total_ratio,
+    with_rigid_angles,
+    without_joint_encoder,
+)
+from seaid.identification.output_error import refine
+from seaid.log.motion import reconstruct_motion
+from seaid.log.reading import Log
+from seaid.robot.robot import Robot
+from tests.experiments import leg, leg_motion, perfect_log
+
+
+@cache
+def log_of(joint: Joint, duration: float = 10.0, seed: int = 0) -> Log:
+    return simulated(joint, duration, seed)
+
+
+@pytest.fixture(scope="module")
+def robot(tmp_path_factory: pytest.TempPathFactory) -> Robot:
+    return robot_of(ANYDRIVE, tmp_path_factory.mktemp("arm"))
+
+
+@pytest.fixture(scope="module")
+def found(robot: Robot) -> Identification:
+    return identify(robot, log_of(ANYDRIVE))
+
+
+def test_joints_without_a_sensor_behind_the_spring_are_found(robot: Robot) -> None:
+    log = log_of(ANYDRIVE)
+    assert without_joint_encoder(robot, [log]) == ("arm",)
+    seen = replace(log, joint_position=np.zeros_like(log.joint_position))
+    assert without_joint_encoder(robot, [log, seen]) == ()
+    assert without_joint_encoder(robot, [replace(log, deflection=log.motor_position)]) == ()
+    blind = replace(log, motor_torque=np.full_like(log.motor_torque, np.nan))
+    assert without_joint_encoder(robot, [blind]) == ()
+
+
+def test_the_angle_by_the_motor_equation_is_the_true_one() -> None:
+    truth, motion = leg(), leg_motion()
+    log = perfect_log(truth, motion)
+    rigid = with_rigid_angles(truth, log, truth.elastic_joints)
+    moving = reconstruct_motion(truth, rigid, 20.0)
+    own = slice(200, -200)
+    for joint in truth.elastic_joints:
+        index, drive = truth.index(joint), truth.drives[joint]
+        values = {**drive.values, "spring_offset": 0.0}
+        angle = joint_angle(truth, moving, joint, values)
+        true = np.interp(moving.time, log.time, log.joint_position[:, index])
+        without = moving.motor_position[:, index] / total_ratio(truth, joint)
+        fast = np.abs(moving.motor_velocity[:, index]) > 5.0  # away from steps of dry friction
+        error, size = (np.sqrt(np.mean((x - true)[own][fast[own]] ** 2)) for x in (angle, without))
+        assert error < 0.05 * size
+
+
+def test_stiffness_and_resonance_from_the_motor_alone(found: Identification) -> None:
+    error = errors(ANYDRIVE, found)
+    assert abs(error["k"]) < 0.03
+    assert abs(error["resonance"]) < 0.02
+    assert abs(error["J"]) < 0.02
+    assert abs(error["score"]) < 3.0
+    drive = found.drives["arm"]
+    assert drive.value("viscous_friction") == pytest.approx(ANYDRIVE.viscous, rel=0.03)
+    assert drive.value("coulomb_friction") == pytest.approx(ANYDRIVE.coulomb, rel=0.05)
+    # a pendulum that hangs down: its first moment is along -z
+    assert found.load.value("mz_body") == pytest.approx(-ANYDRIVE.mass * ANYDRIVE.length, rel=0.1)
+
+
+def test_the_method_is_said_and_a_right_set_up_has_no_doubt(found: Identification) -> None:
+    notes = [one for one in found.warnings if one.code == "motor-side"]
+    assert len(notes) == 1
+    assert "by output error" in notes[0].message
+    assert [one for one in found.warnings if one.severity != "note"] == []
+    assert found.drives["arm"].value("spring_offset") == 0.0
+
+
+def test_refine_of_the_same_log_stays(found: Identification) -> None:
+    again = refine(found, log_of(ANYDRIVE)).drives["arm"]
+    error = again.values - found.drives["arm"].values
+    assert np.all(np.abs(error) <= 0.1 * found.drives["arm"].standard_errors + 1e-12)
+
+
+def test_a_known_stiffness_or_another_term_is_refused(robot: Robot) -> None:
+    drive = replace(robot.drives["arm"], joint_friction=("viscous",))
+    with pytest.raises(IdentificationError, match="parallel spring or joint friction"):
+        identify(robot.with_values(robot.parameters, {"arm": drive}), log_of(ANYDRIVE))
+
+
+@pytest.mark.slow  # no start ends at the noise, so that all are tried
+def test_a_spring_that_the_motor_does_not_show_is_said(robot: Robot) -> None:
+    stiff = replace(ANYDRIVE, k=200 * ANYDRIVE.k, highest_hz=2.0)
+    result = identify(robot, log_of(stiff, 5.0))
+    (finding,) = [one for one in result.warnings if one.code == "hidden-resonance"]
+    assert finding.severity == "doubtful"
+    assert "Hz" in finding.remedy
+    assert "amplitude" in finding.remedy
+
+
+def test_a_file_without_joint_position_is_read(robot: Robot, tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    seaid.write_log(log_of(ANYDRIVE), path)
+    log = seaid.read_log(path, robot)
+    assert without_joint_encoder(robot, [log]) == ("arm",)
+    with pytest.raises(LogError, match="identify needs the motor torque of a log in memory"):
+        reconstruct_motion(robot, log)
+
+
+@pytest.mark.slow  # three plants of 10 s in Python, and three searches
+@pytest.mark.parametrize("name", JOINTS)
+def test_published_drives_within_three_percent(name: str, tmp_path: Path) -> None:
+    joint = JOINTS[name]
+    error = errors(joint, identify(robot_of(joint, tmp_path), log_of(joint, seed=5)))
+    assert abs(error["k"]) < 0.03
+    assert abs(error["resonance"]) < 0.02
