@@ -2,8 +2,8 @@
 
 Each plant is a pendulum behind a drive with a spring. Its equations are integrated here, by
 Runge-Kutta, and not by seaid; a controller follows a random-phase multisine. The log has the
-motor's encoder in whole steps, and its torque with white noise. A three-mass joint has a second spring in
-its link, which no model of seaid has: its error is the bias of the two-mass model.
+motor's encoder in whole steps, and its torque with white noise. A three-mass joint has a second
+spring in its link, which no model of seaid has: its error is the bias of the two-mass model.
 
 python scripts/benchmarks/motor_side.py [draws]
 """
@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 import seaid
 from seaid._arrays import Array
@@ -86,7 +87,7 @@ CENTAURO = Joint(120.0, 1e-4, 1.5e-3, 0.04, 6000.0, 8.0, 0.35, 0.3, 8192, 0.01, 
 JOINTS = {"TULip-like knee": TULIP, "ANYdrive-like": ANYDRIVE, "CENTAURO-like": CENTAURO}
 
 
-def multisine(joint: Joint, duration: float, seed: int) -> tuple[Array, Array]:
+def multisine(joint: Joint, duration: float, seed: int) -> tuple[Array, NDArray[np.complex128]]:
     """Return frequencies [rad/s] and complex amplitudes [rad] of a random-phase multisine."""
     lines = np.arange(2, int(joint.highest_hz * duration), 3)
     rng = np.random.default_rng(seed)
@@ -94,7 +95,7 @@ def multisine(joint: Joint, duration: float, seed: int) -> tuple[Array, Array]:
     sizes = np.exp(2j * np.pi * rng.uniform(size=len(lines))) / (1 + rates / (2 * np.pi))
     t = np.linspace(0, duration, 4000)
     peak = np.max(np.abs(np.real(np.exp(1j * np.outer(t, rates)) @ sizes)))
-    return rates, joint.reach * sizes / peak
+    return np.asarray(rates, dtype=float), np.asarray(joint.reach * sizes / peak)
 
 
 def simulated(joint: Joint, duration: float = 10.0, seed: int = 0) -> seaid.Log:

@@ -379,7 +379,8 @@ def _check_sensors(
     elastic = robot.drives[joint].is_elastic
     positions = sum(field.endswith("position") for field in found.values())
     others = set(found.values()) - _NO_TORQUES
-    if positions < (2 if elastic else 1) or not others:
+    motor_side = {"motor_position", "motor_torque"} <= set(found.values())
+    if positions < (2 if elastic and not motor_side else 1) or not others:
         names = column_names(joint, robot.is_prismatic[robot.index(joint)])
         missing = [name for name in names if name not in found]
         raise LogError(

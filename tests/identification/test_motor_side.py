@@ -11,6 +11,7 @@ import pytest
 
 import seaid
 from scripts.benchmarks.motor_side import ANYDRIVE, JOINTS, Joint, errors, robot_of, simulated
+from seaid.drives.drives import SeriesElasticDrive
 from seaid.errors import IdentificationError, LogError
 from seaid.identification.identification import Identification, identify
 from seaid.identification.motor_side import (
@@ -96,7 +97,9 @@ def test_refine_of_the_same_log_stays(found: Identification) -> None:
 
 
 def test_a_known_stiffness_or_another_term_is_refused(robot: Robot) -> None:
-    drive = replace(robot.drives["arm"], joint_friction=("viscous",))
+    drive = robot.drives["arm"]
+    assert isinstance(drive, SeriesElasticDrive)
+    drive = replace(drive, joint_friction=("viscous",))
     with pytest.raises(IdentificationError, match="parallel spring or joint friction"):
         identify(robot.with_values(robot.parameters, {"arm": drive}), log_of(ANYDRIVE))
 
