@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -160,6 +160,7 @@ def excite(
         "duration_s": planned.duration,
         "main_interval_s": planned.main_interval,
         "condition_number": plan.condition_number,
+        "measures": asdict(plan.measures),
         "criterion": plan.criterion,
         "value": plan.value,
         "parameters": [

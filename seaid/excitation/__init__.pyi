@@ -9,7 +9,9 @@ from .criteria import CRITERIA as CRITERIA
 from .criteria import CriterionName as CriterionName
 from .criteria import pivoted_base as pivoted_base
 from .design import Excitation as Excitation
+from .design import ExcitationMeasures as ExcitationMeasures
 from .design import design_excitation as design_excitation
+from .design import excitation_measures as excitation_measures
 from .flatness import check_nominal_bodies as check_nominal_bodies
 from .flatness import load_torques as load_torques
 from .flatness import parallel_elements as parallel_elements

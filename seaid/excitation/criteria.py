@@ -62,6 +62,23 @@ def singular_values(R: Array) -> Array:
     return np.asarray(_safely(np.linalg.svd, R, compute_uv=False), dtype=np.float64)
 
 
+def scaled_condition_and_d_value(H: Array) -> tuple[float, float]:
+    """Return condition number of H (T, p) with columns of unit norm, and (det H^T H)^(1/2p).
+
+    The first does not depend on the units of the parameters. The second is the geometric mean of
+    the singular values: other base columns are H M, other units H D, and det M and det D are the
+    same for every motion, so that the ratio between two motions depends on neither. It is zero, and
+    the condition number infinite, if columns are dependent.
+    """
+    norms = np.linalg.norm(H, axis=0)
+    if not np.all(norms > 0):
+        return np.inf, 0.0
+    values = singular_values(triangular_factor(H / norms, np.empty((0, H.shape[1]))))
+    if values[-1] <= values[0] / _WORST:
+        return np.inf, 0.0
+    return float(values[0] / values[-1]), float(np.exp(np.mean(np.log(values) + np.log(norms))))
+
+
 def has_full_rank(R: Array) -> bool:
     """Return whether all columns are linearly independent, rounding errors aside."""
     singular = singular_values(R)

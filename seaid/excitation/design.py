@@ -12,7 +12,7 @@ import numpy as np
 
 from seaid._arrays import Array, safely, seed_of
 from seaid._progress import Result, counted
-from seaid.errors import ExcitationError, SeaidWarning, checked
+from seaid.errors import ExcitationError, SeaidError, SeaidWarning, checked
 from seaid.excitation.basis import BasisName, make_basis
 from seaid.excitation.boundary import IN_MOTION, EndState, motion_space
 from seaid.excitation.collision import Scene
@@ -21,6 +21,7 @@ from seaid.excitation.criteria import (
     CriterionName,
     has_full_rank,
     pivoted_base,
+    scaled_condition_and_d_value,
     singular_values,
     triangular_factor,
 )
@@ -57,6 +58,89 @@ _REPORT_SAMPLES = 2000
 _safely = partial(safely, what="the regressor of the motion", error=ExcitationError)
 
 
+@dataclass(frozen=True)
+class ExcitationMeasures:
+    """Measures of a motion that compare, of the base parameters that pivoting selects.
+
+    Attributes
+    ----------
+    scaled_condition_number : float
+        Of columns of unit norm: the same in all units, but not for other base columns.
+    d_value : float
+        (det H^T H / T)^(1/2p), per sample. Its ratio between two motions of a robot, the
+        D-efficiency, depends neither on the base columns nor on units.
+    parameters : int
+        Number p of the parameters: base parameters, and those of the drives if their nominal values
+        are known.
+    has_drives : bool
+        Whether the parameters of the drives are included.
+    """
+
+    scaled_condition_number: float
+    d_value: float
+    parameters: int
+    has_drives: bool
+
+    def d_efficiency(self, other: ExcitationMeasures) -> float:
+        """Return the D-efficiency over another motion: 2 is worth four times its samples.
+
+        Raises ExcitationError for motions with other parameters.
+        """
+        if (self.parameters, self.has_drives) != (other.parameters, other.has_drives):
+            raise ExcitationError(
+                "the D-efficiency compares motions of one robot with the same torques, found "
+                f"{self.parameters} and {other.parameters} parameters"
+            )
+        return self.d_value / other.d_value if other.d_value else np.inf
+
+
+@checked(ExcitationError)
+def excitation_measures(
+    robot: Robot, trajectory: Trajectory, torque_joints: str | Sequence[str] | None = None
+) -> ExcitationMeasures:
+    """Return measures of a motion that compare across base columns and units.
+
+    Parameters
+    ----------
+    robot : Robot
+        Its nominal values are needed for the parameters of the drives.
+    trajectory : Trajectory
+    torque_joints : sequence of str, optional
+        Joints whose torques are known. Default: all.
+
+    Returns
+    -------
+    ExcitationMeasures
+
+    Examples
+    --------
+    >>> ours, theirs = (seaid.excitation.excitation_measures(robot, one) for one in (plan, other))
+    >>> ours.d_efficiency(theirs)
+    """
+    robot = robot.at_temperature()
+    base = pivoted_base(robot, torque_joints)
+    return _measures(robot, trajectory, torque_joints, base, joint_limits(robot, None).velocity)
+
+
+def _measures(
+    robot: Robot,
+    trajectory: Trajectory,
+    torque_joints: str | Sequence[str] | None,
+    base: BaseParameters,
+    top_speed: Array,
+) -> ExcitationMeasures:
+    time = np.linspace(0.0, trajectory.duration, _REPORT_SAMPLES)
+    states, has_drives = trajectory.sample(time), True
+    try:
+        target = drive_target(robot, torque_joints, base, top_speed)
+        H = stacked_regressor(target, time, states)
+    except SeaidError:  # nominal values are missing
+        target, has_drives = load_target(robot, torque_joints, base), False
+        H = stacked_regressor(target, time, states)
+    scaled, d_value = scaled_condition_and_d_value(H / np.sqrt(len(time)))
+    return ExcitationMeasures(scaled, d_value, H.shape[1], has_drives)
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Excitation(Result):
     """A planned motion, its criterion and its margins to the limits.
@@ -78,6 +162,8 @@ class Excitation(Result):
         Expected ones, for white torque noise of `torque_std` at 1 kHz.
     singular_values, start_singular_values : array (p,)
         Of the scaled observation matrix of the plan, and of the best random start.
+    measures : ExcitationMeasures
+        Measures that compare with those of other motions, with the drives where values are known.
     """
 
     table_name = "excitation_table"
@@ -94,6 +180,7 @@ class Excitation(Result):
     standard_errors: Array
     singular_values: Array
     start_singular_values: Array
+    measures: ExcitationMeasures
 
     def _in_short(self) -> str:
         parameters = counted(len(self.names), "parameter")
@@ -266,6 +353,13 @@ def _excitation(
         standard_errors=np.linalg.norm(inverse, axis=1) * target.column_scale,
         singular_values=singular_values(R),
         start_singular_values=singular_values(R_first),
+        measures=_measures(
+            robot,
+            trajectory,
+            [robot.joint_names[row] for row in problem.target.rows],
+            base,
+            bounds.velocity,
+        ),
     )
 
 
@@ -299,6 +393,7 @@ def _of_multisine(
         standard_errors=np.broadcast_to(errors, len(target.names)),
         singular_values=values,
         start_singular_values=values,
+        measures=_measures(robot, motion, torque_joints, base, bounds.velocity),
     )
 
 

@@ -199,13 +199,16 @@ def excitation_table(plan: Excitation) -> Text:
 
 
 def condition_lines(plan: Excitation) -> list[str]:
-    """Return the condition numbers of a planned motion in two lines."""
+    """Return the condition numbers and the D-value of a planned motion in three lines."""
     ends = [one[[0, -1]] for one in (plan.start_singular_values, plan.singular_values)]
     first, last = (one[0] / one[1] if one[1] > 0 else np.inf for one in ends)
     return [
         f"condition number of the scaled columns: random start {first:.4g}, planned {last:.4g}",
         f"condition number of the {len(plan.base.columns)} base columns: "
         f"{plan.condition_number:.4g}",
+        f"condition number of {plan.measures.parameters} columns of unit norm"
+        f"{', drives included' if plan.measures.has_drives else ''}: "
+        f"{plan.measures.scaled_condition_number:.4g}; D-value {plan.measures.d_value:.4g}",
     ]
 
 
