@@ -356,13 +356,19 @@ def with_offset_columns(
 def joints_with_torque(robot: Robot, datasets: Sequence[Dataset]) -> tuple[str, ...]:
     """Return the joints whose torque is measured, by a sensor or by a spring."""
     motions = [first_motion(dataset) for dataset in datasets]
-    return tuple(
+    found = tuple(
         joint
         for joint in robot.joint_names
         if joint in robot.elastic_joints
         or _all_measured(robot, motions, joint, INPUT_FIELDS[robot.drives[joint].motor_input])
         or _all_measured(robot, motions, joint, "joint_torque")
     )
+    if not found:
+        raise IdentificationError(
+            "no joint has a torque in the logs: describe a motor_torque (a current is one with "
+            'unit = "A" and torque_constant_Nm_per_A), or write motor_input in the drives file'
+        )
+    return found
 
 
 def spring_torque_joints(

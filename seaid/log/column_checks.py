@@ -29,8 +29,8 @@ Sources = dict[str, dict[str, Any]]
 _LISTED = 100
 """Most columns named in one note."""
 
-_EQUAL = 0.999999
-"""Correlation of a measurement with a command above which it is no measurement."""
+_EQUAL = 1e-9
+"""Largest difference of a measurement from a command, over its range, for a copy of it."""
 
 _ALIKE = 0.995
 """Correlation with a signal of a joint above which an unknown column is named for it."""
@@ -212,6 +212,8 @@ def check_used(
             column, kind = source["column"], quantity.rpartition("_")[2]
             if kind == "position":
                 _check_position(inference, source, joint, robot)
+                if quantity == "joint_position":
+                    _check_limits(inference, source, joint, robot)
             elif kind in ("torque", "current"):
                 _check_effort(inference, column)
             _check_commands(inference, column, joint)
@@ -256,6 +258,18 @@ def _check_position(
         inference.note(column, f"hardly moves in {unit}: check its unit")
 
 
+def _check_limits(
+    inference: Inference, source: Mapping[str, Any], joint: str, robot: Robot | None
+) -> None:
+    """Note a position that leaves the limits of its joint, or its unit."""
+    column, unit = source["column"], source.get("unit")
+    factor = {**UNIT_FACTORS["rad"], **UNIT_FACTORS["m"]}.get(unit or "rad")
+    if robot is None or joint not in robot.joint_names or factor is None:
+        return
+    if not is_within(inference, column, factor, joint, robot):
+        inference.note(column, f"goes beyond the limits of {joint}: check its unit and its zero")
+
+
 def _check_effort(inference: Inference, column: str) -> None:
     """Note a current with one sign, and whole numbers without a unit."""
     values, meaning = inference.finite(column), inference.meanings[column]
@@ -271,7 +285,10 @@ def _check_commands(inference: Inference, column: str, joint: str) -> None:
     for name, one in inference.meanings.items():
         is_other = (one.quantity, one.joint) == (kind, joint) and not one.is_raw
         other = inference.data.get(name) if is_other and name != column else None
-        if other is not None and correlation(other, values) > _EQUAL:
+        if other is None or len(other) != len(values):
+            continue
+        good = np.isfinite(other) & np.isfinite(values)
+        if np.any(good) and np.max(np.abs(other - values)[good]) <= _EQUAL * np.ptp(values[good]):
             inference.note(column, f"equals {name}: which one is measured?")
 
 

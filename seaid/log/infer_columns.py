@@ -242,7 +242,8 @@ def _add_electric(inference: Inference, joint: str, found: Sources) -> None:
             found["motor_voltage"] = {"column": duties[0], "times": name, **scale}
             inference.note(f"{duties[0]} times {name}", "taken for the voltage of the motor")
             return
-        inference.note(name, "has one sign: a supply, not the voltage of the motor")
+        text = "has one sign: a supply, not the voltage of the motor"
+        inference.choose(name, text, is_usual=inference.meanings[name].side != "motor")
 
 
 _OF_ELECTRONICS = ("controller", "board", "pcb", "fet", "driver", "mcu", "cpu", "ambient")

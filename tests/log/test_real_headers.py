@@ -1,4 +1,4 @@
-"""describe_log on the headers of 101 real logs: what each column is, or that it is doubtful."""
+"""describe_log on the headers of 110 real logs: what each column is, or that it is doubtful."""
 
 from __future__ import annotations
 
@@ -25,6 +25,7 @@ DEVELOP = [one for one in HEADERS if one.get("develop")]
 HELD_OUT = [one for one in HEADERS if not one.get("develop")]
 FIRST_HALF = [one for one in MORE if one["half"] == 1]
 SECOND_HALF = [one for one in MORE if one["half"] == 2]
+LAST = [one for one in MORE if one["half"] == 3]
 TIME: Array = np.linspace(0.0, 3.99, 400)
 MOTIONS = ("position", "velocity", "acceleration")
 LEAST = 0.9
@@ -180,8 +181,8 @@ def test_no_column_of_a_real_header_is_wrong_without_being_listed(
 
 @pytest.mark.parametrize(
     "headers",
-    [DEVELOP, HELD_OUT, FIRST_HALF, SECOND_HALF],
-    ids=["developed on", "held out", "first half", "second half"],
+    [DEVELOP, HELD_OUT, FIRST_HALF, SECOND_HALF, LAST],
+    ids=["developed on", "held out", "first half", "second half", "last"],
 )
 def test_most_columns_of_real_headers_are_right(
     headers: list[dict[str, Any]], tmp_path: Path
