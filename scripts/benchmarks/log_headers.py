@@ -17,7 +17,14 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from seaid.log.readers.opening import open_table
 from seaid.report.text import table
-from tests.log.test_real_headers import DEVELOP, FIRST_HALF, HELD_OUT, SECOND_HALF, judged
+from tests.log.test_real_headers import (
+    DEVELOP,
+    FIRST_HALF,
+    HELD_OUT,
+    LAST,
+    SECOND_HALF,
+    judged,
+)
 
 HEBI = Path(__file__).resolve().parents[2] / "models/logs/hebi_x5_unloaded/exampleLog.hebilog"
 
@@ -26,7 +33,7 @@ def main() -> None:
     """Print the table of the headers and the time of the HEBI log."""
     rows = []
     groups = {"59, developed on": DEVELOP, "59, others": HELD_OUT}
-    groups |= {"42, first half": FIRST_HALF, "42, second half": SECOND_HALF}
+    groups |= {"42, first half": FIRST_HALF, "42, second half": SECOND_HALF, "9": LAST}
     for name, headers in groups.items():
         columns = []
         for header in headers:

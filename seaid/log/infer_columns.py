@@ -747,4 +747,8 @@ def _in_order(tags: Sequence[str], robot: Robot, inference: Inference) -> dict[s
     if len(tags) > robot.n:
         inference.note(", ".join(tags), f"{len(tags)} joints in the log, {robot.n} in the robot")
     inference.note(", ".join(tags[: robot.n]), "taken for the robot's joints in their order")
+    if not all(_number_in(one) or len(tags) == robot.n == 1 for one in tags):
+        for name, one in inference.meanings.items():
+            if one.joint in tags and one.is_raw and one.quantity in _MEASURED:
+                inference.note(name, "its joint is a guess, by the order of the columns")
     return dict(zip(tags, robot.joint_names, strict=False))

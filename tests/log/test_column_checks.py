@@ -74,7 +74,10 @@ def test_a_velocity_with_a_unit_gives_that_of_the_position(
             "knee_pos, knee_vel: one is not the velocity of the other",
         ),
         ({"knee_pos_mm": sine(50)}, "knee_pos_mm: mm does not fit the type of knee"),
-        ({"knee_pos_rad": sine(57)}, "knee_pos_rad: goes beyond the limits of knee: check its unit"),
+        (
+            {"knee_pos_rad": sine(57)},
+            "knee_pos_rad: goes beyond the limits of knee: check its unit",
+        ),
         ({"knee_pos_deg": sine(0.2)}, "knee_pos_deg: hardly moves in deg: check its unit"),
         ({"knee_pos": sine(0.1)}, "knee_pos (moves by 0.2): taken for rad"),
         (

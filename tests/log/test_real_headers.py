@@ -31,7 +31,7 @@ MOTIONS = ("position", "velocity", "acceleration")
 LEAST = 0.9
 """Share of the columns that must be right."""
 
-SURE = 0.8
+SURE = 0.75
 """Share of those right that must not be listed as doubtful."""
 
 SIZES = {"rad": 1.0, "deg": 57.3, "turn": 0.159, "counts": 652.0, "s": 1.0, "ms": 1e3, "us": 1e6}
