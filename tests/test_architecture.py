@@ -117,7 +117,8 @@ ONE_IMPORTER = {
         *("identification.instrumental", "identification.simultaneous"),
         *("identification.transmission_error", "identification.linear_joints"),
         "excitation.multisine",
-        *("regressor.exact.lagrangian", "regressor.exact.recursion"),
+        *("regressor.exact.lagrangian", "regressor.exact.newton_euler"),
+        "regressor.exact.recursion",
         *("symbolic.algebraic", "symbolic.independence"),
     ),
     "functions that users call": (
@@ -136,6 +137,7 @@ ONE_IMPORTER = {
         *("identification.consistency_program", "log.repair.channels"),
         "identification.known_constants",
         *("regressor.structural.arithmetic", "regressor.structural.equations"),
+        "regressor.structural.modular_dynamics",
     ),
     "one stage of reading each, which most logs do not pass": (
         *("log.column_checks", "log.custom_columns"),

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import subprocess
 import sys
 from collections.abc import Callable
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +19,13 @@ import seaid
 from seaid._arrays import Array
 from seaid.errors import RobotError
 from seaid.regressor.base import base_parameters, random_states
+from seaid.regressor.exact.codegen import Value
+from seaid.regressor.exact.geometry import exact_tree
+from seaid.regressor.exact.newton_euler import regressor_program
 from seaid.regressor.rigid_body import joint_torques, rigid_body_regressor
+from seaid.regressor.structural.arithmetic import ResidueNumbers
 from seaid.regressor.structural.identifiability import SENSORS, Sensor, identifiability
+from seaid.regressor.structural.modular_dynamics import PRIME, residue
 from seaid.robot.robot import Payload, Robot, load_robot
 
 pytestmark = pytest.mark.rounding
@@ -254,6 +261,34 @@ DRIVES: dict[str, Any] = {
         "motor_input": "current",
     },
 }
+
+
+@pytest.mark.parametrize("path", [TREE, ARM.with_suffix(".urdf")])
+def test_torques_modulo_the_prime_are_those_of_the_exact_program(path: Path) -> None:
+    """An independent route: the straight-line program in rationals, at rational states."""
+    robot = load_robot(path)
+    numbers = ResidueNumbers(robot, np.random.default_rng(0))
+    q, turned, v, a = numbers.states(2)
+    Y = numbers.regressor(q, turned, v, a)
+    program, entries = regressor_program(exact_tree(robot))
+    states = dict(zip("csqva", (*turned, q, v, a), strict=True))
+    known = {f"{x}{i}": values[:, i] for x, values in states.items() for i in range(robot.n)}
+
+    def value(terms: Value) -> Any:
+        parts = [
+            residue(Fraction(int(x.p), int(x.q))) * math.prod(known[name] for name in factors)
+            for factors, x in terms.items()
+        ]
+        return sum(parts) % PRIME
+
+    for step, terms in program.steps.items():
+        known[step] = value(terms)
+    expected = np.zeros_like(Y)
+    for (row, column), terms in entries.items():
+        expected[:, row, column] = value(terms)
+    assert np.array_equal(Y, expected)
+    bodies = numbers.random(robot.parameters.size)
+    assert np.array_equal(numbers.torques(q, turned, v, a, bodies), Y @ bodies % PRIME)
 
 
 def test_all_terms_come_along(load_quietly: Callable[..., Robot]) -> None:

@@ -8,10 +8,9 @@ here (Zippel 1979, Schwartz 1980).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cache, cached_property, lru_cache
+from functools import cache, cached_property
 from math import isqrt, lcm
 from typing import Any, Protocol
 
@@ -23,10 +22,15 @@ from numpy.typing import NDArray
 from seaid._arrays import Array, safely
 from seaid.errors import SymbolicError
 from seaid.regressor.base import random_states
-from seaid.regressor.exact.codegen import Program, Value, needed
 from seaid.regressor.exact.geometry import exact_number, exact_tree
-from seaid.regressor.exact.newton_euler import Entries, regressor_program
 from seaid.regressor.rigid_body import joint_torques, rigid_body_regressor
+from seaid.regressor.structural.modular_dynamics import (
+    PRIME,
+    ModularDynamics,
+    Words,
+    modular_dynamics,
+    residue,
+)
 from seaid.robot import Robot
 
 Known = dict[sp.Expr, Any]
@@ -142,9 +146,6 @@ def _compiled(expression: sp.Expr) -> tuple[Any, list[sp.Symbol]]:
     return sp.lambdify(symbols, expression, modules=[np]), symbols
 
 
-PRIME = 2**61 - 1
-"""A Mersenne prime that fits in a machine word."""
-
 Residues = NDArray[np.object_]
 """Integers from 0 to PRIME - 1."""
 
@@ -162,20 +163,23 @@ class ResidueNumbers:
     robot: Robot
     rng: np.random.Generator
 
-    @property
-    def _program(self) -> tuple[Program, Entries]:
-        return _program_of(self.robot)
+    @cached_property
+    def _dynamics(self) -> ModularDynamics:
+        return modular_dynamics(exact_tree(self.robot))
 
     def depends(self) -> list[frozenset[int]]:
-        """Return, for each joint, the joints on whose motion its torque depends."""
-        program, entries = self._program
-        leaders = self._leaders
-        found = []
-        for row in range(self.robot.n):
-            values = [x for (i, _), x in entries.items() if leaders[i] == row]
-            inputs = {name[1:] for name in needed(program, values) if name[0] in "qva"}
-            found.append(frozenset(leaders[int(one)] for one in inputs))
-        return found
+        """Return, for each joint, the joints on whose motion its torque depends.
+
+        They are those whose motion, changed at random, changes the torque of random bodies.
+        """
+        n, leaders = self.robot.n, np.array(self._leaders)
+        first, other = (self._of_bodies(*self.states(1)) for _ in range(2))
+        changed = np.vstack([np.zeros(len(leaders), dtype=bool), np.arange(n)[:, None] == leaders])
+        states = [np.where(changed, new, old) for old, new in zip(first, other, strict=True)]
+        bodies = self.random(10 * len(leaders)).astype(np.uint64)
+        torques = self._on_leaders(self._dynamics.torques(states, bodies))
+        differs = torques[1:] != torques[0]
+        return [frozenset(np.flatnonzero(differs[:, i]).tolist()) for i in range(n)]
 
     @cached_property
     def _leaders(self) -> list[int]:
@@ -224,11 +228,7 @@ class ResidueNumbers:
         self, q: Residues, turned: tuple[Residues, Residues], v: Residues, a: Residues
     ) -> Residues:
         """Return the joint-torque regressor (T, n, 10n), as `rigid_body_regressor`."""
-        known = self._steps(q, turned, v, a)
-        Y = np.zeros((len(q), self.robot.n, self.robot.parameters.size), dtype=object)
-        for (row, column), value in self._program[1].items():
-            Y[:, self._leaders[row], column] += self._on_leader(row, _sum(value, known, len(q)))
-        return np.asarray(Y % PRIME)
+        return self._on_leaders(self._dynamics.regressor(self._of_bodies(q, turned, v, a)))
 
     def torques(
         self,
@@ -239,28 +239,24 @@ class ResidueNumbers:
         bodies: Residues,
     ) -> Residues:
         """Return `regressor` @ bodies, (T, n)."""
-        known = self._steps(q, turned, v, a)
-        found = np.zeros((len(q), self.robot.n), dtype=object)
-        for (row, column), value in self._program[1].items():
-            own = self._on_leader(row, _sum(value, known, len(q)))
-            found[:, self._leaders[row]] += own * bodies[column]
-        return np.asarray(found % PRIME)
+        states = self._of_bodies(q, turned, v, a)
+        return self._on_leaders(self._dynamics.torques(states, bodies.astype(np.uint64)))
 
-    def _on_leader(self, row: int, torque: Residues) -> Residues:
-        """Return the torque of a body's joint on its leader: a row of tau = E^T tau_all."""
-        return torque if row < self.robot.n else torque * residue(self._multipliers[row])
-
-    def _steps(
+    def _of_bodies(
         self, q: Residues, turned: tuple[Residues, Residues], v: Residues, a: Residues
-    ) -> dict[str, Residues]:
-        """Return every named value of the program."""
+    ) -> list[Words]:
+        """Return the states (T, b) of the joints of all bodies: q, cosine, sine, v and a."""
         factors = np.array([residue(one) for one in self._multipliers], dtype=object)
         q, v, a = (x[:, self._leaders] * factors % PRIME for x in (q, v, a))
-        states = dict(zip("cs", turned, strict=True)) | {"q": q, "v": v, "a": a}
-        known = {f"{x}{i}": column for x, s in states.items() for i, column in enumerate(s.T)}
-        for name, value in self._program[0].steps.items():
-            known[name] = _sum(value, known, len(q))
-        return known
+        return [x.astype(np.uint64) for x in (q, *turned, v, a)]
+
+    def _on_leaders(self, torques: Words) -> Residues:
+        """Return the torques (T, n, ...) of the independent joints: tau = E^T tau_all."""
+        found = torques[:, : self.robot.n].astype(object)
+        for body in range(self.robot.n, len(self._leaders)):
+            own = torques[:, body].astype(object) * residue(self._multipliers[body])
+            found[:, self._leaders[body]] += own
+        return np.asarray(found % PRIME)
 
     def product(self, left: Residues, right: Residues) -> Residues:
         """Return left @ right."""
@@ -318,23 +314,54 @@ class ResidueNumbers:
         return self.random(count)
 
 
-@lru_cache(1)
-def _program_of(robot: Robot) -> tuple[Program, Entries]:
-    return regressor_program(exact_tree(robot))
-
-
-def residue(value: Fraction) -> int:
-    """Return a rational modulo PRIME."""
-    return value.numerator * pow(value.denominator, -1, PRIME) % PRIME
-
-
 def echelon(H: Residues) -> tuple[list[int], Residues]:
-    """Return pivots and rows (p, m) of the reduced echelon form of H (R, m), leftmost pivots."""
+    """Return pivots and rows (p, m) of the reduced echelon form of H (R, m), leftmost pivots.
+
+    Most rows are the equations of one drive, with few parameters: rows with the same nonzero
+    columns are reduced first, and columns that they determine are removed from all others.
+    """
+    width = H.shape[1]
+    alone, rest = np.zeros(width, dtype=bool), []
+    for columns, rows in _by_columns(H):
+        pivots, reduced = _dense(H[rows][:, columns]) if len(rows) > len(columns) else ([], 0)
+        if len(pivots) == len(columns):
+            alone[columns] = True
+        elif pivots:
+            whole = np.zeros((len(pivots), width), dtype=object)
+            whole[:, columns] = reduced
+            rest.append(whole)
+        else:
+            rest.append(H[rows])
+    others = np.flatnonzero(~alone)
+    pivots, reduced = _dense(np.vstack([np.zeros((0, width), dtype=object), *rest])[:, others])
+    found = {int(others[pivot]): row for pivot, row in zip(pivots, reduced, strict=True)}
+    ordered = sorted({*found, *np.flatnonzero(alone).tolist()})
+    kept = np.zeros((len(ordered), width), dtype=object)
+    for place, pivot in enumerate(ordered):
+        if pivot in found:
+            kept[place, others] = found[pivot]
+        else:
+            kept[place, pivot] = 1
+    return ordered, kept
+
+
+def _by_columns(H: Residues) -> list[tuple[NDArray[np.intp], list[int]]]:
+    """Return the groups of nonzero rows that share their nonzero columns: [(columns, rows)]."""
+    nonzero = H != 0
+    groups: dict[bytes, list[int]] = {}
+    for row, pattern in enumerate(np.packbits(nonzero, axis=1)):
+        groups.setdefault(pattern.tobytes(), []).append(row)
+    found = [(np.flatnonzero(nonzero[rows[0]]), rows) for rows in groups.values()]
+    return [(columns, rows) for columns, rows in found if len(columns)]
+
+
+def _dense(H: Residues) -> tuple[list[int], Residues]:
+    """Return pivots and rows of the reduced echelon form of a matrix without zero columns."""
     rows, width = H.shape
     if not rows or not width:
         return [], np.zeros((0, width), dtype=object)
     reduced, rank = nmod_mat(rows, width, H.ravel().tolist(), PRIME).rref()
-    table = [[int(reduced[i, j]) for j in range(width)] for i in range(rank)]
+    table = [[int(x) for x in row] for row in reduced.tolist()[:rank]]
     kept = np.array(table, dtype=object).reshape(rank, width)
     return [int(np.flatnonzero(row)[0]) for row in kept], kept
 
@@ -376,14 +403,3 @@ def _power(base: Any, exponent: int) -> Any:
     for _ in range(abs(exponent)):
         total = total * base % PRIME
     return total
-
-
-def _sum(value: Value, known: Mapping[str, Residues], count: int) -> Residues:
-    """Return a sum of products of a program."""
-    total = np.zeros(count, dtype=object)
-    for factors, x in value.items():
-        product: Any = residue(Fraction(int(x.p), int(x.q)))
-        for name in factors:
-            product = product * known[name] % PRIME
-        total = total + product
-    return np.asarray(total % PRIME)

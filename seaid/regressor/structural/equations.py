@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, cached_property
 from itertools import chain
 
 import numpy as np
@@ -358,7 +358,7 @@ class System:
     sums: NDArray[np.object_]
     names: tuple[str, ...]
 
-    @property
+    @cached_property
     def used(self) -> frozenset[int]:
         """The indices of the equations that occur in a sum."""
         return frozenset(np.flatnonzero(np.any(self.sums != 0, axis=0)).tolist())

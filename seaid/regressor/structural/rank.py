@@ -271,10 +271,11 @@ def _free(system: System, exact: ResidueNumbers) -> tuple[list[int], Residues]:
     truth = random_truth(exact, system)
     while True:
         new = columns_at_instants(exact, system, truth, width // sums + _MORE_INSTANTS)
-        found, rows = echelon(np.vstack([rows, new]))
-        if len(found) == len(columns):
-            return found, rows
-        columns = found
+        # a random combination of rows is in a row space if they all are
+        mixed = exact.product(exact.random(len(new)), new)
+        if np.array_equal(mixed, exact.product(mixed[columns], rows)):
+            return columns, rows
+        columns, rows = echelon(np.vstack([rows, new]))
 
 
 def _on_motion(

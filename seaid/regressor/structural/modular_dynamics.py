@@ -1,0 +1,255 @@
+"""Inverse dynamics of a robot modulo a prime: torques and regressor, vectorised over instants.
+
+The same Newton-Euler equations as in `seaid.regressor.exact.newton_euler`, evaluated instead of
+written down: in the aligned frame of a body, force m a + B h and moment h x a + I e + w x I w.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+from flint import fmpq_mat
+from numpy.typing import NDArray
+
+from seaid.regressor.exact.geometry import INERTIA, ExactTree, inertia_transform
+
+PRIME = 2**61 - 1
+"""A Mersenne prime that fits in a machine word."""
+
+Words = NDArray[np.uint64]
+"""Integers from 0 to PRIME - 1."""
+
+_P, _LOW, _HALF = np.uint64(PRIME), np.uint64(2**32 - 1), np.uint64(2**29 - 1)
+_29, _32, _61, _3 = (np.uint64(x) for x in (29, 32, 61, 3))
+
+
+def times(left: Words, right: Words) -> Words:
+    """Return left * right, with 2^64 = 8, 2^61 = 1 modulo the prime, in halves of 32 bits."""
+    a, b, c, d = left >> _32, left & _LOW, right >> _32, right & _LOW
+    middle, low = a * d + b * c, b * d
+    total = (a * c << _3) + (middle >> _29) + ((middle & _HALF) << _32)
+    return folded(total + (low & _P) + (low >> _61))
+
+
+def folded(total: Words) -> Words:
+    """Return sums below 2^64 modulo the prime."""
+    total = (total & _P) + (total >> _61)
+    return total - _P * (total >= _P)
+
+
+def minus(left: Words, right: Words) -> Words:
+    """Return left - right."""
+    return folded(left + (_P - right))
+
+
+def residue(value: Fraction) -> int:
+    """Return a rational modulo PRIME."""
+    return value.numerator * pow(value.denominator, -1, PRIME) % PRIME
+
+
+def words(matrix: fmpq_mat) -> Words:
+    """Return a matrix of rationals modulo the prime."""
+    rows = [[residue(Fraction(int(x.p), int(x.q))) for x in row] for row in matrix.tolist()]
+    return np.array(rows, dtype=np.uint64)
+
+
+_Vector = Sequence[Any]
+"""Three components, each of any shape."""
+
+
+def _sum(parts: Sequence[Words]) -> Words:
+    total = parts[0]
+    for part in parts[1:]:
+        total = folded(total + part)
+    return total
+
+
+def _add(left: _Vector, right: _Vector) -> list[Words]:
+    return [folded(x + y) for x, y in zip(left, right, strict=True)]
+
+
+def _cross(left: _Vector, right: _Vector) -> list[Words]:
+    return [
+        minus(times(left[j], right[k]), times(left[k], right[j]))
+        for j, k in ((1, 2), (2, 0), (0, 1))
+    ]
+
+
+def _apply(matrix: Words, vector: _Vector) -> list[Words]:
+    """Return matrix @ vector for a matrix of numbers, of which many are zero or one."""
+    found = []
+    for row in matrix:
+        parts = [v if x == 1 else times(x, v) for x, v in zip(row, vector, strict=True) if x]
+        found.append(_sum(parts) if parts else np.zeros_like(vector[0]))
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class _Joint:
+    parent: int
+    is_prismatic: bool
+    rotation: Words
+    translation: list[Words]
+    from_body: Words
+    """The map (10, 10) from the parameters of the body to those in its aligned frame."""
+
+
+@dataclass(frozen=True, eq=False)
+class ModularDynamics:
+    """A tree modulo the prime; states and torques are ordered as its bodies."""
+
+    joints: tuple[_Joint, ...]
+    bodies: tuple[int, ...]
+    gravity: list[Words]
+
+    def torques(self, states: Sequence[Words], parameters: Words) -> Words:
+        """Return the torques (S, b) at S states, each (S, b): q, cos, sin, v, a; of (10 b,)."""
+        motions = self._motions(states)
+        count = states[0].shape
+        forces: list[tuple[list[Words], list[Words]]] = []
+        for joint, body, motion in zip(self.joints, self.bodies, motions, strict=True):
+            own = _apply(joint.from_body, list(parameters[10 * body : 10 * body + 10]))
+            columns = _wrenches(motion, own)
+            forces.append(columns)
+        found = np.zeros(count, dtype=np.uint64)
+        for place in reversed(range(len(self.joints))):
+            joint, body, (f, n) = self.joints[place], self.bodies[place], forces[place]
+            found[:, body] = f[2] if joint.is_prismatic else n[2]
+            if joint.parent >= 0:
+                f, n = _to_parent(joint, [x[:, body] for x in states[:3]], f, n)
+                up = forces[joint.parent]
+                forces[joint.parent] = (_add(up[0], f), _add(up[1], n))
+        return found
+
+    def regressor(self, states: Sequence[Words]) -> Words:
+        """Return the joint-torque regressor (S, b, 10 b)."""
+        motions = self._motions(states)
+        count, width = states[0].shape
+        found = np.zeros((count, width, 10 * width), dtype=np.uint64)
+        below: list[list[tuple[list[int], list[Words], list[Words]]]] = [[] for _ in self.joints]
+        for place in reversed(range(len(self.joints))):
+            joint, body = self.joints[place], self.bodies[place]
+            f, n = _columns(motions[place], joint.from_body)
+            stacks = [(list(range(10 * body, 10 * body + 10)), f, n), *below[place]]
+            columns = [column for one in stacks for column in one[0]]
+            f, n = (
+                [np.concatenate([one[k][i] for one in stacks], axis=1) for i in range(3)]
+                for k in (1, 2)
+            )
+            below[place] = []
+            found[:, body, columns] = f[2] if joint.is_prismatic else n[2]
+            if joint.parent >= 0:
+                own = [x[:, body, None] for x in states[:3]]
+                below[joint.parent].append((columns, *_to_parent(joint, own, f, n)))
+        return found
+
+    def _motions(self, states: Sequence[Words]) -> list[tuple[_Vector, _Vector, _Vector]]:
+        """Return of every body the acceleration of its origin, w and e, in its aligned frame."""
+        q, c, s, v, a = states
+        zero = np.zeros(len(q), dtype=np.uint64)
+        base = ([minus(zero, x + zero) for x in self.gravity], [zero] * 3, [zero] * 3)
+        motions: list[tuple[_Vector, _Vector, _Vector]] = []
+        for joint, body in zip(self.joints, self.bodies, strict=True):
+            linear, w, e = base if joint.parent < 0 else motions[joint.parent]
+            r = [x + zero for x in joint.translation]
+            linear = _add(linear, _add(_cross(e, r), _cross(w, _cross(w, r))))
+            linear, w, e = (_apply(joint.rotation.T, x) for x in (linear, w, e))
+            own = q[:, body], c[:, body], s[:, body], v[:, body], a[:, body]
+            through = _slid if joint.is_prismatic else _turned
+            motions.append(through(linear, w, e, own))
+        return motions
+
+
+def modular_dynamics(tree: ExactTree) -> ModularDynamics:
+    """Return the inverse dynamics of a tree modulo the prime."""
+    joints = tuple(
+        _Joint(
+            joint.parent,
+            joint.is_prismatic,
+            words(joint.rotation),
+            [x[0] for x in words(joint.translation)],
+            words(inertia_transform(joint.alignment.transpose())),
+        )
+        for joint in tree.joints
+    )
+    return ModularDynamics(joints, tree.bodies, [x[0] for x in words(tree.gravity)])
+
+
+def _turned(linear: _Vector, w: _Vector, e: _Vector, own: Sequence[Words]) -> Any:
+    """Return the motion behind a joint that rotates about z."""
+    _, c, s, speed, rate = own
+
+    def about(x: _Vector) -> list[Words]:
+        return [
+            folded(times(c, x[0]) + times(s, x[1])),
+            minus(times(c, x[1]), times(s, x[0])),
+            x[2],
+        ]
+
+    linear, w, e = about(linear), about(w), about(e)
+    # e' = e + w x z q' + z q''
+    e = [folded(e[0] + times(w[1], speed)), minus(e[1], times(w[0], speed)), folded(e[2] + rate)]
+    return linear, [w[0], w[1], folded(w[2] + speed)], e
+
+
+def _slid(linear: _Vector, w: _Vector, e: _Vector, own: Sequence[Words]) -> Any:
+    """Return the motion behind a joint that slides along z."""
+    q, _, _, speed, rate = own
+    zero = np.zeros_like(q)
+    along, moving = [zero, zero, q], [zero, zero, folded(speed + speed)]
+    linear = _add(linear, _add(_cross(e, along), _cross(w, _cross(w, along))))
+    linear = _add(linear, _cross(w, moving))  # 2 w x z q'
+    return [linear[0], linear[1], folded(linear[2] + rate)], w, e
+
+
+def _wrenches(
+    motion: tuple[_Vector, _Vector, _Vector], own: Sequence[Words]
+) -> tuple[list[Words], list[Words]]:
+    """Return force and moment about the origin of a body with ten parameters."""
+    a, w, e = motion
+    m, h = own[0], [x + np.zeros_like(a[0]) for x in own[1:4]]
+    inertia = [[own[0]] * 3 for _ in range(3)]
+    for value, (i, j) in zip(own[4:], INERTIA, strict=True):
+        inertia[i][j] = inertia[j][i] = value
+    turned, swept = (
+        [_sum([times(x, y) for x, y in zip(row, vector, strict=True)]) for row in inertia]
+        for vector in (e, w)
+    )
+    force = _add([times(m, x) for x in a], _add(_cross(e, h), _cross(w, _cross(w, h))))
+    return force, _add(_cross(h, a), _add(turned, _cross(w, swept)))
+
+
+def _columns(
+    motion: tuple[_Vector, _Vector, _Vector], from_body: Words
+) -> tuple[list[Words], list[Words]]:
+    """Return forces and moments, three arrays (S, 10) each, of the unit parameters of a body."""
+    a, w, e = ([x[:, None] for x in vector] for vector in motion)
+    f, n = _wrenches((a, w, e), list(from_body[:, None, :]))
+    return f, n
+
+
+def _to_parent(
+    joint: _Joint, own: Sequence[Words], f: _Vector, n: _Vector
+) -> tuple[list[Words], list[Words]]:
+    """Return a force and a moment about the origin in the parent's frame."""
+    q, c, s = own
+
+    def back(x: _Vector) -> _Vector:
+        if joint.is_prismatic:
+            return x
+        return [
+            minus(times(c, x[0]), times(s, x[1])),
+            folded(times(s, x[0]) + times(c, x[1])),
+            x[2],
+        ]
+
+    f, n = back(f), back(n)
+    if joint.is_prismatic:
+        n = [minus(n[0], times(q, f[1])), folded(n[1] + times(q, f[0])), n[2]]  # q z x f
+    f, n = _apply(joint.rotation, f), _apply(joint.rotation, n)
+    shift = [x + np.zeros_like(f[0]) for x in joint.translation]
+    return f, _add(n, _cross(shift, f))
