@@ -15,7 +15,7 @@ from seaid.symbolic import equations_of_motion, reduce, separate
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from tests.symbolic.test_gallery import Offset, arm
+from tests.symbolic.systems import Offset, arm
 
 TURNS = 3
 

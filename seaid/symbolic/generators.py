@@ -196,12 +196,12 @@ def _visit_function(scan: _Scan, function: sp.Expr) -> None:
             "unknown"
         )
     if isinstance(function, CIRCULAR):
-        _note_units(scan.units["angle"], parts(function.args[0]))
+        _note_units(scan.units["angle"], parts(function.args[0]), least=False)
         for turn in turns(function.args[0]):
             _visit(scan, sp.cos(turn))
             _visit(scan, sp.sin(turn))
     elif isinstance(function, sp.exp):
-        _note_units(scan.units["exponent"], parts(function.args[0]))
+        _note_units(scan.units["exponent"], parts(function.args[0]), least=True)
     elif isinstance(function, sp.Abs | sp.sign):
         argument = signed(function.args[0])[1]
         scan.signs[argument] = None
@@ -226,11 +226,15 @@ def _is_phase(scan: _Scan, function: sp.Expr) -> bool:
 
 
 def _note_units(
-    units: dict[sp.Expr, sp.Rational], factors: list[tuple[sp.Expr, sp.Rational]]
+    units: dict[sp.Expr, sp.Rational], factors: list[tuple[sp.Expr, sp.Rational]], *, least: bool
 ) -> None:
-    """Extend the common denominators in `units` by those of [(expression, rational factor)]."""
+    """Extend the divisors in `units`, of which the rational factors of the parts are multiples.
+
+    They are common denominators or, for numbers and if `least`, the largest that are possible:
+    cos(173 pi / 1800) and exp(10^12 x) stay what they are.
+    """
     for part, factor in factors:
-        if part.is_number:  # cos(173 pi / 1800) stays what it is
+        if part.is_number or least:
             units[part] = 1 / sp.gcd(1 / units[part] if part in units else 0, factor)
         else:
             units[part] = sp.Integer(lcm(int(units.get(part, 1)), int(factor.q)))

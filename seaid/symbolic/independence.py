@@ -341,8 +341,12 @@ def _eliminated(table: list[_Row]) -> dict[int, dict[int, mpf]]:
         top = len(pivots)
         below = np.where(sizes[:, column] == 0, mpf(1), sizes[:, column])
         sure = np.abs(rows[:, column]) / below
-        best = top + int(np.argmax(sure[top:])) if top < len(rows) else top
-        if top == len(rows) or sure[best] <= _small():
+        # scaled partial pivoting among the entries that are surely not zero
+        largest = np.max(np.abs(rows[top:, column:]), axis=1, initial=mpf(0))
+        shares = np.abs(rows[top:, column]) / np.where(largest == 0, mpf(1), largest)
+        shares = np.where(sure[top:] > _small(), shares, mpf(0))
+        best = top + int(np.argmax(shares)) if top < len(rows) else top
+        if top == len(rows) or shares[best - top] == 0:
             seen = {pivot: rows[i, column] for i, pivot in enumerate(pivots) if sure[i] > _small()}
             dependent[column] = seen
             continue

@@ -49,8 +49,8 @@ class Ring:
 
     `generators` are sympy expressions; `motion`, `unknown`, `known` are their indices by kind;
     `undeclared` are functions of time that the caller did not declare; `moving` are the symbols
-    that change during a motion, time among them. `units` has the common denominator of the
-    rational factors of every "angle", "exponent" and base of a "root".
+    that change during a motion, time among them. `units` has the divisor of every "angle",
+    "exponent" and base of a "root" of which the rational factors are multiples.
     """
 
     context: fmpq_mpoly_ctx

@@ -4,58 +4,9 @@ import pytest
 import sympy as sp
 
 from seaid.symbolic import BaseForm, equations_of_motion, reduce, separate
+from tests.symbolic.systems import Offset, arm, coordinates, g, t
 
-t = sp.Symbol("t")
-g, F_v, F_C, k, r_M, r_L, N = sp.symbols("g F_v F_C k r_M r_L N")
-Offset = tuple[sp.Expr | int, ...]
-
-
-def coordinates(number: int) -> list[sp.Expr]:
-    return [sp.Function(f"q{i}")(t) for i in range(1, number + 1)]
-
-
-def rotation(axis: str, angle: sp.Expr) -> sp.Matrix:
-    c, s = sp.cos(angle), sp.sin(angle)
-    return {
-        "x": sp.Matrix([[1, 0, 0], [0, c, -s], [0, s, c]]),
-        "y": sp.Matrix([[c, 0, s], [0, 1, 0], [-s, 0, c]]),
-        "z": sp.Matrix([[c, -s, 0], [s, c, 0], [0, 0, 1]]),
-    }[axis]
-
-
-def inertial_symbols(body: int) -> list[sp.Symbol]:
-    """The ten parameters of a body in Pinocchio's order."""
-    names = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
-    return [sp.Symbol(f"{name}{body}") for name in names]
-
-
-def arm(axes: str, offsets: list[Offset]) -> tuple[sp.Expr, list[sp.Expr], list[sp.Symbol]]:
-    """Lagrangian, coordinates and parameters of a chain; gravity along -z.
-
-    A letter of `axes` is the axis of a turning joint, a capital one of a sliding joint; `offsets`
-    are the places of the joints in the frame of the body before.
-    """
-    q = coordinates(len(axes))
-    turn, speed, place = sp.zeros(3, 1), sp.zeros(3, 1), sp.zeros(3, 1)
-    orientation, lagrangian = sp.eye(3), sp.Integer(0)
-    parameters: list[sp.Symbol] = []
-    for body, (axis, offset) in enumerate(zip(axes, offsets, strict=True), 1):
-        unit = sp.Matrix([int(axis.lower() == name) for name in "xyz"])
-        rate, slides = q[body - 1].diff(t), axis.isupper()
-        step = sp.Matrix(offset) + (unit * q[body - 1] if slides else sp.zeros(3, 1))
-        relative = sp.eye(3) if slides else rotation(axis, q[body - 1])
-        speed = relative.T * (speed + turn.cross(step) + (unit * rate if slides else 0 * unit))
-        turn = relative.T * turn + (0 * unit if slides else unit * rate)
-        place, orientation = place + orientation * step, orientation * relative
-        symbols = inertial_symbols(body)
-        m, mx, my, mz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz = symbols
-        moment = sp.Matrix([mx, my, mz])
-        inertia = sp.Matrix([[Ixx, Ixy, Ixz], [Ixy, Iyy, Iyz], [Ixz, Iyz, Izz]])
-        kinetic = m * speed.dot(speed) / 2 + turn.dot(inertia * turn) / 2
-        kinetic += moment.dot(speed.cross(turn))
-        lagrangian += kinetic - g * (m * place + orientation * moment)[2]
-        parameters += symbols
-    return lagrangian, q, parameters
+F_v, F_C, k, r_M, r_L, N = sp.symbols("F_v F_C k r_M r_L N")
 
 
 def base_of_arm(axes: str, offsets: list[Offset]) -> BaseForm:
@@ -126,9 +77,9 @@ def test_planar_arm_with_decimal_lengths_in_expanded_equations() -> None:
         equations = [sp.expand(row - tau) for row, tau in zip(equations, torques, strict=True)]
         return reduce(separate(equations, q, [*inertias, *masses]))
 
-    exact = base([sp.Rational(3, 10), sp.Rational(7, 25), sp.Rational(1, 5)])
-    assert len(exact.pivots) == 6
-    assert base([0.3, 0.28, 0.2]).parameters == exact.parameters
+    found = base([0.3, 0.28, 0.2])
+    assert len(found.pivots) == 6
+    assert max(x.q for x in found.echelon) <= 1000  # short fractions, no binary ones
 
 
 def test_sine_and_cosine_that_are_not_reduced_count_nine_instead_of_eight() -> None:
