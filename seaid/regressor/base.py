@@ -250,7 +250,10 @@ def negligible(H: Array) -> BoolArray:
 
 
 AGREEMENT = 1e-9
-"""The largest difference of groupings that rounding can cause."""
+"""The largest difference of groupings that rounding can cause in a well-conditioned choice."""
+
+_LEAST_GAP = 1e7
+"""A rank decision with a smaller gap proves no agreement."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -260,11 +263,12 @@ class CrossCheck(Result):
     Attributes
     ----------
     agree : bool
-        True for the same base columns and `max_difference` below 1e-9.
+        True for the same base columns and `max_difference` below 1e-9 or, in an ill-conditioned
+        choice of columns, below 10 / `gap`, to which rounding is amplified.
     same_columns : bool
     max_difference : float
-        Largest difference of the grouping matrices, relative to the largest coefficient of each
-        base parameter; infinite for different columns.
+        Largest difference of the grouping matrices, relative to the largest coefficient of the
+        base parameter or of the standard parameter; infinite for different columns.
     gap : float
         Margin of the numeric rank decision, see `BaseParameters`.
     counts : (int, int)
@@ -312,11 +316,12 @@ def cross_check(numeric: BaseParameters, exact: BaseParameters) -> CrossCheck:
     same = numeric.columns == exact.columns
     difference = float("inf")
     if same:
-        largest = np.max(np.abs(exact.grouping), axis=1, initial=1.0)
-        apart = np.abs(numeric.grouping - exact.grouping) / largest[:, None]
+        rows, columns = (np.max(np.abs(exact.grouping), axis=k, initial=1.0) for k in (1, 0))
+        largest = np.maximum(rows[:, None], columns)
+        apart = np.abs(numeric.grouping - exact.grouping) / largest
         difference = float(np.max(apart, initial=0.0))
     return CrossCheck(
-        agree=same and difference < AGREEMENT,
+        agree=same and difference < max(AGREEMENT, 10 / max(numeric.gap, _LEAST_GAP)),
         same_columns=same,
         max_difference=difference,
         gap=numeric.gap,

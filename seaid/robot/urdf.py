@@ -193,6 +193,27 @@ def _snap(joint: Any, tolerance: float) -> list[str]:
     return snapped
 
 
+AXIS_RAD = 1e-4
+"""An axis closer than this to a coordinate axis is that axis, written with four digits."""
+
+
+def _snap_axis(joint: Any, tolerance: float) -> list[str]:
+    """Write the exact coordinate axis into a joint; return the rounded text that it replaces."""
+    element = joint.find("axis")
+    if element is None or joint.get("type") == "fixed":
+        return []
+    text = element.get("xyz", "1 0 0")
+    sizes = np.abs(_floats(text))
+    along = int(np.argmax(sizes))
+    tilt = float(np.max(np.delete(sizes, along))) / max(float(sizes[along]), 1e-300)
+    if not FLOAT_NOISE_RAD <= tilt <= min(tolerance, AXIS_RAD):
+        return []
+    exact = ["0", "0", "0"]
+    exact[along] = "1" if _floats(text)[along] > 0 else "-1"
+    element.set("xyz", " ".join(exact))
+    return [text]
+
+
 def _meant_angle(text: str, tolerance: float) -> float | None:
     """Return the multiple of pi/2 that a rounded angle means, None for any other angle."""
     try:
@@ -372,6 +393,15 @@ def urdf_tree(path: Path, text: bytes, snap_tolerance_rad: float) -> UrdfTree:
         warnings.warn(
             f"'{path.name}': {len(snapped)} rounded angles in joint origins taken as the multiples "
             f"of pi/2 they mean ({shown}); snap_tolerance_rad=0 leaves them as written",
+            SeaidWarning,
+            stacklevel=5,
+        )
+    tilted = [text for joint in joints_as_written for text in _snap_axis(joint, snap_tolerance_rad)]
+    if tilted:
+        shown = ", ".join(dict.fromkeys(tilted))
+        warnings.warn(
+            f"'{path.name}': {len(tilted)} rounded axes of joints taken as the coordinate axes "
+            f"they mean ({shown}); snap_tolerance_rad=0 leaves them as written",
             SeaidWarning,
             stacklevel=5,
         )

@@ -79,6 +79,18 @@ def test_another_grouping_does_not_agree(tulip_leg: Robot) -> None:
     assert check.max_difference == pytest.approx(1e-6, rel=1e-8)
 
 
+def test_rounding_of_an_ill_conditioned_choice_is_no_disagreement(tulip_leg: Robot) -> None:
+    """2.6e-9 of the largest coefficient, at a gap of 4e9: rounding, amplified by the choice."""
+    numeric, exact = base_parameters(tulip_leg), exact_base_parameters(tulip_leg)
+    grouping = np.array(numeric.grouping)
+    grouping[0, -1] += 2.4e-9 * max(1.0, np.abs(grouping).max())
+    for gap, agree in ((4e9, True), (1e14, False)):
+        found = cross_check(replace(numeric, grouping=grouping, gap=gap), exact)
+        assert found.agree is agree
+    grouping[0, -1] += 2e-6
+    assert not cross_check(replace(numeric, grouping=grouping, gap=10.0), exact).agree
+
+
 def test_two_robots_are_not_compared(
     tulip_leg: Robot, example_path: Callable[[str], Path], load_quietly: Callable[..., Robot]
 ) -> None:

@@ -215,6 +215,18 @@ def test_the_largest_sizes_stay_finite_in_every_frame(write_urdf: Write) -> None
     assert robot.parameters[0] == pytest.approx(1e9)
 
 
+def test_rounded_axes_are_coordinate_axes_with_a_warning(write_chain: Chain) -> None:
+    rounded = {"a": "0 0.00005 1", "b": "-2 0.0001 0", "c": "0 1 0.0002", "d": "0 1 1e-9"}
+    path = write_chain({name: f'revolute <axis xyz="{xyz}"/>' for name, xyz in rounded.items()})
+    with pytest.warns(SeaidWarning, match=r"2 rounded axes .* \(0 0.00005 1, -2 0.0001 0\); snap_"):
+        joints = read_urdf(path, 2e-3).joints
+    assert joints["a"].axis.tolist() == [0.0, 0.0, 1.0]
+    assert joints["b"].axis.tolist() == [-1.0, 0.0, 0.0]
+    assert joints["c"].axis[2] == pytest.approx(2e-4, rel=1e-6)
+    assert joints["d"].axis.tolist() == [0.0, 1.0, 0.0]
+    assert read_urdf(path, 0.0).joints["a"].axis[1] == pytest.approx(5e-5, rel=1e-6)
+
+
 @pytest.mark.parametrize("axis", ["1e308 1e308 0", "1e-320 1e-320 0", "1e-200 1e-200 0"])
 def test_axis_of_any_length_is_a_direction(write_chain: Chain, axis: str) -> None:
     path = write_chain({"elbow": f'revolute <axis xyz="{axis}"/>'})
