@@ -26,6 +26,7 @@ from seaid.symbolic.generators import (
     prepared,
     root,
     root_bases,
+    shortened,
     signed,
     subexpressions,
     turns,
@@ -114,6 +115,54 @@ def _check_names(expressions: Sequence[sp.Expr], declared: Sequence[sp.Expr]) ->
                     "share the name but not the assumptions (real, positive ...); create it once "
                     "and use it everywhere"
                 )
+
+
+def without_dependent(
+    expressions: Sequence[sp.Expr],
+    relations: Any,
+    signals: tuple[sp.Expr, ...],
+    unknowns: tuple[sp.Symbol, ...],
+) -> list[sp.Expr]:
+    """Return the equations without the signals for which the relations can be solved."""
+    found = list(expressions)
+    left = [prepared(scalar("a relation", one)) for one in listed(relations)]
+    for one in left:
+        if one.free_symbols.intersection(unknowns):
+            raise SymbolicError(
+                f"the relation {shortened(one)} = 0 contains an unknown; relations are between "
+                "signals, with known constants: give it as an equation"
+            )
+    while left:
+        solved = next(filter(None, (_solved(one, signals) for one in left)), None)
+        if solved is None:
+            raise SymbolicError(
+                f"the relation {shortened(left[0])} = 0 cannot be solved for a signal; allowed "
+                "are relations in which a signal occurs once, linearly and with a constant "
+                "factor, such as u - q': write the equations in independent coordinates, or give "
+                "sine and cosine of a dependent angle as signals with a relation each"
+            )
+        used, rule = solved
+        found, left = (
+            [prepared(one.xreplace(rule)) for one in several]
+            for several in (found, [one for one in left if one is not used])
+        )
+        left = [one for one in left if sp.expand(one, trig=True) != 0]
+    return found
+
+
+def _solved(
+    relation: sp.Expr, signals: Sequence[sp.Expr]
+) -> tuple[sp.Expr, dict[sp.Expr, sp.Expr]] | None:
+    """Return the relation and {signal: its value}, for the last signal that it determines."""
+    for signal in reversed(signals):
+        if any(one.expr == signal for one in relation.atoms(sp.Derivative)):
+            continue
+        x = sp.Dummy("x")
+        inside = relation.xreplace({signal: x})
+        slope = sp.expand(inside.diff(x))
+        if slope != 0 and not slope.has(x, AppliedUndef, *signals):
+            return relation, {signal: sp.expand(-inside.subs(x, 0) / slope)}
+    return None
 
 
 _MOST_POWER = 10**9

@@ -27,7 +27,7 @@ from seaid.symbolic.entries import (
     normalised,
     with_multiples,
 )
-from seaid.symbolic.from_sympy import declared, read_equations
+from seaid.symbolic.from_sympy import declared, read_equations, without_dependent
 from seaid.symbolic.generators import located, shortened
 from seaid.symbolic.polynomial import (
     MAX_TERMS,
@@ -76,6 +76,7 @@ def separate(
     motion: Iterable[sp.Expr],
     unknowns: Iterable[sp.Symbol],
     *,
+    relations: Any = (),
     max_terms: int = MAX_TERMS,
     progress: bool = False,
 ) -> RegressorForm:
@@ -93,6 +94,10 @@ def separate(
         a sin(q + phi) these are a cos(phi) and a sin(phi). Every other symbol is known and
         stays a symbol; a symbol t is time. A function of time that is not in `motion` is an input
         and must not multiply an unknown; so is a symbol that multiplies nothing that moves.
+    relations : sympy expression, Eq, or several, optional
+        Expressions in signals that are zero along every motion, such as u - q' for a generalised
+        speed, or q2 + 2 q1 for a gear. Each must give one signal: it occurs once, linearly, with a
+        constant factor. That signal, the last one declared, is replaced with its derivatives.
     max_terms : int, default 500 000
         Limit on the terms of one polynomial.
     progress : bool, default False
@@ -108,8 +113,8 @@ def separate(
     SymbolicError
         If an unknown is inside a function or in a denominator that cannot be cleared, for unusable
         `motion` or `unknowns`, for an undeclared function of time that multiplies an unknown, for
-        complex numbers and integrals, for equations without unknowns and for equations of more
-        than `max_terms` terms.
+        complex numbers and integrals, for relations that give no signal, for equations without
+        unknowns and for equations of more than `max_terms` terms.
 
     Notes
     -----
@@ -128,6 +133,7 @@ def separate(
     Matrix([[Derivative(x(t), (t, 2)), Derivative(x(t), t)]])
     """
     expressions, signals, symbols = declared(equations, motion, unknowns)
+    expressions = without_dependent(expressions, relations, signals, symbols)
     ring, ratios = read_equations(expressions, signals, symbols, max_terms, progress=progress)
     symbols = _with_phases(ring, symbols)
     rows: list[Row] = []

@@ -282,6 +282,47 @@ def test_an_unknown_phase_gives_two_parameters() -> None:
         separate(m * sp.tan(x + phi) * y, [x, y, a], [m, phi])
 
 
+q1, q2, u1, u2 = (sp.Function(name)(t) for name in ("q1", "q2", "u1", "u2"))
+
+
+def test_signals_that_depend_on_each_other_are_declared() -> None:
+    """Kane's speeds, a gear, and a chain of both; without the relations all are independent."""
+    rolling = m * u1.diff(t) + r * q1.diff(t, 2) + k * u1 + c * q1.diff(t) - a
+    unknowns, signals = [m, r, k, c], [q1, u1, a]
+    assert reduce(separate(rolling, signals, unknowns)).pivots == (0, 1, 2, 3)
+    form = separate(rolling, signals, unknowns, relations=sp.Eq(u1, q1.diff(t)))
+    assert list(reduce(form).parameters) == [m + r, k + c]
+    turning = m * u1 + r * sp.sin(q1) * u2 + k * q1.diff(t) - a
+    speeds = [u1 - sp.cos(q1) * q2.diff(t) - q1.diff(t), u2 - q2.diff(t)]
+    form = separate(turning, [q1, q2, u1, u2, a], [m, r, k], relations=speeds)
+    assert list(form.regressor) == [
+        q1.diff(t) + sp.cos(q1) * q2.diff(t),
+        sp.sin(q1) * q2.diff(t),
+        q1.diff(t),
+    ]
+    gear = m * q1.diff(t, 2) + r * q2.diff(t, 2) + k * sp.sin(q1) * sp.cos(q1) + c * sp.sin(q2) - a
+    form = separate(gear, [q1, q2, a], unknowns, relations=[q2 - 2 * q1, 2 * q2 - 4 * q1])
+    assert list(reduce(form).parameters) == [m + 2 * r, k + 2 * c]
+    slow = [u2 - u1.diff(t), u1 - q1.diff(t)]
+    form = separate(m * u2 + r * q1.diff(t, 2) - a, [q1, u1, u2, a], [m, r], relations=slow)
+    assert list(reduce(form).parameters) == [m + r]
+
+
+@pytest.mark.parametrize(
+    ("relation", "words"),
+    [
+        (sp.cos(q1) + sp.cos(q2) - 1, ["cos(q2(t)) - 1 = 0 cannot be solved", "independent coord"]),
+        (q1 * q2 - 1, ["cannot be solved for a signal"]),
+        (q1 - m * q2, ["contains an unknown", "as an equation"]),
+        ("q1 = q2", ["a relation must be a scalar sympy expression"]),
+    ],
+)
+def test_relations_that_give_no_signal_are_refused(relation: sp.Expr, words: list[str]) -> None:
+    with pytest.raises(SymbolicError) as caught:
+        separate(m * q1 + r * q2 - a, [q1, q2, a], [m, r], relations=[relation])
+    assert all(word in str(caught.value) for word in words), str(caught.value)
+
+
 # Multiples of an angle, as a gear with many teeth has them: powers of sine and cosine would cancel.
 
 
