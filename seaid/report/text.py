@@ -142,7 +142,7 @@ def log_table(log: Log) -> Text:
 def estimate_table(estimate: Estimate) -> Text:
     """Return the parameters of an estimate with standard errors."""
     rows = [
-        [cut(name), number(value), number(error), percent(error / abs(value)), unit]
+        [cut(name), number(value), number(error), percent(error / (abs(value) or np.nan)), unit]
         for name, value, error, unit in _entries(estimate)
     ]
     header = ["parameter", "estimated", "std. error", "rel.", "unit"]
@@ -226,7 +226,7 @@ def drive_table(
         for name, value, error, unit in _entries(estimate):
             exact = values.get(name, np.nan)
             off = [number(exact), percent(value / exact - 1 if exact else np.nan)]
-            numbers = [number(value), number(error), percent(error / abs(value))]
+            numbers = [number(value), number(error), percent(error / (abs(value) or np.nan))]
             rows.append([joint, name, *numbers, *([] if known is None else off), unit])
     return table(title, [*header, *([] if known is None else compared), "unit"], rows)
 
@@ -243,7 +243,7 @@ def load_table(title: str, found: Identification, truth: Robot | None = None) ->
     rows = []
     for exact, (name, value, error, unit) in zip(true, _entries(found.load), strict=True):
         off = [number(exact), f"{(value - exact) / error:+.1f} s.e."]
-        numbers = [number(value), number(error), percent(error / abs(value))]
+        numbers = [number(value), number(error), percent(error / (abs(value) or np.nan))]
         rows.append([cut(name), *numbers, *([] if truth is None else off), unit])
     return table(title, [*header, *([] if truth is None else ["true", "off by"]), "unit"], rows)
 

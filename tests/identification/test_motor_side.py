@@ -23,6 +23,7 @@ from seaid.identification.motor_side import (
 from seaid.identification.output_error import refine
 from seaid.log.motion import reconstruct_motion
 from seaid.log.reading import Log
+from seaid.report.text import short_text
 from seaid.robot.robot import Robot
 from tests.experiments import leg, leg_motion, perfect_log
 
@@ -88,6 +89,16 @@ def test_the_method_is_said_and_a_right_set_up_has_no_doubt(found: Identificatio
     assert "by output error" in notes[0].message
     assert [one for one in found.warnings if one.severity != "note"] == []
     assert found.drives["arm"].value("spring_offset") == 0.0
+
+
+def test_tables_report_and_file_have_the_known_offset(
+    found: Identification, tmp_path: Path
+) -> None:
+    assert "spring_offset" in short_text(found, found.known, verbose=True)
+    assert "motor-side" in str(found.summary())
+    found.save(tmp_path / "parameters.json")
+    seaid.write_report(found, tmp_path / "report.html")
+    assert "no sensor behind the spring" in (tmp_path / "report.html").read_text("utf-8")
 
 
 def test_refine_of_the_same_log_stays(found: Identification) -> None:
