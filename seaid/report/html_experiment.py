@@ -331,7 +331,8 @@ def _offset_rows(found: Identification, joint: str) -> Iterator[_Row]:
         return
     if {"spring_offset", "stiffness"} <= set(estimate.names) and "preload" not in drive.spring:
         k, f = estimate.value("stiffness"), estimate.value("spring_offset")
-        if k:
+        # without a sensor behind the spring the offset is zero by definition
+        if k and estimate.standard_error("spring_offset") > 0:
             both = [estimate.names.index(one) for one in ("spring_offset", "stiffness")]
             slope = np.array([-1 / k, f / k**2])  # of -f / k
             error = float(np.sqrt(slope @ estimate.covariance[np.ix_(both, both)] @ slope))
