@@ -54,6 +54,7 @@ COMMANDS = {
     "identify": "Identify drives and bodies from one log or several.",
     "validate": "Identify from some logs, or load a run, and predict the torques of another log.",
     "terms": "Compare which further terms of friction and springs the logs support.",
+    "frequency": "Measure frequency responses of joints: resonance, damping and springs.",
     "refine": "Refine an identification to the maximum-likelihood estimate of both sides at once.",
     "cross-validate": "Validate each log on the model identified from all the others.",
     "conditions": "Identify several conditions together, such as cold and warm.",

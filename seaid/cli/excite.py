@@ -22,10 +22,11 @@ from seaid.cli.options import (
     names,
     one_of,
     values,
+    vector,
 )
 
 if TYPE_CHECKING:
-    from seaid.excitation import Excitation, Limits, Trajectory
+    from seaid.excitation import Excitation, Limits, Multisine, Trajectory
 
 
 _OF_ALL = "for all joints, or as knee=2,hip=1"
@@ -37,12 +38,56 @@ class MotionOptions:
 
     duration: Annotated[float, Option(help="Duration of the motion [s].")] = 10.0
     basis: Annotated[
-        str, one_of("basis", "bspline, fourier or polynomial.", lambda: seaid.excitation.BasisName)
+        str,
+        one_of(
+            "basis",
+            "bspline, fourier, polynomial, or multisine for frequency responses.",
+            lambda: seaid.excitation.BasisName,
+        ),
     ] = "bspline"
     ends_in_motion: Annotated[
         bool, Option("--ends-in-motion", help="Start and end in motion, with run-in and run-out.")
     ] = False
     rate_hz: Annotated[float, Option(help="Rate of the set-points [Hz].")] = 1000.0
+
+
+@dataclass(frozen=True)
+class MultisineOptions:
+    """The shape of a multisine."""
+
+    band: Annotated[
+        str | None, Option(help="Multisine: lowest, highest frequency [Hz], as 0.5,20.")
+    ] = None
+    period_s: Annotated[
+        float | None, Option(help="Multisine: period [s]; default: half of the duration.")
+    ] = None
+    spectrum: Annotated[
+        str, Option(help="Multisine: equal amplitudes of position, velocity or acceleration.")
+    ] = "acceleration"
+    amplitude: Annotated[
+        str | None,
+        Option(help=f"Multisine: largest displacement [rad or m], {_OF_ALL}; 0 holds a joint."),
+    ] = None
+    posture: Annotated[str | None, Option(help=f"Multisine: mean position, {_OF_ALL}.")] = None
+    realisation: Annotated[int, Option(help="Multisine: number of the random phases.")] = 0
+    experiment: Annotated[int, Option(help="Multisine: number of the orthogonal experiment.")] = 0
+
+    def shape(self) -> Multisine:
+        """Return the shape."""
+        from seaid.excitation import Multisine
+
+        band = None if self.band is None else vector("--band", self.band)
+        if band is not None and len(band) != 2:
+            raise typer.BadParameter("give two frequencies, as 0.5,20", param_hint="--band")
+        return Multisine(
+            band_hz=None if band is None else (band[0], band[1]),
+            period_s=self.period_s,
+            spectrum=self.spectrum,  # type: ignore[arg-type]  # checked by Multisine
+            amplitude=values("--amplitude", self.amplitude),
+            posture=values("--posture", self.posture),
+            realisation=self.realisation,
+            experiment=self.experiment,
+        )
 
 
 @dataclass(frozen=True)
@@ -103,6 +148,7 @@ class SearchOptions:
 def excite(
     given: RobotOptions,
     motion: MotionOptions,
+    multisine: MultisineOptions,
     limits: LimitOptions,
     search: SearchOptions,
     *,
@@ -116,10 +162,11 @@ def excite(
 
     The command writes the trajectory as JSON, and its set-points as CSV next to it. The motion
     starts and ends at rest; --ends-in-motion allows a better excitation. The default limits are
-    those of the URDF.
+    those of the URDF. A multisine has random phases instead of a search, and a run-in and run-out.
 
     seaid excite leg.urdf --drives leg.toml --velocity 2.5 -o plan.json
     seaid excite arm.urdf --duration 20 --velocity shoulder=1,elbow=2 --torque-joints shoulder,elbow
+    seaid excite leg.urdf --basis multisine --band 0.5,15 --amplitude hip=0.1,knee=0.2
     seaid excite arm.urdf --ends-in-motion --joint-trajectory arm.yaml -o plan.json
     """
     from seaid.excitation import add_run_in, design_excitation
@@ -136,6 +183,7 @@ def excite(
         robot,
         motion.duration,
         basis=motion.basis,  # type: ignore[arg-type]  # checked by one_of
+        multisine=multisine.shape() if motion.basis == "multisine" else None,
         limits=asked,
         rest_to_rest=not motion.ends_in_motion,
         torque_joints=names(search.torque_joints),
@@ -148,7 +196,7 @@ def excite(
         progress=is_terminal(),
     )
     planned = plan.trajectory
-    if motion.ends_in_motion:
+    if motion.ends_in_motion or motion.basis == "multisine":
         planned = add_run_in(planned, robot, asked)
     with written(output, ".json") as file:
         planned.save(file)

@@ -19,7 +19,7 @@ from seaid._progress import Result, counted
 from seaid.drives import Drive
 from seaid.errors import Finding, IdentificationError, by_severity, checked, listed
 from seaid.estimation import Estimate
-from seaid.excitation import FourierBasis, Trajectory
+from seaid.excitation import FourierBasis, JoinedBasis, Trajectory
 from seaid.identification.identification import Identification
 from seaid.identification.linear_joints import LinearJoints, fitted, linearised, reflection
 from seaid.identification.spectra import (
@@ -154,19 +154,19 @@ def frequency_response(
     >>> found.drives["knee"].value("resonance"), found.drives["knee"].interval(0.95)
     """
     logs = [logs] if isinstance(logs, Log) else list(logs)
-    basis = getattr(plan, "basis", None)
-    if plan is not None and not isinstance(basis, FourierBasis):
-        text = "plan= must be a multisine, from design_excitation(..., basis='multisine')"
-        raise IdentificationError(f"{text}, found a {type(basis).__name__}", "plan=")
-    period = basis.period_s if isinstance(basis, FourierBasis) else period_s
+    multisine = None if plan is None else _multisine_of(plan)
+    period = period_s if multisine is None else multisine.basis.period_s
+    if plan is not None:
+        logs = [_within(log, plan) for log in logs]
     rate, periodic = _rate_of(logs, period), period is not None
     band = _band(band_hz, _OF_NYQUIST * rate / 2)
     ratio = np.array([reflection(robot.drives[joint]) for joint in robot.joint_names])
     records = [record_of(robot, log, ratio, period) for log in logs]
     picked = _picked(robot, records, joints, band[1])
-    spectra = spectra_of(records, picked, band, _harmonics(basis, plan), periodic=periodic)
+    spectra = spectra_of(records, picked, band, _harmonics(multisine), periodic=periodic)
     held = np.mean([one.posture for one in records], axis=0)
-    posture = at_joints(robot.transmission, held) if plan is None else plan.coefficients[0]
+    posture = at_joints(robot.transmission, held)
+    posture = posture if multisine is None else multisine.coefficients[0]
     nominal = linearised(robot, posture, picked)
     drives = [robot.drives[robot.joint_names[index]] for index in picked]
     fit = fitted(spectra, nominal, drives)
@@ -258,12 +258,46 @@ def _picked(
     return picked
 
 
-def _harmonics(basis: Any, plan: Trajectory | None) -> Array | None:
-    """Return the numbers of the harmonics that a plan excites, None without a plan."""
-    if plan is None:
+@dataclass(frozen=True, eq=False)
+class _Multisine:
+    """The Fourier series of a plan."""
+
+    basis: FourierBasis
+    coefficients: Array
+
+
+def _multisine_of(plan: Trajectory) -> _Multisine:
+    """Return the multisine of a plan, which may have a run-in. Raises IdentificationError."""
+    parts = plan.basis.parts if isinstance(plan.basis, JoinedBasis) else (plan.basis,)
+    first = 0
+    for part in parts:
+        if isinstance(part, FourierBasis):
+            return _Multisine(part, plan.coefficients[first : first + part.size])
+        first += part.size
+    raise IdentificationError(
+        "plan= must be a multisine, from design_excitation(..., basis='multisine'), found a "
+        f"{type(plan.basis).__name__}",
+        "plan=",
+    )
+
+
+def _within(log: Log, plan: Trajectory) -> Log:
+    """Return the part of a log without run-in and run-out, if it is as long as the plan."""
+    begin, end = plan.main_interval
+    start = float(log.time[0])
+    if float(log.time[-1]) - start < end - 1e-6 or (begin, end) == (0.0, plan.duration):
+        return log
+    step = (float(log.time[-1]) - start) / (len(log.time) - 1)
+    return log.between(start + begin - 1e-6 * step, start + end + 1e-6 * step)
+
+
+def _harmonics(multisine: _Multisine | None) -> Array | None:
+    """Return the numbers of the harmonics that are excited, None if they are not known."""
+    if multisine is None:
         return None
-    sizes = np.abs(plan.coefficients[1:]).reshape(2, basis.harmonics, -1).sum(axis=(0, 2))
-    return np.asarray(1 + np.flatnonzero(sizes))
+    sizes = np.abs(multisine.coefficients[1:]).reshape(2, multisine.basis.harmonics, -1)
+    total = sizes.sum(axis=(0, 2))
+    return np.asarray(1 + np.flatnonzero(total > 1e-9 * total.max()))
 
 
 def _level(drive: Drive, ratio: float) -> float:

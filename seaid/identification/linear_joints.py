@@ -296,6 +296,9 @@ _SCAN = 8
 _AVERAGED = 40
 """Lines of all logs over which a power is averaged, at least: fewer make intervals too narrow."""
 
+_LEAST_NOISE = 1e-4
+"""Share of the errors that noise of the torque, and that of the angle, have at least."""
+
 _LEAST_LEFT = 0.1
 """Share of the power of a line that the fit leaves at least."""
 
@@ -385,17 +388,19 @@ def _rigid(U: Array, Y: Array, s: Any) -> tuple[Array, Array, Array]:
     return 0.5 * (mass + mass.T), x[:, n], 0.5 * (gravity + gravity.T)
 
 
-def _shape(error: Array, gain: Array) -> Array:
-    """Return a + b gain (L,), the power of noise of the torque and of the angle, fitted to errors.
+def _noise(error: Array, gain: Array) -> Array:
+    """Return (a, b), the power of noise of torque and angle: a + b gain fits errors (L,).
 
     Iterated weights, since the scatter of a power is of its own size.
     """
     columns = np.column_stack([np.ones_like(gain), gain])
     shape = np.full_like(error, np.mean(error))
+    least = _LEAST_NOISE * np.mean(error) / np.array([1.0, np.mean(gain)])
+    found = least
     for _ in range(_ROUNDS):
-        found, _ = nnls(columns / shape[:, None], error / shape)
-        shape = np.maximum(columns @ found, 1e-3 * np.mean(error) + 1e-300)
-    return shape
+        found = np.maximum(nnls(columns / shape[:, None], error / shape)[0], least)
+        shape = columns @ found
+    return np.asarray(found)
 
 
 @dataclass(frozen=True, eq=False)
@@ -415,9 +420,14 @@ class _Problem:
         joints, _ = self.parameters.joints(x)
         return joints.compliance(self.s)[:, : len(joints.elastic)]
 
-    def errors(self, x: Array, weights: Array) -> Array:
-        """Return weights (L, n, n) times the errors (E, L, n), less what the ends may explain."""
-        H = self.responses(x)
+    def errors(self, x: Array, noise: Array) -> Array:
+        """Return the errors of the torques (E, L, n), less what the ends may explain.
+
+        They are divided by their standard deviation, the root of a + b |A|^2 with `noise` (2, L, n)
+        a and b of torques and angles and A = H^-1, as in the maximum-likelihood estimator with
+        errors in both (Pintelon and Schoukens 2012, section 9.11).
+        """
+        H, weights = self.whitened(x, noise)
         n = H.shape[1]
         _, dry = self.parameters.joints(x)
         force = self.spectra.torque.mean(1) - dry * self.spectra.sign.mean(1)
@@ -430,6 +440,13 @@ class _Problem:
         real, imaginary = np.split(left, 2, axis=1)
         return (real + 1j * imaginary).reshape(error.shape)
 
+    def whitened(self, x: Array, noise: Array) -> tuple[Array, Array]:
+        """Return the responses, and the weights (L, n, n) by which errors of angles are errors."""
+        H = self.responses(x)
+        A = safely(np.linalg.inv, H[:, :, : H.shape[1]], what=_WHAT)
+        power = noise[0] + noise[1] * np.sum(np.abs(A) ** 2, axis=2)
+        return H, A / np.sqrt(power)[:, :, None]
+
     def ends(self, H: Array, weights: Array) -> Array:
         """Return an orthonormal basis (2Ln, c) of what the ends of one log may do."""
         n = H.shape[1]
@@ -438,23 +455,21 @@ class _Problem:
         powers = [(power, (self.s / scale)[:, None, None] ** power) for power in self.powers]
         parts = [ends[:, :, :n] * factor for _, factor in powers]
         parts += [ends[:, :, n:] * factor for power, factor in powers if power in (0, 1)]
-        ends = np.concatenate(parts, axis=2)
-        columns = ends.reshape(-1, ends.shape[2])
+        columns = np.concatenate(parts, axis=2)
+        columns = columns.reshape(-1, columns.shape[2])
         return np.asarray(np.linalg.qr(np.vstack([columns.real, columns.imag]))[0])
 
-    def weights(self, x: Array) -> tuple[Array, Array]:
-        """Return weights (L, n, n), and the variance (L, n) of the torques that they come from.
-
-        A = H^-1 turns an error of the angles into one of the torques, whose variance is smooth.
-        """
+    def noise(self, x: Array) -> Array:
+        """Return the noise (2, L, n) of torques and angles, a fit times the power of near lines."""
         n = self.spectra.torque.shape[-1]
-        A = safely(np.linalg.inv, self.responses(x)[:, :, :n], what=_WHAT)
-        error = np.mean(np.abs(self.errors(x, A)) ** 2, axis=0)
-        least = 1e-12 * np.mean(np.abs(self.spectra.torque) ** 2, axis=(0, 1, 2))
-        shape = np.stack([_shape(error[:, i], np.abs(A[:, i, i]) ** 2) for i in range(n)], axis=1)
-        power = self.spare_share * shape * self.averaged(error / shape)
-        power = np.maximum(power, least)
-        return A / np.sqrt(power)[:, :, None], power
+        plain = np.stack([np.ones((len(self.s), n)), np.zeros((len(self.s), n))])
+        _, A = self.whitened(x, plain)
+        error = np.mean(np.abs(self.errors(x, plain)) ** 2, axis=0)
+        error = np.maximum(error, 1e-24 * np.mean(np.abs(self.spectra.torque) ** 2))
+        gain = np.sum(np.abs(A) ** 2, axis=2)
+        found = np.array([_noise(error[:, i], gain[:, i]) for i in range(n)]).T[:, None]
+        shape = found[0] + found[1] * gain
+        return np.asarray(found * self.spare_share * self.averaged(error / shape))
 
     def averaged(self, power: Array) -> Array:
         """Return a power (L, n) averaged over near lines."""
@@ -482,18 +497,18 @@ class _Problem:
 
     def solved(self, x: Array, rounds: int) -> tuple[Array, float]:
         """Return the parameters and the cost, the logarithm of the residual torques."""
-        power = np.ones(1)
         for _ in range(rounds):
-            weights, power = self.weights(x)
             found = least_squares(
-                self._real, x, args=(weights,), x_scale=self._scale(x), max_nfev=12
+                self._real, x, args=(self.noise(x),), x_scale=self._scale(x), max_nfev=12
             )
             step = np.max(np.abs(found.x - x) / self._scale(x))
             x = found.x
             if step < 1e-6:
                 break
-        _, power = self.weights(x)
-        return x, float(np.sum(np.log(power)))
+        noise = self.noise(x)
+        H, weights = self.whitened(x, noise)
+        by_torque = np.einsum("lij,ljk->lik", weights, H[:, :, : H.shape[1]])
+        return x, -2 * float(np.sum(np.log(np.abs(np.einsum("lii->li", by_torque)))))
 
     def _scale(self, x: Array) -> Array:
         """Return typical sizes of the parameters: of one kind the largest."""
@@ -507,25 +522,25 @@ class _Problem:
         ]
         return np.concatenate(sizes)
 
-    def _real(self, x: Array, weights: Array) -> Array:
-        error = self.errors(x, weights).ravel()
+    def _real(self, x: Array, noise: Array) -> Array:
+        error = self.errors(x, noise).ravel()
         return np.concatenate([error.real, error.imag])
 
     def fit(self, x: Array) -> Fit:
         """Return the fit with the covariance of its parameters."""
-        weights, _ = self.weights(x)
+        noise = self.noise(x)
         steps = 1e-6 * self._scale(x)
         slopes = [
-            (self._real(x + one, weights) - self._real(x - one, weights)) / (2 * step)
+            (self._real(x + one, noise) - self._real(x - one, noise)) / (2 * step)
             for one, step in zip(np.diag(steps), steps, strict=True)
         ]
         J = np.array(slopes).T
         scale = self._scale(x)
         inverse = scale[:, None] * safely(np.linalg.pinv, J * scale, what=_WHAT)
-        errors = self.errors(x, weights)
+        errors = self.errors(x, noise)
         # the power of a line, of which the fit takes the share h, is |e|^2 / (1 - h), as in HC2
         # (MacKinnon and White 1985), averaged over near lines; real and imaginary parts have half
-        Q = self.ends(self.responses(x), weights)
+        Q = self.ends(*self.whitened(x, noise))
         by_fit = np.sum(np.linalg.qr(J)[0] ** 2, axis=1).reshape(2, *errors.shape).mean(axis=0)
         by_ends = np.sum(Q**2, axis=1).reshape(2, *errors.shape[1:]).mean(axis=0)
         left = np.maximum(1 - by_fit - by_ends, _LEAST_LEFT)

@@ -2,6 +2,7 @@ from .comparison import Comparison as Comparison
 from .comparison import Difference as Difference
 from .comparison import comparison_of as comparison_of
 from .comparison import comparison_of_parameters as comparison_of_parameters
+from .figures import save_frequency_figure as save_frequency_figure
 from .figures import save_sensitivity_figure as save_sensitivity_figure
 from .figures import sensitivity_table as sensitivity_table
 from .html import write_calibration as write_calibration

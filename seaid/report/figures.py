@@ -15,7 +15,7 @@ from seaid.report.text import Text, cut, joined, number, table
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from seaid.identification import CutoffSensitivity
+    from seaid.identification import CutoffSensitivity, FrequencyResponse
 
 
 def save_figure(figure: Figure, path: str | Path) -> None:
@@ -89,4 +89,52 @@ def save_sensitivity_figure(result: CutoffSensitivity, path: str | Path) -> None
     for axis in axes[len(result.names) :]:
         axis.set_axis_off()
     figure.supxlabel("cutoff [Hz]", fontsize="small")
+    save_figure(figure, path)
+
+
+def save_frequency_figure(found: FrequencyResponse, path: str | Path) -> None:
+    """Draw the response of each motor angle to its own torque, with its model and its noise."""
+    from matplotlib.figure import Figure
+
+    count = len(found.joints)
+    figure = Figure(figsize=(1.0 + 3.6 * count, 5.4), layout="constrained")
+    figure.suptitle("Motor angle per motor torque, measured and computed", fontsize=11)
+    axes = figure.subplots(2, count, sharex=True, squeeze=False)
+    hz = found.frequency_hz
+    lines = {"fit": (found.model, "black", "-"), "identification": (found.identified, "C1", "--")}
+    for place, joint in enumerate(found.joints):
+        upper, lower = axes[:, place]
+        own = found.response[:, place, place]
+        dots = {"color": "0.45", "marker": "o", "markersize": 3, "linestyle": "none"}
+        upper.loglog(hz, np.abs(own), **dots, label="measured")
+        lower.semilogx(hz, np.degrees(np.angle(own)), **dots)
+        for name, style, std in (
+            ("deviation by noise", ":", found.noise_std),
+            ("deviation in total", "-.", found.total_std),
+        ):
+            if np.any(np.isfinite(std)):
+                upper.loglog(hz, std[:, place, place], style, color="0.6", lw=0.9, label=name)
+        for name, (response, color, style) in lines.items():
+            if response is not None:
+                one = response[:, place, place]
+                upper.loglog(hz, np.abs(one), style, color=color, lw=1.1, label=name)
+                lower.semilogx(hz, np.degrees(np.angle(one)), style, color=color, lw=1.1)
+        if joint in found.drives:
+            marks = (("resonance", "tab:red"), ("antiresonance", "tab:blue"))
+            for name, color in marks:
+                at = found.drives[joint].value(name)
+                if hz[0] <= at <= hz[-1]:
+                    upper.axvline(at, color=color, lw=0.8, linestyle="--", label=name)
+        upper.set_title(joint, fontsize=9, loc="left")
+        lower.set_xlabel("frequency [Hz]")
+        for axis in (upper, lower):
+            axis.grid(color="0.9")
+    axes[0, 0].set_ylabel("rad/(N m)")
+    axes[1, 0].set_ylabel("phase [°]")
+    handles = {
+        label: handle
+        for axis in axes[0]
+        for handle, label in zip(*axis.get_legend_handles_labels(), strict=True)
+    }
+    figure.legend([*handles.values()], [*handles], loc="outside lower center", ncols=4, fontsize=8)
     save_figure(figure, path)

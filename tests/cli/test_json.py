@@ -39,6 +39,7 @@ ARGUMENTS = {
     "terms": "arm.urdf run.csv --drives arm.toml --of elbow",
     "report": "arm.urdf --from run.csv --drives arm.toml",
     "export": "arm.urdf --from run.csv --drives arm.toml",
+    "frequency": "arm.urdf run.csv --drives arm.toml --band 0.3,5",
     "refine": "arm.urdf run.csv --drives arm.toml",
     "delays": "arm.urdf run.csv --drives arm.toml",
     "gear-ratio": "arm.urdf run.csv --drives arm.toml",

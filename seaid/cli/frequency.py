@@ -1,0 +1,102 @@
+"""Command frequency: resonance, damping and springs by frequency response."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from typer import Option
+
+from seaid.cli.messages import written
+from seaid.cli.options import (
+    FailOn,
+    IdentifyOptions,
+    Logs,
+    ResultOptions,
+    Run,
+    check_fail_on,
+    check_joints,
+    checked_suffix,
+    fail_on_warnings,
+    names,
+    vector,
+)
+
+if TYPE_CHECKING:
+    from seaid.identification import FrequencyResponse
+
+
+def frequency(
+    given: IdentifyOptions,
+    logs: Logs,
+    *,
+    run: Run = None,
+    plan: Annotated[
+        Path | None, Option(help="The multisine that the logs followed.", metavar="JSON")
+    ] = None,
+    period_s: Annotated[float | None, Option(help="Period of the logs without --plan [s].")] = None,
+    band: Annotated[str | None, Option(help="Lowest, highest frequency [Hz], as 0.5,20.")] = None,
+    of: Annotated[
+        str | None, Option(help="Joints that take part, as a,b,c; default: those that move.")
+    ] = None,
+    output: Annotated[Path | None, Option("--output", "-o", help="Figure, as PNG.")] = None,
+    fail_on: FailOn = None,
+    result: ResultOptions,
+) -> None:
+    """Measure frequency responses of joints: resonance, damping and springs.
+
+    Motor torques and motor angles suffice. Periodic logs, by excite --basis multisine, show what is
+    noise and what is nonlinear. With --run the response of that identification is compared.
+
+    seaid frequency leg.urdf run.csv --drives leg.toml --plan plan.json -o response.png
+    seaid frequency leg.urdf run.csv --drives leg.toml --of knee_pitch --band 0.5,15
+    """
+    from seaid.excitation import load_trajectory
+    from seaid.identification import frequency_response
+    from seaid.report import save_frequency_figure
+
+    check_fail_on(fail_on)
+    if output is not None:
+        checked_suffix(output, ".png")
+    result.check(output, read=(*given.files, *logs, plan))
+    saved = None if run is None else given.saved(run, "logs")
+    robot = given.robot(given.known_body or ()) if saved is None else saved.identification.known
+    check_joints("--of", names(of), robot)
+    found = frequency_response(
+        robot,
+        given.logs(logs, robot),
+        plan=None if plan is None else load_trajectory(plan),
+        period_s=period_s,
+        band_hz=None if band is None else vector("--band", band),
+        joints=names(of),
+        identification=None if saved is None else saved.identification,
+    )
+    if output is not None:
+        with written(output, ".png") as file:
+            save_frequency_figure(found, file)
+    text, facts = found.summary(), {"robot": robot.name, "warnings": found.warnings}
+    result.show(text, _facts(found), output, **facts)
+    fail_on_warnings(found.warnings, fail_on)
+
+
+def _facts(found: FrequencyResponse) -> dict[str, Any]:
+    """Return the numbers of a response as JSON content; complex ones as size and phase."""
+    import numpy as np
+
+    responses = {"response": found.response, "model": found.model, "identified": found.identified}
+    content: dict[str, Any] = {
+        name: {"size": np.abs(one), "phase_rad": np.angle(one)}
+        for name, one in responses.items()
+        if one is not None
+    }
+    drives = {
+        joint: [
+            {"name": name, "unit": unit, "value": value, "standard_error": error}
+            for name, unit, value, error in zip(
+                one.names, one.units, one.values, one.standard_errors, strict=True
+            )
+        ]
+        for joint, one in found.drives.items()
+    }
+    names = ("joints", "period_s", "frequency_hz", "noise_std", "total_std", "coherence")
+    return {"drives": drives, **{name: getattr(found, name) for name in names}, **content}
