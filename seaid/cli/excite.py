@@ -17,12 +17,12 @@ from seaid.cli.options import (
     ResultOptions,
     RobotOptions,
     TorqueJoints,
+    band_of,
     checked_suffix,
     logs_of,
     names,
     one_of,
     values,
-    vector,
 )
 
 if TYPE_CHECKING:
@@ -76,11 +76,8 @@ class MultisineOptions:
         """Return the shape."""
         from seaid.excitation import Multisine
 
-        band = None if self.band is None else vector("--band", self.band)
-        if band is not None and len(band) != 2:
-            raise typer.BadParameter("give two frequencies, as 0.5,20", param_hint="--band")
         return Multisine(
-            band_hz=None if band is None else (band[0], band[1]),
+            band_hz=band_of(self.band),
             period_s=self.period_s,
             spectrum=self.spectrum,  # type: ignore[arg-type]  # checked by Multisine
             amplitude=values("--amplitude", self.amplitude),

@@ -14,12 +14,12 @@ from seaid.cli.options import (
     Logs,
     ResultOptions,
     Run,
+    band_of,
     check_fail_on,
     check_joints,
     checked_suffix,
     fail_on_warnings,
     names,
-    vector,
 )
 
 if TYPE_CHECKING:
@@ -39,7 +39,9 @@ def frequency(
     of: Annotated[
         str | None, Option(help="Joints that take part, as a,b,c; default: those that move.")
     ] = None,
-    output: Annotated[Path | None, Option("--output", "-o", help="Figure, as PNG.")] = None,
+    figure: Annotated[
+        Path | None, Option(help="Draw measured and computed responses.", metavar="PNG")
+    ] = None,
     fail_on: FailOn = None,
     result: ResultOptions,
 ) -> None:
@@ -48,7 +50,7 @@ def frequency(
     Motor torques and motor angles suffice. Periodic logs, by excite --basis multisine, show what is
     noise and what is nonlinear. With --run the response of that identification is compared.
 
-    seaid frequency leg.urdf run.csv --drives leg.toml --plan plan.json -o response.png
+    seaid frequency leg.urdf run.csv --drives leg.toml --plan plan.json --figure response.png
     seaid frequency leg.urdf run.csv --drives leg.toml --of knee_pitch --band 0.5,15
     """
     from seaid.excitation import load_trajectory
@@ -56,9 +58,9 @@ def frequency(
     from seaid.report import save_frequency_figure
 
     check_fail_on(fail_on)
-    if output is not None:
-        checked_suffix(output, ".png")
-    result.check(output, read=(*given.files, *logs, plan))
+    if figure is not None:
+        checked_suffix(figure, ".png")
+    result.check(figure, read=(*given.files, *logs, plan))
     saved = None if run is None else given.saved(run, "logs")
     robot = given.robot(given.known_body or ()) if saved is None else saved.identification.known
     check_joints("--of", names(of), robot)
@@ -67,15 +69,15 @@ def frequency(
         given.logs(logs, robot),
         plan=None if plan is None else load_trajectory(plan),
         period_s=period_s,
-        band_hz=None if band is None else vector("--band", band),
+        band_hz=band_of(band),
         joints=names(of),
         identification=None if saved is None else saved.identification,
     )
-    if output is not None:
-        with written(output, ".png") as file:
+    if figure is not None:
+        with written(figure, ".png") as file:
             save_frequency_figure(found, file)
     text, facts = found.summary(), {"robot": robot.name, "warnings": found.warnings}
-    result.show(text, _facts(found), output, **facts)
+    result.show(text, _facts(found), figure, **facts)
     fail_on_warnings(found.warnings, fail_on)
 
 

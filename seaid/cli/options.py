@@ -18,7 +18,7 @@ from typer import Argument, Option
 import seaid
 from seaid.cli.messages import check_outputs, is_stdout, is_terminal, show, written
 from seaid.cli.mistakes import check_log_files, check_robot_files
-from seaid.errors import SEVERITIES, SeaidError, unknown_name
+from seaid.errors import SEVERITIES, SeaidError, shortened, unknown_name
 
 if TYPE_CHECKING:
     from seaid.errors import Finding
@@ -403,6 +403,18 @@ def check_joints(option: str, joints: Iterable[str] | None, robot: Robot) -> Non
     for joint in joints or ():
         if joint not in robot.joint_names:
             raise SeaidError(f"{option}: {unknown_name('joint', joint, robot.joint_names)}")
+
+
+def band_of(text: str | None) -> tuple[float, float] | None:
+    """Return the lowest and highest frequency [Hz] of '0.5,20'; None for None."""
+    if text is None:
+        return None
+    try:
+        low, high = map(float, text.split(","))
+    except ValueError:
+        message = f"'{shortened(text)}' is not a lowest and a highest frequency, as 0.5,20"
+        raise typer.BadParameter(message, param_hint="--band") from None
+    return low, high
 
 
 def vector(option: str, text: str) -> list[float]:

@@ -126,7 +126,8 @@ def frequency_response(
     robot : Robot
     logs : Log or sequence of Log
         Logs about the same posture. As many as joints move, or more, with motions independent of
-        each other, give the response at each frequency by itself; fewer smooth it over frequencies.
+        each other, give the response at each frequency by itself. Fewer give that of the fit, with
+        a correction that is smooth over frequency.
     plan : Trajectory, optional
         A multisine that the logs followed: its period, and the frequencies that it excites.
     period_s : float, optional
@@ -170,7 +171,8 @@ def frequency_response(
     nominal = linearised(robot, posture, picked)
     drives = [robot.drives[robot.joint_names[index]] for index in picked]
     fit = fitted(spectra, nominal, drives)
-    measured = approximation_of(spectra, records, picked)
+    alike = _with_dry_friction(fit.joints, fit.dry, spectra, spectra.hz)
+    measured = approximation_of(spectra, records, picked, alike)
     names = tuple(robot.joint_names[index] for index in picked)
     ratio = ratio[picked]
     scale = ratio[:, None] * ratio
@@ -328,7 +330,8 @@ def _unseen(found: FrequencyResponse, nominal: LinearJoints, rate: float) -> lis
         top = float(found.frequency_hz[-1])
         beyond = not one.value("antiresonance") <= _BEYOND * top  # or none at all, NaN
         error = math.inf if beyond else one.standard_error("stiffness") / size
-        error = error if math.isfinite(error) else math.inf
+        # no slope at all is no information; without noise it would be small, not zero
+        error = error if math.isfinite(error) and error > 0 else math.inf
         if error <= _POOR:
             continue
         says, remedy = _remedy(found, joint, hz, (top, rate), error)

@@ -305,7 +305,7 @@ _LEAST_LEFT = 0.1
 _LIGHT = 0.02
 """Damping ratio of a spring at the start."""
 
-_ROUNDS, _LEAST_ROUNDS = 8, 3
+_ROUNDS, _LEAST_ROUNDS = 20, 3
 _ENDS, _ENDS_WITH_LINE = (0, 1, 2), (-1, 0, 1, 2)
 """Powers of s by which the ends of a record act on a motor: position and speed, one for what
 sampling adds, and of a log without periods the line that is subtracted. On a load 0 and 1 act: its
@@ -397,7 +397,7 @@ def _noise(error: Array, gain: Array) -> Array:
     shape = np.full_like(error, np.mean(error))
     least = _LEAST_NOISE * np.mean(error) / np.array([1.0, np.mean(gain)])
     found = least
-    for _ in range(_ROUNDS):
+    for _ in range(_LEAST_ROUNDS * 2):
         found = np.maximum(nnls(columns / shape[:, None], error / shape)[0], least)
         shape = columns @ found
     return np.asarray(found)

@@ -38,6 +38,9 @@ _BROAD_FLOOR = 1e-3
 NEAR = 6
 """Lines on either side that are near: variances and, with few logs, responses are smooth there."""
 
+_STICKS = 0.02
+"""Share of the standard deviation of the speed below which a motor sticks."""
+
 _SEGMENTS = 8
 """Segments of a log without periods, half overlapping (Welch)."""
 
@@ -124,10 +127,17 @@ def record_of(robot: Robot, log: Log, ratio: Array, period_s: float | None) -> R
         shaped = values.reshape(3, kept, count, -1)
     flat = (motor if period_s is None else shaped[1]).reshape(-1, shaped.shape[-1])
     speed = savgol_filter(np.nan_to_num(flat), 5, 2, deriv=1, axis=0)
-    width = 0.02 * np.maximum(np.std(speed, axis=0), 1e-300)
-    sign = np.tanh(speed / width).reshape(shaped[1].shape)
+    sign = np.stack([_friction_sign(one) for one in speed.T], axis=1).reshape(shaped[1].shape)
     posture = np.mean(np.where(np.isfinite(joint), joint, motor), axis=0)
     return Record(shaped[0], shaped[1], shaped[2], sign, step, posture)
+
+
+def _friction_sign(speed: Array) -> Array:
+    """Return the sign (T,) of a speed, and while the motor sticks a line from one to the next."""
+    moves = np.flatnonzero(np.abs(speed) > _STICKS * np.std(speed))
+    if not len(moves):
+        return np.zeros_like(speed)
+    return np.interp(np.arange(len(speed)), moves, np.sign(speed[moves]))
 
 
 def round_down(value: float) -> int:
@@ -226,15 +236,21 @@ def _excited(fields: Sequence[Array], hz: Array, within: BoolArray) -> BoolArray
 
 
 def approximation_of(
-    spectra: Spectra, records: Sequence[Record], picked: Sequence[int]
+    spectra: Spectra, records: Sequence[Record], picked: Sequence[int], fitted: Array
 ) -> Approximation:
-    """Return the best linear approximation, from periods or else from segments."""
+    """Return the best linear approximation, from periods or else from segments.
+
+    With fewer logs than joints it is the response (L, n, n) of the `fitted` robot plus what these
+    logs change in it, smoothly over frequency.
+    """
     if not spectra.is_periodic:
         return _by_segments(records, picked, spectra)
     E, P, L, n = spectra.torque.shape
     U, Y = spectra.torque.mean(axis=1), spectra.motor.mean(axis=1)
     few = n > E
-    motor, gram = _responses(U, Y, few)
+    base = fitted if few else np.zeros_like(fitted)
+    motor, gram = _responses(U, Y - np.einsum("fij,efj->efi", base, U), few)
+    motor = base + motor
     measured = bool(np.all(np.isfinite(spectra.joint)))
     joint = _responses(U, spectra.joint.mean(axis=1), few)[0] if measured else None
     left = spectra.motor - np.einsum("fij,epfj->epfi", motor, spectra.torque)
@@ -256,23 +272,17 @@ def approximation_of(
 def _responses(U: Array, Y: Array, few: bool) -> tuple[Array, Array]:
     """Return G (L, n, n) of Y = G U over logs (E, L, n), and the diagonals (L, n) of (U^H U)^-1.
 
-    With `few` logs, less than joints, G is a quadratic of the frequency near each line (the local
-    polynomial method).
+    With `few` logs, less than joints, G is the same at near lines.
     """
     E, L, n = U.shape
     G, gram = np.empty((L, n, n), dtype=complex), np.empty((L, n))
-    half = max(NEAR, math.ceil(1.5 * 3 * n / (2 * E))) if few else 0
+    half = max(NEAR, math.ceil(n / E)) if few else 0
     for line in range(L):
         first = min(max(line - half, 0), max(L - 2 * half - 1, 0))
-        near = np.arange(first, min(first + 2 * half + 1, L))
-        away = (near - line) / max(half, 1)
-        powers = [away**p for p in range(3 if few else 1)]
-        rows = np.concatenate([U[:, near] * p[:, None] for p in powers], axis=2).reshape(
-            -1, n * len(powers)
-        )
-        inverse = _safely(np.linalg.pinv, rows)
-        G[line] = (inverse @ Y[:, near].reshape(-1, n))[:n].T
-        gram[line] = np.sum(np.abs(inverse[:n]) ** 2, axis=1)
+        near = slice(first, first + 2 * half + 1)
+        inverse = _safely(np.linalg.pinv, U[:, near].reshape(-1, n))
+        G[line] = (inverse @ Y[:, near].reshape(-1, n)).T
+        gram[line] = np.sum(np.abs(inverse) ** 2, axis=1)
     return G, gram
 
 
