@@ -122,7 +122,6 @@ CODES = {
     "no-fit": "a joint whose torque the model does not explain",
     "unseen-motion": "a joint whose torque the model does not predict in another motion",
     "poorly-identified": "a parameter with a large standard error",
-    "unseen-resonance": "a resonance above the band of a frequency response, or inside its noise",
     "unidentifiable": "a parameter that this motion cannot identify",
     "negative-parameter": "a parameter with the wrong sign",
     "inconsistent-inertia": "base parameters that no physically consistent bodies have",

@@ -59,7 +59,7 @@ def of_leg(seed: int) -> list[tuple[float, float]]:
     robot = leg(TEST_MASS)
     sizes = {"hip_yaw": 0.0, "hip_roll": 0.0, "hip_pitch": 0.025, "knee_pitch": 0.025}
     shape = seaid.Multisine(
-        band_hz=(1.2, 14.0), period_s=5.0, amplitude={**sizes, "ankle_pitch": 0.3}
+        band_hz=(1.2, 14.0), period_s=5.0, amplitude={**sizes, "ankle_pitch": 0.2}
     )
     limits = seaid.Limits(acceleration=200.0)
     plan = seaid.design_excitation(

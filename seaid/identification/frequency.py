@@ -337,7 +337,7 @@ def _unseen(found: FrequencyResponse, nominal: LinearJoints, rate: float) -> lis
         says, remedy = _remedy(found, joint, hz, (top, rate), error)
         findings.append(
             Finding(
-                "unseen-resonance",
+                "hidden-resonance",
                 f"the response of {joint} does not determine its spring (relative standard error "
                 f"{error:.2g}): {says}",
                 joint,

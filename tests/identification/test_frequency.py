@@ -131,7 +131,7 @@ def test_a_resonance_that_the_log_cannot_show_is_said_with_the_remedy(tmp_path: 
     robot = PLANT.robot(tmp_path)
     low = with_noise(clean_log(top_hz=2.0), 3)
     (one,) = frequency_response(robot, low, period_s=4.0).warnings
-    assert (one.code, one.severity, one.joint) == ("unseen-resonance", "wrong", "arm")
+    assert (one.code, one.severity, one.joint) == ("hidden-resonance", "wrong", "arm")
     assert "the antiresonance is at 4.09 Hz, and the motion excites up to" in one.message
     assert one.remedy == "excite up to 6.13 Hz"
 
@@ -214,5 +214,5 @@ def test_the_table_has_every_number_and_warning(tmp_path: Path) -> None:
     )
     text = found.summary()
     assert "antiresonance damping of arm" in text
-    assert "unseen-resonance" in text
+    assert "hidden-resonance" in text
     assert repr(found).startswith("FrequencyResponse(joints arm: ")
