@@ -114,8 +114,9 @@ def excitation_measures(
 
     Examples
     --------
-    >>> ours, theirs = (seaid.excitation.excitation_measures(robot, one) for one in (plan, other))
-    >>> ours.d_efficiency(theirs)
+    >>> plan = seaid.load_trajectory("plan.json")
+    >>> measures = seaid.excitation.excitation_measures(robot, plan)
+    >>> measures.d_efficiency(measures)
     """
     robot = robot.at_temperature()
     base = pivoted_base(robot, torque_joints)

@@ -148,8 +148,7 @@ def calibrate_statics(statics: Statics, *, law: Law = "linear") -> StaticCalibra
     Examples
     --------
     >>> loads = np.linspace(-14.7, 14.7, 18)
-    >>> statics = seaid.Statics(loads, deflection_rad)
-    >>> print(seaid.calibrate_statics(statics))
+    >>> print(seaid.calibrate_statics(seaid.Statics(loads, loads / 159.8)))
     """
     statics = _checked(statics)
     line, cubic = (_Fit.of(statics, one) for one in ("linear", "cubic"))
@@ -382,6 +381,9 @@ def read_statics(path: str | Path) -> Statics:
 
     Examples
     --------
+    >>> rows = [[load, load / 160.0] for load in range(6)]
+    >>> header = "load_Nm,deflection_rad"
+    >>> np.savetxt("weights.csv", rows, header=header, delimiter=",", comments="")
     >>> seaid.calibrate_statics(seaid.read_statics("weights.csv"))
     """
     try:
@@ -456,11 +458,6 @@ def held_poses(
     ------
     IdentificationError
         For a joint without a spring or sensor, unknown bodies, and fewer than five poses.
-
-    Examples
-    --------
-    >>> poses = seaid.held_poses(robot, log, "knee", sensor="torque")
-    >>> seaid.calibrate_statics(poses).value("gain")
     """
     robot.selected(joint)
     index, place = (

@@ -216,7 +216,8 @@ def write_calibration(found: StaticCalibration, path: str | Path, *, name: str =
 
     Examples
     --------
-    >>> found = seaid.calibrate_statics(seaid.read_statics("weights.csv"))
+    >>> loads = np.linspace(-14.7, 14.7, 18)
+    >>> found = seaid.calibrate_statics(seaid.Statics(loads, loads / 159.8))
     >>> seaid.write_calibration(found, "weights.html", name="knee")
     """
     path = _page_path(path)
