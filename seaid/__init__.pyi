@@ -59,7 +59,6 @@ from .identification import cross_validate as cross_validate
 from .identification import cutoff_sensitivity as cutoff_sensitivity
 from .identification import estimate_delays as estimate_delays
 from .identification import frequency_response as frequency_response
-from .identification import held_poses as held_poses
 from .identification import identify as identify
 from .identification import identify_conditions as identify_conditions
 from .identification import read_statics as read_statics
