@@ -283,7 +283,7 @@ def test_what_makes_an_argument_is_a_function_or_a_type_of_seaid() -> None:
     ("names", "table"),
     [
         (LinearEstimator, ESTIMATORS),
-        (BasisName, _LEAST),
+        (BasisName, [*_LEAST, "multisine"]),  # whose size is that of its frequencies
         (CriterionName, CRITERIA),
         (MotorInput, PARAMETERS_OF["motor_input"]),
         (FrictionTerm, PARAMETERS_OF["friction"]),

@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 import typer
 from typer import Argument, Option
 
+from seaid.cli.defaults import is_typed
 from seaid.cli.messages import written
 from seaid.cli.options import ResultOptions, checked_suffix
 
@@ -48,9 +49,10 @@ def calibrate(
 
     if output is not None:
         checked_suffix(output, ".html", ".htm")
-    if (urdf is None) != (joint is None):
+    if (is_typed("urdf") and joint is None) or (joint is not None and urdf is None):
         raise typer.BadParameter("a log needs both", param_hint="--urdf, --joint")
-    result.check(output, read=(table, urdf, drives))
+    is_log = joint is not None and urdf is not None
+    result.check(output, read=(table, *((urdf, drives) if is_log else ())))
     if urdf is None or joint is None:
         statics = read_statics(table)
     else:
@@ -74,4 +76,4 @@ def calibrate(
         **{key: getattr(found, key) for key in ("rms", "linearity", "hysteresis")},
         "warnings": found.warnings,
     }
-    result.show(found.summary(), content, output, robot=name)
+    result.show(found.summary(), content, output, robot=name if is_log else None)

@@ -21,7 +21,7 @@ LOGS = (
 CHOICES = {
     "estimator": ("ols", "wls", "huber", "tukey", "iv"),
     "method": ("two-step", "simultaneous"),
-    "basis": ("bspline", "polynomial", "fourier"),
+    "basis": ("bspline", "polynomial", "fourier", "multisine"),
     "criterion": ("condition_number", "d_optimality", "relative_error"),
     "fail_on": SEVERITIES,
 }
@@ -36,9 +36,10 @@ FILES = {
     "drives": (".toml",),
     "description": (".toml",),
     **dict.fromkeys(("logs", "log", "from_logs", "validation", "previous_logs"), LOGS),
-    **dict.fromkeys(("trajectory", "parameters"), (".json",)),
+    **dict.fromkeys(("trajectory", "parameters", "plan"), (".json",)),
     **dict.fromkeys(("first", "second"), (".json", ".npz")),
     "project": (".toml",),
+    "table": LOGS,
     "run": (".npz",),
     "package_dir": (),
 }

@@ -26,7 +26,7 @@ ROBOT_SUFFIXES = (".urdf", ".xacro", ".sdf", ".xml", ".mjcf")
 """Suffixes of files that describe a robot, read or refused with the converter's name."""
 
 _LOGS = (".csv", ".npz", ".json", ".parquet", ".h5", ".hdf5", ".mat", ".txt", ".bag", ".mcap")
-_NAME = re.compile(r"[A-Za-z0-9_]+")
+_NAME = re.compile(r"[A-Za-z0-9_]{1,100}")
 _MOST_NAMED = 5
 """Files of a folder that a message names."""
 

@@ -107,6 +107,8 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
         plan, log = folder / f"{name}_plan.json", folder / f"{name}.csv"
         noise = ("--torque-std", "0.001", "--seed", str(seed))
         done("simulate", urdf, plan, *drives, *noise, "-o", log)
+    lines = (f"{load},{load / 250}" for load in range(-6, 7))
+    (folder / "weights.csv").write_text("load_Nm,deflection_rad\n" + "\n".join(lines))
     return folder
 
 

@@ -49,7 +49,7 @@ def offered(line: str, folder: Path, shell: str = "bash") -> list[str]:
         (f"seaid identify {LEG} --estimator h", ["huber"]),
         (f"seaid identify {LEG} --method s", ["simultaneous"]),
         (f"seaid identify {LEG} --fail-on d", ["doubtful"]),
-        (f"seaid excite {LEG} --basis ", ["bspline", "polynomial", "fourier"]),
+        (f"seaid excite {LEG} --basis ", ["bspline", "polynomial", "fourier", "multisine"]),
         (f"seaid excite {LEG} --criterion d", ["d_optimality"]),
         (f"seaid inspect {LEG} --joints ", JOINTS),
         (f"seaid inspect {LEG} --joints hip_yaw,hip_r", ["hip_yaw,hip_roll"]),

@@ -47,6 +47,7 @@ ARGUMENTS = {
     "conditions": "arm.urdf --drives arm.toml --condition a=run.csv --condition b=other.csv",
     "compare": "run.npz other.npz",
     "codegen": "arm.urdf",
+    "calibrate": "weights.csv",
 }
 """A line for each command, without its output."""
 
@@ -69,6 +70,7 @@ SUFFIX |= {
     "conditions": "json",
     "codegen": "py",
     "compare": "html",
+    "calibrate": "html",
 }
 
 
@@ -90,7 +92,7 @@ def test_json_has_the_same_keys_for_every_command(
     assert [*content] == KEYS
     assert content["format"] == f"seaid {command} 1"
     assert content["command"] == command
-    assert content["robot"] == (None if command == "describe" else "small_arm")
+    assert content["robot"] == (None if command in ("describe", "calibrate") else "small_arm")
     assert content["error"] is None
     assert isinstance(content["result"], dict)
     assert {*content["files"]} == {str(one) for one in tmp_path.iterdir()}
