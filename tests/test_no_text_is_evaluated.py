@@ -25,8 +25,9 @@ NEVER = {
 LAMBDIFY = {
     "drives/functions.py",
     "drives/regressor.py",
-    "drives/user_terms.py",
+    "drives/equations.py",
     "regressor/structural/arithmetic.py",
+    "symbolic/independence.py",
 }
 """sympy writes source of expressions that seaid built: of its own symbols, of rationals, and of
 names that `symbolic/expression_text.py` let through, which are ASCII words and no keywords."""

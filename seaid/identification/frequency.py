@@ -151,7 +151,9 @@ def frequency_response(
 
     Examples
     --------
-    >>> found = seaid.frequency_response(robot, [log], plan=plan.trajectory)
+    >>> plan = seaid.design_excitation(robot, 5.0, basis="multisine").trajectory
+    >>> log = seaid.simulate(robot, plan, rate_hz=500.0)  # or seaid.read_log("run.csv", robot)
+    >>> found = seaid.frequency_response(robot, log, plan=plan)
     >>> found.drives["knee"].value("resonance"), found.drives["knee"].interval(0.95)
     """
     logs = [logs] if isinstance(logs, Log) else list(logs)

@@ -99,7 +99,7 @@ def test_choices_are_those_of_the_library() -> None:
     assert {one.name for one in fields(seaid.Limits)} <= {*BY_JOINT}
 
 
-TO_WRITE = ("output", "joint_trajectory", "folder")
+TO_WRITE = ("output", "figure", "joint_trajectory", "folder")
 
 
 def test_every_file_of_a_command_is_completed() -> None:
