@@ -6,6 +6,7 @@ import textwrap
 from collections.abc import Iterable, Iterator, Sequence
 from html import escape
 from io import StringIO
+from itertools import compress
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -514,6 +515,19 @@ def _lines(found: Identifiability) -> Iterator[str]:
         f"{count} combinations, {grouped} of them in {len(found.ratios)} groups; exact and numeric "
         f"rank {agree}, singular-value gap {found.gap:.0e}"
     )
+    if found.derivatives is not None:
+        yield from _by_derivatives(found.derivatives)
+
+
+def _by_derivatives(base: BaseParameters) -> Iterator[str]:
+    alone = np.count_nonzero(base.grouping, axis=1) == 1
+    yield (
+        f"By derivatives of motor angle and motor torque, as identify estimates them: "
+        f"{len(base.columns)} combinations"
+    )
+    yield from _list(f"Individually: {alone.sum()}", tuple(compress(base.names, alone)))
+    combined = tuple(compress(base.expressions, ~alone))
+    yield from _list(f"In combination: {len(combined)}", combined, "\n")
 
 
 def _list(title: str, items: Sequence[str], between: str = ", ") -> Iterator[str]:

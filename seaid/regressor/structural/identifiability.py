@@ -63,6 +63,10 @@ class Identifiability(Result):
         Singular-value gap of the numeric rank decision, see `BaseParameters`.
     agree : bool
         Whether doubles give the same combinations and rank as exact arithmetic.
+    derivatives : BaseParameters or None
+        What the sensors determine locally with their derivatives in time, if motor angle and motor
+        torque are all that an elastic joint has; `identify` then estimates it by simulation. The
+        rank is numeric. None where there is no such joint, or other terms and sensors.
     """
 
     table_name = "sensors_table"
@@ -79,6 +83,7 @@ class Identifiability(Result):
     sensors: Mapping[str, tuple[str, ...]]
     gap: float
     agree: bool
+    derivatives: BaseParameters | None = None
 
     def _in_short(self) -> str:
         kinds = {"individually": self.identifiable, "in combination": self.combinations}
@@ -103,8 +108,9 @@ def identifiability(
     """Return which parameters a set of sensors can identify, with motions of all joints.
 
     Of the robot only geometry, ratios and known values are used. Equations that are nonlinear in
-    their parameters are linearised at random values, so that the result is local. Parameters that
-    could be found by integrating the model past a missing sensor do not count.
+    their parameters are linearised at random values, so that the result is local. What a regression
+    can use counts; what derivatives of motor angle and motor torque determine besides is in
+    `derivatives`.
 
     Parameters
     ----------
@@ -134,6 +140,7 @@ def identifiability(
     >>> print(seaid.identifiability(robot, sensors))
     """
     from seaid.regressor.structural.arithmetic import RealNumbers, ResidueNumbers
+    from seaid.regressor.structural.derivatives import base_by_derivatives
     from seaid.regressor.structural.equations import explanations, system_of
     from seaid.regressor.structural.rank import decide
 
@@ -165,6 +172,7 @@ def identifiability(
         sensors=FrozenMapping({x: tuple(sorted(sensed[x], key=SENSORS.index)) for x in sensed}),
         gap=base.gap,
         agree=agree,
+        derivatives=base_by_derivatives(robot, sensed, names, seed),
     )
 
 
