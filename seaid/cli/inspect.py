@@ -134,24 +134,28 @@ def _base_lines(base: BaseParameters) -> Iterator[str]:
 
 def _identifiable(found: Identifiability) -> dict[str, Any]:
     kept = ("rank", "identifiable", "combinations", "ratios", "unidentifiable", "agree")
-    return {"base_parameters": found.body_count, **{name: getattr(found, name) for name in kept}}
+    by_derivatives = None if found.derivatives is None else found.derivatives.expressions
+    facts = {name: getattr(found, name) for name in kept}
+    return {"base_parameters": found.body_count, **facts, "by_derivatives": by_derivatives}
 
 
 def _identifiability_table(found: dict[str, Identifiability]) -> str:
     """Return the numbers of parameters by identifiability for each set of sensors."""
+    from seaid.drives import JointParameter
     from seaid.report import table
 
     header = ["sensors of every joint", "base", "individually", "in combination", "up to scale"]
     header.append("unidentifiable")
-    rows = [
-        [
-            name,
-            str(one.body_count),
-            str(len(one.identifiable)),
-            str(len(one.combinations)),
-            " + ".join(str(len(group)) for group in one.ratios) or "-",
-            str(len(one.unidentifiable)),
-        ]
-        for name, one in found.items()
-    ]
+    rows = []
+    for name, one in found.items():
+        ratios = " + ".join(str(len(group)) for group in one.ratios) or "-"
+        counts = (one.body_count, len(one.identifiable), len(one.combinations), ratios)
+        rows.append([name, *map(str, counts), str(len(one.unidentifiable))])
+        if (base := one.derivatives) is not None:
+            bodies = sum(not isinstance(name, JointParameter) for name in base.names)
+            pairs = zip(base.expressions, base.names, strict=True)
+            alone = sum(expression == name for expression, name in pairs)
+            lost = int((~base.grouping.any(axis=0)).sum())
+            counts = (bodies, alone, len(base.columns) - alone, "-")
+            rows.append(["  with their derivatives", *map(str, counts), str(lost)])
     return table("\nIdentifiability by sensors (--sensors lists the names)", header, rows)

@@ -42,7 +42,8 @@ if TYPE_CHECKING:
 STARTS = (0.4, 1.0, 0.16, 2.5)
 """Antiresonances over the cutoff from which the fit starts, until only noise is left of the torque;
 else the best one goes on. From 0.3 to 10 times the true stiffness short windows led there for a
-motion that hardly excites the resonance, from a smaller range if it does."""
+motion that hardly excites the resonance, from a smaller range if it does: on the plants of
+scripts/benchmarks/motor_side.py, on which the list was chosen."""
 
 RIGID_BELOW = (1.0, 0.1)
 """Parts of the cutoff up to which the robot counts as rigid in the first regression."""

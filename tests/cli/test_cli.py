@@ -181,6 +181,7 @@ def test_inspect_shows_tree_drives_base_parameters_and_sensors(arm: Path) -> Non
     assert "6 base parameters" in said.out
     assert "  Iyy_upper + 0.09 m_lower" in said.out
     assert "joint_position, joint_torque" in said.out
+    assert "  with their derivatives" in said.out
 
 
 def test_inspect_of_given_sensors_is_in_detail(arm: Path) -> None:
@@ -198,6 +199,12 @@ def test_inspect_as_json_is_what_the_library_says(arm: Path) -> None:
     assert content["joints"][1]["drive"]["stiffness_Nm_per_rad"] == 250.0
     found = content["sensors"]["motor_position, joint_position, motor_torque"]
     assert found["base_parameters"] == 6
+    assert found["by_derivatives"] is None
+    only_motors: tuple[Sensor, ...] = ("motor_position", "motor_torque")
+    derivatives = seaid.identifiability(robot, only_motors).derivatives
+    assert derivatives is not None
+    found = content["sensors"][", ".join(only_motors)]
+    assert found["by_derivatives"] == list(derivatives.expressions)
 
 
 def test_inspect_lists_inconsistent_links(arm: Path, tmp_path: Path) -> None:
