@@ -426,8 +426,8 @@ def _blocks(run: Run, columns: Array, still: BoolArray, free: int) -> Residuals:
 
 _AT_NOISE, _SMALLEST_TORQUE = 3.0, 1e-6
 """Residual torque over the noise between samples at which a first estimate is not in a wrong
-minimum, where it was 10 to 60 times on the plants of scripts/benchmarks/motor_side.py; and the least
-noise [N m] of a log."""
+minimum, where it was 10 to 60 times on the plants of scripts/benchmarks/motor_side.py; and the
+least noise [N m] of a log."""
 
 _SETTLED, _CLOSE = 1e-3, 0.05
 _MOST_HALVINGS, _MOST_SWEEPS = 6, 5
