@@ -281,7 +281,7 @@ def test_remedy_is_copied_as_it_stands(browser: Browser, doubtful_page: Path) ->
     context = browser.new_context(permissions=["clipboard-read", "clipboard-write"])
     opened = Opened(context, doubtful_page)
     opened.page.locator(".notice.wrong .copy").click()
-    assert opened.page.locator(".notice.wrong .copy").inner_text() == "Copied"
+    opened.page.locator(".notice.wrong .copy", has_text="Copied").wait_for(timeout=5000)
     copied = opened.find("navigator.clipboard.readText()")
     assert copied == REMEDY.partition("\n")[2]
     assert opened.wrong == []
