@@ -7,6 +7,7 @@ from .drives import SeriesElasticDrive as SeriesElasticDrive
 from .drives import StiffDrive as StiffDrive
 from .drives import is_dry as is_dry
 from .drives import term_fields as term_fields
+from .drives import total_ratio as total_ratio
 from .drives import unit_of as unit_of
 from .equations import extra_terms as extra_terms
 from .equations import extra_torque as extra_torque

@@ -642,5 +642,11 @@ class SeriesElasticDrive(_Parameters):
 
 Drive = StiffDrive | SeriesElasticDrive
 
+
+def total_ratio(drive: Drive) -> float:
+    """Return N r_L / r_M, motor angle per position of the joint with a rigid spring."""
+    return float(drive.ratio * drive.load_radius / drive.motor_radius)
+
+
 IDEAL_DRIVE = StiffDrive(gear_ratio=1.0, motor_inertia_kg_m2=0.0, friction=())
 """The drive of a joint without a drive in the description: its torque is known at the joint."""

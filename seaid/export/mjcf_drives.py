@@ -57,7 +57,7 @@ def note_drive(joint: str, drive: Drive, notes: list[str]) -> None:
             "model, where the spring is at rest when both sides are at zero"
         )
     if drive.controller is not None:
-        delay = drive.values.get("command_delay", 0.0)
+        delay = drive.command_delay_s or 0.0
         late = (
             f", with a delay of {delay * 1e3:.3g} ms, which MuJoCo has since 3.5"
             if delay > 0
@@ -177,7 +177,7 @@ def _actuator(joint: str, drive: Drive, step: float) -> tuple[str, dict[str, str
     if np.isfinite(limit):
         shifted = [-limit - offset * gear, limit - offset * gear]
         attributes |= {"forcelimited": "true", "forcerange": spaced(shifted)}
-    delay = drive.values.get("command_delay", 0.0)
+    delay = drive.command_delay_s or 0.0
     if delay > 0:
         samples = int(np.ceil(delay / step)) + 1
         attributes |= {"delay": spaced([delay]), "nsample": str(samples), "interp": "linear"}

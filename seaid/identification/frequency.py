@@ -16,12 +16,12 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid._progress import Result, counted
-from seaid.drives import Drive
+from seaid.drives import Drive, total_ratio
 from seaid.errors import Finding, IdentificationError, by_severity, checked, listed
 from seaid.estimation import Estimate
 from seaid.excitation import FourierBasis, JoinedBasis, Trajectory
 from seaid.identification.identification import Identification
-from seaid.identification.linear_joints import LinearJoints, fitted, linearised, reflection
+from seaid.identification.linear_joints import LinearJoints, fitted, linearised
 from seaid.identification.spectra import (
     Spectra,
     approximation_of,
@@ -163,7 +163,7 @@ def frequency_response(
         logs = [_within(log, plan) for log in logs]
     rate, periodic = _rate_of(logs, period), period is not None
     band = _band(band_hz, _OF_NYQUIST * rate / 2)
-    ratio = np.array([reflection(robot.drives[joint]) for joint in robot.joint_names])
+    ratio = np.array([total_ratio(robot.drives[joint]) for joint in robot.joint_names])
     records = [record_of(robot, log, ratio, period) for log in logs]
     picked = _picked(robot, records, joints, band[1])
     spectra = spectra_of(records, picked, band, _harmonics(multisine), periodic=periodic)

@@ -22,7 +22,7 @@ from scipy.ndimage import uniform_filter1d
 from scipy.optimize import least_squares, linear_sum_assignment, nnls
 
 from seaid._arrays import Array, BoolArray, IndexArray, safely
-from seaid.drives import Drive, is_dry
+from seaid.drives import Drive, is_dry, total_ratio
 from seaid.estimation import Estimate
 from seaid.identification.spectra import NEAR, Spectra
 from seaid.robot import Robot
@@ -126,7 +126,7 @@ def linearised(robot: Robot, posture: Array, joints: Sequence[int]) -> LinearJoi
     mass, gravity = ((C.T @ one @ C)[picked] for one in (mass, 0.5 * (gravity + gravity.T)))
     drives = [robot.drives[robot.joint_names[index]] for index in joints]
     elastic = np.array([drive.is_elastic for drive in drives])
-    ratio = np.array([reflection(drive) for drive in drives])
+    ratio = np.array([total_ratio(drive) for drive in drives])
     radius = np.array([drive.load_radius for drive in drives])
 
     def values(name: str, missing: float) -> Array:
@@ -143,11 +143,6 @@ def linearised(robot: Robot, posture: Array, joints: Sequence[int]) -> LinearJoi
         gravity=gravity + np.diag(values("parallel_stiffness", 0.0)),
         drag=values("joint_viscous_friction", 0.0),
     )
-
-
-def reflection(drive: Drive) -> float:
-    """Return N r_L / r_M, motor angle per motion of the joint with a rigid spring."""
-    return float(drive.ratio * drive.load_radius / drive.motor_radius)
 
 
 _STEP_RAD = 1e-5
@@ -268,7 +263,7 @@ class Fit:
         joints, _ = self.parameters.joints(x)
         poles, zeros = joints.modes()
         mode = int(np.sum(joints.elastic[:place]))
-        by_radius, by_ratio = drive.load_radius**2, reflection(drive) ** 2
+        by_radius, by_ratio = drive.load_radius**2, total_ratio(drive) ** 2
         numbers = [
             *(part for one in (poles[mode], zeros[mode]) for part in _frequency(one)),
             joints.stiffness[place] / by_radius,

@@ -52,7 +52,7 @@ def with_estimated_delays(robot: Robot, found: Robot) -> Robot:
                 "the signs of commands and positions, or give the delay in the drives file:\n"
                 f'[{joint}]\ncommand_delay_s = 0.004\nknown = ["command_delay"]'
             )
-        if abs(delay - drive.values.get("command_delay", 0.0)) > _DELAY_S:
+        if abs(delay - (drive.command_delay_s or 0.0)) > _DELAY_S:
             drives[joint] = replace(drive, command_delay_s=delay)
     return robot.with_drives(drives) if drives else robot
 

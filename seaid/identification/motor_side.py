@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.drives import StiffDrive
+from seaid.drives import StiffDrive, total_ratio
 from seaid.errors import Finding
 from seaid.estimation import LEAST_STD, RANK_TOLERANCE, scaled_svd
 from seaid.identification.simulated_joints import fitted_robot, torque_jacobians
@@ -87,16 +87,10 @@ def motor_side_finding(joints: Sequence[str]) -> Finding:
     )
 
 
-def total_ratio(robot: Robot, joint: str) -> float:
-    """Return n = N r_L / r_M, motor angle per joint position of a spring without deflection."""
-    drive = robot.drives[joint]
-    return drive.ratio * drive.load_radius / drive.motor_radius
-
-
 def joint_angle(robot: Robot, motion: Motion, joint: str, values: Mapping[str, float]) -> Array:
     """Return the joint position (T,) that satisfies (7) at the `values` of the drive."""
     index, drive = robot.index(joint), robot.drives[joint]
-    ratio = total_ratio(robot, joint)
+    ratio = total_ratio(robot.drives[joint])
     q = motion.motor_position[:, index] / ratio
     positions = motion.joint_position.copy()
     positions[:, index] = q
@@ -113,7 +107,7 @@ def with_rigid_angles(robot: Robot, log: Log, joints: Sequence[str]) -> Log:
     position = log.joint_position.copy()
     for joint in joints:
         place = log.joint_names.index(joint)
-        position[:, place] = log.motor_position[:, place] / total_ratio(robot, joint)
+        position[:, place] = log.motor_position[:, place] / total_ratio(robot.drives[joint])
     return replace(log, joint_position=position)
 
 
@@ -148,8 +142,8 @@ def rigid_robot(robot: Robot, joints: Sequence[str]) -> Robot:
         old = drives[joint]
         per_m = old.joint_units[1] == "m"
         drives[joint] = StiffDrive(
-            gear_ratio=None if per_m else total_ratio(robot, joint),
-            gear_ratio_rad_per_m=total_ratio(robot, joint) if per_m else None,
+            gear_ratio=None if per_m else total_ratio(robot.drives[joint]),
+            gear_ratio_rad_per_m=total_ratio(robot.drives[joint]) if per_m else None,
             motor_inertia_kg_m2=old.motor_inertia_kg_m2,
             friction=(*old.friction, "offset"),
             torque_ripple=old.torque_ripple,
@@ -235,7 +229,7 @@ def filled_by_model(
             index, row = robot.index(joint), fit.model.torque_joints.index(joint)
             rate = fit.inertia[index] * (2 * np.pi * antiresonance_hz) ** 2  # k r_L^2
             for own, motion, torque in zip(angles, motions, torques, strict=True):
-                rigid = motion.motor_position[:, index] / total_ratio(robot, joint)
+                rigid = motion.motor_position[:, index] / total_ratio(robot.drives[joint])
                 own[joint] = rigid - torque[:, row] / rate
         filled.append(with_angles(log, motions, angles))
     return filled

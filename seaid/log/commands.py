@@ -27,11 +27,6 @@ def is_commanded(drive: Drive) -> bool:
     return drive.motor_input == "position_command"
 
 
-def command_delay(drive: Drive) -> float:
-    """Return the delay [s] of the command: the known or nominal one, 0 without."""
-    return float(drive.values.get("command_delay", 0.0))
-
-
 def with_commanded_torque(robot: Robot, log: Log) -> Log:
     """Return a log with the motor torque that the controllers of commanded drives give.
 
@@ -68,7 +63,7 @@ def commanded_torque(
                 f"no column '{joint}.position_command_{unit}'"
             )
         position = drive_position(robot, signals, index)
-        command = np.interp(time - command_delay(drive), time, commands[:, index])
+        command = np.interp(time - (drive.command_delay_s or 0.0), time, commands[:, index])
         velocity = spline_derivatives(time, position[:, None])[1][:, 0]
         assert drive.controller is not None
         wanted_torque, is_limited = drive.controller.torque(command, position, velocity)

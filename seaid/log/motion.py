@@ -13,7 +13,7 @@ from seaid._arrays import Array, BoolArray
 from seaid._progress import Display, sampled_text
 from seaid.drives import DEAD_ZONES, MEMORY
 from seaid.errors import Finding, LogError, checked
-from seaid.log.commands import command_delay, commanded_torque
+from seaid.log.commands import commanded_torque
 from seaid.log.filtering import CutoffSelection, low_pass, select_cutoff, spline_derivatives
 from seaid.log.repair.clocks import irregular_steps, longest_bridge, longest_step, typical_step
 from seaid.log.repair.resampling import in_gap, interpolated
@@ -343,7 +343,7 @@ def _motion(
     if springs is not None:
         springs = low_pass(springs, rate_hz, POSITION_BAND * cutoff_hz)
     torque, slope = commanded_torque(robot, time, signals, POSITION_BAND * cutoff_hz)
-    delays = [command_delay(robot.drives[joint]) for joint in robot.joint_names]
+    delays = [robot.drives[joint].command_delay_s or 0.0 for joint in robot.joint_names]
     warmth = signals.get("motor_temperature")
     if warmth is not None:
         warmth = low_pass(warmth, rate_hz, POSITION_BAND * cutoff_hz)

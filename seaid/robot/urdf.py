@@ -387,24 +387,19 @@ def urdf_tree(path: Path, text: bytes, snap_tolerance_rad: float) -> UrdfTree:
     root = _parse_urdf(path, text)
     _check_elements(path, root)
     joints_as_written = root.findall("joint")
-    snapped = [text for joint in joints_as_written for text in _snap(joint, snap_tolerance_rad)]
-    if snapped:
-        shown = ", ".join(dict.fromkeys(snapped))
-        warnings.warn(
-            f"'{path.name}': {len(snapped)} rounded angles in joint origins taken as the multiples "
-            f"of pi/2 they mean ({shown}); snap_tolerance_rad=0 leaves them as written",
-            SeaidWarning,
-            stacklevel=5,
-        )
-    tilted = [text for joint in joints_as_written for text in _snap_axis(joint, snap_tolerance_rad)]
-    if tilted:
-        shown = ", ".join(dict.fromkeys(tilted))
-        warnings.warn(
-            f"'{path.name}': {len(tilted)} rounded axes of joints taken as the coordinate axes "
-            f"they mean ({shown}); snap_tolerance_rad=0 leaves them as written",
-            SeaidWarning,
-            stacklevel=5,
-        )
+    for snap, what in (
+        (_snap, "angles in joint origins taken as the multiples of pi/2"),
+        (_snap_axis, "axes of joints taken as the coordinate axes"),
+    ):
+        snapped = [text for joint in joints_as_written for text in snap(joint, snap_tolerance_rad)]
+        if snapped:
+            shown = ", ".join(dict.fromkeys(snapped))
+            warnings.warn(
+                f"'{path.name}': {len(snapped)} rounded {what} they mean ({shown}); "
+                "snap_tolerance_rad=0 leaves them as written",
+                SeaidWarning,
+                stacklevel=5,
+            )
     links = {str(link.get("name")): _link_parameters(path, link) for link in root.iterfind("link")}
     noise = FLOAT_NOISE_RAD if snap_tolerance_rad > 0 else 0.0
     joints = {joint.get("name"): _joint(path, joint, noise) for joint in joints_as_written}

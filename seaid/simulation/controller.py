@@ -242,7 +242,7 @@ def position_controllers(robot: Robot, log: Log) -> PositionControllers | None:
         index=np.array(own),
         time=log.time,
         command=commands[:, own],
-        delay_s=of_all(drive.values.get("command_delay", 0.0) for drive in chosen),
+        delay_s=of_all(drive.command_delay_s or 0.0 for drive in chosen),
         ratio=of_all(drive.ratio for drive in chosen),
         position_gain=of_all(one.position_gain_Nm_per_rad for one in laws),
         velocity_gain=of_all(one.velocity_gain_Nms_per_rad for one in laws),

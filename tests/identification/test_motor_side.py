@@ -11,12 +11,12 @@ import pytest
 
 import seaid
 from scripts.benchmarks.motor_side import ANYDRIVE, JOINTS, Joint, errors, robot_of, simulated
+from seaid.drives import total_ratio
 from seaid.drives.drives import SeriesElasticDrive
 from seaid.errors import IdentificationError, LogError
 from seaid.identification.identification import Identification, identify
 from seaid.identification.motor_side import (
     joint_angle,
-    total_ratio,
     with_rigid_angles,
     without_joint_encoder,
 )
@@ -64,7 +64,7 @@ def test_the_angle_by_the_motor_equation_is_the_true_one() -> None:
         values = {**drive.values, "spring_offset": 0.0}
         angle = joint_angle(truth, moving, joint, values)
         true = np.interp(moving.time, log.time, log.joint_position[:, index])
-        without = moving.motor_position[:, index] / total_ratio(truth, joint)
+        without = moving.motor_position[:, index] / total_ratio(truth.drives[joint])
         fast = np.abs(moving.motor_velocity[:, index]) > 5.0  # away from steps of dry friction
         error, size = (np.sqrt(np.mean((x - true)[own][fast[own]] ** 2)) for x in (angle, without))
         assert error < 0.05 * size
