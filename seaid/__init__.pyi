@@ -100,6 +100,8 @@ from .robot import Payload as Payload
 from .robot import Robot as Robot
 from .robot import load_robot as load_robot
 from .simulation import Noise as Noise
+from .simulation import ReplayComparison as ReplayComparison
+from .simulation import compare_replays as compare_replays
 from .simulation import replay as replay
 from .simulation import simulate as simulate
 from .view import View as View

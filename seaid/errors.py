@@ -121,6 +121,7 @@ CODES = {
     "drift": "a slow change of a sensor or of the friction",
     "no-fit": "a joint whose torque the model does not explain",
     "unseen-motion": "a joint whose torque the model does not predict in another motion",
+    "replay-worse": "a joint that the identified model replays worse than the nominal one",
     "poorly-identified": "a parameter with a large standard error",
     "unidentifiable": "a parameter that this motion cannot identify",
     "negative-parameter": "a parameter with the wrong sign",

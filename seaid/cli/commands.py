@@ -28,6 +28,7 @@ spring stiffness and inertias, each with its standard error.
   seaid check leg.urdf run.csv --drives leg.toml     what is wrong with a set-up
   seaid identify leg.urdf run.csv --drives leg.toml -o parameters.json
   seaid validate leg.urdf other.csv --from run.csv --drives leg.toml
+  seaid replay leg.urdf other.csv --from run.csv --drives leg.toml
   seaid report leg.urdf --from run.csv --validate other.csv --drives leg.toml
   seaid export leg.urdf --from run.csv --drives leg.toml -o found.urdf
 
@@ -53,6 +54,7 @@ COMMANDS = {
     "check": "Check units, signs, ratios, gravity and payloads of an experiment before a fit.",
     "identify": "Identify drives and bodies from one log or several.",
     "validate": "Identify from some logs, or load a run, and predict the torques of another log.",
+    "replay": "Replay a log by the nominal and by the identified model, and compare their errors.",
     "terms": "Compare which further terms of friction and springs the logs support.",
     "frequency": "Measure frequency responses of joints: resonance, damping and springs.",
     "refine": "Refine an identification to the maximum-likelihood estimate of both sides at once.",

@@ -34,6 +34,7 @@ SENSORS = (
 FILES = {
     "urdf": (".urdf",),
     "drives": (".toml",),
+    "nominal": (".toml", ".urdf", ".xml"),
     "description": (".toml",),
     **dict.fromkeys(("logs", "log", "from_logs", "validation", "previous_logs"), LOGS),
     **dict.fromkeys(("trajectory", "parameters", "plan"), (".json",)),

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from seaid.log import Log
     from seaid.project import Run as SavedRun
     from seaid.robot import Payload, Robot
+    from seaid.simulation import ReplayComparison
 
 
 Urdf = Annotated[Path, Argument(help="The robot, with its base fixed.", metavar="URDF")]
@@ -472,8 +473,8 @@ def check_validation_logs(unseen: Sequence[Path], from_logs: Sequence[Path]) -> 
             raise SeaidError(f"'{log}' is used for the identification: validate on another log")
 
 
-def facts_of(found: Identification, *results: Validation) -> dict[str, Any]:
-    """Return robot, verdict and warnings of an identification and its validations, for `show`."""
+def facts_of(found: Identification, *results: Validation | ReplayComparison) -> dict[str, Any]:
+    """Return robot, verdict and warnings of an identification and its tests, for `show`."""
     from seaid.errors import by_severity
     from seaid.identification import verdict_with
 

@@ -26,6 +26,7 @@ from seaid.regressor import (
 )
 
 if TYPE_CHECKING:
+    from seaid.simulation import ReplayComparison
     from seaid.identification.identification import Identification
 
 NUMBERS = (
@@ -137,8 +138,10 @@ def validate(identification: Identification, log: Log) -> Validation:
     return replace(result, warnings=tuple(_contradictions(identification, result)))
 
 
-def verdict_with(identification: Identification, results: Iterable[Validation]) -> Verdict:
-    """Return the verdict on an identification and its validations together."""
+def verdict_with(
+    identification: Identification, results: Iterable[Validation | ReplayComparison]
+) -> Verdict:
+    """Return the verdict on an identification, its validations and replays together."""
     found = [*identification.warnings, *(one for each in results for one in each.warnings)]
     return verdict_of(by_severity(found), identification.joint_fits)
 

@@ -96,6 +96,8 @@ def wanted_columns(
     wanted: dict[str, tuple[str, float]] = {}
     for name in allowed:
         custom, factor = _custom(name, columns.get(name, name))
+        if name not in columns and custom not in table.names:
+            custom = _short_name(name)
         if custom in table.names:
             wanted[name] = (custom, factor)
         elif name in {"time_s", *columns}:
@@ -112,6 +114,17 @@ def wanted_columns(
             f"{near_names(allowed[1:], (), table.names)}"
         )
     return wanted
+
+
+_SHORT = {"joint_position": "position", "position_command": "command"}
+"""{field: its short name in a file}, as logs of position controllers have it."""
+
+
+def _short_name(name: str) -> str:
+    """Return the short name of a column of seaid: "knee.position_rad" of the joint's position."""
+    joint, _, quantity = name.rpartition(".")
+    field, _, unit = quantity.rpartition("_")
+    return f"{joint}.{_SHORT.get(field, field)}_{unit}" if joint else name
 
 
 _COMPARED = 1_000

@@ -46,6 +46,7 @@ from seaid.report.html_tables import (
     error_rows,
     error_table,
     probability,
+    replay_error_table,
     residual_table,
     share,
     short,
@@ -64,6 +65,7 @@ from seaid.report.html_verdict import (
     with_nominal_values,
 )
 from seaid.robot import Robot
+from seaid.simulation import ReplayComparison
 
 Fact = str | int | float
 
@@ -82,6 +84,7 @@ def write_report(
     *,
     facts: Mapping[str, Fact] | None = None,
     nominal: Robot | None = None,
+    replays: ReplayComparison | Iterable[ReplayComparison] = (),
 ) -> None:
     """Write the report of an identification as one HTML file that opens offline.
 
@@ -104,6 +107,8 @@ def write_report(
         is shown as code.
     nominal : Robot, optional
         The robot with the nominal values to compare with. Default: those of the identified one.
+    replays : ReplayComparison or iterable of ReplayComparison, optional
+        Replays of logs before and after the identification, of `compare_replays`.
 
     Raises
     ------
@@ -124,12 +129,14 @@ def write_report(
             f"{', '.join(found.robot.joint_names)}: give the same robot with nominal values"
         )
     results = _checked(found, results)
+    moved = [replays] if isinstance(replays, ReplayComparison) else list(replays)
     runs = runs_of(found, results)
     values, posture = nominal_values(found, given), posture_of(found)
     content = {
         **_parameters(found, given, values, posture),
         **_experiment(found, _checked_facts(facts or {})),
-        **_motions(found, runs, values, posture),
+        **_motions(found, runs, values, posture, moved),
+        "replays": [_replay(found, one) for one in moved],
         "parameters": _packed_parameters(found, results),
     }
     write_whole(path, _rendered("report.html.j2", robot=found.robot.name, **content))
@@ -373,18 +380,22 @@ def _experiment(found: Identification, facts: list[tuple[str, str]]) -> dict[str
 
 
 def _motions(
-    found: Identification, runs: Sequence[Run], nominal: Nominal, posture: Posture
+    found: Identification,
+    runs: Sequence[Run],
+    nominal: Nominal,
+    posture: Posture,
+    replays: Sequence[ReplayComparison],
 ) -> dict[str, Any]:
     """Return the template values of the first screen and of the motions."""
     errors = error_rows(found, runs)
     traces = traces_of(found, runs)
     pictured = ([run for run in runs if run.is_unseen] or list(runs))[:1]
-    notices = notices_of(found, runs)
+    notices = notices_of(found, runs, replays)
     labels = _labels(
         found, pictured, {x for one in notices if one.severity != "note" for x in one.joints}
     )
     return {
-        "verdict": page_verdict(found, runs),
+        "verdict": page_verdict(found, runs, replays),
         "notices": notices,
         "picture": robot_picture(
             posture, labels, "The robot: how well the torque of each joint is explained"
@@ -399,6 +410,37 @@ def _motions(
         "has_runs": bool(runs),
         "traces": _as_json(traces),
         "without_traces": len(runs) - len(traces["runs"]),
+    }
+
+
+_REPLAY_SAMPLES = 1200
+"""Most samples of a drawn trace of a replay."""
+
+
+def _replay(found: Identification, result: ReplayComparison) -> dict[str, Any]:
+    """Return the template values of a replay: errors, and traces from the largest error down."""
+    if result.joints != found.robot.joint_names:
+        raise SeaidError(
+            f"replays=: a replay of the joints {', '.join(result.joints)}, but the identified "
+            f"robot '{found.robot.name}' has {', '.join(found.robot.joint_names)}"
+        )
+    step = -(-len(result.time) // _REPLAY_SAMPLES)
+    before, after = result.rms_errors
+
+    def picture(index: int) -> dict[str, Any]:
+        kinds = ("measured", result.measured), ("replayed", result.before), ("computed", result.after)
+        traces = [Layer(result.time[::step], x[::step, index], y, "line") for y, x in kinds]
+        unit, joint = ("m" if result.is_prismatic[index] else "rad"), result.joints[index]
+        axes = Axis("time", "s"), Axis("joint position", unit)
+        title = f"Replayed position of {joint}: measured, before and after"
+        errors = f"{short(1e3 * float(after[index]))} m{unit} rms"
+        errors += f", {short(1e3 * float(before[index]))} before"
+        return {"svg": chart(traces, *axes, title=title), "caption": f"{joint}: {errors}"}
+
+    return {
+        "length": f"{float(result.time[-1] - result.time[0]):.3g}",
+        "table": replay_error_table(result),
+        "pictures": [picture(int(index)) for index in np.argsort(-after)],
     }
 
 

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from seaid.report.html_traces import Run
     from seaid.report.html_verdict import Nominal
     from seaid.robot import Robot
+    from seaid.simulation import ReplayComparison
 
 
 @dataclass(frozen=True)
@@ -457,6 +458,23 @@ def _error_cells(fit: Fit, index: int, unit: str) -> tuple[str, ...]:
         f"{short(float(fit.rms_error[index]))} {unit}",
         f"{float(fit.r_squared[index]):.4f}".replace("-", "−"),
     )
+
+
+def replay_error_table(result: ReplayComparison) -> Table:
+    """Return the errors of the replays before and after the identification by joint."""
+    heads = ("Joint", "Mean absolute, before", "After", "Rms, before", "After", "After over noise")
+    errors = [*result.mean_absolute_errors, *result.rms_errors]
+    over = np.divide(errors[3], result.noise, where=result.noise > 0, out=errors[3] * np.nan)
+    rows = [
+        (
+            joint,
+            *(f"{short(1e3 * float(one[index]))} {unit}" for one in errors),
+            short(float(over[index]), 2),
+        )
+        for index, joint in enumerate(result.joints)
+        for unit in ["mm" if result.is_prismatic[index] else "mrad"]
+    ]
+    return table_of("replay", "Errors of the replayed joint positions.", heads, rows)
 
 
 def difference_table(result: Comparison, room: int = _LONG_GROUPING) -> Table:

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from seaid.report.html_tables import ErrorRow
     from seaid.report.html_traces import Run
     from seaid.robot import Robot
+    from seaid.simulation import ReplayComparison
 
 _LARGE_EXCLUDED_SHARE = 0.5
 _BADLY_PREDICTED = 0.2
@@ -77,9 +78,11 @@ class PageVerdict:
     numbers: tuple[tuple[str, str, str], ...]
 
 
-def page_verdict(found: Identification, runs: Sequence[Run]) -> PageVerdict:
+def page_verdict(
+    found: Identification, runs: Sequence[Run], replays: Sequence[ReplayComparison] = ()
+) -> PageVerdict:
     """Return the verdict on an identification with its numbers."""
-    verdict = verdict_with(found, [run.result for run in runs])
+    verdict = verdict_with(found, [*(run.result for run in runs), *replays])
     said = verdict.sentence.partition(": ")
     is_repeated = said[0] in ("good", "usable with care", "do not use this result")
     because = "" if verdict.level == "good" else "because of "
@@ -94,6 +97,10 @@ def page_verdict(found: Identification, runs: Sequence[Run]) -> PageVerdict:
             good = int(np.sum(errors < POORLY_IDENTIFIED))
             note = "with a standard error below 10\N{NO-BREAK SPACE}%"
             numbers.append((name, f"{good} of {len(errors)}", note))
+    for one in replays[:1]:
+        before, after = (1e3 * float(errors.mean()) for errors in one.mean_absolute_errors)
+        note = f"mean absolute error of the joints; {short(before)} before"
+        numbers.append(("Replay", f"{short(after)} mrad", note))
     if found.motions:
         length = sum(float(one.time[-1] - one.time[0]) for one in found.motions)
         note = f"in {counted(len(found.motions), 'motion')}, below {found.cutoff_hz:.3g} Hz"
@@ -125,11 +132,14 @@ def explained_as(error: float) -> str:
     return "good" if error < _WELL_PREDICTED else "fair" if error < _BADLY_PREDICTED else "poor"
 
 
-def notices_of(found: Identification, runs: Sequence[Run]) -> list[Notice]:
+def notices_of(
+    found: Identification, runs: Sequence[Run], replays: Sequence[ReplayComparison] = ()
+) -> list[Notice]:
     """Return the notices of a page, the worst first; those that differ in their joint are one."""
     every = [
         *map(_notice, found.warnings),
         *(_notice(one) for run in runs for one in run.result.warnings),
+        *(_notice(one) for result in replays for one in result.warnings),
         *_of_validation(found, runs),
         *(Notice("inconsistent-inertia", "note", (text,)) for text in _of_bodies(found)),
         *(Notice("poorly-determined", "note", (text,)) for text in _poorly_determined(found)),

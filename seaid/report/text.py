@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from seaid.regressor import BaseParameters, CrossCheck, Identifiability
     from seaid.report.comparison import Comparison
     from seaid.robot import DependentJoint, Robot
+    from seaid.simulation import ReplayComparison
 
 
 class Text(str):
@@ -429,6 +430,26 @@ def validation_table(result: Validation) -> Text:
         ]
         for index, joint in enumerate(result.joints)
     ]
+    return joined([table(title, header, rows), *warning_lines(result.warnings)])
+
+
+def replay_table(result: ReplayComparison) -> Text:
+    """Return the errors of the replays by two models by joint, and those over the noise."""
+    header = ["joint", "mean abs before", "after", "rms before", "after", "after/noise", "unit"]
+    errors = (*result.mean_absolute_errors, *result.rms_errors)
+    rows = [
+        [
+            joint,
+            *(f"{1e3 * one[index]:.3g}" for one in errors),
+            f"{errors[3][index] / result.noise[index]:.2g}" if result.noise[index] > 0 else "-",
+            "mm" if result.is_prismatic[index] else "mrad",
+        ]
+        for index, joint in enumerate(result.joints)
+    ]
+    mean = [f"{1e3 * float(one.mean()):.3g}" for one in errors]
+    rows += [["all joints", *mean, "", ""]] * (len(rows) > 1)
+    length = float(result.time[-1] - result.time[0])
+    title = f"Replay of {length:.4g} s by nominal (before) and identified (after) model"
     return joined([table(title, header, rows), *warning_lines(result.warnings)])
 
 

@@ -18,6 +18,7 @@ from .pinocchio_model import model_of as model_of
 from .robot import Robot as Robot
 from .robot import check_kind as check_kind
 from .robot import load_robot as load_robot
+from .robot import nominal_model as nominal_model
 from .robot_file import ROBOT_SUFFIXES as ROBOT_SUFFIXES
 from .robot_file import read_urdf as read_urdf
 from .robot_file import reread_urdf as reread_urdf

@@ -53,6 +53,16 @@ def urdf_of_mjcf(path: Path) -> bytes:
     return bytes(etree.tostring(root))
 
 
+def joint_dynamics(path: Path) -> dict[str, tuple[float, float, float]]:
+    """Return {joint: (damping, friction loss, armature)} of the one-axis joints of an MJCF file."""
+    import mujoco
+
+    model = mujoco.MjModel.from_xml_path(str(path))
+    places = {_joint_name(model.joint(k)): int(model.jnt_dofadr[k]) for k in range(model.njnt)}
+    passive = (model.dof_damping, model.dof_frictionloss, model.dof_armature)
+    return {name: tuple(float(one[k]) for one in passive) for name, k in places.items()}
+
+
 def _name(one: Any, kind: str = "body") -> str:
     """Return the name of a body or a joint, or its kind and number."""
     return str(one.name or f"{kind}_{one.id}")

@@ -293,6 +293,35 @@ def load_robot(
     return replace(robot, known_bodies=_known_bodies(robot, tree, known_bodies))
 
 
+def nominal_model(path: Path, robot: Robot) -> Robot:
+    """Return the robot with other drives (.toml), or of another file with the same joints.
+
+    A MuJoCo model brings its bodies, damping, friction loss and armature; the controllers of the
+    drives and the payloads stay. Raises RobotError.
+    """
+    if path.suffix.lower() == ".toml":
+        return robot.with_drives(read_drives(path))
+    gravity = robot.model.gravity.linear.tolist()
+    loaded = load_robot(path, robot.drives, joints=robot.joint_names, gravity=gravity)
+    loaded = replace(loaded, payload_parameters=robot.payload_parameters)
+    drives = dict(robot.drives)
+    if path.suffix.lower() in (".xml", ".mjcf"):
+        from seaid.robot.mjcf import joint_dynamics
+
+        for joint, values in joint_dynamics(path).items():
+            if joint in drives and not drives[joint].is_elastic:
+                drives[joint] = _with_dynamics(drives[joint], *values)
+    return loaded.with_values(loaded.parameters, drives)
+
+
+def _with_dynamics(drive: Drive, damping: float, friction_loss: float, armature: float) -> Drive:
+    """Return a stiff drive with these values at the joint, behind the gear."""
+    N = drive.ratio
+    values = {"viscous_friction": damping / N**2, "coulomb_friction": friction_loss / N}
+    bare = replace(drive, friction=("viscous", "coulomb"), nominal={}, known=())
+    return bare.with_values({**values, "motor_inertia": armature / N**2})
+
+
 def _robot(
     tree: UrdfTree,
     moving: tuple[str, ...],

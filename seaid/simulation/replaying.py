@@ -1,19 +1,22 @@
 """replay: drive a model with the logged motor inputs, forward in time.
 
 The strictest validation of a model: no measured position or acceleration enters after the start,
-and errors accumulate.
+and errors accumulate. `compare_replays` says how much better one model replays a log than another.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.errors import LogError, SeaidError, checked
+from seaid._progress import Result, sampled_text
+from seaid.drives import PARAMETERS_OF, Drive
+from seaid.errors import Finding, LogError, SeaidError, checked
 from seaid.log import Log, check_whole, spline_derivatives
 from seaid.robot import Robot, at_drives
 from seaid.simulation.controller import input_gain, position_controllers
@@ -161,3 +164,178 @@ def _start(robot: Robot, log: Log) -> Array:
             state[POSITION, index] = drive.ratio * position[index]
             state[SPEED, index] = drive.ratio * speed[index]
     return state
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ReplayComparison(Result):
+    """The replays of one log by two models of a robot.
+
+    Attributes
+    ----------
+    joints : tuple of str
+        The n joints.
+    time : ndarray (T,)
+        Time [s].
+    measured, before, after : ndarray (T, n)
+        Joint positions [rad or m]: of the log, and of both models.
+    noise : ndarray (n,)
+        Standard deviation of the noise of the measured positions.
+    is_prismatic : tuple of bool
+        One entry per joint.
+    warnings : tuple of Finding
+        Joints that the second model replays worse than the first one.
+    """
+
+    table_name = "replay_table"
+
+    joints: tuple[str, ...]
+    time: Array
+    measured: Array
+    before: Array
+    after: Array
+    noise: Array
+    is_prismatic: tuple[bool, ...]
+    warnings: tuple[Finding, ...] = ()
+
+    @property
+    def mean_absolute_errors(self) -> tuple[Array, Array]:
+        """Mean absolute errors (n,) before and after [rad or m]."""
+        before, after = (np.abs(one - self.measured) for one in (self.before, self.after))
+        return before.mean(axis=0), after.mean(axis=0)
+
+    @property
+    def rms_errors(self) -> tuple[Array, Array]:
+        """Rms errors (n,) before and after [rad or m]."""
+        before, after = (np.square(one - self.measured) for one in (self.before, self.after))
+        return np.sqrt(before.mean(axis=0)), np.sqrt(after.mean(axis=0))
+
+    def _in_short(self) -> str:
+        before, after = (1e3 * float(one.mean()) for one in self.mean_absolute_errors)
+        errors = f"mean absolute error {before:.3g} mrad before, {after:.3g} mrad after"
+        return f"{sampled_text(self.time, self.joints)}: {errors}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the errors by joint and their means, as plain data."""
+        means, rms = self.mean_absolute_errors, self.rms_errors
+        by_joint = {
+            joint: {
+                "unit": "m" if self.is_prismatic[index] else "rad",
+                "noise": float(self.noise[index]),
+                **{
+                    when: {
+                        "mean_absolute_error": float(means[place][index]),
+                        "rms_error": float(rms[place][index]),
+                    }
+                    for place, when in enumerate(("before", "after"))
+                },
+            }
+            for index, joint in enumerate(self.joints)
+        }
+        whole = {when: float(means[place].mean()) for place, when in enumerate(("before", "after"))}
+        return {"joints": by_joint, "mean_absolute_error": whole}
+
+
+_WORSE = 1.1
+"""Ratio of rms errors from which a joint is replayed worse: less is within the scatter of parts of
+one log."""
+
+
+@checked(SeaidError)
+def compare_replays(before: Robot, after: Robot, log: Log) -> ReplayComparison:
+    """Replay a log by two models, as before and after an identification.
+
+    Parameters
+    ----------
+    before, after : Robot
+        Models of one robot. A term of friction, a rotor inertia and a delay without a value count
+        as zero in `before`.
+    log : Log
+        The log as of `replay`, best one that was not used for the identification.
+
+    Returns
+    -------
+    ReplayComparison
+
+    Raises
+    ------
+    LogError, RobotError
+        As `replay`, and if the robots have different joints.
+
+    Examples
+    --------
+    >>> seaid.compare_replays(result.known, result.robot, other).mean_absolute_errors
+    """
+    if before.joint_names != after.joint_names:
+        raise SeaidError(
+            f"before=: the joints {', '.join(before.joint_names)}, but after= has "
+            f"{', '.join(after.joint_names)}: give two models of one robot"
+        )
+    moved = [replay(one, log).joint_position for one in (without_unknown_terms(before), after)]
+    columns = [log.joint_names.index(joint) for joint in after.joint_names]
+    measured = log.joint_position[:, columns]
+    found = ReplayComparison(
+        joints=after.joint_names,
+        time=log.time,
+        measured=measured,
+        before=moved[0],
+        after=moved[1],
+        noise=_noise(measured),
+        is_prismatic=after.is_prismatic,
+    )
+    closes = [after.drives[joint].controller is not None for joint in after.joint_names]
+    return replace(found, warnings=tuple(_worse(found, all(closes))))
+
+
+def without_unknown_terms(robot: Robot) -> Robot:
+    """Return the robot without the friction, rotor inertia and delays that have no value."""
+    return robot.with_drives({joint: _plain(drive) for joint, drive in robot.drives.items()})
+
+
+def _plain(drive: Drive) -> Drive:
+    terms = PARAMETERS_OF["friction"]
+    kept = tuple(x for x in drive.friction if all(name in drive.values for name in terms[x]))
+    inertia = drive.motor_inertia_kg_m2 or 0.0
+    return replace(drive, friction=kept, motor_inertia_kg_m2=inertia)
+
+
+def _noise(position: Array) -> Array:
+    """Return the standard deviation (n,) of the noise of positions (T, n), or of their steps.
+
+    That of a third difference of white noise is sqrt(20) times its own, 1.4826 times the median of
+    its size; a smooth motion leaves little of itself in third differences.
+    """
+    white = 1.4826 * np.median(np.abs(np.diff(position, 3, axis=0)), axis=0) / np.sqrt(20)
+    steps = np.abs(np.diff(position, axis=0))
+    least = np.min(np.where(steps > 0, steps, np.inf), axis=0)
+    return np.maximum(white, np.where(np.isfinite(least), least, 0.0) / np.sqrt(12))
+
+
+def _worse(found: ReplayComparison, is_closed: bool) -> Iterator[Finding]:
+    """Yield the joints that are replayed worse after; the whole robot if most of it is."""
+    before, after = (np.hypot(one, found.noise) for one in found.rms_errors)
+    ratio = after / np.maximum(before, np.finfo(float).tiny)
+    whole = float(np.exp(np.mean(np.log(np.maximum(ratio, np.finfo(float).tiny)))))
+    remedy = "check gains, delay and limit of the controllers, and that the log is of this robot"
+    if whole > 1:
+        yield Finding(
+            "replay-worse",
+            f"the identified model replays this log worse than the nominal one: its rms errors are "
+            f"{whole:.2g} times those before (geometric mean of the joints)",
+            severity="wrong" if is_closed else "doubtful",
+            evidence={"ratio": whole},
+            remedy=remedy,
+            certainty="certain" if is_closed else "possible",
+        )
+        return
+    for index in np.flatnonzero(ratio > _WORSE):
+        joint = found.joints[index]
+        yield Finding(
+            "replay-worse",
+            f"the identified model replays {joint} worse than the nominal one: its rms error is "
+            f"{1e3 * after[index]:.3g} {'mm' if found.is_prismatic[index] else 'mrad'}, "
+            f"{ratio[index]:.2g} times that before",
+            joint,
+            "doubtful",
+            {"ratio": float(ratio[index])},
+            remedy,
+        )
