@@ -14,8 +14,8 @@ from seaid.cli.options import (
     ResultOptions,
     check_fail_on,
     checked_suffix,
-    fail_on_warnings,
     facts_of,
+    fail_on_warnings,
 )
 
 

@@ -26,8 +26,8 @@ from seaid.regressor import (
 )
 
 if TYPE_CHECKING:
-    from seaid.simulation import ReplayComparison
     from seaid.identification.identification import Identification
+    from seaid.simulation import ReplayComparison
 
 NUMBERS = (
     "rms_error",

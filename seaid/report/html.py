@@ -428,7 +428,11 @@ def _replay(found: Identification, result: ReplayComparison) -> dict[str, Any]:
     before, after = result.rms_errors
 
     def picture(index: int) -> dict[str, Any]:
-        kinds = ("measured", result.measured), ("replayed", result.before), ("computed", result.after)
+        kinds = (
+            ("measured", result.measured),
+            ("replayed", result.before),
+            ("computed", result.after),
+        )
         traces = [Layer(result.time[::step], x[::step, index], y, "line") for y, x in kinds]
         unit, joint = ("m" if result.is_prismatic[index] else "rad"), result.joints[index]
         axes = Axis("time", "s"), Axis("joint position", unit)

@@ -59,8 +59,14 @@ def joint_dynamics(path: Path) -> dict[str, tuple[float, float, float]]:
 
     model = mujoco.MjModel.from_xml_path(str(path))
     places = {_joint_name(model.joint(k)): int(model.jnt_dofadr[k]) for k in range(model.njnt)}
-    passive = (model.dof_damping, model.dof_frictionloss, model.dof_armature)
-    return {name: tuple(float(one[k]) for one in passive) for name, k in places.items()}
+    return {
+        name: (
+            float(model.dof_damping[k]),
+            float(model.dof_frictionloss[k]),
+            float(model.dof_armature[k]),
+        )
+        for name, k in places.items()
+    }
 
 
 def _name(one: Any, kind: str = "body") -> str:

@@ -128,10 +128,23 @@ def _warmth(robot: Robot, log: Log) -> Array | None:
     return found if warm else None
 
 
+_START_SHARE, _START_S = 0.01, 0.1
+"""Standard error of the start's speed over the rms speed, and longest part from which it comes."""
+
+
 def _first(log: Log, field: str, joint: str) -> tuple[float, float]:
-    """Return the first position of a joint or motor, and its speed."""
+    """Return the first position of a joint or motor, and its speed, by a cubic.
+
+    The slope at the end of a cubic through N samples of noise s, dt apart, has the standard error
+    sqrt(1200 / N^3) s / dt: the least N with `_START_SHARE` is taken, within `_START_S`.
+    """
     position = _column(log, field, joint)[:, None]
-    return position[0, 0], spline_derivatives(log.time, position)[1][0, 0]
+    speed = np.sqrt(np.mean(spline_derivatives(log.time, position)[1] ** 2))
+    step = (log.time[-1] - log.time[0]) / (len(log.time) - 1)
+    error = _noise(position)[0] / step / max(_START_SHARE * speed, np.finfo(float).tiny)
+    count = int(np.clip((1200 * min(error, 1e9) ** 2) ** (1 / 3), 4, max(4, _START_S / step)))
+    found = np.polyfit(log.time[:count] - log.time[0], position[:count, 0], 3)
+    return float(found[-1]), float(found[-2])
 
 
 def _logged(robot: Robot, log: Log) -> Command:
@@ -263,7 +276,7 @@ def compare_replays(before: Robot, after: Robot, log: Log) -> ReplayComparison:
 
     Examples
     --------
-    >>> seaid.compare_replays(result.known, result.robot, other).mean_absolute_errors
+    >>> seaid.compare_replays(result.known, result.robot, log).mean_absolute_errors
     """
     if before.joint_names != after.joint_names:
         raise SeaidError(
@@ -307,7 +320,7 @@ def _noise(position: Array) -> Array:
     white = 1.4826 * np.median(np.abs(np.diff(position, 3, axis=0)), axis=0) / np.sqrt(20)
     steps = np.abs(np.diff(position, axis=0))
     least = np.min(np.where(steps > 0, steps, np.inf), axis=0)
-    return np.maximum(white, np.where(np.isfinite(least), least, 0.0) / np.sqrt(12))
+    return np.asarray(np.maximum(white, np.where(np.isfinite(least), least, 0.0) / np.sqrt(12)))
 
 
 def _worse(found: ReplayComparison, is_closed: bool) -> Iterator[Finding]:

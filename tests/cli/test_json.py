@@ -36,6 +36,7 @@ ARGUMENTS = {
     "check": "arm.urdf run.csv --drives arm.toml",
     "identify": "arm.urdf run.csv --drives arm.toml",
     "validate": "arm.urdf other.csv --from run.csv --drives arm.toml",
+    "replay": "arm.urdf other.csv --from run.csv --drives arm.toml",
     "terms": "arm.urdf run.csv --drives arm.toml --of elbow",
     "report": "arm.urdf --from run.csv --drives arm.toml",
     "export": "arm.urdf --from run.csv --drives arm.toml",
@@ -71,6 +72,7 @@ SUFFIX |= {
     "codegen": "py",
     "compare": "html",
     "calibrate": "html",
+    "replay": "html",
 }
 
 
@@ -96,7 +98,7 @@ def test_json_has_the_same_keys_for_every_command(
     assert content["error"] is None
     assert isinstance(content["result"], dict)
     assert {*content["files"]} == {str(one) for one in tmp_path.iterdir()}
-    has_verdict = command in ("identify", "validate", "report", "export", "refine")
+    has_verdict = command in ("identify", "validate", "report", "export", "refine", "replay")
     assert (content["verdict"] is not None) == has_verdict
 
 

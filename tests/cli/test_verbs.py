@@ -359,3 +359,23 @@ def test_refine_starts_from_a_run(arm: Path, runs: tuple[Path, Path], tmp_path: 
     done("refine", *robot, arm / "run.csv", "--run", runs[0], "-o", file)
     own = seaid.refine(seaid.load_run(runs[0]).identification, log_of(arm))
     assert json.loads(file.read_text())["drives"] == own.to_dict()["drives"]
+
+
+def test_replay_compares_the_given_drives_with_the_identified_ones(
+    arm: Path, tmp_path: Path
+) -> None:
+    other, own = arm / "other.csv", ("--from", arm / "run.csv")
+    page = tmp_path / "replay.html"
+    options = ("--nominal", arm / "arm.toml", "-o", page)
+    found = result_of("replay", *robot_and_drives(arm), other, *own, *options)
+    robot = seaid.load_robot(arm / "arm.urdf", arm / "arm.toml")
+    identified = seaid.identify(robot, seaid.read_log(arm / "run.csv", robot))
+    moved = seaid.compare_replays(robot, identified.robot, seaid.read_log(other, robot))
+    assert found == {"log": str(other), **moved.to_dict()}
+    text = page.read_text(encoding="utf-8")
+    assert text.count("Replayed position of") == len(robot.joint_names)
+    assert 'id="replay"' in text
+    assert 'href="#replay"' in text
+    plain = tmp_path / "plain.html"
+    done("report", *robot_and_drives(arm), *own, "-o", plain)
+    assert 'id="replay"' not in plain.read_text(encoding="utf-8")

@@ -478,6 +478,8 @@ _COMMANDS = (
     "export arm.urdf --parameters parameters.json --drives arm.toml -o new.urdf",
     "export arm.urdf --from run.npz --drives arm.toml --cutoff-hz 8 -o new.xml",
     "report arm.urdf --from run.npz --validate other.npz --drives arm.toml -o new.html",
+    "replay arm.urdf other.npz --from run.npz --drives arm.toml -o new.html",
+    "replay arm.urdf other.npz --from run.npz --nominal arm.toml --drives arm.toml --json",
     "delays arm.urdf run.npz --drives arm.toml --largest-s 0.02 -o new.npz",
     "gear-ratio arm.urdf run.npz other.npz --drives arm.toml",
     "cross-validate arm.urdf run.npz other.npz --drives arm.toml --parts 2",

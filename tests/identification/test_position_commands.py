@@ -12,6 +12,7 @@ import pytest
 import seaid
 from seaid._arrays import Array
 from seaid.errors import IdentificationError, LogError, RobotError
+from seaid.robot import nominal_model
 
 URDF = """<robot name="one"><link name="base"/><link name="arm"><inertial><origin xyz="0.2 0 0"/>
 <mass value="1.5"/><inertia ixx="0.01" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial>
@@ -276,3 +277,35 @@ def test_mujoco_moves_the_exported_model_as_the_replay(
         data.actuator("j").ctrl = command
         mujoco.mj_step(model, data)
     assert np.max(np.abs(found - expected)) < 5e-3 * np.ptp(expected)
+
+
+def test_short_names_of_positions_and_commands_are_read(urdf: Path, tmp_path: Path) -> None:
+    file = tmp_path / "short.csv"
+    rows = np.column_stack([TIME, CHIRP, 2 * CHIRP])
+    head = "time_s,j.position_rad,j.command_rad"
+    np.savetxt(file, rows, delimiter=",", header=head, comments="")
+    log = seaid.read_log(file, robot_of(urdf, SOFT))
+    np.testing.assert_array_equal(log.joint_position[:, 0], CHIRP)
+    assert log.position_command is not None
+    np.testing.assert_allclose(log.position_command[:, 0], 2 * CHIRP, rtol=1e-15)
+
+
+def test_a_mujoco_model_is_the_nominal_one_with_its_dynamics(urdf: Path, tmp_path: Path) -> None:
+    model = tmp_path / "one.xml"
+    model.write_text(
+        """<mujoco><worldbody><body name="arm"><joint name="j" axis="0 1 0" armature="0.02"
+        damping="0.3" frictionloss="0.1"/><inertial pos="0.1 0 0" mass="2" diaginertia="1 1 1"/>
+        </body></worldbody></mujoco>"""
+    )
+    robot = robot_of(urdf, SOFT)
+    geared = replace(robot.drives["j"], gear_ratio=2.0)
+    nominal = nominal_model(model, robot.with_drives({"j": geared}))
+    values = nominal.drives["j"].values  # at the motor
+    assert values["motor_inertia"] == pytest.approx(0.02 / 4)
+    assert values["viscous_friction"] == pytest.approx(0.3 / 4)
+    assert values["coulomb_friction"] == pytest.approx(0.1 / 2)
+    assert nominal.parameters[0] == 2.0
+    assert nominal.drives["j"].controller == geared.controller
+    drives = tmp_path / "nominal.toml"
+    seaid.write_drives({"j": replace(geared, motor_inertia_kg_m2=0.01)}, drives)
+    assert nominal_model(drives, robot).drives["j"].motor_inertia_kg_m2 == 0.01

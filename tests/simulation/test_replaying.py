@@ -2,12 +2,18 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import seaid
-from seaid.simulation.replaying import replay
+from seaid.simulation.replaying import (
+    ReplayComparison,
+    _worse,
+    replay,
+    without_unknown_terms,
+)
 
 MODELS = Path(__file__).parents[2] / "models"
 PENDULUM = seaid.Payload("arm", 0.49, (0.0, 0.0, -0.1))
@@ -100,3 +106,95 @@ def test_what_is_missing_is_said() -> None:
         replay(electric, replace(swing(robot), motor_voltage=np.zeros((240, 1))))
     with pytest.raises(seaid.RobotError, match="is not given; a simulation needs"):
         replay(pendulum(seaid.StiffDrive(gear_ratio=10.0)), swing(robot, np.zeros((240, 1))))
+
+
+def test_the_start_of_a_noisy_log_has_the_speed_of_the_motion() -> None:
+    robot = pendulum()
+    plan = swing(robot)
+    moved = replay(robot, plan, lambda at, _: np.array([0.03 * np.sin(5 * at)]))
+    part = slice(80, None)  # starts in motion
+    noise = np.random.default_rng(3).normal(size=(240, 1)) * 2e-3
+    log = seaid.Log(
+        plan.time[part],
+        robot.joint_names,
+        plan.motor_position[part],
+        (moved.joint_position + noise)[part],
+        moved.motor_torque[part],
+    )
+    error = replay(robot, log).joint_position - moved.joint_position[part]
+    # 0.1 s of a noise of 2 mrad gives a speed within 0.15 rad/s, its end slope one of 0.6 rad/s
+    assert np.abs(error).max() < 0.03
+
+
+def servo(**values: Any) -> seaid.Robot:
+    controller = seaid.Controller(position_gain_Nm_per_rad=3.0, velocity_gain_Nms_per_rad=0.1)
+    drive = seaid.StiffDrive(motor_input="position_command", controller=controller, **values)
+    return pendulum(drive)
+
+
+TRUTH = {
+    "motor_inertia_kg_m2": 2e-3,
+    "viscous_friction_Nms_per_rad": 0.05,
+    "coulomb_friction_Nm": 0.05,
+}
+
+
+def commanded(noise: float = 1e-4) -> seaid.Log:
+    robot = servo(**TRUTH)
+    log = replace(
+        swing(robot), position_command=0.5 * np.cos(4 * np.arange(0, 1.2, 0.005))[:, None]
+    )
+    moved = replay(robot, log).joint_position
+    random = np.random.default_rng(1).normal(size=moved.shape) * noise
+    return replace(log, joint_position=moved + random)
+
+
+def test_the_replay_of_the_truth_leaves_noise_and_that_of_the_nominal_model_its_friction() -> None:
+    log = commanded()
+    found = seaid.compare_replays(servo(), servo(**TRUTH), log)
+    assert found.noise == pytest.approx([1e-4], rel=0.2)
+    assert 0.9e-4 < found.rms_errors[1][0] < 2e-4  # noise, and that of the start
+    nominal = {"motor_inertia_kg_m2": 0.0, "coulomb_friction_Nm": 0.0}
+    zero = servo(**nominal, viscous_friction_Nms_per_rad=0.0)
+    own = replay(zero, log).joint_position - log.joint_position
+    assert found.mean_absolute_errors[0] == pytest.approx(np.abs(own).mean(axis=0), rel=1e-6)
+    assert found.mean_absolute_errors[0][0] > 0.01
+    assert not found.warnings
+    content = found.to_dict()
+    assert content["joints"]["pendulum"]["after"]["rms_error"] == found.rms_errors[1][0]
+    assert content["mean_absolute_error"]["before"] == found.mean_absolute_errors[0][0]
+    text = str(found)
+    assert f"{1e3 * found.rms_errors[0][0]:.3g}" in text
+    assert "mrad before" in repr(found)
+
+
+def test_a_model_that_replays_worse_is_named() -> None:
+    worse = without_unknown_terms(servo())
+    (warning,) = seaid.compare_replays(servo(**TRUTH), worse, commanded()).warnings
+    assert (warning.code, warning.severity) == ("replay-worse", "wrong")
+    assert warning.evidence["ratio"] > 10
+    torques = pendulum()
+    log = replay(torques, swing(torques, np.zeros((240, 1))))
+    heavy = pendulum(replace(DRIVE, coulomb_friction_Nm=4e-3))
+    (open_loop,) = seaid.compare_replays(torques, heavy, log).warnings
+    assert open_loop.severity == "doubtful"
+
+
+def test_one_joint_of_several_that_is_replayed_worse_is_named() -> None:
+    joints = ("a", "b", "c")
+    time = np.linspace(0, 1, 100)
+    measured = np.zeros((100, 3))
+    before = np.full((100, 3), [0.1, 0.1, 0.01])
+    after = np.full((100, 3), [0.01, 0.01, 0.02])
+    found = ReplayComparison(
+        joints, time, measured, before, after, np.full(3, 1e-3), (False, False, True)
+    )
+    (warning,) = _worse(found, True)
+    assert (warning.joint, warning.severity) == ("c", "doubtful")
+    assert "20 mm, 2 times that before" in warning.message
+
+
+def test_models_of_two_robots_are_refused() -> None:
+    other = seaid.load_robot(MODELS / "tulip_leg.urdf", MODELS / "tulip_leg.toml")
+    with pytest.raises(seaid.SeaidError, match=r"before=: the joints .*give two models of one"):
+        seaid.compare_replays(other, servo(**TRUTH), commanded())
