@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -80,4 +81,6 @@ def _content(found: Comparison) -> dict[str, Any]:
         "only": found.only,
         "groups": found.groups,
         "dependence": found.dependence,
+        "measures": [asdict(one) for one in found.measures or ()],
+        "d_efficiency": found.efficiency,
     }

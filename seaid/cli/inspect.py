@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Option
@@ -30,16 +32,22 @@ def inspect(
         str | None,
         Option(help="Sensors of every joint, as motor_position,motor_torque, in detail."),
     ] = None,
+    plans: Annotated[
+        list[Path] | None,
+        Option("--plan", help="A planned motion, to measure. May be repeated.", metavar="JSON"),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Show a robot: tree, drives, base parameters, and the identifiability by sensors.
 
     Base parameters are the combinations of masses, first moments and inertias that determine the
     torques; no log determines more. The command lists the links whose inertia in the file is
-    physically inconsistent.
+    physically inconsistent. Of planned motions it shows how well they excite the parameters: by the
+    condition number of columns of unit norm, and by D-efficiency over the first.
 
     seaid inspect leg.urdf --drives leg.toml
     seaid inspect arm.urdf --joints shoulder,elbow --sensors motor_position,motor_torque
+    seaid inspect leg.urdf --drives leg.toml --plan plan.json --plan other.json
     """
     from seaid.regressor import base_parameters, identifiability
     from seaid.robot import reread_urdf
@@ -62,7 +70,23 @@ def inspect(
     text = [*_tree_lines(robot, tree, tree.root), *_link_lines(inconsistent), *_base_lines(base)]
     details = [str(one) for one in found.values()]
     text += details if sensors is not None else [_identifiability_table(found)]
+    if plans:
+        content["plans"], lines = _measured(robot, plans)
+        text += ["\nExcitation by planned motions:", *(f"  {one}" for one in lines)]
     show("\n".join(text), content, as_json, robot=robot.name)
+
+
+def _measured(robot: Robot, plans: list[Path]) -> tuple[dict[str, Any], list[str]]:
+    """Return the measures of planned motions as JSON content and as lines."""
+    from seaid.excitation import excitation_measures, load_trajectory
+    from seaid.report import measure_lines
+
+    every = [excitation_measures(robot, load_trajectory(path)) for path in plans]
+    content = {
+        str(path): {**asdict(one), "d_efficiency": every[0].d_efficiency(one)}
+        for path, one in zip(plans, every, strict=True)
+    }
+    return content, measure_lines([str(path) for path in plans], every)
 
 
 def _joint_facts(robot: Robot) -> list[dict[str, Any]]:

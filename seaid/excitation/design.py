@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
@@ -19,6 +19,7 @@ from seaid.excitation.collision import Scene
 from seaid.excitation.criteria import (
     CRITERIA,
     CriterionName,
+    States,
     has_full_rank,
     pivoted_base,
     scaled_condition_and_d_value,
@@ -36,7 +37,13 @@ from seaid.excitation.limits import (
 )
 from seaid.excitation.multisine import Multisine
 from seaid.excitation.multisine import multisine as multisine_motion
-from seaid.excitation.objective import Target, drive_target, load_target, stacked_regressor
+from seaid.excitation.objective import (
+    READINGS_HZ,
+    Target,
+    drive_target,
+    load_target,
+    stacked_regressor,
+)
 from seaid.excitation.problem import (
     Problem,
     all_margins,
@@ -48,12 +55,14 @@ from seaid.excitation.problem import (
 )
 from seaid.excitation.run_in import with_run_in
 from seaid.excitation.search import Outcome, search, with_feasible_start
-from seaid.excitation.trajectory import Trajectory
-from seaid.log import Log
+from seaid.excitation.trajectory import Trajectory, check_joint_names
+from seaid.log import Log, Motion
 from seaid.regressor import BaseParameters
 from seaid.robot import Robot
 
 _REPORT_SAMPLES = 2000
+_MOST_NUMBERS, _FEWEST_SAMPLES = 20_000_000, 50
+"""Numbers of the regressor of logs that are measured, and samples of each of them at least."""
 
 _safely = partial(safely, what="the regressor of the motion", error=ExcitationError)
 
@@ -67,7 +76,7 @@ class ExcitationMeasures:
     scaled_condition_number : float
         Of columns of unit norm: the same in all units, but not for other base columns.
     d_value : float
-        (det H^T H / T)^(1/2p), per sample. Its ratio between two motions of a robot, the
+        (det H^T H / T)^(1/2p), per sample of T. Its ratio between two motions of a robot, the
         D-efficiency, depends neither on the base columns nor on units.
     parameters : int
         Number p of the parameters: base parameters, and those of the drives if their nominal values
@@ -96,7 +105,9 @@ class ExcitationMeasures:
 
 @checked(ExcitationError)
 def excitation_measures(
-    robot: Robot, trajectory: Trajectory, torque_joints: str | Sequence[str] | None = None
+    robot: Robot,
+    motion: Trajectory | Sequence[Motion],
+    torque_joints: str | Sequence[str] | None = None,
 ) -> ExcitationMeasures:
     """Return measures of a motion that compare across base columns and units.
 
@@ -104,7 +115,8 @@ def excitation_measures(
     ----------
     robot : Robot
         Its nominal values are needed for the parameters of the drives.
-    trajectory : Trajectory
+    motion : Trajectory or sequence of Motion
+        A planned motion, or those of logs.
     torque_joints : sequence of str, optional
         Joints whose torques are known. Default: all.
 
@@ -118,28 +130,44 @@ def excitation_measures(
     >>> measures = seaid.excitation.excitation_measures(robot, plan)
     >>> measures.d_efficiency(measures)
     """
+    if isinstance(motion, Trajectory):
+        check_joint_names(motion, robot)
     robot = robot.at_temperature()
     base = pivoted_base(robot, torque_joints)
-    return _measures(robot, trajectory, torque_joints, base, joint_limits(robot, None).velocity)
+    return _measures(robot, motion, torque_joints, base, joint_limits(robot, None).velocity)
 
 
 def _measures(
     robot: Robot,
-    trajectory: Trajectory,
+    motion: Trajectory | Sequence[Motion],
     torque_joints: str | Sequence[str] | None,
     base: BaseParameters,
     top_speed: Array,
 ) -> ExcitationMeasures:
-    time = np.linspace(0.0, trajectory.duration, _REPORT_SAMPLES)
-    states, has_drives = trajectory.sample(time), True
+    parts, has_drives = list(_sampled(motion)), True
     try:
         target = drive_target(robot, torque_joints, base, top_speed)
-        H = stacked_regressor(target, time, states)
+        H = np.vstack([stacked_regressor(target, *one) for one in parts])
     except SeaidError:  # nominal values are missing
         target, has_drives = load_target(robot, torque_joints, base), False
-        H = stacked_regressor(target, time, states)
-    scaled, d_value = scaled_condition_and_d_value(H / np.sqrt(len(time)))
+        H = np.vstack([stacked_regressor(target, *one) for one in parts])
+    # rows are weighted to READINGS_HZ a second: per reading, the length does not count
+    readings = READINGS_HZ * sum(float(time[-1] - time[0]) for time, _ in parts)
+    scaled, d_value = scaled_condition_and_d_value(H / np.sqrt(readings))
     return ExcitationMeasures(scaled, d_value, H.shape[1], has_drives)
+
+
+def _sampled(motion: Trajectory | Sequence[Motion]) -> Iterator[tuple[Array, States]]:
+    """Yield times (T,) and states of a plan, or of each motion of logs."""
+    if isinstance(motion, Trajectory):
+        time = np.linspace(0.0, motion.duration, _REPORT_SAMPLES)
+        yield time, motion.sample(time)
+    else:
+        n = motion[0].joint_position.shape[1]
+        most = min(_REPORT_SAMPLES, _MOST_NUMBERS // (10 * n**2 * len(motion)))
+        for one in motion:
+            few = one.samples(slice(None, None, -(-len(one.time) // max(most, _FEWEST_SAMPLES))))
+            yield few.time, few.joint_states
 
 
 @dataclass(frozen=True, eq=False, repr=False)

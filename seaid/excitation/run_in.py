@@ -27,7 +27,7 @@ from seaid.excitation.boundary import (
 )
 from seaid.excitation.limits import JointLimits, Limits, joint_limits
 from seaid.excitation.spline import SplineBasis
-from seaid.excitation.trajectory import Trajectory
+from seaid.excitation.trajectory import Trajectory, check_joint_names
 from seaid.robot import Robot
 
 _COEFFICIENTS = 12
@@ -133,11 +133,7 @@ def add_run_in(
     >>> plan = seaid.design_excitation(robot, 10.0, basis="fourier", rest_to_rest=False)
     >>> motion = seaid.add_run_in(plan.trajectory, robot, periods=5)
     """
-    if trajectory.joint_names != robot.joint_names:
-        raise ExcitationError(
-            f"the trajectory moves {', '.join(trajectory.joint_names)}, but '{robot.name}' has "
-            f"{', '.join(robot.joint_names)}: give the joints of the robot, in its order"
-        )
+    check_joint_names(trajectory, robot)
     if not (periods >= 1 and periods == int(periods)):
         raise ExcitationError(f"periods must be a whole number of at least 1, found {periods}")
     bounds = joint_limits(robot, limits)

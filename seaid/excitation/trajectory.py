@@ -18,6 +18,7 @@ from seaid._progress import MOST_NAMES, Display, counted
 from seaid.errors import ExcitationError, checked, listed, shown, unknown_name
 from seaid.excitation.basis import Basis, basis_from_dict
 from seaid.excitation.spline import SplineBasis, bernstein_from_powers
+from seaid.robot import Robot
 
 _NANO = 10**9
 
@@ -241,6 +242,15 @@ def _check_sizes(duration: float, coefficients: Array) -> None:
         raise ExcitationError(
             f"coefficients must be at most {_MOST_COEFFICIENT:g} rad or m in size, found "
             f"{largest:g}"
+        )
+
+
+def check_joint_names(trajectory: Trajectory, robot: Robot) -> None:
+    """Raise ExcitationError for a trajectory of other joints than those of a robot."""
+    if trajectory.joint_names != robot.joint_names:
+        raise ExcitationError(
+            f"the trajectory moves {', '.join(trajectory.joint_names)}, but '{robot.name}' has "
+            f"{', '.join(robot.joint_names)}: give the joints of the robot, in its order"
         )
 
 

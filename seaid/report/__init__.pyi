@@ -20,6 +20,7 @@ from .text import fields_table as fields_table
 from .text import frequency_table as frequency_table
 from .text import identification_table as identification_table
 from .text import log_table as log_table
+from .text import measure_lines as measure_lines
 from .text import replay_table as replay_table
 from .text import robot_table as robot_table
 from .text import sensors_table as sensors_table

@@ -13,11 +13,13 @@ from scipy.special import chdtrc, stdtr, stdtridf
 
 from seaid._progress import Display, Result, counted
 from seaid.drives import JointParameter, readable
-from seaid.errors import IdentificationError, checked
+from seaid.errors import IdentificationError, SeaidError, checked
 from seaid.estimation import Estimate, scaled_svd
+from seaid.excitation import ExcitationMeasures, excitation_measures
 from seaid.identification import Identification
 from seaid.log import Motion
 from seaid.regressor import INPUT_FIELDS
+from seaid.robot import Robot
 
 Dependence = Literal["independent", "correlated", "unknown"]
 
@@ -115,6 +117,8 @@ class Comparison(Result):
         Whether the parameters of a drive, or the base parameters, differ as a whole.
     dependence : {"independent", "correlated", "unknown"}
         Whether both have a log in common.
+    measures : (ExcitationMeasures, ExcitationMeasures) or None
+        Of the motions of both, about the first robot; None for logs that were read in pieces.
     """
 
     table_name = "comparison_table"
@@ -124,6 +128,7 @@ class Comparison(Result):
     only: tuple[tuple[str, ...], tuple[str, ...]]
     groups: dict[str, GroupTest]
     dependence: Dependence
+    measures: tuple[ExcitationMeasures, ExcitationMeasures] | None = None
 
     def _in_short(self) -> str:
         significant = sum(one.is_significant for one in self.differences)
@@ -137,6 +142,11 @@ class Comparison(Result):
         total = counted(len(self.differences), "parameter")
         found = f"{len(significant)} of {total} differ significantly"
         return f"{found}. {_SENTENCES[self.dependence]}"
+
+    @property
+    def efficiency(self) -> float:
+        """The D-efficiency of the motions of the first over those of the second, NaN if unknown."""
+        return nan if self.measures is None else self.measures[0].d_efficiency(self.measures[1])
 
 
 @checked(IdentificationError)
@@ -193,7 +203,30 @@ def comparison_of(
         ),
         groups=groups,
         dependence=_dependence(first, second),
+        measures=_measures(first, second),
     )
+
+
+def measures_of(found: Identification, robot: Robot | None = None) -> ExcitationMeasures | None:
+    """Return the measures of the motions of an identification, None if they are not kept."""
+    if not found.motions:
+        return None
+    try:
+        return excitation_measures(robot or found.robot, found.motions, found.model.torque_joints)
+    except SeaidError:  # a joint without position
+        return None
+
+
+def _measures(
+    first: Identification, second: Identification
+) -> tuple[ExcitationMeasures, ExcitationMeasures] | None:
+    """Return the measures of two identifications of the same parameters."""
+    if first.model.torque_joints != second.model.torque_joints:
+        return None
+    one, other = (measures_of(each, first.robot) for each in (first, second))
+    if one is None or other is None or one.parameters != other.parameters:
+        return None
+    return one, other
 
 
 def comparison_of_parameters(

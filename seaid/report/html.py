@@ -16,13 +16,14 @@ from seaid._files import plain, write_whole
 from seaid._progress import counted
 from seaid.errors import SeaidError, checked
 from seaid.identification import Identification, StaticCalibration, Validation, compared
-from seaid.report.comparison import comparison_of
+from seaid.report.comparison import comparison_of, measures_of
 from seaid.report.html_actuators import actuator_figures
 from seaid.report.html_charts import Axis, Layer, chart
 from seaid.report.html_experiment import (
     excitation_table,
     known_table,
     log_facts,
+    measure_facts,
     settings_facts,
     setup_rows,
     versions,
@@ -200,6 +201,7 @@ def write_comparison(
         numbers=[
             (name, _identified_from(one)) for name, one in zip(names, (first, second), strict=True)
         ],
+        motions=measure_facts(names, result.measures),
     )
     write_whole(path, page)
 
@@ -373,6 +375,7 @@ def _experiment(found: Identification, facts: list[tuple[str, str]]) -> dict[str
         "known": known_table(found),
         "setup": setup_rows(found),
         "excitation": excitation_table(found),
+        "measures": measure_facts(("",), (measures_of(found),)),
         "command": [text for name, text in facts if name.lower() == "command"],
         "facts": [one for one in facts if one[0].lower() != "command"],
         "versions": versions(),

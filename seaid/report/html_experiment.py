@@ -30,6 +30,7 @@ from seaid.robot import at_drives
 if TYPE_CHECKING:
     from seaid.drives import Drive
     from seaid.estimation import Estimate
+    from seaid.excitation import ExcitationMeasures
     from seaid.identification import Identification
     from seaid.log import Motion, Processing
     from seaid.robot import Robot
@@ -214,6 +215,27 @@ def excitation_table(found: Identification) -> Table | None:
         "torque is that of the motor, reflected to the joint."
     )
     return table_of("excitation", caption, heads, rows)
+
+
+def measure_facts(
+    names: Sequence[str], every: Sequence[ExcitationMeasures | None] | None
+) -> list[tuple[str, str]]:
+    """Return the measures of motions, with the D-efficiency of the first over the second."""
+    facts = []
+    for name, one in zip(names, every or (), strict=False):
+        if one is not None:
+            of = f" of {name}" if name else ""
+            drives = ", drives included" if one.has_drives else ""
+            columns = f"{one.parameters} columns of unit norm{drives}"
+            facts += [
+                (f"Condition number{of}", f"{short(one.scaled_condition_number)} ({columns})"),
+                (f"D-value{of}", short(one.d_value)),
+            ]
+    if len(facts) == 4 and every is not None:
+        one, other = every
+        efficiency = one.d_efficiency(other)  # type: ignore[arg-type, union-attr]
+        facts.append(("D-efficiency", f"{short(efficiency)} ({names[0]} over {names[1]})"))
+    return facts
 
 
 def _part(value: float, limit: float, unit: str) -> Cell:

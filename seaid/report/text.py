@@ -18,7 +18,7 @@ from seaid.log import has_holes
 if TYPE_CHECKING:
     from seaid.errors import Finding
     from seaid.estimation import Estimate, TermTest
-    from seaid.excitation import Excitation
+    from seaid.excitation import Excitation, ExcitationMeasures
     from seaid.identification import (
         Conditions,
         FeasibleParameters,
@@ -208,9 +208,7 @@ def condition_lines(plan: Excitation) -> list[str]:
         f"condition number of the scaled columns: random start {first:.4g}, planned {last:.4g}",
         f"condition number of the {len(plan.base.columns)} base columns: "
         f"{plan.condition_number:.4g}",
-        f"condition number of {plan.measures.parameters} columns of unit norm"
-        f"{', drives included' if plan.measures.has_drives else ''}: "
-        f"{plan.measures.scaled_condition_number:.4g}; D-value {plan.measures.d_value:.4g}",
+        f"condition number of {measure_text(plan.measures)}",
     ]
 
 
@@ -482,7 +480,30 @@ def comparison_table(result: Comparison) -> Text:
         for name, found in zip(result.names, result.only, strict=True)
         if found
     ]
-    return joined([table(title, header, rows), *tests, *only, result.sentence])
+    rest = [*only, *measure_lines(result.names, result.measures or ()), result.sentence]
+    return joined([table(title, header, rows), *tests, *rest])
+
+
+def measure_text(one: ExcitationMeasures) -> str:
+    """Return the condition number of columns of unit norm, and the D-value."""
+    drives = ", drives included" if one.has_drives else ""
+    return (
+        f"{one.parameters} columns of unit norm{drives}: {one.scaled_condition_number:.4g}; "
+        f"D-value {one.d_value:.4g}"
+    )
+
+
+def measure_lines(names: Sequence[str], every: Sequence[ExcitationMeasures]) -> list[str]:
+    """Return the measures of motions, and the D-efficiency of the first over each other one."""
+    lines = [
+        f"motion of {name}: condition number of {measure_text(one)}"
+        for name, one in zip(names, every, strict=False)
+    ]
+    lines += [
+        f"D-efficiency of {names[0]} over {name}: {every[0].d_efficiency(one):.4g}"
+        for name, one in zip(names[1:], every[1:], strict=False)
+    ]
+    return lines
 
 
 def number(value: float) -> str:

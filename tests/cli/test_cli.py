@@ -207,6 +207,26 @@ def test_inspect_as_json_is_what_the_library_says(arm: Path) -> None:
     assert found["by_derivatives"] == list(derivatives.expressions)
 
 
+def test_inspect_measures_planned_motions(arm: Path, tmp_path: Path) -> None:
+    robot = seaid.load_robot(arm / "arm.urdf", arm / "arm.toml")
+    basis = seaid.excitation.make_basis("bspline", 4.0, 10)
+    files = tmp_path / "one.json", tmp_path / "other.json"
+    for seed, file in enumerate(files):
+        values = np.random.default_rng(seed).uniform(-0.5, 0.5, (10, robot.n))
+        seaid.Trajectory(robot.joint_names, basis, values).save(file)
+    options = ("--plan", files[0], "--plan", files[1])
+    content = json.loads(done("inspect", *robot_and_drives(arm), *options, "--json").out)
+    plans = content["result"]["plans"]
+    own = [
+        seaid.excitation.excitation_measures(robot, seaid.load_trajectory(file)) for file in files
+    ]
+    for file, one in zip(files, own, strict=True):
+        assert plans[str(file)]["d_value"] == pytest.approx(one.d_value)
+        assert plans[str(file)]["d_efficiency"] == pytest.approx(own[0].d_efficiency(one))
+    said = done("inspect", *robot_and_drives(arm), *options).out
+    assert f"D-efficiency of {files[0]} over {files[1]}: " in said
+
+
 def test_inspect_lists_inconsistent_links(arm: Path, tmp_path: Path) -> None:
     assert "inconsistent" not in done("inspect", arm / "arm.urdf").out
     text = (arm / "arm.urdf").read_text()

@@ -339,6 +339,8 @@ def test_comparison_of_runs_is_that_of_the_library(runs: tuple[Path, Path], tmp_
         {name: one.chi_square for name, one in own.groups.items()}
     )
     assert content["dependence"] == "independent"
+    assert content["d_efficiency"] == pytest.approx(own.efficiency)
+    assert "D-efficiency" in page.read_text(encoding="utf-8")
     assert page.read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
     assert "run and other: value +- standard error" in done("compare", *runs).out
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.linalg import qr
@@ -14,7 +16,7 @@ from seaid.excitation.design import excitation_measures
 from seaid.excitation.objective import load_target, stacked_regressor
 from seaid.regressor.base import base_parameters
 from seaid.regressor.rigid_body import rigid_body_regressor
-from tests.experiments import leg, leg_trajectory
+from tests.experiments import arm, leg, leg_motion, leg_trajectory
 
 TIME: Array = np.linspace(0.0, 6.0, 400)
 ONE, OTHER = leg_trajectory(0), leg_trajectory(3)
@@ -103,6 +105,22 @@ def test_measures_include_the_drives_and_do_not_depend_on_how_densely_a_motion_i
     bodies = excitation_measures(leg().without_nominal(), ONE)
     with pytest.raises(ExcitationError, match="compares motions of one robot"):
         one.d_efficiency(bodies)
+
+
+def test_the_motion_of_a_log_has_the_measures_of_its_plan_and_of_twice_that() -> None:
+    plan = excitation_measures(leg(), ONE)
+    q, v, a = ONE.sample(leg_motion().time)
+    motion = replace(leg_motion(), joint_position=q, joint_velocity=v, joint_acceleration=a)
+    log = excitation_measures(leg(), [motion])
+    assert log.d_efficiency(plan) == pytest.approx(1.0, rel=1e-3)
+    assert log.scaled_condition_number == pytest.approx(plan.scaled_condition_number, rel=1e-3)
+    twice = excitation_measures(leg(), [motion, motion])
+    assert twice.d_efficiency(log) == pytest.approx(1.0, rel=1e-3)
+
+
+def test_a_motion_of_other_joints_is_not_measured() -> None:
+    with pytest.raises(ExcitationError, match=r"the trajectory moves hip_yaw, .* but 'mixed_arm'"):
+        excitation_measures(arm(), ONE)
 
 
 def test_a_plan_states_its_measures() -> None:

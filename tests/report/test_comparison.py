@@ -109,4 +109,11 @@ def test_table_has_every_parameter_and_says_what_the_errors_assume() -> None:
     assert "independent: they rest on different logs" in text
     assert "drive of shoulder as a whole: chi-square" in text
     assert "cold and warm" in text
+    assert "motion of cold: condition number of" in text
+    assert "columns of unit norm, drives included: " in text
+    assert result.efficiency == pytest.approx(1.0, rel=0.01)  # the same motion
+    assert f"D-efficiency of cold over warm: {result.efficiency:.4g}" in text
+    unkept = comparison_of(arm_found(), replace(warm(), motions=()))
+    assert unkept.measures is None
+    assert "D-efficiency" not in unkept.summary()
     assert repr(result).startswith("Comparison(cold, warm: 1 of ")

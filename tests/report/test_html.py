@@ -164,6 +164,11 @@ def test_page_has_logs_known_drives_conditions_facts_and_versions(page: Page) ->
     assert f"{position.min():.3g} … {position.max():.3g} of ".replace("-", "−") in page.words
 
 
+def test_page_has_the_measures_of_the_motions(page: Page) -> None:
+    assert "Condition number" in page.text
+    assert "D-value" in page.text
+
+
 def test_delays_and_gear_ratios_stand_next_to_what_was_given() -> None:
     joints = dict(arm_found().setup)
     joints["wrist"] = replace(
