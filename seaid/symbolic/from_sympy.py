@@ -122,8 +122,11 @@ def without_dependent(
     relations: Any,
     signals: tuple[sp.Expr, ...],
     unknowns: tuple[sp.Symbol, ...],
-) -> list[sp.Expr]:
-    """Return the equations without the signals for which the relations can be solved."""
+) -> tuple[list[sp.Expr], list[sp.Expr]]:
+    """Return the equations without the signals for which relations can be solved, and the rest.
+
+    The rest are the relations that give no signal, as loop closures, without those signals too.
+    """
     found = list(expressions)
     left = [prepared(scalar("a relation", one)) for one in listed(relations)]
     for one in left:
@@ -132,22 +135,14 @@ def without_dependent(
                 f"the relation {shortened(one)} = 0 contains an unknown; relations are between "
                 "signals, with known constants: give it as an equation"
             )
-    while left:
-        solved = next(filter(None, (_solved(one, signals) for one in left)), None)
-        if solved is None:
-            raise SymbolicError(
-                f"the relation {shortened(left[0])} = 0 cannot be solved for a signal; allowed "
-                "are relations in which a signal occurs once, linearly and with a constant "
-                "factor, such as u - q': write the equations in independent coordinates, or give "
-                "sine and cosine of a dependent angle as signals with a relation each"
-            )
+    while solved := next(filter(None, (_solved(one, signals) for one in left)), None):
         used, rule = solved
         found, left = (
             [prepared(one.xreplace(rule)) for one in several]
             for several in (found, [one for one in left if one is not used])
         )
         left = [one for one in left if sp.expand(one, trig=True) != 0]
-    return found
+    return found, left
 
 
 def _solved(
@@ -180,14 +175,15 @@ def read_equations(
     unknowns: tuple[sp.Symbol, ...],
     max_terms: int,
     *,
+    closures: Sequence[sp.Expr] = (),
     progress: bool = False,
 ) -> tuple[Ring, list[Ratio]]:
-    """Return the polynomial ring of the equations, and each equation as a ratio in it.
+    """Return the polynomial ring of the equations, and each as a ratio in it, closures last.
 
     Floats count as the decimals that they represent. Raises SymbolicError, naming equation, term
     and unknown, if an unknown is the argument of a function or if the equations are too large.
     """
-    equations = [prepared(equation) for equation in equations]
+    equations = [prepared(equation) for equation in (*equations, *closures)]
     for number, equation in enumerate(equations, 1):
         with located(f"equation {number}"):
             check_instantaneous(equation)
@@ -198,13 +194,14 @@ def read_equations(
     for number, equation in track(list(enumerate(equations, 1)), "equations read", progress):
         with located(f"equation {number}"):
             ratios.append(_read(ring, equation, memory))
-    return _with_inputs(ring, ratios), ratios
+    return _with_inputs(ring, ratios, len(closures)), ratios
 
 
-def _with_inputs(ring: Ring, equations: Sequence[Ratio]) -> Ring:
+def _with_inputs(ring: Ring, equations: Sequence[Ratio], closures: int) -> Ring:
     """Return the ring in which plain symbols that occur as inputs do, such as a torque, are such.
 
-    An input multiplies neither motion, unknown nor another such symbol, and occurs in no function.
+    An input multiplies neither motion, unknown nor another such symbol, and occurs in no function
+    and in none of the last equations, the `closures`.
     """
     symbols = {i for i in ring.known if ring.generators[i].is_Symbol}
     for place in tuple(symbols):
@@ -212,6 +209,8 @@ def _with_inputs(ring: Ring, equations: Sequence[Ratio]) -> Ring:
         if any(other != x and other.has(x) for other in ring.generators):
             symbols.discard(place)
     acting = {*ring.motion, *ring.unknown}
+    for numerator, _ in equations[len(equations) - closures :]:
+        symbols -= {i for i, degree in enumerate(numerator.degrees()) if degree > 0}
     for numerator, denominator in equations:
         symbols -= {i for i, degree in enumerate(denominator.degrees()) if degree > 0}
         for exponents in numerator.monoms():

@@ -22,6 +22,7 @@ from mpmath import mp, mpf
 
 from seaid._progress import Display
 from seaid.errors import SeaidWarning, SymbolicError
+from seaid.symbolic.closed_loops import base_columns
 from seaid.symbolic.entries import Entry, Row, grouped_by_motion
 from seaid.symbolic.independence import independent_functions
 from seaid.symbolic.polynomial import (
@@ -270,15 +271,19 @@ def reduce(form: RegressorForm) -> BaseForm:
     tables = [_replaced(ring, table, replaced) for table in tables]
     order = sorted(set(chain(*tables)), key=_function_key)
     rows = tuple(tuple(table.get(f, {}) for f in order) for table in tables)
-    echelon, pivots, different = eliminate(ring, chain(*rows), len(form.monomials))
+    width = len(form.monomials)
+    echelon, pivots, different = eliminate(ring, chain(*rows), width)
+    if form.closures:
+        echelon, pivots = base_columns(ring, order, rows, form.closures, width)
     if not pivots:
         raise SymbolicError(
             "no parameter is identifiable: the regressor is zero in every column, of "
             f"{', '.join(map(str, form.parameters))}; check equations and unknowns"
         )
-    closed = sp.ImmutableMatrix(_matrix(ring, echelon, len(form.monomials)))
+    closed = sp.ImmutableMatrix(_matrix(ring, echelon, width))
     parameters = closed * form.parameters
-    _warn_of_cancelled(ring, different, pivots, parameters)
+    if not form.closures:
+        _warn_of_cancelled(ring, different, pivots, parameters)
     return BaseForm(
         zeta=form.zeta,
         parameters=parameters,

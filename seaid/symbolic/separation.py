@@ -17,6 +17,7 @@ from flint import fmpq, fmpq_mpoly
 
 from seaid._progress import Display, track
 from seaid.errors import SymbolicError
+from seaid.symbolic.closed_loops import check_closures, prolonged
 from seaid.symbolic.entries import (
     Entry,
     Row,
@@ -51,6 +52,8 @@ class RegressorForm(Display):
     ring, rows, monomials
         The same as exact polynomials: `rows[i]` are the elements of equation i by the exponents of
         the unknowns, `monomials` these exponents in the order of the columns.
+    closures
+        Polynomials that are zero along every motion: loop closures and their derivatives.
     """
 
     zeta: sp.ImmutableMatrix
@@ -58,6 +61,7 @@ class RegressorForm(Display):
     ring: Ring = field(repr=False)
     rows: tuple[Row, ...] = field(repr=False)
     monomials: tuple[Exponents, ...] = field(repr=False)
+    closures: tuple[fmpq_mpoly, ...] = field(repr=False, default=())
 
     @cached_property
     def regressor(self) -> sp.ImmutableMatrix:
@@ -96,8 +100,11 @@ def separate(
         and must not multiply an unknown; so is a symbol that multiplies nothing that moves.
     relations : sympy expression, Eq, or several, optional
         Expressions in signals that are zero along every motion, such as u - q' for a generalised
-        speed, or q2 + 2 q1 for a gear. Each must give one signal: it occurs once, linearly, with a
-        constant factor. That signal, the last one declared, is replaced with its derivatives.
+        speed, or q2 + 2 q1 for a gear. A signal that occurs in one once, linearly, with a constant
+        factor, is replaced with its derivatives (the last declared one, if there are several).
+        Other relations, such as the closure of a four-bar linkage, are kept: `reduce` then judges
+        columns on the motions that satisfy them. They may contain signals, which need not be
+        measured, their sines, cosines and roots, known symbols and rational numbers.
     max_terms : int, default 500 000
         Limit on the terms of one polynomial.
     progress : bool, default False
@@ -113,8 +120,8 @@ def separate(
     SymbolicError
         If an unknown is inside a function or in a denominator that cannot be cleared, for unusable
         `motion` or `unknowns`, for an undeclared function of time that multiplies an unknown, for
-        complex numbers and integrals, for relations that give no signal, for equations without
-        unknowns and for equations of more than `max_terms` terms.
+        complex numbers and integrals, for relations with an unknown or without a
+        signal, for equations without unknowns and for equations of more than `max_terms` terms.
 
     Notes
     -----
@@ -133,15 +140,21 @@ def separate(
     Matrix([[Derivative(x(t), (t, 2)), Derivative(x(t), t)]])
     """
     expressions, signals, symbols = declared(equations, motion, unknowns)
-    expressions = without_dependent(expressions, relations, signals, symbols)
-    ring, ratios = read_equations(expressions, signals, symbols, max_terms, progress=progress)
+    expressions, loops = without_dependent(expressions, relations, signals, symbols)
+    loops = prolonged(loops, expressions, signals)
+    ring, ratios = read_equations(
+        expressions, signals, symbols, max_terms, closures=loops, progress=progress
+    )
+    closures = tuple(closure.numerator for closure in ratios[len(expressions) :])
+    check_closures(ring, closures, loops)
     symbols = _with_phases(ring, symbols)
     rows: list[Row] = []
-    pairs = list(enumerate(zip(ratios, expressions, strict=True), 1))
+    pairs = list(enumerate(zip(ratios, expressions, strict=False), 1))
     for number, (equation, expression) in track(pairs, "equations grouped", progress):
         with located(f"equation {number}"):
             rows.append(_grouped(ring, equation, expression, symbols))
-    ring, rows = with_multiples(ring, rows)
+    if not closures:
+        ring, rows = with_multiples(ring, rows)
     rows = [normalised(ring, row) for row in rows]
     _check_undeclared(ring, rows, symbols)
     monomials = _columns(rows, symbols)
@@ -152,6 +165,7 @@ def separate(
         ring=ring,
         rows=tuple(rows),
         monomials=monomials,
+        closures=closures,
     )
 
 

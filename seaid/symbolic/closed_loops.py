@@ -1,0 +1,454 @@
+"""Base columns of equations whose signals satisfy loop closures, such as those of a four-bar.
+
+The columns are judged where the motion can be: at random points that satisfy the closures and their
+derivatives, modulo a prime. There sines, cosines and roots are algebraic numbers, and a rank is
+exact. The factors of dependent columns are interpolated as quotients of polynomials in the known
+symbols, and confirmed at further points.
+"""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import chain, combinations_with_replacement
+from typing import Any
+
+import sympy as sp
+from flint import (
+    fmpq,
+    fmpz_mod_ctx,
+    fmpz_mod_mat,
+    fmpz_mod_mpoly,
+    fmpz_mod_mpoly_ctx,
+    fmpz_mod_poly_ctx,
+)
+from sympy.core.function import AppliedUndef
+
+from seaid.errors import SymbolicError
+from seaid.symbolic.generators import root
+from seaid.symbolic.polynomial import Exponents, Ratio, Ring, from_polynomial, ratio
+
+Values = dict[int, int]
+"""{place of a generator: its value modulo the prime}."""
+
+_PRIME = 2**127 - 1
+_LONGEST = 2**48
+"""Rational factors are accepted up to this size; a random residue is one with odds of 2^-30."""
+
+_MORE_ROWS, _DRAWS, _MOST_DRAWS = 6, 60, 400
+_MOST_TERMS = 300
+_MOST_MOTIONS = 1.5
+"""The mean number of solutions per random place is the number of components of the variety: one,
+with a standard deviation of 1 / sqrt(_DRAWS)."""
+
+_NUMBERS, _POLYNOMIALS = fmpz_mod_ctx(_PRIME), fmpz_mod_poly_ctx(_PRIME)
+
+
+def prolonged(
+    relations: Sequence[sp.Expr], equations: Sequence[sp.Expr], signals: Sequence[sp.Expr]
+) -> list[sp.Expr]:
+    """Return the relations with their derivatives, up to the order of those in the equations."""
+
+    def order(expressions: Iterable[sp.Expr]) -> int:
+        found = chain(*(one.atoms(sp.Derivative) for one in expressions))
+        return max((int(one.derivative_count) for one in found), default=0)
+
+    time = {s for one in signals if isinstance(one, AppliedUndef) for s in one.free_symbols}
+    highest, result = order((*relations, *equations)), []
+    for relation in relations:
+        for _ in range(highest - order([relation]) + 1):
+            result.append(relation)
+            relation = sp.Add(*(relation.diff(t) for t in time))
+    return [one for one in result if one != 0]
+
+
+def check_closures(ring: Ring, closures: Sequence[Any], relations: Sequence[sp.Expr]) -> None:
+    """Refuse closures without signals, and with functions that are not algebraic."""
+    roots = {root(base, unit) for base, unit in ring.units["root"].items()}
+    for closure, relation in zip(closures, relations, strict=True):
+        places = [i for i, degree in enumerate(closure.degrees()) if degree > 0]
+        if not any(i in ring.motion for i in places):
+            raise SymbolicError(f"the relation {relation} = 0 contains no signal of motion")
+        for x in (ring.generators[i] for i in places):
+            allowed = sp.Symbol | AppliedUndef | sp.Derivative | sp.sin | sp.cos
+            if x.is_number or not (isinstance(x, allowed) or x in roots):
+                raise SymbolicError(
+                    f"the relation {relation} = 0 contains {x} and cannot be solved for a signal; "
+                    "allowed are signals, their sines, cosines and roots, and known symbols and "
+                    "rational numbers: give any other function as a signal, and any other number "
+                    "as a symbol"
+                )
+
+
+def base_columns(
+    ring: Ring,
+    functions: Sequence[tuple[sp.Expr, Exponents]],
+    rows: Sequence[Sequence[Mapping[int, Ratio]]],
+    closures: Sequence[Any],
+    width: int,
+) -> tuple[list[dict[int, Ratio]], tuple[int, ...]]:
+    """Return the rows of the echelon form (13) on the motions that satisfy closures, and its pivots.
+
+    `rows[i][k]` is the row of B of equation i and function k.
+    """
+    table = [
+        [(motion, row) for (_, motion), row in zip(functions, several, strict=True) if row]
+        for several in rows
+    ]
+    loops = _Loops(ring, table, tuple(closures), width)
+    base = loops.known()
+    pivots, entries = loops.echelon(base, loops.check_one_motion(base))
+    groups = loops.known_groups()
+    changed = [loops.echelon(loops.known(base, group))[1] for group in groups]
+    samples: list[tuple[Values, dict[tuple[int, int], int]]] = []
+
+    def sample(count: int) -> list[tuple[Values, dict[tuple[int, int], int]]]:
+        while len(samples) < count:
+            values = loops.known()
+            samples.append((values, loops.echelon(values)[1]))
+        return samples[:count]
+
+    one = from_polynomial(ring, ring.constant(1))
+    echelon = [{pivot: one} for pivot in pivots]
+    for key, value in entries.items():
+        acting = [
+            place
+            for group, other in zip(groups, changed, strict=True)
+            if other.get(key) != value
+            for place in group
+        ]
+        echelon[key[0]][key[1]] = _interpolated(
+            ring, acting, lambda n, key=key: [(x, found.get(key, 0)) for x, found in sample(n)]
+        )
+    return echelon, pivots
+
+
+@dataclass(eq=False)
+class _Loops:
+    """The variety of the motions that satisfy closures, and the rows of the regressor on it."""
+
+    ring: Ring
+    table: list[list[tuple[Exponents, Mapping[int, Ratio]]]]
+    closures: tuple[Any, ...]
+    width: int
+    draw: random.Random = field(default_factory=lambda: random.Random(1))
+
+    @cached_property
+    def context(self) -> fmpz_mod_mpoly_ctx:
+        return fmpz_mod_mpoly_ctx.get(
+            [f"x{i}" for i in range(len(self.ring.generators))], _PRIME, "lex"
+        )
+
+    @cached_property
+    def levels(self) -> list[list[fmpz_mod_mpoly]]:
+        """The polynomials that are zero, by the order of the derivatives that they contain."""
+        generators = self.ring.generators
+        free = {i for i, x in enumerate(generators) if isinstance(x, sp.sign)}
+        known = set(self.ring.known)
+        relations = [r.polynomial for r in self.ring.relations if r.generator not in free | known]
+        found: dict[int, list[fmpz_mod_mpoly]] = {}
+        for one in (*relations, *self.closures):
+            derivatives = [generators[i] for i in _places(one)]
+            orders = [x.derivative_count for x in derivatives if isinstance(x, sp.Derivative)]
+            found.setdefault(max(map(int, orders), default=0), []).append(self.modular(one))
+        return [found.get(level, []) for level in range(max(found) + 1)]
+
+    def modular(self, polynomial: Any) -> fmpz_mod_mpoly:
+        return self.context.from_dict({m: _residue(x) for m, x in polynomial.to_dict().items()})
+
+    def known_groups(self) -> list[list[int]]:
+        """Return the known generators that occur, those that a relation couples together."""
+        ratios = [x for row in self.table for _, line in row for x in line.values()]
+        polynomials = [*self.closures, *chain(*ratios)]
+        occurring = {i for one in polynomials for i in _places(one)} & set(self.ring.known)
+        groups = [{i} for i in sorted(occurring)]
+        for relation in self.ring.relations:
+            coupled = set(_places(relation.polynomial)) & occurring
+            if coupled:
+                together = set().union(*(group for group in groups if group & coupled))
+                groups = [*(group for group in groups if not group & coupled), together]
+        return [sorted(group) for group in groups]
+
+    def known(self, others: Values | None = None, group: Sequence[int] = ()) -> Values:
+        """Return random values of the known generators, with `others` for those not in `group`."""
+        relations = [r for r in self.ring.relations if r.generator in self.ring.known]
+        fixed = {i: x for i, x in (others or {}).items() if i not in group}
+        for _ in range(_MOST_DRAWS):
+            left = [self.modular(r.polynomial).subs(fixed) for r in relations]
+            solutions = _solutions(self, left)
+            if solutions:
+                drawn = {i: self.random() for i in self.ring.known}
+                return drawn | fixed | self.draw.choice(solutions)
+        names = ", ".join(str(self.ring.generators[r.generator]) for r in relations)
+        raise SymbolicError(f"with a closed loop, {names} cannot be kept; give it as a symbol")
+
+    def random(self) -> int:
+        return self.draw.randrange(1, _PRIME)
+
+    def places_of_motion(self, known: Values) -> Iterator[list[Values]]:
+        """Yield, for random values of free generators, all solutions in those without derivative."""
+        polynomials = [one.subs(known) for one in self.levels[0]]
+        for _ in range(_MOST_DRAWS):
+            yield _solutions(self, polynomials)
+
+    def check_one_motion(self, known: Values) -> list[Values]:
+        """Return solutions; raise SymbolicError if they are none, or those of several motions."""
+        drawn = [found for found, _ in zip(self.places_of_motion(known), range(_DRAWS))]
+        found = list(chain(*drawn))
+        if not found:
+            raise SymbolicError("no motion satisfies the relations, at any of 60 random places")
+        if len(found) > _MOST_MOTIONS * _DRAWS:
+            raise SymbolicError(
+                "the relations allow several motions that do not pass into each other, as a "
+                "parallelogram has two; add the relation of the one that is meant, such as q3 - q1"
+            )
+        return found
+
+    def echelon(
+        self, known: Values, start: Sequence[Values] = ()
+    ) -> tuple[tuple[int, ...], dict[tuple[int, int], int]]:
+        """Return the pivots, and {(row, dependent column): factor}, for known values."""
+        table = [
+            [(motion, {j: self._value(x, known) for j, x in row.items()}) for motion, row in rows]
+            for rows in self.table
+        ]
+        rates = [[one.subs(known) for one in several] for several in self.levels[1:]]
+        rows: list[list[int]] = []
+        for place in chain(start, *self.places_of_motion(known)):
+            point = self._with_rates(known | place, rates)
+            rows += [self._row(several, point) for several in table] if point else []
+            if len(rows) >= self.width + _MORE_ROWS:
+                break
+        matrix, rank = fmpz_mod_mat(
+            len(rows), self.width, list(chain(*rows)), _NUMBERS
+        ).rref()
+        echelon = [[int(x) for x in line] for line in matrix.tolist()[:rank]]
+        pivots = tuple(next(j for j, x in enumerate(line) if x) for line in echelon)
+        return pivots, {
+            (i, j): x
+            for i, line in enumerate(echelon)
+            for j, x in enumerate(line)
+            if x and j not in pivots
+        }
+
+    def _with_rates(self, point: Values, rates: list[list[fmpz_mod_mpoly]]) -> Values | None:
+        for polynomials in rates:
+            found = _solutions(self, [one.subs(point) for one in polynomials])
+            if not found:
+                return None
+            point = point | self.draw.choice(found)
+        signs = {
+            i: self.draw.choice((1, _PRIME - 1))
+            for i in self.ring.motion
+            if isinstance(self.ring.generators[i], sp.sign)
+        }
+        return {i: self.random() for i in self.ring.motion} | signs | point
+
+    def _value(self, quotient: Ratio, known: Values) -> int:
+        above, below = (
+            sum(_residue(x) * _power(m, known) for m, x in one.to_dict().items())
+            for one in quotient
+        )
+        return above * pow(below, -1, _PRIME) % _PRIME
+
+    def _row(self, rows: list[tuple[Exponents, dict[int, int]]], point: Values) -> list[int]:
+        result = [0] * self.width
+        for motion, row in rows:
+            value = _power(motion, point)
+            for j, factor in row.items():
+                result[j] = (result[j] + factor * value) % _PRIME
+        return result
+
+
+def _residue(number: fmpq) -> int:
+    return int(number.p) * pow(int(number.q), -1, _PRIME) % _PRIME
+
+
+def _power(exponents: Exponents, values: Values) -> int:
+    result = 1
+    for i, e in enumerate(exponents):
+        if e:
+            result = result * pow(values[i], int(e), _PRIME) % _PRIME
+    return result
+
+
+def _places(polynomial: Any) -> list[int]:
+    return [i for i, degree in enumerate(polynomial.degrees()) if degree > 0]
+
+
+def _solutions(loops: _Loops, polynomials: Sequence[fmpz_mod_mpoly]) -> list[Values]:
+    """Return the values at which polynomials are zero; generators that remain free are random.
+
+    One variable is eliminated at a time: by a polynomial in it alone, by one that is linear in it,
+    or by resultants.
+    """
+    left = list({str(one): one for one in polynomials if not one.is_zero()}.values())
+    if not left:
+        return [{}]
+    if any(one.is_constant() for one in left):
+        return []
+    occurring = [_places(one) for one in left]
+    for one, places in zip(left, occurring, strict=True):
+        if len(places) == 1:
+            return [
+                {places[0]: value} | rest
+                for value in _roots(one, places[0])
+                for rest in _solutions(loops, [other.subs({places[0]: value}) for other in left])
+            ]
+    for one in sorted(left, key=len):
+        for place in _places(one):
+            slope = _constant_slope(one, place)
+            if slope:
+                return _with_linear(loops, left, one, place, slope)
+    free = sorted(set(chain(*occurring)))
+    if len(left) < len(free):
+        drawn = _drawn(loops, left, free)
+        found = _solutions(loops, [one.subs(drawn) for one in left])
+        return [drawn | rest for rest in found]
+    return _with_resultants(loops, left, free)
+
+
+def _roots(polynomial: fmpz_mod_mpoly, place: int) -> list[int]:
+    coefficients = [0] * (int(polynomial.degrees()[place]) + 1)
+    for exponents, value in polynomial.to_dict().items():
+        coefficients[int(exponents[place])] = int(value)
+    return [int(value) for value, _ in _POLYNOMIALS(coefficients).roots()]
+
+
+def _constant_slope(polynomial: fmpz_mod_mpoly, place: int) -> int:
+    """Return the coefficient of a variable that occurs once, linearly and alone, or zero."""
+    found = [(m, x) for m, x in polynomial.to_dict().items() if m[place]]
+    return int(found[0][1]) if len(found) == 1 and sum(found[0][0]) == 1 else 0
+
+
+def _with_linear(
+    loops: _Loops, left: list[fmpz_mod_mpoly], one: fmpz_mod_mpoly, place: int, slope: int
+) -> list[Values]:
+    gens = list(loops.context.gens())
+    value = gens[place] - one * pow(slope, -1, _PRIME)
+    rule = [*gens[:place], value, *gens[place + 1 :]]
+    others = [
+        other.compose(*rule) if place in _places(other) else other
+        for other in left
+        if other is not one
+    ]
+    result = []
+    for rest in _solutions(loops, others):
+        rest = {i: loops.random() for i in _places(value)} | rest
+        number = value.subs(rest)
+        result.append(rest | {place: 0 if number.is_zero() else int(number.leading_coefficient())})
+    return result
+
+
+def _drawn(loops: _Loops, left: list[fmpz_mod_mpoly], free: list[int]) -> Values:
+    """Return random values of an angle's sine and cosine, or else of one variable."""
+    generators = loops.ring.generators
+    for place in free:
+        x = generators[place]
+        other = loops.ring.index.get(sp.cos(x.args[0])) if isinstance(x, sp.sin) else None
+        if other in free and any(set(_places(one)) == {place, other} for one in left):
+            t = loops.random()
+            below = pow(1 + t * t, -1, _PRIME)
+            return {place: 2 * t * below % _PRIME, other: (1 - t * t) * below % _PRIME}
+    return {free[0]: loops.random()}
+
+
+def _with_resultants(
+    loops: _Loops, left: list[fmpz_mod_mpoly], free: list[int]
+) -> list[Values]:
+    def cost(place: int) -> tuple[int, int]:
+        degrees = [int(one.degrees()[place]) for one in left]
+        return (sum(degrees), len(degrees)) if sum(map(bool, degrees)) > 1 else (10**6, 0)
+
+    place = min(free, key=cost)
+    holders = sorted(
+        (one for one in left if one.degrees()[place] > 0),
+        key=lambda one: (int(one.degrees()[place]), len(one)),
+    )
+    first, rest = holders[0], [one for one in left if one.degrees()[place] == 0]
+    for other in holders[1:]:
+        common = first.gcd(other)
+        if not common.is_constant():
+            apart = [one for one in left if one is not first and one is not other]
+            split = [first / common, other / common, *apart]
+            return [*_solutions(loops, [common, *apart]), *_solutions(loops, split)]
+        rest.append(first.resultant(other, place))
+    return [
+        found | more
+        for found in _solutions(loops, rest)
+        for more in _solutions(loops, [one.subs(found) for one in holders])
+    ]
+
+
+def _interpolated(
+    ring: Ring, places: Sequence[int], samples: Callable[[int], list[tuple[Values, int]]]
+) -> Ratio:
+    """Return the quotient of polynomials in known generators that has the values of the samples."""
+    for degree in range(9):
+        for below in range(degree + 1):
+            above = _monomials(ring, places, degree - below)
+            monomials = [*above, *_monomials(ring, places, below)]
+            if len(monomials) > _MOST_TERMS:
+                break
+            found = _relation(monomials, len(above), samples(len(monomials) + _MORE_ROWS))
+            if found is not None:
+                sides = (
+                    {m: x for m, x in zip(several, numbers, strict=True) if x}
+                    for several, numbers in (
+                        (above, found[: len(above)]),
+                        (monomials[len(above) :], found[len(above) :]),
+                    )
+                )
+                return ratio(ring, *(ring.context.from_dict(side) for side in sides))
+    names = ", ".join(str(ring.generators[i]) for i in places) or "the lengths"
+    raise SymbolicError(
+        "a column depends on others with factors that are no short quotients of polynomials in "
+        f"{names}; give them as symbols, or as short numbers"
+    )
+
+
+def _monomials(ring: Ring, places: Sequence[int], degree: int) -> list[Exponents]:
+    limits = {relation.generator: relation.degree for relation in ring.relations}
+    result = []
+    for several in chain(
+        *(combinations_with_replacement(places, n) for n in range(degree + 1))
+    ):
+        exponents = [0] * len(ring.generators)
+        for place in several:
+            exponents[place] += 1
+        if all(exponents[i] < limit for i, limit in limits.items()):
+            result.append(tuple(exponents))
+    return result
+
+
+def _relation(
+    monomials: list[Exponents], above: int, samples: list[tuple[Values, int]]
+) -> list[fmpq] | None:
+    """Return factors with which numerator = value * denominator holds in all samples, or None."""
+    rows = []
+    for known, value in samples:
+        powers = [_power(m, known) for m in monomials]
+        rows.append([*powers[:above], *(-value * x % _PRIME for x in powers[above:])])
+    matrix, rank = fmpz_mod_mat(len(rows), len(monomials), list(chain(*rows)), _NUMBERS).rref()
+    if rank == len(monomials):
+        return None
+    lines = [[int(x) for x in line] for line in matrix.tolist()[:rank]]
+    pivots = [next(j for j, x in enumerate(line) if x) for line in lines]
+    free = next(j for j in range(len(monomials)) if j not in pivots)
+    factors = [0] * len(monomials)
+    factors[free] = 1
+    for pivot, line in zip(pivots, lines, strict=True):
+        factors[pivot] = -line[free] % _PRIME
+    numbers = [_rational(x) for x in factors]
+    return None if None in numbers else [x for x in numbers if x is not None]
+
+
+def _rational(residue: int) -> fmpq | None:
+    """Return the short fraction that is a residue modulo the prime, by Euclid's algorithm."""
+    left, right, above, below = _PRIME, residue, 0, 1
+    while right > _LONGEST:
+        step = left // right
+        left, right, above, below = right, left - step * right, below, above - step * below
+    return fmpq(right, below) if 0 < abs(below) <= _LONGEST else None
