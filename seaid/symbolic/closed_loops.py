@@ -11,7 +11,7 @@ from __future__ import annotations
 import random
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import chain, combinations_with_replacement
 from typing import Any
 
@@ -27,7 +27,7 @@ from flint import (
 from sympy.core.function import AppliedUndef
 
 from seaid.errors import SymbolicError
-from seaid.symbolic.generators import root
+from seaid.symbolic.generators import root, subexpressions
 from seaid.symbolic.polynomial import Exponents, Ratio, Ring, from_polynomial, ratio
 
 Values = dict[int, int]
@@ -43,7 +43,9 @@ _MOST_MOTIONS = 1.5
 """The mean number of solutions per random place is the number of components of the variety: one,
 with a standard deviation of 1 / sqrt(_DRAWS)."""
 
-_NUMBERS, _POLYNOMIALS = fmpz_mod_ctx(_PRIME), fmpz_mod_poly_ctx(_PRIME)
+_NUMBERS = fmpz_mod_ctx(_PRIME)
+_POLYNOMIALS: Any = fmpz_mod_poly_ctx(_PRIME)  # the stubs of flint are narrower than flint
+_RINGS: Any = fmpz_mod_mpoly_ctx
 
 
 def prolonged(
@@ -52,9 +54,11 @@ def prolonged(
     """Return the relations with their derivatives, up to the order of those in the equations."""
 
     def order(expressions: Iterable[sp.Expr]) -> int:
-        found = chain(*(one.atoms(sp.Derivative) for one in expressions))
+        found = (x for x in subexpressions(*expressions) if isinstance(x, sp.Derivative))
         return max((int(one.derivative_count) for one in found), default=0)
 
+    if not relations:
+        return []
     time = {s for one in signals if isinstance(one, AppliedUndef) for s in one.free_symbols}
     highest, result = order((*relations, *equations)), []
     for relation in relations:
@@ -89,7 +93,7 @@ def base_columns(
     closures: Sequence[Any],
     width: int,
 ) -> tuple[list[dict[int, Ratio]], tuple[int, ...]]:
-    """Return the rows of the echelon form (13) on the motions that satisfy closures, and its pivots.
+    """Return the rows of the echelon form (13) on motions that satisfy closures, and its pivots.
 
     `rows[i][k]` is the row of B of equation i and function k.
     """
@@ -104,11 +108,11 @@ def base_columns(
     changed = [loops.echelon(loops.known(base, group))[1] for group in groups]
     samples: list[tuple[Values, dict[tuple[int, int], int]]] = []
 
-    def sample(count: int) -> list[tuple[Values, dict[tuple[int, int], int]]]:
+    def sample(key: tuple[int, int], count: int) -> list[tuple[Values, int]]:
         while len(samples) < count:
             values = loops.known()
             samples.append((values, loops.echelon(values)[1]))
-        return samples[:count]
+        return [(values, found.get(key, 0)) for values, found in samples[:count]]
 
     one = from_polynomial(ring, ring.constant(1))
     echelon = [{pivot: one} for pivot in pivots]
@@ -119,9 +123,7 @@ def base_columns(
             if other.get(key) != value
             for place in group
         ]
-        echelon[key[0]][key[1]] = _interpolated(
-            ring, acting, lambda n, key=key: [(x, found.get(key, 0)) for x, found in sample(n)]
-        )
+        echelon[key[0]][key[1]] = _interpolated(ring, acting, partial(sample, key))
     return echelon, pivots
 
 
@@ -136,10 +138,9 @@ class _Loops:
     draw: random.Random = field(default_factory=lambda: random.Random(1))
 
     @cached_property
-    def context(self) -> fmpz_mod_mpoly_ctx:
-        return fmpz_mod_mpoly_ctx.get(
-            [f"x{i}" for i in range(len(self.ring.generators))], _PRIME, "lex"
-        )
+    def context(self) -> Any:
+        names = [f"x{i}" for i in range(len(self.ring.generators))]
+        return _RINGS.get(names, _PRIME, "lex")
 
     @cached_property
     def levels(self) -> list[list[fmpz_mod_mpoly]]:
@@ -155,7 +156,7 @@ class _Loops:
             found.setdefault(max(map(int, orders), default=0), []).append(self.modular(one))
         return [found.get(level, []) for level in range(max(found) + 1)]
 
-    def modular(self, polynomial: Any) -> fmpz_mod_mpoly:
+    def modular(self, polynomial: Any) -> Any:
         return self.context.from_dict({m: _residue(x) for m, x in polynomial.to_dict().items()})
 
     def known_groups(self) -> list[list[int]]:
@@ -165,9 +166,9 @@ class _Loops:
         occurring = {i for one in polynomials for i in _places(one)} & set(self.ring.known)
         groups = [{i} for i in sorted(occurring)]
         for relation in self.ring.relations:
-            coupled = set(_places(relation.polynomial)) & occurring
-            if coupled:
-                together = set().union(*(group for group in groups if group & coupled))
+            coupled = set(_places(relation.polynomial))
+            if coupled & occurring:
+                together = coupled.union(*(group for group in groups if group & coupled))
                 groups = [*(group for group in groups if not group & coupled), together]
         return [sorted(group) for group in groups]
 
@@ -176,7 +177,7 @@ class _Loops:
         relations = [r for r in self.ring.relations if r.generator in self.ring.known]
         fixed = {i: x for i, x in (others or {}).items() if i not in group}
         for _ in range(_MOST_DRAWS):
-            left = [self.modular(r.polynomial).subs(fixed) for r in relations]
+            left = [_at(self.modular(r.polynomial), fixed) for r in relations]
             solutions = _solutions(self, left)
             if solutions:
                 drawn = {i: self.random() for i in self.ring.known}
@@ -187,24 +188,38 @@ class _Loops:
     def random(self) -> int:
         return self.draw.randrange(1, _PRIME)
 
-    def places_of_motion(self, known: Values) -> Iterator[list[Values]]:
-        """Yield, for random values of free generators, all solutions in those without derivative."""
-        polynomials = [one.subs(known) for one in self.levels[0]]
+    def places_of_motion(self, known: Values, first: Sequence[int] = ()) -> Iterator[list[Values]]:
+        """Yield, for random values of free generators, all solutions in those without derivative.
+
+        The sine and cosine, or the one generator, of `first` are free.
+        """
+        polynomials = [_at(one, known) for one in self.levels[0]]
         for _ in range(_MOST_DRAWS):
-            yield _solutions(self, polynomials)
+            drawn = _drawn(self, polynomials, first) if first else {}
+            found = _solutions(self, [_at(one, drawn) for one in polynomials])
+            yield [drawn | rest for rest in found]
 
     def check_one_motion(self, known: Values) -> list[Values]:
-        """Return solutions; raise SymbolicError if they are none, or those of several motions."""
-        drawn = [found for found, _ in zip(self.places_of_motion(known), range(_DRAWS))]
-        found = list(chain(*drawn))
-        if not found:
-            raise SymbolicError("no motion satisfies the relations, at any of 60 random places")
-        if len(found) > _MOST_MOTIONS * _DRAWS:
-            raise SymbolicError(
-                "the relations allow several motions that do not pass into each other, as a "
-                "parallelogram has two; add the relation of the one that is meant, such as q3 - q1"
-            )
-        return found
+        """Return solutions; raise SymbolicError if they are none, or those of several motions.
+
+        Of a parallelogram, one motion keeps the coupler's angle: only others show it, as the first.
+        """
+        angles = [r.polynomial for r in self.ring.relations if r.generator in self.ring.motion]
+        result = []
+        moving = {i for one in self.levels[0] for i in _places(one)} - set(self.ring.known)
+        pairs = [pair for pair in map(_places, angles) if moving.issuperset(pair)]
+        for first in [(), *pairs, *([i] for i in moving - set(chain(*pairs)))]:
+            drawn = zip(range(_DRAWS), self.places_of_motion(known, first), strict=False)
+            found = list(chain(*(several for _, several in drawn)))
+            result += [] if first else found
+            if len(found) > _MOST_MOTIONS * _DRAWS:
+                raise SymbolicError(
+                    "the relations allow several motions that do not pass into each other, as a "
+                    "parallelogram has two; add the relation of the one meant, such as q3 - q1"
+                )
+        if not result:
+            raise SymbolicError(f"no motion satisfies the relations: {_DRAWS} random places fail")
+        return result
 
     def echelon(
         self, known: Values, start: Sequence[Values] = ()
@@ -214,16 +229,14 @@ class _Loops:
             [(motion, {j: self._value(x, known) for j, x in row.items()}) for motion, row in rows]
             for rows in self.table
         ]
-        rates = [[one.subs(known) for one in several] for several in self.levels[1:]]
+        rates = [[_at(one, known) for one in several] for several in self.levels[1:]]
         rows: list[list[int]] = []
-        for place in chain(start, *self.places_of_motion(known)):
+        for place in chain(start, chain.from_iterable(self.places_of_motion(known))):
             point = self._with_rates(known | place, rates)
             rows += [self._row(several, point) for several in table] if point else []
             if len(rows) >= self.width + _MORE_ROWS:
                 break
-        matrix, rank = fmpz_mod_mat(
-            len(rows), self.width, list(chain(*rows)), _NUMBERS
-        ).rref()
+        matrix, rank = fmpz_mod_mat(len(rows), self.width, list(chain(*rows)), _NUMBERS).rref()
         echelon = [[int(x) for x in line] for line in matrix.tolist()[:rank]]
         pivots = tuple(next(j for j, x in enumerate(line) if x) for line in echelon)
         return pivots, {
@@ -235,7 +248,7 @@ class _Loops:
 
     def _with_rates(self, point: Values, rates: list[list[fmpz_mod_mpoly]]) -> Values | None:
         for polynomials in rates:
-            found = _solutions(self, [one.subs(point) for one in polynomials])
+            found = _solutions(self, [_at(one, point) for one in polynomials])
             if not found:
                 return None
             point = point | self.draw.choice(found)
@@ -274,6 +287,10 @@ def _power(exponents: Exponents, values: Values) -> int:
     return result
 
 
+def _at(polynomial: fmpz_mod_mpoly, values: Mapping[Any, Any]) -> fmpz_mod_mpoly:
+    return polynomial.subs(values)
+
+
 def _places(polynomial: Any) -> list[int]:
     return [i for i, degree in enumerate(polynomial.degrees()) if degree > 0]
 
@@ -295,7 +312,7 @@ def _solutions(loops: _Loops, polynomials: Sequence[fmpz_mod_mpoly]) -> list[Val
             return [
                 {places[0]: value} | rest
                 for value in _roots(one, places[0])
-                for rest in _solutions(loops, [other.subs({places[0]: value}) for other in left])
+                for rest in _solutions(loops, [_at(other, {places[0]: value}) for other in left])
             ]
     for one in sorted(left, key=len):
         for place in _places(one):
@@ -305,7 +322,7 @@ def _solutions(loops: _Loops, polynomials: Sequence[fmpz_mod_mpoly]) -> list[Val
     free = sorted(set(chain(*occurring)))
     if len(left) < len(free):
         drawn = _drawn(loops, left, free)
-        found = _solutions(loops, [one.subs(drawn) for one in left])
+        found = _solutions(loops, [_at(one, drawn) for one in left])
         return [drawn | rest for rest in found]
     return _with_resultants(loops, left, free)
 
@@ -337,17 +354,17 @@ def _with_linear(
     result = []
     for rest in _solutions(loops, others):
         rest = {i: loops.random() for i in _places(value)} | rest
-        number = value.subs(rest)
+        number = _at(value, rest)
         result.append(rest | {place: 0 if number.is_zero() else int(number.leading_coefficient())})
     return result
 
 
-def _drawn(loops: _Loops, left: list[fmpz_mod_mpoly], free: list[int]) -> Values:
+def _drawn(loops: _Loops, left: list[fmpz_mod_mpoly], free: Sequence[int]) -> Values:
     """Return random values of an angle's sine and cosine, or else of one variable."""
     generators = loops.ring.generators
     for place in free:
         x = generators[place]
-        other = loops.ring.index.get(sp.cos(x.args[0])) if isinstance(x, sp.sin) else None
+        other = loops.ring.index[sp.cos(x.args[0])] if isinstance(x, sp.sin) else -1
         if other in free and any(set(_places(one)) == {place, other} for one in left):
             t = loops.random()
             below = pow(1 + t * t, -1, _PRIME)
@@ -355,9 +372,7 @@ def _drawn(loops: _Loops, left: list[fmpz_mod_mpoly], free: list[int]) -> Values
     return {free[0]: loops.random()}
 
 
-def _with_resultants(
-    loops: _Loops, left: list[fmpz_mod_mpoly], free: list[int]
-) -> list[Values]:
+def _with_resultants(loops: _Loops, left: list[fmpz_mod_mpoly], free: list[int]) -> list[Values]:
     def cost(place: int) -> tuple[int, int]:
         degrees = [int(one.degrees()[place]) for one in left]
         return (sum(degrees), len(degrees)) if sum(map(bool, degrees)) > 1 else (10**6, 0)
@@ -378,7 +393,7 @@ def _with_resultants(
     return [
         found | more
         for found in _solutions(loops, rest)
-        for more in _solutions(loops, [one.subs(found) for one in holders])
+        for more in _solutions(loops, [_at(one, found) for one in holders])
     ]
 
 
@@ -412,9 +427,7 @@ def _interpolated(
 def _monomials(ring: Ring, places: Sequence[int], degree: int) -> list[Exponents]:
     limits = {relation.generator: relation.degree for relation in ring.relations}
     result = []
-    for several in chain(
-        *(combinations_with_replacement(places, n) for n in range(degree + 1))
-    ):
+    for several in chain(*(combinations_with_replacement(places, n) for n in range(degree + 1))):
         exponents = [0] * len(ring.generators)
         for place in several:
             exponents[place] += 1

@@ -103,8 +103,8 @@ def separate(
         speed, or q2 + 2 q1 for a gear. A signal that occurs in one once, linearly, with a constant
         factor, is replaced with its derivatives (the last declared one, if there are several).
         Other relations, such as the closure of a four-bar linkage, are kept: `reduce` then judges
-        columns on the motions that satisfy them. They may contain signals, which need not be
-        measured, their sines, cosines and roots, known symbols and rational numbers.
+        columns on the motions that satisfy them. They may contain signals, their sines,
+        cosines and roots, known symbols and rational numbers.
     max_terms : int, default 500 000
         Limit on the terms of one polynomial.
     progress : bool, default False

@@ -1,9 +1,14 @@
 """Systems that textbooks print, each with its published number or list of base parameters."""
 
+from math import pi
+from pathlib import Path
+
 import pytest
 import sympy as sp
+from sympy.parsing.sympy_parser import implicit_multiplication, standard_transformations
 
-from seaid.symbolic import BaseForm, equations_of_motion, reduce, separate
+from seaid.robot.robot import load_robot
+from seaid.symbolic import BaseForm, base_parameters, equations_of_motion, reduce, separate
 from tests.symbolic.systems import Offset, arm, coordinates, g, t
 
 F_v, F_C, k, r_M, r_L, N = sp.symbols("F_v F_C k r_M r_L N")
@@ -168,3 +173,57 @@ def test_series_elastic_joint_with_its_load() -> None:
     assert list(base.zeta) == [torque - I_M * motor.diff(t, 2), 0]
     assert base.regressor[0, 2] == sp.expand(r_M / N * spring / k)
     assert base.regressor[1, 2] == sp.expand(-r_L * spring / k)
+
+
+RX90 = {
+    # (alpha, d, r) of Khalil and Dombre (2002), table 3.1, with other lengths for d3 and r4
+    "geometry": [(0, 0, 0), (90, 0, 0), (0, 0.5, 0), (-90, 0, 0.375), (90, 0, 0), (-90, 0, 0)],
+    # their base inertial parameters, without those of the rotors
+    "base": """
+        Izz1 + Iyy2 + Iyy3 + d3^2 M3456
+        Ixx2 - Iyy2 - d3^2 M3456; Ixy2; Ixz2 - d3 mz3; Iyz2; Izz2 + d3^2 M3456; mx2 + d3 M3456; my2
+        Ixx3 - Iyy3 + Iyy4 + 2 r4 mz4 + r4^2 M456; Ixy3; Ixz3; Iyz3
+        Izz3 + Iyy4 + 2 r4 mz4 + r4^2 M456; mx3; my3 + mz4 + r4 M456
+        Ixx4 - Iyy4 + Iyy5; Ixy4; Ixz4; Iyz4; Izz4 + Iyy5; mx4; my4 - mz5
+        Ixx5 - Iyy5 + Iyy6; Ixy5; Ixz5; Iyz5; Izz5 + Iyy6; mx5; my5 + mz6
+        Ixx6 - Iyy6; Ixy6; Ixz6; Iyz6; Izz6; mx6; my6""",
+}
+
+
+def published_rx90() -> list[sp.Expr]:
+    text = RX90["base"].replace("^", "**").replace("\n", ";")
+    names = {f"M{end}": sum(sp.Symbol(f"m{i}") for i in end) for end in ("3456", "456")}
+    spaced = (*standard_transformations, implicit_multiplication)
+    lines = [line for line in text.split(";") if line.strip()]
+    return [sp.parse_expr(one, local_dict=names, transformations=spaced) for one in lines]
+
+
+def test_rx90_has_the_base_parameters_of_khalil_and_dombre(tmp_path: Path) -> None:
+    """Frames of modified Denavit and Hartenberg are those of a URDF with all axes along z."""
+    links = "".join(
+        f'<link name="l{i}"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" '
+        'ixz="0" iyz="0"/></inertial></link>'
+        for i in range(7)
+    )
+    joints = ""
+    for i, (alpha, d, r) in enumerate(RX90["geometry"], 1):
+        turn = alpha * pi / 180
+        place = sp.Matrix([d, -sp.sin(sp.rad(alpha)) * r, sp.cos(sp.rad(alpha)) * r])
+        joints += (
+            f'<joint name="q{i}" type="continuous"><parent link="l{i - 1}"/><child link="l{i}"/>'
+            f'<origin xyz="{" ".join(map(str, map(float, place)))}" rpy="{turn} 0 0"/>'
+            '<axis xyz="0 0 1"/></joint>'
+        )
+    path = tmp_path / "rx90.urdf"
+    path.write_text(f'<robot name="rx90">{links}{joints}</robot>')
+    exact = base_parameters(load_robot(path))
+    assert exact.rank == 36
+    names = ["m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz"]
+    parameters = [sp.Symbol(f"{name}{body}") for body in range(1, 7) for name in names]
+    lengths = {sp.Symbol("d3"): sp.Rational(1, 2), sp.Symbol("r4"): sp.Rational(3, 8)}
+    published = sp.Matrix([one.subs(lengths) for one in published_rx90()]).jacobian(parameters)
+    # both span the same space: one echelon form
+    echelon, pivots = published.rref()
+    assert len(pivots) == 36
+    found = sp.Matrix([[sp.Rational(x) for x in row] for row in exact.exact_grouping])
+    assert found.rref()[0] == echelon

@@ -311,13 +311,13 @@ def test_signals_that_depend_on_each_other_are_declared() -> None:
 @pytest.mark.parametrize(
     ("relation", "words"),
     [
-        (sp.cos(q1) + sp.cos(q2) - 1, ["cos(q2(t)) - 1 = 0 cannot be solved", "independent coord"]),
-        (q1 * q2 - 1, ["cannot be solved for a signal"]),
         (q1 - m * q2, ["contains an unknown", "as an equation"]),
         ("q1 = q2", ["a relation must be a scalar sympy expression"]),
     ],
 )
-def test_relations_that_give_no_signal_are_refused(relation: sp.Expr, words: list[str]) -> None:
+def test_relations_that_are_not_between_signals_are_refused(
+    relation: sp.Expr, words: list[str]
+) -> None:
     with pytest.raises(SymbolicError) as caught:
         separate(m * q1 + r * q2 - a, [q1, q2, a], [m, r], relations=[relation])
     assert all(word in str(caught.value) for word in words), str(caught.value)
