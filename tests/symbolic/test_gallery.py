@@ -175,23 +175,22 @@ def test_series_elastic_joint_with_its_load() -> None:
     assert base.regressor[1, 2] == sp.expand(-r_L * spring / k)
 
 
-RX90 = {
-    # (alpha, d, r) of Khalil and Dombre (2002), table 3.1, with other lengths for d3 and r4
-    "geometry": [(0, 0, 0), (90, 0, 0), (0, 0.5, 0), (-90, 0, 0.375), (90, 0, 0), (-90, 0, 0)],
-    # their base inertial parameters, without those of the rotors
-    "base": """
+# (alpha [deg], d, r) of Khalil and Dombre (2002), table 3.1, with other lengths for d3 and r4
+RX90 = [(0, 0, 0), (90, 0, 0), (0, 0.5, 0), (-90, 0, 0.375), (90, 0, 0), (-90, 0, 0)]
+
+RX90_BASE = """
         Izz1 + Iyy2 + Iyy3 + d3^2 M3456
         Ixx2 - Iyy2 - d3^2 M3456; Ixy2; Ixz2 - d3 mz3; Iyz2; Izz2 + d3^2 M3456; mx2 + d3 M3456; my2
         Ixx3 - Iyy3 + Iyy4 + 2 r4 mz4 + r4^2 M456; Ixy3; Ixz3; Iyz3
         Izz3 + Iyy4 + 2 r4 mz4 + r4^2 M456; mx3; my3 + mz4 + r4 M456
         Ixx4 - Iyy4 + Iyy5; Ixy4; Ixz4; Iyz4; Izz4 + Iyy5; mx4; my4 - mz5
         Ixx5 - Iyy5 + Iyy6; Ixy5; Ixz5; Iyz5; Izz5 + Iyy6; mx5; my5 + mz6
-        Ixx6 - Iyy6; Ixy6; Ixz6; Iyz6; Izz6; mx6; my6""",
-}
+        Ixx6 - Iyy6; Ixy6; Ixz6; Iyz6; Izz6; mx6; my6"""
+"""Their base inertial parameters, without those of the rotors."""
 
 
 def published_rx90() -> list[sp.Expr]:
-    text = RX90["base"].replace("^", "**").replace("\n", ";")
+    text = RX90_BASE.replace("^", "**").replace("\n", ";")
     names = {f"M{end}": sum(sp.Symbol(f"m{i}") for i in end) for end in ("3456", "456")}
     spaced = (*standard_transformations, implicit_multiplication)
     lines = [line for line in text.split(";") if line.strip()]
@@ -206,7 +205,7 @@ def test_rx90_has_the_base_parameters_of_khalil_and_dombre(tmp_path: Path) -> No
         for i in range(7)
     )
     joints = ""
-    for i, (alpha, d, r) in enumerate(RX90["geometry"], 1):
+    for i, (alpha, d, r) in enumerate(RX90, 1):
         turn = alpha * pi / 180
         place = sp.Matrix([d, -sp.sin(sp.rad(alpha)) * r, sp.cos(sp.rad(alpha)) * r])
         joints += (
