@@ -36,8 +36,10 @@ from .excitation import design_excitation as design_excitation
 from .excitation import load_scene as load_scene
 from .excitation import load_trajectory as load_trajectory
 from .export import WrittenMjcf as WrittenMjcf
+from .export import WrittenModel as WrittenModel
 from .export import read_parameters as read_parameters
 from .export import write_mjcf as write_mjcf
+from .export import write_model as write_model
 from .export import write_urdf as write_urdf
 from .identification import Conditions as Conditions
 from .identification import CutoffSensitivity as CutoffSensitivity

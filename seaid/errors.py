@@ -141,6 +141,7 @@ CODES = {
     "saturation": "a channel at its limit",
     "holes": "samples excluded because of gaps in time",
     "unused-channel": "a logged channel that nothing uses",
+    "not-in-format": "a part of the model that the written file cannot hold",
 }
 """{code of a finding: what it stands for}."""
 

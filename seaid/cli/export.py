@@ -1,13 +1,14 @@
-"""Command export: the identified robot as URDF or MuJoCo model."""
+"""Command export: the identified robot for a simulator."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 from typer import Option
 
+import seaid
 from seaid.cli.defaults import is_typed
 from seaid.cli.messages import is_stdout, note, option_of, written
 from seaid.cli.options import (
@@ -16,18 +17,32 @@ from seaid.cli.options import (
     ResultOptions,
     checked_suffix,
     facts_of,
+    one_of,
 )
 
 if TYPE_CHECKING:
-    from seaid.robot import Robot
+    from seaid.export import FormatName
 
 
 def export(
     given: IdentifiedOptions,
     *,
     output: Annotated[
-        Path, Option("--output", "-o", help="File to write: .urdf, or .xml for MuJoCo.")
+        Path,
+        Option("--output", "-o", help="File to write: .urdf, .xml for MuJoCo, or of --format."),
     ],
+    format: Annotated[  # noqa: A002
+        str | None,
+        one_of(
+            "format",
+            "mjcf, urdf, isaaclab, mjlab, usd, newton, bam, drake or ros2_control; "
+            "default: mjcf for .xml, urdf for .urdf.",
+            lambda: seaid.export.FormatName,
+        ),
+    ] = None,
+    time_step: Annotated[
+        float, Option(help="Time step [s] of the simulation, in which delays are counted.")
+    ] = 0.005,
     parameters: Annotated[
         Path | None, Option(help="Parameters of seaid identify, used unchanged in place of --from.")
     ] = None,
@@ -41,24 +56,30 @@ def export(
     ] = None,
     result: ResultOptions,
 ) -> None:
-    """Write the identified robot as URDF or MuJoCo model.
+    """Write the identified robot for a simulator: URDF, MuJoCo, Isaac Lab and others.
 
     The bodies are physically consistent: with --from those nearest to the estimate; with --run and
     --parameters those of the run and the file, which needs identify --feasible. A URDF gets its
     drives as TOML next to it and keeps everything else (comments, meshes, unknown tags); payloads
-    are not written. A MuJoCo model contains the springs and the payloads.
+    are not written. A MuJoCo model contains the springs and the payloads. The other formats have
+    the actuators of the joints; what a format cannot hold is a warning.
 
     seaid export leg.urdf --from run.csv --drives leg.toml -o found.urdf
     seaid export --run runs/latest -o found.xml
     seaid export leg.urdf --parameters parameters.json -o found.urdf
     seaid export leg.urdf --from run.csv --drives leg.toml -o found.xml
+    seaid export --run runs/latest --format isaaclab -o actuators.py
     """
+    from seaid.errors import by_severity
+    from seaid.export import FORMATS, by_suffix, write_model
     from seaid.report import warning_lines
 
-    checked_suffix(output, *_WRITERS)
+    kind = cast("FormatName", format) or by_suffix(output)
+    suffix = FORMATS[kind].suffix
+    checked_suffix(output, *([suffix] if format else [".urdf", ".xml", ".usda"]))
     if parameters is not None and is_typed("from_logs", "run"):
         raise typer.BadParameter("give one of them", param_hint="--from, --run, --parameters")
-    toml = output.with_suffix(".toml") if output.suffix.lower() == ".urdf" else None
+    toml = output.with_suffix(".toml") if suffix == ".urdf" else None
     result.check(output, toml, read=(*given.files, parameters))
     if parameters is not None:
         from seaid.export import read_parameters
@@ -68,36 +89,25 @@ def export(
     else:
         found = given.result(feasible=feasible).identification
         robot, facts = found.robot, facts_of(found)
-    kind = ".urdf" if is_stdout(output) else output.suffix.lower()
-    with written(output, kind) as file:
-        tables, notes = _WRITERS[kind](robot, file, allow_inconsistent, at_temperature)
-    for text in notes:
+    with written(output, suffix) as file:
+        model = write_model(
+            robot,
+            file,
+            kind,
+            time_step_s=time_step,
+            force=allow_inconsistent,
+            at_temperature_degC=at_temperature,
+        )
+    for text in model.notes:
         note(text.replace("payloads=", option_of("payloads=")))
-    if is_stdout(output):
+    tables = model.drives
+    if is_stdout(output) and tables is not None:
         tables = None
         note("stdout has the URDF without its drives: --output writes both")
+    facts["warnings"] = by_severity([*facts.get("warnings", ()), *model.warnings])
     lines = [f"{robot.name}: {robot.n} bodies and their drives written"]
-    lines += warning_lines(facts.get("warnings", ()))
+    if not FORMATS[kind].has_bodies:
+        lines = [f"{robot.name}: {robot.n} actuators written for {FORMATS[kind].title}"]
+    lines += warning_lines(facts["warnings"])
     content = {"bodies": robot.body_names, "drives": [*robot.drives]}
     result.show("\n".join(lines), content, output, tables, **facts)
-
-
-_Written = tuple[Path | None, tuple[str, ...]]
-
-
-def _urdf(robot: Robot, output: Path, allow_inconsistent: bool, warmth: float | None) -> _Written:
-    from seaid.export import write_urdf
-
-    files = write_urdf(robot, output, force=allow_inconsistent, at_temperature_degC=warmth)
-    return files.drives, files.notes
-
-
-def _mjcf(robot: Robot, output: Path, allow_inconsistent: bool, warmth: float | None) -> _Written:
-    from seaid.export import write_mjcf
-
-    model = write_mjcf(robot, output, force=allow_inconsistent, at_temperature_degC=warmth)
-    return None, model.notes
-
-
-_WRITERS = {".urdf": _urdf, ".xml": _mjcf}
-"""{suffix: what writes the robot, and returns the file of its drives, if any, and the notes}."""

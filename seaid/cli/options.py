@@ -63,9 +63,9 @@ TorqueJoints = Annotated[
 def one_of(name: str, text: str, choice: Callable[[], Any]) -> Any:
     """Return an option whose values are those of a Literal, checked before any file is read."""
 
-    def checked(value: str) -> str:
+    def checked(value: str | None) -> str | None:
         names = get_args(choice())
-        if value not in names:
+        if value is not None and value not in names:
             raise SeaidError(f"{name}=: {unknown_name(name, value, names)}", f"{name}=")
         return value
 

@@ -3,4 +3,9 @@ from .mjcf import write_mjcf as write_mjcf
 from .parameters import content_of as content_of
 from .parameters import parameters_content as parameters_content
 from .parameters import read_parameters as read_parameters
+from .simulators import FORMATS as FORMATS
+from .simulators import FormatName as FormatName
+from .simulators import WrittenModel as WrittenModel
+from .simulators import by_suffix as by_suffix
+from .simulators import write_model as write_model
 from .urdf import write_urdf as write_urdf

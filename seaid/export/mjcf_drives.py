@@ -159,7 +159,7 @@ def _actuator(joint: str, drive: Drive, step: float) -> tuple[str, dict[str, str
     gear = 1.0 if drive.is_elastic else drive.ratio
     offset = 0.0
     if "offset" in drive.friction:
-        offset = _value(joint, drive, "friction_offset")
+        offset = value_of(joint, drive, "friction_offset")
     if drive.controller is None:
         attributes = {"gear": spaced([gear])}
         if not offset:
@@ -196,10 +196,10 @@ def _behind_gear(joint: str, drive: Drive) -> _Coordinate:
 
 def _parallel(joint: str, drive: Drive) -> _Coordinate:
     """Return the parallel spring and the joint friction."""
-    damping = _of_term(joint, drive, "joint_friction", "viscous")
-    friction = _of_term(joint, drive, "joint_friction", "coulomb")
-    stiffness = _of_term(joint, drive, "parallel_spring", "linear")
-    preload = _of_term(joint, drive, "parallel_spring", "preload")
+    damping = of_term(joint, drive, "joint_friction", "viscous")
+    friction = of_term(joint, drive, "joint_friction", "coulomb")
+    stiffness = of_term(joint, drive, "parallel_spring", "linear")
+    preload = of_term(joint, drive, "parallel_spring", "preload")
     if stiffness == 0 and preload != 0:
         raise RobotError(
             f"joint '{joint}': MuJoCo has no parallel preload without a parallel spring: give "
@@ -218,9 +218,9 @@ def _motor(joint: str, drive: Drive) -> _Coordinate:
     """Return inertia and friction of a motor in its own coordinate."""
     dry = any(term in drive.friction for term in ("coulomb", *SMOOTH))
     return _Coordinate(
-        armature=_value(joint, drive, "motor_inertia"),
-        damping=_of_term(joint, drive, "friction", "viscous"),
-        friction=_value(joint, drive, "coulomb_friction") if dry else 0.0,
+        armature=value_of(joint, drive, "motor_inertia"),
+        damping=of_term(joint, drive, "friction", "viscous"),
+        friction=value_of(joint, drive, "coulomb_friction") if dry else 0.0,
     )
 
 
@@ -233,32 +233,33 @@ def _spring(joint: str, drive: Drive) -> _Coordinate:
             f"joint '{joint}': the spring has the term '{nonlinear[0]}', and MuJoCo's springs are "
             "linear: give or identify one with spring=('linear',)"
         )
-    stiffness = _value(joint, drive, "stiffness")
-    damping = _of_term(joint, drive, "spring", "damping")
+    stiffness = value_of(joint, drive, "stiffness")
+    damping = of_term(joint, drive, "spring", "damping")
     if {*DEAD_ZONES} & {*drive.spring}:
         if "preload" in drive.spring:
             raise RobotError(
                 f"joint '{joint}': the spring has a dead zone and a preload that acts inside it, "
                 "which MuJoCo's springs lack: give or identify one without one of the two"
             )
-        zero, half = drive.values.get("deflection_zero", 0.0), _value(joint, drive, "dead_zone")
+        zero, half = drive.values.get("deflection_zero", 0.0), value_of(joint, drive, "dead_zone")
         return _Coordinate(damping=damping, stiffness=stiffness, rest=(zero - half, zero + half))
-    preload = _of_term(joint, drive, "spring", "preload")
+    preload = of_term(joint, drive, "spring", "preload")
     return _Coordinate(damping=damping, stiffness=stiffness, rest=(-preload / stiffness,))
 
 
-def _of_term(joint: str, drive: Drive, field: str, term: str) -> float:
+def of_term(joint: str, drive: Drive, field: str, term: str) -> float:
     """Return the value of a term with one parameter, zero if the drive lacks the term."""
     (name,) = PARAMETERS_OF[field][term]
-    return _value(joint, drive, name) if term in getattr(drive, field) else 0.0
+    return value_of(joint, drive, name) if term in getattr(drive, field) else 0.0
 
 
-def _value(joint: str, drive: Drive, name: str) -> float:
+def value_of(joint: str, drive: Drive, name: str) -> float:
+    """Return the value of a parameter of a drive, or raise RobotError if it is unknown."""
     values = drive.values
     if name not in values:
         raise RobotError(
-            f"joint '{joint}': '{key_of(name, unit_of(drive, name))}' is not known; a MuJoCo "
-            "model needs it: identify it, or give a nominal value"
+            f"joint '{joint}': '{key_of(name, unit_of(drive, name))}' is not known; the model "
+            "of a simulator needs it: identify it, or give a nominal value"
         )
     return values[name]
 

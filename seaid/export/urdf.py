@@ -7,7 +7,7 @@ is edited at the byte positions of elements that expat reports.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from xml.parsers import expat
@@ -141,6 +141,12 @@ def with_content(text: bytes, parent: Element, elements: Iterable[bytes]) -> Edi
     return parent.start, parent.inside, opened + content + close
 
 
+def with_start(text: bytes, element: Element, attributes: Mapping[str, str]) -> Edit:
+    """Return the edit that sets attributes of an element."""
+    tag = text[element.start : element.inside]
+    return element.start, element.inside, _with_attributes(tag, attributes)
+
+
 def without(text: bytes, element: Element) -> Edit:
     """Return the edit that removes an element and the space before it."""
     start = element.start
@@ -246,7 +252,18 @@ def write_urdf(
     PosixPath('identified.toml')
     """
     robot = found.robot if isinstance(found, Identification) else found
-    path = Path(path)
+    return write_edited(robot, Path(path), source, force, at_temperature_degC)
+
+
+def write_edited(
+    robot: Robot,
+    path: Path,
+    source: str | Path | None,
+    force: bool,
+    at_temperature_degC: float | None,
+    more: Callable[[bytes, Element], list[Edit]] = lambda text, root: [],
+) -> WrittenUrdf:
+    """Write what `write_urdf` does, with `more` edits of the text."""
     source, drives = _source_and_drives(robot, path, source)
     text = urdf_text(source)  # read once: the file may change meanwhile
     tree = reread_urdf(source, text)
@@ -257,6 +274,7 @@ def write_urdf(
     links = root.named("link")
     edits = [edit for link in bodies for edit in _inertial_edits(text, links[link], bodies[link])]
     edits += _dynamics(text, root, robot.at_temperature(at_temperature_degC))
+    edits += more(text, root)
     warmth = temperature_notes(robot, at_temperature_degC)
     notes += warmth
     _note_missing(robot, notes)

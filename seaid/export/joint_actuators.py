@@ -1,0 +1,248 @@
+"""The drives of a robot as simulators see them: one rigid actuator per joint, in its coordinate.
+
+A simulator has the armature N^2 I_M, viscous friction N^2 F_v and dry friction N F_C of a joint;
+for an elastic drive N is N r_L / r_M, as if its spring were rigid. What a file of a simulator
+cannot hold is a `Finding`: none of it is excluded silently.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from seaid.drives import MEMORY, Drive, total_ratio, unit_of
+from seaid.errors import Finding, Severity, listed
+from seaid.export.mjcf_drives import SMOOTH, of_term, value_of
+from seaid.robot import Robot
+
+
+@dataclass(frozen=True)
+class JointActuator:
+    """An actuator in the coordinate of its joint [SI, rad or m]; `offset` acts against the motor.
+
+    Its force is clip(position_gain (u(t - delay_s) - q) - velocity_gain q', +-limit) - offset.
+    """
+
+    joint: str
+    slides: bool
+    drive: Drive
+    armature: float
+    viscous: float
+    dry: float
+    offset: float
+    position_gain: float
+    velocity_gain: float
+    limit: float
+    delay_s: float
+    velocity_limit: float
+
+    @property
+    def has_gains(self) -> bool:
+        """Whether a position controller drives the joint; else its command is a force."""
+        return self.drive.controller is not None
+
+    def steps(self, step_s: float) -> int:
+        """Return the delay in time steps; a command that acts early acts at once."""
+        return max(round(self.delay_s / step_s), 0)
+
+
+def actuators_of(robot: Robot, *, is_complete: bool = True) -> tuple[JointActuator, ...]:
+    """Return the actuators of all drives that move one joint.
+
+    Raises RobotError for a value that is unknown if the model has to be complete; else it is zero.
+    """
+    plain = (robot.transmission == np.eye(robot.n)).all(axis=1)
+    limits = np.nan_to_num(robot.velocity_limits, nan=np.inf)
+    return tuple(
+        _actuator(joint, _known(robot.drives[joint], is_complete), slides, float(limit))
+        for joint, slides, limit, is_plain in zip(
+            robot.joint_names, robot.is_prismatic, limits, plain, strict=True
+        )
+        if is_plain
+    )
+
+
+def _known(drive: Drive, is_complete: bool) -> Drive:
+    """Return the drive, with zeros for values that are unknown unless it has to be complete."""
+    if is_complete:
+        return drive
+    unknown = {name: 0.0 for name in drive.parameter_names if name not in drive.values}
+    return drive.with_values(unknown) if unknown else drive
+
+
+def _actuator(joint: str, drive: Drive, slides: bool, velocity_limit: float) -> JointActuator:
+    ratio, controller = total_ratio(drive), drive.controller
+    is_dry = any(term in drive.friction for term in ("coulomb", *SMOOTH))
+    coulomb = value_of(joint, drive, "coulomb_friction") if is_dry else 0.0
+    viscous = of_term(joint, drive, "friction", "viscous")
+    return JointActuator(
+        joint=joint,
+        slides=slides,
+        drive=drive,
+        armature=ratio**2 * value_of(joint, drive, "motor_inertia"),
+        viscous=ratio**2 * viscous + of_term(joint, drive, "joint_friction", "viscous"),
+        dry=ratio * coulomb + of_term(joint, drive, "joint_friction", "coulomb"),
+        offset=ratio * of_term(joint, drive, "friction", "offset"),
+        position_gain=controller.position_gain_Nm_per_rad if controller else 0.0,
+        velocity_gain=controller.velocity_gain_Nms_per_rad if controller else 0.0,
+        limit=controller.torque_limit_Nm if controller else math.inf,
+        delay_s=drive.command_delay_s or 0.0 if controller else 0.0,
+        velocity_limit=velocity_limit if velocity_limit > 0 else math.inf,
+    )
+
+
+@dataclass(frozen=True)
+class Effect:
+    """What a model may have: its size per actuator, its severity if a file lacks it, its remedy."""
+
+    size: Callable[[JointActuator], float]
+    unit: str
+    severity: Severity
+    remedy: Callable[[Sequence[JointActuator]], str] = lambda _: ""
+
+
+_OF_SLIDES = {"kg m^2": "kg", "N m s/rad": "N s/m", "N m/rad": "N/m", "N m": "N", "s": "s"}
+"""{unit of a joint that turns: that of one that slides}."""
+
+
+def _unit(one: JointActuator, effect: Effect) -> str:
+    if effect is EFFECTS["spring"]:
+        return unit_of(one.drive, "stiffness")
+    return _OF_SLIDES[effect.unit] if one.slides else effect.unit
+
+
+def _as_commands(lost: Sequence[JointActuator]) -> str:
+    """Return the change of commands that replaces friction offsets exactly."""
+    shifts = [
+        f"{one.joint} {-one.offset / one.position_gain:+.4g} {'m' if one.slides else 'rad'}"
+        if one.position_gain
+        else f"{one.joint} {-one.offset:+.4g} {'N' if one.slides else 'N m'}"
+        for one in lost
+    ]
+    return f"add to the commands: {', '.join(shifts)}"
+
+
+def _spring(one: JointActuator) -> float:
+    return one.drive.values.get("stiffness", math.nan) if one.drive.is_elastic else 0.0
+
+
+def _parallel(one: JointActuator) -> float:
+    values = one.drive.values
+    return values.get("parallel_stiffness", 0.0) or values.get("parallel_preload", 0.0)
+
+
+def _of_term(name: str, term: str) -> Callable[[JointActuator], float]:
+    def size(one: JointActuator) -> float:
+        return one.drive.values.get(name, math.nan) if term in one.drive.friction else 0.0
+
+    return size
+
+
+EFFECTS = {
+    "armature": Effect(lambda one: one.armature, "kg m^2", "doubtful"),
+    "viscous friction": Effect(lambda one: one.viscous, "N m s/rad", "doubtful"),
+    "dry friction": Effect(lambda one: one.dry, "N m", "doubtful"),
+    "friction offset": Effect(lambda one: one.offset, "N m", "note", _as_commands),
+    "gains": Effect(
+        lambda one: one.position_gain,
+        "N m/rad",
+        "note",
+        lambda lost: (
+            "give the controller these gains: "
+            + ", ".join(f"{x.joint} p {x.position_gain:.6g}, d {x.velocity_gain:.6g}" for x in lost)
+        ),
+    ),
+    "torque limit": Effect(lambda one: one.limit if one.limit < math.inf else 0, "N m", "note"),
+    "delay": Effect(lambda one: one.delay_s, "s", "doubtful"),
+    "spring": Effect(
+        _spring,
+        "N m/rad",
+        "doubtful",
+        lambda _: "the joints are rigid in the file: write format='mjcf' for a model with springs",
+    ),
+    "parallel spring": Effect(_parallel, "N m/rad", "doubtful"),
+    "Stribeck friction": Effect(_of_term("stribeck_friction", "stribeck"), "N m", "doubtful"),
+}
+"""What a file may hold of the drives, in the order of the findings and of the table of the docs."""
+
+_BY_OTHERS = ("viscous", "coulomb", *SMOOTH, "offset", "stribeck")
+
+
+def _other_terms(drive: Drive) -> list[str]:
+    """Return the terms of a drive that no simulator has."""
+    springs = [f"{term} of the spring" for term in getattr(drive, "spring", ()) if term in MEMORY]
+    periodic = dict.fromkeys(one.field.replace("_", " ") for one in drive.harmonics)
+    own = [term for term in drive.friction if term not in _BY_OTHERS]
+    return [*own, *springs, *drive.extra_terms, *periodic]
+
+
+def lost_effects(
+    robot: Robot, actuators: Iterable[JointActuator], title: str, holds: Collection[str]
+) -> list[Finding]:
+    """Return what a format that `holds` some effects does not have of the drives of a robot."""
+    actuators, found = tuple(actuators), []
+    for name, effect in EFFECTS.items():
+        sizes = {one.joint: effect.size(one) for one in actuators}
+        lost = [one for one in actuators if sizes[one.joint] != 0]
+        if name in holds or not lost:
+            continue
+        found.append(
+            _finding(
+                f"{title} has no {name}: it is not in the file for "
+                + listed(
+                    f"{one.joint} ({sizes[one.joint]:.4g} {_unit(one, effect)})" for one in lost
+                ),
+                effect.severity,
+                {one.joint: sizes[one.joint] for one in lost},
+                effect.remedy(lost),
+            )
+        )
+    others = {one.joint: _other_terms(one.drive) for one in actuators}
+    texts = [f"{joint} ({', '.join(terms)})" for joint, terms in others.items() if terms]
+    if texts and "other terms" not in holds:
+        found.append(_finding(f"{title} has not these terms of the drives: {listed(texts)}"))
+    smooth = [one.joint for one in actuators if {*SMOOTH} & {*one.drive.friction}]
+    if smooth and "other terms" not in holds and "dry friction" in holds:
+        text = f"smooth friction is written as dry friction for {listed(smooth)}"
+        found.append(_finding(text, "note"))
+    single = {one.joint for one in actuators}
+    coupled = [joint for joint in robot.joint_names if joint not in single]
+    if coupled and "coupled drives" not in holds:
+        text = f"{title} has no drive that moves several joints: those of {listed(coupled)} are"
+        found.append(_finding(f"{text} not in the file"))
+    return found
+
+
+def rounded_delays(actuators: Iterable[JointActuator], step_s: float) -> list[Finding]:
+    """Return the delays that differ from those of the file, which are whole steps."""
+    errors = {one.joint: one.steps(step_s) * step_s - one.delay_s for one in actuators}
+    far = {joint: error for joint, error in errors.items() if abs(error) > _EXACT * step_s}
+    if not far:
+        return []
+    text = f"delays are whole steps of {step_s * 1e3:g} ms in the file: " + listed(
+        f"{joint} is {error * 1e3:+.3g} ms off" for joint, error in far.items()
+    )
+    return [_finding(text, "note", far, "give the time step of the simulation with time_step_s=")]
+
+
+_EXACT = 0.05
+"""Part of a time step that a rounded delay may be off without a finding."""
+
+
+def _finding(
+    text: str,
+    severity: Severity = "doubtful",
+    evidence: Mapping[str, float] | None = None,
+    remedy: str = "",
+) -> Finding:
+    return Finding(
+        "not-in-format",
+        text,
+        severity=severity,
+        evidence=dict(evidence or {}),
+        remedy=remedy,
+        certainty="certain",
+    )

@@ -1,0 +1,498 @@
+"""write_model: the identified robot in the format of a simulator, and what that format lacks.
+
+`FORMATS` is the one table of formats: a format is a function and the effects that its files hold.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+from xml.sax.saxutils import quoteattr
+
+from seaid._files import write_whole
+from seaid._progress import Display
+from seaid.drives import total_ratio
+from seaid.errors import Finding, RobotError, by_severity, checked, in_one_line, listed
+from seaid.export.joint_actuators import (
+    JointActuator,
+    actuators_of,
+    lost_effects,
+    rounded_delays,
+)
+from seaid.export.mjcf import write_mjcf
+from seaid.export.urdf import (
+    Edit,
+    Element,
+    with_children,
+    with_content,
+    with_start,
+    without,
+    write_edited,
+)
+from seaid.identification import Identification
+from seaid.robot import Robot
+
+FormatName = Literal[
+    "mjcf", "urdf", "isaaclab", "mjlab", "usd", "newton", "bam", "drake", "ros2_control"
+]
+
+_PER_DEGREE = math.pi / 180.0
+"""USD has angles of joints in degrees: N m/rad times this is N m/degree."""
+
+
+@dataclass(frozen=True)
+class _Request:
+    """What is written where: the robot at one temperature, and its actuators."""
+
+    robot: Robot
+    actuators: tuple[JointActuator, ...]
+    path: Path
+    step_s: float
+    force: bool
+    temperature_degC: float | None
+
+    def header(self, *lines: str) -> list[str]:
+        """Return the lines at the top of a file: whose model it is, and `lines`."""
+        return [f"{in_one_line(self.robot.name)}, identified by seaid.", *lines]
+
+
+@dataclass(frozen=True, repr=False)
+class WrittenModel(Display):
+    """The file of a simulator.
+
+    Attributes
+    ----------
+    path : Path
+        The file.
+    drives : Path or None
+        The TOML of the drives next to a URDF.
+    warnings : tuple of Finding
+        What the format cannot hold, with what replaces it.
+    notes : tuple of str
+        How the file differs from the identified model otherwise.
+    """
+
+    path: Path
+    drives: Path | None
+    warnings: tuple[Finding, ...]
+    notes: tuple[str, ...]
+
+
+_Written = tuple[Path | None, tuple[str, ...]]
+
+
+@dataclass(frozen=True)
+class Format:
+    """A format: its title, the suffix of its files, its writer, and the `EFFECTS` it can hold."""
+
+    title: str
+    suffix: str
+    write: Callable[[_Request], _Written]
+    holds: frozenset[str]
+    has_bodies: bool = False
+    has_slides: bool = True
+    in_steps: bool = False
+
+
+@checked(RobotError)
+def write_model(
+    found: Identification | Robot,
+    path: str | Path,
+    format: FormatName | None = None,  # noqa: A002
+    *,
+    time_step_s: float = 0.005,
+    force: bool = False,
+    at_temperature_degC: float | None = None,
+) -> WrittenModel:
+    """Write a robot, or the actuators of its joints, for a simulator.
+
+    Parameters
+    ----------
+    found : Identification or Robot
+    path : path
+        The file to write.
+    format : str, optional
+        "mjcf" and "urdf" are `write_mjcf` and `write_urdf`. "drake" and "ros2_control" are the URDF
+        with rotor inertias, gear ratios and gains for Drake, or with a <ros2_control> block.
+        "isaaclab" and "mjlab" are Python files with a configuration per joint. "usd" and "newton"
+        are layers over the USD stage of the robot, whose joints are at /<robot>/joints/<joint>.
+        "bam" is the JSON of better actuator models, of each joint if there are several. Default: by
+        the suffix, mjcf for .xml, usd for .usda, urdf for others.
+    time_step_s : float
+        Time step [s] of the simulation, for formats in which delays are numbers of steps.
+    force, at_temperature_degC
+        As in `write_mjcf` and `write_urdf`.
+
+    Returns
+    -------
+    WrittenModel
+        Its `warnings` list what the format cannot hold, with what replaces it.
+
+    Raises
+    ------
+    RobotError
+        For values that are unknown, and as `write_mjcf` and `write_urdf` do.
+    SeaidError
+        If the file cannot be written.
+
+    Examples
+    --------
+    >>> written = seaid.write_model(found, "actuators.py", "isaaclab", time_step_s=0.005)
+    >>> for finding in written.warnings:
+    ...     print(finding.message, finding.remedy)
+    """
+    path = Path(path)
+    if not (math.isfinite(time_step_s) and time_step_s > 0):
+        raise RobotError(
+            f"time_step_s= must be more than zero and finite, found {time_step_s}", "time_step_s="
+        )
+    given = found.robot if isinstance(found, Identification) else found
+    robot = given.at_temperature(at_temperature_degC)
+    kind = FORMATS[format or by_suffix(path)]
+    every = actuators_of(robot, is_complete=kind.holds != _IN_TOML)
+    actuators = tuple(one for one in every if kind.has_slides or not one.slides)
+    request = _Request(given, actuators, path, time_step_s, force, at_temperature_degC)
+    drives, notes = kind.write(request)
+    lost = lost_effects(robot, actuators, kind.title, kind.holds)
+    if sliding := [one.joint for one in every if one not in actuators]:
+        notes += (f"{kind.title} has joints that turn only: {listed(sliding)} not in the file",)
+    if kind.in_steps:
+        lost += rounded_delays(actuators, time_step_s)
+    if not kind.has_bodies:
+        notes += ("the bodies are not in the file: write them with format='urdf' or 'mjcf'",)
+    return WrittenModel(path, drives, by_severity(lost), notes)
+
+
+def by_suffix(path: Path) -> FormatName:
+    """Return the format of a file that no one named."""
+    suffixes: Mapping[str, FormatName] = {".xml": "mjcf", ".usda": "usd"}
+    return suffixes.get(path.suffix.lower(), "urdf")
+
+
+def _number(value: float) -> str:
+    """Return a number as text of Python, USD and JSON."""
+    return f"{value:.9g}"
+
+
+def _text(lines: Callable[[_Request], Iterable[str]]) -> Callable[[_Request], _Written]:
+    """Return the writer of a file with these lines."""
+
+    def write(request: _Request) -> _Written:
+        write_whole(request.path, "\n".join([*lines(request), ""]))
+        return None, ()
+
+    return write
+
+
+def _urdf(request: _Request) -> _Written:
+    return _edited_urdf(request, lambda text, root: [])
+
+
+def _edited_urdf(request: _Request, more: Callable[[bytes, Element], list[Edit]]) -> _Written:
+    r = request
+    files = write_edited(r.robot, r.path, None, r.force, r.temperature_degC, more)
+    return files.drives, files.notes
+
+
+def _mjcf(request: _Request) -> _Written:
+    r = request
+    written = write_mjcf(r.robot, r.path, force=r.force, at_temperature_degC=r.temperature_degC)
+    return None, written.notes
+
+
+def _call(name: str, fields: Mapping[str, str | float]) -> list[str]:
+    """Return the lines of a Python call with one argument a line; infinite ones are left out."""
+    texts = {
+        key: value if isinstance(value, str) else _number(value)
+        for key, value in fields.items()
+        if isinstance(value, str) or math.isfinite(value)
+    }
+    return [f"{name}(", *(f"    {key}={text}," for key, text in texts.items()), ")"]
+
+
+def _indented(lines: Iterable[str], by: int = 4) -> list[str]:
+    return [" " * by + line for line in lines]
+
+
+def _isaaclab(request: _Request) -> Iterable[str]:
+    """Yield a Python file with ACTUATORS, a configuration of Isaac Lab per joint."""
+    yield from (
+        f"# {line}"
+        for line in request.header(
+            "Use: ArticulationCfg(actuators=ACTUATORS) of Isaac Lab.",
+            "Units: N m, rad, s at the joint (N, m, s of a prismatic one).",
+            "The friction fields are efforts, as Isaac Sim has them since version 5.",
+            f"min_delay and max_delay count physics steps of {request.step_s:g} s.",
+        )
+    )
+    yield "from isaaclab.actuators import DelayedPDActuatorCfg, IdealPDActuatorCfg"
+    yield from ("", "ACTUATORS = {")
+    for one in request.actuators:
+        steps = one.steps(request.step_s)
+        delay: dict[str, float] = {"min_delay": steps, "max_delay": steps} if steps else {}
+        fields: dict[str, str | float] = {
+            "joint_names_expr": f"[{re.escape(one.joint)!r}]",
+            "stiffness": one.position_gain,
+            "damping": one.velocity_gain,
+            "armature": one.armature,
+            "friction": one.dry,
+            "dynamic_friction": one.dry,
+            "viscous_friction": one.viscous,
+            "effort_limit": one.limit,
+            "velocity_limit": one.velocity_limit,
+        }
+        name = "DelayedPDActuatorCfg" if delay else "IdealPDActuatorCfg"
+        first, *others = _call(name, {**fields, **delay})
+        yield from _indented([f"{one.joint!r}: {first}", *others[:-1], "),"])
+    yield "}"
+
+
+def _mjlab(request: _Request) -> Iterable[str]:
+    """Yield a Python file with ACTUATORS, a configuration of mjlab per joint."""
+    yield from (
+        f"# {line}"
+        for line in request.header(
+            "Use: EntityArticulationInfoCfg(actuators=ACTUATORS) of mjlab 1.6 or later.",
+            "Units: N m, rad, s at the joint (N, m, s of a prismatic one).",
+            f"delay_min_lag and delay_max_lag count physics steps of {request.step_s:g} s.",
+        )
+    )
+    yield "from mjlab.actuator import BuiltinPositionActuatorCfg, IdealPdActuatorCfg"
+    yield from ("", "ACTUATORS = (")
+    for one in request.actuators:
+        steps = one.steps(request.step_s)
+        fields: dict[str, str | float] = {
+            "target_names_expr": f"({re.escape(one.joint)!r},)",
+            "stiffness": one.position_gain,
+            "damping": one.velocity_gain,
+            "effort_limit": one.limit,
+            "armature": one.armature,
+            "frictionloss": one.dry,
+            "viscous_damping": one.viscous,
+            "delay_min_lag": float(steps),
+            "delay_max_lag": float(steps),
+        }
+        name = "BuiltinPositionActuatorCfg" if one.has_gains else "IdealPdActuatorCfg"
+        lines = _call(name, fields)
+        yield from _indented([*lines[:-1], "),"])
+    yield ")"
+
+
+def _bam(request: _Request) -> Iterable[str]:
+    """Yield the JSON of BAM: the parameters of one joint, or {joint: parameters}."""
+    joints = {one.joint: _bam_joint(one) for one in request.actuators}
+    yield json.dumps(next(iter(joints.values())) if len(joints) == 1 else joints, indent=1)
+
+
+def _bam_joint(one: JointActuator) -> dict[str, Any]:
+    values, ratio = one.drive.values, one.drive.ratio
+    found: dict[str, Any] = {"armature": one.armature, "friction_base": one.dry}
+    found["friction_viscous"], model = one.viscous, "m1"
+    if "stribeck" in one.drive.friction:  # F_S exp(-|w / w_S|^alpha) with alpha = 2
+        found |= {
+            "friction_stribeck": ratio * values["stribeck_friction"],
+            "dtheta_stribeck": values["stribeck_speed"] / ratio,
+            "alpha": 2.0,
+        }
+        model = "m2"
+    if one.drive.motor_input == "voltage":
+        # torque = k_t/R U - k_t^2/R q': a voltage shows k_t/R, and k_t^2/R + viscous friction
+        per_volt = ratio * values["voltage_constant"]
+        found |= {"kt": one.viscous / per_volt, "R": one.viscous / per_volt**2}
+        found["friction_viscous"], actuator = 0.0, "xl330"
+    elif one.drive.motor_input == "current":
+        found["kt"], actuator = ratio * values["torque_constant"], "xl330i"
+    else:
+        found["ratio"], actuator = 1.0, "unitree_go1"
+        if math.isfinite(one.limit):
+            found["max_torque"] = one.limit
+    if one.delay_s > 0:
+        found["command_delay"] = one.delay_s
+    return {**found, "model": model, "actuator": actuator}
+
+
+def _identifier(name: str) -> str:
+    """Return a name as USD allows it: letters, digits and _, no digit first."""
+    found = re.sub(r"[^A-Za-z0-9_]", "_", name)
+    return found if found and not found[0].isdigit() else f"_{found}"
+
+
+def _layer(request: _Request, joints: list[str], more: Iterable[str] = ()) -> Iterable[str]:
+    """Yield a USD layer over the joints of a robot."""
+    robot = _identifier(request.robot.name)
+    yield from ("#usda 1.0", "(", f'    defaultPrim = "{robot}"')
+    doc = " ".join(
+        request.header(
+            "Use: a sublayer over the stage of the robot, in metres and kilograms, "
+            f"whose joints are at /{robot}/joints."
+        )
+    )
+    yield from (f"    doc = {json.dumps(doc)}", "    metersPerUnit = 1", ")", "")
+    yield from (f'over "{robot}"', "{")
+    yield from ('    over "joints"', "    {", *_indented(joints, 8), "    }", *_indented(more))
+    yield "}"
+
+
+def _prim(start: str, schemas: Iterable[str], attributes: Mapping[str, str | float]) -> list[str]:
+    """Return the lines of a prim; attributes are '<type> <name>', infinite ones are left out."""
+    names = ", ".join(f'"{name}"' for name in schemas)
+    texts = [
+        f"    {name} = {value if isinstance(value, str) else _number(value)}"
+        for name, value in attributes.items()
+        if isinstance(value, str) or math.isfinite(value)
+    ]
+    return [f"{start} (", f"    prepend apiSchemas = [{names}]", ")", "{", *texts, "}"]
+
+
+def _usd(request: _Request) -> Iterable[str]:
+    """Return a layer with drives of UsdPhysics, and armature and friction of PhysX."""
+    joints: list[str] = []
+    for one in request.actuators:
+        axis, per_unit = ("linear", 1.0) if one.slides else ("angular", _PER_DEGREE)
+        drive, physx = f"drive:{axis}:physics", f"physxJointAxis:{axis}"
+        attributes: dict[str, str | float] = {
+            f"uniform token {drive}:type": '"force"',
+            f"float {drive}:stiffness": one.position_gain * per_unit,
+            f"float {drive}:damping": one.velocity_gain * per_unit,
+            f"float {drive}:maxForce": one.limit,
+            "float physxJoint:armature": one.armature,
+            f"float {physx}:armature": one.armature,
+            f"float {physx}:staticFrictionEffort": one.dry,
+            f"float {physx}:dynamicFrictionEffort": one.dry,
+            f"float {physx}:viscousFrictionCoefficient": one.viscous * per_unit,
+        }
+        schemas = (f"PhysicsDriveAPI:{axis}", "PhysxJointAPI", f"PhysxJointAxisAPI:{axis}")
+        joints += _prim(f'over "{_identifier(one.joint)}"', schemas, attributes)
+    return _layer(request, joints)
+
+
+def _newton(request: _Request) -> Iterable[str]:
+    """Return a layer with the passive joints of Newton, and its actuators, which use radians."""
+    joints: list[str] = []
+    actuators: list[str] = ['def Scope "actuators"', "{"]
+    robot = _identifier(request.robot.name)
+    for one in request.actuators:
+        name, per_unit = _identifier(one.joint), 1.0 if one.slides else _PER_DEGREE
+        passive: dict[str, str | float] = {
+            "float newton:armature": one.armature,
+            "float newton:damping": one.viscous * per_unit,
+            "float newton:friction": one.dry,
+        }
+        joints += _prim(f'over "{name}"', ("NewtonJointAPI",), passive)
+        active: dict[str, str | float] = {
+            "rel newton:targets": f"</{robot}/joints/{name}>",
+            "float newton:kp": one.position_gain,
+            "float newton:kd": one.velocity_gain,
+            "float newton:constEffort": -one.offset,
+        }
+        schemas, steps = ["NewtonPDControlAPI"], one.steps(request.step_s)
+        if math.isfinite(one.limit):
+            schemas.append("NewtonMaxEffortClampingAPI")
+            active["float newton:maxEffort"] = one.limit
+        if steps:
+            schemas.append("NewtonActuatorDelayAPI")
+            active["int newton:delaySteps"] = str(steps)
+        actuators += _indented(_prim(f'def NewtonActuator "{name}"', schemas, active))
+    return _layer(request, joints, [*actuators, "}"])
+
+
+def _name_of(element: Element) -> str:
+    return element.attributes.get("name", "")
+
+
+def _rigid_dynamics(text: bytes, root: Element, request: _Request) -> list[Edit]:
+    """Return the edits that write the friction of elastic drives as of rigid ones."""
+    joints, edits = root.named("joint"), []
+    for one in request.actuators:
+        if one.drive.is_elastic:
+            seen = {"damping": _number(one.viscous), "friction": _number(one.dry)}
+            edits += with_children(text, joints[one.joint], {"dynamics": seen})
+    return edits
+
+
+def _drake(request: _Request) -> _Written:
+    """Write the URDF with the transmissions of Drake: gear ratio, rotor inertia, gains."""
+
+    def more(text: bytes, root: Element) -> list[Edit]:
+        names, edits = {one.joint for one in request.actuators}, []
+        for old in (one for one in root.children if one.tag == "transmission"):
+            moved = [_name_of(one) for one in old.children if one.tag == "joint"]
+            edits += [without(text, old)] if {*moved} & names else []
+        if "xmlns:drake" not in root.attributes and b"xmlns:drake" not in text[: root.inside]:
+            edits.append(with_start(text, root, {"xmlns:drake": "http://drake.mit.edu"}))
+        edits += _rigid_dynamics(text, root, request)
+        return [*edits, with_content(text, root, map(_drake_transmission, request.actuators))]
+
+    return _edited_urdf(request, more)
+
+
+def _drake_transmission(one: JointActuator) -> bytes:
+    name = quoteattr(one.joint)
+    inertia, ratio = one.drive.values["motor_inertia"], total_ratio(one.drive)
+    p, d = _number(one.position_gain), _number(one.velocity_gain)
+    gains = f'<drake:controller_gains p="{p}" d="{d}"/>' if one.has_gains else ""
+    return (
+        f'<transmission type="SimpleTransmission" name={name}><joint name={name}/>'
+        f'<actuator name={name}><drake:gear_ratio value="{_number(ratio)}"/>'
+        f'<drake:rotor_inertia value="{_number(inertia)}"/>{gains}</actuator></transmission>'
+    ).encode()
+
+
+def _ros2_control(request: _Request) -> _Written:
+    """Write the URDF with a <ros2_control> block: an effort command per joint, with its limits."""
+
+    def more(text: bytes, root: Element) -> list[Edit]:
+        block = ['<ros2_control name="seaid" type="system">', "  <hardware>"]
+        block += ["    <plugin>gz_ros2_control/GazeboSimSystem</plugin>", "  </hardware>"]
+        for one in request.actuators:
+            block.append(f"  <joint name={quoteattr(one.joint)}>")
+            block.append('    <command_interface name="effort">')
+            if math.isfinite(one.limit):
+                limits = {"min": -one.limit, "max": one.limit}
+                block += [
+                    f'      <param name="{x}">{_number(y)}</param>' for x, y in limits.items()
+                ]
+            block.append("    </command_interface>")
+            states = ("position", "velocity", "effort")
+            block += [f'    <state_interface name="{state}"/>' for state in states]
+            block.append("  </joint>")
+        block.append("</ros2_control>")
+        old = [one for one in root.children if one.tag == "ros2_control"]
+        gone = [without(text, one) for one in old if _name_of(one) == "seaid"]
+        new = with_content(text, root, ["\n".join(block).encode()])
+        return [*gone, *_rigid_dynamics(text, root, request), new]
+
+    return _edited_urdf(request, more)
+
+
+_PASSIVE = frozenset({"armature", "viscous friction", "dry friction"})
+_ACTIVE = _PASSIVE | {"gains", "torque limit"}
+_MOST = _ACTIVE | {"friction offset", "delay", "spring", "parallel spring", "coupled drives"}
+_IN_TOML = _MOST | {"Stribeck friction", "other terms"}
+"""Of a URDF, whose drives are whole in the TOML next to it, for seaid."""
+
+_OF_BAM = _PASSIVE | {"torque limit", "delay", "Stribeck friction"}
+_OF_DRAKE = frozenset({"armature", "viscous friction", "gains"})
+_OF_GAZEBO = frozenset({"viscous friction", "dry friction", "torque limit"})
+
+FORMATS: Mapping[FormatName, Format] = {
+    "mjcf": Format("MuJoCo", ".xml", _mjcf, _MOST, has_bodies=True),
+    "urdf": Format("URDF with the TOML of its drives", ".urdf", _urdf, _IN_TOML, has_bodies=True),
+    "isaaclab": Format("Isaac Lab", ".py", _text(_isaaclab), _ACTIVE | {"delay"}, in_steps=True),
+    "mjlab": Format("mjlab", ".py", _text(_mjlab), _ACTIVE | {"delay"}, in_steps=True),
+    "usd": Format("USD for PhysX", ".usda", _text(_usd), _ACTIVE),
+    "newton": Format(
+        "Newton", ".usda", _text(_newton), _ACTIVE | {"delay", "friction offset"}, in_steps=True
+    ),
+    "bam": Format("BAM", ".json", _text(_bam), _OF_BAM, has_slides=False),
+    "drake": Format("Drake", ".urdf", _drake, _OF_DRAKE, has_bodies=True),
+    "ros2_control": Format(
+        "Gazebo with ros2_control", ".urdf", _ros2_control, _OF_GAZEBO, has_bodies=True
+    ),
+}
+"""{name of a format: the format}."""
