@@ -9,7 +9,7 @@ RUN := $(VENV)/bin/python
 # Matrices here are small: a second BLAS thread only waits, and takes the core of another process.
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: tulip test test-all test-rounding test-hebi test-browser look lint docs wheel env dev clean
+.PHONY: tulip test test-all test-rounding test-hebi test-simulators test-browser look lint docs wheel env dev clean
 
 tulip: env
 	$(RUN) scripts/identify_tulip_leg.py
@@ -33,6 +33,11 @@ test-rounding: dev
 test-hebi: dev
 	$(RUN) -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[hebi]'
 	$(RUN) -m pytest -m hebi
+
+# Exported files, read by the packages of their simulators.
+test-simulators: dev
+	$(RUN) -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --only-binary=:all: --editable '.[simulators]'
+	$(RUN) -m pytest tests/export/test_simulators.py
 
 # What is read in a browser, in headless Chromium; installed where it is not there.
 BROWSERS := chromium chromium-browser google-chrome google-chrome-stable

@@ -55,7 +55,7 @@ def actuators_of(robot: Robot, *, is_complete: bool = True) -> tuple[JointActuat
     Raises RobotError for a value that is unknown if the model has to be complete; else it is zero.
     """
     plain = (robot.transmission == np.eye(robot.n)).all(axis=1)
-    limits = np.nan_to_num(robot.velocity_limits, nan=np.inf)
+    limits = np.nan_to_num(robot.velocity_limits, nan=np.inf, posinf=np.inf)
     return tuple(
         _actuator(joint, _known(robot.drives[joint], is_complete), slides, float(limit))
         for joint, slides, limit, is_plain in zip(
@@ -161,7 +161,7 @@ EFFECTS = {
         _spring,
         "N m/rad",
         "doubtful",
-        lambda _: "the joints are rigid in the file: write format='mjcf' for a model with springs",
+        lambda _: "--format mjcf, which has springs; in this file the joints are rigid",
     ),
     "parallel spring": Effect(_parallel, "N m/rad", "doubtful"),
     "Stribeck friction": Effect(_of_term("stribeck_friction", "stribeck"), "N m", "doubtful"),
@@ -225,7 +225,7 @@ def rounded_delays(actuators: Iterable[JointActuator], step_s: float) -> list[Fi
     text = f"delays are whole steps of {step_s * 1e3:g} ms in the file: " + listed(
         f"{joint} is {error * 1e3:+.3g} ms off" for joint, error in far.items()
     )
-    return [_finding(text, "note", far, "give the time step of the simulation with time_step_s=")]
+    return [_finding(text, "note", far, "--time-step, with the time step of the simulation")]
 
 
 _EXACT = 0.05

@@ -164,7 +164,7 @@ def write_model(
     if kind.in_steps:
         lost += rounded_delays(actuators, time_step_s)
     if not kind.has_bodies:
-        notes += ("the bodies are not in the file: write them with format='urdf' or 'mjcf'",)
+        notes += ("the bodies are not in the file: --format urdf or mjcf has them",)
     return WrittenModel(path, drives, by_severity(lost), notes)
 
 

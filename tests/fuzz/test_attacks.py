@@ -251,12 +251,13 @@ def writers() -> dict[str, Use]:
         ".json": found.save,
         ".urdf": lambda path: seaid.write_urdf(robot, path),
         ".xml": lambda path: seaid.write_mjcf(robot, path),
+        ".usda": lambda path: seaid.write_model(robot, path),
         ".toml": lambda path: seaid.write_drives(robot.drives, path),
         ".html": lambda path: seaid.write_report(found, (), path),
     }
 
 
-WRITTEN = (".csv", ".npz", ".parquet", ".h5", ".json", ".urdf", ".xml", ".toml", ".html")
+WRITTEN = (".csv", ".npz", ".parquet", ".h5", ".json", ".urdf", ".xml", ".usda", ".toml", ".html")
 
 
 @pytest.mark.parametrize("ending", WRITTEN)

@@ -1,0 +1,479 @@
+"""write_model: files of simulators hold the drives' numbers, and say what they cannot hold.
+
+Each file is read by its own package where that is installed (make test-simulators: usd-core and
+drake; mjlab, newton and better-actuator-models by hand, see docs/results.md); else its schema is
+checked, as the documentation of the package has it.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import runpy
+import sys
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+from lxml import etree
+
+import seaid
+from seaid.drives import Controller, SeriesElasticDrive, StiffDrive
+from seaid.errors import RobotError
+from seaid.export import FORMATS, WrittenModel
+from seaid.export.joint_actuators import EFFECTS
+from seaid.robot import Robot
+from tests.experiments import leg
+from tests.one_joint import BODY, one_joint
+
+ROOT = Path(__file__).parents[2]
+KP, KD, LIMIT, DELAY_S = 20.0, 1.5, 12.0, 0.0123
+GAINS = Controller(position_gain_Nm_per_rad=KP, velocity_gain_Nms_per_rad=KD, torque_limit_Nm=LIMIT)
+N, I_M, F_V, F_C, F_0 = 9.0, 1e-4, 1e-3, 0.02, 0.01
+SERVO = StiffDrive(
+    gear_ratio=N,
+    motor_inertia_kg_m2=I_M,
+    viscous_friction_Nms_per_rad=F_V,
+    coulomb_friction_Nm=F_C,
+    friction=("viscous", "coulomb", "offset"),
+    nominal={"friction_offset": F_0},
+    motor_input="position_command",
+    command_delay_s=DELAY_S,
+    controller=GAINS,
+)
+ARMATURE, VISCOUS, DRY, OFFSET = N**2 * I_M, N**2 * F_V, N * F_C, N * F_0
+PER_DEGREE = math.pi / 180
+ODD = "odd-joint \"'</\\&é"
+"""A name that text of Python, USD and XML has to quote."""
+
+
+def robot_with(folder: Path, drive: Any = SERVO, kind: str = "revolute") -> Robot:
+    return one_joint(folder, kind).with_drives({"arm": drive})
+
+
+def odd_robot(folder: Path) -> Robot:
+    name = ODD.replace("&", "&amp;").replace('"', "&quot;").replace("<", "&lt;")
+    path = folder / "odd.urdf"
+    path.write_text(
+        f'<robot name="1 odd"><link name="base"/><link name="body">{BODY}</link>'
+        f'<joint name="{name}" type="revolute"><parent link="base"/><child link="body"/>'
+        '<limit lower="-3" upper="3" effort="9" velocity="7"/></joint></robot>'
+    )
+    return seaid.load_robot(path, {ODD: SERVO})
+
+
+def written(robot: Robot, folder: Path, name: Any, **options: Any) -> WrittenModel:
+    path = folder / f"{name}{FORMATS[name].suffix}"
+    return seaid.write_model(robot, path, name, **options)
+
+
+FIELDS = {
+    # isaaclab.actuators.ActuatorBaseCfg and DelayedPDActuatorCfg, Isaac Lab 2.3 and 3.0
+    "isaaclab.actuators": (
+        *("joint_names_expr", "effort_limit", "velocity_limit", "stiffness", "damping"),
+        *("armature", "friction", "dynamic_friction", "viscous_friction"),
+        *("min_delay", "max_delay"),
+    ),
+    # mjlab.actuator.ActuatorCfg and BuiltinPositionActuatorCfg, mjlab 1.6
+    "mjlab.actuator": (
+        *("target_names_expr", "armature", "frictionloss", "viscous_damping", "stiffness"),
+        *("damping", "effort_limit", "delay_min_lag", "delay_max_lag"),
+    ),
+}
+
+
+def configured(path: Path, module: str, monkeypatch: pytest.MonkeyPatch) -> Any:
+    """Run a Python file of configurations, with stand-ins that have the documented fields."""
+    stand_in = ModuleType(module)
+
+    def config_of(name: str) -> Any:
+        def config(**fields: Any) -> tuple[str, dict[str, Any]]:
+            assert set(fields) <= {*FIELDS[module]}
+            return name, fields
+
+        return config
+
+    stand_in.__getattr__ = config_of  # type: ignore[method-assign]
+    monkeypatch.setitem(sys.modules, module.split(".")[0], ModuleType(module.split(".")[0]))
+    monkeypatch.setitem(sys.modules, module, stand_in)
+    return runpy.run_path(str(path))["ACTUATORS"]
+
+
+def test_isaac_lab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    model = written(robot_with(tmp_path), tmp_path, "isaaclab", time_step_s=0.004)
+    (joint, (name, fields)), *others = configured(
+        model.path, "isaaclab.actuators", monkeypatch
+    ).items()
+    assert (joint, name, others) == ("arm", "DelayedPDActuatorCfg", [])
+    assert fields.pop("joint_names_expr") == ["arm"]
+    assert fields == pytest.approx(
+        {"stiffness": KP, "damping": KD, "armature": ARMATURE, "effort_limit": LIMIT}
+        | {"friction": DRY, "dynamic_friction": DRY, "viscous_friction": VISCOUS}
+        | {"min_delay": 3, "max_delay": 3}  # of 4 ms
+    )
+
+
+def test_mjlab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    model = written(robot_with(tmp_path), tmp_path, "mjlab", time_step_s=0.002)
+    ((name, fields),) = configured(model.path, "mjlab.actuator", monkeypatch)
+    assert name == "BuiltinPositionActuatorCfg"
+    assert fields.pop("target_names_expr") == ("arm",)
+    assert fields == pytest.approx(
+        {"stiffness": KP, "damping": KD, "armature": ARMATURE, "effort_limit": LIMIT}
+        | {"frictionloss": DRY, "viscous_damping": VISCOUS}
+        | {"delay_min_lag": 6, "delay_max_lag": 6}
+    )
+
+
+@pytest.mark.parametrize("name", ["isaaclab", "mjlab"])
+def test_a_drive_without_controller_has_no_gains(
+    tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    torque = replace(SERVO, motor_input="torque", controller=None, command_delay_s=None)
+    model = written(robot_with(tmp_path, torque), tmp_path, name)
+    module = {"isaaclab": "isaaclab.actuators", "mjlab": "mjlab.actuator"}[name]
+    found = configured(model.path, module, monkeypatch)
+    ((kind, fields),) = found.values() if name == "isaaclab" else found
+    assert kind.startswith("IdealP")
+    assert (fields["stiffness"], fields["damping"]) == (0, 0)
+    assert "effort_limit" not in fields
+
+
+def test_mjlab_reads_its_file(tmp_path: Path) -> None:
+    pytest.importorskip("mjlab")
+    model = written(robot_with(tmp_path), tmp_path, "mjlab")
+    (one,) = runpy.run_path(str(model.path))["ACTUATORS"]
+    assert (one.stiffness, one.effort_limit, one.delay_max_lag) == (KP, LIMIT, 2)
+
+
+def stage_of(robot: Robot, layer: Path, kind: str) -> Any:
+    """Return a USD stage: two bodies, a joint at the place that layers expect, and the layer."""
+    pxr_usd = pytest.importorskip("pxr.Usd")
+    from pxr import UsdPhysics
+
+    stage = pxr_usd.Stage.CreateNew(str(layer.with_suffix(".base.usda")))
+    name = robot.name if robot.name.isidentifier() else "_1_odd"
+    joint = "arm" if robot.joint_names == ("arm",) else "odd_joint________"
+    root = stage.DefinePrim(f"/{name}", "Xform")
+    stage.SetDefaultPrim(root)
+    UsdPhysics.ArticulationRootAPI.Apply(root)
+    for body in ("base", "body"):
+        prim = stage.DefinePrim(f"/{name}/{body}", "Xform")
+        UsdPhysics.RigidBodyAPI.Apply(prim)
+        mass = UsdPhysics.MassAPI.Apply(prim)
+        mass.CreateMassAttr(1.0)
+        mass.CreateDiagonalInertiaAttr((1.0, 1.0, 1.0))
+    stage.DefinePrim(f"/{name}/joints", "Scope")
+    made = {"revolute": UsdPhysics.RevoluteJoint, "prismatic": UsdPhysics.PrismaticJoint}[kind]
+    hinge = made.Define(stage, f"/{name}/joints/{joint}")
+    hinge.CreateBody0Rel().SetTargets([f"/{name}/base"])
+    hinge.CreateBody1Rel().SetTargets([f"/{name}/body"])
+    hinge.CreateAxisAttr("Z")
+    stage.GetRootLayer().subLayerPaths.append(str(layer))
+    return stage, stage.GetPrimAtPath(f"/{name}/joints/{joint}")
+
+
+@pytest.mark.parametrize("kind", ["revolute", "prismatic"])
+def test_usd_has_degrees(tmp_path: Path, kind: str) -> None:
+    pytest.importorskip("pxr", reason="needs usd-core: make test-simulators")
+    from pxr import UsdPhysics
+
+    drive = SERVO
+    if kind == "prismatic":
+        drive = replace(SERVO, gear_ratio=None, gear_ratio_rad_per_m=N)
+    robot = robot_with(tmp_path, drive, kind)
+    _, joint = stage_of(robot, written(robot, tmp_path, "usd").path, kind)
+    axis, per = ("linear", 1.0) if kind == "prismatic" else ("angular", PER_DEGREE)
+    there = UsdPhysics.DriveAPI.Get(joint, axis)
+    assert there.GetStiffnessAttr().Get() == pytest.approx(KP * per)
+    assert there.GetDampingAttr().Get() == pytest.approx(KD * per)
+    assert there.GetMaxForceAttr().Get() == pytest.approx(LIMIT)
+    assert there.GetTypeAttr().Get() == "force"
+    physx = {
+        "armature": ARMATURE,
+        "staticFrictionEffort": DRY,
+        "dynamicFrictionEffort": DRY,
+        "viscousFrictionCoefficient": VISCOUS * per,
+    }
+    for name, value in physx.items():
+        assert joint.GetAttribute(f"physxJointAxis:{axis}:{name}").Get() == pytest.approx(value)
+    assert f"PhysxJointAxisAPI:{axis}" in str(joint.GetMetadata("apiSchemas"))
+
+
+def test_newton_has_degrees_in_joints_and_radians_in_actuators(tmp_path: Path) -> None:
+    pytest.importorskip("pxr", reason="needs usd-core: make test-simulators")
+    robot = robot_with(tmp_path)
+    model = written(robot, tmp_path, "newton", time_step_s=0.004)
+    stage, joint = stage_of(robot, model.path, "revolute")
+    passive = {"armature": ARMATURE, "friction": DRY, "damping": VISCOUS * PER_DEGREE}
+    for name, value in passive.items():
+        assert joint.GetAttribute(f"newton:{name}").Get() == pytest.approx(value)
+    actuator = stage.GetPrimAtPath("/arm/actuators/arm")
+    assert actuator.GetRelationship("newton:targets").GetTargets() == [joint.GetPath()]
+    active = {"kp": KP, "kd": KD, "constEffort": -OFFSET, "maxEffort": LIMIT, "delaySteps": 3}
+    for name, value in active.items():
+        assert actuator.GetAttribute(f"newton:{name}").Get() == pytest.approx(value)
+
+
+def test_newton_reads_its_file(tmp_path: Path) -> None:
+    newton = pytest.importorskip("newton")
+    robot = robot_with(tmp_path)
+    model = written(robot, tmp_path, "newton", time_step_s=0.004)
+    stage, _ = stage_of(robot, model.path, "revolute")
+    builder = newton.ModelBuilder()
+    builder.add_usd(stage)
+    made = builder.finalize(device="cpu")
+    passive = (made.joint_armature, made.joint_friction, made.joint_damping)
+    last = [np.ravel(x.numpy())[-1] for x in passive]
+    assert last == pytest.approx([ARMATURE, DRY, VISCOUS])
+    (actuator,) = made.actuators
+    assert np.ravel(actuator.drive.kp.numpy()) == pytest.approx([KP])
+    assert np.ravel(actuator.drive.const_effort.numpy()) == pytest.approx([-OFFSET])
+
+
+def test_bam_has_the_keys_that_it_reads(tmp_path: Path) -> None:
+    drive = replace(
+        SERVO,
+        friction=(*SERVO.friction, "stribeck"),
+        nominal={**SERVO.nominal, "stribeck_friction": 0.01, "stribeck_speed": 2.0},
+    )
+    found = json.loads(written(robot_with(tmp_path, drive), tmp_path, "bam").path.read_text())
+    assert (found.pop("model"), found.pop("actuator")) == ("m2", "unitree_go1")
+    assert found == pytest.approx(
+        {"armature": ARMATURE, "friction_base": DRY, "friction_viscous": VISCOUS}
+        | {"friction_stribeck": N * 0.01, "dtheta_stribeck": 2.0 / N, "alpha": 2.0}
+        | {"ratio": 1.0, "max_torque": LIMIT, "command_delay": DELAY_S}
+    )
+
+
+PUBLISHED = Path("/work/shared/data/xl330_pendulum/published/published_m1.json")
+VOLTAGE = StiffDrive(
+    motor_inertia_kg_m2=0.0016,
+    viscous_friction_Nms_per_rad=0.0324,  # with the back-EMF
+    coulomb_friction_Nm=0.007,
+    motor_input="voltage",
+    nominal={"voltage_constant": 0.0678},
+)
+
+
+def test_bam_of_a_voltage_has_the_torque_of_the_drive(tmp_path: Path) -> None:
+    found = json.loads(written(robot_with(tmp_path, VOLTAGE), tmp_path, "bam").path.read_text())
+    volts, speed = 3.0, 2.0
+    # as BAM computes it: torque = k_t/R U - k_t^2/R q', and viscous friction
+    per_ohm = found["kt"] / found["R"]
+    torque = per_ohm * volts - (found["kt"] * per_ohm + found["friction_viscous"]) * speed
+    assert torque == pytest.approx(0.0678 * volts - 0.0324 * speed)
+    if not PUBLISHED.exists():
+        pytest.skip("the published parameters of BAM are not here")
+    published = json.loads(PUBLISHED.read_text())
+    assert set(published) - {"q_offset"} == set(found)
+    assert (found["model"], found["actuator"]) == (published["model"], published["actuator"])
+
+
+def test_bam_reads_its_file(tmp_path: Path) -> None:
+    bam = pytest.importorskip("bam.model")
+    model = bam.load_model(str(written(robot_with(tmp_path), tmp_path, "bam").path))
+    assert model.actuator.get_extra_inertia() == pytest.approx(ARMATURE)
+    assert model.compute_frictions(0.0, 0.0, 1.0) == pytest.approx((DRY, VISCOUS))
+
+
+def test_bam_of_several_joints_is_a_table_of_those_that_turn(tmp_path: Path) -> None:
+    model = written(leg(), tmp_path, "bam")
+    content = json.loads(model.path.read_text())
+    assert list(content) == list(leg().joint_names)
+    drive = replace(SERVO, gear_ratio=None, gear_ratio_rad_per_m=N)
+    slide = written(robot_with(tmp_path, drive, "prismatic"), tmp_path, "bam")
+    assert "BAM has joints that turn only: arm not in the file" in slide.notes
+
+
+def test_drake(tmp_path: Path) -> None:
+    model = written(robot_with(tmp_path), tmp_path, "drake")
+    root = etree.parse(model.path).getroot()
+    space = "{http://drake.mit.edu}"
+    (actuator,) = root.findall("transmission/actuator")
+    values = {
+        name: float(actuator.find(f"{space}{name}").get("value"))
+        for name in ("gear_ratio", "rotor_inertia")
+    }
+    assert values == {"gear_ratio": N, "rotor_inertia": I_M}
+    gains = actuator.find(f"{space}controller_gains")
+    assert (float(gains.get("p")), float(gains.get("d"))) == (KP, KD)
+    dynamics = root.find("joint/dynamics")
+    assert float(dynamics.get("damping")) == pytest.approx(VISCOUS)
+    assert seaid.load_robot(model.path, {"arm": SERVO}).n == 1
+
+
+def test_drake_replaces_the_transmissions_of_its_joints(tmp_path: Path) -> None:
+    robot = robot_with(tmp_path)
+    path = tmp_path / "arm.urdf"
+    others = '<transmission name="x"><joint name="other"/></transmission>'
+    old = '<transmission name="t"><joint name="arm"/><actuator name="m"/></transmission>'
+    path.write_text(path.read_text().replace("</robot>", f"{old}{others}</robot>"))
+    robot = seaid.load_robot(path, robot.drives)
+    root = etree.parse(written(robot, tmp_path, "drake").path).getroot()
+    assert {one.get("name") for one in root.findall("transmission")} == {"arm", "x"}
+
+
+def test_drake_reads_its_file(tmp_path: Path) -> None:
+    pytest.importorskip("pydrake", reason="needs drake: make test-simulators")
+    from pydrake.multibody.parsing import Parser
+    from pydrake.multibody.plant import MultibodyPlant
+    from pydrake.multibody.tree import JointActuatorIndex
+
+    model = written(robot_with(tmp_path), tmp_path, "drake")
+    plant = MultibodyPlant(0.001)
+    Parser(plant).AddModels(str(model.path))
+    plant.Finalize()
+    actuator = plant.get_joint_actuator(JointActuatorIndex(0))
+    assert actuator.default_gear_ratio() == N
+    assert actuator.default_rotor_inertia() == pytest.approx(I_M)
+    assert actuator.get_controller_gains().p == KP
+    assert actuator.get_controller_gains().d == KD
+    assert plant.GetJointByName("arm").default_damping() == pytest.approx(VISCOUS)
+
+
+def test_ros2_control(tmp_path: Path) -> None:
+    path = written(robot_with(tmp_path), tmp_path, "ros2_control").path
+    again = seaid.load_robot(path, {"arm": SERVO})
+    twice = seaid.write_model(again, tmp_path / "again.urdf", "ros2_control").path
+    for one in (path, twice):
+        root = etree.parse(one).getroot()
+        (joint,) = root.findall("ros2_control/joint")
+        limits = [float(one.text) for one in joint.findall("command_interface/param")]
+        assert (joint.get("name"), limits) == ("arm", [-LIMIT, LIMIT])
+        assert len(joint.findall("state_interface")) == 3
+        friction = root.find("joint/dynamics").attrib
+        assert float(friction["friction"]) == pytest.approx(DRY)
+
+
+def test_elastic_drives_are_rigid_in_a_urdf_of_a_simulator(tmp_path: Path) -> None:
+    robot = leg()
+    root = etree.parse(written(robot, tmp_path, "drake").path).getroot()
+    joint = next(x for x in root.findall("joint") if x.get("name") == "knee_pitch")
+    drive = robot.drives["knee_pitch"]
+    assert isinstance(drive, SeriesElasticDrive)
+    ratio = drive.gear_ratio * drive.load_radius / drive.motor_radius
+    assert float(joint.find("dynamics").get("damping")) == pytest.approx(
+        ratio**2 * drive.values["viscous_friction"]
+    )
+
+
+SPRING = SeriesElasticDrive(
+    gear_ratio=N,
+    motor_inertia_kg_m2=I_M,
+    viscous_friction_Nms_per_rad=F_V,
+    coulomb_friction_Nm=F_C,
+    stiffness_Nm_per_rad=100.0,
+)
+WITH: Mapping[str, Any] = {
+    "spring": SPRING,
+    "parallel spring": replace(
+        SERVO,
+        parallel_spring=("linear",),
+        nominal={**SERVO.nominal, "parallel_stiffness": 3.0},
+    ),
+    "Stribeck friction": replace(
+        SERVO,
+        friction=(*SERVO.friction, "stribeck"),
+        nominal={**SERVO.nominal, "stribeck_friction": 0.01, "stribeck_speed": 2.0},
+    ),
+}
+
+
+@pytest.mark.parametrize("name", FORMATS)
+@pytest.mark.parametrize("effect", EFFECTS)
+def test_what_a_format_lacks_is_said_and_nothing_else(
+    tmp_path: Path, name: Any, effect: str
+) -> None:
+    drive = WITH.get(effect, SERVO)
+    said = [one.message for one in written(robot_with(tmp_path, drive), tmp_path, name).warnings]
+    is_said = any(f"has no {effect}: it is not in the file for arm (" in text for text in said)
+    assert is_said == (effect not in FORMATS[name].holds)
+
+
+def test_other_terms_and_what_replaces_them(tmp_path: Path) -> None:
+    drive = replace(
+        SERVO,
+        friction=("viscous", "smooth_coulomb", "offset", "quadratic"),
+        nominal={"friction_offset": F_0, "coulomb_width": 0.1, "quadratic_friction": 1e-6},
+    )
+    found = written(robot_with(tmp_path, drive), tmp_path, "isaaclab").warnings
+    assert [(one.severity, one.code) for one in found] == [
+        ("doubtful", "not-in-format"),
+        *[("note", "not-in-format")] * 3,
+    ]
+    assert "not these terms of the drives: arm (quadratic)" in found[0].message
+    assert found[1].remedy == "add to the commands: arm -0.0045 rad"  # N F_0 / K_p
+    assert found[1].evidence == {"arm": pytest.approx(OFFSET)}
+    assert "smooth friction is written as dry friction for arm" in found[2].message
+    assert "steps of 5 ms in the file: arm is -2.3 ms off" in found[3].message
+    assert found[3].remedy.startswith("--time-step")
+
+
+def test_a_right_set_up_has_no_finding(tmp_path: Path) -> None:
+    plain = replace(SERVO, friction=("viscous", "coulomb"), nominal={}, command_delay_s=0.01)
+    for name in ("mjcf", "urdf", "isaaclab", "mjlab", "newton"):
+        assert written(robot_with(tmp_path, plain), tmp_path, name).warnings == ()
+
+
+def test_names_are_quoted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    robot = odd_robot(tmp_path)
+    models = {name: written(robot, tmp_path, name).path for name in ("isaaclab", "mjlab", "bam")}
+    ((joint, _),) = configured(models["isaaclab"], "isaaclab.actuators", monkeypatch).items()
+    assert joint == ODD
+    ((_, fields),) = configured(models["mjlab"], "mjlab.actuator", monkeypatch)
+    assert len(fields["target_names_expr"]) == 1
+    for name in ("drake", "ros2_control"):
+        root = etree.parse(written(robot, tmp_path, name).path).getroot()
+        named = [one.get("name") for one in root.iter("joint")]
+        assert named == [ODD] * 2
+    for name in ("usd", "newton"):
+        _, prim = stage_of(robot, written(robot, tmp_path, name).path, "revolute")
+        assert prim.GetPropertyNames()
+
+
+def test_what_is_refused(tmp_path: Path) -> None:
+    robot = robot_with(tmp_path)
+    for step in (0.0, -1.0, math.nan, math.inf):
+        with pytest.raises(RobotError, match="time_step_s= must be more than zero and finite"):
+            written(robot, tmp_path, "mjlab", time_step_s=step)
+    with pytest.raises(RobotError, match="did you mean 'mjlab'"):
+        seaid.write_model(robot, tmp_path / "x", "mjlabs")  # type: ignore[arg-type]
+    unknown = robot_with(tmp_path, replace(SERVO, coulomb_friction_Nm=None))
+    with pytest.raises(RobotError, match="'coulomb_friction_Nm' is not known"):
+        written(unknown, tmp_path, "isaaclab")
+    assert written(unknown, tmp_path, "urdf").warnings == ()  # which holds what is known
+
+
+def test_formats_by_suffix(tmp_path: Path) -> None:
+    robot = robot_with(tmp_path)
+    starts = {"a.xml": "<?xml", "b.usda": "#usda 1.0", "c.urdf": "<robot"}
+    for name, start in starts.items():
+        model = seaid.write_model(robot, tmp_path / name)
+        assert model.path.read_text().startswith(start)
+    assert model.drives == tmp_path / "c.toml"
+
+
+def test_the_table_of_the_documentation_is_that_of_the_code() -> None:
+    page = (ROOT / "docs" / "how_to" / "simulators.md").read_text()
+    rows = [line for line in page.splitlines() if line.startswith("| ")]
+    header = next(row for row in rows if row.startswith("| format | armature"))
+    assert [one.strip() for one in header.strip("|").split("|")[1:-1]] == [*EFFECTS]
+    for name, format_ in FORMATS.items():
+        cells = [
+            "TOML"
+            if "other terms" in format_.holds
+            else "-"
+            if effect not in format_.holds
+            else "steps"
+            if effect == "delay" and format_.in_steps
+            else "yes"
+            for effect in EFFECTS
+        ]
+        cells.append("yes" if format_.has_bodies else "-")
+        assert f"| `{name}` | {' | '.join(cells)} |" in rows
+        assert any(row.startswith(f"| `{name}` | `{format_.suffix}`") for row in rows)
