@@ -126,6 +126,7 @@ ONE_IMPORTER = {
         *("log.infer_columns", "log.long_log", "project.saved"),
         *("regressor.exact.base", "report.comparison", "symbolic.expression_text"),
         *("identification.output_error", "simulation.replaying"),
+        *("export.mjcf", "export.urdf"),
     ),
     "one part of the page or window each": (
         *("report.html_actuators", "report.html_experiment", "report.html_verdict"),
@@ -136,6 +137,7 @@ ONE_IMPORTER = {
         *("identification.body_hypotheses", "identification.setup_hypotheses"),
         *("identification.consistency_program", "log.repair.channels"),
         "identification.known_constants",
+        "export.joint_actuators",
         *("regressor.structural.arithmetic", "regressor.structural.equations"),
         "regressor.structural.modular_dynamics",
     ),

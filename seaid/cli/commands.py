@@ -62,7 +62,7 @@ COMMANDS = {
     "conditions": "Identify several conditions together, such as cold and warm.",
     "compare": "Compare two identifications: which parameters differ significantly.",
     "report": "Identify, validate, and write the results with their reliability as one HTML page.",
-    "export": "Write the identified robot as URDF or MuJoCo model.",
+    "export": "Write the identified robot for a simulator: URDF, MuJoCo, Isaac Lab and others.",
 }
 """{command: first line of its docstring}; its function has its name, in a module of that name."""
 

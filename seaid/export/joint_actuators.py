@@ -94,6 +94,11 @@ def _actuator(joint: str, drive: Drive, slides: bool, velocity_limit: float) -> 
     )
 
 
+def no_remedy(_: Sequence[JointActuator]) -> str:
+    """Return the remedy of an effect that nothing replaces."""
+    return ""
+
+
 @dataclass(frozen=True)
 class Effect:
     """What a model may have: its size per actuator, its severity if a file lacks it, its remedy."""
@@ -101,7 +106,7 @@ class Effect:
     size: Callable[[JointActuator], float]
     unit: str
     severity: Severity
-    remedy: Callable[[Sequence[JointActuator]], str] = lambda _: ""
+    remedy: Callable[[Sequence[JointActuator]], str] = no_remedy
 
 
 _OF_SLIDES = {"kg m^2": "kg", "N m s/rad": "N s/m", "N m/rad": "N/m", "N m": "N", "s": "s"}

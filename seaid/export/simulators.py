@@ -142,6 +142,7 @@ def write_model(
 
     Examples
     --------
+    >>> found = seaid.identify(robot, log, feasible=True)
     >>> written = seaid.write_model(found, "actuators.py", "isaaclab", time_step_s=0.005)
     >>> for finding in written.warnings:
     ...     print(finding.message, finding.remedy)
@@ -206,7 +207,7 @@ def _mjcf(request: _Request) -> _Written:
 
 
 def _call(name: str, fields: Mapping[str, str | float]) -> list[str]:
-    """Return the lines of a Python call with one argument a line; infinite ones are left out."""
+    """Return the lines of a Python call with one argument a line; without infinite ones."""
     texts = {
         key: value if isinstance(value, str) else _number(value)
         for key, value in fields.items()
@@ -339,7 +340,7 @@ def _layer(request: _Request, joints: list[str], more: Iterable[str] = ()) -> It
 
 
 def _prim(start: str, schemas: Iterable[str], attributes: Mapping[str, str | float]) -> list[str]:
-    """Return the lines of a prim; attributes are '<type> <name>', infinite ones are left out."""
+    """Return the lines of a prim; attributes are '<type> <name>', without infinite ones."""
     names = ", ".join(f'"{name}"' for name in schemas)
     texts = [
         f"    {name} = {value if isinstance(value, str) else _number(value)}"

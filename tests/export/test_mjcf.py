@@ -554,7 +554,7 @@ def test_bodies_without_mass_or_thickness_load(write_chain: Any, tmp_path: Path)
 
 
 REFUSED: dict[str, Drive] = {
-    "'motor_inertia_kg_m2' is not known; a MuJoCo model": replace(STIFF, motor_inertia_kg_m2=None),
+    "'motor_inertia_kg_m2' is not known; the model of a": replace(STIFF, motor_inertia_kg_m2=None),
     "needs a motor inertia to be simulated": replace(ELASTIC, motor_inertia_kg_m2=0.0),
     "'stiffness_Nm_per_rad' is not known": replace(ELASTIC, stiffness_Nm_per_rad=None),
     "'coulomb_friction_Nm' is not known": replace(STIFF, coulomb_friction_Nm=None),
