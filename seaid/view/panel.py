@@ -11,8 +11,8 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid.view.picture import NEUTRAL, gradient, hexadecimal
+from seaid.view.playback import SOURCES
 from seaid.view.stage import IDENTIFIED, NOMINAL, WRONG, fade, show
-from seaid.view.traces import SOURCES
 
 if TYPE_CHECKING:
     from seaid.robot import Robot

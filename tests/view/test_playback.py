@@ -22,8 +22,7 @@ from seaid.robot.robot import Robot, load_robot
 from seaid.simulation.simulation import simulate
 from seaid.view.panel import legend, plain_text, table
 from seaid.view.picture import NEUTRAL, deflection_colors, gradient
-from seaid.view.playback import Playback, Shown, playback_of, scales
-from seaid.view.traces import traces_of
+from seaid.view.playback import Playback, Shown, playback_of, scales, traces_of
 
 LIMIT = '<limit lower="-1" upper="1" velocity="3" effort="50"/>'
 AXIS = '<axis xyz="0 1 0"/>'

@@ -11,8 +11,7 @@ import pytest
 from seaid._arrays import Array
 from seaid.log.log import Log
 from seaid.robot.robot import Robot
-from seaid.view.playback import playback_of
-from seaid.view.traces import Traces
+from seaid.view.playback import Traces, playback_of
 from tests.experiments import arm, arm_motion, perfect_log
 
 WRONG_BY = 1.3
