@@ -15,8 +15,8 @@ from seaid.drives import DEAD_ZONES, MEMORY
 from seaid.errors import Finding, LogError, checked
 from seaid.log.commands import commanded_torque
 from seaid.log.filtering import CutoffSelection, low_pass, select_cutoff, spline_derivatives
+from seaid.log.repair.channels import in_gap, interpolated
 from seaid.log.repair.clocks import irregular_steps, longest_bridge, longest_step, typical_step
-from seaid.log.repair.resampling import in_gap, interpolated
 from seaid.log.usable_parts import FROZEN, HOLES, REST, check_whole, holes, stretches, usable
 from seaid.robot import at_drives, at_joints, coupled_groups
 

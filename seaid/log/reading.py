@@ -30,7 +30,7 @@ from seaid.log.log import (
 )
 from seaid.log.readers.opening import open_tables
 from seaid.log.readers.table import Table, check_lengths
-from seaid.log.repair.channels import bridged_s, repaired_channel
+from seaid.log.repair.channels import bridged_s, in_gap, on_time, repaired_channel, resampled
 from seaid.log.repair.clocks import (
     clock_lines,
     clocks_of,
@@ -40,7 +40,6 @@ from seaid.log.repair.clocks import (
     with_regular_clock,
 )
 from seaid.log.repair.data import FEWEST, Channel, Repair, Repairs, is_position
-from seaid.log.repair.resampling import in_gap, on_time, resampled
 from seaid.robot import Robot
 
 __all__ = ["WRITTEN", "Log", "read_log", "write_log"]
