@@ -2,6 +2,7 @@ from .basis import Basis as Basis
 from .basis import BasisName as BasisName
 from .basis import FourierBasis as FourierBasis
 from .basis import JoinedBasis as JoinedBasis
+from .basis import SplineBasis as SplineBasis
 from .basis import make_basis as make_basis
 from .boundary import EndState as EndState
 from .boundary import motion_space as motion_space
@@ -25,7 +26,6 @@ from .multisine import Multisine as Multisine
 from .run_in import add_run_in as add_run_in
 from .scene_file import Box as Box
 from .scene_file import load_scene as load_scene
-from .spline import SplineBasis as SplineBasis
 from .trajectory import Trajectory as Trajectory
 from .trajectory import load_trajectory as load_trajectory
 from .trajectory import polynomial_trajectory as polynomial_trajectory

@@ -15,7 +15,7 @@ import numpy as np
 
 from seaid._arrays import Array, safely
 from seaid.errors import ExcitationError, checked
-from seaid.excitation.basis import Basis, FourierBasis, JoinedBasis, make_basis
+from seaid.excitation.basis import Basis, FourierBasis, JoinedBasis, SplineBasis, make_basis
 from seaid.excitation.boundary import (
     ROUNDING,
     EndState,
@@ -26,7 +26,6 @@ from seaid.excitation.boundary import (
     with_interior_start,
 )
 from seaid.excitation.limits import JointLimits, Limits, joint_limits
-from seaid.excitation.spline import SplineBasis
 from seaid.excitation.trajectory import Trajectory, check_joint_names
 from seaid.robot import Robot
 

@@ -16,8 +16,7 @@ from seaid._arrays import Array, check_rate, finite, frozen
 from seaid._files import numbers, read_json, write_csv, write_whole
 from seaid._progress import MOST_NAMES, Display, counted
 from seaid.errors import ExcitationError, checked, listed, shown, unknown_name
-from seaid.excitation.basis import Basis, basis_from_dict
-from seaid.excitation.spline import SplineBasis, bernstein_from_powers
+from seaid.excitation.basis import Basis, SplineBasis, basis_from_dict, bernstein_from_powers
 from seaid.robot import Robot
 
 _NANO = 10**9

@@ -3,14 +3,15 @@
 Each algebraic number in them, such as cos(pi/9) or sqrt(2 + sqrt(2)), is a root of a polynomial
 over the field of those before it. Its coefficients are an integer relation between powers, found by
 lattice reduction (Lenstra, Lenstra, Lovasz 1982) with far more digits than the relation has, and
-confirmed with twice as many."""
+confirmed with twice as many.
+"""
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import partial
-from itertools import product
 from math import prod
 from typing import Any
 
@@ -412,7 +413,7 @@ def _relation(
     size = prod(degrees)
     least = 1 if degrees else _degree(ring.generators[place])
     for degree in range(least, MOST_DEGREES // size + 1):
-        powers = product(*map(range, (*degrees, degree)))
+        powers = itertools.product(*map(range, (*degrees, degree)))
         terms = [_exponents(ring, (*below, place), one) for one in powers]
         terms.append(_exponents(ring, (place,), (degree,)))
         factors = _integer_relation(ring, terms)
@@ -432,8 +433,8 @@ def _degree(number: sp.Expr) -> int:
 
 def _exponents(ring: Ring, places: Sequence[int], powers: Sequence[int]) -> Exponents:
     result = [0] * len(ring.generators)
-    for place, power in zip(places, powers, strict=True):
-        result[place] = power
+    for place, exponent in zip(places, powers, strict=True):
+        result[place] = exponent
     return tuple(result)
 
 
@@ -453,5 +454,5 @@ def _integer_relation(ring: Ring, terms: Sequence[Exponents]) -> list[int] | Non
 
 
 def _value(ring: Ring, term: Exponents) -> mpf:
-    parts = ((ring.generators[i], power) for i, power in enumerate(term) if power)
-    return mp.fprod(mp.mpmathify(x.evalf(mp.dps)) ** power for x, power in parts)
+    parts = ((ring.generators[i], times) for i, times in enumerate(term) if times)
+    return mp.fprod(mp.mpmathify(x.evalf(mp.dps)) ** times for x, times in parts)

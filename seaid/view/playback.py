@@ -1,6 +1,7 @@
 """Playback: a planned or logged motion over time, with the torques and deflections along it.
 
-Traces are measured torques and spring deflections, and those of a robot's values."""
+Traces are measured torques and spring deflections, and those of a robot's values.
+"""
 
 from __future__ import annotations
 

@@ -9,8 +9,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from seaid.errors import ExcitationError
-from seaid.excitation.basis import BasisName, FourierBasis, make_basis
-from seaid.excitation.spline import SplineBasis, bernstein_from_powers
+from seaid.excitation.basis import (
+    BasisName,
+    FourierBasis,
+    SplineBasis,
+    bernstein_from_powers,
+    make_basis,
+)
 
 pytestmark = pytest.mark.rounding
 

@@ -1,4 +1,4 @@
-"""Repair of one channel: dropouts, wraps of encoders, saturation and gaps; samples at other times."""
+"""Repair of one channel: dropouts, wraps, saturation and gaps; its samples at other times."""
 
 from __future__ import annotations
 
