@@ -21,6 +21,7 @@ from .fitting import estimator_named as estimator_named
 from .fitting import fit as fit
 from .fitting import qr_factor_of_rows as qr_factor_of_rows
 from .fitting import stored_rows as stored_rows
+from .instrumental_variables import errors_in_variables as errors_in_variables
 from .instrumental_variables import instrumental as instrumental
 from .least_squares import FEWEST_INDEPENDENT as FEWEST_INDEPENDENT
 from .least_squares import equal_weights as equal_weights

@@ -19,9 +19,9 @@ import numpy as np
 
 from seaid._arrays import Array, FrozenMapping
 from seaid.errors import LogError, reason_of
-from seaid.estimation.blocks import block_factors
 from seaid.estimation.covariance import at_slots, long_run, slots
 from seaid.estimation.diagnostics import ModelChecks, model_checks, whiteness
+from seaid.estimation.drift import block_factors
 from seaid.estimation.estimate import Estimate
 from seaid.estimation.least_squares import (
     MOST_INSTANTS,

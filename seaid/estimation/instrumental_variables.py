@@ -3,6 +3,10 @@
 Measurement noise in a column of the regressor biases least squares towards zero (attenuation).
 Instruments are similar columns whose noise is independent of the residual (Young 1970; Janot,
 Vandanjon and Gautier 2014, who compute them by a simulation of the fitted model).
+
+Of a spring from its measured torque by (4b), with noise in both torque and deflection, direct
+regression gives too small a stiffness, reverse regression too large a one (Frisch 1934). Deming's
+(1943) line between them weighs both errors by the ratio of their variances.
 """
 
 from __future__ import annotations
@@ -61,6 +65,43 @@ def instrumental(rows: Regression, instruments: Array, propagated: Array | None 
     )
     estimate = estimate_of_rows(linear, of_linear, weights, propagated)
     return replace(estimate, warnings=(*estimate.warnings, *warnings))
+
+
+def errors_in_variables(rows: Regression, ratio: float) -> Estimate:
+    """Return stiffness and offset from rows of (4b) with noise in column and torque.
+
+    `ratio` is the noise variance of the torque over that of the deflection. It is least squares
+    with the deflection estimated from both measurements as the instrument of the measured one.
+    """
+    column = rows.names.index("stiffness")
+    others = np.delete(rows.H, column, axis=1)
+    d, tau = (
+        values
+        - others
+        @ safely(np.linalg.lstsq, others, values, what="the torque of a spring", rcond=None)[0]
+        for values in (rows.H[:, column], rows.y)
+    )
+    stiffness = deming(d, tau, ratio)
+    instruments = rows.H.copy()
+    if np.isfinite(ratio):
+        # the best estimate of the true deflection from both measurements (Deming 1943)
+        deflection = (ratio * d + stiffness * tau) / (ratio + stiffness**2)
+        instruments[:, column] += deflection - d
+    return instrumental(rows, instruments)
+
+
+def deming(x: Array, y: Array, ratio: float) -> float:
+    """Return the slope of y on x, both without mean; `ratio` is the noise variance of y over x.
+
+    It is (yy - r xx + sqrt((yy - r xx)^2 + 4 r xy^2)) / (2 xy) (Deming 1943).
+    """
+    xx, yy, xy = float(x @ x), float(y @ y), float(x @ y)
+    if xy == 0:
+        return 0.0
+    if not np.isfinite(ratio):
+        return xy / xx
+    half = 0.5 * (yy - ratio * xx)
+    return float((half + np.sqrt(half**2 + ratio * xy**2)) / xy)
 
 
 def _checked(rows: Regression, instruments: Array) -> Array:

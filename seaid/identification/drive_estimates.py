@@ -1,9 +1,10 @@
-"""Estimates of drives: the spring's part, the drive with the estimated values, and warnings."""
+"""Estimates of drives: the spring's part and its noise, the drive with its values, and warnings."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import linalg
@@ -19,11 +20,18 @@ from seaid.drives import (
 )
 from seaid.errors import Finding, Severity
 from seaid.estimation import Estimate, QRFactor, triangle
-from seaid.regressor import spring_regressor
+from seaid.regressor import actuator_equation, sensed_torque, signals, spring_regressor
 from seaid.robot import Robot
+
+if TYPE_CHECKING:
+    from seaid.log import Motion
 
 POORLY_IDENTIFIED = 0.1
 """Relative standard error above which a parameter has a warning."""
+
+_BAND = (2.5, 4.0)
+"""Band for the noise in units of the cutoff; positions are filtered at five times the cutoff: the
+spectra there contain only noise and vibration of a spring."""
 
 
 def spring_of(robot: Robot, estimate: Estimate, joint: str) -> Estimate:
@@ -167,3 +175,36 @@ def _weak_spring(estimate: Estimate, qr_factor: QRFactor) -> list[str]:
         f"{estimate.units[k]}",
         f"the motion changes the torque of this spring by only +-{swing:.2g} N m at the motor",
     ]
+
+
+def has_only_spring_torque(robot: Robot, motions: Sequence[Motion], joint: str) -> bool:
+    """Return whether an elastic joint has the equation (4b) only, without a logged motor torque."""
+    used = [actuator_equation(robot, one, joint)[0] for one in motions]
+    return all(regressor is spring_regressor(robot, joint) for regressor in used)
+
+
+def noise_ratio(robot: Robot, motions: Sequence[Motion], joint: str) -> float:
+    """Return the noise variance of a joint's torque over that of its deflection in (4b).
+
+    It is the median ratio of the spectra between 2.5 and 4 times the cutoff; inf, so that the
+    deflection counts as exact, if the deflection has no noise there.
+    """
+    ratios = [_spectra(robot, one, joint) for one in motions]
+    return float(np.median(ratios))
+
+
+def _spectra(robot: Robot, motion: Motion, joint: str) -> float:
+    from scipy.signal import detrend, periodogram
+
+    index = robot.index(joint)
+    by_name = signals(robot, motion, index)
+    by_name["tau_L"] = sensed_torque(robot, motion, index)
+    regressor = spring_regressor(robot, joint)
+    torque, columns = regressor.evaluate(by_name)
+    both = detrend(
+        np.column_stack([torque, columns[:, regressor.names.index("stiffness")]]), axis=0
+    )
+    frequency, power = periodogram(both, fs=motion.rate_hz, window="hann", axis=0)
+    seen = (frequency > _BAND[0] * motion.cutoff_hz) & (frequency < _BAND[1] * motion.cutoff_hz)
+    torque_noise, deflection_noise = np.median(power[seen], axis=0) if np.any(seen) else (0.0, 0.0)
+    return float(torque_noise / deflection_noise) if deflection_noise > 0 else float("inf")

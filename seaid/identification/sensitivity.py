@@ -27,7 +27,7 @@ from seaid.estimation import (
     qr_factor_of,
     solve,
 )
-from seaid.identification.errors_in_variables import has_only_spring_torque
+from seaid.identification.drive_estimates import has_only_spring_torque
 from seaid.identification.two_step import LOAD, RobotEstimate, with_unit_constant
 from seaid.log import POSITION_BAND, Motion, low_pass
 from seaid.regressor import (

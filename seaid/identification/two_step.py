@@ -24,16 +24,18 @@ from seaid.estimation import (
     ModelChecks,
     QRFactor,
     Rows,
+    errors_in_variables,
     fit,
     qr_factor_of_rows,
     scaled_svd,
 )
 from seaid.identification.datasets import Dataset, first_motion, rows_of_equations
-from seaid.identification.drive_estimates import merged_estimates, spring_of, with_warnings
-from seaid.identification.errors_in_variables import (
-    errors_in_variables,
+from seaid.identification.drive_estimates import (
     has_only_spring_torque,
+    merged_estimates,
     noise_ratio,
+    spring_of,
+    with_warnings,
 )
 from seaid.identification.torque_offsets import (
     identifiable_offsets,

@@ -18,7 +18,17 @@ from seaid.errors import SeaidError, checked
 from seaid.identification import Identification, StaticCalibration, Validation, compared
 from seaid.report.comparison import comparison_of, measures_of
 from seaid.report.html_actuators import actuator_figures
-from seaid.report.html_charts import Axis, Layer, chart
+from seaid.report.html_charts import (
+    Axis,
+    Layer,
+    cells_of,
+    chart,
+    correlation_map,
+    packed_correlations,
+    printed_traces,
+    singular_chart,
+    singular_values,
+)
 from seaid.report.html_experiment import (
     excitation_table,
     known_table,
@@ -27,14 +37,6 @@ from seaid.report.html_experiment import (
     settings_facts,
     setup_rows,
     versions,
-)
-from seaid.report.html_maps import (
-    cells_of,
-    correlation_map,
-    packed_correlations,
-    printed_traces,
-    singular_chart,
-    singular_values,
 )
 from seaid.report.html_robot import Label, Posture, bodies_picture, posture_of, robot_picture
 from seaid.report.html_tables import (

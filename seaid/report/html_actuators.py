@@ -27,8 +27,7 @@ from seaid.drives import (
 from seaid.errors import SeaidError
 from seaid.log import Motion, in_band, standstill
 from seaid.regressor import actuator_columns, load_columns, signals
-from seaid.report.html_charts import Axis, Layer, chart
-from seaid.report.html_maps import fitted_motions
+from seaid.report.html_charts import Axis, Layer, chart, fitted_motions
 
 if TYPE_CHECKING:
     from seaid.identification import Identification

@@ -1,19 +1,36 @@
-"""Small charts as SVG text: axes with round ticks, points and lines; without a script.
+"""Charts of a page as SVG text: singular values, correlations, and copies of traces for paper.
 
-Colours are classes of report.css, so that a chart follows the theme and the printer.
+Axes have round ticks, and there is no script. Colours are classes of report.css, so that a chart
+follows the theme and the printer.
 """
 
 from __future__ import annotations
 
+import base64
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from seaid._arrays import Array
+from seaid.drives import JointParameter, readable
+from seaid.estimation import (
+    POORLY_DETERMINED,
+    directions,
+    first_term,
+    qr_factor_of,
+    settled_weights,
+)
+from seaid.regressor import load_regression, stacked, under_load, with_gear_torque
+from seaid.report.html_traces import SIDES
+
+if TYPE_CHECKING:
+    from seaid.identification import Identification
+    from seaid.log import Motion
+    from seaid.report.html_traces import Run
 
 _WIDTH, _HEIGHT = 460.0, 300.0
 _LEFT, _RIGHT, _TOP, _BOTTOM = 58.0, 10.0, 10.0, 44.0
@@ -191,3 +208,222 @@ def _drawn(layer: Layer, across: _Scale, up: _Scale) -> str:
             ("M" if new else "L") + pair for new, pair in zip(starts, pairs, strict=True)
         )
     return f'<path class="{layer.kind} {layer.name}" d="{path}"/>'
+
+
+@dataclass(frozen=True, eq=False)
+class SingularValues:
+    """Singular values of the load side relative to the largest, in decreasing order.
+
+    `combinations` describes the parameter combinations of the smallest ones; a combination is
+    poorly determined below the `threshold`.
+    """
+
+    shares: Array
+    combinations: tuple[str, ...]
+    threshold: float = POORLY_DETERMINED
+
+
+def singular_values(found: Identification) -> SingularValues | None:
+    """Return the singular values of the load side over all motions, None for long logs.
+
+    Columns have unit norm, rows are weighted by their joint's residual, as in weighted least
+    squares: the ratio of largest and smallest is the condition number.
+    """
+    if not found.motions or not found.model.names:
+        return None
+    motions = fitted_motions(found)
+    qr_factor = qr_factor_of(
+        stacked([load_regression(found.known, m, found.model, found.springs) for m in motions])
+    )
+    found_directions = directions(
+        qr_factor.weighted_factor(settled_weights(qr_factor)), qr_factor.names
+    )
+    count = len(found_directions.shares)
+    smallest = range(count - 1, max(count - 4, -1), -1)
+    return SingularValues(
+        found_directions.shares, tuple(found_directions.text(place) for place in smallest)
+    )
+
+
+def fitted_motions(found: Identification) -> list[Motion]:
+    """Return the motions used, with the torque through the gears where friction depends on it."""
+    if not under_load(found.known, found.model.torque_joints):
+        return list(found.motions)
+    model, theta = found.model, found.load_side.values
+    return [
+        with_gear_torque(found.known, motion, model, found.springs, theta)
+        for motion in found.motions
+    ]
+
+
+@dataclass(frozen=True, eq=False)
+class CorrelationMap:
+    """Correlations of estimated parameters: `names` (p,), and the estimate of each, `blocks` (p,).
+
+    `values` (p, p) are NaN between separate estimates. `total` counts the parameters including
+    those excluded for weak correlations; `strongest` lists (name, name, correlation).
+    """
+
+    names: tuple[str, ...]
+    blocks: tuple[int, ...]
+    values: Array
+    total: int
+    strongest: tuple[tuple[str, str, float], ...]
+
+
+_MOST_PARAMETERS, _STRONGEST, _STRONG = 110, 10, 0.7
+
+
+def correlation_map(found: Identification) -> CorrelationMap:
+    """Return the correlations of all estimates, or of the most correlated 110 parameters."""
+    names, blocks, parts = _estimates(found)
+    total = len(names)
+    values = np.full((total, total), np.nan)
+    for block, part in enumerate(parts):
+        own = [place for place, one in enumerate(blocks) if one == block]
+        values[np.ix_(own, own)] = part
+    others = np.abs(np.nan_to_num(values - np.eye(total)))
+    kept = np.arange(total)
+    if total > _MOST_PARAMETERS:
+        kept = np.sort(np.argsort(-others.max(axis=0), kind="stable")[:_MOST_PARAMETERS])
+    rows, columns = np.triu_indices(total, 1)
+    order = np.argsort(-others[rows, columns], kind="stable")[:_STRONGEST]
+    strongest = [
+        (names[rows[k]], names[columns[k]], float(values[rows[k], columns[k]]))
+        for k in order
+        if others[rows[k], columns[k]] > _STRONG
+    ]
+    return CorrelationMap(
+        names=tuple(names[place] for place in kept),
+        blocks=tuple(blocks[place] for place in kept),
+        values=values[np.ix_(kept, kept)],
+        total=total,
+        strongest=tuple(strongest),
+    )
+
+
+def _estimates(found: Identification) -> tuple[list[str], list[int], list[Array]]:
+    """Return short names, the block of each, and the correlations per block: drives, then load."""
+    names: list[str] = []
+    blocks: list[int] = []
+    parts: list[Array] = []
+
+    def add(part: Array, own: Sequence[str]) -> None:
+        names.extend(own)
+        blocks.extend([len(parts)] * len(own))
+        parts.append(part)
+
+    load = found.load_side
+    for joint in found.known.elastic_joints:
+        drive = found.drives[joint]
+        own = [i for i, name in enumerate(drive.names) if f"{name} of {joint}" not in load.names]
+        if own:
+            named = [readable(JointParameter(drive.names[i], joint)) for i in own]
+            add(drive.correlation[np.ix_(own, own)], named)
+    if load.names:
+        bodies = [first_term(name) for name in found.model.expressions]
+        add(load.correlation, [*bodies, *map(readable, load.names[len(bodies) :])])
+    return names, blocks, parts
+
+
+@dataclass(frozen=True)
+class Cells:
+    """Cells of a map with the same sign and strength (1 to 10), as the path of an SVG."""
+
+    sign: str
+    strength: int
+    path: str
+
+
+def cells_of(shown: CorrelationMap) -> list[Cells]:
+    """Return the lower triangle of a map with unit cells, one path per colour."""
+    rows, columns = np.tril_indices(len(shown.names), -1)
+    values = shown.values[rows, columns]
+    paths: dict[tuple[str, int], list[str]] = {}
+    for row, column, value in zip(rows, columns, values, strict=True):
+        strength = 0 if math.isnan(value) else math.ceil(10 * min(abs(value), 1.0) - 1e-9)
+        sign = "none" if math.isnan(value) else "plus" if value > 0 else "minus"
+        if strength or sign == "none":
+            paths.setdefault((sign, strength), []).append(f"M{column} {row}h1v1h-1z")
+    return [Cells(sign, strength, "".join(path)) for (sign, strength), path in paths.items()]
+
+
+def packed_correlations(shown: CorrelationMap) -> str:
+    """Return the whole map in hundredths as base64 of signed bytes, -128 for NaN."""
+    steps = np.where(np.isnan(shown.values), -128, np.round(100 * np.nan_to_num(shown.values)))
+    return base64.b64encode(steps.astype(np.int8).tobytes()).decode("ascii")
+
+
+def singular_chart(found: SingularValues) -> Any:
+    """Return the singular values over their number as a chart with a logarithmic axis."""
+    shares = np.maximum(found.shares, 1e-16)
+    lowest = min(float(shares.min()), POORLY_DETERMINED)
+    count = np.arange(1.0, len(shares) + 1.0)
+    ends = np.array([0.0, len(shares) + 1.0])
+    layers = [
+        Layer(count, shares, "singular"),
+        Layer(ends, np.full(2, found.threshold), "threshold", "line"),
+    ]
+    return chart(
+        layers,
+        Axis("number of the combination, best determined first", "", 0.0, len(shares) + 1.0),
+        Axis(
+            "singular value over the largest", "", 10.0 ** math.floor(math.log10(lowest)), 1.3, True
+        ),
+        title="Singular values of the load side",
+        width=760.0,
+        height=260.0,
+    )
+
+
+_PRINTED_JOINTS, _PRINTED_SAMPLES = 8, 700
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A static copy of the traces of a joint, for paper, with its caption."""
+
+    svg: Any
+    caption: str
+
+
+def printed_traces(run: Run) -> list[Picture]:
+    """Return the traces of some joints of a run from the best to the worst predicted, by side."""
+    return [
+        _printed(run, side, index)
+        for side in SIDES
+        for index in _from_best_to_worst(getattr(run.result, side).relative_error)
+    ]
+
+
+def _from_best_to_worst(errors: Array) -> list[int]:
+    joints = np.flatnonzero(np.isfinite(errors))
+    if not len(joints):
+        return []
+    order = joints[np.argsort(errors[joints], kind="stable")]
+    few = np.unique(np.linspace(0, len(order) - 1, _PRINTED_JOINTS).round().astype(int))
+    return sorted(order[few].tolist())
+
+
+def _printed(run: Run, side: str, index: int) -> Picture:
+    result = run.result
+    fit, joint = getattr(result, side), result.joints[index]
+    step = max(1, len(result.time) // _PRINTED_SAMPLES)
+    layers = [
+        Layer(result.time[::step], trace[::step, index], name, "line")
+        for name, trace in (("measured", fit.measured), ("computed", fit.computed))
+    ]
+    of = "motor torque" if side == "actuator" else "torque on the load"
+    svg = chart(
+        layers,
+        Axis("time", "s"),
+        Axis(of, "N m"),
+        title=f"{joint}: {of}, measured and computed",
+        width=760.0,
+        height=230.0,
+    )
+    error = f"{100 * fit.relative_error[index]:.2g}\N{NO-BREAK SPACE}%"
+    caption = (
+        f"{joint}, {side} side, {run.name}: measured (wide) and computed (thin), error {error}."
+    )
+    return Picture(svg, caption)

@@ -8,8 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from seaid.drives.drives import SeriesElasticDrive
+from seaid.estimation.instrumental_variables import deming, errors_in_variables
 from seaid.estimation.least_squares import ordinary
-from seaid.identification.errors_in_variables import deming, errors_in_variables, noise_ratio
+from seaid.identification.drive_estimates import noise_ratio
 from seaid.log.motion import reconstruct_motion
 from seaid.regressor.regression import Regression
 from tests.experiments import leg, leg_motion, perfect_log

@@ -29,8 +29,8 @@ from seaid.project.saved import load_run, save_run
 from seaid.report import html_tables, html_traces
 from seaid.report.html import runs_of, write_comparison, write_report
 from seaid.report.html_actuators import actuator_figures
+from seaid.report.html_charts import cells_of, correlation_map, packed_correlations, singular_values
 from seaid.report.html_experiment import setup_rows
-from seaid.report.html_maps import cells_of, correlation_map, packed_correlations, singular_values
 from seaid.report.html_verdict import (
     NO_BODIES,
     NOT_VALIDATED,
