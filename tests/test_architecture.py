@@ -112,14 +112,14 @@ def test_no_module_imports_one_that_imports_it() -> None:
 
 ONE_IMPORTER = {
     "a method with a source of its own, read and tested alone": (
-        *("estimation.drift", "estimation.feasible", "estimation.robust"),
+        *("estimation.feasible", "estimation.robust"),
         "identification.sensitivity",
         *("identification.instrumental", "identification.simultaneous"),
-        *("identification.linear_joints"),
+        *("identification.transmission_error", "identification.linear_joints"),
         "excitation.multisine",
         *("regressor.exact.lagrangian", "regressor.exact.newton_euler"),
         "regressor.exact.recursion",
-        *("symbolic.independence"),
+        "symbolic.independence",
     ),
     "functions that users call": (
         *("identification.conditions", "identification.static_calibration"),
@@ -135,7 +135,7 @@ ONE_IMPORTER = {
     "one step of a long way, which would make its importer longer than 400 lines": (
         *("excitation.run_in", "excitation.search"),
         *("identification.body_hypotheses", "identification.setup_hypotheses"),
-        *("identification.consistency_program", "log.repair.channels"),
+        "identification.consistency_program",
         "identification.known_constants",
         "export.joint_actuators",
         *("regressor.structural.arithmetic", "regressor.structural.equations"),
@@ -164,7 +164,7 @@ def test_modules_with_one_importer_have_a_reason() -> None:
 
 def test_no_chain_of_imports_is_long() -> None:
     assert longest_chain(import_graph("seaid", ROOT / "seaid")) <= 15
-    assert len([name for name in SOURCES if not name.startswith(ONE_PER_FORMAT)]) <= 171
+    assert len([name for name in SOURCES if not name.startswith(ONE_PER_FORMAT)]) <= 172
 
 
 def test_every_name_of_a_face_is_there_and_none_is_hidden_by_a_module() -> None:

@@ -61,7 +61,6 @@ from seaid.identification.gear import (
     gear_estimates,
     gear_findings,
     own_estimates,
-    periodic_findings,
     with_gears,
     with_rigid_gears,
 )
@@ -99,6 +98,7 @@ from seaid.identification.output_error import FirstEstimate, first_estimate, ref
 from seaid.identification.physical_consistency import FeasibleParameters, feasible_parameters
 from seaid.identification.sensitivity import sensitivity_findings
 from seaid.identification.simultaneous import estimate_simultaneous
+from seaid.identification.transmission_error import periodic_findings
 from seaid.identification.two_step import RobotEstimate, estimate_two_step, joints_with_torque
 from seaid.log import Log, Motion, Processing, stretches, with_commanded_torque
 from seaid.regressor import (

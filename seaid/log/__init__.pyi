@@ -41,9 +41,9 @@ from .readers.child_process import ChildError as ChildError
 from .readers.child_process import doing as doing
 from .readers.child_process import run_in_child as run_in_child
 from .reading import read_log as read_log
+from .repair.channels import on_time as on_time
 from .repair.data import Repair as Repair
 from .repair.data import Repairs as Repairs
-from .repair.resampling import on_time as on_time
 from .usable_parts import check_whole as check_whole
 from .usable_parts import stretches as stretches
 from .usable_parts import usable as usable
