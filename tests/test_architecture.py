@@ -130,7 +130,7 @@ ONE_IMPORTER = {
     ),
     "one part of the page or window each": (
         *("report.html_actuators", "report.html_experiment", "report.html_verdict"),
-        "view.panel",
+        *("view.panel", "view.playback"),
     ),
     "one step of a long way, which would make its importer longer than 400 lines": (
         *("excitation.run_in", "excitation.search"),

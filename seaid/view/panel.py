@@ -11,7 +11,6 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid.view.picture import NEUTRAL, gradient, hexadecimal
-from seaid.view.playback import SOURCES
 from seaid.view.stage import IDENTIFIED, NOMINAL, WRONG, fade, show
 
 if TYPE_CHECKING:
@@ -294,8 +293,12 @@ def put_plots(server: Any, robot: Robot, playbacks: Sequence[Playback]) -> Plots
         gui.add_html(_key(playbacks))
         torque, deflection = (
             gui.add_uplot(
-                (np.zeros(2),) * (2 + len(SOURCES)),
-                ({"label": "time [s]"}, _CURSOR, *({"label": s, **_STYLES[s]} for s in SOURCES)),
+                (np.zeros(2),) * (2 + len(_STYLES)),
+                (
+                    {"label": "time [s]"},
+                    _CURSOR,
+                    *({"label": s, **style} for s, style in _STYLES.items()),
+                ),
                 height=_HEIGHT_PX,
                 legend={"show": False},
                 axes=({"size": 30.0}, {"size": 52.0}),
@@ -357,7 +360,7 @@ def _with_cursor(
     cursor = np.full(len(time), ends[0] - (ends[1] - ends[0]))
     cursor[place + 1] = ends[1]
     nothing = np.full(len(grid), np.nan)
-    lines = (np.interp(time, grid, sources.get(name, nothing)) for name in SOURCES)
+    lines = (np.interp(time, grid, sources.get(name, nothing)) for name in _STYLES)
     return (time, cursor, *lines)
 
 
@@ -369,7 +372,7 @@ def _first_joint(robot: Robot, playback: Playback) -> str:
 
 def _key(playbacks: Sequence[Playback]) -> str:
     """Return the names of the lines that some motion has."""
-    there = [name for name in SOURCES if any(name in one.traces.torque for one in playbacks)]
+    there = [name for name in _STYLES if any(name in one.traces.torque for one in playbacks)]
     lines = "".join(f"<span>{_line(**_STYLES[name])}{name}</span>" for name in there)
     return f'<div style="font-size:0.8em;margin:0 0 0.2em">{lines}</div>'
 
