@@ -58,6 +58,7 @@ from .terms import LEVEL_OF as LEVEL_OF
 from .terms import MEMORY as MEMORY
 from .terms import PARAMETERS as PARAMETERS
 from .terms import PARAMETERS_OF as PARAMETERS_OF
+from .terms import WARM_UP as WARM_UP
 from .terms import FrictionTerm as FrictionTerm
 from .terms import JointParameter as JointParameter
 from .terms import MotorInput as MotorInput

@@ -26,6 +26,7 @@ from seaid.drives.terms import (
     NONLINEAR_SPRING,
     PARAMETERS,
     PARAMETERS_OF,
+    WARM_UP,
     FrictionTerm,
     Harmonic,
     JointFrictionTerm,
@@ -385,8 +386,11 @@ class _Parameters(Display):
         return bool({*BY_TEMPERATURE} & {*self.friction})
 
     def at_temperature(self, temperature_degC: float | None = None) -> Self:
-        """Return the drive with the friction of one temperature; None: that of reference."""
-        if not self.has_temperature_terms:
+        """Return the drive with the friction of one temperature; None: that of reference.
+
+        Friction that a motor loses while it warms up is none of its.
+        """
+        if not {*BY_TEMPERATURE, *WARM_UP} & {*self.friction}:
             return self
         values, warmer = self.own_values, 0.0
         if temperature_degC is not None:
@@ -397,11 +401,13 @@ class _Parameters(Display):
             for slope, level in slopes.items()
             if level in values
         }
+        gone = {*slopes, *(name for term in WARM_UP for name in PARAMETERS_OF["friction"][term])}
+        kept = (term for term in self.friction if term not in (*BY_TEMPERATURE, *WARM_UP))
         bare = replace(
             self,
-            friction=tuple(term for term in self.friction if term not in BY_TEMPERATURE),
-            nominal={name: x for name, x in self.nominal.items() if name not in slopes},
-            known=tuple(name for name in self.known if name not in slopes),
+            friction=tuple(kept),
+            nominal={name: x for name, x in self.nominal.items() if name not in gone},
+            known=tuple(name for name in self.known if name not in gone),
         )
         return bare.with_values(levels) if warmer else bare
 

@@ -19,6 +19,7 @@ from seaid.drives.symbols import (
     F_0,
     F_C,
     F_CT,
+    F_CW,
     F_H,
     F_L,
     F_S,
@@ -31,6 +32,7 @@ from seaid.drives.symbols import (
     F_q,
     F_v,
     F_vT,
+    F_vW,
     K_t,
     K_u,
     N,
@@ -50,6 +52,8 @@ from seaid.drives.symbols import (
     r_M,
     symbol_of,
     t,
+    t_log,
+    t_W,
     tau_C,
     tau_G,
     tau_L,
@@ -84,7 +88,7 @@ _NAMES = {
     **STATES,
     **{str(symbol): symbol for symbol in (N, r_M, r_L, F_v, F_C, F_0, k, f_0, I_M)},
 }
-_TAKEN = {*PARAMETER_NAMES.values(), *map(str, PARAMETER_NAMES), str(Delta_T.func)}
+_TAKEN = {*PARAMETER_NAMES.values(), *map(str, PARAMETER_NAMES), str(Delta_T.func), str(t_log.func)}
 _PLAIN = ("atan", "cos", "cosh", "exp", "log", "sign", "sin", "sinh", "sqrt", "tan", "tanh")
 _FUNCTIONS = {"abs": sp.Abs, **{name: getattr(sp, name) for name in _PLAIN}}
 
@@ -225,6 +229,7 @@ def friction_level(drive: Drive) -> sp.Expr:
         "load": F_L * sp.Abs(behind_gear),
         "stribeck": F_S * sp.exp(-((w / w_S) ** 2)),
         "coulomb_temperature": F_CT * Delta_T,
+        "coulomb_warm_up": F_CW * sp.exp(-t_log / t_W),
     }
     return sum((terms[term] for term in drive.friction if term in terms), sp.Integer(0))
 
@@ -243,6 +248,7 @@ def smooth_friction(drive: Drive) -> sp.Expr:
         "asymmetric": F_a * sp.Abs(w),
         "quadratic": F_q * w * sp.Abs(w),
         "viscous_temperature": F_vT * Delta_T * w,
+        "viscous_warm_up": F_vW * sp.exp(-t_log / t_W) * w,
     }
     own = sum((terms[term] for term in drive.friction if term in terms), sp.Integer(0))
     own = own + periodic(drive, "torque_ripple")

@@ -51,7 +51,9 @@ OfState = Callable[..., float]
 states of hysteresis at motor and spring, which are zero if they are not given."""
 
 _STATE = ("theta_M", "theta_M_dot", "theta_L", "theta_L_dot", "tau_G", "z_M", "z_F")
-_WARMER = "Delta_T"
+_COVARIATES = ("Delta_T", "t_log")
+"""Signals of functions that are `partial`: they change over a log, and are no states."""
+
 _PLAIN_FRICTION = {"viscous", "coulomb"}
 
 
@@ -74,14 +76,14 @@ class DriveFunctions:
     is_dry: bool
     is_under_load: bool
 
-    def warmer(self, by: float) -> DriveFunctions:
-        """Return the functions at a temperature of the motor above that of reference [K]."""
-        at: dict[str, Any] = {
-            name: partial(function, **{_WARMER: by})
+    def at(self, **covariates: float) -> DriveFunctions:
+        """Return the functions at a temperature above that of reference [K], and a time [s]."""
+        changes: dict[str, Any] = {
+            name: partial(function, **{key: covariates[key] for key in function.keywords})
             for name in ("friction", "level")
             if isinstance(function := getattr(self, name), partial)
         }
-        return replace(self, **at)
+        return replace(self, **changes) if changes else self
 
 
 def is_plain(drive: Drive) -> bool:
@@ -200,13 +202,11 @@ def _state_of(law: Law) -> sp.Symbol:
 
 def _function(expression: sp.Expr) -> OfState:
     arguments = [sp.Symbol(name) for name in _STATE]
-    warmer = sp.Symbol(_WARMER)
-    is_warmed = warmer in expression.free_symbols
-    if is_warmed:
-        arguments.append(warmer)
+    own = [name for name in _COVARIATES if sp.Symbol(name) in expression.free_symbols]
+    arguments += map(sp.Symbol, own)
     function = sp.lambdify(arguments, expression, modules="math", cse=True)
-    function.__defaults__ = (0.0,) * (3 if is_warmed else 2)
-    return partial(function, **{_WARMER: 0.0}) if is_warmed else function
+    function.__defaults__ = (0.0,) * (2 + len(own))
+    return partial(function, **dict.fromkeys(own, 0.0)) if own else function
 
 
 def _vectorised(argument: sp.Symbol, expression: sp.Expr) -> Callable[[Array], Array]:

@@ -24,6 +24,9 @@ tau_G = sp.Function("tau_G")(t)
 Delta_T = sp.Function("Delta_T")(t)
 """Temperature of the motor above the reference temperature of the drive [K]."""
 
+t_log = sp.Function("t_log")(t)
+"""Time since the start of the log [s]."""
+
 tau_C = sp.Function("tau_C")(t)
 """Part of the motor torque that the command of a position controller gives, K_p u / N."""
 
@@ -33,7 +36,8 @@ I_M, F_v, F_C, F_0, F_a, F_q, F_L, F_S, w_0 = sp.symbols(
 )
 w_C, w_S, w_M, g, w_g, w_H, K_t, K_u = sp.symbols("w_C w_S w_M g w_g w_H K_t K_u", positive=True)
 k, k_3, k_5, c_k, F_H, f_0, d_0 = sp.symbols("k k_3 k_5 c_k F_H f_0 d_0", real=True)
-F_vT, F_CT = sp.symbols("F_vT F_CT", real=True)
+F_vT, F_CT, F_vW, F_CW = sp.symbols("F_vT F_CT F_vW F_CW", real=True)
+t_W = sp.Symbol("t_W", positive=True)
 T_C = sp.Symbol("T_C", real=True)
 k_P, tau_P, b_L, c_L = sp.symbols("k_P tau_P b_L c_L", real=True)
 
@@ -51,6 +55,9 @@ PARAMETER_NAMES = {
     w_S: "stribeck_speed",
     F_vT: "viscous_temperature_slope",
     F_CT: "coulomb_temperature_slope",
+    F_vW: "cold_viscous_friction",
+    F_CW: "cold_coulomb_friction",
+    t_W: "warm_up_time",
     k: "stiffness",
     k_3: "cubic_stiffness",
     k_5: "fifth_stiffness",
@@ -79,7 +86,7 @@ def symbol_of(name: str) -> sp.Symbol:
 
 
 SYMBOLS = {name: symbol for symbol, name in PARAMETER_NAMES.items()}
-SIGNALS = (theta_M, theta_L, tau_M, tau_L, i_M, u_M, tau_G, Delta_T, tau_C)
+SIGNALS = (theta_M, theta_L, tau_M, tau_L, i_M, u_M, tau_G, Delta_T, t_log, tau_C)
 STATES = {
     "theta_M": theta_M,
     "theta_M_dot": theta_M.diff(t),

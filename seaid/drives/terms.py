@@ -12,6 +12,8 @@
 - load F_L |torque through the gear| sign(w): the spring's torque, or the load of a stiff drive;
 - viscous_temperature F_vT dT w and coulomb_temperature F_CT dT sign(w): what viscous and Coulomb
   friction grow by, per kelvin that the motor is warmer than the drive's reference temperature;
+- viscous_warm_up F_vW exp(-t / t_W) w and coulomb_warm_up F_CW exp(-t / t_W) sign(w): what a cold
+  motor has in addition, which is lost over the time t since the start of its log;
 - offset F_0, a constant torque that makes Coulomb friction differ between the directions. Stiff
   drives only: the spring offset of an elastic one is the same column.
 
@@ -56,9 +58,9 @@ class Parameter:
 
     In `unit`, F and L are force and length of the spring (N and m, or N m and rad), P and Q those
     of the joint. A parameter in which the equations are nonlinear has `starts` of its search, in
-    units of the largest motor speed (rad/s), or of half the range of motor angle (rad) or
-    deflection (L). The
-    equations are divided by a parameter that `is_divisor`.
+    units of the largest motor speed (rad/s), of the duration of the longest log (s), or of half the
+    range of motor angle (rad) or deflection (L). The equations are divided by a parameter that
+    `is_divisor`.
     """
 
     unit: str
@@ -88,6 +90,9 @@ PARAMETERS = {
     "stribeck_speed": Parameter("rad/s", starts=(0.03, 0.1, 0.3), is_divisor=True),
     "viscous_temperature_slope": Parameter("N m s/(rad K)", is_positive=False),
     "coulomb_temperature_slope": Parameter("N m/K", is_positive=False),
+    "cold_viscous_friction": Parameter("N m s/rad", is_positive=False),
+    "cold_coulomb_friction": Parameter("N m", is_positive=False),
+    "warm_up_time": Parameter("s", starts=(0.05, 0.2, 0.6), is_divisor=True),
     "stiffness": Parameter("F/L"),
     "cubic_stiffness": Parameter("F/L^3", is_positive=False),
     "fifth_stiffness": Parameter("F/L^5", is_positive=False),
@@ -146,6 +151,8 @@ FrictionTerm = Literal[
     "stribeck",
     "viscous_temperature",
     "coulomb_temperature",
+    "viscous_warm_up",
+    "coulomb_warm_up",
 ]
 SpringTerm = Literal[
     "linear",
@@ -176,6 +183,8 @@ PARAMETERS_OF: dict[str, dict[str, tuple[str, ...]]] = {
         "stribeck": ("stribeck_friction", "stribeck_speed"),
         "viscous_temperature": ("viscous_temperature_slope",),
         "coulomb_temperature": ("coulomb_temperature_slope",),
+        "viscous_warm_up": ("cold_viscous_friction", "warm_up_time"),
+        "coulomb_warm_up": ("cold_coulomb_friction", "warm_up_time"),
     },
     "spring": {
         "linear": ("stiffness",),
@@ -224,7 +233,10 @@ BY_TEMPERATURE = {
 }
 """{friction term that depends on the motor's temperature: the parameter that it changes}."""
 
-DRY = ("coulomb", "load", "stribeck", "coulomb_temperature")
+WARM_UP = ("viscous_warm_up", "coulomb_warm_up")
+"""Friction terms of a cold motor, which fade with the time since the start of the log."""
+
+DRY = ("coulomb", "load", "stribeck", "coulomb_temperature", "coulomb_warm_up")
 """Friction terms that can hold a motor at rest, unless the drive's Coulomb friction is smooth."""
 
 DEAD_ZONES = ("dead_zone", "smooth_dead_zone")

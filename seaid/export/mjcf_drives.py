@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from seaid._arrays import spaced
-from seaid.drives import COULOMB, DEAD_ZONES, MEMORY, PARAMETERS_OF, Drive, key_of, unit_of
+from seaid.drives import COULOMB, DEAD_ZONES, MEMORY, PARAMETERS_OF, WARM_UP, Drive, key_of, unit_of
 from seaid.errors import RobotError
 from seaid.export.mjcf_bodies import TINY
 from seaid.robot import Robot
@@ -28,10 +28,12 @@ def temperature_notes(robot: Robot, temperature_degC: float | None) -> list[str]
         if drive.has_temperature_terms:
             at = drive.reference_temperature_degC if temperature_degC is None else temperature_degC
             by_temperature.setdefault(at, []).append(joint)
-    return [
+    notes = [
         f"friction of {', '.join(joints)} at a motor temperature of {at:g} degC"
         for at, joints in by_temperature.items()
     ]
+    fading = [joint for joint, one in robot.drives.items() if {*WARM_UP} & {*one.friction}]
+    return [*notes, f"friction of {', '.join(fading)} of a warm motor"] if fading else notes
 
 
 def note_drive(joint: str, drive: Drive, notes: list[str]) -> None:

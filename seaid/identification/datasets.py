@@ -113,8 +113,7 @@ steps of up to 1 K. Whether the change is significant is seen from its standard 
 def check_temperatures(robot: Robot, datasets: Sequence[Dataset], only: str | None = None) -> None:
     """Raise IdentificationError if friction by temperature lacks a temperature that changes.
 
-    `only`: the joint that is checked; None: all. The range in logs that are read in pieces is not
-    known here.
+    `only`: the joint that is checked; None: all.
     """
     motions = [first_motion(one) for one in datasets]
     for index, joint in enumerate(robot.joint_names):
@@ -128,9 +127,16 @@ def check_temperatures(robot: Robot, datasets: Sequence[Dataset], only: str | No
                 f"log has none: log '{column}', or remove its terms "
                 f"{', '.join(one for one in drive.friction if one in BY_TEMPERATURE)}"
             )
-        warmth = np.concatenate([np.asarray(one.motor_temperature)[:, index] for one in motions])
+        warmth = np.concatenate(
+            [
+                np.asarray(
+                    one.motor_temperature if isinstance(one, Motion) else one.temperature_range
+                )
+                for one in datasets
+            ]
+        )[:, index]
         low, high = float(np.min(warmth)), float(np.max(warmth))
-        if high - low < LEAST_RANGE_K and all(isinstance(one, Motion) for one in datasets):
+        if high - low < LEAST_RANGE_K:
             raise IdentificationError(
                 f"'{column}' ranges from {low:.4g} to {high:.4g} degC: friction by temperature "
                 f"needs a range of {LEAST_RANGE_K:g} K or more. Add a log with a warmer or colder "

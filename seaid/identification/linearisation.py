@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from seaid.drives import Drive
+from seaid.drives import WARM_UP, Drive
 from seaid.errors import IdentificationError
 from seaid.identification.datasets import Dataset, first_motion
 from seaid.identification.nonlinear_terms import (
@@ -122,6 +122,19 @@ def _change(before: Sequence[Motion], after: Sequence[Motion]) -> float:
     return float(np.linalg.norm(new - old) / max(float(np.linalg.norm(new)), 1e-300))
 
 
+def _check_whole_warm_up(robot: Robot, datasets: Sequence[Dataset]) -> None:
+    """Raise IdentificationError for a warm-up that is searched in a log read in pieces."""
+    if all(isinstance(dataset, Motion) for dataset in datasets):
+        return
+    for joint, drive in robot.drives.items():
+        if {*WARM_UP} & {*drive.friction} and "warm_up_time" not in drive.known:
+            raise IdentificationError(
+                f"joint '{joint}': the time of its warm-up is searched in a whole log, and this "
+                "one is read in pieces: read it with read_log, or give warm_up_time_s and "
+                'known = ["warm_up_time"] in the drives file'
+            )
+
+
 def linearised_robot(
     robot: Robot, datasets: Sequence[Dataset], used: Sequence[str]
 ) -> tuple[Robot, list[Dataset]]:
@@ -129,8 +142,9 @@ def linearised_robot(
 
     The datasets have the torque through the gears if friction depends on it. Of logs that are read
     in pieces the first piece is searched. Raises IdentificationError for load-dependent friction of
-    a stiff drive in such a log.
+    a stiff drive in such a log, and for an unknown warm-up time.
     """
+    _check_whole_warm_up(robot, datasets)
     motions = [first_motion(dataset) for dataset in datasets]
     robot = linearised(robot, motions)
     if not nonlinear_joints(robot, used) and not under_load(robot, used):

@@ -14,7 +14,7 @@ from functools import cached_property
 
 from seaid._arrays import FrozenMapping
 from seaid._progress import MOST_NAMES, Result, counted, track
-from seaid.drives import BY_TEMPERATURE, PARAMETERS_OF, Drive, parameter_named
+from seaid.drives import BY_TEMPERATURE, PARAMETERS_OF, WARM_UP, Drive, parameter_named
 from seaid.errors import IdentificationError, checked, listed, unknown_name
 from seaid.estimation import (
     FittedRows,
@@ -29,13 +29,19 @@ from seaid.identification.datasets import (
     sources_of,
 )
 from seaid.identification.linearisation import with_gear_torques
-from seaid.identification.nonlinear_terms import check_reversals, linearised, starting_load_fit
+from seaid.identification.nonlinear_terms import (
+    check_reversals,
+    linearised,
+    linearised_load,
+    starting_load_fit,
+)
 from seaid.identification.term_columns import (
     DriveRows,
     TermComparison,
     actuator_drive,
     best_term,
     compared_columns,
+    duration_s,
     load_drive,
     possible_terms,
     with_term,
@@ -46,11 +52,15 @@ from seaid.regressor import actuator_regression, stacked, with_gear_torque
 from seaid.robot import Robot
 
 _NOT_COMPARED = {
-    "friction": ("viscous", "coulomb", "shifted_coulomb", *BY_TEMPERATURE),
+    "friction": ("viscous", "coulomb", "shifted_coulomb", *BY_TEMPERATURE, *WARM_UP),
     "spring": ("linear", "fifth", "preload"),
 }
-"""Terms of the usual drive, those for which another one stands in a comparison, and those of the
-motor's temperature, which are compared where the logs have it."""
+"""Terms of the usual drive, those for which another one stands in a comparison, and those of
+temperature and time, which are compared where the logs have the one and enough of the other."""
+
+LEAST_WARM_UP_S = 60.0
+"""Shortest log in which a warm-up is looked for unasked: windings take a minute, housings and
+grease many, and in seconds any drift looks like one."""
 
 AT_THE_MOTOR = {
     field: tuple(term for term in PARAMETERS_OF[field] if term not in excluded)
@@ -136,6 +146,8 @@ def compare_terms(
     used = joints_with_torque(robot, datasets) if torque_joints is None else selected
     comparisons: list[TermComparison] = []
     model = _Model.of(robot, motions, used)
+    if terms is None and duration_s(motions) >= LEAST_WARM_UP_S:
+        plain = {**plain, "friction": (*plain["friction"], *WARM_UP)}
     asked = {joint: _with_temperature(robot, motions, joint, plain, terms) for joint in compared}
     count = sum(len(list(possible_terms(robot.drives[one], asked[one]))) for one in compared)
     for joint in track(compared, "terms", progress):
@@ -212,10 +224,19 @@ def _extended(
     for step in range(_MOST_STEPS):
         found = _compared_terms(model, joint, asked, count, step)
         best = best_term(found)
+        if best is not None:
+            try:
+                model = model.with_term(best)
+            except IdentificationError as problem:  # such as a warm-up longer than the log
+                reason = str(problem)
+                found = [
+                    replace(one, comparison=None, reason=reason) if one is best else one
+                    for one in found
+                ]
+                best = None
         comparisons += [replace(one, selected=one is best) for one in found]
         if best is None:
             break
-        model = model.with_term(best)
     return model
 
 
@@ -274,6 +295,8 @@ class _Model:
         robot = self.robot.with_drives({one.joint: drive.with_values(one.values)})
         joints = (one.joint,) if drive.is_elastic and one.field in AT_THE_MOTOR else ()
         robot = linearised(robot, self.motions, joints)
+        if one.term in WARM_UP and not drive.is_elastic:  # the steps of its grid are wide
+            robot = linearised_load(robot, self.motions, self.used)
         fixed = robot.with_drives({one.joint: _fixed(robot.drives[one.joint])})
         needs_torque = one.term == "load" and not drive.is_elastic
         motions = self._with_gear_torque.motions if needs_torque else self.motions

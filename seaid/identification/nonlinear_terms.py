@@ -21,6 +21,7 @@ from seaid.drives import (
     LEVEL_OF,
     MEMORY,
     PARAMETERS,
+    WARM_UP,
     Drive,
     DriveRegressor,
     JointParameter,
@@ -44,6 +45,7 @@ from seaid.identification.drive_estimates import spring_of, with_values
 from seaid.identification.term_columns import (
     Scale,
     deflection_scale,
+    duration_s,
     load_samples,
     size_of,
     speed_scale,
@@ -171,7 +173,9 @@ def linearised(
         for joint in searched
         if actuator_equation(robot, motions[0], joint)[0].non_linear
     }
-    return robot.with_drives(found) if found else robot
+    robot = robot.with_drives(found) if found else robot
+    _check_warm_up(robot, motions, searched)
+    return robot
 
 
 def _linearised_drive(robot: Robot, motions: Sequence[Motion], joint: str) -> Drive:
@@ -381,6 +385,27 @@ def check_reversals(robot: Robot, motions: Sequence[Motion], joints: Sequence[st
                 )
 
 
+def _check_warm_up(robot: Robot, motions: Sequence[Motion], joints: Sequence[str]) -> None:
+    """Raise IdentificationError for friction that fades over more than the longest log.
+
+    A straight line in time then fits as well as an exponential, and what a warm motor keeps is not
+    in the log.
+    """
+    longest = duration_s(motions)
+    for joint in joints:
+        drive = robot.drives[joint]
+        found_s = drive.values.get("warm_up_time", 0.0) if {*WARM_UP} & {*drive.friction} else 0.0
+        if found_s > longest and "warm_up_time" not in drive.known:
+            terms = ", ".join(term for term in drive.friction if term in WARM_UP)
+            raise IdentificationError(
+                f"joint '{joint}': its friction warms up over {found_s:.3g} s or more, longer than "
+                f"the log of {longest:.3g} s, which shows no warm motor. Log twice that time or "
+                f"longer, remove {terms}, or give the time in the drives file:\n[{joint}]\n"
+                f"warm_up_time_s = {found_s:.3g}\n"
+                'known = ["warm_up_time"]'
+            )
+
+
 _SWEEPS = 2
 """Number of sweeps in which each joint is searched with the others fixed."""
 
@@ -427,6 +452,7 @@ def linearised_load(robot: Robot, motions: Sequence[Motion], used: Sequence[str]
     for joint in nonlinear:
         search = _load_search(robot, motions, joint, starting_load_fit(robot, motions, used))
         robot = robot.with_drives({joint: search.with_fixed(robot.drives[joint])})
+    _check_warm_up(robot, motions, stiff)
     return robot
 
 

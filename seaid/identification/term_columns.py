@@ -48,7 +48,7 @@ from seaid.robot import Robot, torques_at_drives
 
 _DIRECTED = (
     *("coulomb_friction", "load_friction", "stribeck_friction", "stribeck_speed"),
-    "coulomb_temperature_slope",
+    *("coulomb_temperature_slope", "cold_coulomb_friction"),
 )
 """Parameters of friction whose columns have the sign of the speed, or its tanh."""
 
@@ -158,11 +158,24 @@ class DriveRows:
         ]
         if not searched:
             return {}
-        return {
+        grid = {
             name: given.get(name)
             or [part * size_of(name, self._scale) for part in _dense(PARAMETERS[name].starts)]
             for name in searched
         }
+        if "coulomb_width" in grid and "coulomb_width" not in given and not self.is_coarse:
+            widths = grid["coulomb_width"]
+            grid["coulomb_width"] = [x for x in widths if x > self._crossing] or widths[-1:]
+        return grid
+
+    @property
+    def _crossing(self) -> float:
+        """Largest change of the motor speed [rad/s] from one sample to the next.
+
+        A sharp friction that changes sign between two samples looks as smooth as that.
+        """
+        index = self.robot.index(self.joint)
+        return max(float(np.max(np.abs(np.diff(x.motor_velocity[:, index])))) for x in self.motions)
 
     @cached_property
     def _scale(self) -> Scale:
@@ -374,10 +387,13 @@ def explained_squares(columns: Array, y: Array) -> float:
 
 @dataclass(frozen=True)
 class Scale:
-    """Largest motor speed [rad/s], half range of its angle, middle and half range of deflection."""
+    """Largest motor speed [rad/s], half range of its angle, duration of the longest log [s], and
+    middle and half range of the deflection.
+    """
 
     speed: float
     turn: float
+    duration: float
     middle: float
     reach: float
 
@@ -402,12 +418,18 @@ def speed_scale(robot: Robot, motions: Sequence[Motion], joint: str) -> Scale:
     index = robot.index(joint)
     speed = max(float(np.max(np.abs(one.motor_velocity[:, index]))) for one in motions)
     turn = max(float(np.ptp(one.motor_position[:, index])) for one in motions) / 2
-    return Scale(max(speed, 1e-9), max(turn, 1e-12), 0.0, 1.0)
+    return Scale(max(speed, 1e-9), max(turn, 1e-12), duration_s(motions), 0.0, 1.0)
+
+
+def duration_s(motions: Sequence[Motion]) -> float:
+    """Return the time from the start of a log to the end of its motion, of the longest one."""
+    return max(float(one.time[-1] - one.start_s) for one in motions)
 
 
 def size_of(name: str, scale: Scale) -> float:
     """Return the unit of the starts of a nonlinear parameter."""
-    return {"rad/s": scale.speed, "rad": scale.turn}.get(PARAMETERS[name].unit, scale.reach)
+    sizes = {"rad/s": scale.speed, "rad": scale.turn, "s": scale.duration}
+    return sizes.get(PARAMETERS[name].unit, scale.reach)
 
 
 def load_samples(robot: Robot, motion: Motion, joint: str) -> IndexArray:

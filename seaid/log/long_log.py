@@ -65,6 +65,8 @@ class LongLog(Display):
         Cutoff of the identification [Hz], and time between rows of a regression [s].
     fastest : array (2, n) or None
         Largest speeds of motors and joints, which define standstill.
+    temperature_range : array (2, n) or None
+        Lowest and highest temperature of the motors [degC]; None: not logged.
     processing : Processing or None
         How the motion of the first piece was computed.
     """
@@ -77,6 +79,7 @@ class LongLog(Display):
     cutoff_hz: float
     step_s: float
     fastest: Array | None = None
+    temperature_range: Array | None = None
     processing: Processing | None = None
 
     def _in_short(self) -> str:
@@ -100,10 +103,12 @@ class LongLog(Display):
 
     def motions(self) -> Iterator[tuple[Motion, LogPart]]:
         """Yield the reconstructed motion of each part, overlap included."""
+        start_s = None
         for part in self.parts():
             _check_even(self.path, part)
+            start_s = part.start_s if start_s is None else start_s
             motion = motion_of(self.robot, part.log, self.cutoff_hz)
-            yield replace(motion, fastest=self.fastest), part
+            yield replace(motion, fastest=self.fastest, start_s=start_s), part
 
 
 @checked(LogError)
@@ -167,7 +172,8 @@ def open_long_log(
         step_s=step / rate_hz,
         processing=processing,
     )
-    return replace(long_log, fastest=_fastest(long_log))
+    fastest, temperatures = _extremes(long_log)
+    return replace(long_log, fastest=fastest, temperature_range=temperatures)
 
 
 def iterate_log(
@@ -272,11 +278,16 @@ def _check_even(path: Path, part: LogPart) -> None:
     )
 
 
-def _fastest(long_log: LongLog) -> Array:
-    """Return the largest speeds (2, n) of motors and joints in the whole log."""
-    fastest = np.zeros((2, long_log.robot.n))
+def _extremes(long_log: LongLog) -> tuple[Array, Array | None]:
+    """Return the largest speeds (2, n) of motors and joints, and the range of temperatures."""
+    fastest, ends = np.zeros((2, long_log.robot.n)), []
     for motion, part in long_log.motions():
         first, last = np.searchsorted(motion.time, [part.start_s, part.end_s])
         own = motion.samples(slice(first, last))
         fastest = np.maximum(fastest, own.largest_speeds)
-    return fastest
+        if (warmth := own.motor_temperature) is not None:
+            ends.append([np.min(warmth, axis=0), np.max(warmth, axis=0)])
+    if not ends:
+        return fastest, None
+    low, high = np.transpose(ends, (1, 0, 2))
+    return fastest, np.array([np.min(low, axis=0), np.max(high, axis=0)])

@@ -143,6 +143,8 @@ class Motion(Display):
         Whether a sample was interpolated over a gap; None: none was.
     processing : Processing or None
         How the motion was computed from the log.
+    start_s : float
+        Time [s] of the log's first sample, from which warm-up counts.
     """
 
     time: Array
@@ -168,6 +170,7 @@ class Motion(Display):
     gear_torque: Array | None = None
     bridged: BoolArray | None = None
     processing: Processing | None = None
+    start_s: float = 0.0
 
     def _in_short(self) -> str:
         return f"{sampled_text(self.time, self.joint_names)}, cutoff {self.cutoff_hz:.3g} Hz"
@@ -248,7 +251,8 @@ def reconstruct_motion(robot: Robot, log: Log, cutoff_hz: float | None = None) -
     >>> motion = seaid.reconstruct_motion(robot, log, cutoff_hz=8.0)
     >>> motion.joint_acceleration.shape
     """
-    return motion_of(robot, usable(log, _shortest_s(cutoff_hz)), cutoff_hz)
+    motion = motion_of(robot, usable(log, _shortest_s(cutoff_hz)), cutoff_hz)
+    return replace(motion, start_s=float(log.time[0]))
 
 
 def motion_of(robot: Robot, log: Log, cutoff_hz: float | None = None) -> Motion:
@@ -273,9 +277,9 @@ def reconstruct_motions(
     than four periods of the cutoff are excluded, as the repairs in the first motion's `processing`
     state. Raises LogError if holes and excluded stretches are more than half of the log.
     """
-    log = usable(log, _shortest_s(cutoff_hz))
+    start_s, log = float(log.time[0]), usable(log, _shortest_s(cutoff_hz))
     if not holes(log.time):
-        return (motion_of(robot, log, cutoff_hz),)
+        return (replace(motion_of(robot, log, cutoff_hz), start_s=start_s),)
     longest = max(stretches(log), key=lambda part: float(part.time[-1] - part.time[0]))
     if cutoff_hz is None:
         choices = [_selected(robot, *_sampled(robot, one)) for one in (log, longest)]
@@ -287,7 +291,7 @@ def reconstruct_motions(
     _check_duration(cutoff.cutoff_hz, sum(float(part.time[-1] - part.time[0]) for part in parts))
     motions = [_motion(robot, part, cutoff, fewest=SHORTEST_STRETCH) for part in parts]
     fastest = np.max([one.largest_speeds for one in motions], axis=0)
-    return tuple(replace(one, fastest=fastest) for one in motions)
+    return tuple(replace(one, fastest=fastest, start_s=start_s) for one in motions)
 
 
 _CORNERS = 3.0

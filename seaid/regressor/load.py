@@ -92,7 +92,7 @@ def stiff_signals(robot: Robot, index: int, q: Array, v: Array, a: Array) -> dic
     ratio, nothing = robot.drives[robot.joint_names[index]].ratio, np.zeros(len(q))
     own = {f"own_{name}": values[:, index] for name, values in zip(_JOINT, (q, v, a), strict=True)}
     rng = np.random.default_rng(index)
-    others = ("i_M", "u_M", "tau_G", "Delta_T", "tau_C_dot")
+    others = ("i_M", "u_M", "tau_G", "Delta_T", "t_log", "tau_C_dot")
     free = {name: rng.normal(size=len(q)) for name in others}
     states = {"theta_L": q, "theta_L_dot": v, "theta_L_ddot": a}
     joint = {

@@ -122,6 +122,7 @@ def signals(robot: Robot, motion: Motion, index: int) -> dict[str, Array]:
         "tau_G": _channel(motion.gear_torque, motion, index),
         "Delta_T": _channel(motion.motor_temperature, motion, index)
         - drive.reference_temperature_degC,
+        "t_log": motion.time - motion.start_s,
     }
 
 

@@ -15,8 +15,10 @@ import pinocchio as pin
 
 from seaid._arrays import Array, BoolArray, IndexArray, safely
 from seaid.drives import (
+    BY_TEMPERATURE,
     MEMORY,
     PARAMETERS_OF,
+    WARM_UP,
     Drive,
     DriveFunctions,
     drive_functions,
@@ -118,6 +120,11 @@ class Plant:
         return tuple((index, extra_torque(drive)) for index, drive in pairs if drive.extra_terms)
 
     @cached_property
+    def changes(self) -> bool:
+        """Whether friction changes with temperature or time."""
+        return any({*BY_TEMPERATURE, *WARM_UP} & {*drive.friction} for drive in self.drives)
+
+    @cached_property
     def memory(self) -> tuple[tuple[int, int, tuple[float, float], str, float], ...]:
         """Joint, row of the state, levers of motor and joint, law and width of each hysteresis."""
         return tuple(_memory(self.drives))
@@ -172,17 +179,20 @@ class Plant:
         )
 
 
-def warmed(plant: Plant, temperature: Array | None) -> Plant:
-    """Return the plant at the temperatures (n,) of its motors [degC]; None: those of reference."""
-    if temperature is None:
+def warmed(plant: Plant, temperature: Array | None, time_s: float = 0.0) -> Plant:
+    """Return the plant at the temperatures (n,) of its motors [degC], and a time of its log.
+
+    `temperature` None: those of reference.
+    """
+    if not plant.changes:
         return plant
-    return replace(
-        plant,
-        functions=tuple(
-            (index, one.warmer(temperature[index] - plant.drives[index].reference_temperature_degC))
-            for index, one in plant.functions
-        ),
+    at_reference = np.array([drive.reference_temperature_degC for drive in plant.drives])
+    by = np.zeros(len(at_reference)) if temperature is None else temperature - at_reference
+    functions = tuple(
+        (index, one.at(Delta_T=float(by[index]), t_log=max(time_s, 0.0)))
+        for index, one in plant.functions
     )
+    return replace(plant, functions=functions)
 
 
 def _memory(
@@ -348,6 +358,7 @@ def _longest_step(
         rate = (at_joint + damping * drive.load_radius**2) / effective[index]
         at_motor = values.get("viscous_friction", 0.0)
         at_motor += _COLDEST_K * abs(values.get("viscous_temperature_slope", 0.0))
+        at_motor += max(values.get("cold_viscous_friction", 0.0), 0.0)
         if "coulomb_width" in values:
             level = values.get("coulomb_friction", 0.0) + abs(values.get("stribeck_friction", 0))
             at_motor += level / max(values["coulomb_width"], 1e-300)  # slope of F tanh(w / w_C)

@@ -88,7 +88,8 @@ def replay(robot: Robot, log: Log, command: Command | None = None) -> Log:
         torques[tick] = torque(at, state)[back]
         if tick + 1 == len(log.time):
             break
-        own = warmed(plant, None if warmth is None else warmth[tick, order])
+        since = float(at - log.time[0])
+        own = warmed(plant, None if warmth is None else warmth[tick, order], since)
         longest = _LONGEST_STEP_S if controllers is None else _LONGEST_CLOSED_S
         steps = math.ceil((log.time[tick + 1] - at) / longest)
         step = (log.time[tick + 1] - at) / steps

@@ -250,7 +250,8 @@ def _run(
         previous = reading
         command = controller.torque(tick, reading, velocity)
         rate = (command - torque) * rate_hz
-        warm = plant if warmth is None else warmed(plant, warmth[tick])
+        since = (tick - round(SETTLE_S * rate_hz)) / rate_hz
+        warm = warmed(plant, None if warmth is None else warmth[tick], since)
         for step in range(steps):
             at = torque + rate * step / (steps * rate_hz)
             state = advance(warm, data, state, at, rate, 1 / (steps * rate_hz))
@@ -264,7 +265,7 @@ def _motion(
     data, order = plant.model.createData(), robot.joint_order
     speeds, through = np.empty((2, *torques.shape)), np.full(torques.shape, np.nan)
     for tick, (state, torque) in enumerate(zip(states, torques, strict=True)):
-        warm = plant if warmth is None else warmed(plant, warmth[tick])
+        warm = warmed(plant, None if warmth is None else warmth[tick], time[tick])
         slip = slip_directions(warm, data, state, torque)
         speeds[:, tick] = accelerations(warm, data, state, torque, slip)
         if plant.under_load:

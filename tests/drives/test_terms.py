@@ -47,6 +47,9 @@ VALUES = {
     "load_friction": 0.07,
     "stribeck_friction": 0.01,
     "stribeck_speed": 4.0,
+    "cold_viscous_friction": 6e-4,
+    "cold_coulomb_friction": 0.015,
+    "warm_up_time": 0.8,
     "stiffness": 80.0,
     "cubic_stiffness": 300.0,
     "fifth_stiffness": 900.0,
@@ -65,6 +68,7 @@ CHOICES = [
     (("viscous", "shifted_coulomb"), ("linear",), ("coulomb_width", "coulomb_shift")),
     (("coulomb", "stribeck", "quadratic", "asymmetric"), ("linear",), ("stribeck_speed",)),
     (("viscous", "load"), ("linear",), ("stiffness", "spring_offset")),
+    (("viscous", "viscous_warm_up", "coulomb_warm_up"), ("linear",), ("warm_up_time",)),
     (("viscous",), ("linear", "cubic"), ("deflection_zero",)),
     (("viscous",), ("linear", "damping", "preload"), ()),
     (("viscous",), ("linear", "dead_zone"), ("dead_zone", "deflection_zero")),
@@ -82,7 +86,7 @@ def signals(seed: int = 0, count: int = 40) -> dict[str, Array]:
     rng = np.random.default_rng(seed)
     names = [
         *(f"theta_{side}{dots}" for side in "ML" for dots in ("", "_dot", "_ddot")),
-        *("tau_M", "tau_L", "i_M", "u_M", "tau_G"),
+        *("tau_M", "tau_L", "i_M", "u_M", "tau_G", "t_log"),
     ]
     return {name: rng.normal(size=count) for name in names}
 
@@ -103,7 +107,7 @@ def with_own_values(drive: SeriesElasticDrive) -> SeriesElasticDrive:
 
 MEMORY = replace(
     ELASTIC,
-    friction=("viscous", "dahl", "load", "stribeck"),
+    friction=("viscous", "dahl", "load", "stribeck", "viscous_warm_up", "coulomb_warm_up"),
     spring=("linear", "smooth_dead_zone", "maxwell_slip"),
 )
 

@@ -66,6 +66,10 @@ FRICTION: dict[str, Case] = {
         {"friction": ("viscous", "coulomb", "stribeck")},
         {"stribeck_friction": 0.02, "stribeck_speed": 8.0},
     ),
+    "warm-up": (
+        {"friction": ("viscous", "coulomb", "viscous_warm_up", "coulomb_warm_up")},
+        {"cold_viscous_friction": 2e-4, "cold_coulomb_friction": 0.01, "warm_up_time": 2.5},
+    ),
     "smooth, quadratic and stribeck": (
         {"friction": ("viscous", "smooth_coulomb", "quadratic", "stribeck")},
         {

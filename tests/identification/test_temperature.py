@@ -1,4 +1,4 @@
-"""Friction that depends on the temperature of the motor: recovered, selected, refused, exported."""
+"""Friction by temperature of the motor and over time: recovered, selected, refused, exported."""
 
 from __future__ import annotations
 
@@ -6,16 +6,17 @@ import re
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import seaid
 from seaid._arrays import Array
-from seaid.drives import Drive, FrictionTerm, StiffDrive
+from seaid.drives import Drive, FrictionTerm, SeriesElasticDrive, StiffDrive
 from seaid.errors import IdentificationError, LogError, SeaidError
 from seaid.identification import Identification
-from seaid.log import Log
+from seaid.log import Log, spline_derivatives
 from seaid.robot import Robot
 from seaid.simulation.forward_dynamics import accelerations
 from seaid.simulation.plant import plant_of, warmed
@@ -204,3 +205,134 @@ def test_export_states_the_temperature_of_the_friction(tmp_path: Path) -> None:
 def test_temperatures_of_a_simulation_are_checked(given: dict[str, float], words: str) -> None:
     with pytest.raises(SeaidError, match=words):
         seaid.simulate(leg(), leg_trajectory(), temperature_degC=given)
+
+
+# Warm-up over time
+
+WARM_UP: tuple[FrictionTerm, ...] = ("viscous", "coulomb", "viscous_warm_up", "coulomb_warm_up")
+COLD = {"cold_viscous_friction": 0.02, "cold_coulomb_friction": 0.02, "warm_up_time": 15.0}
+FRICTION = {"viscous_friction": 0.03, "coulomb_friction": 0.05}
+
+
+def cold_arm(folder: Path, kind: str = "stiff") -> Robot:
+    """Return one joint whose drive is cold when its log starts."""
+    common: dict[str, Any] = {"gear_ratio": 5.0, "motor_inertia_kg_m2": 1e-4, "friction": WARM_UP}
+    drive = StiffDrive(**common) if kind == "stiff" else SeriesElasticDrive(**common)
+    spring = {} if kind == "stiff" else {"stiffness": 200.0}
+    return one_joint(folder).with_drives({"arm": drive.with_values({**FRICTION, **COLD, **spring})})
+
+
+def without_terms(robot: Robot) -> Robot:
+    drive = robot.drives["arm"].at_temperature()
+    return robot.with_drives({"arm": drive}).without_nominal()
+
+
+def cold_log(robot: Robot, duration: float = 62.0, seed: int = 1) -> Log:
+    """Return a log of the formulas: the joint has an inertia of 1 kg m^2 and no weight."""
+    drive = robot.drives["arm"]
+    time = np.arange(round(200 * duration)) / 200.0
+    q, _, a = (x[:, 0] for x in wiggle(robot, duration, (0.0,), (1.0,), seed=1).sample(time))
+    stretch = a / drive.values["stiffness"] if drive.is_elastic else 0.0 * a
+    motor = drive.ratio * (q + stretch)
+    w, w_dot = (x[:, 0] for x in spline_derivatives(time, motor[:, None])[1:])
+    values = {**dict.fromkeys(COLD, 0.0), **drive.values}
+    cold = np.exp(-time / values["warm_up_time"]) if values["warm_up_time"] else 0.0
+    viscous = values["viscous_friction"] + values["cold_viscous_friction"] * cold
+    coulomb = values["coulomb_friction"] + values["cold_coulomb_friction"] * cold
+    torque = a / drive.ratio + 1e-4 * w_dot + viscous * w + coulomb * np.sign(w)
+    noise = np.random.default_rng(seed).normal(size=(3, len(time)))
+    return Log(
+        time=time,
+        joint_names=("arm",),
+        joint_position=(q + 1e-5 * noise[0])[:, None],
+        motor_position=(motor + 1e-4 * noise[1])[:, None],
+        motor_torque=(torque + 0.005 * noise[2])[:, None],
+    )
+
+
+@pytest.mark.parametrize("kind", ["stiff", "elastic"])
+def test_warm_up_is_selected_and_recovered_within_its_intervals(tmp_path: Path, kind: str) -> None:
+    robot = cold_arm(tmp_path, kind)
+    log = cold_log(robot)
+    later = replace(log, time=log.time + 1.7e9)  # a clock that does not start with the log
+    selection = seaid.compare_terms(without_terms(robot), later)
+    assert {term for _, term in selection.recommended["arm"]} == {*WARM_UP[2:]}
+    found = seaid.identify(selection.robot, log)
+    estimate = found.drives["arm"]
+    for name, value in {**FRICTION, **COLD}.items():
+        error = abs(estimate.value(name) - value)
+        assert error < 3.5 * estimate.standard_error(name), name
+    assert estimate.standard_error("warm_up_time") < 0.1 * COLD["warm_up_time"]
+    drive = found.robot.drives["arm"]
+    assert drive.at_temperature().friction == ("viscous", "coulomb")
+    assert not {*COLD} & {*drive.at_temperature().values}
+
+
+def test_the_start_of_another_log_is_predicted(tmp_path: Path) -> None:
+    robot = cold_arm(tmp_path)
+    log, other = cold_log(robot), cold_log(robot, seed=2).between(0.0, 10.0)
+    errors = [
+        seaid.validate(seaid.identify(one, log), other).load.relative_error[0]
+        for one in (robot.without_nominal(), without_terms(robot))
+    ]
+    assert errors[0] < 0.5 * errors[1]
+
+
+def test_without_a_warm_up_none_is_selected_and_short_logs_are_not_searched(tmp_path: Path) -> None:
+    robot = cold_arm(tmp_path)
+    warm = without_terms(robot)
+    plain = robot.with_drives({"arm": robot.drives["arm"].at_temperature()})
+    selection = seaid.compare_terms(warm, cold_log(plain))
+    assert "viscous_warm_up" in {one.term for one in selection.comparisons}
+    assert not selection.recommended
+    short = seaid.compare_terms(warm, cold_log(robot, 20.0))
+    assert not {*WARM_UP[2:]} & {one.term for one in short.comparisons}
+
+
+def test_a_log_that_is_shorter_than_the_warm_up_is_refused_with_the_remedy(tmp_path: Path) -> None:
+    robot = cold_arm(tmp_path)
+    log = cold_log(robot, 8.0)
+    with pytest.raises(IdentificationError, match=r"longer than the log of 8 s, .* no warm motor"):
+        seaid.identify(robot.without_nominal(), log)
+    drive = replace(robot.drives["arm"], known=("warm_up_time",))
+    found = seaid.identify(robot.with_drives({"arm": drive}).without_nominal(), log).drives["arm"]
+    for name in ("viscous_friction", "cold_viscous_friction"):
+        error = abs(found.value(name) - {**FRICTION, **COLD}[name])
+        assert error < 3.5 * found.standard_error(name)
+    terms = {"friction": WARM_UP[2:3]}
+    selection = seaid.compare_terms(without_terms(robot), log, terms=terms)
+    assert "warms up over" in selection.comparisons[0].reason
+    assert not selection.recommended
+
+
+def test_a_simulated_motor_has_the_friction_of_its_time_and_replays(tmp_path: Path) -> None:
+    """A motor that is cold all the time, and one that is warm, move otherwise."""
+    robot = cold_arm(tmp_path)
+    drive = robot.drives["arm"].with_values({"warm_up_time": 0.7})
+    robot = robot.with_drives({"arm": drive})
+    log = seaid.simulate(robot, wiggle(robot, 1.5, (0.0,), (1.0,), seed=1), rate_hz=500.0)
+    warm = robot.with_drives({"arm": robot.drives["arm"].at_temperature()})
+    cold = (
+        robot.drives["arm"]
+        .at_temperature()
+        .with_values({"viscous_friction": 0.05, "coulomb_friction": 0.07})
+    )
+    errors = [
+        np.max(np.abs(seaid.replay(one, log).joint_position - log.joint_position))
+        for one in (robot, warm, robot.with_drives({"arm": cold}))
+    ]
+    assert errors[0] < 0.1 * min(errors[1:])
+    assert "friction of arm of a warm motor" in (
+        " ".join(seaid.write_mjcf(robot, tmp_path / "arm.xml").notes)
+    )
+
+
+def test_long_logs_have_the_range_of_their_temperature_and_no_search_of_a_warm_up(
+    tmp_path: Path,
+) -> None:
+    log = log_at(ramp(31.0, 31.4))
+    seaid.write_log(log, tmp_path / "log.npz")
+    with pytest.raises(IdentificationError, match=r"ranges from 31 to 31.4 degC"):
+        seaid.identify(robot_of(), tmp_path / "log.npz")
+    with pytest.raises(IdentificationError, match="read in pieces: read it with read_log"):
+        seaid.identify(robot_of(WARM_UP), tmp_path / "log.npz")
