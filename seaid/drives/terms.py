@@ -96,7 +96,7 @@ PARAMETERS = {
     "stiffness": Parameter("F/L"),
     "cubic_stiffness": Parameter("F/L^3", is_positive=False),
     "fifth_stiffness": Parameter("F/L^5", is_positive=False),
-    "dead_zone": Parameter("L", starts=(0.03, 0.15, 0.4, 0.7, 0.85, 0.95)),
+    "dead_zone": Parameter("L", starts=(0.03, 0.3, 0.8)),
     "dead_zone_rounding": Parameter("L", starts=(0.005, 0.05)),
     "spring_damping": Parameter("F s/L"),
     "hysteresis_force": Parameter("F"),

@@ -295,6 +295,11 @@ class _Model:
         robot = self.robot.with_drives({one.joint: drive.with_values(one.values)})
         joints = (one.joint,) if drive.is_elastic and one.field in AT_THE_MOTOR else ()
         robot = linearised(robot, self.motions, joints)
+        with_values = robot.drives[one.joint]
+        if "stiffness" in {*with_values.parameter_names} - {*with_values.values}:
+            raise IdentificationError(
+                f"joint '{one.joint}': with '{one.term}' its stiffness is not positive"
+            )
         if one.term in WARM_UP and not drive.is_elastic:  # the steps of its grid are wide
             robot = linearised_load(robot, self.motions, self.used)
         fixed = robot.with_drives({one.joint: _fixed(robot.drives[one.joint])})
@@ -342,5 +347,34 @@ def _compared_terms(
         side = model.drive(joint, at_motor) if terms else None
         if side is not None:
             drive, fitted = side
-            found += compared_columns([drive], fitted, {joint: terms}, count, step)
+            one_step = compared_columns([drive], fitted, {joint: terms}, count, step)
+            found += [_with_searched_zone(model, drive, fitted, one, count) for one in one_step]
     return found
+
+
+def _with_searched_zone(
+    model: _Model, drive: DriveRows, fitted: FittedRows, one: TermComparison, count: int
+) -> TermComparison:
+    """Return the comparison of a sharp dead zone of an elastic drive at its searched values.
+
+    Next to a stiff contact the deflection beyond the zone is a small part of it: an error of its
+    width by a tenth, as that of a grid, is half of that deflection, and a cubic spring fits better.
+    """
+    is_elastic = drive.robot.drives[one.joint].is_elastic
+    if one.term != "dead_zone" or not is_elastic or _explained(one) <= 0:
+        return one
+    larger = model.robot.with_drives(
+        {one.joint: with_term(model.robot.drives[one.joint], one.field, one.term)}
+    )
+    try:
+        values = linearised(larger, model.motions, (one.joint,)).drives[one.joint].values
+    except IdentificationError:
+        return one
+    grid = {name: (values[name],) for name in ("dead_zone", "deflection_zero") if name in values}
+    asked = {one.joint: [(one.field, one.term)]}
+    found = compared_columns([drive], fitted, asked, count, one.step, {one.joint: grid})[0]
+    return found if _explained(found) > _explained(one) else one
+
+
+def _explained(one: TermComparison) -> float:
+    return one.comparison.explained if one.comparison is not None else 0.0

@@ -128,7 +128,8 @@ class DriveRows:
         if "deflection_zero" in extra:
             if values.get("stiffness", 0.0) <= 0:  # the fit does not have the zero
                 return
-            values["deflection_zero"] = -values.get("spring_offset", 0.0) / values["stiffness"]
+            rest = -values.get("spring_offset", 0.0) / values["stiffness"]
+            values["deflection_zero"] = (given or {}).get("deflection_zero", (rest,))[0]
         grid = self._grid(extra, given or {})
         changed = _changed(term, old, new, extra)
         added = [name for name in extra if name not in (*grid, "deflection_zero")]
