@@ -620,3 +620,40 @@ def test_arguments_of_the_library_are_named_as_options() -> None:
 def test_json_has_no_numbers_that_json_has_not() -> None:
     data = {"a": np.array([1.0, np.nan]), "b": (np.inf, Path("x")), 3: np.float64(2)}
     assert plain(data) == {"a": [1.0, None], "b": [None, "x"], "3": 2.0}
+
+
+@pytest.mark.parametrize(
+    ("friction", "words"),
+    [
+        ("viscous_temperature", "'elbow.motor_temperature_degC' ranges from 31 to 31 degC: "),
+        ("dahl", "its friction has hysteresis ('dahl'), and the angle of the motor never turns"),
+        ("viscous_warm_up", "longer than the log of 2 s, which shows no warm motor"),
+    ],
+)
+def test_friction_that_a_log_cannot_show_is_refused(
+    arm: Path, tmp_path: Path, friction: str, words: str
+) -> None:
+    """No change of temperature, no reversal, and no time to warm up."""
+    terms = ["viscous", *([] if friction == "dahl" else ["coulomb"]), friction]
+    drives = tmp_path / "arm.toml"
+    drives.write_text(DRIVES + f"friction = {json.dumps(terms)}\n")
+    log = seaid.read_log(arm / "run.csv", seaid.load_robot(arm / "arm.urdf", drives))
+    joint, motor, torque = (
+        getattr(log, name).copy() for name in ("joint_position", "motor_position", "motor_torque")
+    )
+    if friction == "dahl":
+        joint[:, 1] = 0.3 * log.time + 0.02 * np.sin(3 * log.time)
+        motor[:, 1] = 100.0 * (joint[:, 1] + 0.005)
+    if friction == "viscous_warm_up":
+        speed = np.gradient(motor[:, 1], log.time)
+        torque[:, 1] += 1e-4 * np.exp(-log.time / 10.0) * speed
+    changed = replace(
+        log,
+        joint_position=joint,
+        motor_position=motor,
+        motor_torque=torque,
+        motor_temperature=np.full_like(joint, 31.0),
+    )
+    seaid.write_log(changed, tmp_path / "log.csv")
+    robot = (arm / "arm.urdf", "--drives", drives)
+    assert words in refused("identify", *robot, tmp_path / "log.csv", "-o", tmp_path / "a.json")
