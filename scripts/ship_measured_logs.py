@@ -29,6 +29,7 @@ SETS = {
     "ur10_exciting": ("LICENSE.txt", "*.csv"),
     "double_pendulum_a0": ("LICENSE.txt", "strong_torque/*.csv", "weak_torque/*.csv"),
     "xl330_pendulum": ("LICENSE.txt", "raw/*.json"),
+    "go2_commands": ("LICENSE", "*.csv"),
 }
 """The shipped files of each set: its licence, and tables that become NPZ files."""
 

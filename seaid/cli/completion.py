@@ -51,7 +51,7 @@ JOINT_LISTS = ("joints", "torque_joints", "of")
 BY_JOINT = (
     *("lower", "upper", "velocity", "acceleration", "joint_torque", "motor_torque", "motor_speed"),
     *("deflection", "torque_std", "motor_resolution", "joint_resolution", "motor_offset"),
-    "joint_offset",
+    *("joint_offset", "position_gain", "velocity_gain"),
 )
 """Options of the form knee=2,hip=1."""
 

@@ -3,28 +3,49 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from typer import Option
 
 from seaid.cli.messages import show
 from seaid.cli.mistakes import check_log_files, check_robot_files
-from seaid.cli.options import AsJson, Logs, RobotOptions, names, payload_of, vector
+from seaid.cli.options import (
+    AsJson,
+    Logs,
+    RobotOptions,
+    check_joints,
+    names,
+    payload_of,
+    values,
+    vector,
+)
+
+if TYPE_CHECKING:
+    from seaid.drives import Controller
 
 
 def init(
     given: RobotOptions,
     logs: Logs,
     *,
+    position_gain: Annotated[
+        str | None,
+        Option(help="Gain of the position controllers [N m/rad at the joint], or hip=20,knee=40."),
+    ] = None,
+    velocity_gain: Annotated[
+        str, Option(help="Their velocity gain [N m s/rad at the joint], or hip=1,knee=2.")
+    ] = "0",
     folder: Annotated[Path, Option(help="The folder of the project.")] = Path(),
     as_json: AsJson = False,
 ) -> None:
     """Write a first project file for a robot and its logs, with each doubt as a comment.
 
-    The file is seaid.toml. Logs with custom columns get a description, and a robot without drives
+    The file is seaid.toml. Joints with position commands and no torque get a controller with the
+    gains given. Logs with custom columns get a description, and a robot without drives
     gets those that the logs show: check what is unsure, then run it.
 
     seaid init leg.urdf run.csv other.csv
+    seaid init go2 go2.csv --position-gain 20 --velocity-gain 1.5
     seaid init arm.urdf run.csv --drives arm.toml --payload hand:1.5:0,0,0.05
     """
     from seaid.project import write_first_project
@@ -39,9 +60,35 @@ def init(
         payloads=[payload_of(text) for text in given.payload or ()],
         gravity=vector("--gravity", given.gravity),
         folder=folder,
+        controllers=_controllers(given, position_gain, velocity_gain),
     )
     text = [f"unsure: {one}" for one in found.doubts]
     place = "" if folder == Path() else f" {folder}"
     text.append(f"Check what is unsure, then: seaid run{place}")
     content = {"files": found.files, "doubts": found.doubts}
     show("\n".join(text), content, as_json, *found.files)
+
+
+def _controllers(
+    given: RobotOptions, position_gain: str | None, velocity_gain: str
+) -> dict[str, Controller] | None:
+    """Return {joint: controller} of the options, None without a position gain."""
+    from seaid.drives import Controller
+
+    robot = given.robot()
+    stiffness = values("--position-gain", position_gain)
+    damping = values("--velocity-gain", velocity_gain)
+    if stiffness is None:
+        return None
+    tables = [
+        one if isinstance(one, dict) else dict.fromkeys(robot.joint_names, one)
+        for one in (stiffness, damping or 0.0)
+    ]
+    check_joints("--position-gain", tables[0], robot)
+    check_joints("--velocity-gain", tables[1], robot)
+    return {
+        joint: Controller(
+            position_gain_Nm_per_rad=gain, velocity_gain_Nms_per_rad=tables[1].get(joint, 0.0)
+        )
+        for joint, gain in tables[0].items()
+    }

@@ -44,8 +44,9 @@ def report(
     """
     from seaid.identification import validate as validated
     from seaid.project import facts_of as origin_facts
-    from seaid.project import provenance_of
+    from seaid.project import has_commands, provenance_of
     from seaid.report import warning_lines, write_report
+    from seaid.simulation import compare_replays
 
     checked_suffix(output, ".html", ".htm")
     unseen = validation or []
@@ -55,14 +56,18 @@ def report(
     found = run.identification
     facts = origin_facts(run.provenance)
     results = {} if is_typed("validation") else dict(run.validations)
+    replays = list(run.replays.values()) if results else []
     if not results:
         read = origin_facts({"inputs": provenance_of(unseen, {}, ())["inputs"]})
         facts |= {name.replace("Input", "Validated on"): text for name, text in read.items()}
-        logs = zip(unseen, given.logs(unseen, found.known), strict=True)
-        results = {path.name: validated(found, log) for path, log in logs}
+        logs = given.logs(unseen, found.known)
+        pairs = zip(unseen, logs, strict=True)
+        results = {path.name: validated(found, log) for path, log in pairs}
+        if has_commands(found):
+            replays = [compare_replays(found.known, found.robot, log) for log in logs]
     with written(output, ".html") as file:
-        write_report(found, list(results.values()), file, facts=facts)
+        write_report(found, list(results.values()), file, facts=facts, replays=replays)
     content = {"validations": [one.to_dict() for one in results.values()]}
     text = [f"{found.robot.name}: {len(found.load.values)} base parameters and its drives reported"]
     text += warning_lines(found.warnings)
-    result.show("\n".join(text), content, output, **facts_of(found, *results.values()))
+    result.show("\n".join(text), content, output, **facts_of(found, *results.values(), *replays))

@@ -69,7 +69,7 @@ def _text(done: ProjectRun, verbose: bool) -> str:
 def _facts(done: ProjectRun) -> dict[str, Any]:
     """Return robot and warnings, and the verdict of a project without conditions."""
     first, *others = done.runs.values()
-    facts = facts_of(first.identification, *first.validations.values())
+    facts = facts_of(first.identification, *first.validations.values(), *first.replays.values())
     return facts if not others else {**facts, "verdict": None, "warnings": done.warnings}
 
 
@@ -82,6 +82,7 @@ def _content(done: ProjectRun) -> dict[str, Any]:
             name: {
                 "parameters": one.identification.to_dict(),
                 "validations": {log: each.to_dict() for log, each in one.validations.items()},
+                "replays": {log: each.to_dict() for log, each in one.replays.items()},
             }
             for name, one in done.runs.items()
         },

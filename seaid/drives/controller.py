@@ -53,7 +53,8 @@ class Controller:
             is_allowed = is_number and (value >= 0 if least == "zero or more" else value > 0)
             if not is_allowed or (is_gain and not math.isfinite(value)):
                 finite = " and finite" if is_gain else ""
-                raise RobotError(f"{name} must be {least}{finite}, found {shown(value)}")
+                ask = ": write the number of your controller" if isinstance(value, str) else ""
+                raise RobotError(f"{name} must be {least}{finite}, found {shown(value)}{ask}")
 
     def torque(self, command: Array, position: Array, velocity: Array) -> tuple[Array, BoolArray]:
         """Return the torque (T,) at the joint, and the mask (T,) of samples at its limit."""

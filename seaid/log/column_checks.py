@@ -84,6 +84,15 @@ class Inference:
         ]
         return sorted(found, key=lambda name: not self.meanings[name].is_said)
 
+    def commands(self, joint: str) -> list[str]:
+        """Return the columns with the commanded position of a joint."""
+        return [
+            name
+            for name, one in self.meanings.items()
+            if one.is_command and one.quantity == "position" and name in self.data
+            if one.joint.removesuffix("_joint") == joint.removesuffix("_joint")
+        ]
+
     def finite(self, name: str) -> Array:
         """Return the samples of a column that are finite."""
         values = self.data[name]

@@ -141,7 +141,7 @@ class Meaning:
     `quantity` is "position", ... or "" if unknown; `side` is "motor", "joint" or ""; `joint` is the
     name of the robot's joint, or the remainder of the name; `unit` may be None; `unknown` are the
     words that no table has, if the joints of a robot are known; `is_said` is True if the name says
-    "measured".
+    "measured", `is_command` if it says "commanded" and nothing else.
     """
 
     quantity: str
@@ -152,6 +152,7 @@ class Meaning:
     is_estimate: bool = False
     unknown: tuple[str, ...] = ()
     is_said: bool = False
+    is_command: bool = False
 
 
 @dataclass(frozen=True)
@@ -207,6 +208,7 @@ def meaning_of(name: str, joints: Sequence[str] = ()) -> Meaning:
         is_estimate=is_measured and not _ESTIMATED.isdisjoint(texts),
         unknown=_unknown(words, joints) if joints else (),
         is_said=not _SAID.isdisjoint(texts),
+        is_command=not _COMMANDED.isdisjoint(texts) and not (_DERIVED | _ELSEWHERE) & {*texts},
     )
 
 

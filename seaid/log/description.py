@@ -122,7 +122,8 @@ class LogDescription(Display):
     ----------
     joints : mapping
         {joint: {quantity: Source}}, with the quantities motor_position, joint_position,
-        motor_torque, joint_torque, motor_current, motor_voltage, deflection and motor_temperature.
+        motor_torque, joint_torque, motor_current, motor_voltage, deflection, motor_temperature
+        and position_command.
     time : Clock or None
         Clock of all sources without their own; None: that of the file (ROS bags and HEBI logs), or
         its column "time_s".
@@ -266,6 +267,7 @@ def _text(value: str) -> str:
 _UNITS = {
     "position": {*UNIT_FACTORS["rad"], *UNIT_FACTORS["m"], "counts"},
     "torque": {*UNIT_FACTORS["Nm"], *UNIT_FACTORS["N"], *UNIT_FACTORS["A"]},
+    "command": {*UNIT_FACTORS["rad"], *UNIT_FACTORS["m"], "counts"},
     "deflection": {*UNIT_FACTORS["rad"], *UNIT_FACTORS["m"], "counts"},
     "current": {*UNIT_FACTORS["A"]},
     "voltage": {*UNIT_FACTORS["V"]},

@@ -68,7 +68,7 @@ def quantities_of(inference: Inference, joint: str, robot: Robot | None) -> Sour
     _add_torques(inference, joint, found)
     _add_electric(inference, joint, found)
     if not any(name.startswith("motor_") or name.endswith("torque") for name in found):
-        inference.note(joint, "no torque, current or voltage found")
+        _add_command(inference, joint, found)
     _add_temperature(inference, joint, found)
     return found
 
@@ -214,6 +214,26 @@ def _add_torques(inference: Inference, joint: str, found: Sources) -> None:
             inference.note(name, f"a second {side}_torque: excluded")
             continue
         found[f"{side}_torque"] = arguments
+
+
+def _add_command(inference: Inference, joint: str, found: Sources) -> None:
+    """Add the commanded position of a joint without torque, in the unit of its position."""
+    names = inference.commands(joint)
+    if not names or not found:
+        inference.note(joint, "no torque, current or voltage found")
+        return
+    position = found.get("motor_position") or found["joint_position"]
+    source: dict[str, Any] = {"column": names[0]}
+    source |= {name: position[name] for name in ("unit", "counts_per_turn") if name in position}
+    source |= _unit(inference.meanings[names[0]], "")
+    found["position_command"] = source
+    inference.note(
+        joint,
+        'a position command and no torque: its drive needs motor_input = "position_command" and '
+        "the gains of its controller",
+    )
+    if len(names) > 1:
+        inference.note(names[0], f"selected from the commands {', '.join(names)}")
 
 
 def _unit(meaning: Meaning, usual: str) -> dict[str, str]:
@@ -577,7 +597,9 @@ def _with_signal(data: Block, inference: Inference) -> Block:
                 found[name] = values
             else:
                 inference.note(name, f"{finite[0]:.6g} all the time: a dead sensor, excluded")
-        elif len(finite) and (np.ptp(finite) > 0 or meaning.quantity == "voltage"):
+        elif len(finite) and (
+            np.ptp(finite) > 0 or meaning.quantity == "voltage" or meaning.is_command
+        ):
             found[name] = values
         elif meaning.quantity in _MEASURED and meaning.is_raw:
             what = f"{finite[0]:.6g} all the time" if len(finite) else "without a number"

@@ -12,8 +12,8 @@ import numpy as np
 from seaid._arrays import Array, safely
 from seaid._files import write_whole
 from seaid._progress import Display
-from seaid.drives import drives_from_mapping, read_drives, write_drives
-from seaid.errors import LogError, SeaidError, checked
+from seaid.drives import Controller, drives_from_mapping, read_drives, write_drives
+from seaid.errors import LogError, SeaidError, checked, listed
 from seaid.identification import check
 from seaid.log import Log, describe_log, logs_of_files, low_pass, read_log
 from seaid.project.project import FILE_NAME
@@ -22,8 +22,9 @@ from seaid.robot import Payload, Robot, load_robot
 _OWN_PART = 0.7
 """Part of a single log that is used to identify; the rest validates."""
 
-_SHORTEST_S = 40.0
-"""Duration from which a single log is divided: its first part then has about half a minute."""
+_SHORTEST_S, _SHORTEST_COMMANDED_S = 40.0, 10.0
+"""Duration from which a single log is divided: its first part then has about half a minute. With
+position commands and known bodies few parameters are unknown, and the replay needs another part."""
 
 _SPRING = 0.5
 """Part of the difference of the encoders that follows the torque from which it is a spring."""
@@ -61,14 +62,16 @@ def write_first_project(
     payloads: Sequence[Payload] = (),
     gravity: Sequence[float] = (0.0, 0.0, -9.81),
     folder: str | Path = ".",
+    controllers: Mapping[str, Controller] | None = None,
 ) -> FirstProject:
     """Write a project file for a robot and its logs, and the files that it needs.
 
     Logs with custom columns get a description (`describe_log`). Without `drives` the drives are
     those of the file next to the URDF, or are inferred: from both encoders the gear ratio, and
-    whether a spring lies between them. Files with different columns over the same time are one log.
-    One log is divided into a part to identify from and one to validate on; of several the last
-    validates. Existing files are not changed.
+    whether a spring lies between them. Joints with position commands and no torque get a
+    controller; then the bodies of the URDF count as known. Files with different columns over the
+    same time are one log. One log is divided into a part to identify from and one to validate on;
+    of several the last validates. Existing files are not changed.
 
     Parameters
     ----------
@@ -83,6 +86,9 @@ def write_first_project(
         Gravity in the base frame [m/s^2].
     folder : str or Path
         The folder of the project.
+    controllers : mapping {joint: Controller}, optional
+        The position controllers of joints with position commands and no torque. Without them their
+        gains have to be written into the drives file.
 
     Returns
     -------
@@ -111,19 +117,27 @@ def write_first_project(
     read = [_read(files, robot, folder) for files in grouped]
     doubts += [*of_files, *(doubt for one in read for doubt in one.doubts)]
     texts = {one.description_file: one.text for one in read if one.description_file and one.text}
+    commanded = _commanded(robot, [one.log for one in read]) if known is None else ()
     if known is None:
-        tables, found = inferred_drives(robot, [one.log for one in read])
+        tables, found = inferred_drives(robot, [one.log for one in read], commanded)
+        tables |= {joint: _controlled(joint, controllers or {}) for joint in commanded}
+        asked = [joint for joint in commanded if joint not in (controllers or {})]
+        found += [f"{listed(asked)}: {_GAINS}"] * bool(asked) + [_DELAY] * bool(commanded)
         doubts += found
         if tables:
             known = folder / f"{Path(urdf).stem}_drives.toml"
             if known.exists():
                 raise SeaidError(f"'{known}' is there already: give it as drives")
             write_drives(drives_from_mapping(tables), known)
-            texts[known] = _as_comments(found) + known.read_text(encoding="utf-8")
+            texts[known] = _as_comments(found) + _with_gaps(known.read_text(encoding="utf-8"))
     head = _robot_lines(_relative(urdf, folder), robot, joints)
+    if commanded:
+        head += _known_bodies(robot)
     if known is not None:
         head.insert(1, f"drives = {_quoted(_relative(known, folder))}")
-    text = "\n".join([*head, *_payload_lines(payloads), *_log_lines(read, folder), _OPTIONS])
+    shortest_s = _SHORTEST_COMMANDED_S if commanded else _SHORTEST_S
+    lines = [*_payload_lines(payloads), *_log_lines(read, folder, shortest_s)]
+    text = "\n".join([*head, *lines, _OPTIONS])
     for path, content in {**texts, file: f"{_as_comments(doubts)}{text}\n"}.items():
         write_whole(path, content)
     return FirstProject((file, *texts), tuple(doubts))
@@ -176,13 +190,78 @@ def _read(files: tuple[Path, ...], robot: Robot, folder: Path) -> _ReadLog:
     return _ReadLog(files, log, target, guess.to_toml(), doubts)
 
 
+_GAINS = (
+    "write the gains of the position controller in place of the question mark: torque at the joint "
+    "[N m] per rad of position error, and per rad/s. They are in the configuration of the driver "
+    "(kp and kd of a legged robot's low-level command, stiffness and damping of a simulated "
+    "environment); or hang a known weight: gain = torque / (command - position)"
+)
+_DELAY = (
+    "the delay of the commands counts as known, 0 within 5 ms, which the standard errors contain: "
+    "write yours; armature and delay are nearly one number in a log with one set of gains"
+)
+_UNKNOWN_GAIN = 0.123456789
+"""Stands for an unknown gain until the file is written, where the gain is a question mark."""
+
+
+def _commanded(robot: Robot, logs: Sequence[Log]) -> tuple[str, ...]:
+    """Return the joints of which all logs have the position command, and none has a torque."""
+    torques = ("motor_torque", "joint_torque", "motor_current", "motor_voltage")
+    found = []
+    for index, joint in enumerate(robot.joint_names):
+        there = [
+            {name for name, x in log.sensors().items() if np.all(np.isfinite(x[:, index]))}
+            for log in logs
+        ]
+        if all("position_command" in one and not one & {*torques} for one in there):
+            found.append(joint)
+    return tuple(found)
+
+
+def _controlled(joint: str, controllers: Mapping[str, Controller]) -> dict[str, object]:
+    """Return the drive table of a joint with a position controller."""
+    unknown = Controller(position_gain_Nm_per_rad=_UNKNOWN_GAIN)
+    return {
+        "type": "stiff",
+        "gear_ratio": 1.0,
+        "friction": ["viscous", "coulomb", "offset"],
+        "motor_input": "position_command",
+        "controller": controllers.get(joint, unknown),
+        "command_delay_s": 0.0,
+        "command_delay_s_std": 0.005,
+        "known": ["command_delay"],
+    }
+
+
+def _with_gaps(text: str) -> str:
+    """Return the TOML of drives with question marks for the gains that are unknown."""
+    return text.replace(
+        f"position_gain_Nm_per_rad = {_UNKNOWN_GAIN}",
+        'position_gain_Nm_per_rad = "?"\nvelocity_gain_Nms_per_rad = 0.0',
+    )
+
+
+def _known_bodies(robot: Robot) -> Iterator[str]:
+    """Yield the lines that name the bodies with inertial parameters as known."""
+    bodies = robot.parameters.reshape(-1, 10)
+    names = [name for name, one in zip(robot.body_names, bodies, strict=False) if np.any(one)]
+    if names:
+        yield "# Bodies as in the URDF; without this line they are identified too:"
+        yield f"known_bodies = [{', '.join(map(_quoted, names))}]"
+
+
 def inferred_drives(
-    robot: Robot, logs: Sequence[Log]
+    robot: Robot, logs: Sequence[Log], without: Sequence[str] = ()
 ) -> tuple[dict[str, dict[str, object]], list[str]]:
-    """Return drive tables of joints with a motor encoder, and what is doubtful about them."""
+    """Return drive tables of joints with a motor encoder, and what is doubtful about them.
+
+    Nothing is said of the joints `without`.
+    """
     tables: dict[str, dict[str, object]] = {}
     doubts = []
     for index, joint in enumerate(robot.joint_names):
+        if joint in without:
+            continue
         own = [_sensors(log, index) for log in logs]
         places = [place for place, one in enumerate(own) if "motor_position" in one]
         if not places:
@@ -208,6 +287,8 @@ def _with_standard_errors(
     It knows the springs of these drives, and takes (7) where the motor moves. The standard errors
     go into those of the estimates (`gear_ratio_std`).
     """
+    if not tables:
+        return tables, doubts
     try:
         joints = check(robot.with_drives(drives_from_mapping(tables)), logs).joints
     except SeaidError:  # logs that fit no drive: run names what is wrong
@@ -325,11 +406,11 @@ write = ["parameters", "report", "urdf"]  # and "mjcf"
 # fail_on = "wrong"  # exit code 3 of seaid run"""
 
 
-def _log_lines(logs: Sequence[_ReadLog], folder: Path) -> Iterator[str]:
+def _log_lines(logs: Sequence[_ReadLog], folder: Path, shortest_s: float) -> Iterator[str]:
     """Yield the lines of the logs: the last validates, or the last part of the only one."""
     first = logs[0].log
     duration = float(first.time[-1] - first.time[0])
-    if len(logs) == 1 and duration > _SHORTEST_S:
+    if len(logs) == 1 and duration > shortest_s:
         start, end = float(np.floor(first.time[0])), float(np.ceil(first.time[-1] + 1))
         middle = float(np.round(first.time[0] + _OWN_PART * duration, 1))
         yield from _one_log(logs[0], folder, "identify", (start, middle))

@@ -6,7 +6,7 @@ import os
 import secrets
 import shutil
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -28,6 +28,7 @@ from seaid.log import Log
 from seaid.project.project import Options, Project, check_logs
 from seaid.project.saved import FILE, Run, facts_of, provenance_of, save_run
 from seaid.robot import Robot
+from seaid.simulation import ReplayComparison, compare_replays
 
 LATEST = "latest"
 """The link to the folder of the newest run."""
@@ -67,6 +68,7 @@ class ProjectRun(Display):
         for run in self.runs.values():
             found += run.identification.warnings
             found += [one for each in run.validations.values() for one in each.warnings]
+            found += [one for each in run.replays.values() for one in each.warnings]
         return by_severity(found)
 
 
@@ -113,12 +115,13 @@ def run_project(
         result_folder(folder)
         names: list[Path] = []
         notes: list[str] = []
+        runs: dict[str, Run] = {}
         for name, one in found.items():
+            replays = _replayed(project, one, name, notes)
+            runs[name] = Run(one, validations[name], provenance, None, replays)
             place = Path(_folder_name(name)) if together else Path()
             result_folder(folder / place)
-            written, refused = _write(
-                project, Run(one, validations[name], provenance), folder / place
-            )
+            written, refused = _write(project, runs[name], folder / place)
             names += [place / each for each in written]
             notes += refused
         _copy_inputs(project, folder)
@@ -126,7 +129,7 @@ def run_project(
     finally:
         shutil.rmtree(folder, ignore_errors=True)
     _point_to(target)
-    runs = {name: Run(one, validations[name], provenance, target) for name, one in found.items()}
+    runs = {name: replace(one, folder=target) for name, one in runs.items()}
     files = tuple(target / name for name in names)
     return ProjectRun(target, FrozenMapping(runs), together, files, tuple(notes))
 
@@ -204,6 +207,25 @@ def _validated(project: Project, found: Identification, condition: str) -> dict[
     }
 
 
+def _replayed(
+    project: Project, found: Identification, condition: str, notes: list[str]
+) -> dict[str, ReplayComparison]:
+    """Return {log: replay} of the logs that validate a robot with position commands."""
+    robot, wanted, moved = project.robot(condition), {condition, ""}, {}
+    for one in project.logs_for("validate") if has_commands(found) else ():
+        if one.condition in wanted:
+            try:
+                moved[one.name] = compare_replays(found.known, found.robot, one.read(robot))
+            except SeaidError as problem:
+                notes.append(f"{one.name} was not replayed: {problem}")
+    return moved
+
+
+def has_commands(found: Identification) -> bool:
+    """Return whether the controllers of the drives give their torques from position commands."""
+    return any(drive.controller is not None for drive in found.robot.drives.values())
+
+
 def _options(project: Project) -> dict[str, Any]:
     """Return the options that differ from their defaults, with payloads and gravity."""
     given = project.options
@@ -230,7 +252,8 @@ def _write(project: Project, run: Run, folder: Path) -> tuple[list[str], list[st
     from seaid.report import write_report
 
     found, robot = run.identification, run.identification.robot
-    save_run(found, folder / FILE, validations=run.validations, provenance=run.provenance)
+    tests: dict[str, Any] = {"validations": run.validations, "replays": run.replays}
+    save_run(found, folder / FILE, provenance=run.provenance, **tests)
     write_json(folder / "provenance.json", run.provenance)
     write_whole(folder / "summary.txt", summary_of(run) + "\n")
     names, notes = [FILE, "provenance.json", "summary.txt"], []
@@ -240,7 +263,8 @@ def _write(project: Project, run: Run, folder: Path) -> tuple[list[str], list[st
         names.append("parameters.json")
     if "report" in project.write:
         facts = {**project.experiment, **facts_of(run.provenance)}
-        write_report(found, list(run.validations.values()), folder / "report.html", facts=facts)
+        moved, results = list(run.replays.values()), list(run.validations.values())
+        write_report(found, results, folder / "report.html", facts=facts, replays=moved)
         names.append("report.html")
     stem = _folder_name(robot.name)
     for kind, name in (("urdf", f"{stem}.urdf"), ("mjcf", f"{stem}.xml")):
@@ -269,7 +293,8 @@ def summary_of(run: Run, details: bool = True) -> str:
 
     found = run.identification
     parts = [str(short_text(found, found.known, details))]
-    parts += [f"Log {name}\n{one.summary()}" for name, one in run.validations.items()]
+    for tests in (run.validations, run.replays):
+        parts += [f"Log {name}\n{one.summary()}" for name, one in tests.items()]
     return "\n\n".join(parts)
 
 

@@ -39,11 +39,14 @@ from seaid.identification import (
 from seaid.log import CutoffSelection, Motion, Processing, Repair, decimated
 from seaid.regressor import BaseParameters, LoadModel
 from seaid.robot import DependentJoint, Robot, joints_of, model_of
+from seaid.simulation import ReplayComparison
 
 FILE = "identification.npz"
 """The name of the saved run in the folder of a run."""
 
 _FORMAT = "seaid run 1"
+_OLDER: dict[str, Any] = {"replays": {"is": "mapping", "items": []}}
+"""What files that are older than a field have in its place."""
 _CLASSES = {
     kind.__name__: kind
     for kind in (
@@ -58,7 +61,7 @@ _CLASSES = {
             Repair,
             Motion,
         ),
-        *(Validation, Fit, Robot, DependentJoint),
+        *(Validation, Fit, Robot, DependentJoint, ReplayComparison),
     )
 }
 _RATE_PER_CUTOFF = 25.0
@@ -75,6 +78,8 @@ class Run(Display):
         With motions of `thinned` samples.
     validations : mapping {log: Validation}
         Validations by the names of their logs.
+    replays : mapping {log: ReplayComparison}
+        Replays before and after, of logs with position commands.
     provenance : mapping
         Versions, inputs with their digests, options and command line, as plain data.
     folder : Path or None
@@ -85,6 +90,7 @@ class Run(Display):
     validations: Mapping[str, Validation] = field(default_factory=dict)
     provenance: Mapping[str, Any] = field(default_factory=dict)
     folder: Path | None = None
+    replays: Mapping[str, ReplayComparison] = field(default_factory=dict)
 
     def _in_short(self) -> str:
         logs = f", validated on {listed(list(self.validations))}" if self.validations else ""
@@ -98,6 +104,7 @@ def save_run(
     *,
     validations: Mapping[str, Validation] | None = None,
     provenance: Mapping[str, Any] | None = None,
+    replays: Mapping[str, ReplayComparison] | None = None,
 ) -> None:
     """Save an identification whole, so that nothing has to be identified again.
 
@@ -111,6 +118,8 @@ def save_run(
         Validations of it, by the names of their logs.
     provenance : mapping, optional
         Where it comes from, as plain data.
+    replays : mapping {log: ReplayComparison}, optional
+        Replays of it, by the names of their logs.
 
     Raises
     ------
@@ -134,6 +143,7 @@ def save_run(
             {name: _thinned_validation(one) for name, one in (validations or {}).items()}, arrays
         ),
         "provenance": _plain(dict(provenance or {}), arrays),
+        "replays": _plain(dict(replays or {}), arrays),
     }
     text = np.frombuffer(json.dumps(content).encode(), dtype=np.uint8)
     with whole_file(path) as temporary, temporary.open("wb") as file:
@@ -171,12 +181,12 @@ def load_run(path: str | Path) -> Run:
         content = json.loads(arrays.pop("content").tobytes())
         if content["format"] != _FORMAT:
             raise SeaidError(f"'{file}' has the format {content['format']!r}, not {_FORMAT!r}")
-        identification, validations, provenance = (
-            _restored(content[name], arrays)
-            for name in ("identification", "validations", "provenance")
+        identification, validations, provenance, replays = (
+            _restored(content.get(name, _OLDER.get(name)), arrays)
+            for name in ("identification", "validations", "provenance", "replays")
         )
         found = _with_copies(identification, file.parent / "inputs")
-        return Run(found, validations, provenance, path if path.is_dir() else None)
+        return Run(found, validations, provenance, path if path.is_dir() else None, replays)
     except FileNotFoundError:
         if conditions := sorted(one.parent.name for one in path.glob(f"*/{FILE}")):
             raise SeaidError(

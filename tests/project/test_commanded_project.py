@@ -1,0 +1,126 @@
+"""A URDF and a log of position commands lead to a run, a replay and a model for a simulator."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import seaid
+from seaid.errors import RobotError
+from seaid.log.readers.opening import open_table
+from tests.cli.test_cli import done, run
+from tests.measured import LOGS
+
+GO2 = LOGS / "go2_commands" / "go2_second_half.npz"
+LEG = "FL_hip_joint,FL_thigh_joint,FL_calf_joint"
+
+
+@pytest.fixture(scope="module")
+def go2(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the folder of a finished project of one leg."""
+    pytest.importorskip("cmeel")
+    folder = tmp_path_factory.mktemp("go2")
+    gains = ("--position-gain", "20", "--velocity-gain", "1.5")
+    done("init", "go2", GO2, "--joints", LEG, *gains, "--folder", folder)
+    done("run", folder)
+    return folder
+
+
+def test_three_commands_lead_from_the_log_to_a_model_that_replays_it_better(
+    go2: Path, tmp_path: Path
+) -> None:
+    model = tmp_path / "leg.xml"
+    done("export", "--run", go2 / "runs" / "latest", "-o", model)
+    assert "<position" in model.read_text() or "<general" in model.read_text()
+    saved = seaid.load_run(go2 / "runs" / "latest")
+    (moved,) = saved.replays.values()
+    before, after = moved.mean_absolute_errors
+    assert np.all(after < 0.2 * before)
+    assert after.mean() < 6e-3
+    drives = saved.identification.robot.drives
+    assert all(1e-4 < one.values["motor_inertia"] < 0.1 for one in drives.values())
+    page = (go2 / "runs" / "latest" / "report.html").read_text(encoding="utf-8")
+    assert page.count("Replayed position of") == 3
+    assert "all joints" in (go2 / "runs" / "latest" / "summary.txt").read_text()
+
+
+def test_the_replay_of_a_run_is_that_of_the_verb_and_of_the_report(
+    go2: Path, tmp_path: Path
+) -> None:
+    part, latest = f"{GO2}@20:25", go2 / "runs" / "latest"
+    content = json.loads(done("replay", part, "--run", latest, "--json").out)["result"]
+    (moved,) = seaid.load_run(latest).replays.values()
+    assert content == {"log": part, **json.loads(json.dumps(moved.to_dict()))}
+    page = tmp_path / "other.html"
+    done("report", "--run", latest, "--validate", f"{GO2}@20:25", "-o", page)
+    assert page.read_text(encoding="utf-8").count("Replayed position of") == 3
+
+
+def test_gains_that_nobody_gave_are_asked_for(tmp_path: Path) -> None:
+    made = seaid.write_first_project("go2", [GO2], joints=LEG.split(","), folder=tmp_path)
+    drives = tmp_path / "go2_drives.toml"
+    assert drives in made.files
+    assert any("gain = torque / (command - position)" in one for one in made.doubts)
+    assert drives.read_text().count('position_gain_Nm_per_rad = "?"') == 3
+    with pytest.raises(RobotError, match=r"found '\?': write the number of your controller"):
+        seaid.load_robot("go2", drives)
+    drives.write_text(drives.read_text().replace('"?"', "20.0"))
+    robot = seaid.load_project(tmp_path).robot()
+    assert {one.controller for one in robot.drives.values()} == {
+        seaid.Controller(position_gain_Nm_per_rad=20.0)
+    }
+    assert robot.known_bodies == ("FL_hip", "FL_thigh", "FL_calf")
+
+
+def test_gains_may_be_those_of_each_joint(tmp_path: Path) -> None:
+    gains = ("--position-gain", "FL_hip_joint=20,FL_thigh_joint=30", "--velocity-gain", "2")
+    done("init", "go2", GO2, "--joints", LEG, *gains, "--folder", tmp_path)
+    text = (tmp_path / "go2_drives.toml").read_text()
+    for gain in ("20.0", "30.0", '"?"'):
+        assert f"position_gain_Nm_per_rad = {gain}" in text
+    wrong = run("init", "go2", GO2, "--position-gain", "knee=20", "--folder", tmp_path / "x")
+    assert "--position-gain: " in wrong.err
+    assert wrong.code == 1
+
+
+HEADS = (
+    ("q_{}", "q_des_{}"),
+    ("{}_pos", "{}_goal_position"),
+    ("pos[{}]", "cmd_pos[{}]"),
+    ("{}/position", "{}/position_setpoint"),
+)
+
+
+@pytest.mark.parametrize("heads", HEADS)
+def test_custom_names_of_commands_are_recognised(heads: tuple[str, str], tmp_path: Path) -> None:
+    table = open_table(GO2)
+    joints = LEG.split(",")
+    names = ["time_s", *(f"{j}.{x}_rad" for x in ("position", "command") for j in joints)]
+    data = table.load(names)
+    head = ["time_s", *(form.format(joint) for form in heads for joint in joints)]
+    file = tmp_path / "log.csv"
+    rows = np.column_stack([data[name] for name in names])
+    np.savetxt(file, rows, delimiter=",", header=",".join(head), comments="")
+    robot = seaid.load_robot("go2", joints=joints)
+    guess = seaid.describe_log(file, robot)
+    log = seaid.read_log(file, robot, description=guess.description)
+    assert log.position_command is not None
+    wanted = data[f"{joints[2]}.command_rad"]
+    np.testing.assert_allclose(log.position_command[:, 2], wanted, atol=2e-5)
+    assert any("its drive needs motor_input" in one for one in guess.unsure)
+    seaid.write_first_project("go2", [file], joints=joints, folder=tmp_path / "project")
+    assert "position_command" in (tmp_path / "project" / "go2_drives.toml").read_text()
+
+
+def test_a_log_with_a_torque_gets_no_controller(tmp_path: Path) -> None:
+    data = open_table(GO2).load(["time_s", "FL_hip_joint.position_rad", "FL_hip_joint.command_rad"])
+    rows = np.column_stack([*data.values(), np.sin(data["time_s"])])
+    head = "time_s,pos_FL_hip_joint,cmd_pos_FL_hip_joint,torque_FL_hip_joint"
+    np.savetxt(tmp_path / "log.csv", rows, delimiter=",", header=head, comments="")
+    robot = seaid.load_robot("go2", joints=["FL_hip_joint"])
+    guess = seaid.describe_log(tmp_path / "log.csv", robot)
+    assert "position_command" not in guess.description.joints["FL_hip_joint"]
+    assert guess.unused == ("cmd_pos_FL_hip_joint",)
