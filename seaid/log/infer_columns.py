@@ -228,9 +228,9 @@ def _add_command(inference: Inference, joint: str, found: Sources) -> None:
     source |= _unit(inference.meanings[names[0]], "")
     found["position_command"] = source
     inference.note(
-        joint,
-        'a position command and no torque: its drive needs motor_input = "position_command" and '
-        "the gains of its controller",
+        names[0],
+        "a position command of a joint without torque: its drive needs "
+        'motor_input = "position_command" and the gains of its controller',
     )
     if len(names) > 1:
         inference.note(names[0], f"selected from the commands {', '.join(names)}")

@@ -440,7 +440,7 @@ def _one_log(
 
 def _relative(path: str | Path, folder: Path) -> str:
     """Return a path relative to the folder of the project; the name of a robot stays."""
-    is_name = not Path(path).suffix and not Path(path).exists()
+    is_name = not Path(path).suffix and not Path(path).is_file()
     return str(path) if is_name else os.path.relpath(path, folder)
 
 

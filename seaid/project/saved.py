@@ -182,7 +182,7 @@ def load_run(path: str | Path) -> Run:
         if content["format"] != _FORMAT:
             raise SeaidError(f"'{file}' has the format {content['format']!r}, not {_FORMAT!r}")
         identification, validations, provenance, replays = (
-            _restored(content.get(name, _OLDER.get(name)), arrays)
+            _restored((_OLDER | content)[name], arrays)
             for name in ("identification", "validations", "provenance", "replays")
         )
         found = _with_copies(identification, file.parent / "inputs")

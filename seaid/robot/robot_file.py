@@ -42,7 +42,7 @@ def urdf_path(given: str | Path) -> Path:
     """
     path = Path(given)
     name = str(given)
-    if not _NAME.fullmatch(name) or path.exists():
+    if not _NAME.fullmatch(name) or path.is_file():
         return path
     if not name.endswith("_description"):
         return _example(name) or path

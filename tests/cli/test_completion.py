@@ -95,7 +95,7 @@ def test_choices_are_those_of_the_library() -> None:
     assert {*SENSORS} == {*get_args(Sensor)}
     assert {*READERS} <= {*LOGS}
     by_joint = [one.name for group in (LimitOptions, NoiseOptions) for one in fields(group)]
-    assert {*BY_JOINT} == {*by_joint}
+    assert {*BY_JOINT} == {*by_joint, "position_gain", "velocity_gain"}
     assert {one.name for one in fields(seaid.Limits)} <= {*BY_JOINT}
 
 

@@ -401,7 +401,7 @@ STIFF = ("joint_position", "motor_torque")
         ("ur10_exciting/ur10_exciting_trajectory.db3", "", 6, STIFF),
         ("double_pendulum_a0/strong_torque", "*.npz", 2, STIFF),
         ("double_pendulum_a0/weak_torque", "*.npz", 2, STIFF),
-        ("xl330_pendulum/raw", "*.npz", 1, (STIFF[0], HEBI[-1])),
+        ("xl330_pendulum/raw", "*.npz", 1, (STIFF[0], "position_command", HEBI[-1])),
     ],
 )
 def test_every_measured_set_is_described(
