@@ -125,7 +125,7 @@ ONE_IMPORTER = {
         *("identification.conditions", "identification.static_calibration"),
         *("log.infer_columns", "log.long_log", "project.saved"),
         *("regressor.exact.base", "report.comparison", "symbolic.expression_text"),
-        *("identification.output_error", "simulation.replaying"),
+        "identification.output_error",
         *("export.mjcf", "export.urdf"),
     ),
     "one part of the page or window each": (
