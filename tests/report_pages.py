@@ -8,8 +8,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from seaid._arrays import Array, FrozenMapping, frozen
-from seaid.estimation.diagnostics import ModelChecks, TermTest, Whiteness
-from seaid.estimation.estimate import Estimate
+from seaid.estimation.estimate import Estimate, ModelChecks, TermTest, Whiteness
 from seaid.identification.identification import Identification
 from seaid.identification.validation import Fit, Validation
 from seaid.regressor.base import BaseParameters

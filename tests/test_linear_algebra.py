@@ -9,8 +9,8 @@ from scipy import linalg
 
 from seaid._arrays import Array, safely
 from seaid.errors import ExcitationError, IdentificationError, RobotError
+from seaid.estimation.qr_factor import directions
 from seaid.estimation.sdp import covariance_root, floored_covariance
-from seaid.estimation.singular_directions import directions
 from seaid.excitation.criteria import CRITERIA, singular_values
 from seaid.regressor.base import left_to_right
 from seaid.robot.inertia import inconsistency, is_physical

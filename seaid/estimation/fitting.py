@@ -20,9 +20,8 @@ import numpy as np
 from seaid._arrays import Array, FrozenMapping
 from seaid.errors import LogError, reason_of
 from seaid.estimation.covariance import at_slots, long_run, slots
-from seaid.estimation.diagnostics import ModelChecks, model_checks, whiteness
 from seaid.estimation.drift import block_factors
-from seaid.estimation.estimate import Estimate
+from seaid.estimation.estimate import Estimate, ModelChecks, model_checks, whiteness
 from seaid.estimation.least_squares import (
     MOST_INSTANTS,
     equal_weights,

@@ -21,8 +21,7 @@ from seaid._arrays import Array, finite, safely
 from seaid.errors import Finding, IdentificationError
 from seaid.estimation.estimate import Estimate
 from seaid.estimation.least_squares import estimate_of_rows, settled_weights, solve
-from seaid.estimation.qr_factor import qr_factor_of, triangle
-from seaid.estimation.singular_directions import ROUNDING
+from seaid.estimation.qr_factor import ROUNDING, qr_factor_of, triangle
 
 if TYPE_CHECKING:
     from seaid.regressor import Regression

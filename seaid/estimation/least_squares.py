@@ -14,12 +14,15 @@ from seaid.errors import ExcitationError, Finding, IdentificationError
 from seaid.estimation.covariance import LongRun, left_by_fit, left_of_mean, long_run_of
 from seaid.estimation.drift import agreement, block_factors, drifts_of, spans_of, with_drifts
 from seaid.estimation.estimate import Estimate
-from seaid.estimation.qr_factor import QRFactor, combined, determining_joints, qr_factor_of
-from seaid.estimation.singular_directions import (
+from seaid.estimation.qr_factor import (
     RANK_TOLERANCE,
     Directions,
+    QRFactor,
+    combined,
+    determining_joints,
     directions,
     first_term,
+    qr_factor_of,
 )
 
 if TYPE_CHECKING:

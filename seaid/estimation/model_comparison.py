@@ -19,8 +19,7 @@ from scipy.special import stdtrit
 from seaid._arrays import Array, BoolArray
 from seaid.errors import IdentificationError
 from seaid.estimation.covariance import long_run_of
-from seaid.estimation.qr_factor import triangle
-from seaid.estimation.singular_directions import ROUNDING, scaled_svd
+from seaid.estimation.qr_factor import ROUNDING, scaled_svd, triangle
 
 if TYPE_CHECKING:
     from seaid.regressor import Regression

@@ -15,7 +15,7 @@ import numpy as np
 
 from seaid._arrays import Array, BoolArray, safely
 from seaid.errors import ExcitationError
-from seaid.estimation.singular_directions import ROUNDING, scaled_svd
+from seaid.estimation.qr_factor import ROUNDING, scaled_svd
 
 LAG_S = 0.25
 """Time [s] beyond which residuals count as uncorrelated."""

@@ -10,15 +10,14 @@ from scipy.signal import lfilter
 
 from seaid._arrays import Array
 from seaid.errors import IdentificationError
-from seaid.estimation.diagnostics import (
+from seaid.estimation.estimate import (
     independent_rows,
     poorly_determined,
     term_test,
     whiteness,
 )
 from seaid.estimation.least_squares import ordinary
-from seaid.estimation.qr_factor import qr_factor_of
-from seaid.estimation.singular_directions import directions
+from seaid.estimation.qr_factor import directions, qr_factor_of
 from seaid.regressor.regression import Regression
 
 pytestmark = pytest.mark.rounding

@@ -7,7 +7,7 @@ import pytest
 
 from seaid._arrays import Array
 from seaid.errors import IdentificationError
-from seaid.estimation.diagnostics import term_test
+from seaid.estimation.estimate import term_test
 from seaid.estimation.model_comparison import (
     SEGMENTS,
     Alternative,

@@ -21,8 +21,7 @@ from seaid._arrays import Array, FrozenMapping
 from seaid._files import plain
 from seaid.drives import JointParameter
 from seaid.errors import Finding, SeaidError
-from seaid.estimation.diagnostics import ModelChecks, TermTest, Whiteness
-from seaid.estimation.estimate import Estimate
+from seaid.estimation.estimate import Estimate, ModelChecks, TermTest, Whiteness
 from seaid.identification.identification import Identification, identify
 from seaid.identification.validation import Validation, compared
 from seaid.project.saved import load_run, save_run
