@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import sys
 import tempfile
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -33,7 +34,7 @@ class Joint:
     """A pendulum behind a rotary spring; the link has a joint of its own if `link_k` is finite.
 
     `mass` [kg] has its centre at `length` [m], and `inertia` [kg m^2] about it; `share` of the
-    mass moves behind the link's spring of `link_k` [N m/rad].
+    mass moves behind the link's spring of `link_k` [N m/rad]. `damping` [N m s/rad] is the spring's.
     """
 
     ratio: float
@@ -50,6 +51,7 @@ class Joint:
     highest_hz: float
     link_k: float = np.inf
     share: float = 0.3
+    damping: float = 0.0
 
     @property
     def load(self) -> float:
@@ -87,6 +89,35 @@ CENTAURO = Joint(120.0, 1e-4, 1.5e-3, 0.04, 6000.0, 8.0, 0.35, 0.3, 8192, 0.01, 
 JOINTS = {"TULip-like knee": TULIP, "ANYdrive-like": ANYDRIVE, "CENTAURO-like": CENTAURO}
 
 
+def random_joint(seed: int) -> Joint:
+    """Return a joint of random sizes, excited up to 1.1 to 1.5 times its antiresonance."""
+    rng = np.random.default_rng(seed)
+
+    def between(low: float, high: float) -> float:
+        return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+    ratio, load, antiresonance_hz = between(20, 150), between(0.05, 2), between(3, 12)
+    length, slender, reach = between(0.1, 0.4), between(0.2, 1), between(0.2, 0.4)
+    rotor = load / ratio**2 / between(0.2, 5)
+    mass = load / length**2 / (1 + slender)
+    speed = reach * 2 * np.pi * 2
+    typical = (load + rotor * ratio**2) * speed * 2 * np.pi * 2 / ratio
+    return Joint(
+        ratio=ratio,
+        rotor=rotor,
+        viscous=typical * between(0.01, 0.1) / (ratio * speed),
+        coulomb=typical * between(0.02, 0.3),
+        k=load * (2 * np.pi * antiresonance_hz) ** 2,
+        mass=mass,
+        length=length,
+        inertia=load - mass * length**2,
+        counts=int(between(2000, 16384)),
+        torque_std=typical * between(0.003, 0.02),
+        reach=reach,
+        highest_hz=antiresonance_hz * between(1.1, 1.5),
+    )
+
+
 def multisine(joint: Joint, duration: float, seed: int) -> tuple[Array, NDArray[np.complex128]]:
     """Return frequencies [rad/s] and complex amplitudes [rad] of a random-phase multisine."""
     lines = np.arange(2, int(joint.highest_hz * duration), 3)
@@ -100,37 +131,55 @@ def multisine(joint: Joint, duration: float, seed: int) -> tuple[Array, NDArray[
 
 def simulated(joint: Joint, duration: float = 10.0, seed: int = 0) -> seaid.Log:
     """Return the log of the motor side of a joint."""
-    n, far = joint.ratio, joint.share if np.isfinite(joint.link_k) else 0.0
-    near_J, far_J = (1 - far) * joint.load, far * joint.load
-    near_m, far_m = ((1 - x) * joint.mass * joint.length * GRAVITY for x in (far, 1 - far))
-    rates, sizes = multisine(joint, duration, seed)
-    reflected = joint.load + joint.rotor * n**2
+    return simulated_together([joint], [seed], duration)[0]
+
+
+def simulated_together(
+    joints: Sequence[Joint], seeds: Sequence[int], duration: float = 10.0
+) -> list[seaid.Log]:
+    """Return the logs of the motor sides of joints, each with its own seed, integrated at once."""
+
+    def of(name: str) -> Array:
+        return np.array([getattr(joint, name) for joint in joints], dtype=float)
+
+    n, rotor, viscous, coulomb, k, load = map(
+        of, ("ratio", "rotor", "viscous", "coulomb", "k", "load")
+    )
+    flexible = np.isfinite(of("link_k"))
+    far, link_k = np.where(flexible, of("share"), 0.0), np.where(flexible, of("link_k"), 0.0)
+    near_J, far_J = (1 - far) * load, np.where(flexible, far * load, 1.0)
+    weight = of("mass") * of("length") * GRAVITY
+    near_m, far_m, damping = (1 - far) * weight, far * weight, of("damping")
+    reflected = load + rotor * n**2
     gain_p, gain_d = reflected * BANDWIDTH**2, 2 * reflected * BANDWIDTH
 
-    def slope(x: Array, torque: float) -> Array:
+    def slope(x: Array, torque: Array) -> Array:
         th, w, q, v, p, u = x
-        spring = joint.k * (th / n - q)
-        link = joint.link_k * (q - p) if far else 0.0
-        friction = joint.viscous * w + joint.coulomb * np.tanh(w / _WIDTH)
+        spring = k * (th / n - q) + damping * (w / n - v)
+        link = link_k * (q - p)
+        friction = viscous * w + coulomb * np.tanh(w / _WIDTH)
         a = (spring - near_m * np.sin(q) - link) / near_J
-        b = (link - far_m * np.sin(p)) / far_J if far else 0.0
-        return np.array([w, (torque - friction - spring / n) / joint.rotor, v, a, u, b])
+        b = (link - far_m * np.sin(p)) / far_J
+        return np.array([w, (torque - friction - spring / n) / rotor, v, a, u, b])
 
     time = np.arange(round(duration * RATE_HZ)) / RATE_HZ
-    waves = np.exp(1j * np.outer(time, rates))
-    plan = [np.real(waves @ (sizes * (1j * rates) ** order)) for order in range(3)]
-    step = 2 * np.pi / joint.counts
-    x = np.zeros(6)
-    x[:2], x[2], x[3] = (n * plan[0][0], n * plan[1][0]), plan[0][0], plan[1][0]
-    x[4], x[5] = x[2], x[3]
-    angle, torque = np.zeros((2, len(time)))
-    speed, before, h = x[1], x[0], 1 / (RATE_HZ * STEPS)
+    plan = np.zeros((3, len(time), len(joints)))
+    for place, (joint, seed) in enumerate(zip(joints, seeds, strict=True)):
+        rates, sizes = multisine(joint, duration, seed)
+        waves = np.exp(1j * np.outer(time, rates))
+        for order in range(3):
+            plan[order, :, place] = np.real(waves @ (sizes * (1j * rates) ** order))
+    step = 2 * np.pi / of("counts")
+    start, speed = plan[0, 0], n * plan[1, 0]
+    x = np.array([n * start, speed, start, plan[1, 0], start, plan[1, 0]])
+    angle, torque = np.zeros((2, len(time), len(joints)))
+    before, h = x[0], 1 / (RATE_HZ * STEPS)
     for t in range(len(time)):
         reading = np.round(x[0] / step) * step
-        speed += 0.2 * ((reading - before) * RATE_HZ - speed) if t else 0.0
+        speed = speed + (0.2 * ((reading - before) * RATE_HZ - speed) if t else 0.0)
         before = reading
-        wanted = gain_p * (plan[0][t] - reading / n) + gain_d * (plan[1][t] - speed / n)
-        drive = (wanted + reflected * plan[2][t]) / n
+        wanted = gain_p * (plan[0, t] - reading / n) + gain_d * (plan[1, t] - speed / n)
+        drive = (wanted + reflected * plan[2, t]) / n
         # the torque changes linearly from one tick to the next
         last = torque[t - 1] if t else drive
         angle[t], torque[t] = reading, drive
@@ -141,15 +190,21 @@ def simulated(joint: Joint, duration: float = 10.0, seed: int = 0) -> seaid.Log:
             k3 = slope(x + h / 2 * k2, (begin + end) / 2)
             x = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + slope(x + h * k3, end))
     # the torque that acts at a tick is the command of the one before
-    acting = np.append(torque[0], torque[:-1])
-    noise = np.random.default_rng(seed + 1000).normal(0, joint.torque_std, len(time))
-    return seaid.Log(
-        time=time,
-        joint_names=("arm",),
-        motor_position=angle[:, None],
-        joint_position=np.full((len(time), 1), np.nan),
-        motor_torque=(acting + noise)[:, None],
-    )
+    acting = np.concatenate([torque[:1], torque[:-1]])
+    noise = [
+        np.random.default_rng(seed + 1000).normal(0, joint.torque_std, len(time))
+        for joint, seed in zip(joints, seeds, strict=True)
+    ]
+    return [
+        seaid.Log(
+            time=time,
+            joint_names=("arm",),
+            motor_position=angle[:, [place]],
+            joint_position=np.full((len(time), 1), np.nan),
+            motor_torque=(acting[:, place] + own)[:, None],
+        )
+        for place, own in enumerate(noise)
+    ]
 
 
 def robot_of(joint: Joint, folder: str | Path) -> seaid.Robot:

@@ -73,7 +73,9 @@ if TYPE_CHECKING:
     from seaid.identification.identification import Identification
 
 WIDER = 3.0
-"""Cutoff of the refinement over that of the identification, to keep the steps of dry friction."""
+"""Cutoff of the refinement over that of the identification, to keep the steps of dry friction.
+It is that of the identification without a joint encoder: there the noise of the motor's encoder
+enters twice differentiated, above the band where the spring shows, and hides wrong minima."""
 
 WINDOW_S = 1.0
 """Length [s] of the simulated windows, over which model errors accumulate."""
@@ -197,7 +199,8 @@ def runs_of(layout: Layout, log: Log, number: int = 0, window_s: float = WINDOW_
         return []
     known = layout.found.known
     rate_hz = (len(log.time) - 1) / (log.time[-1] - log.time[0])
-    band = min(WIDER * layout.found.cutoff_hz, rate_hz / 8)
+    wider = 1.0 if layout.unseen else WIDER
+    band = min(wider * layout.found.cutoff_hz, rate_hz / 8)
     motion = finer_side(known, reconstruct_motion(known, log, band))
     if layout.unseen:
         motion = smoothed(motion, [known.index(joint) for joint in layout.unseen])
