@@ -16,7 +16,8 @@ from seaid.drives.drives import SeriesElasticDrive, StiffDrive
 from seaid.excitation.basis import make_basis
 from seaid.excitation.trajectory import Trajectory
 from seaid.identification.identification import Identification, identify
-from seaid.identification.validation import Validation, validate
+from seaid.identification.repeated_identification import validate
+from seaid.identification.validation import Validation
 from seaid.log.motion import Motion
 from seaid.log.reading import Log
 from seaid.robot.robot import Payload, Robot, load_robot

@@ -125,8 +125,8 @@ ONE_IMPORTER = {
         *("identification.conditions", "identification.static_calibration"),
         *("log.infer_columns", "log.long_log", "project.saved"),
         *("regressor.exact.base", "report.comparison", "symbolic.expression_text"),
-        "identification.output_error",
         *("export.mjcf", "export.urdf"),
+        "identification.repeated_identification",
     ),
     "one part of the page or window each": (
         *("report.html_actuators", "report.html_experiment", "report.html_verdict"),

@@ -25,8 +25,6 @@ from seaid.report.text import percent, table
 
 RATE_HZ, STEPS, BANDWIDTH = 1000.0, 8, 15.0
 GRAVITY = 9.81
-_WIDTH = 0.5
-"""Motor speed [rad/s] over which the simulated Coulomb friction changes its sign."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +32,8 @@ class Joint:
     """A pendulum behind a rotary spring; the link has a joint of its own if `link_k` is finite.
 
     `mass` [kg] has its centre at `length` [m], and `inertia` [kg m^2] about it; `share` of the
-    mass moves behind the link's spring of `link_k` [N m/rad]. `damping` [N m s/rad] is the spring's.
+    mass moves behind the link's spring of `link_k` [N m/rad]. `damping` [N m s/rad] is that of the
+    drive's spring.
     """
 
     ratio: float
@@ -148,6 +147,8 @@ def simulated_together(
     flexible = np.isfinite(of("link_k"))
     far, link_k = np.where(flexible, of("share"), 0.0), np.where(flexible, of("link_k"), 0.0)
     near_J, far_J = (1 - far) * load, np.where(flexible, far * load, 1.0)
+    # motor speed over which Coulomb friction changes its sign: the least that Runge-Kutta follows
+    width = coulomb / rotor / (RATE_HZ * STEPS)
     weight = of("mass") * of("length") * GRAVITY
     near_m, far_m, damping = (1 - far) * weight, far * weight, of("damping")
     reflected = load + rotor * n**2
@@ -157,40 +158,42 @@ def simulated_together(
         th, w, q, v, p, u = x
         spring = k * (th / n - q) + damping * (w / n - v)
         link = link_k * (q - p)
-        friction = viscous * w + coulomb * np.tanh(w / _WIDTH)
+        friction = viscous * w + coulomb * np.tanh(w / width)
         a = (spring - near_m * np.sin(q) - link) / near_J
         b = (link - far_m * np.sin(p)) / far_J
         return np.array([w, (torque - friction - spring / n) / rotor, v, a, u, b])
 
-    time = np.arange(round(duration * RATE_HZ)) / RATE_HZ
+    # the controller runs at every step: a torque held or interpolated between the samples of the
+    # log has less of their frequencies, by sinc^2, than the samples themselves
+    rate_hz = RATE_HZ * STEPS
+    time = np.arange(round(duration * rate_hz)) / rate_hz
     plan = np.zeros((3, len(time), len(joints)))
     for place, (joint, seed) in enumerate(zip(joints, seeds, strict=True)):
         rates, sizes = multisine(joint, duration, seed)
         waves = np.exp(1j * np.outer(time, rates))
         for order in range(3):
             plan[order, :, place] = np.real(waves @ (sizes * (1j * rates) ** order))
-    step = 2 * np.pi / of("counts")
+    step, memory = 2 * np.pi / of("counts"), 0.2 / STEPS
     start, speed = plan[0, 0], n * plan[1, 0]
     x = np.array([n * start, speed, start, plan[1, 0], start, plan[1, 0]])
     angle, torque = np.zeros((2, len(time), len(joints)))
-    before, h = x[0], 1 / (RATE_HZ * STEPS)
+    before, last, h = x[0], None, 1 / rate_hz
     for t in range(len(time)):
         reading = np.round(x[0] / step) * step
-        speed = speed + (0.2 * ((reading - before) * RATE_HZ - speed) if t else 0.0)
+        speed = speed + (memory * ((reading - before) * rate_hz - speed) if t else 0.0)
         before = reading
         wanted = gain_p * (plan[0, t] - reading / n) + gain_d * (plan[1, t] - speed / n)
         drive = (wanted + reflected * plan[2, t]) / n
-        # the torque changes linearly from one tick to the next
-        last = torque[t - 1] if t else drive
-        angle[t], torque[t] = reading, drive
-        for part in range(STEPS):
-            begin, end = (last + (drive - last) * (part + s) / STEPS for s in (0, 1))
-            k1 = slope(x, begin)
-            k2 = slope(x + h / 2 * k1, (begin + end) / 2)
-            k3 = slope(x + h / 2 * k2, (begin + end) / 2)
-            x = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + slope(x + h * k3, end))
-    # the torque that acts at a tick is the command of the one before
-    acting = np.concatenate([torque[:1], torque[:-1]])
+        # the torque changes linearly to the command of this step until the next one
+        last = drive if last is None else last
+        angle[t], torque[t] = reading, last
+        middle = (last + drive) / 2
+        k1 = slope(x, last)
+        k2 = slope(x + h / 2 * k1, middle)
+        k3 = slope(x + h / 2 * k2, middle)
+        x = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + slope(x + h * k3, drive))
+        last = drive
+    time, angle, torque = time[::STEPS], angle[::STEPS], torque[::STEPS]
     noise = [
         np.random.default_rng(seed + 1000).normal(0, joint.torque_std, len(time))
         for joint, seed in zip(joints, seeds, strict=True)
@@ -201,7 +204,7 @@ def simulated_together(
             joint_names=("arm",),
             motor_position=angle[:, [place]],
             joint_position=np.full((len(time), 1), np.nan),
-            motor_torque=(acting[:, place] + own)[:, None],
+            motor_torque=(torque[:, place] + own)[:, None],
         )
         for place, own in enumerate(noise)
     ]

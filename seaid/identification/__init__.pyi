@@ -24,6 +24,7 @@ from .physical_consistency import FeasibleParameters as FeasibleParameters
 from .repeated_identification import CutoffSensitivity as CutoffSensitivity
 from .repeated_identification import cross_validate as cross_validate
 from .repeated_identification import cutoff_sensitivity as cutoff_sensitivity
+from .repeated_identification import validate as validate
 from .static_calibration import StaticCalibration as StaticCalibration
 from .static_calibration import Statics as Statics
 from .static_calibration import calibrate_statics as calibrate_statics
@@ -33,5 +34,4 @@ from .term_columns import TermComparison as TermComparison
 from .validation import Fit as Fit
 from .validation import Validation as Validation
 from .validation import compared as compared
-from .validation import validate as validate
 from .validation import verdict_with as verdict_with

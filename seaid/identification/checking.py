@@ -25,6 +25,7 @@ from seaid.errors import (
 from seaid.estimation import scaled_svd
 from seaid.identification.datasets import Source, datasets_by_log, first_motion, sources_of
 from seaid.identification.experiment import Experiment, experiment_of
+from seaid.identification.motor_side import with_regressed_angles, without_joint_encoder
 from seaid.identification.setup_hypotheses import encoder_slope, mistakes
 from seaid.log import Log, Motion, changed_source
 from seaid.regressor import INPUT_FIELDS
@@ -131,6 +132,9 @@ def check(
     """
     sources = sources_of(logs)
     in_memory = [one for one in sources if isinstance(one, Log)]
+    unseen = without_joint_encoder(robot, in_memory) if in_memory else ()
+    if unseen and len(in_memory) == len(sources):
+        sources = list(with_regressed_angles(robot, in_memory, unseen, cutoff_hz))
     first = log_findings(robot, in_memory)
     if any(one.code == "time-unit" for one in first):
         return SetupCheck(tuple(first), FrozenMapping({}, "joint"))

@@ -206,6 +206,8 @@ def _between(found: Identification, joint: str, names: Sequence[str], values: Ar
 
 def gear_findings(found: Identification) -> tuple[Finding, ...]:
     """Return a note on the joints whose stiffness includes that of the gear."""
+    if any(one.code == "motor-side" for one in found.findings):  # which says it
+        return ()
     joints = [
         joint
         for joint, estimate in found.drive_side.items()

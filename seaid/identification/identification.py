@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from itertools import product
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal
@@ -85,12 +84,11 @@ from seaid.identification.missing_terms import (
     with_default_terms,
 )
 from seaid.identification.motor_side import (
-    RIGID_BELOW,
-    STARTS,
+    BANDS,
     cutoff_of,
-    filled_by_model,
     motor_side_finding,
     resonance_findings,
+    start_by_regression,
     without_joint_encoder,
 )
 from seaid.identification.nonlinear_terms import with_fixed_warnings
@@ -360,7 +358,8 @@ def _identify(
             executor=executor,
         )
         with explained(findings):
-            return _from_motors(robot, logs_in_memory, unseen, cutoff_hz, fit, encoder_offset_std)
+            motors = _from_motors(robot, logs_in_memory, unseen, cutoff_hz, fit, encoder_offset_std)
+        return consistent_bodies(motors) if feasible else motors
     with explained(findings):
         groups = datasets_by_log(robot, sources, cutoff_hz, executor, progress)
         datasets = [one for group in groups for one in group]
@@ -428,10 +427,10 @@ def _from_motors(
     check_refinable(robot)
     cutoff_hz, problem = cutoff_of(robot, logs, joints, cutoff_hz), None
     tried: list[FirstEstimate] = []
-    for below, part in product(RIGID_BELOW, STARTS):
+    for part in BANDS:
         for consistent in (False, True):  # an inertia as estimated may not be one to simulate
             try:
-                filled = filled_by_model(robot, logs, joints, part * cutoff_hz, below * cutoff_hz)
+                filled = start_by_regression(robot, logs, joints, part * cutoff_hz).logs
                 start = fit(filled, cutoff_hz=cutoff_hz, feasible=consistent)
                 tried.append(first_estimate(start, logs))
                 break
@@ -518,12 +517,30 @@ def _feasible(robot: Robot, model: LoadModel, found: RobotEstimate) -> FeasibleP
     if found.whole is not None:
         return feasible_parameters(robot, model, found.whole, white_covariance=white)
     columns = len(found.load_side.names)  # without those of torque offsets
-    elastic, white = {}, white[:columns, :columns]
-    for joint in robot.elastic_joints:
-        drive, load = found.drives[joint], found.load_side.names
-        own = [i for i, name in enumerate(drive.names) if f"{name} of {joint}" not in load]
-        elastic[joint] = drive.part(own, [drive.names[i] for i in own])
+    elastic = _own_drives(robot, found.load_side, found.drives)
+    white = white[:columns, :columns]
     return feasible_parameters(robot, model, found.load_side, elastic, white_covariance=white)
+
+
+def _own_drives(
+    robot: Robot, load_side: Estimate, drives: Mapping[str, Estimate]
+) -> dict[str, Estimate]:
+    """Return the estimates of elastic drives, without what the load side contains."""
+    elastic = {}
+    for joint in robot.elastic_joints:
+        drive = drives[joint]
+        names = enumerate(drive.names)
+        own = [i for i, name in names if f"{name} of {joint}" not in load_side.names]
+        own = [i for i in own if drive.covariance[i, i] > 0]  # not what is zero by definition
+        elastic[joint] = drive.part(own, [drive.names[i] for i in own])
+    return elastic
+
+
+def consistent_bodies(found: Identification) -> Identification:
+    """Return a refined identification with the physically consistent bodies nearest to it."""
+    drives = _own_drives(found.known, found.load_side, found.drive_side)
+    nearest = feasible_parameters(found.known, found.model, found.load_side, drives)
+    return replace(found, feasible=nearest, robot=nearest.robot)
 
 
 def _identified_robot(robot: Robot, base: BaseParameters, sides: RobotEstimate) -> Robot:

@@ -19,39 +19,50 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.drives import StiffDrive, total_ratio
+from seaid.drives import total_ratio
 from seaid.errors import Finding
 from seaid.estimation import LEAST_STD, RANK_TOLERANCE, scaled_svd
-from seaid.identification.simulated_joints import fitted_robot, torque_jacobians
+from seaid.identification.simulated_joints import torque_jacobians, with_joints
 from seaid.identification.torque_offsets import TORQUE_OFFSET
 from seaid.identification.two_step import joints_with_torque
-from seaid.log import FEWEST_PERIODS, Log, Motion, low_pass, reconstruct_motions
+from seaid.log import (
+    FEWEST_PERIODS,
+    Log,
+    Motion,
+    decimated,
+    in_band_at,
+    low_pass,
+    reconstruct_motions,
+    row_samples,
+    spline_derivatives,
+)
 from seaid.regressor import (
     LoadModel,
     actuator_columns,
     base_parameters,
     load_columns,
     load_model,
-    load_regression,
 )
 from seaid.robot import Robot
 
 if TYPE_CHECKING:
     from seaid.identification.identification import Identification
 
-STARTS = (0.4, 1.0, 0.16, 2.5)
-"""Antiresonances over the cutoff from which the fit starts, until only noise is left of the torque;
-else the best one goes on. From 0.3 to 10 times the true stiffness short windows led there for a
-motion that hardly excites the resonance, from a smaller range if it does: on the plants of
-scripts/benchmarks/motor_side.py, on which the list was chosen."""
+BANDS = (0.25, 0.5, 0.125)
+"""Parts of the cutoff below which a regression starts the fit. It is a good start where the motion
+fills the band, a quarter of the proposed cutoff for a multisine; above are derivatives of noise."""
 
-RIGID_BELOW = (1.0, 0.1)
-"""Parts of the cutoff up to which the robot counts as rigid in the first regression."""
+_TRIED_HZ = np.geomspace(0.05, 4.0, 20)
+"""Antiresonances over the band that the regression tries, by the apparent inertia of the motor."""
 
-_WEIGHTINGS = 3
+_SWEEPS, _WEIGHTINGS, _FACTORS = 3, 3, (0.6, 0.8, 1.25, 1.6)
+"""Regressions at a compliance, for its friction, and of joints by their errors; then changes of one
+compliance at a time."""
 
 SAMPLES = 8
 """Samples per period of an oscillation that a log shows."""
+
+_OF_SPRING = ("stiffness", "spring_offset")
 
 POORLY_KNOWN, _WANTED = 0.1, 0.03
 """Relative standard error of a stiffness from which it has a finding, and the one wanted."""
@@ -79,8 +90,9 @@ def motor_side_finding(joints: Sequence[str]) -> Finding:
     return Finding(
         "motor-side",
         f"{', '.join(joints)}: no sensor behind the spring, so that stiffness and load come from "
-        "motor angle and torque by output error; the joint angle is that of the motor over the "
-        "gear ratio at a spring without force",
+        "motor angle and torque by output error; the stiffness is that of gear, spring and link in "
+        "series, and the joint angle that of the motor over the gear ratio at a spring without "
+        "force",
         joints[0] if len(joints) == 1 else "",
         "note",
         certainty="certain",
@@ -135,38 +147,6 @@ def with_joint_angles(
     return with_angles(log, motions, angles)
 
 
-def rigid_robot(robot: Robot, joints: Sequence[str]) -> Robot:
-    """Return the robot with rigid drives in place of the springs of some joints."""
-    drives = dict(robot.drives)
-    for joint in joints:
-        old = drives[joint]
-        per_m = old.joint_units[1] == "m"
-        drives[joint] = StiffDrive(
-            gear_ratio=None if per_m else total_ratio(robot.drives[joint]),
-            gear_ratio_rad_per_m=total_ratio(robot.drives[joint]) if per_m else None,
-            motor_inertia_kg_m2=old.motor_inertia_kg_m2,
-            friction=(*old.friction, "offset"),
-            torque_ripple=old.torque_ripple,
-        )
-    return robot.with_values(robot.parameters, drives)
-
-
-@dataclass(frozen=True, eq=False)
-class RigidFit:
-    """The regression of rigid drives in place of springs without a sensor behind them.
-
-    `torques` are those on the load along each of the `motions` of each log, by `model` at `x` (p,);
-    `inertia` (n,) is that about each joint.
-    """
-
-    model: LoadModel
-    x: Array
-    logs: Sequence[Log]
-    motions: Sequence[Sequence[Motion]]
-    torques: Sequence[Sequence[Array]]
-    inertia: Array
-
-
 def cutoff_of(
     robot: Robot, logs: Sequence[Log], joints: Sequence[str], cutoff_hz: float | None
 ) -> float:
@@ -177,62 +157,139 @@ def cutoff_of(
     return min(reconstruct_motions(robot, log)[0].cutoff_hz for log in rigid)
 
 
-def fit_rigid(
-    robot: Robot, logs: Sequence[Log], joints: Sequence[str], cutoff_hz: float
-) -> RigidFit:
-    """Return the regression of the robot with rigid drives instead of the springs of `joints`."""
-    rigid = rigid_robot(robot, joints)
-    logs = [with_rigid_angles(robot, log, joints) for log in logs]
-    motions = [reconstruct_motions(rigid, log, cutoff_hz) for log in logs]
-    every = [one for group in motions for one in group]
-    used = [one for one in joints_with_torque(rigid, every) if one not in rigid.elastic_joints]
-    model = load_model(rigid, base_parameters(rigid, torque_joints=used), used)
-    rows = [load_regression(rigid, one, model, {}) for one in every]
-    H, y, joint = (np.concatenate([getattr(one, x) for one in rows]) for x in ("H", "y", "joint"))
-    weight = np.ones(len(y))
-    for _ in range(_WEIGHTINGS):
-        x = scaled_svd(H * weight[:, None]).solve(y * weight, RANK_TOLERANCE)
-        for own in (joint == j for j in np.unique(joint)):
-            weight[own] = 1 / max(float(np.sqrt(np.mean((y - H @ x)[own] ** 2))), LEAST_STD)
-    torques = [[_load_torque(rigid, one, model, x) for one in group] for group in motions]
-    inertia = inertia_about(fitted_robot(rigid, model, x), every[0])
-    return RigidFit(model, x, logs, motions, torques, inertia)
+@dataclass(frozen=True, eq=False)
+class MotorSide:
+    """A motion, and what (7) says of the torques on the loads of joints without a sensor there.
+
+    `joints` are their places; `torque` (T, joints) is that without friction, from which `friction`
+    (T, joints, f) times its parameters is subtracted.
+    """
+
+    motion: Motion
+    joints: list[int]
+    torque: Array
+    friction: Array
+
+    def moved(self, compliance: Array, friction: Array) -> Motion:
+        """Return the motion with the joint positions of (7) and (4b), below twice the cutoff."""
+        motion, q = self.motion, self.motion.joint_position.copy()
+        q[:, self.joints] -= compliance * (self.torque - self.friction @ friction)
+        q = low_pass(q, motion.rate_hz, 2 * motion.cutoff_hz)
+        states = spline_derivatives(motion.time, q[:, self.joints])
+        return with_joints(motion, self.joints, states)
 
 
-def _load_torque(rigid: Robot, motion: Motion, model: LoadModel, x: Array) -> Array:
-    """Return the torques (T, joints of the model) of the bodies below the cutoff."""
-    _, payload, H, _ = load_columns(rigid, motion, model, {})
-    p = len(model.base.columns)
-    return low_pass(payload + H[:, :, :p] @ x[:p], motion.rate_hz, motion.cutoff_hz)
+def _motor_side(robot: Robot, motion: Motion, joints: Sequence[str]) -> MotorSide:
+    """Return the motor side below twice the cutoff, with few samples."""
+    torques, columns = [], []
+    for joint in joints:
+        regressor, zeta, R = actuator_columns(robot, motion, joint)
+        own = [i for i, name in enumerate(regressor.names) if name not in _OF_SPRING]
+        ratio = total_ratio(robot.drives[joint])
+        torques.append(ratio * zeta)
+        columns.append(ratio * R[:, own])
+    ends = np.cumsum([0, *(part.shape[1] for part in columns)])
+    friction = np.zeros((len(motion.time), len(joints), ends[-1]))
+    for row, part in enumerate(columns):
+        friction[:, row, ends[row] : ends[row + 1]] = part
+    few = max(1, int(motion.rate_hz / (SAMPLES * 2 * motion.cutoff_hz)))
+
+    def smooth(signal: Array) -> Array:
+        return low_pass(signal, motion.rate_hz, 2 * motion.cutoff_hz)[::few]
+
+    flat = smooth(friction.reshape(len(friction), -1)).reshape(-1, *friction.shape[1:])
+    places = [robot.index(joint) for joint in joints]
+    return MotorSide(decimated(motion, few), places, smooth(np.column_stack(torques)), flat)
 
 
-def filled_by_model(
-    robot: Robot,
-    logs: Sequence[Log],
-    joints: Sequence[str],
-    antiresonance_hz: float,
-    rigid_below_hz: float,
-) -> list[Log]:
-    """Return the logs with joint positions by the load torques of a rigid robot.
+@dataclass(frozen=True, eq=False)
+class Start:
+    """Logs with the angles of a regression in a band, and what it leaves of the torques."""
 
-    The springs are those with an antiresonance, of the joint with a locked motor, at the given
-    frequency. Far below it the robot moves like a rigid one, above it as if its inertia were
-    negative. No noise of a torque is in these angles, so that a regression starts well with them.
+    misfit: float
+    logs: list[Log]
+
+
+def start_by_regression(
+    robot: Robot, logs: Sequence[Log], joints: Sequence[str], band_hz: float
+) -> Start:
+    """Return the logs with joint positions by the springs that best explain the motor torques.
+
+    At given compliances and friction (7) and (4b) give the joint positions, and (7) in (8) is
+    linear in the parameters of bodies and friction. The search is over the compliances alone.
     """
     shortest_s = min(float(log.time[-1] - log.time[0]) for log in logs)
-    lowest_hz = 1.2 * FEWEST_PERIODS / shortest_s
-    fit = fit_rigid(robot, logs, joints, max(rigid_below_hz, lowest_hz))
+    band_hz = max(band_hz, 1.2 * FEWEST_PERIODS / shortest_s)
+    rigid = [with_rigid_angles(robot, log, joints) for log in logs]
+    grouped = [reconstruct_motions(robot, log, band_hz) for log in rigid]
+    sides = [[_motor_side(robot, one, joints) for one in group] for group in grouped]
+    every = [one for group in sides for one in group]
+    stiff = [joint for joint in robot.joint_names if joint not in robot.elastic_joints]
+    sensed = joints_with_torque(robot, [one.motion for one in every])
+    used = [one for one in robot.joint_names if one in joints or (one in stiff and one in sensed)]
+    model = load_model(robot, base_parameters(robot, torque_joints=used), used)
+
+    def fit(compliance: Array) -> tuple[float, Array]:
+        friction = np.zeros(every[0].friction.shape[2])
+        for _ in range(_SWEEPS):
+            misfit, friction = _regressed(robot, model, every, compliance, friction)
+        return misfit, friction
+
+    torque = np.concatenate([one.torque for one in every])
+    motion = np.concatenate([one.motion.joint_acceleration[:, one.joints] for one in every])
+    inertia = np.sqrt(np.mean(torque**2, axis=0) / np.mean(motion**2, axis=0))
+    tried = [1 / (inertia * (2 * np.pi * band_hz * part) ** 2) for part in _TRIED_HZ]
+    best = min(tried, key=lambda one: fit(one)[0])
+    for row in [*range(len(joints))] * 2:
+        near = [best * np.where(np.arange(len(joints)) == row, x, 1.0) for x in (1.0, *_FACTORS)]
+        best = min(near, key=lambda one: fit(one)[0])
+    misfit, friction = fit(best)
     filled = []
-    for log, motions, torques in zip(fit.logs, fit.motions, fit.torques, strict=True):
-        angles: list[dict[str, Array]] = [{} for _ in motions]
-        for joint in joints:
-            index, row = robot.index(joint), fit.model.torque_joints.index(joint)
-            rate = fit.inertia[index] * (2 * np.pi * antiresonance_hz) ** 2  # k r_L^2
-            for own, motion, torque in zip(angles, motions, torques, strict=True):
-                rigid = motion.motor_position[:, index] / total_ratio(robot.drives[joint])
-                own[joint] = rigid - torque[:, row] / rate
-        filled.append(with_angles(log, motions, angles))
-    return filled
+    for log, group in zip(rigid, sides, strict=True):
+        moved = [one.moved(best, friction) for one in group]
+        columns = dict(zip(joints, every[0].joints, strict=True))
+        angles = [{j: one.joint_position[:, at] for j, at in columns.items()} for one in moved]
+        filled.append(with_angles(log, moved, angles))
+    return Start(misfit, filled)
+
+
+def with_regressed_angles(
+    robot: Robot, logs: Sequence[Log], joints: Sequence[str], cutoff_hz: float | None
+) -> list[Log]:
+    """Return the logs with the joint positions of the regression that explains them best."""
+    cutoff_hz = cutoff_of(robot, logs, joints, cutoff_hz)
+    starts = [start_by_regression(robot, logs, joints, part * cutoff_hz) for part in BANDS]
+    return min(starts, key=lambda one: one.misfit).logs
+
+
+def _regressed(
+    robot: Robot, model: LoadModel, sides: Sequence[MotorSide], compliance: Array, friction: Array
+) -> tuple[float, Array]:
+    """Return the misfit of a regression at compliances, and its friction.
+
+    The misfit is the mean log of the rms error over that of the torque; joints are weighted by it.
+    """
+    none = {robot.joint_names[joint]: np.zeros(len(_OF_SPRING)) for joint in sides[0].joints}
+    rows = [model.torque_joints.index(joint) for joint in none]
+    parts = []
+    for one in sides:
+        motion = one.moved(compliance, friction)
+        torque, payload, H, _ = load_columns(robot, motion, model, none)
+        torque[:, rows] = one.torque
+        own = np.zeros((*H.shape[:2], one.friction.shape[2]))
+        own[:, rows] = one.friction
+        whole = np.concatenate([H, own, (torque - payload)[:, :, None]], axis=2)
+        parts.append(in_band_at(motion, whole, row_samples(motion)))
+    whole = np.concatenate(parts)
+    size = np.sqrt(np.mean(whole[:, :, -1] ** 2, axis=0))
+    weight = 1 / np.maximum(size, LEAST_STD)
+    for _ in range(_WEIGHTINGS):
+        scaled = (whole * weight[:, None]).reshape(-1, whole.shape[2])
+        x = scaled_svd(scaled[:, :-1]).solve(scaled[:, -1], RANK_TOLERANCE)
+        left = np.sqrt(np.mean((whole[:, :, -1] - whole[:, :, :-1] @ x) ** 2, axis=0))
+        weight = 1 / np.maximum(left, LEAST_STD)
+    misfit = float(np.mean(np.log(np.maximum(left, LEAST_STD) / np.maximum(size, LEAST_STD))))
+    return misfit, x[len(x) - len(friction) :]
 
 
 def inertia_about(robot: Robot, motion: Motion) -> Array:

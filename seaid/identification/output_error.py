@@ -429,7 +429,7 @@ def _blocks(run: Run, columns: Array, still: BoolArray, free: int) -> Residuals:
 
 _AT_NOISE, _SMALLEST_TORQUE = 3.0, 1e-6
 """Residual torque over the noise between samples at which a first estimate is not in a wrong
-minimum, where it was 10 to 60 times on the plants of scripts/benchmarks/motor_side.py; and the
+minimum, where it was 10 to 60 times on three plants of scripts/benchmarks/motor_side.py; and the
 least noise [N m] of a log."""
 
 _SETTLED, _CLOSE = 1e-3, 0.05
@@ -547,6 +547,20 @@ def refined_with_logs(
     return refined, logs
 
 
+def simulated_from_motors(found: Identification, log: Log) -> Log:
+    """Return a log with the angles of joints without a sensor there, simulated by the model.
+
+    The motors turn as measured; only the initial state of each window is fitted to their torques.
+    """
+    unseen = without_joint_encoder(found.known, [log])
+    if not unseen:
+        return log
+    _check_start(found)
+    layout = layout_of(found, 0.0, unseen)
+    _, here = _iterated(layout, _filled(layout, [log], layout.start), layout.start, 0, False)
+    return _simulated_log(layout, log, here.runs)
+
+
 @dataclass(frozen=True, eq=False)
 class FirstEstimate:
     """A fit in short windows: its merit, and the logs with the simulated angles of unseen joints.
@@ -565,13 +579,20 @@ def first_estimate(found: Identification, logs: list[Log]) -> FirstEstimate:
     filled = _filled(layout, logs, layout.start)
     _, here = _iterated(layout, filled, layout.start, _FIRST_STEPS, False, SHORT_WINDOW_S)
     own = len(layout.simulated) + np.flatnonzero(np.isin(layout.simulated, layout.unseen))
-    columns = [found.known.index(joint) for joint in layout.unseen]
-    noise = [max(white_noise(log.motor_torque[:, column]) for log in logs) for column in columns]
+    noise = [_motor_noise(found.known, joint, logs, here.runs) for joint in layout.unseen]
     if any(here.x[layout.spring(joint)[0]] <= 0 for joint in layout.unseen):
         raise IdentificationError("the search of the stiffness ended below zero")
     left = here.step.stds[own] <= _AT_NOISE * np.maximum(noise, _SMALLEST_TORQUE)
     simulated = [_simulated_log(layout, log, here.runs) for log in logs]
     return FirstEstimate(here.step.merit, simulated, bool(np.all(left)))
+
+
+def _motor_noise(robot: Robot, joint: str, logs: list[Log], runs: list[Run]) -> float:
+    """Return the noise of a motor torque, and of its encoder in the rotor's acceleration."""
+    index, inertia = robot.index(joint), robot.drives[joint].values.get("motor_inertia", 0.0)
+    torque = max(white_noise(log.motor_torque[:, index]) for log in logs)
+    rotor = max(white_noise(run.motion.motor_acceleration[:, index]) for run in runs)
+    return float(np.hypot(torque, inertia * rotor))
 
 
 def _iterated(

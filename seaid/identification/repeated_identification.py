@@ -1,12 +1,13 @@
-"""The same identification of several data: cross-validation, and the sensitivity to the cutoff.
+"""Identifications and other data: validation, cross-validation, the sensitivity to the cutoff.
 
-`cross_validate` validates each log on the model identified from all the others.
+`validate` predicts the torques of another log; `cross_validate` validates each log on the
+model identified from all the others.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -15,13 +16,112 @@ import numpy as np
 
 from seaid._arrays import Array, frozen
 from seaid._progress import Result, counted, track
-from seaid.errors import IdentificationError, SeaidError, checked
+from seaid.errors import Finding, IdentificationError, SeaidError, checked
+from seaid.identification.adequacy import NOTHING, PART
 from seaid.identification.datasets import Source
 from seaid.identification.identification import Identification, identify
 from seaid.identification.missing_terms import with_closed_terms
-from seaid.identification.validation import Validation, validate
-from seaid.log import Log
+from seaid.identification.motor_side import without_joint_encoder
+from seaid.identification.output_error import simulated_from_motors
+from seaid.identification.validation import Fit, Validation, compared
+from seaid.log import Log, reconstruct_motions
 from seaid.robot import Robot
+
+
+@checked(IdentificationError)
+def validate(identification: Identification, log: Log) -> Validation:
+    """Predict the torques of another log and compare them with the measured ones.
+
+    Parameters
+    ----------
+    identification : Identification
+        The identified model.
+    log : Log
+        A log that was not used in the identification. All its instants count, standstill included,
+        but for the filter transients at its ends and around gaps in time.
+
+    Returns
+    -------
+    Validation
+
+    Raises
+    ------
+    LogError
+        If the log does not fit the robot.
+
+    Examples
+    --------
+    >>> seaid.validate(result, seaid.read_log("other.csv", robot)).load.relative_error
+    """
+    unseen = without_joint_encoder(identification.known, [log])
+    log = simulated_from_motors(identification, log)
+    motions = reconstruct_motions(identification.robot, log, identification.cutoff_hz)
+    result = compared(identification, *motions)
+    places = [identification.known.index(joint) for joint in unseen]
+    result = replace(result, load=_without(result.load, places))
+    found = [*_contradictions(identification, result, places), *_not_measured(unseen)]
+    return replace(result, warnings=tuple(found))
+
+
+def _without(fit: Fit, joints: Sequence[int]) -> Fit:
+    """Return a fit without the values of some joints."""
+    values = {one.name: getattr(fit, one.name).copy() for one in fields(fit)}
+    for value in values.values():
+        value[..., joints] = np.nan
+    return Fit(**values)
+
+
+def _not_measured(joints: Sequence[str]) -> Iterator[Finding]:
+    if joints:
+        yield Finding(
+            "motor-side",
+            f"the log has no sensor behind the spring of {', '.join(joints)}: the joint is "
+            "simulated from the motor angle, and the motor torque compared; there is no measured "
+            "torque on its load to compare",
+            joints[0] if len(joints) == 1 else "",
+            "note",
+            certainty="certain",
+        )
+
+
+_ABOVE_OWN = 2.0
+"""Multiple of the error in the own logs from which an error on another motion contradicts them."""
+
+
+def _contradictions(
+    identification: Identification, result: Validation, unseen: Sequence[int]
+) -> Iterator[Finding]:
+    """Yield the joints whose torque on the load is not predicted, worse than in the own logs.
+
+    It is the motor torque of joints whose load side was not measured.
+    """
+    is_unseen = np.isin(np.arange(len(result.joints)), unseen)
+
+    def of(one: Validation, name: str) -> Array:
+        return np.asarray(np.where(is_unseen, getattr(one.actuator, name), getattr(one.load, name)))
+
+    errors = np.sqrt(np.maximum(1 - of(result, "r_squared"), 0))  # over that of a constant torque
+    suspects = [place for place, error in enumerate(errors) if error > PART]
+    if not suspects or not identification.motions:
+        return
+    own = [of(compared(identification, one), "rms_error") for one in identification.motions]
+    where = {False: "on the load", True: "of the motor"}
+    for place in suspects:
+        joint, error = result.joints[place], errors[place]
+        ratio = of(result, "rms_error")[place] / np.max([each[place] for each in own])
+        if ratio > _ABOVE_OWN:
+            yield Finding(
+                "unseen-motion",
+                f"the model does not predict the torque {where[is_unseen[place]]} of {joint} in "
+                "another motion: "
+                f"its error is {error:.0%} of the torque, that of a constant 100%, and "
+                f"{ratio:.2g} times that in the own logs",
+                joint,
+                "wrong" if error > NOTHING else "doubtful",
+                {"error": float(error), "over that in the own logs": float(ratio)},
+                "check that payload, mounting, encoder zeros and columns of both logs are the same "
+                "and that nothing touched the robot; if so, identify from both logs",
+            )
 
 
 @checked(IdentificationError)

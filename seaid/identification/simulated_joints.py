@@ -250,7 +250,7 @@ def smoothed(motion: Motion, joints: list[int]) -> Motion:
     """Return the motion with some joints low-passed, for the linearisation."""
     band = _START_BAND * motion.cutoff_hz
     smooth = low_pass(motion.joint_position[:, joints], motion.rate_hz, band)
-    return _with_joints(motion, joints, spline_derivatives(motion.time, smooth))
+    return with_joints(motion, joints, spline_derivatives(motion.time, smooth))
 
 
 def _response(inside: TorqueJacobians, force: Array, step: float, windows: int) -> Response:
@@ -300,10 +300,10 @@ def _moved(
     ]
     if np.any(np.max(np.abs(states[0] - reading), axis=0) > np.ptp(reading, axis=0)):
         raise IdentificationError(_DIVERGED, "estimator='wls'")
-    return _with_joints(motion, joints, states)
+    return with_joints(motion, joints, states)
 
 
-def _with_joints(
+def with_joints(
     motion: Motion, joints: list[int], states: tuple[Array, ...] | list[Array]
 ) -> Motion:
     """Return the motion with position, velocity and acceleration of some joints replaced."""

@@ -1,20 +1,20 @@
-"""Validation: predicted against measured torques of logs not used in the identification."""
+"""Predicted against measured torques of logs, by the equations of both sides."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from seaid._arrays import Array, BoolArray
 from seaid._progress import Display, Result, sampled_text
-from seaid.errors import Finding, IdentificationError, by_severity, checked
-from seaid.identification.adequacy import NOTHING, PART, Verdict, verdict_of
+from seaid.errors import Finding, by_severity
+from seaid.identification.adequacy import Verdict, verdict_of
 from seaid.identification.gear import for_sensors
 from seaid.identification.torque_offsets import TORQUE_OFFSET
-from seaid.log import Log, Motion, in_band, reconstruct_motions, standstill
+from seaid.log import Motion, in_band, standstill
 from seaid.regressor import (
     INPUTS,
     actuator_columns,
@@ -108,70 +108,12 @@ class Validation(Result):
         }
 
 
-@checked(IdentificationError)
-def validate(identification: Identification, log: Log) -> Validation:
-    """Predict the torques of another log and compare them with the measured ones.
-
-    Parameters
-    ----------
-    identification : Identification
-        The identified model.
-    log : Log
-        A log that was not used in the identification. All its instants count, standstill included,
-        but for the filter transients at its ends and around gaps in time.
-
-    Returns
-    -------
-    Validation
-
-    Raises
-    ------
-    LogError
-        If the log does not fit the robot.
-
-    Examples
-    --------
-    >>> seaid.validate(result, seaid.read_log("other.csv", robot)).load.relative_error
-    """
-    motions = reconstruct_motions(identification.robot, log, identification.cutoff_hz)
-    result = compared(identification, *motions)
-    return replace(result, warnings=tuple(_contradictions(identification, result)))
-
-
 def verdict_with(
     identification: Identification, results: Iterable[Validation | ReplayComparison]
 ) -> Verdict:
     """Return the verdict on an identification, its validations and replays together."""
     found = [*identification.warnings, *(one for each in results for one in each.warnings)]
     return verdict_of(by_severity(found), identification.joint_fits)
-
-
-_ABOVE_OWN = 2.0
-"""Multiple of the error in the own logs from which an error on another motion contradicts them."""
-
-
-def _contradictions(identification: Identification, result: Validation) -> Iterator[Finding]:
-    """Yield the joints whose torque on the load is not predicted, worse than in the own logs."""
-    errors = np.sqrt(np.maximum(1 - result.load.r_squared, 0))  # over that of a constant torque
-    suspects = [place for place, error in enumerate(errors) if error > PART]
-    if not suspects or not identification.motions:
-        return
-    own = [compared(identification, motion).load.rms_error for motion in identification.motions]
-    for place in suspects:
-        joint, error = result.joints[place], errors[place]
-        ratio = result.load.rms_error[place] / np.max([each[place] for each in own])
-        if ratio > _ABOVE_OWN:
-            yield Finding(
-                "unseen-motion",
-                f"the model does not predict the torque on the load of {joint} in another motion: "
-                f"its error is {error:.0%} of the torque, that of a constant 100%, and "
-                f"{ratio:.2g} times that in the own logs",
-                joint,
-                "wrong" if error > NOTHING else "doubtful",
-                {"error": float(error), "over that in the own logs": float(ratio)},
-                "check that payload, mounting, encoder zeros and columns of both logs are the same "
-                "and that nothing touched the robot; if so, identify from both logs",
-            )
 
 
 def compared(identification: Identification, *given: Motion) -> Validation:

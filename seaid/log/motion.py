@@ -439,7 +439,10 @@ def _check_positions(robot: Robot, joint: Array, motor: Array) -> None:
         if robot.drives[name].is_elastic:
             if no_joint or no_motor:
                 side = "joint" if no_joint else "motor"
-                hint = "; without it, identify needs the motor torque of a log in memory (read_log)"
+                hint = (
+                    "; with motor angle and motor torque alone, identify needs the log in memory, "
+                    "of read_log and not in pieces"
+                )
                 raise LogError(
                     f"elastic joint '{name}' needs its {side} position in the log"
                     f"{hint if no_joint and not no_motor else ''}"

@@ -14,7 +14,7 @@ from seaid.errors import IdentificationError, RobotError
 from seaid.identification.conditions import identify_conditions
 from seaid.identification.identification import Identification, identify
 from seaid.identification.output_error import refine
-from seaid.identification.validation import validate
+from seaid.identification.repeated_identification import validate
 from seaid.log.log import Log
 from seaid.robot.robot import Robot
 from seaid.simulation.plant import plant_of

@@ -15,7 +15,7 @@ from seaid.errors import ExcitationError, IdentificationError, LogError, RobotEr
 from seaid.estimation.least_squares import Orthonormal, orthonormal
 from seaid.estimation.qr_factor import QRFactor
 from seaid.identification.identification import Identification, identify
-from seaid.identification.validation import validate
+from seaid.identification.repeated_identification import validate
 from seaid.log.reading import Log
 from seaid.regressor.rigid_body import joint_torques
 from seaid.robot.robot import load_robot

@@ -6,11 +6,21 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
 import seaid
-from scripts.benchmarks.motor_side import ANYDRIVE, JOINTS, Joint, errors, robot_of, simulated
+from scripts.benchmarks.motor_side import (
+    ANYDRIVE,
+    JOINTS,
+    Joint,
+    errors,
+    multisine,
+    random_joint,
+    robot_of,
+    simulated,
+)
 from seaid.drives import total_ratio
 from seaid.drives.drives import SeriesElasticDrive
 from seaid.errors import IdentificationError, LogError
@@ -130,8 +140,102 @@ def test_a_file_without_joint_position_is_read(robot: Robot, tmp_path: Path) -> 
     seaid.write_log(log_of(ANYDRIVE), path)
     log = seaid.read_log(path, robot)
     assert without_joint_encoder(robot, [log]) == ("arm",)
-    with pytest.raises(LogError, match="identify needs the motor torque of a log in memory"):
+    with pytest.raises(LogError, match="identify needs the log in memory, of read_log"):
         reconstruct_motion(robot, log)
+    with pytest.raises(LogError, match="not in pieces"):
+        identify(robot, path)
+
+
+def test_a_right_set_up_is_checked_without_a_finding(robot: Robot) -> None:
+    assert seaid.check(robot, log_of(ANYDRIVE)).warnings == ()
+
+
+def test_bodies_are_physically_consistent_if_wanted(robot: Robot, tmp_path: Path) -> None:
+    result = identify(robot, log_of(ANYDRIVE), feasible=True)
+    assert result.feasible is not None
+    seaid.write_urdf(result, tmp_path / "found.urdf")  # which refuses inconsistent bodies
+    written = seaid.load_robot(tmp_path / "found.urdf")
+    base = result.base.project(written.parameters)
+    assert np.all(np.abs(base - result.load.values) < 3 * result.load.standard_errors)
+
+
+def test_another_log_is_predicted_by_its_motor_torque(found: Identification) -> None:
+    result = seaid.validate(found, log_of(ANYDRIVE, seed=1))
+    assert result.actuator.relative_error[0] < 0.01
+    assert np.isnan(result.load.relative_error[0])
+    assert np.all(np.isnan(result.load.measured))
+    (note,) = result.warnings
+    assert "no measured torque on its load" in note.message
+    assert note.severity == "note"
+    assert "motor-side" in str(result.summary())
+
+
+def test_another_joint_is_not_predicted(found: Identification) -> None:
+    heavier = replace(ANYDRIVE, mass=1.5 * ANYDRIVE.mass, k=0.5 * ANYDRIVE.k)
+    result = seaid.validate(found, log_of(heavier, seed=1))
+    (finding,) = [one for one in result.warnings if one.code == "unseen-motion"]
+    assert "torque of the motor of arm" in finding.message
+    assert finding.severity in ("wrong", "doubtful")
+
+
+@pytest.mark.parametrize("number", [4, 5, 6])
+def test_random_joints_whose_search_once_ended_elsewhere(number: int, tmp_path: Path) -> None:
+    """From the antiresonance of a rigid robot these ended in wrong minima, or nowhere."""
+    joint = random_joint(number)
+    error = errors(joint, identify(robot_of(joint, tmp_path), log_of(joint, seed=number)))
+    assert abs(error["k"]) < 0.01
+    assert abs(error["resonance"]) < 0.005
+
+
+def mujoco_log(joint: Joint, duration: float = 8.0) -> Log:
+    """Return the log of the motor side of a joint in MuJoCo, with a link on a torsion bar."""
+    step_s, parts, n = 1e-4, 10, joint.ratio
+    model = mujoco.MjModel.from_xml_string(
+        f"""<mujoco><option timestep="{step_s}" integrator="implicitfast" gravity="0 0 -9.81"/>
+        <worldbody>
+        <body><joint name="motor" axis="0 1 0" armature="{joint.rotor * n**2}"
+        damping="{joint.viscous * n**2}" frictionloss="{joint.coulomb * n}"
+        solreffriction="0.001 1"/>
+        <inertial pos="0 0 0" mass="1e-9" diaginertia="1e-12 1e-12 1e-12"/></body>
+        <body><joint name="arm" axis="0 1 0"/><inertial pos="0 0 {-joint.length}"
+        mass="{joint.mass}" diaginertia="{joint.inertia} {joint.inertia} 1e-3"/></body>
+        </worldbody><tendon><fixed name="spring" stiffness="{joint.k}" springlength="0">
+        <joint joint="motor" coef="1"/><joint joint="arm" coef="-1"/></fixed></tendon>
+        <actuator><motor joint="motor"/></actuator></mujoco>"""
+    )
+    data, ticks = mujoco.MjData(model), np.arange(round(duration / step_s)) * step_s
+    rates, sizes = multisine(joint, duration, 3)
+    waves = sizes * np.exp(1j * np.outer(ticks, rates))
+    wanted, speed = np.real(waves.sum(axis=1)), np.real((1j * rates * waves).sum(axis=1))
+    inertia = joint.load + joint.rotor * n**2
+    data.qpos[:], data.qvel[:] = wanted[0], speed[0]
+    logged = np.empty((len(ticks) // parts, 2))
+    for tick in range(len(ticks)):
+        error = wanted[tick] - data.qpos[0], speed[tick] - data.qvel[0]
+        data.ctrl[0] = inertia * (90.0**2 * error[0] + 2 * 90.0 * error[1])
+        if tick % parts == 0:
+            logged[tick // parts] = n * data.qpos[0], data.ctrl[0] / n
+        mujoco.mj_step(model, data)
+    rng = np.random.default_rng(0)
+    count = 2 * np.pi / joint.counts
+    return Log(
+        time=ticks[::parts],
+        joint_names=("arm",),
+        motor_position=np.round(logged[:, :1] / count) * count,
+        joint_position=np.full((len(logged), 1), np.nan),
+        motor_torque=logged[:, 1:] + rng.normal(0, joint.torque_std, (len(logged), 1)),
+    )
+
+
+@pytest.mark.parametrize("name", ["ANYdrive-like", "TULip-like knee"])
+def test_a_joint_of_mujoco(name: str, tmp_path: Path) -> None:
+    joint = JOINTS[name]
+    result = identify(robot_of(joint, tmp_path), mujoco_log(joint))
+    error = errors(joint, result)
+    assert abs(error["k"]) < 0.01
+    assert abs(error["resonance"]) < 0.005
+    assert abs(error["J"]) < 0.02
+    assert [one for one in result.warnings if one.severity != "note"] == []
 
 
 @pytest.mark.slow  # three plants of 10 s in Python, and three searches

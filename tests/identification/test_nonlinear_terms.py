@@ -18,7 +18,7 @@ from seaid.errors import IdentificationError, LogError, RobotError, SeaidError
 from seaid.identification.conditions import identify_conditions
 from seaid.identification.identification import Identification, identify
 from seaid.identification.output_error import refine
-from seaid.identification.validation import validate
+from seaid.identification.repeated_identification import validate
 from seaid.log.long_log import open_long_log
 from seaid.log.motion import Motion
 from seaid.log.reading import Log, write_log

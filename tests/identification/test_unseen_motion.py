@@ -10,7 +10,8 @@ import pytest
 
 import seaid
 from seaid.identification.identification import Identification, identify
-from seaid.identification.validation import Validation, validate, verdict_with
+from seaid.identification.repeated_identification import validate
+from seaid.identification.validation import Validation, verdict_with
 from seaid.simulation.simulation import measure
 from tests.experiments import LEG_SENSORS, TEST_MASS, leg, leg_motion
 

@@ -9,7 +9,7 @@ import pytest
 
 from seaid.errors import LogError
 from seaid.identification.identification import identify
-from seaid.identification.validation import validate
+from seaid.identification.repeated_identification import validate
 from seaid.log.filtering import low_pass
 from seaid.simulation.simulation import Noise, measure
 from tests.experiments import (

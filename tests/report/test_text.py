@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from seaid.identification.identification import identify
-from seaid.identification.validation import validate
+from seaid.identification.repeated_identification import validate
 from seaid.report.text import (
     drive_table,
     identification_table,

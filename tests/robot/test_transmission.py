@@ -35,8 +35,8 @@ from seaid.excitation.objective import load_target
 from seaid.identification import Method
 from seaid.identification.identification import Identification, identify
 from seaid.identification.output_error import refine
+from seaid.identification.repeated_identification import validate
 from seaid.identification.simulated_joints import driven_motion
-from seaid.identification.validation import validate
 from seaid.log.custom_columns import both_sides
 from seaid.log.motion import Motion, reconstruct_motion
 from seaid.log.reading import Log
