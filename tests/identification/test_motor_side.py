@@ -20,6 +20,7 @@ from scripts.benchmarks.motor_side import (
     random_joint,
     robot_of,
     simulated,
+    simulated_together,
 )
 from seaid.drives import total_ratio
 from seaid.drives.drives import SeriesElasticDrive
@@ -37,10 +38,21 @@ from seaid.report.text import short_text
 from seaid.robot.robot import Robot
 from tests.experiments import leg, leg_motion, perfect_log
 
+HEAVIER = replace(ANYDRIVE, mass=1.5 * ANYDRIVE.mass, k=0.5 * ANYDRIVE.k)
+ONCE_WRONG = (4, 5, 6)
+
 
 @cache
-def log_of(joint: Joint, duration: float = 10.0, seed: int = 0) -> Log:
-    return simulated(joint, duration, seed)
+def together() -> dict[tuple[Joint, int], Log]:
+    """Return the logs of most tests, which are integrated at once."""
+    cases = [(ANYDRIVE, 0), (ANYDRIVE, 1), (HEAVIER, 1)]
+    cases += [(random_joint(number), number) for number in ONCE_WRONG]
+    joints, seeds = zip(*cases, strict=True)
+    return dict(zip(cases, simulated_together(joints, seeds), strict=True))
+
+
+def log_of(joint: Joint, seed: int = 0) -> Log:
+    return together()[joint, seed]
 
 
 @pytest.fixture(scope="module")
@@ -128,7 +140,7 @@ def test_a_known_stiffness_or_another_term_is_refused(robot: Robot) -> None:
 @pytest.mark.slow  # no start ends at the noise, so that all are tried
 def test_a_spring_that_the_motor_does_not_show_is_said(robot: Robot) -> None:
     stiff = replace(ANYDRIVE, k=200 * ANYDRIVE.k, highest_hz=2.0)
-    result = identify(robot, log_of(stiff, 5.0))
+    result = identify(robot, simulated(stiff, 5.0))
     (finding,) = [one for one in result.warnings if one.code == "hidden-resonance"]
     assert finding.severity == "doubtful"
     assert "Hz" in finding.remedy
@@ -171,14 +183,13 @@ def test_another_log_is_predicted_by_its_motor_torque(found: Identification) -> 
 
 
 def test_another_joint_is_not_predicted(found: Identification) -> None:
-    heavier = replace(ANYDRIVE, mass=1.5 * ANYDRIVE.mass, k=0.5 * ANYDRIVE.k)
-    result = seaid.validate(found, log_of(heavier, seed=1))
+    result = seaid.validate(found, log_of(HEAVIER, seed=1))
     (finding,) = [one for one in result.warnings if one.code == "unseen-motion"]
     assert "torque of the motor of arm" in finding.message
     assert finding.severity in ("wrong", "doubtful")
 
 
-@pytest.mark.parametrize("number", [4, 5, 6])
+@pytest.mark.parametrize("number", ONCE_WRONG)
 def test_random_joints_whose_search_once_ended_elsewhere(number: int, tmp_path: Path) -> None:
     """From the antiresonance of a rigid robot these ended in wrong minima, or nowhere."""
     joint = random_joint(number)
@@ -188,7 +199,7 @@ def test_random_joints_whose_search_once_ended_elsewhere(number: int, tmp_path: 
 
 
 def mujoco_log(joint: Joint, duration: float = 8.0) -> Log:
-    """Return the log of the motor side of a joint in MuJoCo, with a link on a torsion bar."""
+    """Return the log of the motor side of a joint in MuJoCo, where a tendon is the spring."""
     step_s, parts, n = 1e-4, 10, joint.ratio
     model = mujoco.MjModel.from_xml_string(
         f"""<mujoco><option timestep="{step_s}" integrator="implicitfast" gravity="0 0 -9.81"/>
@@ -242,6 +253,6 @@ def test_a_joint_of_mujoco(name: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", JOINTS)
 def test_published_drives_within_three_percent(name: str, tmp_path: Path) -> None:
     joint = JOINTS[name]
-    error = errors(joint, identify(robot_of(joint, tmp_path), log_of(joint, seed=5)))
+    error = errors(joint, identify(robot_of(joint, tmp_path), simulated(joint, seed=5)))
     assert abs(error["k"]) < 0.03
     assert abs(error["resonance"]) < 0.02
