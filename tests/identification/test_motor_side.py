@@ -230,7 +230,7 @@ def mujoco_log(joint: Joint, duration: float = 8.0) -> Log:
     rng = np.random.default_rng(0)
     count = 2 * np.pi / joint.counts
     return Log(
-        time=ticks[::parts],
+        time=np.asarray(ticks[::parts], dtype=float),
         joint_names=("arm",),
         motor_position=np.round(logged[:, :1] / count) * count,
         joint_position=np.full((len(logged), 1), np.nan),
