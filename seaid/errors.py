@@ -107,6 +107,7 @@ CODES = {
     "nominal-values": "values of the robot file that the motion contradicts",
     "geometry": "a length of the robot file that the motion contradicts",
     "delay": "a channel that is late or early",
+    "command-delay": "a delay of commands that the log does not separate from the rotor inertia",
     "rotor-inertia": "a rotor inertia that the motion contradicts",
     "torque-scale": "a factor on the torques of a joint, such as a wrong torque constant",
     "torque-offset": "a constant error of a torque",

@@ -144,7 +144,8 @@ class LogOptions(RobotOptions):
         list[str] | None,
         Option(
             "--known-body",
-            help="Link with the known inertial parameters of the URDF. May be repeated.",
+            help="Link with the known inertial parameters of the URDF; all: each that has them. "
+            "May be repeated.",
             metavar="LINK",
         ),
     ] = None

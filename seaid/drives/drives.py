@@ -259,6 +259,8 @@ def _check_values(drive: Drive) -> None:
 def _check_std(drive: Drive) -> None:
     """Check that `std` names constants of the drive that have a value."""
     constants = [name for name in CONSTANTS if getattr(drive, name, None) is not None]
+    if drive.controller is not None and drive.command_delay_s is None:
+        constants.append("command_delay_s")  # of an unknown delay, about zero
     for name, value in drive.std.items():
         if name not in (STD_OF_TORQUE, *constants):
             raise RobotError(unknown_name("constant", name, [STD_OF_TORQUE, *constants]))

@@ -32,15 +32,16 @@ from seaid.estimation import (
     settled_weights,
     term_test,
 )
+from seaid.identification.command_delays import (
+    MOST_DELAY_ROUNDS,
+    with_estimated_delays,
+    with_shared_delays,
+)
 from seaid.identification.datasets import Dataset, Source, datasets_of, rows_in_memory, sources_of
 from seaid.identification.drive_estimates import merged_estimates, spring_of, with_warnings
 from seaid.identification.gear import deflection_joints, with_rigid_gears
 from seaid.identification.identification import Identification, identification_of
-from seaid.identification.linearisation import (
-    MOST_DELAY_ROUNDS,
-    linearised_robot,
-    with_estimated_delays,
-)
+from seaid.identification.linearisation import linearised_robot
 from seaid.identification.nonlinear_terms import with_fixed_warnings
 from seaid.identification.torque_offsets import with_spring_torque
 from seaid.identification.two_step import (
@@ -221,7 +222,9 @@ def estimate_conditions(
         own = {name: one[joint] for name, one in rows.items()}
         names = own[name].names
         is_specific = [one in specific or f"{one} of {joint}" in specific for one in names]
-        actuators[joint] = _fitted(own, is_specific, solver, None)
+        side = _fitted(own, is_specific, solver, None)
+        shared = with_shared_delays(first.drives, side.fit, joint)
+        actuators[joint] = replace(side, fit=shared)
     own = {name: one[LOAD] for name, one in rows.items()}
     load = _load(robots, own, models, springs, actuators, specific, solver)
     return ConditionFits(robots, models, actuators, load, springs)
@@ -256,7 +259,9 @@ def _load(
         f"{name} of {joint}" in specific or name in specific for joint, name, _ in first.drives
     ]
     propagated = linalg.block_diag(*covariances) if covariances else None
-    return _fitted(placed, is_specific, solver, propagated)
+    side = _fitted(placed, is_specific, solver, propagated)
+    drives = robots[next(iter(robots))].drives
+    return replace(side, fit=with_shared_delays(drives, side.fit))
 
 
 def _fitted(

@@ -44,6 +44,11 @@ from seaid.identification.checking import (
     log_findings,
     setup_findings,
 )
+from seaid.identification.command_delays import (
+    MOST_DELAY_ROUNDS,
+    delay_findings,
+    with_estimated_delays,
+)
 from seaid.identification.datasets import (
     Dataset,
     Source,
@@ -70,11 +75,7 @@ from seaid.identification.known_constants import (
     exact_constants,
     with_known_std,
 )
-from seaid.identification.linearisation import (
-    MOST_DELAY_ROUNDS,
-    linearised_robot,
-    with_estimated_delays,
-)
+from seaid.identification.linearisation import linearised_robot
 from seaid.identification.method_limits import check_refinable
 from seaid.identification.missing_terms import (
     MOST_ROUNDS,
@@ -312,7 +313,8 @@ def identify(
         if later is robot:
             break
         robot, found = later, once(later)
-    return found
+    unclear = delay_findings(robot, found.load_side)
+    return replace(found, findings=(*found.findings, *unclear)) if unclear else found
 
 
 def _identify(

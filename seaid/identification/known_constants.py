@@ -109,6 +109,8 @@ def constants_of(
             if name == STD_OF_TORQUE and std:
                 louder = [_with_torques(one, [robot.index(joint)]) for one in datasets]
                 yield Constant(name, joint, std, robot, louder)
+            elif name == "command_delay_s" and "command_delay" not in drive.known:
+                continue  # the range of an unknown delay
             elif std and name == "command_delay_s":
                 later = (drive.command_delay_s or 0.0) + _STEP * std  # the delay may be zero
                 other = replace(drive, command_delay_s=later)

@@ -25,38 +25,6 @@ from seaid.log import Motion
 from seaid.regressor import under_load, with_gear_torque
 from seaid.robot import Robot
 
-MOST_DELAY_ROUNDS = 3
-"""Most repetitions with commands delayed by the estimate: the error of one is of its square."""
-
-_DELAY_S = 2e-4
-"""Change of a delay [s] below which its linearisation has converged."""
-
-LARGEST_DELAY_S = 0.05
-"""Largest delay of a command [s] for which the linearisation is tried."""
-
-
-def with_estimated_delays(robot: Robot, found: Robot) -> Robot:
-    """Return the robot with the delays of an estimate as nominal ones; itself if they converged.
-
-    Raises IdentificationError for a delay that is far beyond the range of the linearisation.
-    """
-    drives: dict[str, Drive] = {}
-    for joint, drive in robot.drives.items():
-        if drive.controller is None or "command_delay" in drive.known:
-            continue
-        delay = found.drives[joint].values["command_delay"]
-        if abs(delay) > LARGEST_DELAY_S:
-            raise IdentificationError(
-                f"the command of {joint} seems delayed by {delay * 1e3:.3g} ms, more than "
-                f"{LARGEST_DELAY_S * 1e3:g} ms either way: check the gains of its controller and "
-                "the signs of commands and positions, or give the delay in the drives file:\n"
-                f'[{joint}]\ncommand_delay_s = 0.004\nknown = ["command_delay"]'
-            )
-        if abs(delay - (drive.command_delay_s or 0.0)) > _DELAY_S:
-            drives[joint] = replace(drive, command_delay_s=delay)
-    return robot.with_drives(drives) if drives else robot
-
-
 _SETTLED, _MOST_TURNS, _SEARCHES = 1e-5, 20, 2
 
 

@@ -70,8 +70,10 @@ def check_refinable(robot: Robot) -> None:
 
 def _not_refinable(robot: Robot, joint: str, drive: Drive) -> str:
     if drive.controller is not None:
-        return "of which the command was logged, not the torque"
-    if drive.motor_input != "torque":
+        alone = all(one.controller is not None for one in robot.drives.values())
+        if drive.is_elastic or not alone:
+            return "whose command was logged: all drives have to be stiff, with a position command"
+    elif drive.motor_input != "torque":
         return f"of which the {drive.motor_input} was logged, not the torque"
     if drive.parallel_spring or drive.joint_friction:
         return "which has a parallel spring or joint friction"

@@ -23,6 +23,7 @@ from seaid._progress import track
 from seaid.drives import DefaultTerms, is_dry
 from seaid.errors import ExcitationError, Finding, IdentificationError, checked
 from seaid.estimation import Estimate, Residuals, Step, gauss_newton_step, joined
+from seaid.identification.closed_loop import refine_commanded
 from seaid.identification.drive_estimates import merged_estimates, with_estimate, with_warnings
 from seaid.identification.method_limits import check_refinable
 from seaid.identification.motor_side import (
@@ -469,6 +470,8 @@ def refine(
     dry friction, or one whose width `identify` selected, stands still or turns back are excluded.
     The covariance includes autocorrelation.
     The torques of joints that are not simulated are compared below the cutoff, as in `identify`.
+    Where position commands were logged, the model follows them under its own controllers, and the
+    joint positions are the outputs.
     `residual_std` is that of averages over blocks of samples: of a drive's torque (or spring
     force), and on the load side of the torques of stiff joints, or else of the joint encoders.
 
@@ -509,6 +512,8 @@ def refine(
         raise IdentificationError("refine needs a log, found none")
     check_offset_std(encoder_offset_std)
     _check_start(identification)
+    if any(drive.controller is not None for drive in identification.known.drives.values()):
+        return refine_commanded(identification, logs, iterations, progress)
     return refined_with_logs(identification, logs, encoder_offset_std, iterations, progress)[0]
 
 

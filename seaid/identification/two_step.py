@@ -29,6 +29,7 @@ from seaid.estimation import (
     qr_factor_of_rows,
     scaled_svd,
 )
+from seaid.identification.command_delays import with_shared_delays
 from seaid.identification.datasets import Dataset, first_motion, rows_of_equations
 from seaid.identification.drive_estimates import (
     has_only_spring_torque,
@@ -228,6 +229,7 @@ def fit_actuator(
 ) -> FittedRows:
     """Fit (10) of an elastic joint, by errors in variables if the spring torque was measured."""
     found = fit(rows, estimator, check=check_scale, cutoff_hz=datasets[0].cutoff_hz)
+    found = with_shared_delays(robot.drives, found, joint)
     plain = found.estimate.names == ("stiffness", "spring_offset")
     if not plain or not estimator.weigh or found.rows is None:
         return found
@@ -343,7 +345,8 @@ def fit_load(
         columns = partial(with_torque_columns, robot, springs, freed)
         freed = identifiable_offsets(qr_factor_of_rows(rows, columns), freed)
     change = partial(with_torque_columns, robot, springs, freed)
-    return fit(rows, estimator, propagated, change, check_scale, cutoff_hz)
+    found = fit(rows, estimator, propagated, change, check_scale, cutoff_hz)
+    return with_shared_delays(robot.drives, found)
 
 
 def with_offset_columns(

@@ -14,7 +14,7 @@ import pinocchio as pin
 from seaid._arrays import Array, BoolArray, FrozenMapping, finite, frozen
 from seaid._progress import Display, counted
 from seaid.drives import IDEAL_DRIVE, Drive, drives_from_mapping, read_drives
-from seaid.errors import RobotError, checked, unknown_name
+from seaid.errors import RobotError, checked, shown, unknown_name
 from seaid.robot.inertia import parameter_names, to_pinocchio
 from seaid.robot.pinocchio_model import (
     TURNING,
@@ -233,7 +233,7 @@ def load_robot(
     *,
     joints: Sequence[str] | None = None,
     payloads: Sequence[Payload] = (),
-    known_bodies: Sequence[str] = (),
+    known_bodies: str | Sequence[str] = (),
     gravity: Sequence[float] = (0.0, 0.0, -9.81),
     snap_tolerance_rad: float = SNAP_RAD,
     independent_mimics: bool = False,
@@ -256,7 +256,8 @@ def load_robot(
     payloads : list of Payload
         Known bodies fixed to links; they are not identified.
     known_bodies : list of str
-        Links whose inertial parameters in the URDF are known and not identified.
+        Links whose inertial parameters in the URDF are known and not identified; "all": all that
+        have any there.
     gravity : 3 floats, default (0, 0, -9.81)
         Gravity [m/s^2] in the base frame.
     snap_tolerance_rad : float, default 2e-3
@@ -373,8 +374,15 @@ def _within_followers(
     return joint
 
 
-def _known_bodies(robot: Robot, tree: UrdfTree, names: Sequence[str]) -> tuple[str, ...]:
+def _known_bodies(robot: Robot, tree: UrdfTree, names: str | Sequence[str]) -> tuple[str, ...]:
     bodies = robot.parameters.reshape(-1, 10)
+    if isinstance(names, str) and names != "all":
+        raise RobotError(
+            f"known_bodies must be a list of names, found the text {shown(names)}", "known_bodies"
+        )
+    if names in ("all", ["all"], ("all",)) and "all" not in robot.body_names:
+        given = zip(robot.body_names, bodies, strict=True)
+        names = [name for name, body in given if np.any(np.nan_to_num(body))]
     for name in names:
         if name in tree.links and name not in robot.body_names:
             raise RobotError(

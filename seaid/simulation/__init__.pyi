@@ -2,5 +2,6 @@ from .plant import mass_matrix as mass_matrix
 from .replaying import ReplayComparison as ReplayComparison
 from .replaying import compare_replays as compare_replays
 from .replaying import replay as replay
+from .replaying import rollout as rollout
 from .simulation import Noise as Noise
 from .simulation import simulate as simulate

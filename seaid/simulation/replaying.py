@@ -65,6 +65,16 @@ def replay(robot: Robot, log: Log, command: Command | None = None) -> Log:
     >>> np.std(replayed.joint_position - log.joint_position, axis=0)
     """
     check_whole(log)
+    return rollout(robot, log, command)
+
+
+def rollout(
+    robot: Robot,
+    log: Log,
+    command: Command | None = None,
+    longest_closed_s: float = _LONGEST_CLOSED_S,
+) -> Log:
+    """Return the `replay` of a whole log, with the longest step under a controller."""
     plant, order = plant_of(robot), robot.joint_order
     controllers = position_controllers(robot, log) if command is None else None
     given = _logged(robot, log) if command is None else command
@@ -90,7 +100,7 @@ def replay(robot: Robot, log: Log, command: Command | None = None) -> Log:
             break
         since = float(at - log.time[0])
         own = warmed(plant, None if warmth is None else warmth[tick, order], since)
-        longest = _LONGEST_STEP_S if controllers is None else _LONGEST_CLOSED_S
+        longest = _LONGEST_STEP_S if controllers is None else longest_closed_s
         steps = math.ceil((log.time[tick + 1] - at) / longest)
         step = (log.time[tick + 1] - at) / steps
         for part in range(steps):

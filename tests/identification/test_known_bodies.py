@@ -81,3 +81,9 @@ def test_a_known_body_needs_parameters(write_chain: Callable[..., Path]) -> None
     path = write_chain({"one": "continuous", "two": "continuous"}, empty=("one_link",))
     with pytest.raises(RobotError, match="'one_link' has no inertial parameters in the URDF"):
         load_robot(path, known_bodies=["one_link"])
+
+
+def test_all_bodies_with_inertial_parameters_are_known(write_chain: Callable[..., Path]) -> None:
+    path = write_chain({"one": "continuous", "two": "continuous"}, empty=("one_link",))
+    for names in ("all", ["all"]):
+        assert load_robot(path, known_bodies=names).known_bodies == ("two_link",)

@@ -117,6 +117,75 @@ def test_a_delay_is_linearised_where_it_is(urdf: Path) -> None:
     assert values["motor_inertia"][0] == pytest.approx(TRUTH["motor_inertia"], rel=0.01)
 
 
+TWO = """<robot name="two"><link name="base"/>{}</robot>"""
+ARM = """<link name="arm{0}"><inertial><origin xyz="0.2 0 0"/><mass value="1.5"/>
+<inertia ixx="0.01" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="j{0}" type="revolute"><parent link="base"/><child link="arm{0}"/><axis xyz="0 1 0"/>
+<limit lower="-3" upper="3" effort="50" velocity="20"/></joint>"""
+
+
+def two_joints(tmp_path: Path, nominal_s: tuple[float | None, float | None]) -> seaid.Robot:
+    """Return two arms side by side, with the soft gains and nominal delays."""
+    path = tmp_path / "two.urdf"
+    path.write_text(TWO.format(ARM.format(0) + ARM.format(1)))
+    drives = {
+        f"j{k}": seaid.StiffDrive(
+            motor_input="position_command",
+            controller=seaid.Controller(
+                position_gain_Nm_per_rad=SOFT[0], velocity_gain_Nms_per_rad=SOFT[1]
+            ),
+            command_delay_s=delay,
+        )
+        for k, delay in enumerate(nominal_s)
+    }
+    return seaid.load_robot(path, drives, known_bodies=["arm0", "arm1"])
+
+
+def test_drives_with_one_nominal_delay_share_their_delay(tmp_path: Path) -> None:
+    """The delay of two joints is between those of each alone, and its error less than either's."""
+    logs = [mujoco_log(SOFT, 0.008, 5e-4, seed) for seed in (1, 2)]
+    both = replace(
+        logs[0],
+        joint_names=("j0", "j1"),
+        joint_position=np.hstack([one.joint_position for one in logs]),
+        motor_position=np.hstack([one.motor_position for one in logs]),
+        motor_torque=np.hstack([one.motor_torque for one in logs]),
+        position_command=np.hstack([CHIRP[:, None], CHIRP[:, None]]),
+        is_prismatic=(False, False),
+    )
+    shared = seaid.identify(two_joints(tmp_path, (None, None)), both).load_side
+    own = seaid.identify(two_joints(tmp_path, (0.007, 0.0075)), both).load_side
+    delays = [f"command_delay of j{k}" for k in (0, 1)]
+    value, error = shared.value(delays[0]), shared.standard_error(delays[0])
+    assert shared.value(delays[1]) == pytest.approx(value, abs=1e-9)
+    assert min(map(own.value, delays)) <= value <= max(map(own.value, delays))
+    assert error < 0.95 * min(map(own.standard_error, delays))
+    assert own.value(delays[0]) != own.value(delays[1])
+
+
+def test_a_delay_that_the_log_does_not_determine_is_as_stated(urdf: Path) -> None:
+    """The interval of the armature holds what every delay in the stated range gives."""
+    rng = np.random.default_rng(3)
+    log = mujoco_log(HARD, 0.006, 0.0, 0)
+    errors = rng.normal(size=len(TIME)) * 2e-3 + 3e-2 * np.sin(2 * np.pi * 1.3 * TIME)
+    log = replace(log, joint_position=log.joint_position + errors[:, None])
+    found = seaid.identify(robot_of(urdf, HARD), log)
+    assert [one.code for one in found.warnings].count("command-delay") == 1
+    values = values_of(found)
+    assert values["command_delay"] == pytest.approx((0.0, 0.0125 / 1.96), rel=1e-3, abs=1e-9)
+    names = list(map(str, found.load_side.names))
+    lower, upper = found.load_side.interval()[names.index("motor_inertia of j")]
+    for delay_s in (-0.0125, 0.0125):
+        known = values_of(seaid.identify(robot_of(urdf, HARD, delay_s), log))
+        assert lower <= known["motor_inertia"][0] <= upper
+    (finding,) = (one for one in found.warnings if one.code == "command-delay")
+    ((text, value),) = finding.evidence.items()
+    assert "armature and" in text
+    assert value == pytest.approx(values["motor_inertia"][0])
+    narrow = seaid.identify(robot_of(urdf, HARD, None, 1e-3), log)
+    assert values_of(narrow)["command_delay"][1] == pytest.approx(1e-3, rel=1e-3)
+
+
 def test_an_unknown_delay_is_in_the_error_of_the_armature(urdf: Path) -> None:
     """To first order a delay T adds (K_d + F_v) T to the armature."""
     log = mujoco_log(SOFT, 0.0, 1e-4, 0)
@@ -150,6 +219,47 @@ def test_the_replay_closes_the_loop_with_the_controller(urdf: Path) -> None:
     found = seaid.identify(robot_of(urdf, HARD), log)
     again = seaid.replay(found.robot, log).joint_position - log.joint_position
     assert np.std(again) < 3e-3 * moved
+
+
+def test_refine_closes_the_loop(urdf: Path) -> None:
+    """From values that are 10 % wrong the output error ends at the truth, within its intervals."""
+    log = mujoco_log(HARD, 0.01, 5e-4, 0).between(1.0, 9.0)
+    start = seaid.identify(robot_of(urdf, HARD), log)
+    side = replace(start.load_side, values=1.1 * start.load_side.values)
+    wrong = replace(start, load_side=side)
+    found = seaid.refine(wrong, log)
+    values = values_of(found)
+    for name, truth in {**TRUTH, "command_delay": 0.01}.items():
+        value, error = values[name]
+        assert abs(value - truth) < 3 * error + 0.004 * truth, name
+        assert error < 0.05 * truth, name
+    other = mujoco_log(HARD, 0.01, 0.0, 1).between(9.0, 14.0)
+    left = seaid.replay(found.robot, other).joint_position - other.joint_position
+    assert np.std(left) < 2e-3 * np.std(other.joint_position)
+    assert found.drives["j"].value("motor_inertia") == values["motor_inertia"][0]
+
+
+def test_refine_keeps_a_delay_that_is_as_stated(urdf: Path) -> None:
+    """Its range is in the error of the armature, as it is in that of `identify`."""
+    log = mujoco_log(HARD, 0.006, 0.0, 0).between(1.0, 9.0)
+    errors = 3e-2 * np.sin(2 * np.pi * 1.3 * log.time)
+    log = replace(log, joint_position=log.joint_position + errors[:, None])
+    start = seaid.identify(robot_of(urdf, HARD), log)
+    found = seaid.refine(start, log)
+    before, after = values_of(start), values_of(found)
+    assert after["command_delay"] == pytest.approx(before["command_delay"], abs=1e-9)
+    slope = (HARD[1] + after["viscous_friction"][0]) * 0.0125 / 1.96
+    assert after["motor_inertia"][1] > 0.8 * slope
+
+
+def test_refine_needs_stiff_drives_with_commands(urdf: Path) -> None:
+    robot, log = robot_of(urdf, SOFT), mujoco_log(SOFT, 0.0, 0.0, 0)
+    found = seaid.identify(robot, log)
+    elastic = seaid.SeriesElasticDrive(
+        gear_ratio=9.0, motor_input="position_command", controller=robot.drives["j"].controller
+    )
+    with pytest.raises(IdentificationError, match="all drives have to be stiff, with a position"):
+        seaid.refine(replace(found, known=robot.with_drives({"j": elastic})), log)
 
 
 def test_a_spring_behind_a_position_controller(tmp_path: Path, urdf: Path) -> None:
@@ -192,12 +302,11 @@ def test_what_is_wrong_with_commands_is_said(urdf: Path) -> None:
     with pytest.raises(RobotError, match="no position command of 'j'"):
         seaid.replay(seaid.identify(robot, log).robot, blind)
     backwards = replace(log, position_command=-CHIRP[:, None])
-    with pytest.raises(
-        IdentificationError, match="check the gains of its controller and the signs"
-    ):
-        seaid.identify(robot, backwards)
-    with pytest.raises(IdentificationError, match="command was logged, not the torque"):
-        seaid.refine(seaid.identify(robot, log), log)
+    found = seaid.identify(robot, backwards)
+    assert "sign" in [one.code for one in found.warnings if one.severity == "wrong"]
+    late = replace(log, position_command=np.interp(TIME + 0.08, TIME, CHIRP)[:, None])
+    with pytest.raises(IdentificationError, match=r"delayed by .* ms, more than 50 ms either way"):
+        seaid.identify(robot, late)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,216 @@
+"""Delays of position commands: one for all drives of a bus, and only where the log determines it.
+
+With one gain set a delay T adds (K_d + F_v) T to the rotor inertia at the joint and K_p T to the
+viscous friction, to first order. What is left to tell them apart is often less than the errors of
+the model; the delay is then as stated, and its uncertainty in all intervals.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from seaid._arrays import Array, safely
+from seaid.drives import Drive, JointParameter
+from seaid.errors import Finding, IdentificationError, listed
+from seaid.estimation import Estimate, FittedRows
+from seaid.robot import Robot
+
+DELAY = "command_delay"
+
+STATED_DELAY_S = 12.5e-3
+"""An unknown delay [s] is within this of its nominal value, with 95 %, if the drive states no
+standard deviation: two or three samples of a bus at 200 Hz."""
+
+_NORMAL_95 = 1.96
+
+MOST_DELAY_ROUNDS = 3
+"""Most repetitions with commands delayed by the estimate: the error of one is of its square."""
+
+_DELAY_S = 2e-4
+"""Change of a delay [s] below which its linearisation has converged."""
+
+LARGEST_DELAY_S = 0.05
+"""Largest delay of a command [s] for which the linearisation is tried."""
+
+
+@dataclass(frozen=True)
+class Bus:
+    """Drives with one delay: the `places` of its columns, nominal value and standard deviation."""
+
+    places: tuple[int, ...]
+    nominal_s: float
+    std_s: float
+
+
+def delay_std_s(drive: Drive) -> float:
+    """Return the standard deviation [s] of a delay before an identification."""
+    return float(drive.std.get("command_delay_s", STATED_DELAY_S / _NORMAL_95))
+
+
+def buses_of(drives: Mapping[str, Drive], names: tuple[str, ...], joint: str = "") -> list[Bus]:
+    """Return the groups of columns; drives with one nominal delay are on one bus.
+
+    `joint` owns names without one. A condition has delays of its own if they are specific to it.
+    """
+    places: dict[tuple[float, str], list[int]] = {}
+    stds: dict[tuple[float, str], float] = {}
+    for place, name in enumerate(names):
+        text, _, condition = str(name).partition(" [")
+        parameter, _, owner = text.partition(" of ")
+        if parameter != DELAY:
+            continue
+        drive = drives[owner or joint]
+        key = (drive.command_delay_s or 0.0, condition)
+        places.setdefault(key, []).append(place)
+        stds[key] = max(stds.get(key, 0.0), delay_std_s(drive))
+    return [Bus(tuple(places[key]), key[0], stds[key]) for key in places]
+
+
+def is_stated(estimate: Estimate, drive: Drive, place: int) -> bool:
+    """Return whether an estimate has the stated delay of a drive in place of one of its own."""
+    return bool(np.isclose(estimate.standard_errors[place], delay_std_s(drive), rtol=1e-6))
+
+
+def with_shared_delays(
+    drives: Mapping[str, Drive], fitted: FittedRows, joint: str = ""
+) -> FittedRows:
+    """Return a fit with one delay per bus, the stated one where the rows do not determine it.
+
+    They do not if the effect of the stated range, beyond that of all other parameters, is less than
+    the residual: errors of the model may then hide it. An estimate farther beyond that range than
+    such errors explain is one to linearise at. The values are those of constrained least squares.
+    """
+    names = fitted.estimate.names
+    buses = buses_of(drives, names, joint)
+    if not buses:
+        return fitted
+    white, p = fitted.white_covariance, len(names)
+    rows: list[Array] = []
+    wanted: list[float] = []
+    for bus in buses:
+        for first, second in zip(bus.places, bus.places[1:], strict=False):
+            rows.append(np.eye(p)[first] - np.eye(p)[second])
+            wanted.append(0.0)
+    shared = _constrained(fitted.estimate, white, rows, wanted, {})
+    free = sum(len(bus.places) for bus in buses)
+    stds: dict[int, float] = {}
+    kept = _projection(white, rows)[0]
+    for bus in buses:
+        place = bus.places[0]
+        # |column| of the delay, orthogonal to all others, is 1 / error for a residual of 1
+        error = float(np.sqrt((kept @ white @ kept.T)[place, place]))
+        as_residual = error * np.sqrt(fitted.qr_factor.count * len(bus.places) / free)
+        stated = _NORMAL_95 * bus.std_s
+        far = abs(shared.values[place] - bus.nominal_s) > stated + as_residual
+        if as_residual > stated and not far:
+            stds[len(rows)] = bus.std_s
+            rows.append(np.eye(p)[place])
+            wanted.append(bus.nominal_s)
+    estimate = _constrained(fitted.estimate, white, rows, wanted, stds) if stds else shared
+    return replace(fitted, estimate=estimate)
+
+
+def _projection(white: Array, rows: list[Array]) -> tuple[Array, Array]:
+    """Return P (p, p) and G (p, c): x of least squares with A x = b is P x + G b."""
+    p = len(white)
+    if not rows:
+        return np.eye(p), np.zeros((p, 0))
+    A = np.array(rows)
+    inverse = safely(np.linalg.pinv, A @ white @ A.T, what="the delays of the commands")
+    G = white @ A.T @ inverse
+    return np.eye(p) - G @ A, G
+
+
+def _constrained(
+    estimate: Estimate,
+    white: Array,
+    rows: list[Array],
+    wanted: list[float],
+    stds: Mapping[int, float],
+) -> Estimate:
+    """Return an estimate with rows @ x = wanted, some of which have a standard deviation."""
+    P, G = _projection(white, rows)
+    covariance = P @ estimate.covariance @ P.T
+    own = np.diag(covariance).copy()
+    for row, std in stds.items():
+        covariance = covariance + std**2 * np.outer(G[:, row], G[:, row])
+    freedom, errors = estimate.degrees_of_freedom, estimate.white_standard_errors
+    total = np.diag(covariance)
+    if freedom is not None:
+        # Welch and Satterthwaite: the stated part of the variance has no degrees of freedom
+        with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
+            freedom = freedom * (total / own) ** 2
+        freedom = np.where(np.isfinite(freedom), freedom, np.inf)
+    if errors is not None:
+        ratio = np.diag(P @ white @ P.T) / np.maximum(np.diag(white), 1e-300)
+        errors = errors * np.sqrt(np.maximum(ratio, 0.0))
+    return replace(
+        estimate,
+        values=P @ estimate.values + G @ np.array(wanted),
+        covariance=covariance,
+        degrees_of_freedom=freedom,
+        white_standard_errors=errors,
+    )
+
+
+def with_estimated_delays(robot: Robot, found: Robot) -> Robot:
+    """Return the robot with the delays of an estimate as nominal ones; itself if they converged.
+
+    Raises IdentificationError for a delay that is far beyond the range of the linearisation.
+    """
+    drives: dict[str, Drive] = {}
+    for joint, drive in robot.drives.items():
+        if drive.controller is None or DELAY in drive.known:
+            continue
+        delay = found.drives[joint].values[DELAY]
+        if abs(delay) > LARGEST_DELAY_S:
+            raise IdentificationError(
+                f"the command of {joint} seems delayed by {delay * 1e3:.3g} ms, more than "
+                f"{LARGEST_DELAY_S * 1e3:g} ms either way: check the gains of its controller and "
+                "the signs of commands and positions, or give the delay in the drives file:\n"
+                f'[{joint}]\ncommand_delay_s = 0.004\nknown = ["command_delay"]'
+            )
+        if abs(delay - (drive.command_delay_s or 0.0)) > _DELAY_S:
+            drives[joint] = replace(drive, command_delay_s=delay)
+    return robot.with_drives(drives) if drives else robot
+
+
+def delay_findings(robot: Robot, load_side: Estimate) -> tuple[Finding, ...]:
+    """Return the note of what the log determines in place of a delay that it does not."""
+    names = load_side.names
+    sums, evidence, stds = [], {}, []
+    for place, name in enumerate(names):
+        if not isinstance(name, JointParameter) or name.parameter != DELAY:
+            continue
+        drive, std = robot.drives[name.joint], load_side.standard_errors[place]
+        inertia = JointParameter("motor_inertia", name.joint)
+        if not is_stated(load_side, drive, place) or inertia not in names:
+            continue
+        own = names.index(inertia)
+        slope = -load_side.covariance[own, place] / std**2  # K_d + F_v, over N^2
+        error = np.sqrt(max(load_side.covariance[own, own] - (slope * std) ** 2, 0.0))
+        value = load_side.values[own] + slope * load_side.values[place]
+        scale = drive.ratio**2
+        half = _NORMAL_95 * scale * error
+        sums.append(f"{name.joint} {scale * value:.3g} +- {half:.2g}")
+        evidence[f"armature and {scale * slope:.3g} delay of {name.joint}"] = float(scale * value)
+        stds.append(float(std))
+    if not sums:
+        return ()
+    return (
+        Finding(
+            "command-delay",
+            "the log does not separate the delay of the commands from rotor inertia and friction: "
+            f"it counts as known to +-{_NORMAL_95 * max(stds) * 1e3:.3g} ms, which is in all "
+            "intervals. Within one gain set it determines armature + (K_d + F_v) delay "
+            f"[kg m^2], with 95 %: {listed(sums, 12)}",
+            severity="note",
+            evidence=evidence,
+            remedy="add a log with other gains to identify_conditions, or a known delay in the "
+            'drives file:\ncommand_delay_s = 0.004\nknown = ["command_delay"]',
+            certainty="certain",
+        ),
+    )
