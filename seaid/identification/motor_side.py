@@ -52,8 +52,9 @@ BANDS = (0.25, 0.5, 0.125)
 """Parts of the cutoff below which a regression starts the fit. It is a good start where the motion
 fills the band, a quarter of the proposed cutoff for a multisine; above are derivatives of noise."""
 
-_TRIED_HZ = np.geomspace(0.05, 4.0, 20)
-"""Antiresonances over the band that the regression tries, by the apparent inertia of the motor."""
+_TRIED_HZ = np.geomspace(0.3, 4.0, 14)
+"""Antiresonances over the band that the regression tries, by the apparent inertia of the motor. Far
+below the band, the joint angle is a multiple of the torque, and anything fits."""
 
 _SWEEPS, _WEIGHTINGS, _FACTORS = 3, 3, (0.6, 0.8, 1.25, 1.6)
 """Regressions at a compliance, for its friction, and of joints by their errors; then changes of one

@@ -75,8 +75,8 @@ if TYPE_CHECKING:
 
 WIDER = 3.0
 """Cutoff of the refinement over that of the identification, to keep the steps of dry friction.
-It is that of the identification without a joint encoder: there the noise of the motor's encoder
-enters twice differentiated, above the band where the spring shows, and hides wrong minima."""
+It is that of the identification where no encoder is behind a spring and the noise of the motor's,
+twice differentiated, would exceed that of the torque."""
 
 WINDOW_S = 1.0
 """Length [s] of the simulated windows, over which model errors accumulate."""
@@ -200,9 +200,10 @@ def runs_of(layout: Layout, log: Log, number: int = 0, window_s: float = WINDOW_
         return []
     known = layout.found.known
     rate_hz = (len(log.time) - 1) / (log.time[-1] - log.time[0])
-    wider = 1.0 if layout.unseen else WIDER
-    band = min(wider * layout.found.cutoff_hz, rate_hz / 8)
+    band = min(WIDER * layout.found.cutoff_hz, rate_hz / 8)
     motion = finer_side(known, reconstruct_motion(known, log, band))
+    if any(np.less(*_motor_noise(known, joint, log, motion)) for joint in layout.unseen):
+        motion = finer_side(known, reconstruct_motion(known, log, layout.found.cutoff_hz))
     if layout.unseen:
         motion = smoothed(motion, [known.index(joint) for joint in layout.unseen])
         motion = decimated(motion, max(1, int(motion.rate_hz / (SAMPLES * motion.cutoff_hz))))
@@ -584,7 +585,14 @@ def first_estimate(found: Identification, logs: list[Log]) -> FirstEstimate:
     filled = _filled(layout, logs, layout.start)
     _, here = _iterated(layout, filled, layout.start, _FIRST_STEPS, False, SHORT_WINDOW_S)
     own = len(layout.simulated) + np.flatnonzero(np.isin(layout.simulated, layout.unseen))
-    noise = [_motor_noise(found.known, joint, logs, here.runs) for joint in layout.unseen]
+    noise = [
+        max(
+            np.hypot(*_motor_noise(found.known, joint, log, run.motion))
+            for log in logs
+            for run in here.runs
+        )
+        for joint in layout.unseen
+    ]
     if any(here.x[layout.spring(joint)[0]] <= 0 for joint in layout.unseen):
         raise IdentificationError("the search of the stiffness ended below zero")
     left = here.step.stds[own] <= _AT_NOISE * np.maximum(noise, _SMALLEST_TORQUE)
@@ -592,12 +600,11 @@ def first_estimate(found: Identification, logs: list[Log]) -> FirstEstimate:
     return FirstEstimate(here.step.merit, simulated, bool(np.all(left)))
 
 
-def _motor_noise(robot: Robot, joint: str, logs: list[Log], runs: list[Run]) -> float:
-    """Return the noise of a motor torque, and of its encoder in the rotor's acceleration."""
+def _motor_noise(robot: Robot, joint: str, log: Log, motion: Motion) -> tuple[float, float]:
+    """Return the noise of a motor torque, and of its encoder in the torque of the rotor."""
     index, inertia = robot.index(joint), robot.drives[joint].values.get("motor_inertia", 0.0)
-    torque = max(white_noise(log.motor_torque[:, index]) for log in logs)
-    rotor = max(white_noise(run.motion.motor_acceleration[:, index]) for run in runs)
-    return float(np.hypot(torque, inertia * rotor))
+    rotor = inertia * white_noise(motion.motor_acceleration[:, index])
+    return white_noise(log.motor_torque[:, index]), rotor
 
 
 def _iterated(
