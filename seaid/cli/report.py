@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
+import typer
 from typer import Option
 
 from seaid.cli.defaults import is_typed
@@ -29,6 +30,13 @@ def report(
         list[Path] | None,
         Option("--validate", help="Another log, to validate on. May be repeated.", metavar="LOG"),
     ] = None,
+    multisine: Annotated[
+        list[Path] | None,
+        Option(help="Log of a multisine: frequency responses. May be repeated.", metavar="LOG"),
+    ] = None,
+    plan: Annotated[
+        Path | None, Option(help="The plan that --multisine followed.", metavar="JSON")
+    ] = None,
     feasible: Annotated[bool, Option("--feasible", help=FEASIBLE)] = False,
     result: ResultOptions,
 ) -> None:
@@ -36,12 +44,16 @@ def report(
 
     The page opens offline in any browser: verdict and flags, tables with confidence intervals,
     zoomable traces, checks, and the conditions of the experiment. Without --validate the report has
-    no validation section and says so.
+    no validation section and says so. With --multisine it has measured and
+    computed frequency responses.
 
     seaid report leg.urdf --from run.csv --validate other.csv --drives leg.toml -o report.html
     seaid report arm.urdf --from a.csv --from b.csv --validate c.csv --feasible
     seaid report --run runs/latest --validate third.csv
+    seaid report --run runs/latest --multisine sine.csv --plan sine.json
     """
+    from seaid.excitation import load_trajectory
+    from seaid.identification import frequency_response
     from seaid.identification import validate as validated
     from seaid.project import facts_of as origin_facts
     from seaid.project import has_commands, provenance_of
@@ -51,7 +63,9 @@ def report(
     checked_suffix(output, ".html", ".htm")
     unseen = validation or []
     check_validation_logs(unseen, given.from_logs or ())
-    result.check(output, read=(*given.files, *unseen))
+    if plan is not None and not multisine:
+        raise typer.BadParameter("a plan needs its --multisine", param_hint="--plan")
+    result.check(output, read=(*given.files, *unseen, *(multisine or ()), plan))
     run = given.result(feasible=feasible)
     found = run.identification
     facts = origin_facts(run.provenance)
@@ -65,8 +79,14 @@ def report(
         results = {path.name: validated(found, log) for path, log in pairs}
         if has_commands(found):
             replays = [compare_replays(found.known, found.robot, log) for log in logs]
+    response = None
+    if multisine:
+        sines = given.logs(multisine, found.known)
+        motion = None if plan is None else load_trajectory(plan)
+        response = frequency_response(found.known, sines, plan=motion, identification=found)
+    every = list(results.values())
     with written(output, ".html") as file:
-        write_report(found, list(results.values()), file, facts=facts, replays=replays)
+        write_report(found, every, file, facts=facts, replays=replays, frequency=response)
     content = {"validations": [one.to_dict() for one in results.values()]}
     text = [f"{found.robot.name}: {len(found.load.values)} base parameters and its drives reported"]
     text += warning_lines(found.warnings)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,13 @@ from seaid.errors import Finding, IdentificationError, by_severity, checked, lis
 from seaid.estimation import Estimate
 from seaid.excitation import FourierBasis, JoinedBasis, Trajectory
 from seaid.identification.identification import Identification
-from seaid.identification.linear_joints import LinearJoints, fitted, linearised
+from seaid.identification.linear_joints import (
+    LinearJoints,
+    fitted,
+    linearised,
+    refitted,
+    sticking_sign,
+)
 from seaid.identification.spectra import (
     Spectra,
     approximation_of,
@@ -40,6 +47,9 @@ _POOR = 0.25
 
 _BEYOND = 10.0
 """An antiresonance above this multiple of the highest frequency is that of a rigid joint."""
+
+_STICK_ROUNDS = 3
+"""Fits with the friction of motors at standstill that the fit before has."""
 
 _WANTED = 0.05
 """Relative standard error of a stiffness that a remedy aims at."""
@@ -166,13 +176,17 @@ def frequency_response(
     ratio = np.array([total_ratio(robot.drives[joint]) for joint in robot.joint_names])
     records = [record_of(robot, log, ratio, period) for log in logs]
     picked = _picked(robot, records, joints, band[1])
-    spectra = spectra_of(records, picked, band, _harmonics(multisine), periodic=periodic)
+    read = partial(spectra_of, band_hz=band, harmonics=_harmonics(multisine), periodic=periodic)
+    spectra = read(records, picked)
     held = np.mean([one.posture for one in records], axis=0)
     posture = at_joints(robot.transmission, held)
     posture = posture if multisine is None else multisine.coefficients[0]
     nominal = linearised(robot, posture, picked)
     drives = [robot.drives[robot.joint_names[index]] for index in picked]
     fit = fitted(spectra, nominal, drives)
+    for _ in range(_STICK_ROUNDS if periodic and np.any(fit.dry > 0) else 0):
+        spectra = read([sticking_sign(one, picked, fit) for one in records], picked)
+        fit = refitted(spectra, fit)
     alike = _with_dry_friction(fit.joints, fit.dry, spectra, spectra.hz)
     measured = approximation_of(spectra, records, picked, alike)
     names = tuple(robot.joint_names[index] for index in picked)

@@ -24,7 +24,7 @@ from scipy.optimize import least_squares, linear_sum_assignment, nnls
 from seaid._arrays import Array, BoolArray, IndexArray, safely
 from seaid.drives import Drive, is_dry, total_ratio
 from seaid.estimation import Estimate
-from seaid.identification.spectra import NEAR, Spectra
+from seaid.identification.spectra import NEAR, STICKS, Record, Spectra, motor_rates
 from seaid.robot import Robot
 from seaid.simulation import mass_matrix
 
@@ -330,6 +330,44 @@ def fitted(spectra: Spectra, nominal: LinearJoints, drives: Sequence[Drive]) -> 
     found = [problem.solved(x, rounds=_LEAST_ROUNDS) for x in _starts(spectra, parameters)]
     x, _ = min(found, key=lambda one: one[1])
     return problem.fit(problem.solved(x, rounds=_ROUNDS)[0])
+
+
+def refitted(spectra: Spectra, fit: Fit) -> Fit:
+    """Return the fit to other spectra of the same joints, from where one ended."""
+    problem = _Problem(spectra, fit.parameters)
+    return problem.fit(problem.solved(fit.x, rounds=_ROUNDS)[0])
+
+
+def sticking_sign(record: Record, picked: Sequence[int], fit: Fit) -> Record:
+    """Return a record with the dry friction of the fit while motors stick, over its level.
+
+    At rest friction is what the torque leaves beside the spring and the rotor, at most its level:
+    tau - I w' - F w - k (phi_M - phi), with the load angle phi that the linearised robot has. The
+    fit thus does not rest on samples at standstill.
+    """
+    joints, dry = fit.joints, fit.dry
+    n, e = len(dry), np.flatnonzero(joints.elastic)
+    fields = (record.torque, record.motor, record.sign)
+    U, Y, S = (one[..., picked].reshape(-1, n) for one in fields)
+    s = 2j * np.pi * np.fft.rfftfreq(len(U), record.step_s)
+    force = np.fft.rfft(U - dry * S, axis=0)
+    x = np.einsum("fij,fj->fi", joints.compliance(s[1:])[:, :, :n], force[1:])
+    spring = np.zeros_like(force)
+    spring[0] = force[0]  # the motor does not accelerate on average
+    stretch = x[:, e] - x[:, n + np.arange(len(e))]
+    # the measured angle of the motor, in place of that of the model
+    measured = np.fft.rfft(Y, axis=0)[1:, e] - x[:, e]
+    spring[1:, e] = (joints.stiffness[e] + s[1:, None] * joints.damping[e]) * stretch
+    spring[1:, e] += joints.stiffness[e] * measured
+    speed, acceleration = motor_rates(Y)
+    left = U - np.fft.irfft(spring, len(U), axis=0)
+    left -= joints.inertia * acceleration / record.step_s**2
+    left -= joints.friction * speed / record.step_s
+    sticks = joints.elastic & (dry > 0) & (np.abs(speed) < STICKS * np.std(speed, axis=0))
+    sign = record.sign.copy()
+    friction = np.clip(left / np.where(dry > 0, dry, 1.0), -1.0, 1.0)
+    sign[..., picked] = np.where(sticks, friction, S).reshape(sign[..., picked].shape)
+    return replace(record, sign=sign)
 
 
 def _starts(spectra: Spectra, parameters: _Parameters) -> list[Array]:

@@ -38,8 +38,13 @@ _BROAD_FLOOR = 1e-3
 NEAR = 6
 """Lines on either side that are near: variances and, with few logs, responses are smooth there."""
 
-_STICKS = 0.02
-"""Share of the standard deviation of the speed below which a motor sticks."""
+STICKS, _STILL = 0.01, 1e-3
+"""Shares of the standard deviation of the speed: below the first a motor sticks, and the second is
+rounding."""
+
+_QUIET = 0.02
+"""Noise of the differences of the angle, over their standard deviation, up to which they show the
+reversals; above, a smoothed speed does, which is late since speeds have a kink at a reversal."""
 
 _SEGMENTS = 8
 """Segments of a log without periods, half overlapping (Welch)."""
@@ -125,19 +130,34 @@ def record_of(robot: Robot, log: Log, ratio: Array, period_s: float | None) -> R
             first = (0 if spare <= 1 else spare) + (periods - kept) * count
             values = values[:, first : first + kept * count]
         shaped = values.reshape(3, kept, count, -1)
-    flat = (motor if period_s is None else shaped[1]).reshape(-1, shaped.shape[-1])
-    speed = savgol_filter(np.nan_to_num(flat), 5, 2, deriv=1, axis=0)
-    sign = np.stack([_friction_sign(one) for one in speed.T], axis=1).reshape(shaped[1].shape)
+    flat = np.nan_to_num((motor if period_s is None else shaped[1]).reshape(-1, shaped.shape[-1]))
+    sign = np.stack([_friction_sign(one) for one in flat.T], axis=1).reshape(shaped[1].shape)
     posture = np.mean(np.where(np.isfinite(joint), joint, motor), axis=0)
     return Record(shaped[0], shaped[1], shaped[2], sign, step, posture)
 
 
-def _friction_sign(speed: Array) -> Array:
-    """Return the sign (T,) of a speed, and while the motor sticks a line from one to the next."""
-    moves = np.flatnonzero(np.abs(speed) > _STICKS * np.std(speed))
+def motor_rates(angle: Array) -> tuple[Array, Array]:
+    """Return speed and acceleration (2 of (T, ...)) per sample, smoothed over five samples."""
+    speed, acceleration = (savgol_filter(angle, 5, 2, deriv=one, axis=0) for one in (1, 2))
+    return speed, acceleration
+
+
+def _friction_sign(angle: Array) -> Array:
+    """Return the sign (T,) of the speed, and while the motor sticks a line from one to the next.
+
+    Each sample has the mean of the intervals before and after it.
+    """
+    moved = np.diff(angle)
+    noise = np.sqrt(2 / 70) * np.std(np.diff(angle, 4))  # 70: sum of the squares of 1 4 6 4 1
+    if noise > _QUIET * np.std(moved):
+        speed = motor_rates(angle)[0]
+        moved = 0.5 * (speed[1:] + speed[:-1])
+        moved = np.where(np.abs(moved) > _QUIET * np.std(speed), moved, 0.0)
+    moves = np.flatnonzero(np.abs(moved) > _STILL * np.std(moved))
     if not len(moves):
-        return np.zeros_like(speed)
-    return np.interp(np.arange(len(speed)), moves, np.sign(speed[moves]))
+        return np.zeros_like(angle)
+    signs = np.interp(np.arange(-1, len(angle)), moves, np.sign(moved[moves]))
+    return np.asarray(0.5 * (signs[1:] + signs[:-1]))
 
 
 def round_down(value: float) -> int:

@@ -15,9 +15,15 @@ import numpy as np
 from seaid._files import plain, write_whole
 from seaid._progress import counted
 from seaid.errors import SeaidError, checked
-from seaid.identification import Identification, StaticCalibration, Validation, compared
+from seaid.identification import (
+    FrequencyResponse,
+    Identification,
+    StaticCalibration,
+    Validation,
+    compared,
+)
 from seaid.report.comparison import comparison_of, measures_of
-from seaid.report.html_actuators import actuator_figures
+from seaid.report.html_actuators import actuator_figures, response_figures
 from seaid.report.html_charts import (
     Axis,
     Layer,
@@ -51,6 +57,7 @@ from seaid.report.html_tables import (
     probability,
     replay_error_table,
     residual_table,
+    response_table,
     share,
     short,
     table_of,
@@ -87,6 +94,7 @@ def write_report(
     *,
     facts: Mapping[str, Fact] | None = None,
     nominal: Robot | None = None,
+    frequency: FrequencyResponse | None = None,
     replays: ReplayComparison | Iterable[ReplayComparison] = (),
 ) -> None:
     """Write the report of an identification as one HTML file that opens offline.
@@ -110,6 +118,9 @@ def write_report(
         is shown as code.
     nominal : Robot, optional
         The robot with the nominal values to compare with. Default: those of the identified one.
+    frequency : FrequencyResponse, optional
+        A frequency response, of `frequency_response(..., identification=found)`: measured and
+        computed responses with resonance and antiresonance, and its warnings.
     replays : ReplayComparison or iterable of ReplayComparison, optional
         Replays of logs before and after the identification, of `compare_replays`.
 
@@ -132,6 +143,11 @@ def write_report(
             f"{', '.join(found.robot.joint_names)}: give the same robot with nominal values"
         )
     results = _checked(found, results)
+    if frequency is not None and not set(frequency.joints) <= set(found.robot.joint_names):
+        raise SeaidError(
+            f"frequency=: the joints {', '.join(frequency.joints)}, but the identified robot has "
+            f"{', '.join(found.robot.joint_names)}: give a response of the same robot"
+        )
     moved = [replays] if isinstance(replays, ReplayComparison) else list(replays)
     runs = runs_of(found, results)
     values, posture = nominal_values(found, given), posture_of(found)
@@ -140,6 +156,9 @@ def write_report(
         **_experiment(found, _checked_facts(facts or {})),
         **_motions(found, runs, values, posture, moved),
         "replays": [_replay(found, one) for one in moved],
+        "frequency": frequency,
+        "responses": [] if frequency is None else response_figures(frequency),
+        "springs": None if frequency is None else response_table(frequency),
         "parameters": _packed_parameters(found, results),
     }
     write_whole(path, _rendered("report.html.j2", robot=found.robot.name, **content))

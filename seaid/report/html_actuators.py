@@ -30,7 +30,7 @@ from seaid.regressor import actuator_columns, load_columns, signals
 from seaid.report.html_charts import Axis, Layer, chart, fitted_motions
 
 if TYPE_CHECKING:
-    from seaid.identification import Identification
+    from seaid.identification import FrequencyResponse, Identification
     from seaid.robot import Robot
 
 _MOST_SAMPLES, _ROOM = 420, 40_000
@@ -55,6 +55,19 @@ class ActuatorFigures:
     kind: str
     friction: Any | None
     spring: Any | None
+
+
+@dataclass(frozen=True)
+class ResponseFigures:
+    """Size and phase of the response of a joint to its own motor torque, over frequency.
+
+    `coherence` is the range of the share of power that the linear response explains.
+    """
+
+    joint: str
+    coherence: str
+    size: Any
+    phase: Any
 
 
 @dataclass(frozen=True, eq=False)
@@ -270,3 +283,67 @@ def _spring_force(drive: Drive, x: Array) -> Array | None:
         return force
     except SeaidError:
         return None
+
+
+def response_figures(found: FrequencyResponse) -> list[ResponseFigures]:
+    """Return the measured response of every joint with its deviations, and that of the models.
+
+    Vertical lines are the resonance and the antiresonance of an elastic joint.
+    """
+    hz, figures = found.frequency_hz, []
+    models = [(found.model, "identified"), (found.identified, "computed")]
+    for place, joint in enumerate(found.joints):
+        own, explained = found.response[:, place, place], found.coherence[:, place]
+        curves = [(one[:, place, place], name) for one, name in models if one is not None]
+        stds = [(found.noise_std, "threshold"), (found.total_std, "nominal")]
+        deviations = [(one[:, place, place], name) for one, name in stds]
+        sizes = np.concatenate([np.abs(own), *(one for one, _ in deviations)])
+        sizes = sizes[np.isfinite(sizes) & (sizes > 1e-6 * np.max(np.abs(own)))]
+        low, high = 0.7 * float(np.min(sizes)), 1.4 * float(np.max(np.abs(own)))
+        marks = [
+            (found.drives[joint].value(name), style)
+            for name, style in (("resonance", "sample up"), ("antiresonance", "sample down"))
+            if joint in found.drives
+        ]
+        across = Axis("frequency", "Hz", float(hz[0]) / 1.05, float(hz[-1]) * 1.05, is_log=True)
+        size = [
+            *_marked(marks, low, high),
+            *(Layer(hz, one, name, "line") for one, name in deviations),
+            Layer(hz, np.abs(own), "sample"),
+            *(Layer(hz, np.abs(one), name, "line") for one, name in curves),
+        ]
+        phase = [
+            *_marked(marks, -360.0, 360.0),
+            Layer(hz, _degrees(own), "sample"),
+            *(Layer(hz, _degrees(one), name, "line") for one, name in curves),
+        ]
+        figures.append(
+            ResponseFigures(
+                joint,
+                f"coherence {np.nanmin(explained):.2f} to {np.nanmax(explained):.2f}",
+                chart(
+                    size,
+                    across,
+                    Axis("motor angle / torque", "rad/(N m)", low, high, is_log=True),
+                    title=f"Size of the frequency response of {joint}",
+                ),
+                chart(
+                    phase,
+                    across,
+                    Axis("phase", "°", -225.0, 45.0),
+                    title=f"Phase of the frequency response of {joint}",
+                ),
+            )
+        )
+    return figures
+
+
+def _marked(marks: Sequence[tuple[float, str]], low: float, high: float) -> Iterator[Layer]:
+    for hz, name in marks:
+        yield Layer(np.array([hz, hz]), np.array([low, high]), name, "line")
+
+
+def _degrees(response: Array) -> Array:
+    """Return the phase (F,) from -225 to 135 degrees, interrupted where it jumps."""
+    phase = (np.degrees(np.angle(response)) + 225.0) % 360.0 - 225.0
+    return np.where(np.abs(np.diff(phase, prepend=phase[0])) > 180.0, np.nan, phase)

@@ -35,6 +35,9 @@ if TYPE_CHECKING:
 _WIDTH, _HEIGHT = 460.0, 300.0
 _LEFT, _RIGHT, _TOP, _BOTTOM = 58.0, 10.0, 10.0, 44.0
 _TICKS = 5
+_FEW_POWERS = 3
+"""Powers of ten of an axis below which it has ticks at 2 and 5 of each too."""
+
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
@@ -136,6 +139,11 @@ class _Scale:
             step = max(1, math.ceil(len(powers) / 7))
             values = [10.0**power for power in powers[::step]]
             texts = [f"10{str(power).translate(_SUPERSCRIPTS)}" for power in powers[::step]]
+            if len(powers) < _FEW_POWERS:
+                start = math.floor(math.log10(low))
+                every = (m * 10.0**p for p in range(start, start + 5) for m in (1, 2, 5))
+                values = [one for one in every if low <= one <= high]
+                texts = [powers_of_ten(f"{one:g}") for one in values]
         else:
             step_size = _round_step((high - low) / _TICKS)
             count = range(

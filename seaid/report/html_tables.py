@@ -18,7 +18,12 @@ from seaid.report.html_traces import SIDES
 
 if TYPE_CHECKING:
     from seaid.estimation import Estimate, TermTest
-    from seaid.identification import Fit, Identification, StaticCalibration
+    from seaid.identification import (
+        Fit,
+        FrequencyResponse,
+        Identification,
+        StaticCalibration,
+    )
     from seaid.report.comparison import Comparison
     from seaid.report.html_traces import Run
     from seaid.report.html_verdict import Nominal
@@ -343,17 +348,37 @@ def term_name(side: str, term: TermTest) -> str:
 
 def calibration_table(found: StaticCalibration) -> Table:
     """Return the parameters of a calibration from statics."""
-    rows: list[list[Cell]] = []
-    errors, intervals = found.standard_errors.tolist(), found.intervals.tolist()
+    rows = _value_rows(found)
+    return table_of("calibration", "Parameters of the law, and friction.", _VALUE_HEADS, rows)
+
+
+def response_table(found: FrequencyResponse) -> Table:
+    """Return resonance, antiresonance, damping and spring of every elastic joint."""
+    rows = [[Cell(joint), *row] for joint, one in found.drives.items() for row in _value_rows(one)]
+    caption = "From the response of motor angles to motor torques; frequencies with all motors free"
+    caption += " (resonance) and held (antiresonance)."
+    return table_of("response", caption, ("Joint", *_VALUE_HEADS), rows, 2)
+
+
+_VALUE_HEADS = ("Parameter", "Value", "Std. error", "95 % interval", "Unit")
+
+
+def _value_rows(found: StaticCalibration | Estimate) -> list[list[Cell]]:
+    every = found.intervals if hasattr(found, "intervals") else found.interval()
+    rows = []
     for name, value, error, (low, high), unit in zip(
-        found.names, found.values.tolist(), errors, intervals, found.units, strict=True
+        found.names,
+        found.values.tolist(),
+        found.standard_errors.tolist(),
+        every.tolist(),
+        found.units,
+        strict=True,
     ):
         texts = rounded(value, error, low, high)
         interval = Cell(f"{texts.lower} to {texts.upper}")
         values = Cell(texts.value, value), Cell(texts.error, error), interval
-        rows.append([Cell(name.replace("_", " ")), *values, Cell(unit)])
-    heads = ("Parameter", "Value", "Std. error", "95 % interval", "Unit")
-    return table_of("calibration", "Parameters of the law, and friction.", heads, rows)
+        rows.append([Cell(name.replace("_", " ")), *values, Cell(readable_unit(unit))])
+    return rows
 
 
 def residual_table(found: Identification) -> Table:

@@ -381,3 +381,76 @@ def test_replay_compares_the_given_drives_with_the_identified_ones(
     plain = tmp_path / "plain.html"
     done("report", *robot_and_drives(arm), *own, "-o", plain)
     assert 'id="replay"' not in plain.read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def sines(arm: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """A multisine planned on the command line, and its simulated log without joint encoder."""
+    folder = tmp_path_factory.mktemp("sines")
+    plan, log = folder / "sine.json", folder / "log.csv"
+    shape = ("--basis", "multisine", "--duration", "4", "--period-s", "2", "--band", "0.6,16")
+    size = ("--amplitude", "shoulder=0.05,elbow=0.1", "--acceleration", "300", "--velocity", "3")
+    done("excite", *robot_and_drives(arm), *shape, *size, "-o", plan)
+    noise = ("--torque-std", "0.001", "--motor-resolution", "0.002")
+    done("simulate", *robot_and_drives(arm), plan, *noise, "-o", log)
+    measured = seaid.read_log(log, robot_of(arm))
+    position = measured.joint_position.copy()
+    position[:, 1] = np.nan
+    seaid.write_log(replace(measured, joint_position=position), log)
+    return plan, log
+
+
+@pytest.mark.slow  # plan, simulation and several fits
+def test_frequency_is_that_of_the_library_and_has_a_figure(
+    arm: Path, sines: tuple[Path, Path], tmp_path: Path
+) -> None:
+    """From the plan to the spring, through simulation with its run-in, stick-slip and encoders."""
+    plan, log = sines
+    figure = tmp_path / "response.png"
+    line = ("frequency", *robot_and_drives(arm), log, "--plan", plan, "--figure", figure)
+    (elbow,) = result_of(*line)["drives"].values()  # type: ignore[attr-defined]
+    found = {one["name"]: one["value"] for one in elbow}
+    assert found["stiffness"] == pytest.approx(250.0, rel=0.03)
+    measured = seaid.read_log(log, robot_of(arm))
+    own = seaid.frequency_response(
+        robot_of(arm), measured, plan=seaid.load_trajectory(plan)
+    ).drives["elbow"]
+    assert found == pytest.approx(dict(zip(own.names, own.values, strict=True)))
+    assert figure.read_bytes()[:4] == b"\x89PNG"
+    other = ("--band", "0.6,0.7")
+    assert "excited frequencies from 0.6 to 0.7 Hz" in refused(*line[:4], log, *other)
+    wrong = run("frequency", *robot_and_drives(arm), log, "--plan", arm / "run_plan.json")
+    assert "--plan must be a multisine" in wrong.err
+
+
+@pytest.mark.slow  # plan, simulation and several fits
+def test_a_multisine_in_the_report_and_an_identification_that_it_contradicts(
+    arm: Path, sines: tuple[Path, Path], runs: tuple[Path, Path], tmp_path: Path
+) -> None:
+    plan, log = sines
+    page = tmp_path / "page.html"
+    done("report", "--run", runs[0], "--multisine", log, "--plan", plan, "-o", page)
+    text = page.read_text(encoding="utf-8")
+    assert "Size of the frequency response of elbow" in text
+    assert "antiresonance" in text
+    said = run("report", "--run", runs[0], "--plan", plan, "-o", tmp_path / "no.html")
+    assert "a plan needs its --multisine" in said.err
+    content = result_of("frequency", *robot_and_drives(arm), log, "--plan", plan, "--run", runs[0])
+    assert content["identified"] is not None
+
+    found = seaid.load_run(runs[0]).identification
+    drive = found.drive_side["elbow"]
+    values = np.array(drive.values)
+    values[drive.names.index("stiffness")] *= 1.3
+    stiffer = replace(found, drive_side={"elbow": replace(drive, values=values)})
+    response = seaid.frequency_response(
+        robot_of(arm),
+        seaid.read_log(log, robot_of(arm)),
+        plan=seaid.load_trajectory(plan),
+        identification=stiffer,
+    )
+    (one,) = [x for x in response.warnings if x.code == "estimator-disagrees"]
+    assert (one.joint, one.severity) == ("elbow", "doubtful")
+    assert "by its frequency response" in one.message
+    with pytest.raises(seaid.SeaidError, match="give a response of the same robot"):
+        seaid.write_report(found, [], page, frequency=replace(response, joints=("knee", "ankle")))
