@@ -69,17 +69,18 @@ class TwoMass:
         A, B = self.matrices
         substeps = 1 if coulomb == 0 else 5
         rate = RATE_HZ * substeps
-        fine = np.interp(
-            np.arange(len(torque) * substeps) / rate, np.arange(len(torque)) / RATE_HZ, torque
-        )
+        # held over a substep, so that of its middle
+        middle = np.arange(len(torque) * substeps) + (0.5 if coulomb else 0.0)
+        fine = np.interp(middle / rate, np.arange(len(torque)) / RATE_HZ, torque)
         Ad, Bd, C, D, _ = cont2discrete(
-            (A, B, np.eye(4), np.zeros((4, 1))), 1 / rate, "foh" if not coulomb else "zoh"
+            (A, B, np.eye(len(A)), 0 * B), 1 / rate, "foh" if not coulomb else "zoh"
         )
-        state, states = np.zeros(4), np.empty((len(fine), 4))
+        speed = len(A) // 2  # of the motor
+        state, states = np.zeros(len(A)), np.empty((len(fine), len(A)))
         for t, u in enumerate(fine):
             states[t] = C @ state + D[:, 0] * u
             if coulomb:
-                u = u - coulomb * np.tanh(state[2] / 0.5)
+                u = u - coulomb * np.tanh(state[speed] / 0.5)
             state = Ad @ state + Bd[:, 0] * u
         states = states[::substeps]
         rng = np.random.default_rng(seed)
@@ -120,6 +121,46 @@ class TwoMass:
                 "nominal": {"spring_damping": self.damping},
             }
         return load_robot(path, {"arm": drive})
+
+
+@dataclass(frozen=True)
+class ThreeMass(TwoMass):
+    """The same with a load that bends: a part of its inertia behind a second, light spring."""
+
+    outer: float = 0.5
+    """Part of the load's inertia behind the second spring."""
+    outer_stiffness: float = 1e4
+    outer_damping: float = 1.0
+
+    @property
+    def matrices(self) -> tuple[Array, Array]:
+        """A and B of the state (motor angle, position, outer position, their speeds)."""
+        N, k, c = self.gear_ratio, self.stiffness, self.damping
+        part = self.outer * self.load
+        mass = np.diag([self.motor_inertia, self.load - part, part])
+        pull = np.zeros((3, 3))
+        pull[:2, :2] = [[1 / N**2, -1 / N], [-1 / N, 1.0]]
+        bend = np.zeros((3, 3))
+        bend[1:, 1:] = [[1.0, -1.0], [-1.0, 1.0]]
+        weight = np.diag([0.0, self.gravity * (1 - self.outer), self.gravity * self.outer])
+        stiffness = k * pull + self.outer_stiffness * bend + weight
+        damping = c * pull + self.outer_damping * bend + np.diag([self.friction, 0.0, 0.0])
+        inverse = np.linalg.inv(mass)
+        A = np.block([[np.zeros((3, 3)), np.eye(3)], [-inverse @ stiffness, -inverse @ damping]])
+        return A, np.vstack([np.zeros((3, 1)), inverse[:, :1]])
+
+    @property
+    def modes(self) -> Array:
+        """Those of the lowest resonance and antiresonance."""
+        A, _ = self.matrices
+        held = A[np.ix_([1, 2, 4, 5], [1, 2, 4, 5])]
+        pairs = []
+        # with a free motor the lowest pole is that of the pendulum, and the last bends the load
+        for matrix, place in ((A, -2), (held, 0)):
+            poles = np.linalg.eigvals(matrix)
+            pole = sorted(poles[poles.imag > 0], key=abs)[place]
+            pairs.append((abs(pole) / (2 * np.pi), -pole.real / abs(pole)))
+        return np.ravel(pairs)
 
 
 def multisine_torque(

@@ -17,7 +17,7 @@ from seaid._arrays import Array
 from seaid.identification.frequency import FrequencyResponse, frequency_response
 from seaid.identification.spectra import _friction_sign
 from seaid.log.log import Log
-from tests.linear_plant import RATE_HZ, TwoMass, multisine_torque
+from tests.linear_plant import RATE_HZ, ThreeMass, TwoMass, multisine_torque
 
 PLANT = TwoMass()
 NAMES = ("resonance", "resonance_damping", "antiresonance", "antiresonance_damping")
@@ -307,3 +307,12 @@ def test_dry_friction_of_a_third_of_the_torque_leaves_the_spring(tmp_path: Path)
     )
     assert values(found, "stiffness") == pytest.approx([plant.stiffness], rel=6e-3)
     assert found.drives["arm"].standard_error("stiffness") < 3e-3 * plant.stiffness
+
+
+def test_a_load_that_bends_leaves_spring_and_resonance(tmp_path: Path) -> None:
+    """A third mass on a light spring, whose mode is five times the resonance."""
+    plant = ThreeMass(50.0, 6e-5, 2e-4, 159.8, 0.3, 0.3, 8.0, 0.3, 2500.0, 0.3)
+    log = plant.log(multisine_torque(0.3, period_s=5.0, periods=2, top_hz=13.0), torque_std=0.006)
+    found = frequency_response(plant.robot(tmp_path, nominal=False), log, period_s=5.0)
+    assert values(found, "stiffness") == pytest.approx([plant.stiffness], rel=0.03)
+    assert values(found, "resonance", "antiresonance") == pytest.approx(plant.modes[::2], rel=0.02)
