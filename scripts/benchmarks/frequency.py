@@ -72,7 +72,7 @@ def errors_of(name: str, draw: int, folder: Path, times: float = 0.0) -> Array:
 def of_leg(seed: int) -> list[tuple[float, float]]:
     """Return error and standard error of each spring of the leg, relative to it."""
     robot = leg(TEST_MASS)
-    sizes = {"hip_yaw": 0.0, "hip_roll": 0.0, "hip_pitch": 0.016, "knee_pitch": 0.02}
+    sizes = {"hip_yaw": 0.0, "hip_roll": 0.0, "hip_pitch": 0.012, "knee_pitch": 0.02}
     shape = seaid.Multisine(
         band_hz=(1.2, 14.0),
         period_s=10.0,  # one period: with twice the lines, phases that fit badly count less
