@@ -123,6 +123,7 @@ ONE_IMPORTER = {
     ),
     "functions that users call": (
         *("identification.conditions", "identification.static_calibration"),
+        "identification.frequency",
         *("log.infer_columns", "log.long_log", "project.saved"),
         *("regressor.exact.base", "report.comparison", "symbolic.expression_text"),
         *("export.mjcf", "export.urdf"),
