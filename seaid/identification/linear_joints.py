@@ -341,7 +341,7 @@ def refitted(spectra: Spectra, fit: Fit) -> Fit:
 def sticking_sign(record: Record, picked: Sequence[int], fit: Fit) -> Record:
     """Return a record with the dry friction of the fit while motors stick, over its level.
 
-    At rest friction is what the torque leaves beside the spring and the rotor, at most its level:
+    At rest friction is what the torque leaves besides spring and rotor, at most its level:
     tau - I w' - F w - k (phi_M - phi), with the load angle phi that the linearised robot has. The
     fit thus does not rest on samples at standstill.
     """
