@@ -125,7 +125,7 @@ class TwoMass:
 
 @dataclass(frozen=True)
 class ThreeMass(TwoMass):
-    """The same with a load that bends: a part of its inertia behind a second, light spring."""
+    """The same with an elastic load: a part of its inertia behind a second, light spring."""
 
     outer: float = 0.5
     """Part of the load's inertia behind the second spring."""
@@ -140,11 +140,11 @@ class ThreeMass(TwoMass):
         mass = np.diag([self.motor_inertia, self.load - part, part])
         pull = np.zeros((3, 3))
         pull[:2, :2] = [[1 / N**2, -1 / N], [-1 / N, 1.0]]
-        bend = np.zeros((3, 3))
-        bend[1:, 1:] = [[1.0, -1.0], [-1.0, 1.0]]
+        second = np.zeros((3, 3))
+        second[1:, 1:] = [[1.0, -1.0], [-1.0, 1.0]]
         weight = np.diag([0.0, self.gravity * (1 - self.outer), self.gravity * self.outer])
-        stiffness = k * pull + self.outer_stiffness * bend + weight
-        damping = c * pull + self.outer_damping * bend + np.diag([self.friction, 0.0, 0.0])
+        stiffness = k * pull + self.outer_stiffness * second + weight
+        damping = c * pull + self.outer_damping * second + np.diag([self.friction, 0.0, 0.0])
         inverse = np.linalg.inv(mass)
         A = np.block([[np.zeros((3, 3)), np.eye(3)], [-inverse @ stiffness, -inverse @ damping]])
         return A, np.vstack([np.zeros((3, 1)), inverse[:, :1]])
@@ -155,7 +155,7 @@ class ThreeMass(TwoMass):
         A, _ = self.matrices
         held = A[np.ix_([1, 2, 4, 5], [1, 2, 4, 5])]
         pairs = []
-        # with a free motor the lowest pole is that of the pendulum, and the last bends the load
+        # with a free motor the lowest pole is that of the pendulum, and the last is of the load
         for matrix, place in ((A, -2), (held, 0)):
             poles = np.linalg.eigvals(matrix)
             pole = sorted(poles[poles.imag > 0], key=abs)[place]

@@ -1,8 +1,8 @@
 """Springs, resonance and damping by frequency response, from motor torque and motor angle alone.
 
 First two masses of the sizes of three drives, simulated by scipy with dry friction and noise: the
-largest and root mean square errors over several draws of phases and noise; then the same with a
-load that bends, a third mass whose mode is at three or five times the resonance. Then the TULip leg
+largest and root mean square errors over several draws of phases and noise; then the same with
+an elastic load, a third mass whose mode is at three or five times the resonance. Then the TULip leg
 with its test mass, 10 s of one multisine of its three elastic joints by `seaid.simulate`.
 
     python scripts/benchmarks/frequency.py [--draws 10] [--leg 3]
@@ -42,7 +42,7 @@ OUTER = 0.3
 """Part of the load's inertia that is a third mass."""
 
 
-def bending(plant: TwoMass, times: float) -> TwoMass:
+def with_outer_mass(plant: TwoMass, times: float) -> TwoMass:
     """Return a plant whose load has a mode at so many times the resonance, with a free link."""
     if not times:
         return plant
@@ -53,7 +53,7 @@ def bending(plant: TwoMass, times: float) -> TwoMass:
 
 def errors_of(name: str, draw: int, folder: Path, times: float = 0.0) -> Array:
     """Return the relative errors of `NAMES` of one draw, without nominal values of the drive."""
-    plant, size = bending(DRIVES[name][0], times), DRIVES[name][1]
+    plant, size = with_outer_mass(DRIVES[name][0], times), DRIVES[name][1]
     modes = plant.modes
     torque = multisine_torque(
         size, period_s=5.0, periods=2, top_hz=2.0 * modes[0], seed=draw, left_out=4
@@ -108,8 +108,8 @@ def main() -> None:
             errors = np.array([errors_of(name, draw, Path(folder), times) for draw in draws])
             rms, most = np.sqrt(np.mean(errors**2, axis=0)), np.abs(errors).max(axis=0)
             cells = (f"{100 * a:.2f} % ({100 * b:.2f} %)" for a, b in zip(rms, most, strict=True))
-            bends = f", bends at {times:g}" if times else ""
-            print(f"{name + bends:28s}", *(f"{one:>22s}" for one in cells), flush=True)
+            kind = f", elastic load, {times:g}" if times else ""
+            print(f"{name + kind:28s}", *(f"{one:>22s}" for one in cells), flush=True)
     print("\nTULip leg with the test mass of 2 kg, one multisine of 10 s, no joint encoder")
     print(f"{'seed':15s}", *(f"{name:>22s}" for name in ELASTIC))
     for seed in range(given.leg):

@@ -276,7 +276,7 @@ def test_the_spring_of_a_plant_in_mujoco_is_found(tmp_path: Path) -> None:
     assert found.warnings == ()
 
 
-def test_a_reversal_is_where_the_motor_turns_although_friction_bends_its_speed() -> None:
+def test_a_reversal_is_where_the_motor_turns_despite_the_kink_of_its_speed() -> None:
     """The speed falls fast before a reversal and rises slowly after it; a smoothed one is late."""
     fine = np.arange(40_000) / 40  # in samples; half a period has 250
     place = (fine - 0.3) % 250
@@ -309,7 +309,7 @@ def test_dry_friction_of_a_third_of_the_torque_leaves_the_spring(tmp_path: Path)
     assert found.drives["arm"].standard_error("stiffness") < 3e-3 * plant.stiffness
 
 
-def test_a_load_that_bends_leaves_spring_and_resonance(tmp_path: Path) -> None:
+def test_an_elastic_load_leaves_spring_and_resonance(tmp_path: Path) -> None:
     """A third mass on a light spring, whose mode is five times the resonance."""
     plant = ThreeMass(50.0, 6e-5, 2e-4, 159.8, 0.3, 0.3, 8.0, 0.3, 2500.0, 0.3)
     log = plant.log(multisine_torque(0.3, period_s=5.0, periods=2, top_hz=13.0), torque_std=0.006)
