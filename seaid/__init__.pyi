@@ -66,6 +66,7 @@ from .identification import identify_conditions as identify_conditions
 from .identification import read_statics as read_statics
 from .identification import refine as refine
 from .identification import validate as validate
+from .log import BaseLog as BaseLog
 from .log import Description as Description
 from .log import GearRatio as GearRatio
 from .log import Log as Log
@@ -98,6 +99,7 @@ from .regressor import identifiability as identifiability
 from .report import write_calibration as write_calibration
 from .report import write_comparison as write_comparison
 from .report import write_report as write_report
+from .robot import Contact as Contact
 from .robot import Payload as Payload
 from .robot import Robot as Robot
 from .robot import load_robot as load_robot

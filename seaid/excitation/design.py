@@ -58,7 +58,7 @@ from seaid.excitation.search import Outcome, search, with_feasible_start
 from seaid.excitation.trajectory import Trajectory, check_joint_names
 from seaid.log import Log, Motion
 from seaid.regressor import BaseParameters
-from seaid.robot import Robot
+from seaid.robot import Robot, check_held
 
 _REPORT_SAMPLES = 2000
 _MOST_NUMBERS, _FEWEST_SAMPLES = 20_000_000, 50
@@ -132,6 +132,7 @@ def excitation_measures(
     """
     if isinstance(motion, Trajectory):
         check_joint_names(motion, robot)
+    check_held(robot, "excitation_measures", ExcitationError)
     robot = robot.at_temperature()
     base = pivoted_base(robot, torque_joints)
     return _measures(robot, motion, torque_joints, base, joint_limits(robot, None).velocity)
@@ -311,6 +312,7 @@ def design_excitation(
     >>> plan.condition_number
     >>> plan.trajectory.save_set_points("plan.csv")
     """
+    check_held(robot, "design_excitation", ExcitationError)
     seed = seed_of(seed, ExcitationError)
     bounds = joint_limits(robot, limits)
     drives = drive_limits(robot, limits or Limits(), bounds.velocity)

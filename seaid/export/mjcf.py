@@ -17,7 +17,7 @@ from seaid.errors import RobotError, checked
 from seaid.export.mjcf_bodies import TINY, add_bodies
 from seaid.export.mjcf_drives import add_drives, temperature_notes
 from seaid.identification import Identification
-from seaid.robot import Robot
+from seaid.robot import Robot, check_held
 from seaid.simulation import mass_matrix
 
 _LONGEST_S, _SHORTEST_S = 1e-3, 1e-6
@@ -151,6 +151,7 @@ def write_mjcf(
     from lxml import etree
 
     given = found.robot if isinstance(found, Identification) else found
+    check_held(given, "write_mjcf")
     robot, path = given.at_temperature(at_temperature_degC), Path(path)
     if not np.all(np.isfinite(robot.parameters)):
         raise RobotError(f"'{robot.name}' has no inertial parameters to write")

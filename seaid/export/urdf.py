@@ -313,7 +313,7 @@ def _root(source: Path, text: bytes) -> Element:
 
 
 def _check_links(source: Path, tree: UrdfTree, robot: Robot) -> None:
-    for joint, body in zip(robot.all_joint_names, robot.body_names, strict=True):
+    for joint, body in zip(robot.all_joint_names, robot.body_names, strict=False):
         if joint not in tree.joints:
             raise RobotError(f"URDF '{source}': " + unknown_name("joint", joint, tree.joints))
         if tree.joints[joint].child != body:
@@ -329,10 +329,8 @@ def _bodies(robot: Robot, tree: UrdfTree, notes: list[str], force: bool) -> dict
         raise RobotError(f"'{robot.name}' has no inertial parameters to write")
     changed: dict[str, Array] = {}
     moving = frozenset(robot.all_joint_names)
-    for joint, body, lump in zip(
-        robot.all_joint_names, robot.body_names, robot.parameters.reshape(-1, 10), strict=True
-    ):
-        placements = _fixed_links(tree, joint, moving)
+    for body, lump in zip(robot.body_names, robot.parameters.reshape(-1, 10), strict=True):
+        placements = _fixed_links(tree, body, moving)
         fixed = {link: tree.links[link] for link in placements if np.any(tree.links[link])}
         rest = _rest(lump, [in_parent_frame(own, placements[link]) for link, own in fixed.items()])
         is_consistent = is_physical(rest, THIN) and not _is_massless(rest)
@@ -359,10 +357,10 @@ def _rest(lump: Array, parts: Sequence[Array]) -> Array:
     return rest if left or not parts else np.zeros(10)
 
 
-def _fixed_links(tree: UrdfTree, joint: str, moving: frozenset[str]) -> dict[str, pin.SE3]:
-    """Return {link: placement in the body's frame} of the links fixed to the child of a joint."""
+def _fixed_links(tree: UrdfTree, body: str, moving: frozenset[str]) -> dict[str, pin.SE3]:
+    """Return {link: placement in the body's frame} of the links fixed to that of a body."""
     found: dict[str, pin.SE3] = {}
-    stack = [(tree.joints[joint].child, pin.SE3.Identity())]
+    stack = [(body, pin.SE3.Identity())]
     while stack:
         link, placement = stack.pop()
         for below in tree.children(link):

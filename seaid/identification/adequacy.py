@@ -195,9 +195,10 @@ def joint_fits(
 
     `bodies` (10n,) are the identified standard parameters with the payloads.
     """
-    rows, n = found.fit.rows, len(joint_names)
+    rows = found.fit.rows
     if rows is None:
         return FrozenMapping({}, "joint")
+    n = len(rows.joint_names)
     theta = found.fit.estimate.values  # with those of torque offsets
     own, blocks = _errors(rows, rows.H @ theta), _block_errors(found.fit)
     motors = {joint: _motor_error(joint, found, own, n) for joint in joint_names}

@@ -37,7 +37,14 @@ from seaid.identification.command_delays import (
     with_estimated_delays,
     with_shared_delays,
 )
-from seaid.identification.datasets import Dataset, Source, datasets_of, rows_in_memory, sources_of
+from seaid.identification.datasets import (
+    Dataset,
+    Source,
+    datasets_of,
+    first_motion,
+    rows_in_memory,
+    sources_of,
+)
 from seaid.identification.drive_estimates import merged_estimates, spring_of, with_warnings
 from seaid.identification.gear import deflection_joints, with_rigid_gears
 from seaid.identification.identification import Identification, identification_of
@@ -52,7 +59,7 @@ from seaid.identification.two_step import (
     spring_torque_joints,
     two_step_equations,
 )
-from seaid.regressor import LoadModel, Regression, base_parameters, load_model, stacked
+from seaid.regressor import LoadModel, Regression, load_model_of, stacked
 from seaid.robot import Robot
 
 
@@ -385,7 +392,7 @@ def _identify_conditions(
     given = robots
     robots, datasets = _linearised(robots, datasets, used)
     models = {
-        name: load_model(robot, base_parameters(robot, torque_joints=used), used)
+        name: load_model_of(robot, list(map(first_motion, datasets[name])), used)
         for name, robot in robots.items()
     }
     _check_models(models)

@@ -95,7 +95,9 @@ class Experiment:
 
     @cached_property
     def used(self) -> list[int]:
-        """Joints with a torque that changes."""
+        """Joints with a torque that changes; none on a floating base, whose forces are unknown."""
+        if self.robot.floating_base is not None:
+            return []
         return [j for j in range(self.robot.n) if np.std(self.target[:, j]) > 0]
 
     @cached_property
@@ -118,7 +120,7 @@ class Experiment:
     def of_bodies(self, bodies: Array) -> Array:
         """Return the misfit (n,) of bodies (10n,) with any friction, NaN for unknown ones."""
         found = np.full(self.robot.n, np.nan)
-        if np.all(np.isfinite(bodies)):
+        if self.used and np.all(np.isfinite(bodies)):
             left = self.target - self.regressor @ bodies
             for j in self.used:
                 found[j] = self._misfit(j, left[:, j], self.friction[j])

@@ -103,10 +103,9 @@ from seaid.log import Log, Motion, Processing, stretches, with_commanded_torque
 from seaid.regressor import (
     BaseParameters,
     LoadModel,
-    base_parameters,
     check_offset_std,
     is_linear,
-    load_model,
+    load_model_of,
 )
 from seaid.robot import Robot
 
@@ -457,7 +456,7 @@ def _two_step(
     options: tuple[Estimator, float, Executor | None, bool],
 ) -> tuple[LoadModel, RobotEstimate]:
     """Return the columns of the load side and the estimate of both sides in turn."""
-    model = load_model(robot, base_parameters(robot, torque_joints=used), used)
+    model = load_model_of(robot, list(map(first_motion, datasets)), used)
     return model, estimate_two_step(robot, datasets, model, *options)
 
 

@@ -44,7 +44,7 @@ from seaid.regressor import (
     load_columns,
     load_regression,
 )
-from seaid.robot import Robot, at_drives
+from seaid.robot import Robot, at_drives, check_held
 
 REFERENCE_BAND = 0.5
 """Cutoff of the reference motion over that of the identification: three times the bandwidth."""
@@ -131,6 +131,7 @@ def load_with_instruments(
     rows = load_regression(robot, motion, model, springs)
     made = make(robot, motion, fitted)
     Z = in_band(made, load_columns(robot, made, model, springs)[2])
+    check_held(robot, 'estimator="iv"', IdentificationError)
     row_of = {robot.index(joint): row for row, joint in enumerate(model.torque_joints)}
     which = [row_of[int(index)] for index in rows.joint]
     return with_instruments(rows, Z[np.searchsorted(motion.time, rows.time), which])

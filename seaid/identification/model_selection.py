@@ -49,7 +49,7 @@ from seaid.identification.term_columns import (
 from seaid.identification.two_step import joints_with_torque
 from seaid.log import Motion
 from seaid.regressor import actuator_regression, stacked, with_gear_torque
-from seaid.robot import Robot
+from seaid.robot import Robot, check_held
 
 _NOT_COMPARED = {
     "friction": ("viscous", "coulomb", "shifted_coulomb", *BY_TEMPERATURE, *WARM_UP),
@@ -139,6 +139,7 @@ def compare_terms(
     >>> selection = seaid.compare_terms(robot, log, terms={"friction": ["stribeck"]})
     >>> result = seaid.identify(selection.robot, log)
     """
+    check_held(robot, "compare_terms", IdentificationError)
     plain, compared = _asked(terms), robot.selected(joints)
     selected = robot.selected(torque_joints)  # refuses unknown joints before a log is read
     datasets = datasets_of(robot, sources_of(logs), cutoff_hz, None, progress)

@@ -39,9 +39,8 @@ from seaid.log import (
 from seaid.regressor import (
     LoadModel,
     actuator_columns,
-    base_parameters,
     load_columns,
-    load_model,
+    load_model_of,
 )
 from seaid.robot import Robot
 
@@ -228,7 +227,7 @@ def start_by_regression(
     stiff = [joint for joint in robot.joint_names if joint not in robot.elastic_joints]
     sensed = joints_with_torque(robot, [one.motion for one in every])
     used = [one for one in robot.joint_names if one in joints or (one in stiff and one in sensed)]
-    model = load_model(robot, base_parameters(robot, torque_joints=used), used)
+    model = load_model_of(robot, [one.motion for one in every], used)
 
     def fit(compliance: Array) -> tuple[float, Array]:
         friction = np.zeros(every[0].friction.shape[2])

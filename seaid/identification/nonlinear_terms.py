@@ -63,9 +63,8 @@ from seaid.regressor import (
     actuator_equation,
     actuator_regression,
     actuator_rows,
-    base_parameters,
     input_signals,
-    load_model,
+    load_model_of,
     motor_regressor,
     signals,
     stacked,
@@ -468,7 +467,7 @@ def starting_load_fit(robot: Robot, motions: Sequence[Motion], used: Sequence[st
     Coulomb friction that is zero: unidentifiable combinations are zero here, and `identify` decides
     about them at the end of the search.
     """
-    model = load_model(robot, base_parameters(robot, torque_joints=used), used)
+    model = load_model_of(robot, motions, used)
     joints = spring_torque_joints(robot, motions, model)
     rows = rows_in_memory(motions, two_step_equations(robot, model, joints))
     springs = {joint: spring_of(robot, ordinary(rows[joint]), joint) for joint in joints}

@@ -68,7 +68,7 @@ from seaid.regressor import (
     load_regression,
     offset_sensitivity,
 )
-from seaid.robot import Robot, coupled_names
+from seaid.robot import Robot, check_held, coupled_names
 
 if TYPE_CHECKING:
     from seaid.identification.identification import Identification
@@ -511,6 +511,7 @@ def refine(
     logs = [logs] if isinstance(logs, Log) else list(logs)
     if not logs:
         raise IdentificationError("refine needs a log, found none")
+    check_held(identification.robot, "refine", IdentificationError)
     check_offset_std(encoder_offset_std)
     _check_start(identification)
     if any(drive.controller is not None for drive in identification.known.drives.values()):

@@ -52,7 +52,7 @@ from seaid.regressor import (
     spring_regressor,
     stacked,
 )
-from seaid.robot import Robot
+from seaid.robot import Robot, check_held
 
 MOST_ITERATIONS = 50
 
@@ -252,6 +252,7 @@ def estimate_simultaneous(
     shared.
     """
     springs = tuple(start.springs)
+    check_held(robot, 'method="simultaneous"', IdentificationError)
     check_simultaneous(robot, springs)
     regress: Regress = partial(simultaneous_regression, robot, model=model, springs=springs)
     rows = rows_in_memory(datasets, {"": regress}, executor)[""]

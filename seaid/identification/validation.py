@@ -214,8 +214,9 @@ def _load(identification: Identification, motion: Motion) -> tuple[Array, Array]
     measured = np.full_like(motion.joint_position, np.nan)
     computed = measured.copy()
     used = [identification.robot.index(joint) for joint in identification.model.torque_joints]
-    measured[:, used] = torque - given
-    computed[:, used] = payload + H @ theta - given
+    rows = slice(-len(used), None)  # those of a floating base come before them
+    measured[:, used] = (torque - given)[:, rows]
+    computed[:, used] = (payload + H @ theta - given)[:, rows]
     return measured, computed
 
 

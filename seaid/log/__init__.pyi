@@ -1,3 +1,5 @@
+from .base_log import BaseLog as BaseLog
+from .base_log import BaseMotion as BaseMotion
 from .commands import with_commanded_torque as with_commanded_torque
 from .description import LogDescription as LogDescription
 from .description import changed_source as changed_source

@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
-from seaid._arrays import Array, frozen
+from seaid._arrays import Array, BoolArray, frozen
 from seaid._files import write_csv, write_whole
 from seaid._progress import Display, sampled_text
 from seaid.errors import LogError, checked, listed, shown, unknown_name
+from seaid.log.base_log import BaseLog, base_columns, base_log
 from seaid.log.readers.hdf5_file import write_hdf5
 from seaid.log.readers.parquet_file import write_parquet
 from seaid.log.repair.data import Repair
@@ -90,6 +91,8 @@ def wanted_columns(
     allowed = ["time_s"]
     for joint, is_prismatic in zip(robot.joint_names, robot.is_prismatic, strict=True):
         allowed += column_names(joint, is_prismatic)
+    if robot.floating_base is not None:
+        allowed += base_columns(robot.floating_base.contact_links)
     for name in columns:
         if name not in allowed:
             raise LogError("columns=: " + unknown_name("column of this robot's log", name, allowed))
@@ -201,6 +204,8 @@ class Log(Display):
         Commanded position of a drive with a position controller, behind its gear [rad or m].
     is_prismatic : tuple of bool
         One entry per joint; default: all revolute.
+    base : BaseLog or None
+        The base of a robot that nothing holds, and its contacts.
     report : tuple of Repair
         Faults found in the file, and their repairs.
     description : mapping or None
@@ -232,6 +237,7 @@ class Log(Display):
     deflection: Array | None = None
     motor_temperature: Array | None = None
     position_command: Array | None = None
+    base: BaseLog | None = None
     report: tuple[Repair, ...] = ()
     description: Mapping[str, Any] | None = None
 
@@ -255,6 +261,10 @@ class Log(Display):
                 f"is_prismatic needs one entry per joint, {shape[1]}, found "
                 f"{len(self.is_prismatic)}"
             )
+        if self.base is not None:
+            for name, column in self.base.columns().items():
+                if len(column) != shape[0]:
+                    raise LogError(f"{name} has {len(column)} samples, time has {shape[0]}")
         _check_time(self.time)
         for name, column in self.columns().items():
             _check_column(name, column, self.time)
@@ -266,8 +276,13 @@ class Log(Display):
 
     def between(self, start_s: float, end_s: float) -> Log:
         """Return the samples with start_s <= time < end_s."""
-        kept = (self.time >= start_s) & (self.time < end_s)
+        return self.at((self.time >= start_s) & (self.time < end_s))
+
+    def at(self, kept: BoolArray) -> Log:
+        """Return the samples of a mask (T,)."""
         parts: dict[str, Any] = {field: values[kept] for field, values in self.sensors().items()}
+        if self.base is not None:
+            parts["base"] = self.base.each(lambda values: values[kept])
         return replace(self, time=self.time[kept], **parts)
 
     def columns(self) -> dict[str, Array]:
@@ -372,6 +387,8 @@ def sorted_log(picked: dict[str, Array], robot: Robot, file_names: Sequence[str]
         for field, values in fields.items()
         if field in _NEEDED or not np.all(np.isnan(values))
     }
+    if robot.floating_base is not None:
+        sensors["base"] = base_log(picked, robot.floating_base.contact_links)
     return Log(time=time, joint_names=robot.joint_names, is_prismatic=robot.is_prismatic, **sensors)
 
 
@@ -431,7 +448,8 @@ def write_log(log: Log, path: str | Path) -> None:
         raise LogError(
             f"'{path}': cannot write '{path.suffix}' logs; allowed: {', '.join(_WRITERS)}"
         )
-    write(path, {"time_s": log.time, **log.columns()})
+    base = log.base.columns() if log.base is not None else {}
+    write(path, {"time_s": log.time, **log.columns(), **base})
 
 
 def _write_npz(path: Path, data: Mapping[str, Array]) -> None:

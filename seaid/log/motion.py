@@ -13,6 +13,7 @@ from seaid._arrays import Array, BoolArray
 from seaid._progress import Display, sampled_text
 from seaid.drives import DEAD_ZONES, MEMORY
 from seaid.errors import Finding, LogError, checked
+from seaid.log.base_log import BaseLog, BaseMotion, base_motion
 from seaid.log.commands import commanded_torque
 from seaid.log.filtering import CutoffSelection, low_pass, select_cutoff, spline_derivatives
 from seaid.log.repair.channels import in_gap, interpolated
@@ -139,6 +140,8 @@ class Motion(Display):
         Delay of the commands [s] in `motor_torque`, for each joint; empty without commands.
     gear_torque : array (T, n) or None
         Estimated torque of rigid drives on their load [N m or N], if their friction depends on it.
+    base : BaseMotion or None
+        The motion of a floating base, and its contacts.
     bridged : array (T,) or None
         Whether a sample was interpolated over a gap; None: none was.
     processing : Processing or None
@@ -168,6 +171,7 @@ class Motion(Display):
     command_slope: Array | None = None
     command_delay_s: tuple[float, ...] = ()
     gear_torque: Array | None = None
+    base: BaseMotion | None = None
     bridged: BoolArray | None = None
     processing: Processing | None = None
     start_s: float = 0.0
@@ -197,7 +201,9 @@ class Motion(Display):
         """Return some successive samples of the motion, as a part of the same log."""
         signals = {name: value for name, value in vars(self).items() if np.ndim(value) > 0}
         signals = {name: x for name, x in signals.items() if isinstance(x, np.ndarray)}
-        cut = {name: value[part] for name, value in signals.items() if name != "fastest"}
+        cut: dict[str, Any] = {name: x[part] for name, x in signals.items() if name != "fastest"}
+        if self.base is not None:
+            cut["base"] = self.base.samples(part)
         return replace(self, **cut, fastest=self.largest_speeds)
 
 
@@ -213,6 +219,8 @@ def decimated(motion: Motion, factor: int) -> Motion:
             values = values.copy()
             values[:, known] = low_pass(values[:, known], motion.rate_hz, highest_hz)
         found[one.name] = values[::factor]
+    if motion.base is not None:
+        found["base"] = motion.base.samples(slice(None, None, factor))
     return replace(motion, fastest=motion.largest_speeds, **found)
 
 
@@ -351,8 +359,12 @@ def _motion(
     warmth = signals.get("motor_temperature")
     if warmth is not None:
         warmth = low_pass(warmth, rate_hz, POSITION_BAND * cutoff_hz)
+    base = None
+    if robot.floating_base is not None:
+        base = base_motion(robot, _base_on(log, time), time, POSITION_BAND * cutoff_hz)
     return Motion(
         time=time,
+        base=base,
         joint_names=robot.joint_names,
         joint_position=position[:, :n],
         joint_velocity=velocity[:, :n],
@@ -420,6 +432,13 @@ def _uniform(log: Log, columns: list[int]) -> tuple[Array, dict[str, Array]]:
                 log.time, values[:, place], time, smooth=field.endswith(("position", "deflection"))
             )
     return time, found
+
+
+def _base_on(log: Log, time: Array) -> BaseLog | None:
+    """Return the samples of the base at the times (T,) of the uniform grid."""
+    if log.base is None or time is log.time:
+        return log.base
+    return log.base.each(lambda x: np.column_stack([np.interp(time, log.time, c) for c in x.T]))
 
 
 def _bridged(logged: Array, time: Array) -> BoolArray | None:

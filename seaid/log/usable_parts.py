@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -135,8 +135,7 @@ def without_frozen(log: Log) -> Log:
             f"channels of the log are frozen in {np.mean(bad):.0%} of its samples, allowed "
             f"{MOST_EXCLUDED:.0%}; {found[0]}"
         )
-    parts: dict[str, Any] = {field: values[~bad] for field, values in log.sensors().items()}
-    return replace(log, time=log.time[~bad], report=(*log.report, *found), **parts)
+    return replace(log.at(~bad), report=(*log.report, *found))
 
 
 def _long_repeats(time: Array, values: Array) -> BoolArray:

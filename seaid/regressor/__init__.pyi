@@ -8,6 +8,7 @@ from .load import LoadModel as LoadModel
 from .load import check_offset_std as check_offset_std
 from .load import load_columns as load_columns
 from .load import load_model as load_model
+from .load import load_model_of as load_model_of
 from .load import load_regression as load_regression
 from .load import load_regressions as load_regressions
 from .load import load_signals as load_signals
@@ -40,3 +41,4 @@ from .rigid_body import rigid_body_regressor as rigid_body_regressor
 from .structural.identifiability import Identifiability as Identifiability
 from .structural.identifiability import Sensor as Sensor
 from .structural.identifiability import identifiability as identifiability
+from .structural.stances import columns_of_stances as columns_of_stances

@@ -14,6 +14,12 @@ import numpy as np
 from seaid._arrays import Array, BoolArray, frozen, safely, seed_of
 from seaid._progress import Result, counted
 from seaid.errors import ExcitationError, RobotError, SeaidError, checked
+from seaid.regressor.floating import (
+    floating_regressor,
+    floating_rows,
+    stance_states,
+    without_contact_forces,
+)
 from seaid.regressor.rigid_body import regressor_at_drives
 
 if TYPE_CHECKING:
@@ -87,6 +93,7 @@ def base_parameters(
     *,
     torque_joints: str | Sequence[str] | None = None,
     seed: int = 0,
+    stances: Sequence[Sequence[str]] = ((),),
 ) -> BaseParameters:
     """Return the base parameters of a robot, structural ones or those that a motion excites.
 
@@ -100,6 +107,9 @@ def base_parameters(
         Joints whose torque is known. Default: all.
     seed : int, default 0
         Seed of the random states.
+    stances : list of lists of str
+        Of a floating base: the links of its contacts that stand on the ground together, of each
+        kind of stance that a log has; their forces are not measured. Default: flight alone.
 
     Returns
     -------
@@ -123,17 +133,57 @@ def base_parameters(
         raise ExcitationError(
             "torque_joints= names no joint: give those whose torque is known", "torque_joints="
         )
-    states = random_states(robot, seed, len(known)) if motion is None else motion.joint_states
-    _check_memory(robot, len(states[0]))
-    Y = regressor_at_drives(robot, *states)
-    H = Y[:, known].reshape(-1, Y.shape[2])
-    columns, grouping, gap = left_to_right(H, negligible(H) | robot.is_known)
+    if robot.floating_base is not None:
+        H = _floating_columns(robot, motion, known, seed, stances)
+    else:
+        states = random_states(robot, seed, len(known)) if motion is None else motion.joint_states
+        _check_memory(robot, len(states[0]))
+        Y = regressor_at_drives(robot, *states)
+        H = Y[:, known].reshape(-1, Y.shape[2])
+    columns, grouping, gap = _from_base_outward(robot, H)
     if not columns and not np.all(robot.is_known):
         raise ExcitationError(
             f"no parameter of '{robot.name}' is identifiable from the torques at "
             f"{', '.join(torques)}"
         )
     return base_of_columns(robot, columns, grouping, gap)
+
+
+def _from_base_outward(robot: Robot, H: Array) -> tuple[list[int], Array, float]:
+    """Return `left_to_right` of the columns of all bodies, a floating base before the others."""
+    zero = negligible(H) | robot.is_known
+    if robot.floating_base is None:
+        return left_to_right(H, zero)
+    order = np.roll(np.arange(H.shape[1]), 10)  # the base is the last body
+    columns, grouping, gap = left_to_right(H[:, order], zero[order])
+    found = [int(order[column]) for column in columns]
+    return found, grouping[:, np.argsort(order)], gap
+
+
+def _floating_columns(
+    robot: Robot,
+    motion: Motion | None,
+    known: Sequence[int],
+    seed: int,
+    stances: Sequence[Sequence[str]],
+) -> Array:
+    """Return the regressor (rows, m) of base and joints over a motion, or over random stances."""
+    parts = []
+    if motion is not None:
+        assert motion.base is not None
+        base = motion.base
+        given = [(motion.joint_states, base.states, base.up, base.contacts)]
+    else:
+        given = []
+        for place, links in enumerate(stances):
+            enough = -(-30 * len(robot.body_names) // 6)
+            states = stance_states(robot, links, seed_of(seed) + place, enough)
+            given.append((*states, dict.fromkeys(links, np.ones(enough, dtype=bool))))
+    for joints, states_of_base, up, touching in given:
+        Y = floating_rows(robot, floating_regressor(robot, *joints, states_of_base), known)
+        Y = without_contact_forces(robot, joints[0], touching, known, Y, up=up)
+        parts.append(Y.reshape(-1, Y.shape[2]))
+    return np.concatenate(parts)
 
 
 def _check_memory(robot: Robot, samples: int) -> None:

@@ -26,7 +26,20 @@ from seaid.log import (
     standstill,
     still_share,
 )
-from seaid.regressor.base import grouped_text, left_to_right, negligible, random_states
+from seaid.regressor.base import (
+    base_parameters,
+    grouped_text,
+    left_to_right,
+    negligible,
+    random_states,
+)
+from seaid.regressor.floating import (
+    floating_regressor,
+    floating_rows,
+    measured_wrenches,
+    stance_states,
+    without_contact_forces,
+)
 from seaid.regressor.regression import (
     INPUTS,
     Regress,
@@ -40,7 +53,14 @@ from seaid.regressor.regression import (
     spring_regressor,
 )
 from seaid.regressor.rigid_body import regressor_at_drives
-from seaid.robot import UNITS, at_drives, group_of, torques_at_drives
+from seaid.robot import (
+    BASE_ROWS,
+    UNITS,
+    at_drives,
+    check_held,
+    group_of,
+    torques_at_drives,
+)
 
 if TYPE_CHECKING:
     from seaid.log import Motion
@@ -102,6 +122,12 @@ def stiff_signals(robot: Robot, index: int, q: Array, v: Array, a: Array) -> dic
     return {**joint, **motor, **own, **free, "tau_M": nothing, "tau_L": nothing}
 
 
+def _stiff_signals_at(
+    robot: Robot, states: tuple[Array, Array, Array], index: int
+) -> dict[str, Array]:
+    return stiff_signals(robot, index, *states)
+
+
 @dataclass(frozen=True, eq=False)
 class LoadModel:
     """The identifiable columns of the load side: base parameters and drive parameters.
@@ -144,15 +170,48 @@ class LoadModel:
         return base + tuple(unit for _, _, unit in self.drives)
 
 
-def load_model(robot: Robot, base: BaseParameters, torque_joints: Sequence[str]) -> LoadModel:
-    """Return the identifiable columns of the load side, for the torques of some joints."""
+def load_model_of(
+    robot: Robot, motions: Sequence[Motion], torque_joints: Sequence[str]
+) -> LoadModel:
+    """Return the identifiable columns of the load side in the stances of some motions."""
+    stances = stances_of(motions)
+    base = base_parameters(robot, torque_joints=torque_joints, stances=stances)
+    return load_model(robot, base, torque_joints, stances)
+
+
+def load_model(
+    robot: Robot,
+    base: BaseParameters,
+    torque_joints: Sequence[str],
+    stances: Sequence[Sequence[str]] = ((),),
+) -> LoadModel:
+    """Return the identifiable columns of the load side, for the torques of some joints.
+
+    `stances` are those of a floating base, as in `base_parameters`.
+    """
     known = [robot.index(joint) for joint in torque_joints]
-    q, v, a = random_states(robot, seed=1, torques=len(known))
-    Y = base.reduce(regressor_at_drives(robot, q, v, a))[:, known]
-    columns, drives = drive_parameters(
-        robot, torque_joints, lambda index: stiff_signals(robot, index, q, v, a)
-    )
-    H = np.concatenate([Y, columns], axis=2).reshape(len(q) * len(known), -1)
+    drives: list[tuple[str, str, str]] = []
+    if robot.floating_base is None:
+        q, v, a = random_states(robot, seed=1, torques=len(known))
+        Y = base.reduce(regressor_at_drives(robot, q, v, a))[:, known]
+        columns, drives = drive_parameters(
+            robot, torque_joints, lambda index: stiff_signals(robot, index, q, v, a)
+        )
+        H = np.concatenate([Y, columns], axis=2).reshape(len(q) * len(known), -1)
+    else:
+        parts = []
+        for place, links in enumerate(stances):
+            count = -(-30 * len(robot.body_names) // 6)
+            (q, v, a), states, up = stance_states(robot, links, 1 + place, count)
+            Y = floating_rows(robot, floating_regressor(robot, q, v, a, states), known)
+            columns, drives = drive_parameters(
+                robot, torque_joints, partial(_stiff_signals_at, robot, (q, v, a))
+            )
+            rows = np.concatenate([base.reduce(Y), below_base(columns)], axis=2)
+            touching = dict.fromkeys(links, np.ones(count, dtype=bool))
+            rows = without_contact_forces(robot, q, touching, known, rows, up=up)
+            parts.append(rows.reshape(-1, rows.shape[2]))
+        H = np.concatenate(parts)
     p = len(base.columns)
     nonlinear = [
         p + place
@@ -209,20 +268,63 @@ def load_columns(
     robot: Robot, motion: Motion, model: LoadModel, springs: Mapping[str, Array]
 ) -> tuple[Array, Array, Array, Array]:
     """Return torque and payload (T, rows), H and `propagated`: torque = payload + H @ theta."""
-    Y = regressor_at_drives(robot, *motion.joint_states)
     known = [robot.index(joint) for joint in model.torque_joints]
+    floating = motion.base if robot.floating_base is not None else None
+    if floating is not None:
+        Y = floating_regressor(robot, *motion.joint_states, floating.states)
+        Y = floating_rows(robot, Y, known)
+        rows = list(range(Y.shape[1]))
+    else:
+        Y = regressor_at_drives(robot, *motion.joint_states)
+        rows = known
     signals_of = partial(load_signals, robot, motion)
     columns, drives = drive_parameters(robot, model.torque_joints, signals_of)
     wanted = [drives.index(drive) for drive in model.drives]
     flat = Y.swapaxes(1, 2).reshape(len(Y), -1)  # a view: the memory layout of the regressor
-    places = np.add.outer(known, robot.n * np.array(model.base.columns, dtype=np.intp))
+    places = np.add.outer(rows, Y.shape[1] * np.array(model.base.columns, dtype=np.intp))
     base = np.take(flat, places.ravel(), axis=1).reshape(len(Y), *places.shape)
+    if floating is not None:
+        columns = below_base(columns)
     H = np.concatenate([base, columns[:, :, wanted]], axis=2) if wanted else base
     torque, propagated = _load_targets(robot, motion, model.torque_joints, springs)
+    if floating is not None:
+        torque, propagated = below_base(torque), below_base(propagated)
+        torque = torque + measured_wrenches(robot, motion.joint_position, floating.wrenches, known)
     payload = np.zeros_like(torque)
     if np.any(robot.known_parameters):
-        payload = (Y @ robot.known_parameters)[:, known]
-    return torque, payload, H, propagated
+        payload = (Y @ robot.known_parameters)[:, rows]
+    if floating is None:
+        return torque, payload, H, propagated
+    unknown = np.column_stack(
+        [unknown_friction(robot, motion, joint) for joint in model.torque_joints]
+    )
+    whole = np.concatenate([H, torque[:, :, None], payload[:, :, None], propagated], axis=2)
+    whole = without_contact_forces(
+        robot, motion.joint_position, floating.contacts, known, whole, unknown, floating.up
+    )
+    whole *= floating.used[:, None, None]
+    p = H.shape[2]
+    return whole[:, :, p], whole[:, :, p + 1], whole[:, :, :p], whole[:, :, p + 2 :]
+
+
+def stances_of(motions: Sequence[Motion]) -> tuple[tuple[str, ...], ...]:
+    """Return the sets of links that touch the ground together in motions of a floating base."""
+    found: dict[tuple[str, ...], None] = {}
+    for motion in motions:
+        base = motion.base
+        if base is None or not base.contacts:
+            found[()] = None
+            continue
+        patterns = np.array([flags[base.used] for flags in base.contacts.values()]).T
+        for pattern in np.unique(patterns, axis=0):
+            links = (x for x, touches in zip(base.contacts, pattern, strict=True) if touches)
+            found[tuple(links)] = None
+    return tuple(found)
+
+
+def below_base(columns: Array) -> Array:
+    """Return columns (T, k, ...) of joints with six rows of zeros for the base before them."""
+    return np.concatenate([np.zeros((len(columns), 6, *columns.shape[2:])), columns], axis=1)
 
 
 def load_regression(
@@ -267,21 +369,28 @@ def _load_rows(
     y, H, propagated = (
         in_band_at(motion, part, rows) for part in (torque - payload, H, propagated)
     )
+    joints = [robot.index(joint) for joint in model.torque_joints]
     usable = np.array(
         [~unknown_friction(robot, motion, joint)[rows] for joint in model.torque_joints]
     )
+    names = robot.joint_names
+    if robot.floating_base is not None and motion.base is not None:
+        names = (*names, *BASE_ROWS)
+        joints = [*range(robot.n, robot.n + 6), *joints]
+        usable = np.concatenate([np.ones((6, len(rows)), dtype=bool), usable])
+        usable &= motion.base.used[rows]
     which, kept = np.nonzero(usable)
     return Regression(
         names=model.names,
         units=model.units,
         H=H[kept, which],
         y=y[kept, which],
-        joint=np.array([robot.index(joint) for joint in model.torque_joints])[which],
+        joint=np.array(joints)[which],
         time=motion.time[rows[kept]],
         run=np.zeros(len(kept)),
-        excluded=len(rows) * len(model.torque_joints) - len(kept),
+        excluded=usable.size - len(kept),
         propagated=propagated[kept, which],
-        joint_names=robot.joint_names,
+        joint_names=names,
     )
 
 
@@ -289,6 +398,7 @@ def with_gear_torque(
     robot: Robot, motion: Motion, model: LoadModel, springs: Mapping[str, Array], theta: Array
 ) -> Motion:
     """Return the motion with the torque through the gears by a fit `theta` of the load side."""
+    check_held(robot, "load-dependent friction", IdentificationError)
     unloaded = replace(motion, gear_torque=np.zeros_like(motion.joint_position))
     _, payload, H, _ = load_columns(robot, unloaded, model, springs)
     drives = [

@@ -121,9 +121,12 @@ def robot_table(robot: Robot) -> Text:
             robot.dependent_joints,
             robot.body_names[robot.n :],
             robot.parameters[::10][robot.n :],
-            strict=True,
+            strict=False,
         )
     ]
+    if robot.floating_base is not None:
+        base = robot.floating_base.link
+        rows.append(["", "free", "", base, number(robot.parameters[-10])])
     return table(repr(robot), ["joint", "type", "drive", "body", "mass [kg]"], rows)
 
 

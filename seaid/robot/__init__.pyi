@@ -1,3 +1,6 @@
+from .floating_base import BASE_ROWS as BASE_ROWS
+from .floating_base import Contact as Contact
+from .floating_base import FloatingBase as FloatingBase
 from .inertia import PARAMETERS as PARAMETERS
 from .inertia import SMALLEST_KG as SMALLEST_KG
 from .inertia import THIN as THIN
@@ -13,9 +16,11 @@ from .inertia import parameter_names as parameter_names
 from .inertia import pseudo_inertia as pseudo_inertia
 from .pinocchio_model import DependentJoint as DependentJoint
 from .pinocchio_model import Payload as Payload
+from .pinocchio_model import floating_model as floating_model
 from .pinocchio_model import joints_of as joints_of
 from .pinocchio_model import model_of as model_of
 from .robot import Robot as Robot
+from .robot import check_held as check_held
 from .robot import check_kind as check_kind
 from .robot import load_robot as load_robot
 from .robot import nominal_model as nominal_model

@@ -7,8 +7,8 @@ Pinocchio's own reader gives two to a continuous joint.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
@@ -23,8 +23,11 @@ from seaid.robot.inertia import (
     SMALLEST_KG,
     from_center_of_mass,
     in_parent_frame,
+    to_pinocchio,
 )
-from seaid.robot.urdf import UrdfJoint, UrdfTree
+
+if TYPE_CHECKING:
+    from seaid.robot.urdf import UrdfJoint, UrdfTree
 
 TURNING = ("revolute", "continuous")
 _MOVING = (*TURNING, "prismatic")
@@ -129,6 +132,15 @@ def moving_joints(tree: UrdfTree, joints: Sequence[str] | None) -> tuple[str, ..
     return tuple(names)
 
 
+def without_floating_joint(tree: UrdfTree) -> UrdfTree:
+    """Return the tree below a floating joint at its root, if it has one."""
+    below = tree.children(tree.root)
+    if [joint.type for joint in below] != ["floating"] or np.any(tree.links[tree.root]):
+        return tree
+    joints = {name: joint for name, joint in tree.joints.items() if joint is not below[0]}
+    return replace(tree, root=below[0].child, joints=joints)
+
+
 def dependent_joints(tree: UrdfTree, moving: Sequence[str]) -> tuple[DependentJoint, ...]:
     """Return the mimic joints whose leaders move, in the order of the tree."""
     found = []
@@ -187,24 +199,40 @@ class Assembly:
     """Pinocchio's model (without inertias), and (N, 10) parameters of bodies and of payloads.
 
     The model has one coordinate for every joint, dependent ones too. `order` has the index of each
-    of its joints among the n moving joints and the dependent ones, which follow them.
+    of its joints among the n moving joints and the dependent ones, which follow them. `base` (2,
+    10) are the parameters of what no joint moves and of the payloads on it; `frames` {link: joint
+    of the model (0 for the base), placement in its body}.
     """
 
     model: pin.Model
     order: tuple[int, ...]
     bodies: Array
     payloads: Array
+    base: Array
+    frames: Mapping[str, tuple[int, pin.SE3]]
+
+    def with_base_last(self) -> Assembly:
+        """Return the assembly with the base as the last of its bodies."""
+        bodies, payloads = np.vstack([self.bodies, self.base[0]]), self.payloads
+        return replace(self, bodies=bodies, payloads=np.vstack([payloads, self.base[1]]))
 
 
 def assemble(
-    tree: UrdfTree, moving: tuple[str, ...], payloads: Sequence[Payload], gravity: Array
+    tree: UrdfTree,
+    moving: tuple[str, ...],
+    payloads: Sequence[Payload],
+    gravity: Array,
+    floats: bool = False,
 ) -> Assembly:
-    """Assemble the model from the root outward, with one Pinocchio joint per joint in `moving`."""
+    """Assemble the model from the root outward, with one Pinocchio joint per joint in `moving`.
+
+    Payloads on the base are refused unless it `floats`: nothing depends on them.
+    """
     model = pin.Model()
     model.name = tree.name
     model.gravity.linear = np.array(gravity)
     order: list[int] = []
-    own, loads = np.zeros((len(moving), 10)), np.zeros((len(moving), 10))
+    own, loads = np.zeros((2, len(moving) + 1, 10))  # the last row is that of the base
     places = {name: place for place, name in enumerate(moving)}
     frames = {tree.root: (0, pin.SE3.Identity())}
     for name in _depth_first(tree):
@@ -216,19 +244,22 @@ def assemble(
             order.append(places[name])
             placement = pin.SE3.Identity()
         frames[joint.child] = (parent, placement)
-        if parent:
-            own[order[parent - 1]] += in_parent_frame(tree.links[joint.child], placement)
+        own[order[parent - 1] if parent else -1] += in_parent_frame(
+            tree.links[joint.child], placement
+        )
     for payload in payloads:
         if payload.link not in tree.links:
             raise RobotError(
                 "payloads=: " + unknown_name("link", payload.link, tree.links), "payloads="
             )
         parent, placement = frames[payload.link]
-        if not parent:
+        if not parent and not floats:
             raise RobotError(f"payload on '{payload.link}': no joint moves this link")
-        loads[order[parent - 1]] += in_parent_frame(payload.parameters, placement)
-    _check_masses(tree, moving, own)
-    return Assembly(model, tuple(order), own, loads)
+        loads[order[parent - 1] if parent else -1] += in_parent_frame(payload.parameters, placement)
+    own[-1] += tree.links[tree.root]
+    _check_masses(tree, moving, own[:-1])
+    base = np.array([own[-1], loads[-1]])
+    return Assembly(model, tuple(order), own[:-1], loads[:-1], base, frames)
 
 
 def joints_of(model: pin.Model) -> tuple[dict[str, Any], ...]:
@@ -271,10 +302,36 @@ def model_of(name: str, gravity: Array, joints: Sequence[Mapping[str, Any]]) -> 
     model = pin.Model()
     model.name = name
     model.gravity.linear = np.array(gravity)
+    _add_joints(model, joints)
+    return model
+
+
+def with_free_joint(name: str, joints: Sequence[Mapping[str, Any]]) -> pin.Model:
+    """Return a model of joints, see `joints_of`, on a free joint, without inertias and gravity."""
+    model = pin.Model()
+    model.name = name
+    model.gravity.linear = np.zeros(3)
+    taken = {one["name"] for one in joints}
+    free = "base" if "base" not in taken else "floating base of seaid"
+    model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), free)
+    _add_joints(model, joints, below=1)
+    return model
+
+
+def floating_model(held: pin.Model, base: Array) -> pin.Model:
+    """Return the model of the joints on a free joint with the parameters (10,), without gravity."""
+    free = with_free_joint(held.name, joints_of(held))
+    free.inertias[1] = to_pinocchio(base)
+    for place in range(1, len(held.inertias)):
+        free.inertias[place + 1] = held.inertias[place]
+    return free
+
+
+def _add_joints(model: pin.Model, joints: Sequence[Mapping[str, Any]], below: int = 0) -> None:
     for one in joints:
         given = {key: one[key] for key in ("name", "type", "axis", *_LIMITS)}
-        _add_joint(model, one["parent"], pin.SE3(np.array(one["placement"])), _Joint(**given))
-    return model
+        placement = pin.SE3(np.array(one["placement"]))
+        _add_joint(model, one["parent"] + below, placement, _Joint(**given))
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pinocchio as pin
@@ -14,7 +14,8 @@ import pinocchio as pin
 from seaid._arrays import Array, BoolArray, FrozenMapping, finite, frozen
 from seaid._progress import Display, counted
 from seaid.drives import IDEAL_DRIVE, Drive, drives_from_mapping, read_drives
-from seaid.errors import RobotError, checked, shown, unknown_name
+from seaid.errors import RobotError, SeaidError, checked, shown, unknown_name
+from seaid.robot.floating_base import Contact, FloatingBase, floating_base
 from seaid.robot.inertia import parameter_names, to_pinocchio
 from seaid.robot.pinocchio_model import (
     TURNING,
@@ -24,6 +25,7 @@ from seaid.robot.pinocchio_model import (
     assemble,
     dependent_joints,
     moving_joints,
+    without_floating_joint,
 )
 from seaid.robot.robot_file import read_urdf, urdf_path
 from seaid.robot.transmission import check_transmission, transmission_matrix
@@ -34,7 +36,7 @@ __all__ = ["Payload", "Robot", "load_robot"]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Robot(Display):
-    """A fixed-base tree of n one-axis joints with their drives, made by `load_robot`.
+    """A tree of n one-axis joints on a fixed or floating base with its drives, by `load_robot`.
 
     Attributes
     ----------
@@ -45,12 +47,13 @@ class Robot(Display):
         Joints that others move (mimic in the URDF); no array has a column of theirs.
     body_names : tuple of N str
         Body i is the link that joint i moves, with everything fixed to it; those of the dependent
-        joints follow. N is n without dependent joints.
+        joints follow, and a floating base is the last. N is n without both.
     is_prismatic : tuple of n bool
     model : pinocchio.Model
-        nq = nv = N, with the payloads. Its joint k is joint `model_order[k]` of the robot and its
-        dependent joints; the orders differ only if `joints` of `load_robot` deviates from the tree,
-        or for dependent joints. `to_model` and `from_model` convert states and torques.
+        nq = nv, with the payloads and one coordinate for every joint. Its joint k is joint
+        `model_order[k]` of the robot and its dependent joints; the orders differ only if `joints`
+        of `load_robot` deviates from the tree, or for dependent joints. `to_model` and `from_model`
+        convert states and torques.
     model_order : tuple of N int
     drives : mapping {joint: StiffDrive or SeriesElasticDrive}
     parameters, payload_parameters : arrays (10N,)
@@ -61,6 +64,8 @@ class Robot(Display):
         The file.
     known_bodies : tuple of str
         Bodies whose parameters are known and not identified.
+    floating_base : FloatingBase or None
+        The base, if nothing holds it; `model` is that of the joints on a held base.
     """
 
     table_name = "robot_table"
@@ -81,10 +86,12 @@ class Robot(Display):
     urdf: Path | None = None
     known_bodies: tuple[str, ...] = ()
     dependent_joints: tuple[DependentJoint, ...] = ()
+    floating_base: FloatingBase | None = None
 
     def _in_short(self) -> str:
         springs = counted(len(self.elastic_joints), "spring")
-        return f"'{self.name}': {counted(self.n, 'joint')}, {springs}"
+        base = ", floating base" if self.floating_base else ""
+        return f"'{self.name}': {counted(self.n, 'joint')}, {springs}{base}"
 
     @property
     def n(self) -> int:
@@ -130,7 +137,12 @@ class Robot(Display):
         return (*self.is_prismatic, *(joint.is_prismatic for joint in self.dependent_joints))
 
     def joint_of(self, body: int) -> str:
-        """Return the independent joint that moves a body by its index: for most, the one above."""
+        """Return the independent joint that moves a body by its index: for most, the one above.
+
+        For a floating base, which none moves, it is the first.
+        """
+        if self.floating_base is not None and body == len(self.body_names) - 1:
+            return self.joint_names[0]
         return (*self.joint_names, *(joint.leader for joint in self.dependent_joints))[body]
 
     @property
@@ -143,7 +155,8 @@ class Robot(Display):
         """E (N, n) and e (N,) of all positions E q + e; None without dependent joints."""
         if not self.dependent_joints:
             return None
-        E, e = np.eye(len(self.body_names), self.n), np.zeros(len(self.body_names))
+        count = len(self.all_joint_names)
+        E, e = np.eye(count, self.n), np.zeros(count)
         for row, joint in enumerate(self.dependent_joints, self.n):
             E[row, self.joint_names.index(joint.leader)] = joint.multiplier
             e[row] = joint.offset
@@ -237,8 +250,11 @@ def load_robot(
     gravity: Sequence[float] = (0.0, 0.0, -9.81),
     snap_tolerance_rad: float = SNAP_RAD,
     independent_mimics: bool = False,
+    base: Literal["fixed", "floating"] = "fixed",
+    contacts: Sequence[str | Contact] = (),
+    imu_link: str | None = None,
 ) -> Robot:
-    """Load a URDF with a fixed base, and its drives.
+    """Load a URDF with a fixed or a floating base, and its drives.
 
     Revolute, continuous and prismatic joints of any axis can move; links behind fixed joints are
     merged into their parents. A mimic joint moves with its leader, as by a transmission: it has no
@@ -265,6 +281,14 @@ def load_robot(
         if they are closer than this; 0 keeps all angles. See `seaid.robot.robot_file.read_urdf`.
     independent_mimics : bool, default False
         Whether mimic joints are independent ones with their own drives, as without <mimic>.
+    base : {"fixed", "floating"}
+        Whether something holds the base, or it moves freely, as that of a legged robot. A floating
+        joint at the root of the file is that of the base.
+    contacts : list of str or Contact
+        Links that can touch the ground, of a floating base: a name is a point contact at the origin
+        of the link's frame.
+    imu_link : str, optional
+        The link of the inertial measurement unit, which is fixed to the base. Default: the base.
 
     Returns
     -------
@@ -285,12 +309,25 @@ def load_robot(
     if independent_mimics:
         free = {name: replace(joint, mimic=None) for name, joint in tree.joints.items()}
         tree = replace(tree, joints=free)
+    if base == "floating":
+        tree = without_floating_joint(tree)
     moving = moving_joints(tree, joints)
     followers = dependent_joints(tree, moving)
     everything = (*moving, *(joint.name for joint in followers))
     by_joint = _drives(tree, moving, drives)
-    built = assemble(tree, everything, payloads, finite("gravity", gravity, (3,), RobotError))
+    down = finite("gravity", gravity, (3,), RobotError)
+    built = assemble(tree, everything, payloads, down, floats=base == "floating")
+    if base == "floating":
+        built = built.with_base_last()
     robot = replace(_robot(tree, moving, by_joint, built, followers), urdf=urdf)
+    if base == "floating":
+        own = floating_base(tree.root, built, robot.model_order, contacts, imu_link)
+        robot = replace(robot, floating_base=own)
+    elif contacts or imu_link:
+        raise RobotError(
+            "contacts= and imu_link= are those of a floating base: give base='floating' with them",
+            "base='floating'",
+        )
     return replace(robot, known_bodies=_known_bodies(robot, tree, known_bodies))
 
 
@@ -323,6 +360,16 @@ def _with_dynamics(drive: Drive, damping: float, friction_loss: float, armature:
     return bare.with_values({**values, "motor_inertia": armature / N**2})
 
 
+def check_held(robot: Robot, what: str, error: type[SeaidError] = RobotError) -> None:
+    """Raise an error if the base of a robot floats, for what needs a base that is held."""
+    if robot.floating_base is not None:
+        raise error(
+            f"{what} needs a robot with a fixed base, and that of '{robot.name}' floats: load it "
+            "with base='fixed' for a robot that hangs or is bolted down",
+            "base='fixed'",
+        )
+
+
 def _robot(
     tree: UrdfTree,
     moving: tuple[str, ...],
@@ -332,15 +379,16 @@ def _robot(
 ) -> Robot:
     moved = [_within_followers(tree.joints[name], tree, followers) for name in moving]
 
+    joints = (*moving, *(joint.name for joint in followers))
+    bodies = tuple(tree.joints[name].child for name in joints)
+
     def limits(name: str) -> Array:
         return frozen(name, [getattr(joint, name) for joint in moved], (None,))
 
     robot = Robot(
         name=tree.name,
         joint_names=moving,
-        body_names=tuple(
-            tree.joints[name].child for name in (*moving, *(joint.name for joint in followers))
-        ),
+        body_names=(*bodies, tree.root)[: len(built.bodies)],
         is_prismatic=tuple(joint.type == "prismatic" for joint in moved),
         model=built.model,
         model_order=built.order,

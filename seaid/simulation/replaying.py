@@ -18,7 +18,7 @@ from seaid._progress import Result, sampled_text
 from seaid.drives import PARAMETERS_OF, Drive
 from seaid.errors import Finding, LogError, SeaidError, checked
 from seaid.log import Log, check_whole, spline_derivatives
-from seaid.robot import Robot, at_drives
+from seaid.robot import Robot, at_drives, check_held
 from seaid.simulation.controller import input_gain, position_controllers
 from seaid.simulation.forward_dynamics import advance
 from seaid.simulation.plant import JOINT_POSITION, JOINT_SPEED, POSITION, SPEED, plant_of, warmed
@@ -64,6 +64,7 @@ def replay(robot: Robot, log: Log, command: Command | None = None) -> Log:
     >>> replayed = seaid.replay(result.robot, log)
     >>> np.std(replayed.joint_position - log.joint_position, axis=0)
     """
+    check_held(robot, "replay")
     check_whole(log)
     return rollout(robot, log, command)
 

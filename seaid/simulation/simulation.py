@@ -13,7 +13,7 @@ from seaid._progress import Display, track
 from seaid.errors import SeaidError, checked, unknown_name
 from seaid.excitation import Trajectory
 from seaid.log import Log, Motion
-from seaid.robot import Robot, torques_at_joints
+from seaid.robot import Robot, check_held, torques_at_joints
 from seaid.simulation.controller import input_gain, joint_controller, motor_inputs
 from seaid.simulation.forward_dynamics import (
     accelerations,
@@ -121,6 +121,7 @@ def simulate(
     >>> plan = seaid.load_trajectory("plan.json")
     >>> log = seaid.simulate(robot, plan, noise=seaid.Noise(torque_std_Nm=0.002), seed=1)
     """
+    check_held(robot, "simulate")
     noise = Noise() if noise is None else noise
     motion = simulate_motion(
         robot,

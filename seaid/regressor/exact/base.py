@@ -21,7 +21,7 @@ from seaid.regressor.exact.grouping import (
 )
 from seaid.regressor.exact.lagrangian import lagrangian_table, torque_rows
 from seaid.regressor.exact.recursion import null_space
-from seaid.robot import Robot, incomplete_group, parameter_names
+from seaid.robot import Robot, check_held, incomplete_group, parameter_names
 from seaid.symbolic import MAX_TERMS
 
 _SUSPICIOUS = 1e10
@@ -80,6 +80,7 @@ def base_parameters(
     >>> exact = seaid.symbolic.base_parameters(robot)
     >>> exact.rank, exact.exact_grouping[0]
     """
+    check_held(robot, "base_parameters in exact arithmetic", SymbolicError)
     route = _route(through, torque_joints, floating_base)
     known = _known(robot, torque_joints)
     if route != "recursion":

@@ -173,18 +173,19 @@ class ResidueNumbers:
         They are those whose motion, changed at random, changes the torque of random bodies.
         """
         n, leaders = self.robot.n, np.array(self._leaders)
-        first, other = (self._of_bodies(*self.states(1)) for _ in range(2))
+        first, other = (self.of_bodies(*self.states(1)) for _ in range(2))
         changed = np.vstack([np.zeros(len(leaders), dtype=bool), np.arange(n)[:, None] == leaders])
         states = [np.where(changed, new, old) for old, new in zip(first, other, strict=True)]
         bodies = self.random(10 * len(leaders)).astype(np.uint64)
-        torques = self._on_leaders(self._dynamics.torques(states, bodies))
+        torques = self.on_leaders(self._dynamics.torques(states, bodies))
         differs = torques[1:] != torques[0]
         return [frozenset(np.flatnonzero(differs[:, i]).tolist()) for i in range(n)]
 
     @cached_property
     def _leaders(self) -> list[int]:
         """The independent joint of each body."""
-        return [self.robot.index(self.robot.joint_of(i)) for i in range(len(self.robot.body_names))]
+        bodies = range(len(self.robot.all_joint_names))
+        return [self.robot.index(self.robot.joint_of(i)) for i in bodies]
 
     @cached_property
     def _multipliers(self) -> list[Fraction]:
@@ -228,7 +229,7 @@ class ResidueNumbers:
         self, q: Residues, turned: tuple[Residues, Residues], v: Residues, a: Residues
     ) -> Residues:
         """Return the joint-torque regressor (T, n, 10n), as `rigid_body_regressor`."""
-        return self._on_leaders(self._dynamics.regressor(self._of_bodies(q, turned, v, a)))
+        return self.on_leaders(self._dynamics.regressor(self.of_bodies(q, turned, v, a)))
 
     def torques(
         self,
@@ -239,10 +240,10 @@ class ResidueNumbers:
         bodies: Residues,
     ) -> Residues:
         """Return `regressor` @ bodies, (T, n)."""
-        states = self._of_bodies(q, turned, v, a)
-        return self._on_leaders(self._dynamics.torques(states, bodies.astype(np.uint64)))
+        states = self.of_bodies(q, turned, v, a)
+        return self.on_leaders(self._dynamics.torques(states, bodies.astype(np.uint64)))
 
-    def _of_bodies(
+    def of_bodies(
         self, q: Residues, turned: tuple[Residues, Residues], v: Residues, a: Residues
     ) -> list[Words]:
         """Return the states (T, b) of the joints of all bodies: q, cosine, sine, v and a."""
@@ -250,7 +251,7 @@ class ResidueNumbers:
         q, v, a = (x[:, self._leaders] * factors % PRIME for x in (q, v, a))
         return [x.astype(np.uint64) for x in (q, *turned, v, a)]
 
-    def _on_leaders(self, torques: Words) -> Residues:
+    def on_leaders(self, torques: Words) -> Residues:
         """Return the torques (T, n, ...) of the independent joints: tau = E^T tau_all."""
         found = torques[:, : self.robot.n].astype(object)
         for body in range(self.robot.n, len(self._leaders)):

@@ -27,7 +27,7 @@ from seaid.drives import Drive, JointParameter
 from seaid.errors import RobotError, checked, unknown_name
 from seaid.regressor.base import BaseParameters, grouped_text, left_to_right
 from seaid.regressor.rigid_body import joint_torques, rigid_body_regressor
-from seaid.robot import Robot
+from seaid.robot import Robot, check_held
 
 Sensor = Literal[
     "motor_position",
@@ -151,6 +151,7 @@ def identifiability(
     from seaid.regressor.structural.equations import explanations, system_of
     from seaid.regressor.structural.rank import decide
 
+    check_held(robot, "identifiability")
     seed = seed_of(seed)
     sensed = _sensed(robot, sensors)
     _check_conditions(robot, conditions)

@@ -60,6 +60,9 @@ def words(matrix: fmpq_mat) -> Words:
 _Vector = Sequence[Any]
 """Three components, each of any shape."""
 
+BodyMotion = tuple[_Vector, _Vector, _Vector]
+"""Acceleration of the origin less gravity, angular velocity w and acceleration e of a body."""
+
 
 def _sum(parts: Sequence[Words]) -> Words:
     total = parts[0]
@@ -96,6 +99,8 @@ class _Joint:
     translation: list[Words]
     from_body: Words
     """The map (10, 10) from the parameters of the body to those in its aligned frame."""
+    to_aligned: Words
+    """The rotation (3, 3) of vectors of the body's frame to its aligned frame."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +113,7 @@ class ModularDynamics:
 
     def torques(self, states: Sequence[Words], parameters: Words) -> Words:
         """Return the torques (S, b) at S states, each (S, b): q, cos, sin, v, a; of (10 b,)."""
-        motions = self._motions(states)
+        motions = self.motions(states)
         count = states[0].shape
         forces: list[tuple[list[Words], list[Words]]] = []
         for joint, body, motion in zip(self.joints, self.bodies, motions, strict=True):
@@ -125,11 +130,20 @@ class ModularDynamics:
                 forces[joint.parent] = (_add(up[0], f), _add(up[1], n))
         return found
 
-    def regressor(self, states: Sequence[Words]) -> Words:
-        """Return the joint-torque regressor (S, b, 10 b)."""
-        motions = self._motions(states)
+    def regressor(self, states: Sequence[Words], base: BodyMotion | None = None) -> Words:
+        """Return the joint-torque regressor (S, b, 10 b).
+
+        With the motion of a floating base six more rows, of force and moment on it, come first, and
+        ten more columns, of its own body, last: (S, 6 + b, 10 b + 10).
+        """
+        motions = self.motions(states, base)
         count, width = states[0].shape
-        found = np.zeros((count, width, 10 * width), dtype=np.uint64)
+        shape = (6 + width, 10 * width + 10) if base else (width, 10 * width)
+        whole = np.zeros((count, *shape), dtype=np.uint64)
+        found = whole[:, -width:]
+        if base is not None:
+            own = _columns(base, np.eye(10, dtype=np.uint64))
+            whole[:, :6, -10:] = np.stack([*own[0], *own[1]], axis=1)
         below: list[list[tuple[list[int], list[Words], list[Words]]]] = [[] for _ in self.joints]
         for place in reversed(range(len(self.joints))):
             joint, body = self.joints[place], self.bodies[place]
@@ -142,17 +156,52 @@ class ModularDynamics:
             )
             below[place] = []
             found[:, body, columns] = f[2] if joint.is_prismatic else n[2]
+            if joint.parent >= 0 or base is not None:
+                up = _to_parent(joint, [x[:, body, None] for x in states[:3]], f, n)
             if joint.parent >= 0:
-                own = [x[:, body, None] for x in states[:3]]
-                below[joint.parent].append((columns, *_to_parent(joint, own, f, n)))
-        return found
+                below[joint.parent].append((columns, *up))
+            elif base is not None:
+                whole[:, :6, columns] = np.stack([*up[0], *up[1]], axis=1)
+        return whole
 
-    def _motions(self, states: Sequence[Words]) -> list[tuple[_Vector, _Vector, _Vector]]:
+    def forces_at(self, states: Sequence[Words], body: int, point: Words, is_flat: bool) -> Words:
+        """Return the rows (S, 6 + b, 3 or 6) of unit forces (and moments) at a point of a body.
+
+        The point (3,) is in the frame of the body, -1 for the base; the forces in its aligned one.
+        """
+        count, width = states[0].shape
+        zero, unit = np.zeros((count, 6), dtype=np.uint64), np.eye(6, dtype=np.uint64)
+        f, n = ([zero + unit[i] for i in part] for part in (range(3), range(3, 6)))
+        place = self.bodies.index(body) if body >= 0 else -1
+        at = _apply(self.joints[place].to_aligned, list(point)) if body >= 0 else list(point)
+        n = _add(n, _cross([x + zero for x in at], f))
+        found = np.zeros((count, 6 + width, 6), dtype=np.uint64)
+        while place >= 0:
+            joint, own = self.joints[place], self.bodies[place]
+            found[:, 6 + own] = f[2] if joint.is_prismatic else n[2]
+            f, n = _to_parent(joint, [x[:, own, None] for x in states[:3]], f, n)
+            place = joint.parent
+        found[:, :6] = np.stack([*f, *n], axis=1)
+        return found[:, :, : 6 if is_flat else 3]
+
+    def acceleration_at(
+        self, states: Sequence[Words], base: BodyMotion, body: int, point: Words, is_flat: bool
+    ) -> Words:
+        """Return the acceleration (S, 3 or 6) of a point of a body, in the body's aligned frame."""
+        place = self.bodies.index(body) if body >= 0 else -1
+        linear, w, e = self.motions(states, base)[place] if body >= 0 else base
+        at = _apply(self.joints[place].to_aligned, list(point)) if body >= 0 else list(point)
+        r = [x + np.zeros_like(w[0]) for x in at]
+        moved = _add(linear, _add(_cross(e, r), _cross(w, _cross(w, r))))
+        return np.stack([*moved, *(e if is_flat else ())], axis=1)
+
+    def motions(self, states: Sequence[Words], base: BodyMotion | None = None) -> list[BodyMotion]:
         """Return of every body the acceleration of its origin, w and e, in its aligned frame."""
         q, c, s, v, a = states
         zero = np.zeros(len(q), dtype=np.uint64)
-        base = ([minus(zero, x + zero) for x in self.gravity], [zero] * 3, [zero] * 3)
-        motions: list[tuple[_Vector, _Vector, _Vector]] = []
+        if base is None:
+            base = ([minus(zero, x + zero) for x in self.gravity], [zero] * 3, [zero] * 3)
+        motions: list[BodyMotion] = []
         for joint, body in zip(self.joints, self.bodies, strict=True):
             linear, w, e = base if joint.parent < 0 else motions[joint.parent]
             r = [x + zero for x in joint.translation]
@@ -173,6 +222,7 @@ def modular_dynamics(tree: ExactTree) -> ModularDynamics:
             words(joint.rotation),
             [x[0] for x in words(joint.translation)],
             words(inertia_transform(joint.alignment.transpose())),
+            words(joint.alignment.transpose()),
         )
         for joint in tree.joints
     )

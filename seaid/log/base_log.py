@@ -1,0 +1,325 @@
+"""What a log has of a floating base: its motion by an IMU or by its pose, contacts and wrenches.
+
+`base_motion` reduces every source to three signals in the frame of the base: angular velocity and
+acceleration, and the specific force f = R^T (a - g) of its origin. With an accelerometer neither
+position nor orientation is needed; with a pose they give all three.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from seaid._arrays import Array, BoolArray, FrozenMapping, frozen
+from seaid._progress import Display
+from seaid.errors import LogError, unknown_name
+from seaid.log.filtering import low_pass, spline_derivatives
+
+if TYPE_CHECKING:
+    from seaid.robot import Robot
+
+_XYZ = ("x", "y", "z")
+_CHANNELS = {
+    "position": tuple(f"base.position_{x}_m" for x in _XYZ),
+    "orientation": tuple(f"base.orientation_{x}" for x in ("w", *_XYZ)),
+    "angular_velocity": tuple(f"base.angular_velocity_{x}_rad_per_s" for x in _XYZ),
+    "specific_force": tuple(f"base.specific_force_{x}_m_per_s2" for x in _XYZ),
+}
+"""{field: its columns in a file}."""
+
+
+def _contact_columns(link: str) -> tuple[str, tuple[str, ...]]:
+    forces = (f"{link}.force_{x}_N" for x in _XYZ)
+    return f"{link}.contact", (*forces, *(f"{link}.moment_{x}_Nm" for x in _XYZ))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class BaseLog(Display):
+    """Samples of the base of a legged robot and of its contacts at the T instants of a log.
+
+    Attributes
+    ----------
+    position : array (T, 3) or None
+        Position of the base in the world [m].
+    orientation : array (T, 4) or None
+        Unit quaternion (w, x, y, z) that turns vectors of the base's frame to the world's.
+    angular_velocity : array (T, 3) or None
+        Of an IMU, in its own frame [rad/s].
+    specific_force : array (T, 3) or None
+        Of an IMU, in its own frame [m/s^2]: at rest it points upwards with 9.81.
+    contacts : mapping {link: array (T,)}
+        Whether a link touches the ground: above 0.5.
+    wrenches : mapping {link: array (T, 3) or (T, 6)}
+        Measured force of the ground on a link [N], and its moment about the place of contact
+        [N m], in the frame of the link.
+
+    Raises
+    ------
+    LogError
+        For shapes that do not fit, values that are not finite, and quaternions of another length.
+    """
+
+    position: Array | None = None
+    orientation: Array | None = None
+    angular_velocity: Array | None = None
+    specific_force: Array | None = None
+    contacts: Mapping[str, Array] = field(default_factory=dict)
+    wrenches: Mapping[str, Array] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for name, columns in _CHANNELS.items():
+            values = getattr(self, name)
+            if values is not None:
+                object.__setattr__(self, name, _samples(name, values, len(columns)))
+        for name, mapping in (("contacts", self.contacts), ("wrenches", self.wrenches)):
+            width = 1 if name == "contacts" else None
+            found = {link: _samples(f"{name} of {link}", x, width) for link, x in mapping.items()}
+            object.__setattr__(self, name, FrozenMapping(found, "link"))
+        for link, values in self.wrenches.items():
+            if values.shape[1] not in (3, 6):
+                raise LogError(
+                    f"wrenches of {link} must have three forces or forces and moments, found "
+                    f"{values.shape[1]} columns"
+                )
+        if self.orientation is not None:
+            _check_quaternions(self.orientation)
+            turned = np.sum(self.orientation[1:] * self.orientation[:-1], axis=1) < 0
+            sign = np.where(np.cumsum([False, *turned]) % 2, -1.0, 1.0)  # p and -p are one rotation
+            object.__setattr__(self, "orientation", sign[:, None] * self.orientation)
+
+    def _in_short(self) -> str:
+        own = [name.replace("_", " ") for name in _CHANNELS if getattr(self, name) is not None]
+        feet = [f"contacts of {link}" for link in self.contacts]
+        return ", ".join([*own, *feet, *(f"wrenches of {link}" for link in self.wrenches)])
+
+    def each(self, change: Callable[[Array], Array]) -> BaseLog:
+        """Return the samples with a function applied to each of the arrays (T, k)."""
+        found: dict[str, Any] = {}
+        for one in fields(self):
+            value = getattr(self, one.name)
+            if isinstance(value, Mapping):
+                found[one.name] = {link: change(x) for link, x in value.items()}
+            elif value is not None:
+                found[one.name] = change(value)
+        return BaseLog(**found)
+
+    def columns(self) -> dict[str, Array]:
+        """Return {column name in a file: samples (T,)}."""
+        found: dict[str, Array] = {}
+        for name, names in _CHANNELS.items():
+            values = getattr(self, name)
+            if values is not None:
+                found.update(zip(names, values.T, strict=True))
+        for link, values in self.contacts.items():
+            found[_contact_columns(link)[0]] = values[:, 0]
+        for link, values in self.wrenches.items():
+            found.update(zip(_contact_columns(link)[1], values.T, strict=False))
+        return found
+
+
+def base_columns(links: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the names of all columns of a base and of the contacts at these links."""
+    own = [name for names in _CHANNELS.values() for name in names]
+    for link in links:
+        contact, wrench = _contact_columns(link)
+        own += [contact, *wrench]
+    return tuple(own)
+
+
+def base_log(picked: Mapping[str, Array], links: tuple[str, ...]) -> BaseLog | None:
+    """Return the samples of the base from columns {name in a file: samples (T,)}, None without."""
+    found: dict[str, Any] = {"contacts": {}, "wrenches": {}}
+    for name, names in _CHANNELS.items():
+        there = [one for one in names if one in picked]
+        if there and len(there) < len(names):
+            missing = ", ".join(one for one in names if one not in picked)
+            raise LogError(f"the log has {there[0]} and no column {missing}")
+        if there:
+            found[name] = np.column_stack([picked[one] for one in names])
+    for link in links:
+        contact, wrench = _contact_columns(link)
+        if contact in picked:
+            found["contacts"][link] = picked[contact][:, None]
+        width = sum(one in picked for one in wrench)
+        if width:
+            gone = [one for one in wrench[: 3 if width <= 3 else 6] if one not in picked]
+            if gone:
+                raise LogError(f"the wrench of '{link}' has no column {', '.join(gone)}")
+            found["wrenches"][link] = np.column_stack([picked[one] for one in wrench[:width]])
+    return BaseLog(**found) if any(map(len, found.values())) else None
+
+
+def _samples(name: str, values: Any, width: int | None) -> Array:
+    array = np.asarray(values)
+    found = frozen(name, array[:, None] if array.ndim == 1 else array, (None, width), LogError)
+    if not np.all(np.isfinite(found)):
+        row = int(np.argmax(~np.all(np.isfinite(found), axis=1)))
+        raise LogError(f"base: {name} is not finite in sample {row}")
+    return found
+
+
+_LENGTH = 0.05
+"""Deviation of the length of a quaternion from one that is no rounding."""
+
+
+def _check_quaternions(orientation: Array) -> None:
+    length = np.linalg.norm(orientation, axis=1)
+    if np.max(np.abs(length - 1)) > _LENGTH:
+        row = int(np.argmax(np.abs(length - 1)))
+        raise LogError(
+            f"base.orientation must be unit quaternions (w, x, y, z), found a length of "
+            f"{length[row]:.4g} in sample {row}"
+        )
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class BaseMotion(Display):
+    """The motion of a floating base in its own frame, at the T instants of a motion.
+
+    Attributes
+    ----------
+    angular_velocity, angular_acceleration, specific_force : arrays (T, 3)
+        [rad/s], [rad/s^2] and [m/s^2], the last of the origin of the base.
+    contacts : mapping {link: bool array (T,)}
+        Whether a link touches the ground, with a force that was not measured.
+    wrenches : mapping {link: array (T, 3) or (T, 6)}
+        Measured wrenches, in the frame of the link.
+    up : array (T, 3) or None
+        The unit vector against gravity, None if the orientation is unknown.
+    used : bool array (T,)
+        Whether a sample is used: it is not near a change of contact.
+    """
+
+    angular_velocity: Array
+    angular_acceleration: Array
+    specific_force: Array
+    contacts: Mapping[str, BoolArray]
+    wrenches: Mapping[str, Array]
+    used: BoolArray
+    up: Array | None = None
+
+    def _in_short(self) -> str:
+        return f"{len(self.used):,} samples, contacts {', '.join(self.contacts) or 'none'}"
+
+    @property
+    def states(self) -> tuple[Array, Array, Array]:
+        """Angular velocity, angular acceleration and specific force."""
+        return self.angular_velocity, self.angular_acceleration, self.specific_force
+
+    def samples(self, part: slice) -> BaseMotion:
+        """Return some successive samples."""
+        found: dict[str, Any] = {}
+        for one in fields(self):
+            value = getattr(self, one.name)
+            if isinstance(value, Mapping):
+                found[one.name] = {link: x[part] for link, x in value.items()}
+            elif value is not None:
+                found[one.name] = value[part]
+        return BaseMotion(**found)
+
+
+def base_motion(robot: Robot, log: BaseLog | None, time: Array, cutoff_hz: float) -> BaseMotion:
+    """Return the motion of the base on a uniform grid, whose signals pass a low pass.
+
+    The angular velocity is that of the IMU, else of the orientation; the specific force that of the
+    IMU, else of position and orientation. Samples nearer than a period of the low pass to a change
+    of contact are not used.
+    """
+    base = robot.floating_base
+    assert base is not None
+    if log is None:
+        raise LogError(
+            f"the base of '{robot.name}' floats, and the log has no channel of it: columns such as "
+            f"{_CHANNELS['specific_force'][0]} and {_CHANNELS['angular_velocity'][0]}, or a pose; "
+            "for a robot that hangs from a fixed base load it with base='fixed'",
+            "base='fixed'",
+        )
+    rate_hz = (len(time) - 1) / float(time[-1] - time[0])
+    smooth = log.each(lambda x: low_pass(x, rate_hz, cutoff_hz))
+    rotation, place = base.imu_placement
+    gravity = robot.model.gravity.linear
+    R, w = _turning(smooth, time, rotation)
+    e = spline_derivatives(time, w)[1]
+    if smooth.specific_force is not None:
+        f = smooth.specific_force @ rotation.T
+        # the base's origin is at -p from the IMU: a_0 = a_p - e x p - w x (w x p)
+        f = f - np.cross(e, place) - np.cross(w, np.cross(w, place))
+        _check_gravity(f)
+    elif smooth.position is not None and R is not None:
+        a = spline_derivatives(time, smooth.position)[2] - gravity
+        f = np.einsum("tij,ti->tj", R, a)
+    else:
+        raise LogError(
+            "the log has no acceleration of the base: give the specific force of an IMU "
+            f"({_CHANNELS['specific_force'][0]} ...), or position and orientation"
+        )
+    for link in {**log.contacts, **log.wrenches}:
+        if link not in base.frames:
+            raise LogError(f"contacts: {unknown_name('link', link, base.frames)}")
+    flags = {x: log.contacts[x][:, 0] > 0.5 for x in log.contacts if x not in log.wrenches}
+    return BaseMotion(
+        angular_velocity=w,
+        angular_acceleration=e,
+        specific_force=f,
+        contacts=FrozenMapping(flags, "link"),
+        wrenches=FrozenMapping(log.wrenches, "link"),
+        used=_between_changes(flags, len(time), rate_hz / cutoff_hz),
+        up=None if R is None else np.asarray(-gravity / np.linalg.norm(gravity) @ R),
+    )
+
+
+def _turning(log: BaseLog, time: Array, rotation: Array) -> tuple[Array | None, Array]:
+    """Return the rotation of the base (T, 3, 3), None if unknown, and its angular velocity."""
+    R = None
+    if log.orientation is not None:
+        p = log.orientation / np.linalg.norm(log.orientation, axis=1, keepdims=True)
+        R = _matrices(p)
+        if log.angular_velocity is None:
+            rate = spline_derivatives(time, p)[1]
+            # w = 2 Im(conj(p) p'), in the frame of the base
+            scalar, vector = p[:, :1], p[:, 1:]
+            w = scalar * rate[:, 1:] - rate[:, :1] * vector - np.cross(vector, rate[:, 1:])
+            return R, np.asarray(2 * w)
+    if log.angular_velocity is None:
+        raise LogError(
+            "the log has no rotation of the base: give the angular velocity of an IMU "
+            f"({_CHANNELS['angular_velocity'][0]} ...), or its orientation"
+        )
+    return R, np.asarray(log.angular_velocity @ rotation.T)
+
+
+def _matrices(quaternions: Array) -> Array:
+    w, x, y, z = quaternions.T
+    rows = (
+        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+    )
+    return np.moveaxis(np.array(rows), 2, 0)
+
+
+_GRAVITY_FREE = 3.0
+"""Median of a specific force [m/s^2] below which gravity was taken out of it."""
+
+
+def _check_gravity(force: Array) -> None:
+    typical = float(np.median(np.linalg.norm(force, axis=1)))
+    if typical < _GRAVITY_FREE:
+        raise LogError(
+            f"the specific force of the base has a median of {typical:.2g} m/s^2, that of a robot "
+            "on the ground is about 9.81: the IMU took gravity out of it; log the raw "
+            "accelerometer, or position and orientation of the base"
+        )
+
+
+def _between_changes(flags: Mapping[str, BoolArray], count: int, margin: float) -> BoolArray:
+    """Return the samples (T,) that are `margin` samples or more from a change of contact."""
+    used = np.ones(count, dtype=bool)
+    for flag in flags.values():
+        for place in np.flatnonzero(np.diff(flag.astype(int))) + 1:
+            near = round(margin)
+            used[max(place - near, 0) : place + near] = False
+    return used

@@ -1,0 +1,229 @@
+"""The equations of a floating base: its regressor, and contact forces eliminated from its rows.
+
+The rows are those of the base (force and moment on it, in its frame) and of the joints:
+M v' + h = S^T tau + sum J_c^T f_c. Contact forces that were not measured are unknown at every
+instant. Multiplied by P = 1 - Q Q^T, with Q an orthonormal basis of the columns of all J_c^T, the
+rows do not contain them (Mistry, Buchli, Schaal 2010); the least-squares solution is that with the
+contact forces as further unknowns.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pinocchio as pin
+
+from seaid._arrays import Array, BoolArray, safely
+from seaid.errors import LogError, RobotError
+from seaid.robot import floating_model, rows_at_drives
+
+if TYPE_CHECKING:
+    from seaid.robot import Contact, Robot
+
+_G = 9.81
+
+BaseStates = tuple[Array, Array, Array]
+"""Angular velocity [rad/s] and acceleration, specific force [m/s^2] of the base, each (T, 3)."""
+
+
+def floating_regressor(robot: Robot, q: Array, v: Array, a: Array, base: BaseStates) -> Array:
+    """Return the regressor Y (T, 6 + n, 10N) of the rows of the base and of the joints.
+
+    Y[t] @ theta is the force and moment on the base in its frame, and the torques at the joints.
+    """
+    model = _model(robot)
+    data, count = model.createData(), model.nv
+    stacked, flat = np.empty((len(q), 10 * count * (count - 5))), data.jointTorqueRegressor
+    states = zip(*_states(robot, q, v, a, base), strict=True)
+    for t, (q_t, v_t, a_t) in enumerate(states):
+        flat = pin.computeJointTorqueRegressor(model, data, q_t, v_t, a_t)
+        stacked[t] = flat.T.reshape(-1)
+    Y = stacked.reshape(len(q), 10 * (count - 5), count).swapaxes(1, 2)
+    order = [*(1 + np.argsort(robot.model_order)), 0]  # the base is the last body
+    Y = Y.reshape(*Y.shape[:2], -1, 10)[:, :, order].reshape(Y.shape)
+    joints = np.moveaxis(robot.from_model(np.moveaxis(Y[:, 6:], 1, -1)), -1, 1)
+    return np.concatenate([Y[:, :6], joints], axis=1)
+
+
+def contact_map(
+    robot: Robot,
+    q: Array,
+    contacts: Sequence[Contact],
+    up: Array | None = None,
+    own_frame: bool = False,
+) -> Array:
+    """Return J_c^T (T, 6 + n, k) of the forces of contacts on the rows, in the frame of the base.
+
+    A point has three columns, a flat foot three more of the moment about it. `up` (T, 3) shows
+    where balls touch the ground. With `own_frame` the forces are those in the frames of the links.
+    """
+    model, frames, widths = _with_frames(robot, contacts)
+    data, still = model.createData(), np.zeros((len(q), robot.n))
+    nothing = (np.zeros((len(q), 3)),) * 3
+    axes = pin.LOCAL if own_frame else pin.LOCAL_WORLD_ALIGNED
+    J = np.empty((len(q), sum(widths), model.nv))
+    for t, q_t in enumerate(_states(robot, q, still, still, nothing)[0]):
+        pin.computeJointJacobians(model, data, q_t)
+        start = 0
+        for contact, frame, width in zip(contacts, frames, widths, strict=True):
+            whole = pin.getFrameJacobian(model, data, frame, axes)
+            J[t, start : start + width] = whole[:width]
+            if contact.radius_m and up is not None and not own_frame:
+                # v at the lowest point: v_c + w x (-r up) = v_c + r up x w
+                J[t, start : start + 3] += contact.radius_m * np.cross(up[t], whole[3:].T).T
+            start += width
+    return np.concatenate([J[:, :, :6], robot.from_model(J[:, :, 6:])], axis=2).swapaxes(1, 2)
+
+
+def without_contact_forces(
+    robot: Robot,
+    q: Array,
+    touching: Mapping[str, BoolArray],
+    joints: Sequence[int],
+    rows: Array,
+    unknown: BoolArray | None = None,
+    up: Array | None = None,
+) -> Array:
+    """Return rows (T, 6 + k, m) of the base and of k joints, without the contact forces.
+
+    `touching` {link: (T,)} says when each contact has a force that was not measured; `unknown`
+    (T, k) marks rows of joints that are not used; `up` (T, 3) is needed for feet that are balls.
+    The rows of the forces on the base count times the typical lever of the contacts, so that all
+    rows have the unit of a torque.
+    """
+    assert robot.floating_base is not None
+    rows = rows.copy()
+    if unknown is not None:
+        rows[:, 6:] *= ~unknown[:, :, None]
+    contacts = [one for one in robot.floating_base.contacts if one.link in touching]
+    patterns = np.array([touching[one.link] for one in contacts]).T
+    if not np.any(patterns):
+        return rows
+    balls = [one.link for one in contacts if one.radius_m]
+    if balls and up is None:
+        raise LogError(
+            f"the contact at {balls[0]} is a ball, whose lowest point depends on the orientation "
+            "of the base, which the log has not: add base.orientation_w ... _z"
+        )
+    A = floating_rows(robot, contact_map(robot, q, contacts, up), joints)
+    if unknown is not None:
+        A[:, 6:] *= ~unknown[:, :, None]
+    lever = np.linalg.norm(A[:, 3:6]) / np.linalg.norm(A[:, :3])
+    scale = np.where(np.arange(A.shape[1]) < 3, lever, 1.0)[:, None]
+    owner = np.repeat(np.arange(len(contacts)), [6 if one.is_flat else 3 for one in contacts])
+    for pattern in np.unique(patterns, axis=0):
+        if np.any(pattern):
+            now = np.flatnonzero(np.all(patterns == pattern, axis=1))
+            Q = np.linalg.qr(scale * A[now][:, :, pattern[owner]])[0]
+            part = scale * rows[now]
+            left = part - Q @ (Q.swapaxes(1, 2) @ part)
+            rows[now] = left / scale if Q.shape[2] < Q.shape[1] else 0.0
+    return rows
+
+
+def measured_wrenches(
+    robot: Robot, q: Array, wrenches: Mapping[str, Array], joints: Sequence[int]
+) -> Array:
+    """Return what measured wrenches contribute to the rows (T, 6 + k): sum of J_c^T w."""
+    assert robot.floating_base is not None
+    found = np.zeros((len(q), 6 + len(joints)))
+    for link, values in wrenches.items():
+        contact = replace(robot.floating_base.contact_of(link), is_flat=values.shape[1] == 6)
+        A = floating_rows(robot, contact_map(robot, q, [contact], own_frame=True), joints)
+        found += np.einsum("trk,tk->tr", A, values)
+    return found
+
+
+def stance_states(
+    robot: Robot, links: Sequence[str], seed: int, count: int
+) -> tuple[BaseStates, BaseStates, Array]:
+    """Return random states of joints and of the base in which some contacts stand, and `up`.
+
+    Velocities v with J_c v = 0, accelerations with J_c v' + J_c' v = 0 (of a ball that rolls), and
+    gravity in any direction: a base that is turned feels it from there.
+    """
+    assert robot.floating_base is not None
+    contacts = [one for one in robot.floating_base.contacts if one.link in links]
+    rng = np.random.default_rng(seed)
+    shape = (count, 6 + robot.n)
+    reach = np.where(robot.is_prismatic, 1.0, np.pi)
+    q = rng.uniform(-reach, reach, (count, robot.n))
+    v, a = rng.normal(0, 3, shape), rng.normal(0, 10, shape)
+    up = rng.normal(size=(count, 3))
+    up /= np.linalg.norm(up, axis=1, keepdims=True)
+    if contacts:
+        J = contact_map(robot, q, contacts, up).swapaxes(1, 2)
+        inverse = safely(np.linalg.pinv, J, what="the contacts", error=RobotError)
+
+        def within(x: Array, wanted: Array) -> Array:
+            missing = wanted - np.einsum("tij,tj->ti", J, x)
+            return np.asarray(x + np.einsum("tij,tj->ti", inverse, missing))
+
+        v = within(v, np.zeros(J.shape[:2]))
+        a = within(a, -_drift(robot, q, v, contacts, up))
+    return (q, v[:, 6:], a[:, 6:]), (v[:, 3:6], a[:, 3:6], a[:, :3] + _G * up), up
+
+
+def _drift(robot: Robot, q: Array, v: Array, contacts: Sequence[Contact], up: Array) -> Array:
+    """Return J_c' v (T, k): the accelerations of contacts at velocities (T, 6 + n).
+
+    The centre of a ball that rolls has a_c = e x (r up).
+    """
+    model, frames, widths = _with_frames(robot, contacts)
+    data, still = model.createData(), np.zeros((len(q), robot.n))
+    base = (v[:, 3:6], np.zeros((len(q), 3)), np.zeros((len(q), 3)))
+    found = np.empty((len(q), sum(widths)))
+    states = zip(*_states(robot, q, v[:, 6:], still, base), v[:, :3], strict=True)
+    for t, (q_t, v_t, a_t, linear) in enumerate(states):
+        v_t[:3] = linear
+        a_t[:3] = -np.cross(v_t[3:6], linear)  # no classical acceleration of the origin
+        pin.forwardKinematics(model, data, q_t, v_t, a_t)
+        parts = [
+            pin.getFrameClassicalAcceleration(model, data, frame, pin.LOCAL_WORLD_ALIGNED).vector
+            for frame in frames
+        ]
+        for part, contact in zip(parts, contacts, strict=True):
+            part[:3] -= np.cross(part[3:], contact.radius_m * up[t])
+        found[t] = np.concatenate([x[:width] for x, width in zip(parts, widths, strict=True)])
+    return found
+
+
+def floating_rows(robot: Robot, Y: Array, joints: Sequence[int]) -> Array:
+    """Return the rows (T, 6 + k, m) of the base and of k joints at the drives' coordinates."""
+    of_joints = rows_at_drives(robot.transmission, Y[:, 6:])[:, joints]
+    return np.concatenate([Y[:, :6], of_joints], axis=1)
+
+
+def _with_frames(
+    robot: Robot, contacts: Sequence[Contact]
+) -> tuple[pin.Model, list[int], list[int]]:
+    """Return the model with a frame for each contact, these frames, and their numbers of forces."""
+    assert robot.floating_base is not None
+    model, frames = _model(robot), []
+    for place, contact in enumerate(contacts):
+        body, rotation, position = robot.floating_base.frame(contact.link)
+        joint = 1 if body < 0 else 2 + robot.model_order.index(body)
+        placement = pin.SE3(rotation, position + rotation @ np.array(contact.position_m))
+        frame = pin.Frame(f"contact {place}", joint, 0, placement, pin.FrameType.OP_FRAME)
+        frames.append(model.addFrame(frame, False))
+    return model, frames, [6 if contact.is_flat else 3 for contact in contacts]
+
+
+def _model(robot: Robot) -> pin.Model:
+    assert robot.floating_base is not None
+    return floating_model(robot.model, (robot.parameters + robot.payload_parameters)[-10:])
+
+
+def _states(
+    robot: Robot, q: Array, v: Array, a: Array, base: BaseStates
+) -> tuple[Array, Array, Array]:
+    """Return the states of the model: the base at rest in the origin, accelerated as measured."""
+    w, e, f = base
+    at_origin = np.tile([0.0, 0, 0, 0, 0, 0, 1], (len(q), 1))
+    joints = [robot.to_model(state, order) for order, state in enumerate((q, v, a))]
+    position = np.column_stack([at_origin, joints[0]])
+    velocity = np.column_stack([np.zeros_like(w), w, joints[1]])
+    return position, velocity, np.column_stack([f, e, joints[2]])

@@ -1,0 +1,166 @@
+"""What the stances of a floating base determine, exactly: rows without contact forces mod a prime.
+
+At random instants of each stance the contacts stand still; the rows of the base and of the joints
+that no contact force reaches are the left null space of J_c^T times the regressor. Their columns
+are those of `seaid.base_parameters(robot, stances=...)`, decided without rounding.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from flint import nmod_mat
+
+from seaid.errors import SymbolicError
+from seaid.regressor.exact.geometry import exact_tree
+from seaid.regressor.structural.arithmetic import ResidueNumbers, Residues, echelon
+from seaid.regressor.structural.modular_dynamics import (
+    PRIME,
+    BodyMotion,
+    Words,
+    modular_dynamics,
+)
+from seaid.robot import Contact, Robot
+
+_MORE_ROWS = 12
+
+
+def columns_of_stances(
+    robot: Robot,
+    stances: Sequence[Sequence[str]],
+    *,
+    torque_joints: Sequence[str] | None = None,
+    seed: int = 0,
+) -> tuple[int, ...]:
+    """Return the base columns of the regressor of a floating base in some stances, exactly.
+
+    Parameters
+    ----------
+    robot : Robot
+        With a floating base.
+    stances : list of lists of str
+        As in `seaid.base_parameters`; an empty list is flight, which is what stances with measured
+        wrenches determine too.
+    torque_joints : list of str, optional
+        Joints whose torque is known. Default: all.
+    seed : int, default 0
+
+    Returns
+    -------
+    tuple of int
+        Those from the left, with the base before the other bodies.
+
+    Raises
+    ------
+    SymbolicError
+        For contacts that are balls, whose lowest points no rational numbers describe.
+    """
+    assert robot.floating_base is not None
+    numbers = ResidueNumbers(robot, np.random.default_rng(seed))
+    known = [robot.index(joint) for joint in robot.selected(torque_joints)]
+    width, rows = len(robot.parameters), [np.zeros((0, len(robot.parameters)), dtype=object)]
+    for links in stances:
+        contacts = [one for one in robot.floating_base.contacts if one.link in links]
+        balls = [one.link for one in contacts if one.radius_m]
+        if balls:
+            raise SymbolicError(
+                f"the contact at {balls[0]} is a ball (radius_m), exact stances take points and "
+                "flat feet: without radius_m it counts the same but for the roll of the ball"
+            )
+        reached = sum(6 if one.is_flat else 3 for one in contacts)
+        left = max(6 + len(known) - reached, 1)
+        rows.append(_rows(numbers, contacts, known, (width + _MORE_ROWS) // left + 1))
+    H = np.vstack(rows)
+    H[:, robot.is_known] = 0
+    order = np.roll(np.arange(width), 10)  # the base is the last body
+    pivots, _ = echelon(H[:, order])
+    return tuple(int(order[pivot]) for pivot in pivots)
+
+
+def _rows(
+    numbers: ResidueNumbers, contacts: Sequence[Contact], known: Sequence[int], count: int
+) -> Residues:
+    """Return the rows (R, m) without contact forces at random instants of one stance."""
+    dynamics, n = modular_dynamics(exact_tree(numbers.robot)), numbers.robot.n
+    q, turned, v, a = numbers.states(count)
+    linear, w, e, f = (numbers.random(count, 3) for _ in range(4))
+    places = [_place(numbers, contact) for contact in contacts]
+    states = numbers.of_bodies(q, turned, v, a)
+    forces = [
+        _on_leaders(numbers, dynamics.forces_at(states, *place, one.is_flat))
+        for place, one in zip(places, contacts, strict=True)
+    ]
+    A = np.concatenate([np.zeros((count, 6 + n, 0), dtype=object), *forces], axis=2)
+    if contacts:
+        moved = _changed(A, np.hstack([linear, w, v]), 0 * A[:, 0])
+        w, v = moved[:, 3:6], moved[:, 6:]
+        states = numbers.of_bodies(q, turned, v, 0 * v)
+        still = _motion(0 * w, w, 0 * w)
+        drift = [
+            dynamics.acceleration_at(states, still, *place, one.is_flat).astype(object)
+            for place, one in zip(places, contacts, strict=True)
+        ]
+        wanted = -np.hstack(drift) % PRIME
+        moved = _changed(A, np.hstack([linear, e, a]), wanted)
+        # the specific force is the acceleration less gravity, which has any direction
+        f, e, a = (moved[:, :3] + f) % PRIME, moved[:, 3:6], moved[:, 6:]
+    states = numbers.of_bodies(q, turned, v, a)
+    Y = _on_leaders(numbers, dynamics.regressor(states, _motion(f, w, e)))
+    kept = [*range(6), *(6 + joint for joint in known)]
+    return np.vstack(
+        [_left_over(A_t, Y_t) for A_t, Y_t in zip(A[:, kept], Y[:, kept], strict=True)]
+    )
+
+
+_DIGITS = 12
+"""Decimals of the place of a contact [m] that are no rounding."""
+
+
+def _place(numbers: ResidueNumbers, contact: Contact) -> tuple[int, Words]:
+    """Return the body of a contact, and its place (3,) in the frame of that body."""
+    base = numbers.robot.floating_base
+    assert base is not None
+    body, rotation, position = base.frame(contact.link)
+    at = np.round(position + rotation @ np.array(contact.position_m), _DIGITS)
+    return body, np.array([numbers.number(x) for x in at.tolist()], dtype=np.uint64)
+
+
+def _motion(linear: Residues, w: Residues, e: Residues) -> BodyMotion:
+    linear, w, e = ((x % PRIME).astype(np.uint64) for x in (linear, w, e))
+    return list(linear.T), list(w.T), list(e.T)
+
+
+def _on_leaders(numbers: ResidueNumbers, rows: Words) -> Residues:
+    """Return rows (T, 6 + n, ...) of the base and of the independent joints."""
+    return np.concatenate([rows[:, :6].astype(object), numbers.on_leaders(rows[:, 6:])], axis=1)
+
+
+def _matrix(values: Residues) -> nmod_mat:
+    rows, columns = values.shape
+    found: nmod_mat = nmod_mat(rows, columns, [int(x) for x in values.ravel()], PRIME)
+    return found
+
+
+def _changed(A: Residues, x: Residues, wanted: Residues) -> Residues:
+    """Return x (T, m) changed in the pivots of J = A^T so that J x = `wanted` (T, k)."""
+    found = x.copy()
+    for t, (A_t, b) in enumerate(zip(A, wanted, strict=True)):
+        J = A_t.T
+        right = (b - J @ x[t]) % PRIME
+        reduced, rank = _matrix(np.column_stack([J, right])).rref()
+        for row in reduced.tolist()[:rank]:
+            pivot = next(place for place, entry in enumerate(row) if int(entry))
+            found[t, pivot] = (found[t, pivot] + int(row[-1])) % PRIME
+    return found
+
+
+def _left_over(A: Residues, Y: Residues) -> Residues:
+    """Return the combinations of the rows Y (r, m) that the forces A (r, k) do not reach."""
+    if not A.shape[1]:
+        return Y
+    reduced, rank = _matrix(np.hstack([A, np.eye(len(A), dtype=object)])).rref()
+    table = np.array([[int(x) for x in row] for row in reduced.tolist()], dtype=object)
+    k = A.shape[1]
+    free = table[[place for place in range(rank) if not np.any(table[place, :k])], k:]
+    return np.asarray(free @ Y % PRIME)

@@ -1,0 +1,149 @@
+"""The floating base of a robot: its own body, and the model with a free joint above it.
+
+The base has six equations without a motor, of the force and the moment on it. In its own frame they
+depend neither on where the base is nor on how fast it moves, but on its angular velocity w and
+acceleration e and on the specific force f = R^T (a - g) of its origin, which an accelerometer
+measures: with the model's velocity (0, w), acceleration (f, e) and no gravity, inverse dynamics
+gives the same force as with the true ones.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from seaid._arrays import Array, FrozenMapping
+from seaid._progress import Display
+from seaid.errors import RobotError, listed, unknown_name
+
+if TYPE_CHECKING:
+    from seaid.robot.pinocchio_model import Assembly
+
+BASE_ROWS = (
+    *("base force x", "base force y", "base force z"),
+    *("base moment x", "base moment y", "base moment z"),
+)
+"""The equations of the base, in its own frame [N, N m]."""
+
+
+@dataclass(frozen=True, repr=False)
+class Contact(Display):
+    """A place of the robot that touches the ground: a point, or a flat foot.
+
+    Parameters
+    ----------
+    link : str
+        Link of the URDF.
+    position_m : 3 floats, default (0, 0, 0)
+        The place in the frame of the link [m].
+    is_flat : bool, default False
+        Whether the contact has moments, as that of a flat foot; a point has forces only.
+    radius_m : float, default 0
+        Radius of a ball about the place [m], which touches level ground with its lowest point; the
+        log then needs the orientation of the base.
+
+    Examples
+    --------
+    >>> Contact("FL_foot", radius_m=0.02), Contact("left_sole", is_flat=True)
+    """
+
+    link: str
+    position_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    is_flat: bool = False
+    radius_m: float = 0.0
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FloatingBase(Display):
+    """The base of a robot that nothing holds. Its body is the last of the robot's.
+
+    Attributes
+    ----------
+    link : str
+        The link whose frame is that of the base.
+    frames : mapping {link: (body, rotation (3, 3), position (3,))}
+        Where each link of the file is: the place of its body in `Robot.body_names`, -1 for the
+        base, and its placement in the frame of that body.
+    contacts : tuple of Contact
+        Where the robot can touch the ground.
+    imu_link : str or None
+        The link of the inertial measurement unit, None: that of the base.
+    """
+
+    link: str
+    frames: Mapping[str, tuple[int, Array, Array]]
+    contacts: tuple[Contact, ...] = ()
+    imu_link: str | None = None
+
+    def _in_short(self) -> str:
+        return f"'{self.link}', contacts {', '.join(self.contact_links) or 'none'}"
+
+    def frame(self, link: str) -> tuple[int, Array, Array]:
+        """Return where a link is. Raises RobotError with the nearest name."""
+        if link not in self.frames:
+            raise RobotError(unknown_name("link", link, self.frames))
+        return self.frames[link]
+
+    @property
+    def contact_links(self) -> tuple[str, ...]:
+        """The links of the contacts."""
+        return tuple(contact.link for contact in self.contacts)
+
+    def contact_of(self, link: str) -> Contact:
+        """Return the contact at a link, or one at its origin."""
+        return next((one for one in self.contacts if one.link == link), Contact(link))
+
+    @property
+    def imu_placement(self) -> tuple[Array, Array]:
+        """Rotation (3, 3) and position (3,) of the IMU in the frame of the base."""
+        return self.frame(self.imu_link or self.link)[1:]
+
+
+def floating_base(
+    link: str,
+    built: Assembly,
+    order: tuple[int, ...],
+    contacts: Sequence[str | Contact],
+    imu_link: str | None,
+) -> FloatingBase:
+    """Return the base of an assembled robot, whose bodies are in this `order`."""
+    if built.base[0, 0] <= 0:
+        raise RobotError(
+            f"base='floating': the link '{link}' and what is fixed to it have no mass: give the "
+            "base its <inertial>, or load the robot with base='fixed'",
+            "base='floating'",
+            "base='fixed'",
+        )
+    frames = {
+        name: (order[joint - 1] if joint else -1, placement.rotation, placement.translation)
+        for name, (joint, placement) in built.frames.items()
+    }
+    touching = tuple(Contact(one) if isinstance(one, str) else one for one in contacts)
+    base = FloatingBase(
+        link=link,
+        frames=FrozenMapping(frames, "link"),
+        contacts=touching,
+        imu_link=imu_link,
+    )
+    _check_links(base)
+    return base
+
+
+def _check_links(base: FloatingBase) -> None:
+    """Raise RobotError for contacts and an IMU at links that cannot have them."""
+    for one in base.contact_links:
+        if one not in base.frames:
+            raise RobotError(f"contacts=: {unknown_name('link', one, base.frames)}", "contacts=")
+        if base.contact_links.count(one) > 1:
+            raise RobotError(f"contacts= names '{one}' twice", "contacts=")
+    imu = base.imu_link
+    if imu is not None and imu not in base.frames:
+        raise RobotError(f"imu_link=: {unknown_name('link', imu, base.frames)}", "imu_link=")
+    if imu is not None and base.frames[imu][0] >= 0:
+        fixed = (link for link, (body, _, _) in base.frames.items() if body < 0)
+        raise RobotError(
+            f"imu_link= must name a link that is fixed to the base '{base.link}': "
+            f"{listed(fixed)}; a joint moves '{imu}'",
+            "imu_link=",
+        )

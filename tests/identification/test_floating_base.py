@@ -1,0 +1,190 @@
+"""A whole quadruped on the ground: bodies from joint torques, an IMU and contact flags."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import seaid
+from scripts.example_robots import example_urdf
+from seaid._arrays import Array
+from seaid.errors import SeaidError
+from seaid.log import BaseLog
+from seaid.regressor.floating import contact_map, floating_regressor
+from seaid.robot import Robot
+from tests.legged_plant import GO2_FEET, ball_feet, plant, simulate
+
+NOISE = {"joint_position": 2e-4, "motor_torque": 0.1}
+IMU_NOISE = {"angular_velocity": 0.003, "specific_force": 0.05}
+
+
+@cache
+def go2() -> Robot:
+    return seaid.load_robot(example_urdf("go2.urdf"), base="floating", contacts=ball_feet())
+
+
+@cache
+def walked() -> seaid.Log:
+    return simulate(go2(), plant(go2()), 24.0)
+
+
+def with_noise(log: seaid.Log, seed: int) -> seaid.Log:
+    rng = np.random.default_rng(seed)
+
+    def noisy(values: Array, size: float) -> Array:
+        return values + rng.normal(size=values.shape) * size
+
+    assert log.base is not None
+    imu: dict[str, Any] = {
+        name: noisy(getattr(log.base, name), size) for name, size in IMU_NOISE.items()
+    }
+    own: dict[str, Any] = {name: noisy(getattr(log, name), size) for name, size in NOISE.items()}
+    return replace(log, base=replace(log.base, **imu), **own)
+
+
+@cache
+def swayed() -> seaid.Log:
+    """Twelve seconds of smooth motion in the air and on four feet, exact up to rounding."""
+    rng, time = np.random.default_rng(3), np.arange(0, 12, 0.01)
+
+    def waves(count: int, size: float) -> tuple[Array, Array, Array]:
+        turn = 2 * np.pi * rng.uniform(0.2, 1.0, count)
+        angle = np.outer(time, turn) + rng.uniform(0, 6, count)
+        return size * np.sin(angle), size * turn * np.cos(angle), -size * turn**2 * np.sin(angle)
+
+    joints, (w, e, _), (f, _, _) = waves(12, 0.5), waves(3, 0.8), waves(3, 2.0)
+    f = f + np.array([0, 0, 9.81])
+    rows = floating_regressor(STANDING, *joints, (w, e, f)) @ STANDING.parameters
+    assert STANDING.floating_base is not None
+    A = contact_map(STANDING, joints[0], STANDING.floating_base.contacts)
+    # the least contact forces that hold the base
+    forces = np.einsum("tkr,tr->tk", np.linalg.pinv(A[:, :6]), rows[:, :6])
+    torque = rows - np.einsum("trk,tk->tr", A, forces)
+    assert np.max(np.abs(torque[:, :6])) < 1e-9
+    return seaid.Log(
+        time=time,
+        joint_names=STANDING.joint_names,
+        joint_position=joints[0],
+        motor_position=np.full((len(time), 12), np.nan),
+        motor_torque=torque[:, 6:],
+        base=BaseLog(
+            angular_velocity=w,
+            specific_force=f,
+            contacts=dict.fromkeys(GO2_FEET, np.ones(len(time))),
+        ),
+    )
+
+
+STANDING = seaid.load_robot(example_urdf("go2.urdf"), base="floating", contacts=GO2_FEET)
+
+
+@cache
+def found_standing() -> seaid.Identification:
+    return seaid.identify(STANDING.without_nominal(), swayed(), cutoff_hz=4.0)
+
+
+def test_bodies_of_an_exact_log_are_recovered() -> None:
+    found = found_standing()
+    assert len(found.load.values) == 90
+    truth = found.base.project(STANDING.parameters)
+    scale = np.maximum(np.abs(truth), 0.01)
+    assert np.max(np.abs(found.load.values - truth) / scale) < 2e-3
+    assert found.verdict.level == "good"
+
+
+def test_measured_wrenches_determine_what_flight_does() -> None:
+    log = swayed()
+    assert STANDING.floating_base is not None
+    A = contact_map(STANDING, log.joint_position, STANDING.floating_base.contacts, own_frame=True)
+    assert log.base is not None
+    motion = seaid.reconstruct_motion(STANDING, log, cutoff_hz=4.0)
+    assert motion.base is not None
+    rows = floating_regressor(STANDING, *motion.joint_states, motion.base.states)
+    held = (rows @ STANDING.parameters)[:, :6]
+    forces = np.einsum("tkr,tr->tk", np.linalg.pinv(A[:, :6]), held)
+    wrenches = {x: forces[:, 3 * k : 3 * k + 3] for k, x in enumerate(GO2_FEET)}
+    torque = rows @ STANDING.parameters - np.einsum("trk,tk->tr", A, forces)
+    measured = replace(
+        log, motor_torque=torque[:, 6:], base=replace(log.base, contacts={}, wrenches=wrenches)
+    )
+    found = seaid.identify(STANDING.without_nominal(), measured, cutoff_hz=4.0)
+    assert len(found.load.values) == 94
+    truth = found.base.project(STANDING.parameters)
+    mass = found.base.names.index("m_base")
+    assert found.load.values[mass] == pytest.approx(truth[mass], rel=1e-3)
+    # without any motor torque but one, the rows of the base alone determine all of them
+    alone = seaid.identify(
+        STANDING.without_nominal(), measured, cutoff_hz=4.0, torque_joints=["FL_hip_joint"]
+    )
+    assert len(alone.load.values) == 94
+
+
+def test_bodies_are_validated_and_written_with_the_base(tmp_path: Path) -> None:
+    found = seaid.identify(STANDING, swayed(), cutoff_hz=4.0, feasible=True)
+    validation = seaid.validate(found, swayed())
+    assert np.max(validation.load.relative_error) < 0.01
+    path = tmp_path / "go2.urdf"
+    seaid.write_urdf(found, path)
+    again = seaid.load_robot(path, base="floating", contacts=GO2_FEET)
+    np.testing.assert_allclose(
+        found.base.project(again.parameters), found.base.project(found.robot.parameters), atol=1e-6
+    )
+    assert "base" in seaid.robot.load_robot(path, base="floating").body_names
+    assert "floating base" in repr(found.robot)
+    assert "free" in found.robot._repr_html_()
+
+
+HELD: dict[str, Callable[[], Any]] = {
+    "replay": lambda: seaid.replay(STANDING, swayed()),
+    "refine": lambda: seaid.refine(found_standing(), swayed()),
+    "identifiability": lambda: seaid.identifiability(STANDING),
+    "design_excitation": lambda: seaid.design_excitation(STANDING, duration=2.0),
+    "compare_terms": lambda: seaid.compare_terms(STANDING, swayed()),
+    "write_mjcf": lambda: seaid.write_mjcf(STANDING, "go2.xml"),
+    "base_parameters in exact arithmetic": lambda: seaid.symbolic.base_parameters(STANDING),
+    'method="simultaneous"': lambda: seaid.identify(STANDING, swayed(), method="simultaneous"),
+    'estimator="iv"': lambda: seaid.identify(STANDING, swayed(), estimator="iv"),
+}
+
+
+@pytest.mark.parametrize("what", HELD)
+def test_message_of_what_needs_a_fixed_base(what: str) -> None:
+    message = f"{what} needs a robot with a fixed base, and that of 'go2_description' floats"
+    with pytest.raises(SeaidError, match=re.escape(message)):
+        HELD[what]()
+
+
+@pytest.mark.slow  # 24 s of MuJoCo with contacts, and 94 parameters of 18 equations
+def test_bodies_of_a_quadruped_that_lifts_its_feet() -> None:
+    log = walked()
+    assert log.base is not None
+    assert all(0.8 < np.mean(log.base.contacts[foot]) < 0.99 for foot in GO2_FEET)
+    found = seaid.identify(go2().without_nominal(), with_noise(log, 1))
+    assert found.verdict.level == "good", found.warnings
+    assert len(found.load.values) == 94
+    truth = found.base.project(go2().parameters)
+    z = (found.load.values - truth) / found.load.standard_errors
+    assert np.mean(np.abs(z) < 1.96) > 0.84  # 91 % of 376 in four draws, docs/results.md
+    mass = found.base.names.index("m_base")
+    assert found.load.values[mass] == pytest.approx(truth[mass], rel=0.002)
+    for name, allowed_m in (("mx_base", 0.001), ("my_base", 0.001), ("mz_base", 0.001)):
+        row = found.base.names.index(name)
+        assert abs(found.load.values[row] - truth[row]) / truth[mass] < allowed_m
+
+
+@pytest.mark.slow
+def test_a_radius_left_out_shows_in_the_residual() -> None:
+    robot = seaid.load_robot(example_urdf("go2.urdf"), base="floating", contacts=GO2_FEET)
+    errors = [
+        np.mean([fit.own for fit in seaid.identify(one, walked()).joint_fits.values()])
+        for one in (go2(), robot)
+    ]
+    assert errors[0] < 0.003
+    assert errors[1] > 3 * errors[0]

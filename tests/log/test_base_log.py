@@ -1,0 +1,201 @@
+"""The base of a legged robot in a log: its columns, its motion from an IMU and from a pose."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import seaid
+from scripts.example_robots import example_urdf
+from seaid._arrays import Array
+from seaid.errors import LogError
+from seaid.log import BaseLog, BaseMotion, reconstruct_motion
+from seaid.robot import Contact, Robot
+
+FEET = ("FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT")
+TIME = np.arange(0, 4, 0.002)
+PLACE = np.array([0.08, -0.03, 0.05])
+"""The IMU in the frame of the base."""
+
+
+def solo(**options: Any) -> Robot:
+    return seaid.load_robot(example_urdf("solo12.urdf"), base="floating", **options)
+
+
+def waves(count: int, size: float, seed: int) -> Array:
+    rng = np.random.default_rng(seed)
+    angle = 2 * np.pi * np.outer(TIME, rng.uniform(0.3, 1.2, count))
+    return size * np.sin(angle + rng.uniform(0, 6, count))
+
+
+def turned() -> tuple[Array, Array, Array]:
+    """Rotations (T, 3, 3) with angular velocity and acceleration in the frame of the base."""
+    angles, h = waves(3, 0.5, 1), 1e-4
+
+    def rotation(t: Array) -> Array:
+        rng = np.random.default_rng(1)
+        phase = 2 * np.pi * np.outer(t, rng.uniform(0.3, 1.2, 3))
+        rpy = 0.5 * np.sin(phase + rng.uniform(0, 6, 3))
+        return np.array([pin.rpy.rpyToMatrix(*one) for one in rpy])
+
+    def rate(t: Array) -> Array:
+        R, ahead, behind = rotation(t), rotation(t + h), rotation(t - h)
+        W = np.einsum("tji,tjk->tik", R, (ahead - behind) / (2 * h))
+        return np.stack([W[:, 2, 1], W[:, 0, 2], W[:, 1, 0]], axis=1)
+
+    assert angles.shape == (len(TIME), 3)
+    return rotation(TIME), rate(TIME), (rate(TIME + h) - rate(TIME - h)) / (2 * h)
+
+
+def quaternions(R: Array) -> Array:
+    return np.array([np.roll(pin.Quaternion(one).coeffs(), 1) for one in R])
+
+
+def log_with(base: BaseLog | None, robot: Robot) -> seaid.Log:
+    return seaid.Log(
+        time=TIME,
+        joint_names=robot.joint_names,
+        joint_position=waves(robot.n, 0.4, 2),
+        motor_position=np.full((len(TIME), robot.n), np.nan),
+        motor_torque=waves(robot.n, 1.0, 3),
+        base=base,
+    )
+
+
+def base_of(given: BaseLog, robot: Robot, cutoff_hz: float) -> BaseMotion:
+    found = reconstruct_motion(robot, log_with(given, robot), cutoff_hz=cutoff_hz).base
+    assert found is not None
+    return found
+
+
+def inside(values: Array) -> Array:
+    return np.asarray(values[300:-300])
+
+
+def test_pose_and_imu_give_the_same_motion_of_the_base(tmp_path: Path) -> None:
+    R, w, e = turned()
+    position, h = waves(3, 0.05, 4), 2 * np.pi * np.random.default_rng(4).uniform(0.3, 1.2, 3)
+    f = np.einsum("tji,tj->ti", R, -(h**2) * position + np.array([0, 0, 9.81]))
+    at_imu = f + np.cross(e, PLACE) + np.cross(w, np.cross(w, PLACE))
+    turn = pin.rpy.rpyToMatrix(0.3, -0.5, 1.0)  # the IMU is mounted askew
+
+    text = example_urdf("solo12.urdf").read_text()
+    rpy, xyz = "0.3 -0.5 1.0", " ".join(map(str, PLACE))
+    imu = (
+        f'<link name="imu"/><joint name="imu" type="fixed"><parent link="base_link"/>'
+        f'<child link="imu"/><origin xyz="{xyz}" rpy="{rpy}"/></joint></robot>'
+    )
+    path = tmp_path / "solo12.urdf"
+    path.write_text(text.replace("</robot>", imu))
+    robot = seaid.load_robot(path, base="floating", imu_link="imu")
+    with_imu = BaseLog(angular_velocity=w @ turn, specific_force=at_imu @ turn)
+    q = quaternions(R)
+    flipped = q * np.where(np.arange(len(q)) % 700 < 350, 1.0, -1.0)[:, None]
+    with_pose = BaseLog(position=position, orientation=flipped)
+    for given in (with_imu, with_pose):
+        found = base_of(given, robot, 20.0)
+        for values, truth, size in zip(found.states, (w, e, f), (3.0, 12.0, 10.0), strict=True):
+            np.testing.assert_allclose(inside(values), inside(truth), atol=2e-4 * size)
+    assert found.up is not None
+    np.testing.assert_allclose(inside(found.up), inside(R[:, 2]), atol=1e-5)
+
+
+def test_columns_of_base_and_contacts_are_written_and_read(tmp_path: Path) -> None:
+    robot = solo(contacts=FEET)
+    R, w, _ = turned()
+    base = BaseLog(
+        position=waves(3, 0.05, 4),
+        orientation=quaternions(R),
+        angular_velocity=w,
+        specific_force=w + 9,
+        contacts={FEET[0]: np.ones(len(TIME)), FEET[2]: np.ones(len(TIME))},
+        wrenches={FEET[1]: waves(3, 20, 5), FEET[3]: waves(6, 20, 6)},
+    )
+    path = tmp_path / "walk.csv"
+    seaid.write_log(log_with(base, robot), path)
+    found = seaid.read_log(path, robot).base
+    assert found is not None
+    for name, values in base.columns().items():
+        np.testing.assert_allclose(found.columns()[name], values, rtol=1e-12, atol=1e-12)
+    assert repr(found).startswith("BaseLog(position, orientation, angular velocity")
+
+
+def test_parts_of_a_log_have_their_parts_of_the_base() -> None:
+    robot = solo(contacts=FEET)
+    log = log_with(BaseLog(contacts={FEET[0]: TIME}), robot)
+    part = log.between(1.0, 2.0).base
+    assert part is not None
+    np.testing.assert_array_equal(part.contacts[FEET[0]][:, 0], TIME[500:1000])
+
+
+def test_samples_near_a_change_of_contact_are_not_used() -> None:
+    robot = solo(contacts=FEET)
+    base = BaseLog(
+        angular_velocity=waves(3, 0.4, 1),
+        specific_force=waves(3, 0.4, 2) + np.array([0, 0, 9.81]),
+        contacts={FEET[0]: np.where(TIME > 2.0, 1.0, 0.0), FEET[1]: np.ones(len(TIME))},
+    )
+    found = base_of(base, robot, 10.0)
+    period = 0.02  # of the low pass of the positions, at five times the cutoff
+    unused = TIME[~found.used]
+    assert unused[0] == pytest.approx(2.0 - period, abs=0.005)
+    assert unused[-1] == pytest.approx(2.0 + period, abs=0.005)
+
+
+IMU: dict[str, Any] = {
+    "angular_velocity": waves(3, 0.4, 1),
+    "specific_force": waves(3, 0.4, 2) + 9.0,
+}
+WRONG: tuple[tuple[dict[str, Any] | None, str], ...] = (
+    (None, "the base of 'solo' floats, and the log has no channel of it"),
+    ({"angular_velocity": IMU["angular_velocity"]}, "the log has no acceleration of the base"),
+    ({"specific_force": IMU["specific_force"]}, "the log has no rotation of the base"),
+    (
+        {**IMU, "specific_force": waves(3, 0.5, 2)},
+        "that of a robot on the ground is about 9.81: the IMU took gravity out of it",
+    ),
+    ({**IMU, "contacts": {"FL_FOT": np.ones(len(TIME))}}, "did you mean 'FL_FOOT'?"),
+    ({**IMU, "specific_force": np.zeros((len(TIME), 2))}, "specific_force must have shape (any, 3"),
+    ({"orientation": np.full((len(TIME), 4), 0.7)}, "found a length of 1.4 in sample 0"),
+    ({"wrenches": {FEET[0]: waves(2, 1, 1)}}, "must have three forces or forces and moments"),
+    ({**IMU, "angular_velocity": np.full((len(TIME), 3), np.nan)}, "is not finite in sample 0"),
+)
+
+
+@pytest.mark.parametrize(("given", "message"), WRONG)
+def test_message_of_a_base_that_does_not_fit(given: dict[str, Any] | None, message: str) -> None:
+    robot = solo(contacts=FEET)
+    with pytest.raises(LogError, match=re.escape(message)):
+        base = None if given is None else BaseLog(**given)
+        reconstruct_motion(robot, log_with(base, robot), cutoff_hz=10.0)
+
+
+def test_message_of_a_base_of_another_length() -> None:
+    robot = solo()
+    log = log_with(None, robot)
+    short = BaseLog(contacts={"FL_FOOT": np.ones(10)})
+    with pytest.raises(LogError, match=r"FL_FOOT\.contact has 10 samples, time has 2000"):
+        replace(log, base=short)
+
+
+def test_message_of_half_an_imu(tmp_path: Path) -> None:
+    robot = solo(contacts=FEET)
+    path = tmp_path / "walk.csv"
+    seaid.write_log(log_with(BaseLog(**IMU), robot), path)
+    text = path.read_text().replace("base.specific_force_z_m_per_s2", "other")
+    path.write_text(text)
+    with pytest.raises(LogError, match=r"no column base\.specific_force_z"):
+        seaid.read_log(path, robot)
+
+
+def test_message_of_a_ball_without_orientation() -> None:
+    robot = solo(contacts=[Contact(FEET[0], radius_m=0.016)])
+    base = BaseLog(**IMU, contacts={FEET[0]: np.ones(len(TIME))})
+    with pytest.raises(LogError, match="whose lowest point depends on the orientation"):
+        seaid.identify(robot, log_with(base, robot))
