@@ -35,11 +35,13 @@ from .excitation import add_run_in as add_run_in
 from .excitation import design_excitation as design_excitation
 from .excitation import load_scene as load_scene
 from .excitation import load_trajectory as load_trajectory
+from .export import Randomization as Randomization
 from .export import WrittenMjcf as WrittenMjcf
 from .export import WrittenModel as WrittenModel
 from .export import read_parameters as read_parameters
 from .export import write_mjcf as write_mjcf
 from .export import write_model as write_model
+from .export import write_randomization as write_randomization
 from .export import write_urdf as write_urdf
 from .identification import Conditions as Conditions
 from .identification import CutoffSensitivity as CutoffSensitivity

@@ -50,6 +50,12 @@ def export(
     allow_inconsistent: Annotated[
         bool, Option("--allow-inconsistent", help="Also write physically inconsistent bodies.")
     ] = False,
+    randomization: Annotated[
+        Path | None,
+        Option(help="Also write ranges and samples for domain randomization: .json or .yaml."),
+    ] = None,
+    level: Annotated[float, Option(help="Probability of the ranges.")] = 0.95,
+    samples: Annotated[int, Option(help="Number of samples next to the ranges.")] = 100,
     at_temperature: Annotated[
         float | None,
         Option(help="Temperature of the motors [degC], for friction that depends on it."),
@@ -69,9 +75,10 @@ def export(
     seaid export leg.urdf --parameters parameters.json -o found.urdf
     seaid export leg.urdf --from run.csv --drives leg.toml -o found.xml
     seaid export --run runs/latest --format isaaclab -o actuators.py
+    seaid export --run runs/latest -o found.xml --randomization ranges.json
     """
-    from seaid.errors import by_severity
-    from seaid.export import FORMATS, by_suffix, write_model
+    from seaid.errors import by_severity, listed
+    from seaid.export import FORMATS, by_suffix, write_model, write_randomization
     from seaid.report import warning_lines
 
     kind = cast("FormatName", format) or by_suffix(output)
@@ -80,8 +87,10 @@ def export(
     if parameters is not None and is_typed("from_logs", "run"):
         raise typer.BadParameter("give one of them", param_hint="--from, --run, --parameters")
     toml = output.with_suffix(".toml") if suffix == ".urdf" else None
-    result.check(output, toml, read=(*given.files, parameters))
+    result.check(output, toml, randomization, read=(*given.files, parameters))
     if parameters is not None:
+        if randomization is not None:
+            raise typer.BadParameter("needs --from or --run", param_hint="--randomization")
         from seaid.export import read_parameters
 
         robot = read_parameters(parameters, given.robot(given.known_body or ()))
@@ -89,6 +98,8 @@ def export(
     else:
         found = given.result(feasible=feasible).identification
         robot, facts = found.robot, facts_of(found)
+        if randomization is not None:
+            ranges = write_randomization(found, randomization, level=level, samples=samples)
     with written(output, suffix) as file:
         model = write_model(
             robot,
@@ -108,6 +119,9 @@ def export(
     lines = [f"{robot.name}: {robot.n} bodies and their drives written"]
     if not FORMATS[kind].has_bodies:
         lines = [f"{robot.name}: {robot.n} actuators written for {FORMATS[kind].title}"]
+    if randomization is not None:
+        free = listed(f"{one.name} of {one.of}" for one in ranges.unidentified)
+        lines.append(f"not determined by the log, and as wide as the prior: {free or 'none'}")
     lines += warning_lines(facts["warnings"])
     content = {"bodies": robot.body_names, "drives": [*robot.drives]}
-    result.show("\n".join(lines), content, output, tables, **facts)
+    result.show("\n".join(lines), content, output, tables, randomization, **facts)

@@ -1,0 +1,481 @@
+"""write_randomization: ranges and samples of the identified robot, for domain randomization.
+
+What the log determines is drawn from the covariance of the estimate, and what it leaves free from a
+prior around the identified robot. A body is A (1 + X) (1 + X)^T A^T, with the pseudo-inertia A A^T
+and a lower triangle X: physically consistent for any X, and X + X^T are relative changes.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.linalg import block_diag
+from scipy.special import ndtri, stdtrit
+
+from seaid._arrays import Array, safely
+from seaid._files import plain, write_whole
+from seaid._progress import Display
+from seaid.drives import JointParameter, parameter_named, total_ratio, unit_of
+from seaid.errors import RobotError, checked, shortened
+from seaid.identification import Identification
+from seaid.robot import PARAMETERS, THIN, from_pseudo_inertia, pseudo_inertia
+
+FORMAT = "seaid randomization 1"
+
+_DRAWS = 500
+"""Draws of the bodies from which ranges are computed: quantiles are then good to 0.1 deviations."""
+
+_STEPS, _CLOSE = 20, 0.02
+"""Gauss-Newton steps of a sample, and the distance in standard errors at which they end."""
+
+_LEAST = 1e-10
+"""Least eigenvalue of a correlation matrix, which rounding may make negative."""
+
+_DETERMINED = 0.5
+"""A log determines a parameter if it at least halves the standard deviation of the prior."""
+
+_UNITS = ("kg", *("m",) * 3, *("kg m^2",) * 6)
+_BODY = ("mass", "com_x", "com_y", "com_z", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
+"""What simulators have of a body: its inertia is at the centre of mass, in the body's axes."""
+
+_AT_JOINT = {
+    "motor_inertia": ("armature", 2, "kg m^2"),
+    "viscous_friction": ("viscous_friction", 2, "N m s/rad"),
+    "coulomb_friction": ("dry_friction", 1, "N m"),
+    "friction_offset": ("friction_offset", 1, "N m"),
+}
+"""{parameter of a motor: (its name at the joint, power of the ratio in it, unit at the joint)}."""
+
+
+@dataclass(frozen=True)
+class Range:
+    """The range of one parameter of a joint or body, and where it comes from.
+
+    `source` is "data", "prior" (not determined by the log, therefore as wide as the prior) or
+    "given" (known, without a range). `why` says why a parameter is not determined.
+    """
+
+    name: str
+    of: str
+    unit: str
+    nominal: float
+    low: float
+    high: float
+    source: str
+    why: str = ""
+
+
+@dataclass(frozen=True, repr=False)
+class Randomization(Display):
+    """Ranges and correlated samples of a robot.
+
+    Attributes
+    ----------
+    path : Path
+        The file.
+    ranges : tuple of Range
+        The parameters of the joints and bodies, at the joint and at the centre of mass.
+    samples : ndarray (samples, parameters)
+        Values of all parameters in the order of `ranges`: each row is one physically consistent
+        robot.
+    """
+
+    path: Path
+    ranges: tuple[Range, ...]
+    samples: Array
+
+    @property
+    def unidentified(self) -> tuple[Range, ...]:
+        """The parameters that the log does not determine."""
+        return tuple(one for one in self.ranges if one.source == "prior")
+
+
+@checked(RobotError)
+def write_randomization(
+    found: Identification,
+    path: str | Path,
+    *,
+    level: float = 0.95,
+    samples: int = 100,
+    spread: float = 0.1,
+    seed: int = 0,
+) -> Randomization:
+    """Write ranges and samples of an identified robot, for domain randomization.
+
+    Samples are correlated as the estimate is: armature and delay of one log move together. Every
+    sample is physically consistent, with friction and armature that are not negative.
+
+    Parameters
+    ----------
+    found : Identification
+        The result of `identify` with feasible=True.
+    path : path
+        The file, .json or .yaml.
+    level : float
+        Probability of the ranges.
+    samples : int
+        Number of samples in the file.
+    spread : float
+        Relative standard deviation of what the log does not determine.
+    seed : int
+        Of the random numbers.
+
+    Returns
+    -------
+    Randomization
+        Its `unidentified` parameters are as wide as `spread`, and say why.
+
+    Raises
+    ------
+    RobotError
+        For wrong options, and for bodies that are physically inconsistent.
+    SeaidError
+        If the file cannot be written.
+
+    Examples
+    --------
+    >>> found = seaid.identify(robot, log, feasible=True)
+    >>> for one in seaid.write_randomization(found, "ranges.json").unidentified:
+    ...     print(one.name, one.of, one.nominal, one.why)
+    """
+    path = Path(path)
+    _check(path, level, samples, spread)
+    cloud = _Cloud(found, level, spread)
+    random = np.random.default_rng(seed)
+    draws = [cloud.draw(random) for _ in range(max(samples, _DRAWS if len(cloud.bodies) else 0))]
+    values = np.array(draws).reshape(len(draws), -1)
+    made = Randomization(path, cloud.ranges(values), values[:samples])
+    content = {
+        "format": FORMAT,
+        "robot": found.robot.name,
+        "level": level,
+        "spread": spread,
+        "seed": seed,
+        "parameters": [plain(asdict(one)) for one in made.ranges],
+        "unidentified": [f"{one.name} of {one.of}: {one.why}" for one in made.unidentified],
+        "samples": made.samples.tolist(),
+    }
+    is_yaml = path.suffix.lower() != ".json"
+    write_whole(path, _yaml(content) if is_yaml else json.dumps(content, indent=1) + "\n")
+    return made
+
+
+def _check(path: Path, level: float, samples: int, spread: float) -> None:
+    """Raise RobotError for options that have no meaning."""
+    if path.suffix.lower() not in (".json", ".yaml", ".yml"):
+        raise RobotError(f"'{path}' must end in .json, .yaml or .yml")
+    if not 0 < level < 1:
+        raise RobotError(f"level= must be between 0 and 1, found {level}", "level=")
+    if samples < 0 or int(samples) != samples:
+        raise RobotError(f"samples= must be a whole number from 0 on, found {samples}", "samples=")
+    if not 0 < spread <= 1:
+        raise RobotError(f"spread= must be above 0 and at most 1, found {spread}", "spread=")
+
+
+def _yaml(content: Mapping[str, Any]) -> str:
+    """Return plain data as YAML: one line for each element of a list."""
+
+    def flow(value: Any) -> str:
+        text = json.dumps(value)
+        # YAML 1.1 reads 1e-05 as a text: a number there has a point
+        if isinstance(value, float) and "e" in text and "." not in text:
+            return text.replace("e", ".0e")
+        if isinstance(value, list):
+            return f"[{', '.join(map(flow, value))}]"
+        if isinstance(value, dict):
+            return f"{{{', '.join(f'{key}: {flow(one)}' for key, one in value.items())}}}"
+        return text
+
+    lines: list[str] = []
+    for key, value in content.items():
+        is_list = isinstance(value, list) and value
+        lines += [f"{key}:", *(f"- {flow(one)}" for one in value)] if is_list else []
+        lines += [] if is_list else [f"{key}: {flow(value)}"]
+    return "\n".join([*lines, ""])
+
+
+def _triangles() -> Array:
+    """Return a basis (10, 4, 4) of lower triangles X, so that X + X^T is alike in all directions.
+
+    With independent normal coefficients X + X^T is then an orthogonally invariant random matrix,
+    with the deviation of a coefficient on its diagonal.
+    """
+    basis = np.zeros((10, 4, 4))
+    for place, (row, column) in enumerate((i, j) for i in range(4) for j in range(i + 1)):
+        basis[place, row, column] = 0.5 if row == column else 0.5**0.5
+    return basis
+
+
+_BASIS = _triangles()
+_TEN = np.array([from_pseudo_inertia(one) for one in np.eye(16).reshape(16, 4, 4)]).T
+"""The linear map (10, 16) from a pseudo-inertia, row by row, to the ten parameters."""
+
+
+class _Cloud:
+    """The distribution of an identified robot.
+
+    Unknowns are the ten coefficients of X for each body that is not known, and the logarithms of
+    parameters of drives that only combinations have (absorbed ones); p rows are combinations.
+    """
+
+    def __init__(self, found: Identification, level: float, spread: float) -> None:
+        self.found, self.level, self.spread = found, level, spread
+        self.robot, model = found.robot, found.model
+        self.theta = self.robot.parameters.reshape(-1, 10)
+        known = self.robot.is_known.reshape(-1, 10).all(axis=1)
+        self.bodies = [int(one) for one in np.flatnonzero(~known)]
+        self.roots = np.array([self._root(body) for body in self.bodies]).reshape(-1, 4, 4)
+        values = {joint: drive.values for joint, drive in self.robot.drives.items()}
+        self.absorbed = [
+            (joint, name) for joint, name, _ in model.absorbed if values[joint].get(name, 0.0) > 0
+        ]
+        self.start = np.log(np.array([values[joint][name] for joint, name in self.absorbed]))
+        self.count = 10 * len(self.bodies) + len(self.absorbed)
+        self._assemble()
+        names = [JointParameter(name, joint) for joint, name, _ in model.absorbed]
+        columns = [names.index(JointParameter(name, joint)) for joint, name in self.absorbed]
+        self.absorption = np.zeros((len(self.errors), len(self.absorbed)))
+        self.absorption[: len(model.absorption)] = model.absorption[:, columns]
+        self.values = np.array(
+            [values[one.joint].get(one.parameter, 0.0) for one in self.drives], dtype=float
+        )
+        self.center = self._combinations(np.zeros(self.count))
+
+    def _root(self, body: int) -> Array:
+        """Return A with A A^T the pseudo-inertia of a body; a thin one gets a least thickness."""
+        pseudo = pseudo_inertia(self.theta[body])
+        values, vectors = safely(
+            np.linalg.eigh, pseudo, what="the inertia of a body", error=RobotError
+        )
+        if values[0] < -THIN * values[-1] or values[-1] <= 0:
+            raise RobotError(
+                f"body '{self.robot.body_names[body]}' is physically inconsistent: identify with "
+                "feasible=True",
+                "feasible=True",
+            )
+        return np.asarray(vectors * np.sqrt(np.maximum(values, THIN * values[-1])))
+
+    def _assemble(self) -> None:
+        """Collect names and covariance of what was estimated: p combinations, then drives."""
+        found, model = self.found, self.found.model
+        side = found.load_side
+        drives = [JointParameter(name, joint) for joint, name, _ in model.drives]
+        rows = [side.names.index(name) for name in (*model.expressions, *drives)]
+        blocks = [side.covariance[np.ix_(rows, rows)]]
+        wider = [self._wider(side)[rows]]
+        for joint, one in found.drives.items():
+            own = [at for at, x in enumerate(one.names) if JointParameter(x, joint) not in drives]
+            drives += [JointParameter(one.names[at], joint) for at in own]
+            blocks.append(one.covariance[np.ix_(own, own)])
+            wider.append(self._wider(one)[own])
+        self.drives, self.p = drives, len(model.expressions)
+        covariance = block_diag(*blocks) * np.outer(np.concatenate(wider), np.concatenate(wider))
+        self.errors = np.sqrt(np.diag(covariance))
+        scale = np.where(self.errors > 0, self.errors, 1.0)
+        values, vectors = safely(
+            np.linalg.eigh,
+            covariance / np.outer(scale, scale),
+            what="the covariance",
+            error=RobotError,
+        )
+        self.half = scale[:, None] * vectors * np.sqrt(np.maximum(values, _LEAST))
+        p = self.p
+        C = self.half @ self.half.T
+        inverse = safely(np.linalg.pinv, C[:p, :p] / np.outer(scale[:p], scale[:p]),
+                         what="the covariance", error=RobotError)  # fmt: skip
+        roots, axes = safely(np.linalg.eigh, inverse, what="the covariance", error=RobotError)
+        # |W r|^2 = r^T C^-1 r; other drives follow the combinations by C_db C_bb^-1
+        self.W = (np.sqrt(np.maximum(roots, 0.0))[:, None] * axes.T) / scale[:p]
+        self.following = C[p:, :p] @ (self.W.T @ self.W)
+
+    def _wider(self, estimate: Any) -> Array:
+        """Return what makes normal deviations as wide as Student's t at the level."""
+        freedom = estimate.degrees_of_freedom
+        if freedom is None:
+            return np.ones(len(estimate.names))
+        at = 0.5 + self.level / 2
+        return np.asarray(stdtrit(freedom, at) / ndtri(at))
+
+    def _factors(self, x: Array) -> Array:
+        """Return A (1 + X) of each unknown body."""
+        X = np.tensordot(x[: 10 * len(self.bodies)].reshape(-1, 10), _BASIS, axes=1)
+        return np.asarray(self.roots @ (np.eye(4) + X))
+
+    def _bodies(self, x: Array) -> Array:
+        """Return the standard parameters (n, 10) of unknowns x, P = A (1 + X) (1 + X)^T A^T."""
+        theta, F = self.theta.copy(), self._factors(x)
+        theta[self.bodies] = (F @ F.transpose(0, 2, 1)).reshape(-1, 16) @ _TEN.T
+        return theta
+
+    def _body_slopes(self, x: Array) -> Array:
+        """Return the slopes (bodies, 10, 10) of standard parameters: A (dX (1 + X)^T + ...) A^T."""
+        moved = np.einsum("bij,kjl,bml->bkim", self.roots, _BASIS, self._factors(x))
+        return np.asarray(
+            ((moved + moved.transpose(0, 1, 3, 2)).reshape(-1, 10, 16) @ _TEN.T).transpose(0, 2, 1)
+        )
+
+    def _absorbed(self, x: Array) -> Array:
+        """Return the parameters of drives that only combinations have."""
+        return np.asarray(np.exp(self.start + x[10 * len(self.bodies) :]))
+
+    def _combinations(self, x: Array) -> Array:
+        """Return the combinations (p,) of bodies and absorbed parameters."""
+        own: Array = self.found.base.grouping @ self._bodies(x).ravel()
+        return own + self.absorption[: self.p] @ self._absorbed(x)
+
+    def _slopes(self, x: Array) -> Array:
+        """Return the slopes (p, unknowns) of the combinations."""
+        grouping = self.found.base.grouping.reshape(self.p, -1, 10)[:, self.bodies]
+        own = np.einsum("pbi,bik->pbk", grouping, self._body_slopes(x)).reshape(self.p, -1)
+        return np.asarray(np.hstack([own, self.absorption[: self.p] * self._absorbed(x)]))
+
+    def _step(self, x: Array, combinations: Array, prior: Array) -> Array:
+        """Return the step of least squares towards changes of combinations and of the prior."""
+        slopes = np.vstack([self.W @ self._slopes(x), np.eye(self.count) / self.spread])
+        wanted = np.concatenate([self.W @ combinations, prior / self.spread])
+        return np.asarray(
+            safely(np.linalg.lstsq, slopes, wanted, what="a sample", error=RobotError, rcond=None)[
+                0
+            ]
+        )
+
+    def draw(self, random: np.random.Generator) -> Array:
+        """Return the parameters of one sample.
+
+        The log and the prior are drawn anew, and x is the least squares solution for both: a draw
+        from the posterior of the linearised model (randomize-then-optimize, Bardsley et al. 2014).
+        Its combinations are then those of the bodies themselves: Gauss-Newton steps from there.
+        """
+        wanted = self.half @ random.normal(size=len(self.half))
+        free = self.spread * random.normal(size=self.count)
+        origin, nothing = np.zeros(self.count), np.zeros(self.count)
+        x = self._step(origin, wanted[: self.p], free)
+        change = self._slopes(origin) @ x
+        for _ in range(_STEPS):
+            rest = self.center + change - self._combinations(x)
+            if np.max(np.abs(self.W @ rest), initial=0.0) < _CLOSE:
+                break
+            step = self._step(x, rest, nothing)
+            x = x + step / max(1.0, float(np.max(np.abs(step), initial=0.0)))
+        return self._sample(x, wanted[self.p :] + self.following @ (change - wanted[: self.p]))
+
+    def _sample(self, x: Array, change: Array) -> Array:
+        """Return the values of all parameters of the file, those of drives first."""
+        absorbed = self._absorbed(x)
+        shift = self.absorption[self.p :] @ (absorbed - np.exp(self.start))
+        values = dict(zip(self.drives, self.values + change - shift, strict=True))
+        values |= {
+            JointParameter(name, joint): float(one)
+            for (joint, name), one in zip(self.absorbed, absorbed, strict=True)
+        }
+        own = [factor * values.get(name, given) for name, factor, given in self._of_drives]
+        least = [self._least_value(name) for name, _, _ in self._of_drives]
+        theta = self._bodies(x)
+        bodies = [_at_center(theta[body]) for body in self.bodies]
+        return np.concatenate([np.maximum(own, least), *bodies])
+
+    def _least_value(self, name: JointParameter) -> float:
+        return 0.0 if parameter_named(name.parameter).is_positive else -math.inf
+
+    @cached_property
+    def _of_drives(self) -> list[tuple[JointParameter, float, float]]:
+        """The parameters of drives: name, factor to the joint, value of the robot."""
+        found = []
+        for joint, drive in self.robot.drives.items():
+            for name in drive.parameter_names:
+                if name in drive.values and name not in ("spring_offset", "deflection_zero"):
+                    power = _AT_JOINT[name][1] if name in _AT_JOINT else 0
+                    factor = total_ratio(drive) ** power
+                    found.append((JointParameter(name, joint), factor, drive.values[name]))
+        return found
+
+    def ranges(self, draws: Array) -> tuple[Range, ...]:
+        """Return the ranges of all parameters: of drives by their errors, of bodies by draws."""
+        tail = 0.5 - self.level / 2
+        found = [self._drive_range(*one, draws[:, at]) for at, one in enumerate(self._of_drives)]
+        start = len(found)
+        for place, body in enumerate(self.bodies):
+            own = draws[:, start + 10 * place : start + 10 * place + 10]
+            low, high = np.quantile(own, [tail, 1 - tail], axis=0)
+            nominal, name = _at_center(self.theta[body]), self.robot.body_names[body]
+            for k in range(10):
+                source, why = self._of_body(place, k)
+                limits = float(low[k]), float(high[k])
+                found.append(
+                    Range(_BODY[k], name, _UNITS[k], float(nominal[k]), *limits, source, why)
+                )
+        return tuple(found)
+
+    def _drive_range(
+        self, name: JointParameter, factor: float, value: float, draws: Array
+    ) -> Range:
+        drive = self.robot.drives[name.joint]
+        shown, unit = name.parameter, unit_of(drive, name.parameter)
+        if shown in _AT_JOINT:
+            shown, _, unit = _AT_JOINT[shown]
+            slides = self.robot.is_prismatic[self.robot.index(name.joint)]
+            unit = unit.replace("kg m^2", "kg").replace("N m", "N") if slides else unit
+            unit = unit.replace("/rad", "/m") if slides else unit
+        made = Range(shown, name.joint, unit, factor * value, 0.0, 0.0, "data")
+        tail = 0.5 - self.level / 2
+        if name in self.drives:
+            at = self.drives.index(name)
+            error = float(self.errors[self.p + at])
+            half = -float(ndtri(tail)) * error
+            least = self._least_value(name)
+            low, high = (max(factor * (value + side), least) for side in (-half, half))
+            made = replace(made, low=low, high=high)
+            if error > abs(value):
+                text = f"its standard error, {factor * error:.3g} {unit}, is larger than its value"
+                made = replace(made, why=text)
+            return made
+        if (name.joint, name.parameter) in self.absorbed:
+            low, high = (float(x) for x in np.quantile(draws, [tail, 1 - tail]))
+            text = "only its sum with inertias of bodies is determined"
+            return replace(made, low=low, high=high, source="prior", why=text)
+        return replace(made, low=made.nominal, high=made.nominal, source="given", why="was given")
+
+    @cached_property
+    def _remaining(self) -> Array:
+        """Deviations of the standard parameters (bodies, 10) over those of the prior."""
+        x = np.zeros(self.count)
+        whitened = self.W @ self._slopes(x)
+        information = whitened.T @ whitened + np.eye(self.count) / self.spread**2
+        covariance = safely(np.linalg.inv, information, what="the samples", error=RobotError)
+        ratios = []
+        for place, J in enumerate(self._body_slopes(x)):
+            own = slice(10 * place, 10 * place + 10)
+            by_both = np.einsum("ik,kl,il->i", J, covariance[own, own], J)
+            by_prior = self.spread**2 * np.sum(J**2, axis=1)
+            ratios.append(np.sqrt(by_both / np.maximum(by_prior, 1e-300)))
+        return np.array(ratios)
+
+    def _of_body(self, place: int, k: int) -> tuple[str, str]:
+        """Return the source of a parameter of a body, and why the log does not determine it."""
+        if self._remaining[place, k] < _DETERMINED:
+            return "data", ""
+        base, column = self.found.base, 10 * self.bodies[place] + k
+        in_rows = np.flatnonzero(np.abs(base.grouping[:, column]) > 1e-12)
+        if not len(in_rows):
+            return "prior", f"no torque of this robot depends on {PARAMETERS[k]} of this body"
+        alone = np.count_nonzero(np.abs(base.grouping[in_rows]) > 1e-12, axis=1) == 1
+        if np.any(alone):
+            return "prior", "the motion excites it too little: its standard error is too large"
+        return "prior", f"only in combination: {shortened(base.expressions[int(in_rows[0])])}"
+
+
+def _at_center(ten: Iterable[float]) -> Array:
+    """Return mass, centre of mass and inertia there of ten standard parameters."""
+    mass, mx, my, mz, xx, xy, yy, xz, yz, zz = map(float, ten)
+    x, y, z = mx / mass, my / mass, mz / mass
+    # Steiner: I at the centre of mass = I at the frame - m (c.c 1 - c c^T)
+    moved = (y * y + z * z, -x * y, x * x + z * z, -x * z, -y * z, x * x + y * y)
+    inertia = np.array([xx, xy, yy, xz, yz, zz]) - mass * np.array(moved)
+    return np.array([mass, x, y, z, *inertia])
