@@ -152,6 +152,10 @@ def add_drives(
     note_drives(robot, step, notes)
 
 
+_SHORTER_STEP = 10
+"""How much shorter than the written time step a user may make it before delays are cut off."""
+
+
 def _actuator(joint: str, drive: Drive, step: float) -> tuple[str, dict[str, str]]:
     """Return element and attributes of an actuator on the rotor, or behind a stiff gear.
 
@@ -181,7 +185,7 @@ def _actuator(joint: str, drive: Drive, step: float) -> tuple[str, dict[str, str
         attributes |= {"forcelimited": "true", "forcerange": spaced(shifted)}
     delay = drive.command_delay_s or 0.0
     if delay > 0:
-        samples = int(np.ceil(delay / step)) + 1
+        samples = int(np.ceil(_SHORTER_STEP * delay / step)) + 1
         attributes |= {"delay": spaced([delay]), "nsample": str(samples), "interp": "linear"}
     return "general", attributes
 
