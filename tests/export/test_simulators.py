@@ -477,3 +477,9 @@ def test_the_table_of_the_documentation_is_that_of_the_code() -> None:
         cells.append("yes" if format_.has_bodies else "-")
         assert f"| `{name}` | {' | '.join(cells)} |" in rows
         assert any(row.startswith(f"| `{name}` | `{format_.suffix}`") for row in rows)
+
+
+def test_delays_of_mujoco_stay_whole_in_a_step_ten_times_shorter(tmp_path: Path) -> None:
+    root = etree.parse(written(robot_with(tmp_path), tmp_path, "mjcf").path).getroot()
+    actuator, step = root.find("actuator/general"), float(root.find("option").get("timestep"))
+    assert int(actuator.get("nsample")) * step / 10 >= float(actuator.get("delay")) == DELAY_S
