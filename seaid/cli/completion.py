@@ -39,6 +39,7 @@ FILES = {
     **dict.fromkeys(("logs", "log", "from_logs", "validation", "multisine"), LOGS),
     **dict.fromkeys(("trajectory", "parameters", "plan", "plans"), (".json",)),
     **dict.fromkeys(("first", "second"), (".json", ".npz")),
+    "randomization": (".json", ".yaml"),
     "previous_logs": LOGS,
     "project": (".toml",),
     "table": LOGS,
