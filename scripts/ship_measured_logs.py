@@ -54,6 +54,8 @@ def pairs(originals: Path) -> list[tuple[Path, Path]]:
 
 def shipped_name(original: Path) -> Path:
     """Return the name that a file has in the project."""
+    if original.name == "LICENSE":
+        return original.with_suffix(".txt")
     is_table = original.suffix in (".csv", ".json") and original.as_posix() not in AS_THEY_ARE
     return original.with_suffix(".npz") if is_table else original
 

@@ -296,8 +296,9 @@ class _Model:
         robot = self.robot.with_drives({one.joint: drive.with_values(one.values)})
         joints = (one.joint,) if drive.is_elastic and one.field in AT_THE_MOTOR else ()
         robot = linearised(robot, self.motions, joints)
-        with_values = robot.drives[one.joint]
-        if "stiffness" in {*with_values.parameter_names} - {*with_values.values}:
+        searched = robot.drives[one.joint]
+        is_spring = one.field == "spring" and "stiffness" in searched.parameter_names
+        if is_spring and "stiffness" not in searched.values:
             raise IdentificationError(
                 f"joint '{one.joint}': with '{one.term}' its stiffness is not positive"
             )

@@ -332,7 +332,8 @@ def _noise(position: Array) -> Array:
     white = 1.4826 * np.median(np.abs(np.diff(position, 3, axis=0)), axis=0) / np.sqrt(20)
     steps = np.abs(np.diff(position, axis=0))
     least = np.min(np.where(steps > 0, steps, np.inf), axis=0)
-    return np.asarray(np.maximum(white, np.where(np.isfinite(least), least, 0.0) / np.sqrt(12)))
+    has_steps = np.any(steps == 0, axis=0) & np.isfinite(least)  # samples within one step repeat
+    return np.asarray(np.maximum(white, np.where(has_steps, least, 0.0) / np.sqrt(12)))
 
 
 def _worse(found: ReplayComparison, is_closed: bool) -> Iterator[Finding]:
