@@ -443,7 +443,17 @@ def _from_motors(
         raise problem
     simulated = min(tried, key=lambda one: one.merit).logs
     second = fit(simulated, cutoff_hz=cutoff_hz)
-    found, _ = refined_with_logs(second, logs, encoder_offset_std)
+    try:
+        found, _ = refined_with_logs(second, logs, encoder_offset_std)
+    except IdentificationError as reason:
+        raise IdentificationError(
+            f"the motor alone does not determine the stiffness of {', '.join(joints)} "
+            f"({str(reason).split(';')[0]}). "
+            f"Either the motion, with a band of {cutoff_hz:.3g} Hz, stays too far below the "
+            "antiresonance of the load for the motor to feel the spring, or the load has a spring "
+            "of its own: record a multisine with a larger band (seaid excite --basis multisine), "
+            "or log the joint position"
+        ) from None
     rate_hz = min((len(log.time) - 1) / float(log.time[-1] - log.time[0]) for log in logs)
     own = [motor_side_finding(joints), *resonance_findings(found, joints, rate_hz)]
     return replace(found, findings=(*found.findings, *own))

@@ -139,12 +139,20 @@ def test_a_known_stiffness_or_another_term_is_refused(robot: Robot) -> None:
 
 @pytest.mark.slow  # no start ends at the noise, so that all are tried
 def test_a_spring_that_the_motor_does_not_show_is_said(robot: Robot) -> None:
-    stiff = replace(ANYDRIVE, k=200 * ANYDRIVE.k, highest_hz=2.0)
+    stiff = replace(ANYDRIVE, k=20 * ANYDRIVE.k, highest_hz=2.0)
     result = identify(robot, simulated(stiff, 5.0))
     (finding,) = [one for one in result.warnings if one.code == "hidden-resonance"]
     assert finding.severity == "doubtful"
     assert "Hz" in finding.remedy
     assert "amplitude" in finding.remedy
+
+
+@pytest.mark.slow  # no start ends at the noise, so that all are tried
+def test_message_of_a_spring_without_any_trace(robot: Robot) -> None:
+    stiff = replace(ANYDRIVE, k=200 * ANYDRIVE.k, highest_hz=2.0)
+    message = r"does not determine the stiffness of arm \(the refinement did not converge .*\)\."
+    with pytest.raises(IdentificationError, match=message):
+        identify(robot, simulated(stiff, 5.0))
 
 
 def test_a_file_without_joint_position_is_read(robot: Robot, tmp_path: Path) -> None:

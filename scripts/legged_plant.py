@@ -26,6 +26,7 @@ _PLAN_HZ, _SETTLE_S, _LIFT_S = 100, 1.0, 2.0
 
 
 def ball_feet(radius: float = RADIUS) -> list[Contact]:
+    """Return the contacts of a Go2, whose feet are balls."""
     return [Contact(foot, radius_m=radius) for foot in GO2_FEET]
 
 
