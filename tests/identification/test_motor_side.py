@@ -28,6 +28,7 @@ from seaid.errors import IdentificationError, LogError
 from seaid.identification.identification import Identification, identify
 from seaid.identification.motor_side import (
     joint_angle,
+    noisy_findings,
     with_rigid_angles,
     without_joint_encoder,
 )
@@ -135,6 +136,16 @@ def test_a_known_stiffness_or_another_term_is_refused(robot: Robot) -> None:
     drive = replace(drive, joint_friction=("viscous",))
     with pytest.raises(IdentificationError, match="parallel spring or joint friction"):
         identify(robot.with_values(robot.parameters, {"arm": drive}), log_of(ANYDRIVE))
+
+
+def test_a_torque_that_is_mostly_noise_is_doubted(found: Identification) -> None:
+    fit = found.joint_fits["arm"]
+    assert fit.own < 0.01
+    assert list(noisy_findings(found, ["arm"])) == []
+    poor = replace(found, joint_fits={"arm": replace(fit, own=0.62)})
+    (finding,) = noisy_findings(poor, ["arm"])
+    assert (finding.code, finding.joint, finding.severity) == ("motor-side", "arm", "doubtful")
+    assert finding.message.startswith("62% of the torque on the spring of arm")
 
 
 @pytest.mark.slow  # no start ends at the noise, so that all are tried
