@@ -97,14 +97,7 @@ class BaseLog(Display):
 
     def each(self, change: Callable[[Array], Array]) -> BaseLog:
         """Return the samples with a function applied to each of the arrays (T, k)."""
-        found: dict[str, Any] = {}
-        for one in fields(self):
-            value = getattr(self, one.name)
-            if isinstance(value, Mapping):
-                found[one.name] = {link: change(x) for link, x in value.items()}
-            elif value is not None:
-                found[one.name] = change(value)
-        return BaseLog(**found)
+        return BaseLog(**_changed(self, change))
 
     def columns(self) -> dict[str, Array]:
         """Return {column name in a file: samples (T,)}."""
@@ -118,6 +111,18 @@ class BaseLog(Display):
         for link, values in self.wrenches.items():
             found.update(zip(_contact_columns(link)[1], values.T, strict=False))
         return found
+
+
+def _changed(data: BaseLog | BaseMotion, change: Callable[[Any], Any]) -> dict[str, Any]:
+    """Return the fields with a function applied to each of the arrays, also of the mappings."""
+    found: dict[str, Any] = {}
+    for one in fields(data):
+        value = getattr(data, one.name)
+        if isinstance(value, Mapping):
+            found[one.name] = {link: change(x) for link, x in value.items()}
+        elif value is not None:
+            found[one.name] = change(value)
+    return found
 
 
 def base_columns(links: tuple[str, ...]) -> tuple[str, ...]:
@@ -211,14 +216,7 @@ class BaseMotion(Display):
 
     def samples(self, part: slice) -> BaseMotion:
         """Return some successive samples."""
-        found: dict[str, Any] = {}
-        for one in fields(self):
-            value = getattr(self, one.name)
-            if isinstance(value, Mapping):
-                found[one.name] = {link: x[part] for link, x in value.items()}
-            elif value is not None:
-                found[one.name] = value[part]
-        return BaseMotion(**found)
+        return BaseMotion(**_changed(self, lambda values: values[part]))
 
 
 def base_motion(robot: Robot, log: BaseLog | None, time: Array, cutoff_hz: float) -> BaseMotion:
@@ -256,9 +254,16 @@ def base_motion(robot: Robot, log: BaseLog | None, time: Array, cutoff_hz: float
             "the log has no acceleration of the base: give the specific force of an IMU "
             f"({_CHANNELS['specific_force'][0]} ...), or position and orientation"
         )
-    for link in {**log.contacts, **log.wrenches}:
+    for link in log.contacts:
+        if link not in {*base.contact_links, *log.wrenches}:
+            raise LogError(
+                f"contacts: {unknown_name('contact', link, base.contact_links)}; the force of a "
+                "contact that load_robot(contacts=[...]) does not name would count as none",
+                "contacts=",
+            )
+    for link in log.wrenches:
         if link not in base.frames:
-            raise LogError(f"contacts: {unknown_name('link', link, base.frames)}")
+            raise LogError(f"wrenches: {unknown_name('link', link, base.frames)}")
     flags = {x: log.contacts[x][:, 0] > 0.5 for x in log.contacts if x not in log.wrenches}
     return BaseMotion(
         angular_velocity=w,

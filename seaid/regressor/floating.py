@@ -36,11 +36,10 @@ def floating_regressor(robot: Robot, q: Array, v: Array, a: Array, base: BaseSta
     """
     model = _model(robot)
     data, count = model.createData(), model.nv
-    stacked, flat = np.empty((len(q), 10 * count * (count - 5))), data.jointTorqueRegressor
+    stacked = np.empty((len(q), 10 * count * (count - 5)))
     states = zip(*_states(robot, q, v, a, base), strict=True)
     for t, (q_t, v_t, a_t) in enumerate(states):
-        flat = pin.computeJointTorqueRegressor(model, data, q_t, v_t, a_t)
-        stacked[t] = flat.T.reshape(-1)
+        stacked[t] = pin.computeJointTorqueRegressor(model, data, q_t, v_t, a_t).T.reshape(-1)
     Y = stacked.reshape(len(q), 10 * (count - 5), count).swapaxes(1, 2)
     order = [*(1 + np.argsort(robot.model_order)), 0]  # the base is the last body
     Y = Y.reshape(*Y.shape[:2], -1, 10)[:, :, order].reshape(Y.shape)

@@ -161,6 +161,11 @@ WRONG: tuple[tuple[dict[str, Any] | None, str], ...] = (
         "that of a robot on the ground is about 9.81: the IMU took gravity out of it",
     ),
     ({**IMU, "contacts": {"FL_FOT": np.ones(len(TIME))}}, "did you mean 'FL_FOOT'?"),
+    (
+        {**IMU, "contacts": {"FL_LOWER_LEG": np.ones(len(TIME))}},
+        "does not name would count as none",
+    ),
+    ({**IMU, "wrenches": {"FL_FOT": waves(3, 1, 1)}}, "wrenches: no link is named 'FL_FOT'"),
     ({**IMU, "specific_force": np.zeros((len(TIME), 2))}, "specific_force must have shape (any, 3"),
     ({"orientation": np.full((len(TIME), 4), 0.7)}, "found a length of 1.4 in sample 0"),
     ({"wrenches": {FEET[0]: waves(2, 1, 1)}}, "must have three forces or forces and moments"),
