@@ -264,6 +264,14 @@ def base_motion(robot: Robot, log: BaseLog | None, time: Array, cutoff_hz: float
     for link in log.wrenches:
         if link not in base.frames:
             raise LogError(f"wrenches: {unknown_name('link', link, base.frames)}")
+    silent = [x for x in base.contact_links if x not in {**log.contacts, **log.wrenches}]
+    if silent:
+        raise LogError(
+            f"the log does not say when {', '.join(silent)} of contacts= touch the ground: add the "
+            f"column {_contact_columns(silent[0])[0]} (1 on the ground, 0 in the air) or a "
+            "measured wrench; in the air all the time it is 0",
+            "contacts=",
+        )
     flags = {x: log.contacts[x][:, 0] > 0.5 for x in log.contacts if x not in log.wrenches}
     return BaseMotion(
         angular_velocity=w,

@@ -17,7 +17,7 @@ from seaid.errors import ExcitationError, RobotError, SeaidError, checked
 from seaid.regressor.floating import (
     floating_regressor,
     floating_rows,
-    stance_states,
+    stance_rows,
     without_contact_forces,
 )
 from seaid.regressor.rigid_body import regressor_at_drives
@@ -168,22 +168,26 @@ def _floating_columns(
     stances: Sequence[Sequence[str]],
 ) -> Array:
     """Return the regressor (rows, m) of base and joints over a motion, or over random stances."""
-    parts = []
     if motion is not None:
-        assert motion.base is not None
         base = motion.base
-        given = [(motion.joint_states, base.states, base.up, base.contacts)]
+        assert base is not None
+        Y = floating_regressor(robot, *motion.joint_states, base.states)
+        rows = [
+            without_contact_forces(
+                robot,
+                motion.joint_position,
+                base.contacts,
+                known,
+                floating_rows(robot, Y, known),
+                up=base.up,
+            )
+        ]
     else:
-        given = []
+        rows = []
         for place, links in enumerate(stances):
-            enough = -(-30 * len(robot.body_names) // 6)
-            states = stance_states(robot, links, seed_of(seed) + place, enough)
-            given.append((*states, dict.fromkeys(links, np.ones(enough, dtype=bool))))
-    for joints, states_of_base, up, touching in given:
-        Y = floating_rows(robot, floating_regressor(robot, *joints, states_of_base), known)
-        Y = without_contact_forces(robot, joints[0], touching, known, Y, up=up)
-        parts.append(Y.reshape(-1, Y.shape[2]))
-    return np.concatenate(parts)
+            _, Y, reduced = stance_rows(robot, links, seed_of(seed) + place, known)
+            rows.append(reduced(Y))
+    return np.concatenate([one.reshape(-1, one.shape[2]) for one in rows])
 
 
 def _check_memory(robot: Robot, samples: int) -> None:

@@ -9,7 +9,7 @@ contact forces as further unknowns.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -134,6 +134,24 @@ def measured_wrenches(
         A = floating_rows(robot, contact_map(robot, q, [contact], own_frame=True), joints)
         found += np.einsum("trk,tk->tr", A, values)
     return found
+
+
+def stance_rows(
+    robot: Robot, links: Sequence[str], seed: int, joints: Sequence[int]
+) -> tuple[BaseStates, Array, Callable[[Array], Array]]:
+    """Return random states of joints in a stance, the rows (T, 6 + k, m) of bodies, and a function.
+
+    The function removes the contact forces of the stance from rows.
+    """
+    count = -(-30 * len(robot.body_names) // 6)  # three equations per parameter
+    states, base, up = stance_states(robot, links, seed, count)
+    touching = dict.fromkeys(links, np.ones(count, dtype=bool))
+    Y = floating_rows(robot, floating_regressor(robot, *states, base), joints)
+
+    def reduced(rows: Array) -> Array:
+        return without_contact_forces(robot, states[0], touching, joints, rows, up=up)
+
+    return states, Y, reduced
 
 
 def stance_states(

@@ -37,7 +37,7 @@ from seaid.regressor.floating import (
     floating_regressor,
     floating_rows,
     measured_wrenches,
-    stance_states,
+    stance_rows,
     without_contact_forces,
 )
 from seaid.regressor.regression import (
@@ -201,15 +201,11 @@ def load_model(
     else:
         parts = []
         for place, links in enumerate(stances):
-            count = -(-30 * len(robot.body_names) // 6)
-            (q, v, a), states, up = stance_states(robot, links, 1 + place, count)
-            Y = floating_rows(robot, floating_regressor(robot, q, v, a, states), known)
+            states, Y, reduced = stance_rows(robot, links, 1 + place, known)
             columns, drives = drive_parameters(
-                robot, torque_joints, partial(_stiff_signals_at, robot, (q, v, a))
+                robot, torque_joints, partial(_stiff_signals_at, robot, states)
             )
-            rows = np.concatenate([base.reduce(Y), below_base(columns)], axis=2)
-            touching = dict.fromkeys(links, np.ones(count, dtype=bool))
-            rows = without_contact_forces(robot, q, touching, known, rows, up=up)
+            rows = reduced(np.concatenate([base.reduce(Y), below_base(columns)], axis=2))
             parts.append(rows.reshape(-1, rows.shape[2]))
         H = np.concatenate(parts)
     p = len(base.columns)
