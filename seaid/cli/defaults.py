@@ -12,7 +12,7 @@ import typer
 
 if TYPE_CHECKING:
     from seaid.project import Project
-    from seaid.robot import Payload
+    from seaid.robot import Contact, Payload
 
 PROJECT_FILE = "seaid.toml"
 
@@ -47,6 +47,9 @@ def _defaults(project: Project) -> dict[str, Any]:
         "gravity": ",".join(f"{one:.17g}" for one in project.gravity),
         "known_body": list(project.known_bodies),
         "independent_mimics": project.independent_mimics or None,
+        "base": project.base,
+        "contact": [contact_text(one) for one in project.contacts],
+        "imu_link": project.imu_link,
         "torque_joints": _list(given.torque_joints),
         "cutoff_hz": given.cutoff_hz,
         "method": given.method,
@@ -86,6 +89,14 @@ def payload_text(payload: Payload) -> str:
     if any((xx, yy, zz)):
         numbers.append(",".join(f"{one:.17g}" for one in (xx, yy, zz, xy, xz, yz)))
     return ":".join([payload.link, f"{payload.mass:.17g}", *numbers])
+
+
+def contact_text(contact: Contact) -> str:
+    """Return a contact as the command line has it."""
+    place = ",".join(f"{one:.17g}" for one in contact.position_m)
+    more = ["flat"] * contact.is_flat
+    more += [f"radius={contact.radius_m:.17g}"] if contact.radius_m else []
+    return ":".join([contact.link, place, *more])
 
 
 def with_project(

@@ -32,6 +32,15 @@ def inspect(
         str | None,
         Option(help="Sensors of every joint, as motor_position,motor_torque, in detail."),
     ] = None,
+    stance: Annotated[
+        list[str] | None,
+        Option(
+            "--stance",
+            help="Contacts of a floating base on the ground together, as FL,HR; air or hanging for "
+            "none. May be repeated; default: the air, each contact, and all.",
+            metavar="LINK,LINK",
+        ),
+    ] = None,
     plans: Annotated[
         list[Path] | None,
         Option("--plan", help="A planned motion, to measure. May be repeated.", metavar="JSON"),
@@ -43,11 +52,13 @@ def inspect(
     Base parameters are the combinations of masses, first moments and inertias that determine the
     torques; no log determines more. The command lists the links whose inertia in the file is
     physically inconsistent. Of planned motions it shows how well they excite the parameters: by the
-    condition number of columns of unit norm, and by D-efficiency over the first.
+    condition number of columns of unit norm, and by D-efficiency over the first. Of a robot with a
+    floating base it shows what the stances determine, alone and together.
 
     seaid inspect leg.urdf --drives leg.toml
     seaid inspect arm.urdf --joints shoulder,elbow --sensors motor_position,motor_torque
     seaid inspect leg.urdf --drives leg.toml --plan plan.json --plan other.json
+    seaid inspect solo12 --base floating --contact FL_FOOT,FR_FOOT,HL_FOOT,HR_FOOT
     """
     from seaid.regressor import base_parameters, identifiability
     from seaid.robot import reread_urdf
@@ -55,6 +66,12 @@ def inspect(
     robot = given.robot()
     tree = reread_urdf(robot.urdf or given.urdf)
     inconsistent = _inconsistent_links(tree)
+    if robot.floating_base is not None:
+        content, text = _of_stances(robot, stance)
+        content = {"joints": _joint_facts(robot), "inconsistent_links": inconsistent, **content}
+        text = [*_tree_lines(robot, tree, tree.root), *_link_lines(inconsistent), *text]
+        show("\n".join(text), content, as_json, robot=robot.name)
+        return
     base = base_parameters(robot)
     choices: tuple[tuple[str, ...], ...] = (
         _CHOICES if sensors is None else (tuple(names(sensors) or ()),)
@@ -74,6 +91,40 @@ def inspect(
         content["plans"], lines = _measured(robot, plans)
         text += ["\nExcitation by planned motions:", *(f"  {one}" for one in lines)]
     show("\n".join(text), content, as_json, robot=robot.name)
+
+
+def _of_stances(robot: Robot, given: list[str] | None) -> tuple[dict[str, Any], list[str]]:
+    """Return what stances of a floating base determine, alone and together, and as lines."""
+    from seaid.regressor import identifiability
+    from seaid.report import table
+    from seaid.robot import HANGING
+
+    assert robot.floating_base is not None
+    links = robot.floating_base.contact_links
+    usual = ["air", *links, ",".join(links)] if links else ["air"]
+    stances = {
+        text: HANGING if text == HANGING else [] if text == "air" else names(text) or []
+        for text in given or usual
+    }
+    asked = [*stances.values()] if given else [stances[",".join(links) or "air"]]
+    found = {text: identifiability(robot, stances=[one]) for text, one in stances.items()}
+    together = identifiability(robot, stances=asked)
+    if len(asked) > 1:
+        found["together"] = together
+    header = ["stance", "base", "individually", "in combination", "unidentifiable", "exact"]
+    rows = [
+        [
+            name,
+            *(str(len(x)) for x in (one.base.columns, one.identifiable, one.combinations)),
+            str(len(one.unidentifiable)),
+            "agrees" if one.agree else "does NOT agree",
+        ]
+        for name, one in found.items()
+    ]
+    content = {"stances": {name: _identifiable(one) for name, one in found.items()}}
+    content["base_parameters"] = list(together.base.expressions)  # type: ignore[assignment]
+    title = "\nIdentifiable from joint torques and the motion of the base, by stance"
+    return content, [*_base_lines(together.base), table(title, header, rows)]
 
 
 def _measured(robot: Robot, plans: list[Path]) -> tuple[dict[str, Any], list[str]]:

@@ -31,6 +31,8 @@ _OPTIONS = {
     "condition_specific=": "--specific",
     "independent_mimics=True": "--independent-mimics",
     "repair=seaid.Repairs()": "--repair",
+    "contacts=": "--contact",
+    "load_robot(contacts=[...])": "--contact",
     "write it with force=True": "add --allow-inconsistent",
     "force=True": "--allow-inconsistent",
 }

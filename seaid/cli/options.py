@@ -25,11 +25,11 @@ if TYPE_CHECKING:
     from seaid.identification import Identification, Source, Validation
     from seaid.log import Log
     from seaid.project import Run as SavedRun
-    from seaid.robot import Payload, Robot
+    from seaid.robot import Contact, Payload, Robot
     from seaid.simulation import ReplayComparison
 
 
-Urdf = Annotated[Path, Argument(help="The robot, with its base fixed.", metavar="URDF")]
+Urdf = Annotated[Path, Argument(help="The robot.", metavar="URDF")]
 Logs = Annotated[list[Path], Argument(help="Logs to identify from: docs/logs.md.", metavar="LOG")]
 FROM = Option("--from", help="Log to identify from. May be repeated.", metavar="LOG")
 Run = Annotated[
@@ -114,6 +114,28 @@ class RobotOptions:
         bool,
         Option("--independent-mimics", help="Mimic joints of the URDF are independent joints."),
     ] = False
+    base: Annotated[
+        str,
+        one_of(
+            "base",
+            "fixed, or floating: legged robots, which nothing holds.",
+            lambda: seaid.robot.BaseKind,
+        ),
+    ] = "fixed"
+    contact: Annotated[
+        list[str] | None,
+        Option(
+            "--contact",
+            help=(
+                "Links of a floating base that touch the ground, with a point [m] of their frame, "
+                "as a flat foot with moments, or a ball. May be repeated."
+            ),
+            metavar="LINK,LINK[:X,Y,Z][:flat][:radius=R]",
+        ),
+    ] = None
+    imu_link: Annotated[
+        str | None, Option(help="Link of the IMU of a floating base; default: the base.")
+    ] = None
 
     @property
     def files(self) -> tuple[Path | None, ...]:
@@ -133,6 +155,9 @@ class RobotOptions:
             known_bodies=known_bodies,
             gravity=vector("--gravity", self.gravity),
             independent_mimics=self.independent_mimics,
+            base=self.base,  # type: ignore[arg-type]
+            contacts=[one for text in self.contact or () for one in contacts_of(text)],
+            imu_link=self.imu_link,
         )
 
 
@@ -446,6 +471,29 @@ def payload_of(text: str) -> Payload:
 
 _POINT_MASS: list[list[float]] = [[], [0.0] * 3, [0.0] * 6]
 """Defaults of what follows the link in the text of a payload; the mass has none."""
+
+
+def contacts_of(text: str) -> list[Contact]:
+    """Return the contacts of a text: links with commas, and then :x,y,z, :flat and :radius=r."""
+    from seaid.robot import Contact
+
+    links, *parts = text.split(":")
+    given: dict[str, Any] = {}
+    try:
+        for part in parts:
+            if part == "flat":
+                given["is_flat"] = True
+            elif part.startswith("radius="):
+                given["radius_m"] = float(part.removeprefix("radius="))
+            else:
+                x, y, z = map(float, part.split(","))
+                given["position_m"] = (x, y, z)
+    except ValueError:
+        raise typer.BadParameter(
+            f"'{text}' is not link:x,y,z:flat or link:radius=r, as FL_foot,FR_foot:radius=0.02",
+            param_hint="--contact",
+        ) from None
+    return [Contact(link, **given) for link in names(links) or ()]
 
 
 def logs_of(

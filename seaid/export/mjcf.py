@@ -17,7 +17,7 @@ from seaid.errors import RobotError, checked
 from seaid.export.mjcf_bodies import TINY, add_bodies
 from seaid.export.mjcf_drives import add_drives, temperature_notes
 from seaid.identification import Identification
-from seaid.robot import Robot, check_held
+from seaid.robot import Robot
 from seaid.simulation import mass_matrix
 
 _LONGEST_S, _SHORTEST_S = 1e-3, 1e-6
@@ -94,6 +94,12 @@ _SETTINGS_NOTE = (
 )
 
 
+_FLOATING_NOTE = (
+    "joint limits are in the file but off (limited=false); the only shapes are the floor and a "
+    "ball at each contact, which touches nothing but the floor; flat feet are balls too"
+)
+
+
 @dataclass(frozen=True, repr=False)
 class WrittenMjcf(Display):
     """The file written, and `notes` on what differs from the identified model."""
@@ -119,6 +125,9 @@ def write_mjcf(
     length is the deflection r_M/N theta_M - r_L theta_L. Parallel springs and joint friction are on
     the joint. Controls are motor torques [N m]; each motor has the name of its joint. Friction
     terms that MuJoCo lacks are excluded and noted. MuJoCo need not be installed.
+
+    A floating base has a free joint; each of its contacts is a ball that can touch a level floor,
+    and contacts are on.
 
     Parameters
     ----------
@@ -151,7 +160,6 @@ def write_mjcf(
     from lxml import etree
 
     given = found.robot if isinstance(found, Identification) else found
-    check_held(given, "write_mjcf")
     robot, path = given.at_temperature(at_temperature_degC), Path(path)
     if not np.all(np.isfinite(robot.parameters)):
         raise RobotError(f"'{robot.name}' has no inertial parameters to write")
@@ -163,7 +171,8 @@ def write_mjcf(
     parts = [etree.SubElement(root, part) for part in ("tendon", "actuator")]
     step, step_note = step_s(robot)
     option.set("timestep", repr(step))
-    notes[:0] = [step_note, _SETTINGS_NOTE, *temperature_notes(given, at_temperature_degC)]
+    settings = _SETTINGS_NOTE if robot.floating_base is None else _FLOATING_NOTE
+    notes[:0] = [step_note, settings, *temperature_notes(given, at_temperature_degC)]
     add_drives(robot, joints, world, parts, step, notes)
     _add_dependent(robot, root, step, notes)
     if np.any(robot.payload_parameters):
@@ -206,7 +215,8 @@ def _settings(robot: Robot, root: Any) -> Any:
     )
     gravity = " ".join(repr(float(value)) for value in robot.model.gravity.linear)
     option = etree.SubElement(root, "option", gravity=gravity, integrator="RK4")
-    etree.SubElement(option, "flag", contact="disable")
+    if robot.floating_base is None:
+        etree.SubElement(option, "flag", contact="disable")
     return option
 
 

@@ -22,8 +22,10 @@ def add_bodies(robot: Robot, world: Any, notes: list[str], force: bool) -> dict[
     """
     from lxml import etree
 
-    bodies, joints = [world], {}
     loaded = (robot.parameters + robot.payload_parameters).reshape(-1, 10)
+    bodies, joints = [world], {}
+    if robot.floating_base is not None:
+        bodies = [_add_base(robot, world, loaded[-1], notes, force)]
     for position, index in enumerate(robot.model_order, 1):
         placement = robot.model.jointPlacements[position]
         link, joint = robot.body_names[index], robot.all_joint_names[index]
@@ -37,7 +39,47 @@ def add_bodies(robot: Robot, world: Any, notes: list[str], force: bool) -> dict[
         bodies.append(body)
         _add_inertial(body, link, loaded[index], notes, force)
         joints[joint] = _add_joint(body, robot, position, index)
+    if robot.floating_base is not None:
+        _add_contacts(robot, world, bodies)
     return joints
+
+
+def _add_base(robot: Robot, world: Any, loaded: Array, notes: list[str], force: bool) -> Any:
+    """Add the floor and the floating base with its free joint; return the base."""
+    from lxml import etree
+
+    floor = {"type": "plane", "size": "0 0 1", "contype": "1", "conaffinity": "2"}
+    etree.SubElement(world, "geom", name="floor", **floor)
+    link = robot.body_names[-1]
+    body = etree.SubElement(world, "body", name=_body_name(robot, link, notes))
+    etree.SubElement(body, "freejoint", name=f"{link}_free")
+    _add_inertial(body, link, loaded, notes, force)
+    return body
+
+
+_SMALL_M = 0.005
+"""Radius [m] of the ball of a contact that is a point, with the point in its middle."""
+
+
+def _add_contacts(robot: Robot, world: Any, bodies: list[Any]) -> None:
+    """Add the balls of the contacts, and raise the base until all are above the floor."""
+    from lxml import etree
+
+    base = robot.floating_base
+    assert base is not None
+    data, lowest = robot.model.createData(), 0.0
+    pin.forwardKinematics(robot.model, data, robot.to_model(np.zeros(robot.n)))
+    for contact in base.contacts:
+        index, rotation, position = base.frame(contact.link)
+        place, joint = position + rotation @ np.array(contact.position_m), 0
+        radius = contact.radius_m or _SMALL_M
+        if index >= 0:
+            joint = 1 + robot.model_order.index(index)
+            lowest = min(lowest, float(data.oMi[joint].act(place)[2]) - radius)
+        shape = {"type": "sphere", "size": spaced([radius]), "pos": spaced(place)}
+        touches = {"contype": "2", "conaffinity": "1", "mass": "0"}
+        etree.SubElement(bodies[joint], "geom", name=f"{contact.link}_contact", **shape, **touches)
+    bodies[0].set("pos", spaced([0.0, 0.0, -lowest]))
 
 
 def _body_name(robot: Robot, link: str, notes: list[str]) -> str:

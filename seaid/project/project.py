@@ -16,7 +16,7 @@ from seaid.errors import SEVERITIES, SeaidError, Severity, checked, listed, show
 from seaid.estimation import EstimatorName
 from seaid.identification import Method
 from seaid.log import Log, Repairs, read_log
-from seaid.robot import Payload, Robot, load_robot
+from seaid.robot import BaseKind, Contact, Payload, Robot, load_robot
 
 FILE_NAME = "seaid.toml"
 
@@ -123,6 +123,10 @@ class Project(Display):
     gravity : tuple of 3 floats
     independent_mimics : bool
         Whether mimic joints are independent joints.
+    base : {"fixed", "floating"}
+    contacts : tuple of Contact
+        Links of a floating base that touch the ground.
+    imu_link : str or None
     logs : tuple of ProjectLog
     options : Options
     write : tuple of {"parameters", "report", "urdf", "mjcf"}
@@ -143,6 +147,9 @@ class Project(Display):
     known_bodies: tuple[str, ...] = ()
     gravity: tuple[float, ...] = (0.0, 0.0, -9.81)
     independent_mimics: bool = False
+    base: BaseKind = "fixed"
+    contacts: tuple[Contact, ...] = ()
+    imu_link: str | None = None
     logs: tuple[ProjectLog, ...] = ()
     options: Options = Options()
     write: tuple[Output, ...] = ("parameters", "report", "urdf")
@@ -174,6 +181,9 @@ class Project(Display):
             known_bodies=self.known_bodies,
             gravity=self.gravity,
             independent_mimics=self.independent_mimics,
+            base=self.base,
+            contacts=self.contacts,
+            imu_link=self.imu_link,
         )
 
     @property
@@ -231,6 +241,9 @@ def load_project(path: str | Path = FILE_NAME) -> Project:
         known_bodies=table.texts("known_bodies") or (),
         gravity=table.numbers("gravity", 3) or (0.0, 0.0, -9.81),
         independent_mimics=table.flag("independent_mimics", False),
+        base=table.choice("base", get_args(BaseKind)) or "fixed",
+        contacts=_contacts(table),
+        imu_link=table.text("imu_link"),
         logs=logs,
         options=_options(options),
         write=("parameters", "report", "urdf")
@@ -246,6 +259,7 @@ def load_project(path: str | Path = FILE_NAME) -> Project:
 
 _TOP = (
     *("urdf", "drives", "joints", "gravity", "known_bodies", "independent_mimics"),
+    *("base", "contacts", "imu_link"),
     *("payload", "log", "identify", "run", "experiment"),
 )
 
@@ -354,6 +368,27 @@ def _log(table: _Table) -> ProjectLog:
         condition=table.text("condition") or "",
         between_s=None if part is None else (part[0], part[1]),
     )
+
+
+def _contacts(table: _Table) -> tuple[Contact, ...]:
+    """Return the contacts of a list of links, or of tables such as { link = "foot", radius_m = 0 }.
+
+    A table is for several links too: { links = ["a", "b"], radius_m = 0.02 }.
+    """
+    value, found = table.content.get("contacts", []), list[Contact]()
+    for place, one in enumerate(value if isinstance(value, list) else [value], 1):
+        content = {"link": one} if isinstance(one, str) else one
+        if not isinstance(content, Mapping):
+            raise table.refuse("contacts", 'a list of links or of tables, as { link = "foot" }')
+        own = _Table(f"{table.where} contacts {place}", content, table.folder)
+        own.check(("link", "links", "position_m", "is_flat", "radius_m"))
+        links = [link] if (link := own.text("link")) else own.texts("links")
+        if not links:
+            raise SeaidError(f"{own.where}: a contact needs 'link', or 'links'")
+        x, y, z = own.numbers("position_m", 3) or (0.0, 0.0, 0.0)
+        flat, radius = own.flag("is_flat", False), own.number("radius_m") or 0.0
+        found += [Contact(link, (x, y, z), flat, radius) for link in links]
+    return tuple(found)
 
 
 def _payloads(

@@ -36,9 +36,9 @@ from seaid.identification import (
     JointFit,
     Validation,
 )
-from seaid.log import CutoffSelection, Motion, Processing, Repair, decimated
+from seaid.log import BaseMotion, CutoffSelection, Motion, Processing, Repair, decimated
 from seaid.regressor import BaseParameters, LoadModel
-from seaid.robot import DependentJoint, Robot, joints_of, model_of
+from seaid.robot import Contact, DependentJoint, FloatingBase, Robot, joints_of, model_of
 from seaid.simulation import ReplayComparison
 
 FILE = "identification.npz"
@@ -62,6 +62,7 @@ _CLASSES = {
             Motion,
         ),
         *(Validation, Fit, Robot, DependentJoint, ReplayComparison),
+        *(FloatingBase, Contact, BaseMotion),
     )
 }
 _RATE_PER_CUTOFF = 25.0

@@ -109,7 +109,8 @@ def base_parameters(
         Seed of the random states.
     stances : list of lists of str
         Of a floating base: the links of its contacts that stand on the ground together, of each
-        kind of stance that a log has; their forces are not measured. Default: flight alone.
+        kind of stance that a log has; their forces are not measured. "hanging" in place of a list
+        is another experiment with the base bolted to the world. Default: flight alone.
 
     Returns
     -------

@@ -18,7 +18,7 @@ import pinocchio as pin
 
 from seaid._arrays import Array, BoolArray, safely
 from seaid.errors import LogError, RobotError
-from seaid.robot import floating_model, rows_at_drives
+from seaid.robot import HANGING, floating_model, rows_at_drives
 
 if TYPE_CHECKING:
     from seaid.robot import Contact, Robot
@@ -144,6 +144,12 @@ def stance_rows(
     The function removes the contact forces of the stance from rows.
     """
     count = -(-30 * len(robot.body_names) // 6)  # three equations per parameter
+    if links == HANGING:
+        states = stance_states(robot, (), seed, count)[0]
+        still = np.zeros((count, 3))
+        base = (still, still, still - robot.model.gravity.linear)
+        Y = floating_rows(robot, floating_regressor(robot, *states, base), joints)
+        return states, Y, lambda rows: np.asarray(rows * (np.arange(rows.shape[1]) >= 6)[:, None])
     states, base, up = stance_states(robot, links, seed, count)
     touching = dict.fromkeys(links, np.ones(count, dtype=bool))
     Y = floating_rows(robot, floating_regressor(robot, *states, base), joints)

@@ -61,6 +61,12 @@ class Posture:
     parents: tuple[int, ...]
     up: Array
 
+    def frame(self, body: int) -> tuple[Array, Array]:
+        """Return origin (3,) and rotation (3, 3) of a body; a floating base comes last."""
+        if body == len(self.origins):
+            return np.zeros(3), np.eye(3)
+        return self.origins[body], self.turns[body]
+
     @cached_property
     def ends(self) -> Array:
         """The visible ends (n, 3) of the links: of the last ones, beyond their centres of mass."""
@@ -334,7 +340,8 @@ def bodies_picture(posture: Posture, nominal: Array, identified: Array, title: s
             center = center_of_mass(body) if np.all(np.isfinite(body)) else None
             if center is None:
                 continue
-            place = posture.origins[joint] + posture.turns[joint] @ center
+            origin, turn = posture.frame(joint)
+            place = origin + turn @ center
             second = _second_moment(body) if is_physical(body, THIN) else None
             drawn.append((name, joint, body, place, second))
             reach = 0.0 if second is None else float(np.sqrt(max(5.0 * np.trace(second), 0.0)))
@@ -346,7 +353,7 @@ def bodies_picture(posture: Posture, nominal: Array, identified: Array, title: s
         text = f"{posture.robot.body_names[joint]}, {name}: {body[0]:.4g} kg"
         parts.append(f'<g class="body {name}"><title>{escape(text)}</title>')
         if second is not None:
-            parts.append(_ellipse(view, posture.turns[joint], second, (x, y)))
+            parts.append(_ellipse(view, posture.frame(joint)[1], second, (x, y)))
         parts.append(f'<path class="center" d="M{x - 4:.1f} {y:.1f}h8M{x:.1f} {y - 4:.1f}v8"/></g>')
     return _svg("robot bodies", title, parts) if any(one[-1] is not None for one in drawn) else None
 

@@ -1,4 +1,6 @@
 from .floating_base import BASE_ROWS as BASE_ROWS
+from .floating_base import HANGING as HANGING
+from .floating_base import BaseKind as BaseKind
 from .floating_base import Contact as Contact
 from .floating_base import FloatingBase as FloatingBase
 from .inertia import PARAMETERS as PARAMETERS

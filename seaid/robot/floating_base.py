@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from seaid._arrays import Array, FrozenMapping
 from seaid._progress import Display
@@ -19,6 +19,12 @@ from seaid.errors import RobotError, listed, unknown_name
 
 if TYPE_CHECKING:
     from seaid.robot.pinocchio_model import Assembly
+
+BaseKind = Literal["fixed", "floating"]
+"""Whether something holds the base of a robot."""
+
+HANGING = "hanging"
+"""In place of the contacts of a stance: the base is bolted to the world, as in its frame's axes."""
 
 BASE_ROWS = (
     *("base force x", "base force y", "base force z"),

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -15,7 +15,7 @@ from seaid._arrays import Array, BoolArray, FrozenMapping, finite, frozen
 from seaid._progress import Display, counted
 from seaid.drives import IDEAL_DRIVE, Drive, drives_from_mapping, read_drives
 from seaid.errors import RobotError, SeaidError, checked, shown, unknown_name
-from seaid.robot.floating_base import Contact, FloatingBase, floating_base
+from seaid.robot.floating_base import BaseKind, Contact, FloatingBase, floating_base
 from seaid.robot.inertia import parameter_names, to_pinocchio
 from seaid.robot.pinocchio_model import (
     TURNING,
@@ -250,7 +250,7 @@ def load_robot(
     gravity: Sequence[float] = (0.0, 0.0, -9.81),
     snap_tolerance_rad: float = SNAP_RAD,
     independent_mimics: bool = False,
-    base: Literal["fixed", "floating"] = "fixed",
+    base: BaseKind = "fixed",
     contacts: Sequence[str | Contact] = (),
     imu_link: str | None = None,
 ) -> Robot:

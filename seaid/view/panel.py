@@ -197,7 +197,8 @@ def bodies_table(picture: Picture) -> str:
     identified = {one.body: one for one in picture.identified}
     rows = []
     for body, name in enumerate(picture.robot.body_names, 1):
-        before, after = nominal.get(body), identified.get(body)
+        place = body % (len(picture.robot.all_joint_names) + 1)  # a floating base is 0
+        before, after = nominal.get(place), identified.get(place)
         cells = [_mass(before), _mass(after)] if identified else [_mass(before)]
         if identified:
             cells.append(_shift(before, after))

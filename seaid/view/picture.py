@@ -57,7 +57,7 @@ class Picture:
     def bare_bodies(self) -> tuple[str, ...]:
         """The names of moving bodies without a shape."""
         shown = {shape.body for shape in self.shapes}
-        names = enumerate(self.robot.body_names, 1)
+        names = enumerate(self.robot.body_names[: len(self.robot.all_joint_names)], 1)
         return tuple(name for body, name in names if body not in shown)
 
     @cached_property
@@ -103,7 +103,7 @@ class Picture:
     def _outlines(self) -> list[Array]:
         """Points of each body, (., 3): corners of its shapes' boxes, ends of its lines, marks."""
         found: list[list[Array]] = [
-            [np.zeros((1, 3))] for _ in range(len(self.robot.body_names) + 1)
+            [np.zeros((1, 3))] for _ in range(len(self.robot.all_joint_names) + 1)
         ]
         for shape in self.shapes:
             ends = np.array([shape.vertices.min(axis=0), shape.vertices.max(axis=0)])
@@ -230,7 +230,12 @@ def _lines(
 def _payloads(robot: Robot) -> tuple[Mark, ...]:
     """Return the known masses on the bodies."""
     return tuple(
-        Mark(f"payload on {name}", body, frozen("center", ten[1:4] / ten[0], (3,)), float(ten[0]))
+        Mark(
+            f"payload on {name}",
+            body % (len(robot.all_joint_names) + 1),  # a floating base is 0
+            frozen("center", ten[1:4] / ten[0], (3,)),
+            float(ten[0]),
+        )
         for body, (name, ten) in enumerate(
             zip(robot.body_names, robot.payload_parameters.reshape(-1, 10), strict=True), 1
         )

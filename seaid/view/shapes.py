@@ -209,7 +209,7 @@ def ellipsoids_of(robot: Robot) -> tuple[Ellipsoid, ...]:
     """Return the ellipsoids of the bodies with known parameters, without payloads."""
     bodies = zip(robot.body_names, robot.parameters.reshape(-1, 10), strict=True)
     return tuple(
-        _ellipsoid(index, name, ten)
+        _ellipsoid(index % (len(robot.all_joint_names) + 1), name, ten)  # a floating base is 0
         for index, (name, ten) in enumerate(bodies, 1)
         if np.all(np.isfinite(ten)) and np.any(ten)
     )

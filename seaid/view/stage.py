@@ -57,7 +57,7 @@ class Stage:
 
 def put_on_stage(server: Any, picture: Picture) -> Stage:
     """Add a picture to a viser server; all nodes are children of the frames of bodies."""
-    count = len(picture.robot.body_names) + 1
+    count = len(picture.robot.all_joint_names) + 1
     bodies = tuple(server.scene.add_frame(f"/robot/{k}", show_axes=False) for k in range(count))
     ghost = tuple(server.scene.add_frame(f"/ghost/{k}", show_axes=False) for k in range(count))
     joints = tuple(_drum(server, picture, index) for index in range(picture.robot.n))

@@ -9,6 +9,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -128,10 +129,11 @@ def test_bodies_are_validated_and_written_with_the_base(tmp_path: Path) -> None:
 HELD: dict[str, Callable[[], Any]] = {
     "replay": lambda: seaid.replay(STANDING, swayed()),
     "refine": lambda: seaid.refine(found_standing(), swayed()),
-    "identifiability": lambda: seaid.identifiability(STANDING),
+    "identifiability with sensors= or conditions=": lambda: seaid.identifiability(
+        STANDING, ["joint_position"]
+    ),
     "design_excitation": lambda: seaid.design_excitation(STANDING, duration=2.0),
     "compare_terms": lambda: seaid.compare_terms(STANDING, swayed()),
-    "write_mjcf": lambda: seaid.write_mjcf(STANDING, "go2.xml"),
     "base_parameters in exact arithmetic": lambda: seaid.symbolic.base_parameters(STANDING),
     'method="simultaneous"': lambda: seaid.identify(STANDING, swayed(), method="simultaneous"),
     'estimator="iv"': lambda: seaid.identify(STANDING, swayed(), estimator="iv"),
@@ -143,6 +145,44 @@ def test_message_of_what_needs_a_fixed_base(what: str) -> None:
     message = f"{what} needs a robot with a fixed base, and that of 'go2_description' floats"
     with pytest.raises(SeaidError, match=re.escape(message)):
         HELD[what]()
+
+
+def test_hanging_adds_what_four_feet_lack() -> None:
+    feet = list(GO2_FEET)
+    alone, hanging, both = (
+        seaid.identifiability(STANDING, stances=stances)
+        for stances in ([feet], ["hanging"], [feet, "hanging"])
+    )
+    assert [one.rank for one in (alone, hanging, both)] == [90, 68, 94]
+    assert all(one.agree for one in (alone, hanging, both))
+    held = seaid.load_robot(example_urdf("go2.urdf"))
+    assert hanging.rank == len(seaid.base_parameters(held).columns)
+    assert {"m_base", "Ixx_base"} <= set(hanging.unidentifiable)
+    balls = seaid.identifiability(go2(), stances=[feet])
+    assert (balls.rank, balls.agree) == (94, True)  # a ball that rolls hides no mass
+    with pytest.raises(SeaidError, match="stances=: no contact is named 'FL'"):
+        seaid.identifiability(STANDING, stances=[["FL"]])
+
+
+def test_mjcf_has_the_mass_matrix_of_the_floating_robot(tmp_path: Path) -> None:
+    seaid.write_mjcf(go2(), tmp_path / "go2.xml")
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "go2.xml"))
+    data, rng = mujoco.MjData(model), np.random.default_rng(2)
+    q, a = rng.uniform(-1, 1, (2, 1, 12))
+    f, e = rng.normal(size=(2, 1, 3))
+    places = [model.joint(name).qposadr[0] for name in go2().joint_names]
+    dofs = [model.joint(name).dofadr[0] for name in go2().joint_names]
+    data.qpos[:7], data.qpos[places] = [0, 0, 1, 1, 0, 0, 0], q[0]
+    data.qacc[:3], data.qacc[3:6], data.qacc[dofs] = f[0] + model.opt.gravity, e[0], a[0]
+    mujoco.mj_inverse(model, data)
+    Y = floating_regressor(go2(), q, 0 * q, a, (0 * e, e, f))
+    wanted = (Y @ go2().parameters)[0]
+    found = np.concatenate([data.qfrc_inverse[:6], data.qfrc_inverse[dofs]])
+    np.testing.assert_allclose(found, wanted, atol=1e-6)
+    data.qpos[:7], data.qpos[places] = [*model.body("base").pos, 1, 0, 0, 0], 0
+    mujoco.mj_forward(model, data)
+    lowest = min(data.geom(f"{foot}_contact").xpos[2] for foot in GO2_FEET)
+    assert lowest == pytest.approx(0.02)
 
 
 @pytest.mark.slow  # 24 s of MuJoCo with contacts, and 94 parameters of 18 equations

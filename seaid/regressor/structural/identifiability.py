@@ -25,9 +25,9 @@ from seaid._arrays import Array, FrozenMapping, safely, seed_of
 from seaid._progress import Result, counted
 from seaid.drives import Drive, JointParameter
 from seaid.errors import RobotError, checked, unknown_name
-from seaid.regressor.base import BaseParameters, grouped_text, left_to_right
+from seaid.regressor.base import BaseParameters, base_parameters, grouped_text, left_to_right
 from seaid.regressor.rigid_body import joint_torques, rigid_body_regressor
-from seaid.robot import Robot, check_held
+from seaid.robot import HANGING, Robot, check_held
 
 Sensor = Literal[
     "motor_position",
@@ -70,7 +70,8 @@ class Identifiability(Result):
     gap : float
         Singular-value gap of the numeric rank decision, see `BaseParameters`.
     agree : bool
-        Whether doubles give the same combinations and rank as exact arithmetic.
+        Whether doubles give the same combinations and rank as exact arithmetic; of feet that are
+        balls, which exact stances do not have, whether other random states do.
     derivatives : BaseParameters or None
         What the sensors determine locally with their derivatives in time, if motor angle and motor
         torque are all that an elastic joint has; `identify` then estimates it by simulation. The
@@ -111,6 +112,7 @@ def identifiability(
     sensors: Iterable[Sensor] | Mapping[str, Iterable[Sensor]] | None = None,
     *,
     conditions: Sequence[Robot] = (),
+    stances: Sequence[Sequence[str]] = ((),),
     seed: int = 0,
 ) -> Identifiability:
     """Return which parameters a set of sensors can identify, with motions of all joints.
@@ -130,6 +132,9 @@ def identifiability(
         sides of a spring, or of the joint, and the drive's motor input.
     conditions : list of Robot
         The same robot with other payloads, of which there are logs too.
+    stances : list of lists of str
+        Of a floating base, as in `base_parameters`: what the motion of the base and the torques at
+        the joints determine together in these stances. Default: flight alone.
     seed : int, default 0
         Seed of the random instants.
 
@@ -151,8 +156,11 @@ def identifiability(
     from seaid.regressor.structural.equations import explanations, system_of
     from seaid.regressor.structural.rank import decide
 
-    check_held(robot, "identifiability")
     seed = seed_of(seed)
+    if robot.floating_base is not None:
+        if sensors is not None or conditions:
+            check_held(robot, "identifiability with sensors= or conditions=")
+        return _of_stances(robot, stances, seed)
     sensed = _sensed(robot, sensors)
     _check_conditions(robot, conditions)
     exact = ResidueNumbers(robot, np.random.default_rng(seed))
@@ -181,6 +189,36 @@ def identifiability(
         gap=base.gap,
         agree=agree,
         derivatives=base_by_derivatives(robot, sensed, names, seed),
+    )
+
+
+def _of_stances(robot: Robot, stances: Sequence[Sequence[str]], seed: int) -> Identifiability:
+    """Return what some stances of a floating base determine of its bodies."""
+    from seaid.regressor.structural.stances import check_stances, columns_of_stances
+
+    check_stances(robot, stances)
+    base = base_parameters(robot, stances=stances, seed=seed)
+    assert robot.floating_base is not None
+    standing = {link for links in stances if links != HANGING for link in links}
+    if any(one.radius_m for one in robot.floating_base.contacts if one.link in standing):
+        again = base_parameters(robot, stances=stances, seed=seed + 1).columns
+    else:
+        again = columns_of_stances(robot, stances, seed=seed)
+    alone = np.count_nonzero(base.grouping, axis=1) == 1
+    missing = ~np.any(base.grouping, axis=0) & ~robot.is_known
+    return Identifiability(
+        robot_name=robot.name,
+        names=robot.parameter_names,
+        identifiable=tuple(compress(base.names, alone)),
+        combinations=tuple(compress(base.expressions, ~alone)),
+        ratios=(),
+        unidentifiable=tuple(compress(robot.parameter_names, missing)),
+        base=base,
+        rank=len(base.columns),
+        usable=FrozenMapping({}),
+        sensors=FrozenMapping({}),
+        gap=base.gap,
+        agree=again == base.columns,
     )
 
 

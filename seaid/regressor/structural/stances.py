@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from flint import nmod_mat
 
-from seaid.errors import SymbolicError
+from seaid.errors import RobotError, SymbolicError, unknown_name
 from seaid.regressor.exact.geometry import exact_tree
 from seaid.regressor.structural.arithmetic import ResidueNumbers, Residues, echelon
 from seaid.regressor.structural.modular_dynamics import (
@@ -21,7 +21,7 @@ from seaid.regressor.structural.modular_dynamics import (
     Words,
     modular_dynamics,
 )
-from seaid.robot import Contact, Robot
+from seaid.robot import HANGING, Contact, Robot
 
 _MORE_ROWS = 12
 
@@ -41,7 +41,7 @@ def columns_of_stances(
         With a floating base.
     stances : list of lists of str
         As in `seaid.base_parameters`; an empty list is flight, which is what stances with measured
-        wrenches determine too.
+        wrenches determine too; "hanging": with the base bolted to the world.
     torque_joints : list of str, optional
         Joints whose torque is known. Default: all.
     seed : int, default 0
@@ -61,6 +61,9 @@ def columns_of_stances(
     known = [robot.index(joint) for joint in robot.selected(torque_joints)]
     width, rows = len(robot.parameters), [np.zeros((0, len(robot.parameters)), dtype=object)]
     for links in stances:
+        if links == HANGING:
+            rows.append(_hanging_rows(numbers, known, (width + _MORE_ROWS) // len(known) + 1))
+            continue
         contacts = [one for one in robot.floating_base.contacts if one.link in links]
         balls = [one.link for one in contacts if one.radius_m]
         if balls:
@@ -111,6 +114,26 @@ def _rows(
     return np.vstack(
         [_left_over(A_t, Y_t) for A_t, Y_t in zip(A[:, kept], Y[:, kept], strict=True)]
     )
+
+
+def _hanging_rows(numbers: ResidueNumbers, known: Sequence[int], count: int) -> Residues:
+    """Return the rows (R, m) of joints whose base is bolted to the world."""
+    dynamics = modular_dynamics(exact_tree(numbers.robot))
+    still = np.zeros((count, 3), dtype=object)
+    f = still - np.array([int(x) for x in dynamics.gravity], dtype=object)
+    states = numbers.of_bodies(*numbers.states(count))
+    Y = _on_leaders(numbers, dynamics.regressor(states, _motion(f, still, still)))
+    return np.asarray(Y[:, [6 + joint for joint in known]].reshape(-1, Y.shape[2]))
+
+
+def check_stances(robot: Robot, stances: Sequence[Sequence[str]]) -> None:
+    """Raise RobotError for links of stances that are no contacts of the robot."""
+    assert robot.floating_base is not None
+    known = robot.floating_base.contact_links
+    for links in stances:
+        for link in () if links == HANGING else links:
+            if link not in known:
+                raise RobotError(f"stances=: {unknown_name('contact', link, known)}", "stances=")
 
 
 _DIGITS = 12

@@ -1,0 +1,99 @@
+"""Legged robots on the command line and in a project file."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import seaid
+from seaid.cli.defaults import contact_text
+from seaid.cli.options import contacts_of
+from tests.cli.test_cli import done, refused, run
+from tests.identification.test_floating_base import STANDING, swayed
+
+FEET = "FL_foot,FR_foot,RL_foot,RR_foot"
+GO2 = ("go2", "--base", "floating", "--contact", FEET)
+
+
+def test_contacts_are_those_of_their_text() -> None:
+    texts = [f"{FEET}:radius=0.02", "sole:0.1,0,-0.05:flat", "hand"]
+    found = [one for text in texts for one in contacts_of(text)]
+    assert [one.link for one in found] == [*FEET.split(","), "sole", "hand"]
+    assert found[3].radius_m == 0.02
+    assert found[4] == seaid.Contact("sole", (0.1, 0.0, -0.05), is_flat=True)
+    assert [one for each in found for one in contacts_of(contact_text(each))] == found
+    said = run("inspect", "go2", "--base", "floating", "--contact", "FL_foot:0,1")
+    assert said.code == 2
+    assert "is not link:x,y,z:flat or" in " ".join(said.err.split())
+    assert "give --base 'floating' with them" in refused("inspect", "go2", "--contact", "FL_foot")
+    assert "did you mean 'FL_foot'" in refused("inspect", *GO2[:-1], "FL_fot")
+    assert "no base is named 'float'" in refused("inspect", "go2", "--base", "float")
+
+
+def test_inspect_shows_what_stances_determine() -> None:
+    found = json.loads(done("inspect", *GO2, "--json").out)["result"]["stances"]
+    assert [one["base_parameters"] for one in found.values()] == [94, 93, 93, 93, 93, 90]
+    assert all(one["agree"] for one in found.values())
+    text = done("inspect", *GO2, "--stance", FEET, "--stance", "hanging").out
+    assert "together" in text.splitlines()[-2]
+    assert " 94 " in text.splitlines()[-2]
+    assert "no contact is named 'FL'" in refused("inspect", *GO2, "--stance", "FL")
+
+
+def test_a_saved_run_and_its_report_have_the_floating_base(tmp_path: Path) -> None:
+    seaid.write_log(swayed(), tmp_path / "sway.csv")
+    run = tmp_path / "go2.npz"
+    line = (*GO2, tmp_path / "sway.csv", "--cutoff-hz", "4", "--feasible")
+    done("identify", *line, "-o", run)
+    found = seaid.load_run(run).identification
+    assert found.robot.floating_base is not None
+    assert found.robot.floating_base.contacts == STANDING.floating_base.contacts  # type: ignore[union-attr]
+    again = seaid.validate(found, swayed())
+    assert np.max(again.load.relative_error) < 0.01
+    page = tmp_path / "go2.html"
+    done("report", "--run", run, "--validate", tmp_path / "sway.csv", "-o", page)
+    assert "base, identified: " in page.read_text(encoding="utf-8")
+    done("export", "--run", run, "-o", tmp_path / "go2.xml")
+    assert "freejoint" in (tmp_path / "go2.xml").read_text(encoding="utf-8")
+
+
+PROJECT = """
+urdf = "go2"
+base = "floating"
+imu_link = "imu"
+contacts = ["FL_foot", { links = ["FR_foot", "RL_foot"], radius_m = 0.02 },
+            { link = "RR_foot", position_m = [0, 0, -0.02], is_flat = true }]
+"""
+
+
+def test_a_project_file_has_the_base_and_its_contacts(tmp_path: Path) -> None:
+    file = tmp_path / "seaid.toml"
+    file.write_text(PROJECT)
+    project = seaid.load_project(file)
+    base = project.robot().floating_base
+    assert base is not None
+    assert base.contacts == (
+        seaid.Contact("FL_foot"),
+        *(seaid.Contact(link, radius_m=0.02) for link in ("FR_foot", "RL_foot")),
+        seaid.Contact("RR_foot", (0.0, 0.0, -0.02), is_flat=True),
+    )
+    assert base.imu_link == "imu"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('"FL_foot"', "3", "'contacts' must be a list of links or of tables"),
+        ("{ link = ", "{ lnk = ", "no key is named 'lnk'"),
+        ('link = "RR_foot", ', "", "contacts 3: a contact needs 'link', or 'links'"),
+        ("floating", "flying", "no value is named 'flying'"),
+    ],
+)
+def test_messages_of_a_project_file(tmp_path: Path, old: str, new: str, message: str) -> None:
+    file = tmp_path / "seaid.toml"
+    file.write_text(PROJECT.replace(old, new))
+    with pytest.raises(seaid.SeaidError, match=message):
+        seaid.load_project(file)
