@@ -136,7 +136,7 @@ ONE_IMPORTER = {
     "one step of a long way, which would make its importer longer than 400 lines": (
         *("excitation.run_in", "excitation.search"),
         *("identification.body_hypotheses", "identification.setup_hypotheses"),
-        "identification.closed_loop",
+        *("identification.closed_loop", "identification.command_checks"),
         "identification.consistency_program",
         "identification.known_constants",
         *("export.joint_actuators", "regressor.structural.equations"),
@@ -164,7 +164,7 @@ def test_modules_with_one_importer_have_a_reason() -> None:
 
 def test_no_chain_of_imports_is_long() -> None:
     assert longest_chain(import_graph("seaid", ROOT / "seaid")) <= 15
-    assert len([name for name in SOURCES if not name.startswith(ONE_PER_FORMAT)]) <= 176
+    assert len([name for name in SOURCES if not name.startswith(ONE_PER_FORMAT)]) <= 177
 
 
 def test_every_name_of_a_face_is_there_and_none_is_hidden_by_a_module() -> None:

@@ -87,6 +87,11 @@ def inspect(
     text = [*_tree_lines(robot, tree, tree.root), *_link_lines(inconsistent), *_base_lines(base)]
     details = [str(one) for one in found.values()]
     text += details if sensors is not None else [_identifiability_table(found)]
+    delays = next(iter(found.values())).commands
+    if delays:
+        content["commands"] = list(delays)
+    if delays and sensors is None:
+        text += ["\nPosition commands:", *(f"  {one}" for one in delays)]
     if plans:
         content["plans"], lines = _measured(robot, plans)
         text += ["\nExcitation by planned motions:", *(f"  {one}" for one in lines)]

@@ -1,4 +1,8 @@
+from .controller import NORMAL_95 as NORMAL_95
+from .controller import STATED_DELAY_S as STATED_DELAY_S
 from .controller import Controller as Controller
+from .controller import delay_sums as delay_sums
+from .controller import stated_delay_s as stated_delay_s
 from .drives import IDEAL_DRIVE as IDEAL_DRIVE
 from .drives import STD_OF_TORQUE as STD_OF_TORQUE
 from .drives import DefaultTerms as DefaultTerms

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
@@ -24,6 +23,11 @@ from seaid.errors import (
     checked,
 )
 from seaid.estimation import scaled_svd
+from seaid.identification.command_checks import (
+    command_findings,
+    no_measurements,
+    separation_findings,
+)
 from seaid.identification.datasets import Source, datasets_by_log, first_motion, sources_of
 from seaid.identification.experiment import Experiment, experiment_of
 from seaid.identification.motor_side import with_regressed_angles, without_joint_encoder
@@ -144,6 +148,7 @@ def check(
     given = experiment_of(robot, motions)
     found = [*first, *setup_findings(given, first)]
     every = [one for own in motions for one in own]
+    found += separation_findings(robot, every)
     return SetupCheck(by_severity(found), joint_checks(given, every))
 
 
@@ -173,6 +178,10 @@ def setup_findings(given: Experiment, known: Sequence[Finding]) -> list[Finding]
     found = list(offset_findings(given))
     if found:
         return found
+    if any(drive.controller is not None for drive in given.robot.drives.values()):
+        # the channels of a torque are not there, and an unknown armature looks like another mistake
+        is_explained = any(one.severity == "wrong" for one in known)
+        return [] if is_explained else list(limit_findings(given))
     found, without = mistakes(given)
     beyond = [] if found else list(limit_findings(given))
     return [*found, *beyond, *delay_findings(without)]
@@ -184,8 +193,10 @@ _EXPLAINING = ("time-unit", "missing-drives")
 
 def log_findings(robot: Robot, logs: Sequence[Log]) -> list[Finding]:
     """Return the findings that need no motion: the unit of time, drives, saturated torques."""
-    checks = (_time, partial(_missing_drives, robot), partial(_no_measurements, robot))
-    own = [one for log in logs for check_of in checks for one in check_of(log)]
+    own = []
+    for log in logs:
+        own += [*_time(log), *_missing_drives(robot, log)]
+        own += [*no_measurements(robot, log), *command_findings(robot, log)]
     return [*own, *_saturated(logs), *_standing(logs)]
 
 
@@ -257,88 +268,6 @@ def _missing_drives(robot: Robot, log: Log) -> Iterator[Finding]:
 
 _GEARED, _ELASTIC = 2.0, 5e-3
 """Motor over joint motion of a gear; difference of both sides, over the motion, of a spring."""
-
-
-_NEAR_ZERO, _RETURNS, _FINE = 0.02, 8, 20
-"""A channel that is never negative and so often falls below this share of its size is a magnitude:
-noise about zero would be negative half of the time. One of fewer levels is too coarse to say."""
-
-_PROPORTIONAL = 0.99
-"""Correlation with the tracking error, or its size, from which a torque is computed from it: the
-current loops of real drives leave more noise, friction of the current sensor and delay."""
-
-
-_FOLDED, _FEWEST = 0.5, 0.05
-"""A torque without sign falls with a tracking error below zero and rises with one above it, each by
-a correlation of at least so much in at least this share of the samples."""
-
-
-def _no_measurements(robot: Robot, log: Log) -> Iterator[Finding]:
-    """Yield the torques and currents that are magnitudes, or computed from the tracking error."""
-    for field in ("motor_torque", "joint_torque", "motor_current"):
-        values = getattr(log, field)
-        for j, joint in enumerate(log.joint_names if values is not None else ()):
-            drive = robot.drives.get(joint)
-            torque = values[:, j]
-            if drive is None or drive.controller is not None or not np.all(np.isfinite(torque)):
-                continue
-            error = _tracking_error(log, j, drive.ratio)
-            is_magnitude = _is_magnitude(torque) or _is_folded(error, torque)
-            varies = not (is_constant(torque) or is_constant(error) or np.isnan(error[0]))
-            r = abs(float(np.corrcoef(error, torque)[0, 1])) if varies else 0.0
-            if not is_magnitude and r < _PROPORTIONAL:
-                continue
-            gain = drive.ratio * float(np.std(torque) / np.std(error)) if varies else 0.0
-            what = "has no sign: it is a magnitude and returns to zero without crossing it"
-            if not is_magnitude:
-                what = f"is {gain:.4g} times the tracking error (correlation {r:.4f})"
-            yield Finding(
-                "no-measurement",
-                f"the {field.replace('_', ' ')} of {joint} {what}, so that it measures no torque",
-                joint,
-                "wrong" if is_magnitude else "doubtful",
-                {"correlation with the tracking error": r},
-                _with_commands(joint, drive.ratio, None if is_magnitude else gain),
-                "likely",
-            )
-
-
-def _with_commands(joint: str, ratio: float, gain: float | None) -> str:
-    """Return the drive table of a joint whose position commands replace its torque."""
-    known = "20.0  # write the gain of your controller" if gain is None else f"{gain:.4g}"
-    return (
-        f'in the drives file:\n[{joint}]\ntype = "stiff"\ngear_ratio = {ratio:.6g}\n'
-        f'motor_input = "position_command"\n[{joint}.controller]\n'
-        f"position_gain_Nm_per_rad = {known}"
-    )
-
-
-def _is_magnitude(torque: Array) -> bool:
-    """Whether a channel (T,) has one sign only and returns to zero again and again."""
-    size = float(np.percentile(np.abs(torque), 99))
-    if size == 0 or len(np.unique(torque)) < _FINE or np.min(torque) < 0 < np.max(torque):
-        return False
-    near = np.abs(torque) <= _NEAR_ZERO * size
-    return int(np.count_nonzero(near[1:] & ~near[:-1])) >= _RETURNS
-
-
-def _tracking_error(log: Log, j: int, ratio: float) -> Array:
-    """Return command less position (T,) at the joint, NaN without either."""
-    motor, command = log.motor_position[:, j] / ratio, log.position_command
-    position = log.joint_position[:, j] if np.isnan(motor[0]) else motor
-    return np.full(len(position), np.nan) if command is None else command[:, j] - position
-
-
-def _is_folded(error: Array, torque: Array) -> bool:
-    """Whether a torque (T,) without sign rises with the size of the error (T,) on both sides."""
-    if np.isnan(error[0]) or np.min(torque) < 0:
-        return False
-    for side, part in ((1, error > 0), (-1, error < 0)):
-        if np.mean(part) < _FEWEST or is_constant(error[part]) or is_constant(torque[part]):
-            return False
-        if side * np.corrcoef(error[part], torque[part])[0, 1] < _FOLDED:
-            return False
-    return True
 
 
 def _saturated(logs: Sequence[Log]) -> Iterator[Finding]:

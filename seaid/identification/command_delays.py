@@ -13,18 +13,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from seaid._arrays import Array, safely
-from seaid.drives import Drive, JointParameter
+from seaid.drives import NORMAL_95, STATED_DELAY_S, Drive, JointParameter
 from seaid.errors import Finding, IdentificationError, listed
 from seaid.estimation import Estimate, FittedRows
 from seaid.robot import Robot
 
 DELAY = "command_delay"
-
-STATED_DELAY_S = 12.5e-3
-"""An unknown delay [s] is within this of its nominal value, with 95 %, if the drive states no
-standard deviation: two or three samples of a bus at 200 Hz."""
-
-_NORMAL_95 = 1.96
 
 MOST_DELAY_ROUNDS = 3
 """Most repetitions with commands delayed by the estimate: the error of one is of its square."""
@@ -47,7 +41,7 @@ class Bus:
 
 def delay_std_s(drive: Drive) -> float:
     """Return the standard deviation [s] of a delay before an identification."""
-    return float(drive.std.get("command_delay_s", STATED_DELAY_S / _NORMAL_95))
+    return float(drive.std.get("command_delay_s", STATED_DELAY_S / NORMAL_95))
 
 
 def buses_of(drives: Mapping[str, Drive], names: tuple[str, ...], joint: str = "") -> list[Bus]:
@@ -103,7 +97,7 @@ def with_shared_delays(
         # |column| of the delay, orthogonal to all others, is 1 / error for a residual of 1
         error = float(np.sqrt((kept @ white @ kept.T)[place, place]))
         as_residual = error * np.sqrt(fitted.qr_factor.count * len(bus.places) / free)
-        stated = _NORMAL_95 * bus.std_s
+        stated = NORMAL_95 * bus.std_s
         far = abs(shared.values[place] - bus.nominal_s) > stated + as_residual
         if as_residual > stated and not far:
             stds[len(rows)] = bus.std_s
@@ -194,7 +188,7 @@ def delay_findings(robot: Robot, load_side: Estimate) -> tuple[Finding, ...]:
         error = np.sqrt(max(load_side.covariance[own, own] - (slope * std) ** 2, 0.0))
         value = load_side.values[own] + slope * load_side.values[place]
         scale = drive.ratio**2
-        half = _NORMAL_95 * scale * error
+        half = NORMAL_95 * scale * error
         sums.append(f"{name.joint} {scale * value:.3g} +- {half:.2g}")
         evidence[f"armature and {scale * slope:.3g} delay of {name.joint}"] = float(scale * value)
         stds.append(float(std))
@@ -204,7 +198,7 @@ def delay_findings(robot: Robot, load_side: Estimate) -> tuple[Finding, ...]:
         Finding(
             "command-delay",
             "the log does not separate the delay of the commands from rotor inertia and friction: "
-            f"it counts as known to +-{_NORMAL_95 * max(stds) * 1e3:.3g} ms, which is in all "
+            f"it counts as known to +-{NORMAL_95 * max(stds) * 1e3:.3g} ms, which is in all "
             "intervals. Within one gain set it determines armature + (K_d + F_v) delay "
             f"[kg m^2], with 95 %: {listed(sums, 12)}",
             severity="note",

@@ -104,7 +104,7 @@ def with_warnings(estimate: Estimate, joint: str, qr_factor: QRFactor | None) ->
     for name, value, error in zip(
         estimate.names, estimate.values, estimate.standard_errors, strict=True
     ):
-        if name in _ZEROS or is_harmonic(name):
+        if name in _ZEROS or is_harmonic(name) or name == "command_delay":  # may be zero
             continue
         text = readable(JointParameter(name, joint))
         reasons, is_weak = [], False

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from seaid._files import write_whole
 from seaid._progress import Display
 from seaid.drives import Controller, drives_from_mapping, read_drives, write_drives
 from seaid.errors import LogError, SeaidError, checked, listed
-from seaid.identification import check
+from seaid.identification import check, no_measurements
 from seaid.log import Log, describe_log, logs_of_files, low_pass, read_log
 from seaid.project.project import FILE_NAME
 from seaid.robot import Payload, Robot, load_robot
@@ -117,9 +117,12 @@ def write_first_project(
     read = [_read(files, robot, folder) for files in grouped]
     doubts += [*of_files, *(doubt for one in read for doubt in one.doubts)]
     texts = {one.description_file: one.text for one in read if one.description_file and one.text}
-    commanded = _commanded(robot, [one.log for one in read]) if known is None else ()
+    untrue = [one for each in read for one in no_measurements(robot, each.log)]
+    doubts += dict.fromkeys(f"{one.joint}: {one.message}" for one in untrue)
+    logs_read = [one.log for one in read]
+    commanded = _commanded(robot, logs_read, {x.joint for x in untrue}) if known is None else ()
     if known is None:
-        tables, found = inferred_drives(robot, [one.log for one in read], commanded)
+        tables, found = inferred_drives(robot, logs_read, commanded)
         tables |= {joint: _controlled(joint, controllers or {}) for joint in commanded}
         asked = [joint for joint in commanded if joint not in (controllers or {})]
         found += [f"{listed(asked)}: {_GAINS}"] * bool(asked) + [_DELAY] * bool(commanded)
@@ -204,8 +207,11 @@ _UNKNOWN_GAIN = 0.123456789
 """Stands for an unknown gain until the file is written, where the gain is a question mark."""
 
 
-def _commanded(robot: Robot, logs: Sequence[Log]) -> tuple[str, ...]:
-    """Return the joints of which all logs have the position command, and none has a torque."""
+def _commanded(robot: Robot, logs: Sequence[Log], untrue: Set[str]) -> tuple[str, ...]:
+    """Return the joints of which all logs have the position command, and none has a torque.
+
+    The torques and currents of the joints `untrue` are no measurements.
+    """
     torques = ("motor_torque", "joint_torque", "motor_current", "motor_voltage")
     found = []
     for index, joint in enumerate(robot.joint_names):
@@ -213,7 +219,8 @@ def _commanded(robot: Robot, logs: Sequence[Log]) -> tuple[str, ...]:
             {name for name, x in log.sensors().items() if np.all(np.isfinite(x[:, index]))}
             for log in logs
         ]
-        if all("position_command" in one and not one & {*torques} for one in there):
+        measured = set() if joint in untrue else {*torques}
+        if all("position_command" in one and not one & measured for one in there):
             found.append(joint)
     return tuple(found)
 

@@ -562,6 +562,8 @@ def _lines(found: Identifiability) -> Iterator[str]:
     )
     if found.derivatives is not None:
         yield from _by_derivatives(found.derivatives)
+    for line in found.commands:
+        yield from _wrapped("", [line])
 
 
 def _by_derivatives(base: BaseParameters) -> Iterator[str]:

@@ -19,7 +19,8 @@ import seaid
 from seaid._arrays import Array
 from seaid.drives.toml import drives_from_mapping
 from seaid.errors import CODES, Finding, SeaidError, by_severity
-from seaid.identification.checking import _is_folded, _is_magnitude, _no_measurements, check
+from seaid.identification.checking import check
+from seaid.identification.command_checks import _is_folded, _is_magnitude, no_measurements
 from seaid.identification.experiment import experiment_of
 from seaid.identification.setup_hypotheses import hypotheses
 from seaid.log.log import Log
@@ -500,7 +501,7 @@ def test_torques_without_sign_and_outputs_of_a_controller_are_named() -> None:
     torque = 20 * error + 0.1 * np.sign(np.gradient(position)) + noise
 
     def named(given: Array, command: Array | None = None) -> list[seaid.Finding]:
-        return list(_no_measurements(*_servo_log(given, command)))
+        return list(no_measurements(*_servo_log(given, command)))
 
     (magnitude,) = named(np.abs(torque))
     assert (magnitude.code, magnitude.severity) == ("no-measurement", "wrong")

@@ -301,9 +301,14 @@ def test_what_is_wrong_with_commands_is_said(urdf: Path) -> None:
         seaid.identify(robot, blind)
     with pytest.raises(RobotError, match="no position command of 'j'"):
         seaid.replay(seaid.identify(robot, log).robot, blind)
+    assert [one.code for one in wrong_of(robot, log)] == []
     backwards = replace(log, position_command=-CHIRP[:, None])
-    found = seaid.identify(robot, backwards)
-    assert "sign" in [one.code for one in found.warnings if one.severity == "wrong"]
+    (sign,) = wrong_of(robot, backwards)
+    assert sign.code == "sign"
+    assert 'position_command = { column = "j.position_command_rad", sign = -1 }' in sign.remedy
+    (unit,) = wrong_of(robot, replace(log, position_command=np.rad2deg(CHIRP)[:, None]))
+    assert unit.code == "unit"
+    assert unit.evidence["ratio of the ranges"] == pytest.approx(180 / np.pi, rel=0.1)
     late = replace(log, position_command=np.interp(TIME + 0.08, TIME, CHIRP)[:, None])
     with pytest.raises(IdentificationError, match=r"delayed by .* ms, more than 50 ms either way"):
         seaid.identify(robot, late)
@@ -418,3 +423,86 @@ def test_a_mujoco_model_is_the_nominal_one_with_its_dynamics(urdf: Path, tmp_pat
     drives = tmp_path / "nominal.toml"
     seaid.write_drives({"j": replace(geared, motor_inertia_kg_m2=0.01)}, drives)
     assert nominal_model(drives, robot).drives["j"].motor_inertia_kg_m2 == 0.01
+
+
+def wrong_of(robot: seaid.Robot, log: seaid.Log) -> list[seaid.Finding]:
+    """Return the findings of a check but notes."""
+    return [one for one in seaid.check(robot, log).warnings if one.severity != "note"]
+
+
+def test_the_sums_that_one_gain_set_determines_are_said_before_a_fit(urdf: Path) -> None:
+    """Those of the check are the effect of a delay on the estimates, within 5 %."""
+    log = mujoco_log(SOFT, 0.0, 5e-3, 0)
+    (found,) = seaid.check(robot_of(urdf, SOFT), log).warnings
+    assert found.code == "command-delay"
+    fits = [values_of(seaid.identify(robot_of(urdf, SOFT, delay), log)) for delay in (0, 1e-3)]
+    for name, parameter in (("armature", "motor_inertia"), ("friction", "viscous_friction")):
+        slope = (fits[0][parameter][0] - fits[1][parameter][0]) / 1e-3
+        evidence = found.evidence[f"{name} of j per second of delay"]
+        assert evidence == pytest.approx(slope, rel=0.05)
+    assert "this log separates the delay T" in found.message  # by gravity and inertia
+    assert not seaid.check(robot_of(urdf, SOFT, 0.0), log).warnings
+
+
+def test_identifiability_says_what_a_gain_set_determines(urdf: Path) -> None:
+    soft, hard = robot_of(urdf, SOFT), robot_of(urdf, HARD)
+    (text,) = seaid.identifiability(soft).commands
+    assert "armature + 1 T and viscous friction + 40 T" in text
+    assert "uncertain by 0.013 and 0.5 for T within 12.5 ms" in text
+    assert "another gain set separates them" in text
+    assert text in " ".join(str(seaid.identifiability(soft)).split())
+    (both,) = seaid.identifiability(soft, conditions=[hard]).commands
+    assert "these 2 gain sets separate them" in both
+    assert "armature + 3 T and viscous friction + 20 T" in both
+    assert seaid.identifiability(robot_of(urdf, SOFT, 0.004)).commands == ()
+    (known,) = seaid.identifiability(robot_of(urdf, SOFT, 0.004, 0.002)).commands
+    assert "within 3.92 ms" in known
+
+
+def test_commands_that_are_repeated_limited_or_followed_too_well_are_said(urdf: Path) -> None:
+    log, robot = mujoco_log(SOFT, 0.0, 0.0, 0), robot_of(urdf, SOFT)
+    command = log.position_command
+    assert command is not None
+    rng = np.random.default_rng(1)
+    twice = np.flatnonzero(rng.random(len(TIME)) < 0.1)[1:]
+    late = command.copy()
+    late[twice] = late[twice - 1]
+    (repeated,) = wrong_of(robot, replace(log, position_command=late))
+    assert repeated.code == "delay"
+    assert repeated.evidence["share of repeated commands"] == pytest.approx(0.1, abs=0.02)
+    held = np.repeat(command[::4], 4, axis=0)[: len(command)]
+    assert wrong_of(robot, replace(log, position_command=held)) == []
+    limited = seaid.Controller(
+        position_gain_Nm_per_rad=40.0, velocity_gain_Nms_per_rad=1.0, torque_limit_Nm=6.0
+    )
+    drive = replace(robot.drives["j"], controller=limited)
+    found = seaid.check(robot.with_drives({"j": drive}), log).warnings
+    (saturated,) = [one for one in found if one.code == "saturation"]
+    assert saturated.severity == "note"
+    asked = 40.0 * (command - log.joint_position) - np.gradient(log.joint_position, TIME, axis=0)
+    share = float(np.mean(np.abs(asked) > 6.0))
+    assert saturated.evidence["share at the limit"] == pytest.approx(share, abs=0.01)
+    stiff = replace(limited, position_gain_Nm_per_rad=400.0, torque_limit_Nm=np.inf)
+    drive = replace(robot.drives["j"], controller=stiff)
+    (beyond,) = wrong_of(robot.with_drives({"j": drive}), log)
+    assert beyond.code == "saturation"
+    assert "torque_limit_Nm = 50" in beyond.remedy
+    noise = rng.normal(size=command.shape) * 1e-3
+    (close,) = wrong_of(robot, replace(log, joint_position=command + noise))
+    assert close.code == "unidentifiable"
+    assert close.evidence["tracking error over noise"] == pytest.approx(1.0, abs=0.1)
+
+
+def test_a_commanded_go2_has_no_mistake() -> None:
+    """Its armature, which the file lacks, looked like exchanged joints and late torques."""
+    bare = seaid.load_robot("go2")
+    gains = seaid.Controller(position_gain_Nm_per_rad=20.0, velocity_gain_Nms_per_rad=1.5)
+    drive = seaid.StiffDrive(motor_input="position_command", controller=gains)
+    drives = dict.fromkeys(bare.joint_names, drive)
+    robot = seaid.load_robot("go2", drives, known_bodies=bare.body_names)
+    log = seaid.read_log("models/logs/go2_commands/go2_second_half.npz", robot)
+    found = seaid.check(robot, log).warnings
+    assert [one.code for one in found] == ["command-delay"]
+    assert "does not separate" in found[0].message
+    assert "FL_hip_joint armature + " in found[0].message
+    assert 'known = ["command_delay"]' in found[0].remedy

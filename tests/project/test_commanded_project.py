@@ -124,3 +124,25 @@ def test_a_log_with_a_torque_gets_no_controller(tmp_path: Path) -> None:
     guess = seaid.describe_log(tmp_path / "log.csv", robot)
     assert "position_command" not in guess.description.joints["FL_hip_joint"]
     assert guess.unused == ("cmd_pos_FL_hip_joint",)
+
+
+def test_init_takes_commands_in_place_of_torques_that_are_none(tmp_path: Path) -> None:
+    """The "torque" of this log is the size of the tracking error."""
+    time = np.arange(0, 20, 0.01)
+    position = 0.4 * np.sin(2 * time) + 0.2 * np.sin(5.3 * time)
+    error = 0.02 * np.cos(5.3 * time) + 0.03 * np.sin(2 * time)
+    log = seaid.Log(
+        time=time,
+        joint_names=("pendulum",),
+        joint_position=position[:, None],
+        motor_position=np.full((len(time), 1), np.nan),
+        motor_torque=np.abs(20 * error)[:, None],
+        position_command=(position + error)[:, None],
+    )
+    seaid.write_log(log, tmp_path / "run.csv")
+    urdf = tmp_path / "servo.urdf"
+    urdf.write_bytes(Path("models/xl330_pendulum.urdf").read_bytes())
+    made = seaid.write_first_project(urdf, [tmp_path / "run.csv"], folder=tmp_path / "project")
+    assert any("motor torque of pendulum has no sign" in one for one in made.doubts)
+    drives = (tmp_path / "project" / "servo_drives.toml").read_text()
+    assert 'motor_input = "position_command"' in drives

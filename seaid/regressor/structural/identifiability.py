@@ -14,8 +14,8 @@ number of locally identifiable combinations.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import chain, compress
 from typing import Literal, get_args
 
@@ -23,7 +23,7 @@ import numpy as np
 
 from seaid._arrays import Array, FrozenMapping, safely, seed_of
 from seaid._progress import Result, counted
-from seaid.drives import Drive, JointParameter
+from seaid.drives import Drive, JointParameter, delay_sums
 from seaid.errors import RobotError, checked, unknown_name
 from seaid.regressor.base import BaseParameters, base_parameters, grouped_text, left_to_right
 from seaid.regressor.rigid_body import joint_torques, rigid_body_regressor
@@ -76,6 +76,9 @@ class Identifiability(Result):
         What the sensors determine locally with their derivatives in time, if motor angle and motor
         torque are all that an elastic joint has; `identify` then estimates it by simulation. The
         rank is numeric. None where there is no such joint, or other terms and sensors.
+    commands : tuple of str
+        Of each joint with position commands: with which multiples of their delay its armature and
+        viscous friction are determined, and how uncertain that leaves them.
     """
 
     table_name = "sensors_table"
@@ -93,6 +96,7 @@ class Identifiability(Result):
     gap: float
     agree: bool
     derivatives: BaseParameters | None = None
+    commands: tuple[str, ...] = ()
 
     def _in_short(self) -> str:
         kinds = {"individually": self.identifiable, "in combination": self.combinations}
@@ -131,7 +135,7 @@ def identifiability(
         gives the position on one side of a spring from the other. Default: the positions on both
         sides of a spring, or of the joint, and the drive's motor input.
     conditions : list of Robot
-        The same robot with other payloads, of which there are logs too.
+        The same robot with other payloads or gains, of which there are logs too.
     stances : list of lists of str
         Of a floating base, as in `base_parameters`: what the motion of the base and the torques at
         the joints determine together in these stances. Default: flight alone.
@@ -189,6 +193,7 @@ def identifiability(
         gap=base.gap,
         agree=agree,
         derivatives=base_by_derivatives(robot, sensed, names, seed),
+        commands=tuple(filter(None, _delay_sums(robot, conditions))),
     )
 
 
@@ -220,6 +225,13 @@ def _of_stances(robot: Robot, stances: Sequence[Sequence[str]], seed: int) -> Id
         gap=base.gap,
         agree=again == base.columns,
     )
+
+
+def _delay_sums(robot: Robot, conditions: Sequence[Robot]) -> Iterator[str]:
+    for joint in robot.joint_names:
+        drives = [one.drives[joint] for one in (robot, *conditions)]
+        if all(drive.controller is not None for drive in drives):
+            yield delay_sums(joint, drives)
 
 
 def _sensed(
@@ -259,19 +271,29 @@ def _checked(joint: str, names: Iterable[str]) -> frozenset[str]:
 
 
 def _check_conditions(robot: Robot, conditions: Sequence[Robot]) -> None:
-    """Refuse conditions that differ from the robot in more than payloads."""
-    own = robot.model
+    """Refuse conditions that differ from the robot in more than payloads and gains."""
+    own, drives = robot.model, _with_one_gain_set(robot, robot)
     for other in conditions:
         same = other.joint_names == robot.joint_names and all(
             one.isApprox(two)
             for one, two in zip(own.jointPlacements, other.model.jointPlacements, strict=True)
         )
         same = same and other.known_bodies == robot.known_bodies
-        if not same or dict(other.drives) != dict(robot.drives):
+        if not same or _with_one_gain_set(other, robot) != drives:
             raise RobotError(
-                f"conditions= takes the same robot with other payloads; '{other.name}' has other "
-                f"joints, drives or known bodies than '{robot.name}'"
+                f"conditions= takes the same robot with other payloads or gains; '{other.name}' "
+                f"has other joints, drives or known bodies than '{robot.name}'"
             )
+
+
+def _with_one_gain_set(robot: Robot, first: Robot) -> dict[str, Drive]:
+    """Return the drives, commanded ones with the controllers of another robot."""
+    laws = {joint: drive.controller for joint, drive in first.drives.items()}
+    return {
+        joint: drive if drive.controller is None else replace(drive, controller=laws[joint])
+        for joint, drive in robot.drives.items()
+        if drive.controller is None or laws[joint] is not None
+    }
 
 
 _FRICTION = ("viscous", "coulomb", "offset", "quadratic", "asymmetric")
