@@ -19,9 +19,9 @@ from seaid.log import Log, Motion, changed_source, column_name, spline_derivativ
 from seaid.regressor import Regression, is_linear, load_model_of, load_regression, stacked
 from seaid.robot import Robot
 
-_AGAINST, _ALIKE, _OTHER_UNIT = -0.5, 0.9, 20.0
-"""Correlation of command and position from which a sign is wrong, or at least so much, and the
-ratio of their ranges from which a unit is: a loop that follows at all has a ratio near 1."""
+_FOLLOWS, _OTHER_UNIT = 0.5, 20.0
+"""Size of the correlation of command and position from which a sign is wrong if it is negative, and
+a unit if the ratio of their ranges is beyond the second: a loop that follows has one near 1."""
 
 _REPEATED, _REST_S = 0.02, 0.25
 """Share of commands that repeat the one before, single steps being usual, from which commands are
@@ -60,18 +60,18 @@ def _not_following(robot: Robot, log: Log, j: int, error: Array) -> Finding | No
     r = float(np.corrcoef(command, position)[0, 1])
     times = float(np.std(command) / np.std(position))
     apart = max(times, 1 / times)
-    if r > _AGAINST and (r < _ALIKE or apart < _OTHER_UNIT):
+    if r > -_FOLLOWS and (r < _FOLLOWS or apart < _OTHER_UNIT):
         return None
     own = (log.description or {}).get("joints", {}).get(joint, {})
     quantity = "position_command"
     is_prismatic = robot.is_prismatic[robot.index(joint)]
     source = own.get(quantity, column_name(joint, is_prismatic, quantity))
-    factor = -1.0 if r <= _AGAINST else float(f"{1 / times:.4g}")
+    factor = -1.0 if r < 0 else float(f"{1 / times:.4g}")
     words = f"moves against its position (correlation {r:.3f}): it has the opposite sign"
-    if r > _AGAINST:
+    if r > 0:
         words = f"has {times:.4g} times the range of its position: it is in another unit"
     return Finding(
-        "sign" if r <= _AGAINST else "unit",
+        "sign" if r < 0 else "unit",
         f"the position command of {joint} {words}",
         joint,
         "wrong",
