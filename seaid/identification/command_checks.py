@@ -23,6 +23,9 @@ _FOLLOWS, _OTHER_UNIT = 0.5, 20.0
 """Size of the correlation of command and position from which a sign is wrong if it is negative, and
 a unit if the ratio of their ranges is beyond the second: a loop that follows has one near 1."""
 
+_DEGREE, _LAG = np.pi / 180, 0.5
+"""A degree [rad], and the logarithm of the ratio by which lag and resonance change a range."""
+
 _REPEATED, _REST_S = 0.02, 0.25
 """Share of commands that repeat the one before, single steps being usual, from which commands are
 logged twice; longer runs of equal commands are rests."""
@@ -66,10 +69,12 @@ def _not_following(robot: Robot, log: Log, j: int, error: Array) -> Finding | No
     quantity = "position_command"
     is_prismatic = robot.is_prismatic[robot.index(joint)]
     source = own.get(quantity, column_name(joint, is_prismatic, quantity))
-    factor = -1.0 if r < 0 else float(f"{1 / times:.4g}")
+    is_degrees = abs(np.log(times * _DEGREE)) < _LAG
+    factor = -1.0 if r < 0 else float(f"{_DEGREE if is_degrees else 1 / times:.4g}")
     words = f"moves against its position (correlation {r:.3f}): it has the opposite sign"
     if r > 0:
-        words = f"has {times:.4g} times the range of its position: it is in another unit"
+        unit = "degrees" if is_degrees else "another unit"
+        words = f"has {times:.4g} times the range of its position: it is in {unit}"
     return Finding(
         "sign" if r < 0 else "unit",
         f"the position command of {joint} {words}",
