@@ -136,7 +136,7 @@ ONE_IMPORTER = {
     "one step of a long way, which would make its importer longer than 400 lines": (
         *("excitation.run_in", "excitation.search"),
         *("identification.body_hypotheses", "identification.setup_hypotheses"),
-        *("identification.closed_loop", "identification.command_checks"),
+        "identification.closed_loop",
         "identification.consistency_program",
         "identification.known_constants",
         *("export.joint_actuators", "regressor.structural.equations"),

@@ -309,7 +309,7 @@ def test_what_is_wrong_with_commands_is_said(urdf: Path) -> None:
     (unit,) = wrong_of(robot, replace(log, position_command=np.rad2deg(CHIRP)[:, None]))
     assert unit.code == "unit"
     assert "it is in degrees" in unit.message
-    assert "factor = 0.01745 }" in unit.remedy
+    assert "scale = 0.01745 }" in unit.remedy
     late = replace(log, position_command=np.interp(TIME + 0.08, TIME, CHIRP)[:, None])
     with pytest.raises(IdentificationError, match=r"delayed by .* ms, more than 50 ms either way"):
         seaid.identify(robot, late)
