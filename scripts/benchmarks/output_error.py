@@ -118,7 +118,7 @@ def bound() -> Array:
     stds = np.append(simulated, ratios * torque[others] / np.sqrt(block))
     residuals = [
         joined([linearised(layout, run, layout.start)[0] for run in runs]),
-        measured(layout, perfect),
+        measured(layout, perfect)(layout.start),
     ]
     covariance = fisher_covariance(residuals, layout.names, stds, layout.precision)
     least = dict(zip(layout.names, np.sqrt(np.diag(covariance)), strict=True))

@@ -426,7 +426,7 @@ def _from_motors(
     A search of the stiffness gives their angles for a first regression, and its refinement the
     simulated ones for a second, from which the terms of the drives and all findings come.
     """
-    check_refinable(robot)
+    check_refinable(robot, joints)
     cutoff_hz, problem = cutoff_of(robot, logs, joints, cutoff_hz), None
     tried: list[FirstEstimate] = []
     for part in BANDS:

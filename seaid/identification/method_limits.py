@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from seaid.drives import Drive
+from seaid.drives import MEMORY, Drive
 from seaid.errors import IdentificationError
 from seaid.regressor import motor_regressor, spring_regressor
 from seaid.robot import Robot
@@ -57,10 +57,15 @@ def check_instruments(robot: Robot, springs: Iterable[str]) -> None:
             )
 
 
-def check_refinable(robot: Robot) -> None:
-    """Raise IdentificationError for terms of drives that `refine` does not simulate."""
+def check_refinable(robot: Robot, unseen: Iterable[str] = ()) -> None:
+    """Raise IdentificationError for terms of drives that `refine` does not simulate.
+
+    The joints `unseen` have no sensor behind their springs, which have to be linear then.
+    """
     for joint, drive in robot.drives.items():
-        reason = _not_refinable(robot, joint, drive)
+        reason = _not_refinable(robot, joint, drive) or (
+            _not_unseen(robot, joint, drive) if joint in unseen else ""
+        )
         if reason:
             raise IdentificationError(
                 f"the refinement cannot simulate the drive of {joint}, {reason}; use the result of "
@@ -73,16 +78,28 @@ def _not_refinable(robot: Robot, joint: str, drive: Drive) -> str:
         alone = all(one.controller is not None for one in robot.drives.values())
         if drive.is_elastic or not alone:
             return "whose command was logged: all drives have to be stiff, with a position command"
+        if drive.parallel_spring or drive.joint_friction:
+            return "which has a parallel spring or joint friction"
+        if motor_regressor(robot, joint).non_linear:
+            return "whose equation is not linear in its parameters"
     elif drive.motor_input != "torque":
         return f"of which the {drive.motor_input} was logged, not the torque"
+    if "load" in drive.friction and not drive.is_elastic:
+        return "whose friction grows with the load"
+    if drive.is_elastic and "coulomb" in drive.joint_friction:
+        return "which has dry friction behind its spring"
+    if drive.is_elastic and {*drive.spring} & {*MEMORY}:
+        return "whose spring has hysteresis"
+    return ""
+
+
+def _not_unseen(robot: Robot, joint: str, drive: Drive) -> str:
     if drive.parallel_spring or drive.joint_friction:
-        return "which has a parallel spring or joint friction"
+        return "which has a parallel spring or joint friction and no sensor behind its spring"
     if motor_regressor(robot, joint).non_linear or "load" in drive.friction:
-        return "whose equation is not linear in its parameters"
-    if drive.is_elastic:
-        names = spring_regressor(robot, joint).names
-        if names != ("stiffness", "spring_offset"):
-            return f"whose spring {_kind(robot, joint)}"
+        return "whose equation is not linear in its parameters, without a sensor behind its spring"
+    if spring_regressor(robot, joint).names != ("stiffness", "spring_offset"):
+        return f"whose spring {_kind(robot, joint)} and no sensor behind it"
     return ""
 
 

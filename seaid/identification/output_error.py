@@ -9,9 +9,9 @@ controller. Each window of the log has its own initial state.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -20,11 +20,23 @@ from scipy.ndimage import maximum_filter1d
 
 from seaid._arrays import Array, BoolArray, FrozenMapping, white_noise
 from seaid._progress import track
-from seaid.drives import DefaultTerms, is_dry
+from seaid.drives import (
+    DefaultTerms,
+    JointParameter,
+    is_dry,
+    parameter_named,
+    readable,
+    unit_of,
+)
 from seaid.errors import ExcitationError, Finding, IdentificationError, checked
 from seaid.estimation import Estimate, Residuals, Step, gauss_newton_step, joined
 from seaid.identification.closed_loop import refine_commanded
-from seaid.identification.drive_estimates import merged_estimates, with_estimate, with_warnings
+from seaid.identification.drive_estimates import (
+    merged_estimates,
+    with_estimate,
+    with_values,
+    with_warnings,
+)
 from seaid.identification.method_limits import check_refinable
 from seaid.identification.motor_side import (
     SAMPLES,
@@ -64,9 +76,12 @@ from seaid.regressor import (
     actuator_columns,
     actuator_regression,
     check_offset_std,
+    drive_torques,
     load_columns,
     load_regression,
+    motor_regressor,
     offset_sensitivity,
+    spring_regressor,
 )
 from seaid.robot import Robot, check_held, coupled_names
 
@@ -92,7 +107,8 @@ class Layout:
 
     `simulated` are the joints behind springs, `unseen` those of them without an encoder behind the
     spring; `precision` (p,) are the inverse standard deviations of the prior, that of the encoder
-    offsets.
+    offsets. `nonlinear` {joint: {parameter: column}} are the drives whose equations are nonlinear
+    in their parameters.
     """
 
     found: Identification
@@ -103,6 +119,7 @@ class Layout:
     zeros: slice
     precision: Array
     unseen: tuple[str, ...] = ()
+    nonlinear: FrozenMapping[dict[str, int]] = field(default_factory=lambda: FrozenMapping({}))
 
     @property
     def has_zeros(self) -> bool:
@@ -114,7 +131,7 @@ class Layout:
         """The values (p,) of the identification, with zero encoder offsets."""
         values = np.zeros(len(self.names))
         for joint, columns in self.drives.items():
-            values[columns] = self.found.drive_side[joint].values
+            values[columns] = self.actuator(joint).values
         values[self.load] = self.found.load_side.values
         if self.unseen and self.found.feasible is not None:  # an inertia that can be simulated
             consistent = self.found.base.project(self.found.robot.parameters)
@@ -122,11 +139,29 @@ class Layout:
         values[[self.spring(joint)[1] for joint in self.unseen]] = 0.0
         return values
 
+    def actuator(self, joint: str) -> Estimate:
+        """Return the identified parameters of a drive without those of the load side."""
+        return _actuator_part(self.found, joint)
+
     def spring(self, joint: str) -> list[int]:
-        """Return the columns of stiffness and spring offset of a joint."""
-        names = self.found.drive_side[joint].names
+        """Return the columns of a joint's spring, for a linear one stiffness and offset."""
+        names = self.actuator(joint).names
         first = self.drives[joint].start
-        return [first + names.index(name) for name in ("stiffness", "spring_offset")]
+        own = spring_regressor(self.found.known, joint).names
+        return [first + names.index(name) for name in own]
+
+    def known_at(self, x: Array) -> Robot:
+        """Return the robot whose nonlinear drives are linearised at the values x (p,)."""
+        known, drives = self.found.known, {}
+        for joint, columns in self.nonlinear.items():
+            values = {name: float(x[column]) for name, column in columns.items()}
+            for name in motor_regressor(known, joint).non_linear:
+                if parameter_named(name).is_positive and values.get(name, 1.0) <= 0:
+                    raise IdentificationError(
+                        f"the {readable(JointParameter(name, joint))} would become negative"
+                    )
+            drives[joint] = with_values(known.drives[joint], values)
+        return known.with_drives(drives) if drives else known
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,6 +185,13 @@ _EXACT_RAD = 1e-7
 """Standard deviation of a motor's encoder offset, seen at the joint, that counts as zero."""
 
 
+def _actuator_part(found: Identification, joint: str) -> Estimate:
+    """Return the parameters of a drive by (7); a parallel spring and joint friction are in (8)."""
+    whole, load = found.drive_side[joint], found.model.names
+    names = [name for name in whole.names if f"{name} of {joint}" not in load]
+    return whole.part([whole.names.index(name) for name in names], names)
+
+
 def layout_of(
     found: Identification, encoder_offset_std: float, unseen: tuple[str, ...] = ()
 ) -> Layout:
@@ -162,7 +204,7 @@ def layout_of(
     names: list[str] = []
     drives: dict[str, slice] = {}
     for joint in robot.elastic_joints:
-        mine = found.drive_side[joint].names
+        mine = _actuator_part(found, joint).names
         drives[joint] = slice(len(names), len(names) + len(mine))
         names += [f"{name} of {joint}" for name in mine]
     load = slice(len(names), len(names) + len(found.model.names))
@@ -174,7 +216,7 @@ def layout_of(
     precision = np.zeros(len(names))
     precision[zeros] = 1 / encoder_offset_std if encoder_offset_std else 0.0
     for joint in unseen:
-        own = found.drive_side[joint]
+        own = _actuator_part(found, joint)
         force = own.value("stiffness") * robot.drives[joint].load_radius
         place = drives[joint].start + own.names.index("spring_offset")
         precision[place] = 1 / (force * max(encoder_offset_std, _EXACT_RAD))
@@ -187,7 +229,22 @@ def layout_of(
         zeros=zeros,
         precision=precision,
         unseen=unseen,
+        nonlinear=FrozenMapping(_nonlinear_drives(robot, names)),
     )
+
+
+def _nonlinear_drives(robot: Robot, names: Sequence[str]) -> dict[str, dict[str, int]]:
+    """Return {joint: {parameter: column}} of the drives with nonlinear parameters in `names`."""
+    found = {}
+    for joint, drive in robot.drives.items():
+        columns = {
+            name: names.index(f"{name} of {joint}")
+            for name in drive.parameter_names
+            if f"{name} of {joint}" in names
+        }
+        if columns.keys() & {*motor_regressor(robot, joint).non_linear}:
+            found[joint] = columns
+    return found
 
 
 _MOST_ENTRIES = 1_000_000
@@ -239,15 +296,27 @@ def robot_at(layout: Layout, x: Array) -> Robot:
     return robot.with_values(robot.parameters + correction, robot.drives)
 
 
-def measured(layout: Layout, log: Log) -> Residuals:
-    """Return what is not simulated, at parameters of zero: it is linear in the parameters.
+def measured(layout: Layout, log: Log) -> Callable[[Array], Residuals]:
+    """Return the residuals of what is not simulated, as a function of the parameters x (p,)."""
+    motion = reconstruct_motion(layout.found.known, log, layout.found.cutoff_hz)
+    motion = finer_side(layout.found.known, motion)
+    linear = _measured_near(layout, motion, layout.start)
+
+    def at(x: Array) -> Residuals:
+        one = _measured_near(layout, motion, x) if layout.nonlinear else linear
+        return replace(one, residual=one.residual + one.jacobian @ x)
+
+    return at
+
+
+def _measured_near(layout: Layout, motion: Motion, x: Array) -> Residuals:
+    """Return what is not simulated, linearised at x (p,), at parameters of zero.
 
     These are the torques of stiff joints, and the drives of springs with a measured torque. Their
     columns have the noise of the encoders, so that both sides are filtered as in `identify`. The
     effect of encoder offsets is that at the start.
     """
-    known, model, start = layout.found.known, layout.found.model, layout.start
-    motion = finer_side(known, reconstruct_motion(known, log, layout.found.cutoff_hz))
+    known, model, start = layout.known_at(x), layout.found.model, layout.start
     drives = [joint for joint in layout.drives if joint not in layout.simulated]
     others = [joint for joint in model.torque_joints if joint not in layout.simulated]
     equations: list[tuple[Regress, slice, list[str]]] = [
@@ -294,8 +363,8 @@ def linearised(layout: Layout, run: Run, x: Array) -> tuple[Residuals, Pull]:
 
     Channels: positions of the simulated joints, then torques of their drives.
     """
-    known, motion = layout.found.known, run.motion
-    pull = _pull(layout, run, x)
+    known, motion = layout.known_at(x), run.motion
+    pull = _pull(layout, known, run, x)
     response = pull.response(pull.force)
     joints = [known.index(joint) for joint in layout.simulated]
     encoder = -response.position
@@ -304,7 +373,7 @@ def linearised(layout: Layout, run: Run, x: Array) -> tuple[Residuals, Pull]:
         zeros = [1 + layout.zeros.start + joint for joint in joints]
         encoder[:, :, 0] -= x[layout.zeros][joints]
         encoder[:, range(len(joints)), zeros] -= 1.0
-    columns = np.concatenate([encoder, _drive_error(layout, run, x, response)], axis=1)
+    columns = np.concatenate([encoder, _drive_error(layout, known, run, x, response)], axis=1)
     without = np.broadcast_to(np.isin(layout.simulated, layout.unseen), run.still.shape)
     still = np.hstack([without, run.still])
     return _blocks(run, columns, still, 2 * len(joints)), pull
@@ -328,26 +397,48 @@ class Pull:
         return response_to(self.inside, force, self.step_s, self.windows)
 
 
-def _pull(layout: Layout, run: Run, x: Array) -> Pull:
-    error, by_x, jacobians = _load_error(layout, run, x)
-    known, joints = layout.found.known, [layout.found.known.index(j) for j in layout.simulated]
-    inside = jacobians.part(joints, joints)
-    # the decrease of the springs' load torque with the joint position, for k = 1
-    spring = np.array([known.drives[joint].load_radius ** 2 for joint in layout.simulated])
-    k = np.array([x[layout.spring(joint)[0]] for joint in layout.simulated])
-    inside = replace(inside, position=inside.position + np.diag(spring * k))
+_NUDGE = 1e-6
+"""Change of a joint's position [rad or m] and speed for the slopes of its drive's torques."""
+
+
+def _pull(layout: Layout, known: Robot, run: Run, x: Array) -> Pull:
+    error, by_x, jacobians = _load_error(layout, known, run, x)
+    joints = [known.index(joint) for joint in layout.simulated]
+    stiffness, damping = _drive_slopes(layout, known, run.motion, x)
+    inside = jacobians.part(joints, joints).plus(stiffness, damping)
     force = np.concatenate([error[:, :, None], by_x], axis=2)
     return Pull(inside, force, 1 / run.motion.rate_hz, run.windows)
 
 
-def _load_error(layout: Layout, run: Run, x: Array) -> tuple[Array, Array, TorqueJacobians]:
+def _drive_slopes(layout: Layout, known: Robot, motion: Motion, x: Array) -> tuple[Array, Array]:
+    """Return the decrease of the drives' load torques with position and speed, (T, s, s) each."""
+    model, eye = layout.found.model, np.eye(len(layout.simulated))
+    mine = [model.torque_joints.index(joint) for joint in layout.simulated]
+    springs = {joint: x[layout.spring(joint)] for joint in layout.found.springs}
+    torques = [
+        drive_torques(known, one, model, springs, x[layout.load])[:, mine]
+        for one in (
+            motion,
+            replace(motion, joint_position=motion.joint_position + _NUDGE),
+            replace(motion, joint_velocity=motion.joint_velocity + _NUDGE),
+        )
+    ]
+    by_position, by_velocity = (
+        (torques[0] - one)[:, :, None] / _NUDGE * eye for one in torques[1:]
+    )
+    return by_position, by_velocity
+
+
+def _load_error(
+    layout: Layout, known: Robot, run: Run, x: Array
+) -> tuple[Array, Array, TorqueJacobians]:
     """Return the residual of (8) of simulated joints (T, joints), and its derivatives.
 
     The derivatives are those by x (T, joints, p), and of all torques by the motion.
     """
     found, motion = layout.found, run.motion
     springs = {joint: x[layout.spring(joint)] for joint in found.springs}
-    torque, payload, H, propagated = load_columns(found.known, motion, found.model, springs)
+    torque, payload, H, propagated = load_columns(known, motion, found.model, springs)
     mine = [found.model.torque_joints.index(joint) for joint in layout.simulated]
     jacobians = torque_jacobians(robot_at(layout, x), *motion.joint_states)
     by_x = np.zeros((len(torque), len(mine), len(x)))
@@ -355,45 +446,51 @@ def _load_error(layout: Layout, run: Run, x: Array) -> tuple[Array, Array, Torqu
     columns = [column for joint in layout.simulated for column in layout.spring(joint)]
     by_x[:, :, columns] = propagated[:, mine]
     if layout.has_zeros:
-        joints = [found.known.index(joint) for joint in layout.simulated]
+        joints = [known.index(joint) for joint in layout.simulated]
         by_x[:, :, layout.zeros] = jacobians.position[:, joints]
         by_x[:, :, [layout.zeros.start + joint for joint in joints]] = 0.0
     return (torque - payload - H @ x[layout.load])[:, mine], by_x, jacobians
 
 
 def _motor_columns(
-    layout: Layout, motion: Motion, joint: str
+    layout: Layout, known: Robot, motion: Motion, joint: str
 ) -> tuple[tuple[str, ...], Array, Array]:
     """Return names, zeta and R of (7), with a column for the torque offset if it was identified."""
-    regressor, zeta, R = actuator_columns(layout.found.known, motion, joint)
-    if TORQUE_OFFSET not in layout.found.drive_side[joint].names:
+    regressor, zeta, R = actuator_columns(known, motion, joint)
+    if TORQUE_OFFSET not in layout.actuator(joint).names:
         return regressor.names, zeta, R
     return (*regressor.names, TORQUE_OFFSET), zeta, np.column_stack([R, np.ones(len(zeta))])
 
 
-def _drive_error(layout: Layout, run: Run, x: Array, response: Response) -> Array:
+def _drive_error(layout: Layout, known: Robot, run: Run, x: Array, response: Response) -> Array:
     """Return the residuals of (7) and their derivatives (T, simulated, 1 + p + s)."""
     motion = run.motion
     found = np.zeros_like(response.position)
-    nudged = replace(motion, joint_position=motion.joint_position + 1e-6)
+    nudged = (
+        (response.position, replace(motion, joint_position=motion.joint_position + _NUDGE)),
+        (response.velocity, replace(motion, joint_velocity=motion.joint_velocity + _NUDGE)),
+    )
     for row, joint in enumerate(layout.simulated):
         columns = layout.drives[joint]
-        names, zeta, R = _motor_columns(layout, motion, joint)
+        names, zeta, R = _motor_columns(layout, known, motion, joint)
         _check_columns(layout, names, joint)
         found[:, row, 0] = zeta - R @ x[columns]
         found[:, row, 1 + columns.start : 1 + columns.stop] = -R
-        _, zeta_there, R_there = _motor_columns(layout, nudged, joint)
-        by_position = (zeta_there - R_there @ x[columns] - found[:, row, 0]) / 1e-6
-        found[:, row] += by_position[:, None] * response.position[:, row]
+        here = found[:, row, 0].copy()
+        for change, there in nudged:
+            _, zeta, R = _motor_columns(layout, known, there, joint)
+            slope = (zeta - R @ x[columns] - here) / _NUDGE
+            found[:, row] += slope[:, None] * change[:, row]
     return found
 
 
 def _check_columns(layout: Layout, names: tuple[str, ...], joint: str) -> None:
     """Raise IdentificationError if a log has other torque sensors than the identification."""
-    if names != layout.found.drive_side[joint].names:
+    mine = layout.actuator(joint).names
+    if names != mine:
         raise IdentificationError(
             f"the log determines {', '.join(names)} of {joint}, the identification "
-            f"has {', '.join(layout.found.drive_side[joint].names)}: same torque sensors needed"
+            f"has {', '.join(mine)}: same torque sensors needed"
         )
 
 
@@ -444,14 +541,14 @@ _ALIKE = 1e-3
 class Point:
     """A point of the iteration: parameters (p,), runs, the pull at their joints, the next step.
 
-    `measured` are the residuals per log of what is not simulated, at parameters of zero.
+    `measured` are the residuals per log of what is not simulated, as functions of the parameters.
     """
 
     x: Array
     runs: list[Run]
     pulls: list[Pull]
     step: Step
-    measured: list[Residuals]
+    measured: list[Callable[[Array], Residuals]]
 
 
 @checked(IdentificationError)
@@ -513,7 +610,7 @@ def refine(
         raise IdentificationError("refine needs a log, found none")
     check_held(identification.robot, "refine", IdentificationError)
     check_offset_std(encoder_offset_std)
-    _check_start(identification)
+    _check_start(identification, without_joint_encoder(identification.known, logs))
     if any(drive.controller is not None for drive in identification.known.drives.values()):
         return refine_commanded(identification, logs, iterations, progress)
     return refined_with_logs(identification, logs, encoder_offset_std, iterations, progress)[0]
@@ -537,6 +634,8 @@ def refined_with_logs(
         simulated = [_simulated_log(layout, log, here.runs) for log in logs]
     first = here.x if unseen else layout.start
     start, here = _iterated(layout, simulated, first, iterations, progress)
+    if not _size(here.step) < _CLOSE and (held := _held(identification, layout, here)):
+        return refined_with_logs(held, logs, encoder_offset_std, iterations, progress)
     if not _size(here.step) < _CLOSE:
         raise IdentificationError(
             f"the refinement did not converge in {iterations} iterations: its next step would be "
@@ -554,6 +653,46 @@ def refined_with_logs(
     return refined, logs
 
 
+def _held(found: Identification, layout: Layout, here: Point) -> Identification | None:
+    """Return the start with nonlinear parameters fixed that kept the search from ending, if any.
+
+    These are positive ones of elastic drives whose 95 % interval at the last point reaches zero,
+    where the equations are singular: a Stribeck speed without Stribeck friction.
+    """
+    error = np.sqrt(np.diag(here.step.white_covariance))
+    known, sides = dict(found.known.drives), dict(found.drive_side)
+    for joint in layout.nonlinear.keys() & layout.drives.keys():
+        own, drive = sides[joint], known[joint]
+        columns = layout.nonlinear[joint]
+        weak = [
+            name
+            for name in motor_regressor(found.known, joint).non_linear
+            if name in columns
+            and parameter_named(name).is_positive
+            and not here.x[columns[name]] > 2 * error[columns[name]]
+        ]
+        if not weak:
+            continue
+        places = [place for place, name in enumerate(own.names) if name not in weak]
+        warnings = [
+            Finding(
+                "unidentifiable",
+                f"{readable(JointParameter(name, joint))} is not identifiable in the simulated "
+                f"motion: fixed at {drive.values[name]:.3g} {unit_of(drive, name)}, the value of "
+                "identify; remove its term, or excite it",
+                joint,
+                "note",
+            )
+            for name in weak
+        ]
+        part = own.part(places, [own.names[place] for place in places])
+        sides[joint] = replace(part, warnings=(*part.warnings, *warnings))
+        known[joint] = replace(drive, known=(*drive.known, *weak))
+    if known == dict(found.known.drives):
+        return None
+    return replace(found, known=found.known.with_drives(known), drive_side=FrozenMapping(sides))
+
+
 def simulated_from_motors(found: Identification, log: Log) -> Log:
     """Return a log with the angles of joints without a sensor there, simulated by the model.
 
@@ -562,7 +701,7 @@ def simulated_from_motors(found: Identification, log: Log) -> Log:
     unseen = without_joint_encoder(found.known, [log])
     if not unseen:
         return log
-    _check_start(found)
+    _check_start(found, unseen)
     layout = layout_of(found, 0.0, unseen)
     _, here = _iterated(layout, _filled(layout, [log], layout.start), layout.start, 0, False)
     return _simulated_log(layout, log, here.runs)
@@ -621,7 +760,8 @@ def _iterated(
     shortest_s = SHORTEST_STRETCH / layout.found.cutoff_hz
     parts = [part for log in logs for part in stretches(usable(log), shortest_s)]
     runs = [run for k, part in enumerate(parts) for run in runs_of(layout, part, k, window_s)]
-    fixed = [one for part in parts if (one := measured(layout, part)).channels]
+    has_others = len(layout.simulated) < len({*layout.drives, *layout.found.model.torque_joints})
+    fixed = [measured(layout, part) for part in parts if has_others]
     start = here = _simulated(layout, _point(layout, runs, fixed, x))
     for _ in track(range(iterations), "refining", progress):
         here, better = _improved(layout, here)
@@ -721,7 +861,7 @@ def _with_finding(found: Identification, finding: Finding) -> Identification:
     return replace(found, load=load)
 
 
-def _check_start(found: Identification) -> None:
+def _check_start(found: Identification, unseen: Sequence[str] = ()) -> None:
     coupled = coupled_names(found.known.joint_names, found.known.transmission)
     if coupled:
         raise IdentificationError(
@@ -730,14 +870,17 @@ def _check_start(found: Identification) -> None:
             "estimator='iv'",
             "method='simultaneous'",
         )
-    check_refinable(found.known)
+    check_refinable(found.known, unseen)
     if found.gears:
         raise IdentificationError(
             f"the deflection of {', '.join(found.gears)} was measured, and the refinement knows "
             "that between the encoders only: use the result of identify, or exclude that channel"
         )
     for joint in found.springs:
-        stiffness = found.drive_side[joint].value("stiffness")
+        own = found.drive_side[joint]
+        is_known = "stiffness" not in own.names
+        drive = found.known.drives[joint]
+        stiffness = drive.values["stiffness"] if is_known else own.value("stiffness")
         if not (np.isfinite(stiffness) and stiffness > 0):
             raise IdentificationError(
                 f"the refinement cannot start: the estimated stiffness of {joint} is "
@@ -745,7 +888,9 @@ def _check_start(found: Identification) -> None:
             )
 
 
-def _point(layout: Layout, runs: list[Run], fixed: list[Residuals], x: Array) -> Point:
+def _point(
+    layout: Layout, runs: list[Run], fixed: list[Callable[[Array], Residuals]], x: Array
+) -> Point:
     diverges = "the simulation diverges at this estimate: check the identification it starts from"
     try:
         with np.errstate(over="ignore", invalid="ignore"):
@@ -759,7 +904,7 @@ def _point(layout: Layout, runs: list[Run], fixed: list[Residuals], x: Array) ->
         joined([one for (one, _), own in zip(around, numbers, strict=True) if own == number])
         for number in sorted(set(numbers))
     ]
-    residuals += [replace(one, residual=one.residual + one.jacobian @ x) for one in fixed]
+    residuals += [one(x) for one in fixed]
     step = gauss_newton_step(residuals, layout.names, x, layout.precision)
     return Point(x, runs, [pull for _, pull in around], step, fixed)
 
@@ -846,6 +991,7 @@ def _refined(layout: Layout, here: Point) -> Identification:
     }
     return replace(
         found,
+        known=layout.known_at(x),
         drive_side=FrozenMapping(drives),
         load=load,
         load_side=load_side,
@@ -885,9 +1031,7 @@ def _estimates(layout: Layout, here: Point) -> tuple[dict[str, Estimate], Estima
     joints += [joint for joint in layout.drives if joint not in joints]
     stds = dict(zip(joints, step.stds[first:], strict=False))
     drives = {
-        joint: with_warnings(
-            part(found.drive_side[joint], columns, float(stds[joint])), joint, None
-        )
+        joint: with_warnings(part(layout.actuator(joint), columns, float(stds[joint])), joint, None)
         for joint, columns in layout.drives.items()
     }
     rest = step.stds[first + len(joints) :]

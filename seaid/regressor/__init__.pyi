@@ -6,6 +6,7 @@ from .base import cross_check as cross_check
 from .base import random_states as random_states
 from .load import LoadModel as LoadModel
 from .load import check_offset_std as check_offset_std
+from .load import drive_torques as drive_torques
 from .load import load_columns as load_columns
 from .load import load_model as load_model
 from .load import load_model_of as load_model_of

@@ -303,6 +303,21 @@ def load_columns(
     return whole[:, :, p], whole[:, :, p + 1], whole[:, :, :p], whole[:, :, p + 2 :]
 
 
+def drive_torques(
+    robot: Robot, motion: Motion, model: LoadModel, springs: Mapping[str, Array], theta: Array
+) -> Array:
+    """Return the torques (T, rows) of the drives on the load by a fit `theta` of the load side.
+
+    Drive parameters that are identifiable only with base parameters belong to the bodies here.
+    """
+    columns, drives = drive_parameters(
+        robot, model.torque_joints, partial(load_signals, robot, motion)
+    )
+    wanted = [drives.index(drive) for drive in model.drives]
+    torque, _ = _load_targets(robot, motion, model.torque_joints, springs)
+    return torque - columns[:, :, wanted] @ theta[len(model.expressions) :]
+
+
 def stances_of(motions: Sequence[Motion]) -> tuple[tuple[str, ...], ...]:
     """Return the sets of links that touch the ground together in motions of a floating base."""
     found: dict[tuple[str, ...], None] = {}

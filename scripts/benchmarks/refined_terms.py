@@ -1,0 +1,63 @@
+"""`refine` of drives with nonlinear springs and other friction: errors and intervals.
+
+Two joints with springs, the shoulder with one more term each, four seconds at 500 Hz with noise,
+another motion in every draw. Run from the folder of the project:
+python -m scripts.benchmarks.refined_terms [draws] [cases]
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+
+import numpy as np
+
+import seaid
+from seaid.report.text import percent, table
+from tests.identification.test_refined_terms import CASES, errors, log_of, robot, scores
+
+INSIDE = 1.96
+"""Standard errors from the estimate to the end of a 95 % interval of a normal distribution."""
+
+
+def rows_of(case: str, draws: int) -> list[list[str]]:
+    """Return a row of the table per added parameter and one of the bodies."""
+    truth, found = robot(case), []
+    for seed in range(draws):
+        log = log_of(truth, seed)
+        start = seaid.identify(truth.without_nominal(), log)
+        found.append((start, seaid.refine(start, log)))
+    names = [name for name, value in CASES[case][1].items() if value and name != "deflection_zero"]
+    far = [[errors(one, truth, "shoulder") for one in pair] for pair in found]
+    rows = [
+        [f"{case}: {name}"] + [_median([both[way].get(name) for both in far]) for way in (0, 1)]
+        for name in ("stiffness", *names)
+    ]
+    bodies = np.array([[_bodies(one, truth) for one in pair] for pair in found])
+    rows.append([f"{case}: base parameters", *map(percent, np.median(bodies, axis=0))])
+    held = [np.concatenate([scores(pair[way], truth) for pair in found]) for way in (0, 1)]
+    inside = [percent(float(np.mean(np.abs(one) < INSIDE))) for one in held]
+    rows.append([f"{case}: intervals that hold", *inside])
+    return rows
+
+
+def _median(values: Sequence[float | None]) -> str:
+    known = [value for value in values if value is not None]
+    fixed = f" ({len(values) - len(known)} fixed)" if len(known) < len(values) else ""
+    return (percent(float(np.median(known))) if known else "") + fixed
+
+
+def _bodies(found: seaid.Identification, truth: seaid.Robot) -> float:
+    true = found.base.project(truth.parameters)
+    return float(np.linalg.norm(found.load.values - true) / np.linalg.norm(true))
+
+
+def main() -> None:
+    """Print the table."""
+    draws = int(sys.argv[1]) if len(sys.argv) > 1 else 20
+    rows = [row for case in sys.argv[2:] or CASES for row in rows_of(case, draws)]
+    print(table(f"Median errors, {draws} draws", ["", "identify", "refine"], rows))
+
+
+if __name__ == "__main__":
+    main()
