@@ -120,7 +120,7 @@ def _check_numbers(drive: Drive) -> None:
             _check_number(field.name, value, "any number")
             continue
         least = "zero or more" if field.name in _MAY_BE_ZERO else "more than zero"
-        least = "any number" if field.name == "reference_temperature_degC" else least
+        least = "any number" if field.name.startswith("reference_") else least
         _check_number(field.name, value, least)
 
 
@@ -307,6 +307,7 @@ class _Parameters(Display):
     nominal: Mapping[str, float] = _NOTHING
     transmission: Mapping[str, float] = _NOTHING
     reference_temperature_degC: float = 25.0
+    reference_position_rad: float = 0.0
     torque_ripple: Mapping[str, Any] | tuple[Harmonic, ...] = ()
     std: Mapping[str, float] = _NOTHING
     is_elastic: ClassVar[bool] = False
@@ -490,6 +491,9 @@ class StiffDrive(_Parameters):
     reference_temperature_degC : float
         Temperature of the motor at which friction has its stated values, 25 degC, if it has the
         terms "viscous_temperature" or "coulomb_temperature".
+    reference_position_rad : float
+        Position of the joint [rad, or m] at which Coulomb friction has its stated value, if it has
+        the term "coulomb_position".
     torque_ripple : mapping {angle: orders}
         Periodic torque of the motor: orders of "motor", "joint" or "mesh", such as
         {"motor": [6]}, or {order: [cos, sin]} with nominal amplitudes [N m].

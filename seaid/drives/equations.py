@@ -33,6 +33,8 @@ from seaid.drives.symbols import (
     F_v,
     F_vT,
     F_vW,
+    F_x,
+    F_xx,
     K_t,
     K_u,
     N,
@@ -48,6 +50,7 @@ from seaid.drives.symbols import (
     k_5,
     k_P,
     known_values,
+    q_0,
     r_L,
     r_M,
     symbol_of,
@@ -221,13 +224,14 @@ def direction(drive: Drive) -> sp.Expr:
 
 
 def friction_level(drive: Drive) -> sp.Expr:
-    """Return the factor of sign(w) in the motor's friction: Coulomb, load and Stribeck terms."""
-    w = theta_M.diff(t)
+    """Return the factor of sign(w) in the motor's friction: Coulomb, load and other terms."""
+    w, x = theta_M.diff(t), theta_L - q_0
     behind_gear = r_M / N * spring_force(drive) if drive.is_elastic else tau_G / N
     terms = {
         **dict.fromkeys(COULOMB, F_C),
         "load": F_L * sp.Abs(behind_gear),
         "stribeck": F_S * sp.exp(-((w / w_S) ** 2)),
+        "coulomb_position": F_x * x + F_xx * x**2,
         "coulomb_temperature": F_CT * Delta_T,
         "coulomb_warm_up": F_CW * sp.exp(-t_log / t_W),
     }

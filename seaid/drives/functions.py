@@ -101,6 +101,8 @@ def drive_functions(drive: Drive) -> DriveFunctions:
     of a parameter without a value.
     """
     level = _with_values(drive, dry_friction(drive))
+    if "coulomb_position" in drive.friction:  # none of the positions that were seen has less
+        level = sp.Max(level, 0)
     friction = _with_values(drive, smooth_friction(drive))
     force = _with_values(drive, spring_force(drive))
     joint = _with_values(drive, joint_equation(drive).expression + tau_L)

@@ -36,7 +36,10 @@ I_M, F_v, F_C, F_0, F_a, F_q, F_L, F_S, w_0 = sp.symbols(
 )
 w_C, w_S, w_M, g, w_g, w_H, K_t, K_u = sp.symbols("w_C w_S w_M g w_g w_H K_t K_u", positive=True)
 k, k_3, k_5, c_k, F_H, f_0, d_0 = sp.symbols("k k_3 k_5 c_k F_H f_0 d_0", real=True)
-F_vT, F_CT, F_vW, F_CW = sp.symbols("F_vT F_CT F_vW F_CW", real=True)
+F_vT, F_CT, F_vW, F_CW, F_x, F_xx = sp.symbols("F_vT F_CT F_vW F_CW F_x F_xx", real=True)
+q_0 = sp.Symbol("q_0", real=True)
+"""Reference position of a drive, at which its Coulomb friction has the stated value."""
+
 t_W = sp.Symbol("t_W", positive=True)
 T_C = sp.Symbol("T_C", real=True)
 k_P, tau_P, b_L, c_L = sp.symbols("k_P tau_P b_L c_L", real=True)
@@ -53,6 +56,8 @@ PARAMETER_NAMES = {
     F_L: "load_friction",
     F_S: "stribeck_friction",
     w_S: "stribeck_speed",
+    F_x: "coulomb_position_slope",
+    F_xx: "coulomb_position_curvature",
     F_vT: "viscous_temperature_slope",
     F_CT: "coulomb_temperature_slope",
     F_vW: "cold_viscous_friction",
@@ -101,5 +106,6 @@ STATES = {
 def known_values(drive: Drive) -> dict[sp.Symbol, float]:
     """Return {known symbol: value} of a drive."""
     values = {N: drive.ratio, r_M: drive.motor_radius, r_L: drive.load_radius}
+    values[q_0] = drive.reference_position_rad
     known = [*drive.known, *(["motor_inertia"] if drive.motor_inertia_kg_m2 is not None else [])]
     return values | {symbol_of(name): drive.values[name] for name in known}

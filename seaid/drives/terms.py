@@ -10,6 +10,8 @@
   angle w_M, see `seaid.drives.hysteresis`; z replaces sign(w) in the next two terms, too;
 - stribeck F_S exp(-(w / w_S)^2) sign(w), static friction above the sliding one;
 - load F_L |torque through the gear| sign(w): the spring's torque, or the load of a stiff drive;
+- coulomb_position (F_x x + F_xx x^2) sign(w), with the position x of the joint from the drive's
+  reference position: a level that changes over the range of the joint;
 - viscous_temperature F_vT dT w and coulomb_temperature F_CT dT sign(w): what viscous and Coulomb
   friction grow by, per kelvin that the motor is warmer than the drive's reference temperature;
 - viscous_warm_up F_vW exp(-t / t_W) w and coulomb_warm_up F_CW exp(-t / t_W) sign(w): what a cold
@@ -88,6 +90,8 @@ PARAMETERS = {
     "load_friction": Parameter("1"),
     "stribeck_friction": Parameter("N m", is_positive=False),
     "stribeck_speed": Parameter("rad/s", starts=(0.03, 0.1, 0.3), is_divisor=True),
+    "coulomb_position_slope": Parameter("N m/Q", is_positive=False),
+    "coulomb_position_curvature": Parameter("N m/Q^2", is_positive=False),
     "viscous_temperature_slope": Parameter("N m s/(rad K)", is_positive=False),
     "coulomb_temperature_slope": Parameter("N m/K", is_positive=False),
     "cold_viscous_friction": Parameter("N m s/rad", is_positive=False),
@@ -149,6 +153,7 @@ FrictionTerm = Literal[
     "quadratic",
     "load",
     "stribeck",
+    "coulomb_position",
     "viscous_temperature",
     "coulomb_temperature",
     "viscous_warm_up",
@@ -181,6 +186,7 @@ PARAMETERS_OF: dict[str, dict[str, tuple[str, ...]]] = {
         "quadratic": ("quadratic_friction",),
         "load": ("load_friction",),
         "stribeck": ("stribeck_friction", "stribeck_speed"),
+        "coulomb_position": ("coulomb_position_slope", "coulomb_position_curvature"),
         "viscous_temperature": ("viscous_temperature_slope",),
         "coulomb_temperature": ("coulomb_temperature_slope",),
         "viscous_warm_up": ("cold_viscous_friction", "warm_up_time"),
@@ -236,7 +242,10 @@ BY_TEMPERATURE = {
 WARM_UP = ("viscous_warm_up", "coulomb_warm_up")
 """Friction terms of a cold motor, which fade with the time since the start of the log."""
 
-DRY = ("coulomb", "load", "stribeck", "coulomb_temperature", "coulomb_warm_up")
+DRY = (
+    *("coulomb", "load", "stribeck", "coulomb_position"),
+    *("coulomb_temperature", "coulomb_warm_up"),
+)
 """Friction terms that can hold a motor at rest, unless the drive's Coulomb friction is smooth."""
 
 DEAD_ZONES = ("dead_zone", "smooth_dead_zone")

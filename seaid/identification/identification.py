@@ -388,7 +388,7 @@ def _identify(
             findings += notes
             model, found = _two_step(robot, datasets, used, options)
             terms = supported_terms(robot, datasets, found, widths)
-    findings += consequences(findings, missing_terms(robot, terms, widths))
+    findings += consequences(findings, missing_terms(robot, terms, widths, datasets))
     found = _continued(robot, datasets, model, found, (method, estimator), options)
 
     def again(robot: Robot, datasets: Sequence[Dataset]) -> RobotEstimate:

@@ -78,8 +78,6 @@ def _not_refinable(robot: Robot, joint: str, drive: Drive) -> str:
         alone = all(one.controller is not None for one in robot.drives.values())
         if drive.is_elastic or not alone:
             return "whose command was logged: all drives have to be stiff, with a position command"
-        if drive.parallel_spring or drive.joint_friction:
-            return "which has a parallel spring or joint friction"
         if motor_regressor(robot, joint).non_linear:
             return "whose equation is not linear in its parameters"
     elif drive.motor_input != "torque":

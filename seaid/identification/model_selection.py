@@ -44,6 +44,7 @@ from seaid.identification.term_columns import (
     duration_s,
     load_drive,
     possible_terms,
+    reference_position,
     with_term,
 )
 from seaid.identification.two_step import joints_with_torque
@@ -293,6 +294,9 @@ class _Model:
     def with_term(self, one: TermComparison) -> _Model:
         """Return the model with a selected term, near the best values of its comparison."""
         drive = with_term(self.robot.drives[one.joint], one.field, one.term)
+        if one.term == "coulomb_position":
+            middle = reference_position(self.motions, self.robot.index(one.joint))
+            drive = replace(drive, reference_position_rad=middle)
         robot = self.robot.with_drives({one.joint: drive.with_values(one.values)})
         joints = (one.joint,) if drive.is_elastic and one.field in AT_THE_MOTOR else ()
         robot = linearised(robot, self.motions, joints)

@@ -48,6 +48,7 @@ from seaid.robot import Robot, torques_at_drives
 
 _DIRECTED = (
     *("coulomb_friction", "load_friction", "stribeck_friction", "stribeck_speed"),
+    *("coulomb_position_slope", "coulomb_position_curvature"),
     *("coulomb_temperature_slope", "cold_coulomb_friction"),
 )
 """Parameters of friction whose columns have the sign of the speed, or its tanh."""
@@ -83,6 +84,16 @@ def possible_terms(drive: Drive, asked: Mapping[str, Sequence[str]]) -> Iterator
             except RobotError:  # what this drive cannot have
                 continue
             yield field, term
+
+
+def reference_position(motions: Sequence[Motion], place: int) -> float:
+    """Return the middle of the positions [rad or m] of a joint, of two digits.
+
+    There the level of Coulomb friction is positive, even if its slope is large.
+    """
+    lows = [float(np.min(one.joint_position[:, place])) for one in motions]
+    highs = [float(np.max(one.joint_position[:, place])) for one in motions]
+    return float(f"{0.5 * (min(lows) + max(highs)):.2g}")
 
 
 @dataclass(frozen=True, eq=False)

@@ -325,7 +325,8 @@ def _advance(
             if not np.all(np.isfinite(new)):
                 raise _diverged()
             return new
-        fractions = np.clip(before[crossed] / (before[crossed] - after[crossed]), 0.0, 1.0)
+        started = np.maximum(before[crossed], 0.0)  # a released motor may still creep back
+        fractions = started / (started - after[crossed])
         first, fraction = crossed[np.argmin(fractions)], float(fractions.min())
         if fraction * rest < 1e-12:
             stuck[first] = True

@@ -34,7 +34,11 @@ ELASTIC = SeriesElasticDrive(gear_ratio=50.0, motor_inertia_kg_m2=1e-5)
 STIFF = StiffDrive(gear_ratio=50.0, motor_inertia_kg_m2=1e-5)
 EVERYTHING = replace(
     ELASTIC,
-    friction=("viscous", "shifted_coulomb", "asymmetric", "quadratic", "load", "stribeck"),
+    friction=(
+        *("viscous", "shifted_coulomb", "asymmetric", "quadratic", "load", "stribeck"),
+        "coulomb_position",
+    ),
+    reference_position_rad=0.3,
     spring=("linear", "cubic", "fifth", "dead_zone", "damping", "preload"),
 )
 VALUES = {
@@ -47,6 +51,8 @@ VALUES = {
     "load_friction": 0.07,
     "stribeck_friction": 0.01,
     "stribeck_speed": 4.0,
+    "coulomb_position_slope": 0.03,
+    "coulomb_position_curvature": -0.02,
     "cold_viscous_friction": 6e-4,
     "cold_coulomb_friction": 0.015,
     "warm_up_time": 0.8,
@@ -67,6 +73,7 @@ CHOICES = [
     (("viscous", "smooth_coulomb"), ("linear",), ("coulomb_width",)),
     (("viscous", "shifted_coulomb"), ("linear",), ("coulomb_width", "coulomb_shift")),
     (("coulomb", "stribeck", "quadratic", "asymmetric"), ("linear",), ("stribeck_speed",)),
+    (("coulomb", "coulomb_position"), ("linear",), ()),
     (("viscous", "load"), ("linear",), ("stiffness", "spring_offset")),
     (("viscous", "viscous_warm_up", "coulomb_warm_up"), ("linear",), ("warm_up_time",)),
     (("viscous",), ("linear", "cubic"), ("deflection_zero",)),

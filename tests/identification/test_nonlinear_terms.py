@@ -61,6 +61,10 @@ FRICTION: dict[str, Case] = {
         {"friction": ("viscous", "coulomb", "quadratic")},
         {"quadratic_friction": 2e-6},
     ),
+    "position": (
+        {"friction": ("viscous", "coulomb", "coulomb_position"), "reference_position_rad": 0.2},
+        {"coulomb_position_slope": 0.01, "coulomb_position_curvature": 0.004},
+    ),
     "load": ({"friction": ("viscous", "coulomb", "load")}, {"load_friction": 0.1}),
     "stribeck": (
         {"friction": ("viscous", "coulomb", "stribeck")},

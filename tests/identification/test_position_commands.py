@@ -63,14 +63,25 @@ def log_of(position: Array) -> seaid.Log:
     )
 
 
-def mujoco_log(gains: tuple[float, float], delay_s: float, noise: float, seed: int) -> seaid.Log:
-    """Return the log of MuJoCo's own position actuator, whose command is late."""
+def mujoco_log(
+    gains: tuple[float, float],
+    delay_s: float,
+    noise: float,
+    seed: int,
+    slope: float = 0.0,
+    stiffness: float = 0.0,
+) -> seaid.Log:
+    """Return the log of MuJoCo's own position actuator, whose command is late.
+
+    Friction loss grows by `slope` [N m/rad], and a spring acts parallel to the drive.
+    """
     step_s = 2.5e-4
     model = mujoco.MjModel.from_xml_string(
         f"""<mujoco><option timestep="{step_s}" integrator="implicitfast" gravity="0 0 -9.81"/>
         <worldbody><body><joint name="j" axis="0 1 0" armature="{TRUTH["motor_inertia"]}"
         damping="{TRUTH["viscous_friction"]}" frictionloss="{TRUTH["coulomb_friction"]}"
-        solreffriction="0.001 1"/><inertial pos="0.2 0 0" mass="1.5" diaginertia="0.01 0.02 0.02"/>
+        stiffness="{stiffness}" solreffriction="0.001 1"/>
+        <inertial pos="0.2 0 0" mass="1.5" diaginertia="0.01 0.02 0.02"/>
         </body></worldbody>
         <actuator><position joint="j" kp="{gains[0]}" kv="{gains[1]}"/></actuator></mujoco>"""
     )
@@ -83,6 +94,7 @@ def mujoco_log(gains: tuple[float, float], delay_s: float, noise: float, seed: i
         if tick % parts == 0:
             position[tick // parts] = data.qpos[0]
         data.ctrl[0] = command
+        model.dof_frictionloss[0] = TRUTH["coulomb_friction"] + slope * data.qpos[0]
         mujoco.mj_step(model, data)
     return log_of(position + np.random.default_rng(seed).normal(size=len(TIME)) * noise)
 
@@ -219,6 +231,35 @@ def test_the_replay_closes_the_loop_with_the_controller(urdf: Path) -> None:
     found = seaid.identify(robot_of(urdf, HARD), log)
     again = seaid.replay(found.robot, log).joint_position - log.joint_position
     assert np.std(again) < 3e-3 * moved
+
+
+def test_a_residual_that_follows_the_position_is_said(urdf: Path) -> None:
+    """The finding names the term and the reference position; with it, the slope is the true one."""
+    log = mujoco_log(SOFT, 0.004, 2e-4, 0, slope=0.25)
+    robot = robot_of(urdf, SOFT, 0.004)
+    (finding,) = (x for x in seaid.identify(robot, log).warnings if x.code == "missing-term")
+    assert finding.severity == "doubtful"
+    assert finding.message.startswith("the residual of j follows its position, with the sign")
+    middle = f"{0.5 * (log.joint_position.min() + log.joint_position.max()):.2g}"
+    assert f'"coulomb_position"]\nreference_position_rad = {middle}' in finding.remedy
+    selection = seaid.compare_terms(robot, log)
+    assert selection.recommended == {"j": (("friction", "coulomb_position"),)}
+    assert selection.robot.drives["j"].reference_position_rad == float(middle)
+    found = seaid.identify(selection.robot, log)
+    assert not [x for x in found.warnings if x.code == "missing-term"]
+    values = values_of(found)
+    level = TRUTH["coulomb_friction"] + 0.25 * float(middle)
+    assert values["coulomb_friction"][0] == pytest.approx(level, rel=0.02)
+    assert values["coulomb_position_slope"][0] == pytest.approx(0.25, rel=0.03)
+    assert abs(values["coulomb_position_curvature"][0]) < 0.03
+    error = seaid.replay(found.robot, log).joint_position - log.joint_position
+    assert np.std(error) < 3e-3 * np.std(log.joint_position)
+    spring = mujoco_log(SOFT, 0.004, 2e-4, 0, stiffness=2.0)
+    (finding,) = (x for x in seaid.identify(robot, spring).warnings if x.code == "missing-term")
+    assert finding.message.startswith("the residual of j follows its position: 'linear'")
+    assert 'parallel_spring = ["linear"]' in finding.remedy
+    plain = seaid.identify(robot, mujoco_log(SOFT, 0.004, 2e-4, 0))
+    assert not [x for x in plain.warnings if x.code == "missing-term"]
 
 
 def test_refine_closes_the_loop(urdf: Path) -> None:

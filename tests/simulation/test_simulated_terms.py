@@ -57,6 +57,7 @@ def elastic(values: Mapping[str, float], **terms: Any) -> SeriesElasticDrive:
 
 
 _STRIBECK = {"stribeck_friction": 0.02, "stribeck_speed": 5.0}
+_BY_POSITION = {"coulomb_position_slope": 0.004, "coulomb_position_curvature": 0.002}
 _SHIFTED = {"coulomb_width": 2.0, "coulomb_shift": 0.7}
 
 FRICTION: dict[str, Drive] = {
@@ -70,6 +71,7 @@ FRICTION: dict[str, Drive] = {
             ("asymmetric", (*DRY, "asymmetric"), {"asymmetric_friction": 1e-4}),
             ("quadratic", (*DRY, "quadratic"), {"quadratic_friction": 1e-6}),
             ("load", (*DRY, "load"), {"load_friction": 0.3}),
+            ("position", (*DRY, "coulomb_position"), _BY_POSITION),
             ("stribeck", (*DRY, "stribeck"), _STRIBECK),
             (
                 "smooth load and stribeck",
@@ -332,6 +334,22 @@ def test_stribeck_friction_holds_what_coulomb_friction_does_not(
     drive = make({**_STRIBECK, "coulomb_friction": 0.03}, friction=(*DRY, "stribeck"))
     plant = plant_of(pendulum(write_chain, drive, g=0.0))
     assert breaking_torque(plant, np.zeros((4, 1))) == pytest.approx(0.05, abs=4e-4)
+
+
+def test_a_released_motor_that_creeps_back_is_stopped(write_chain: Chain) -> None:
+    """A speed below that of rest may be against the direction in which friction is released.
+
+    A part of a step without length leaves it as it is: nothing is divided by its change.
+    """
+    drive = stiff({"coulomb_friction": 0.03}, friction=DRY)
+    plant = plant_of(pendulum(write_chain, drive, g=0.0))
+    state = np.zeros((4, 1))
+    state[[SPEED, JOINT_SPEED], 0] = -5e-10, -5e-10 / drive.ratio
+    torque = np.array([0.05])  # above the friction
+    stopped = advance(plant, plant.model.createData(), state, torque, np.zeros(1), 0.0)
+    assert stopped[SPEED, 0] == 0.0
+    moved = advance(plant, plant.model.createData(), state, torque, np.zeros(1), 1e-3)
+    assert moved[SPEED, 0] > 0.0
 
 
 def test_loaded_gear_holds_more(write_chain: Chain) -> None:
