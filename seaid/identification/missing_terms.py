@@ -19,6 +19,7 @@ from seaid.drives import DefaultTerms, Drive, key_of, unit_of
 from seaid.errors import Finding, Severity
 from seaid.identification.datasets import Dataset
 from seaid.identification.term_columns import (
+    DriveRows,
     TermComparison,
     actuator_drive,
     best_term,
@@ -92,7 +93,7 @@ def supported_terms(
         rows, theta, is_whole = fitted.rows, fitted.estimate.values, fitted.settled is not None
         if rows is None or not joints or not (is_whole or fitted.equal):  # robust ones lack rows
             continue
-        of_joint = partial(load_drive, at_joint=at_joint)
+        of_joint: Callable[..., DriveRows] = partial(load_drive, at_joint=at_joint)
         if joints[0] in found.actuators:
             of_joint = actuator_drive
         asked = {
