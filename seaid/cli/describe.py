@@ -8,7 +8,15 @@ from typing import Annotated
 from typer import Argument, Option
 
 from seaid.cli.messages import is_stdout
-from seaid.cli.options import Drives, Joints, ResultOptions, RobotOptions
+from seaid.cli.options import (
+    Base,
+    ContactLinks,
+    Drives,
+    Joints,
+    RateHz,
+    ResultOptions,
+    RobotOptions,
+)
 
 
 def describe(
@@ -21,6 +29,9 @@ def describe(
     ] = None,
     drives: Drives = None,
     joints: Joints = None,
+    base: Base = "fixed",
+    contact: ContactLinks = None,
+    rate_hz: RateHz = None,
     *,
     output: Annotated[
         Path | None, Option("--output", "-o", help="File for the TOML; default: on stdout.")
@@ -35,13 +46,16 @@ def describe(
     seaid describe run.csv
     seaid describe run.csv --urdf arm.urdf --drives arm.toml -o run.toml
     seaid describe positions.csv currents.csv -o positions.toml
+    seaid describe walk.npz --urdf go2 --base floating --contact FL_foot,FR_foot --rate-hz 500
     """
     from seaid._files import write_whole
     from seaid.log import describe_log
 
     result.check(output, read=(*logs, urdf, drives))
-    robot = None if urdf is None else RobotOptions(urdf, drives, joints).robot()
-    guess = describe_log(logs, robot)
+    robot = None
+    if urdf is not None:
+        robot = RobotOptions(urdf, drives, joints, base=base, contact=contact).robot()
+    guess = describe_log(logs, robot, rate_hz=rate_hz)
     content = {
         "description": guess.description.to_dict(),
         "unsure": guess.unsure,

@@ -12,8 +12,10 @@ from seaid.cli.mistakes import check_log_files, check_robot_files
 from seaid.cli.options import (
     AsJson,
     Logs,
+    RateHz,
     RobotOptions,
     check_joints,
+    contacts_of,
     names,
     payload_of,
     values,
@@ -35,6 +37,7 @@ def init(
     velocity_gain: Annotated[
         str, Option(help="Their velocity gain [N m s/rad at the joint], or hip=1,knee=2.")
     ] = "0",
+    rate_hz: RateHz = None,
     folder: Annotated[Path, Option(help="The folder of the project.")] = Path(),
     as_json: AsJson = False,
 ) -> None:
@@ -46,6 +49,7 @@ def init(
 
     seaid init leg.urdf run.csv other.csv
     seaid init go2 go2.csv --position-gain 20 --velocity-gain 1.5
+    seaid init go2 walk.npz --base floating --contact FL_foot,FR_foot,RL_foot,RR_foot --rate-hz 500
     seaid init arm.urdf run.csv --drives arm.toml --payload hand:1.5:0,0,0.05
     """
     from seaid.project import write_first_project
@@ -61,6 +65,10 @@ def init(
         gravity=vector("--gravity", given.gravity),
         folder=folder,
         controllers=_controllers(given, position_gain, velocity_gain),
+        base=given.base,  # type: ignore[arg-type]
+        contacts=[one for text in given.contact or () for one in contacts_of(text)],
+        imu_link=given.imu_link,
+        rate_hz=rate_hz,
     )
     text = [f"unsure: {one}" for one in found.doubts]
     place = "" if folder == Path() else f" {folder}"

@@ -72,6 +72,28 @@ def one_of(name: str, text: str, choice: Callable[[], Any]) -> Any:
     return Option(help=text, callback=checked)
 
 
+Base = Annotated[
+    str,
+    one_of(
+        "base",
+        "fixed, or floating: legged robots, which nothing holds.",
+        lambda: seaid.robot.BaseKind,
+    ),
+]
+ContactLinks = Annotated[
+    list[str] | None,
+    Option(
+        "--contact",
+        help=(
+            "Links of a floating base that touch the ground, with a point [m] of their frame, "
+            "as a flat foot with moments, or a ball. May be repeated."
+        ),
+        metavar="LINK,LINK[:X,Y,Z][:flat][:radius=R]",
+    ),
+]
+RateHz = Annotated[
+    float | None, Option(help="Sampling rate of logs without a column of time [Hz].")
+]
 Output = Annotated[Path, Option("--output", "-o", help="File for the result; - for stdout.")]
 AsJson = Annotated[bool, Option("--json", help="The result as JSON on stdout; errors too.")]
 
@@ -114,25 +136,8 @@ class RobotOptions:
         bool,
         Option("--independent-mimics", help="Mimic joints of the URDF are independent joints."),
     ] = False
-    base: Annotated[
-        str,
-        one_of(
-            "base",
-            "fixed, or floating: legged robots, which nothing holds.",
-            lambda: seaid.robot.BaseKind,
-        ),
-    ] = "fixed"
-    contact: Annotated[
-        list[str] | None,
-        Option(
-            "--contact",
-            help=(
-                "Links of a floating base that touch the ground, with a point [m] of their frame, "
-                "as a flat foot with moments, or a ball. May be repeated."
-            ),
-            metavar="LINK,LINK[:X,Y,Z][:flat][:radius=R]",
-        ),
-    ] = None
+    base: Base = "fixed"
+    contact: ContactLinks = None
     imu_link: Annotated[
         str | None, Option(help="Link of the IMU of a floating base; default: the base.")
     ] = None

@@ -22,16 +22,18 @@ if TYPE_CHECKING:
     from seaid.robot import Robot
 
 _XYZ = ("x", "y", "z")
-_CHANNELS = {
+CHANNELS = {
     "position": tuple(f"base.position_{x}_m" for x in _XYZ),
     "orientation": tuple(f"base.orientation_{x}" for x in ("w", *_XYZ)),
+    "velocity": tuple(f"base.velocity_{x}_m_per_s" for x in _XYZ),
     "angular_velocity": tuple(f"base.angular_velocity_{x}_rad_per_s" for x in _XYZ),
     "specific_force": tuple(f"base.specific_force_{x}_m_per_s2" for x in _XYZ),
 }
 """{field: its columns in a file}."""
 
 
-def _contact_columns(link: str) -> tuple[str, tuple[str, ...]]:
+def contact_columns(link: str) -> tuple[str, tuple[str, ...]]:
+    """Return the columns of a contact in a file: of its flag, and of its wrench."""
     forces = (f"{link}.force_{x}_N" for x in _XYZ)
     return f"{link}.contact", (*forces, *(f"{link}.moment_{x}_Nm" for x in _XYZ))
 
@@ -46,6 +48,8 @@ class BaseLog(Display):
         Position of the base in the world [m].
     orientation : array (T, 4) or None
         Unit quaternion (w, x, y, z) that turns vectors of the base's frame to the world's.
+    velocity : array (T, 3) or None
+        Velocity of the base in the world [m/s], as a state estimator has it.
     angular_velocity : array (T, 3) or None
         Of an IMU, in its own frame [rad/s].
     specific_force : array (T, 3) or None
@@ -64,13 +68,14 @@ class BaseLog(Display):
 
     position: Array | None = None
     orientation: Array | None = None
+    velocity: Array | None = None
     angular_velocity: Array | None = None
     specific_force: Array | None = None
     contacts: Mapping[str, Array] = field(default_factory=dict)
     wrenches: Mapping[str, Array] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for name, columns in _CHANNELS.items():
+        for name, columns in CHANNELS.items():
             values = getattr(self, name)
             if values is not None:
                 object.__setattr__(self, name, _samples(name, values, len(columns)))
@@ -86,12 +91,10 @@ class BaseLog(Display):
                 )
         if self.orientation is not None:
             _check_quaternions(self.orientation)
-            turned = np.sum(self.orientation[1:] * self.orientation[:-1], axis=1) < 0
-            sign = np.where(np.cumsum([False, *turned]) % 2, -1.0, 1.0)  # p and -p are one rotation
-            object.__setattr__(self, "orientation", sign[:, None] * self.orientation)
+            object.__setattr__(self, "orientation", continuous(self.orientation))
 
     def _in_short(self) -> str:
-        own = [name.replace("_", " ") for name in _CHANNELS if getattr(self, name) is not None]
+        own = [name.replace("_", " ") for name in CHANNELS if getattr(self, name) is not None]
         feet = [f"contacts of {link}" for link in self.contacts]
         return ", ".join([*own, *feet, *(f"wrenches of {link}" for link in self.wrenches)])
 
@@ -102,14 +105,14 @@ class BaseLog(Display):
     def columns(self) -> dict[str, Array]:
         """Return {column name in a file: samples (T,)}."""
         found: dict[str, Array] = {}
-        for name, names in _CHANNELS.items():
+        for name, names in CHANNELS.items():
             values = getattr(self, name)
             if values is not None:
                 found.update(zip(names, values.T, strict=True))
         for link, values in self.contacts.items():
-            found[_contact_columns(link)[0]] = values[:, 0]
+            found[contact_columns(link)[0]] = values[:, 0]
         for link, values in self.wrenches.items():
-            found.update(zip(_contact_columns(link)[1], values.T, strict=False))
+            found.update(zip(contact_columns(link)[1], values.T, strict=False))
         return found
 
 
@@ -125,11 +128,17 @@ def _changed(data: BaseLog | BaseMotion, change: Callable[[Any], Any]) -> dict[s
     return found
 
 
+def continuous(orientation: Array) -> Array:
+    """Return quaternions (T, 4) without changes of sign: p and -p are one rotation."""
+    turned = np.sum(orientation[1:] * orientation[:-1], axis=1) < 0
+    return np.asarray(np.where(np.cumsum([False, *turned]) % 2, -1.0, 1.0)[:, None] * orientation)
+
+
 def base_columns(links: tuple[str, ...]) -> tuple[str, ...]:
     """Return the names of all columns of a base and of the contacts at these links."""
-    own = [name for names in _CHANNELS.values() for name in names]
+    own = [name for names in CHANNELS.values() for name in names]
     for link in links:
-        contact, wrench = _contact_columns(link)
+        contact, wrench = contact_columns(link)
         own += [contact, *wrench]
     return tuple(own)
 
@@ -137,7 +146,7 @@ def base_columns(links: tuple[str, ...]) -> tuple[str, ...]:
 def base_log(picked: Mapping[str, Array], links: tuple[str, ...]) -> BaseLog | None:
     """Return the samples of the base from columns {name in a file: samples (T,)}, None without."""
     found: dict[str, Any] = {"contacts": {}, "wrenches": {}}
-    for name, names in _CHANNELS.items():
+    for name, names in CHANNELS.items():
         there = [one for one in names if one in picked]
         if there and len(there) < len(names):
             missing = ", ".join(one for one in names if one not in picked)
@@ -145,7 +154,7 @@ def base_log(picked: Mapping[str, Array], links: tuple[str, ...]) -> BaseLog | N
         if there:
             found[name] = np.column_stack([picked[one] for one in names])
     for link in links:
-        contact, wrench = _contact_columns(link)
+        contact, wrench = contact_columns(link)
         if contact in picked:
             found["contacts"][link] = picked[contact][:, None]
         width = sum(one in picked for one in wrench)
@@ -231,7 +240,7 @@ def base_motion(robot: Robot, log: BaseLog | None, time: Array, cutoff_hz: float
     if log is None:
         raise LogError(
             f"the base of '{robot.name}' floats, and the log has no channel of it: columns such as "
-            f"{_CHANNELS['specific_force'][0]} and {_CHANNELS['angular_velocity'][0]}, or a pose; "
+            f"{CHANNELS['specific_force'][0]} and {CHANNELS['angular_velocity'][0]}, or a pose; "
             "for a robot that hangs from a fixed base load it with base='fixed'",
             "base='fixed'",
         )
@@ -246,13 +255,14 @@ def base_motion(robot: Robot, log: BaseLog | None, time: Array, cutoff_hz: float
         # the base's origin is at -p from the IMU: a_0 = a_p - e x p - w x (w x p)
         f = f - np.cross(e, place) - np.cross(w, np.cross(w, place))
         _check_gravity(f)
-    elif smooth.position is not None and R is not None:
-        a = spline_derivatives(time, smooth.position)[2] - gravity
-        f = np.einsum("tij,ti->tj", R, a)
+    elif R is not None and smooth.velocity is not None:
+        f = np.einsum("tij,ti->tj", R, spline_derivatives(time, smooth.velocity)[1] - gravity)
+    elif R is not None and smooth.position is not None:
+        f = np.einsum("tij,ti->tj", R, spline_derivatives(time, smooth.position)[2] - gravity)
     else:
         raise LogError(
             "the log has no acceleration of the base: give the specific force of an IMU "
-            f"({_CHANNELS['specific_force'][0]} ...), or position and orientation"
+            f"({CHANNELS['specific_force'][0]} ...), or orientation with velocity or position"
         )
     for link in log.contacts:
         if link not in {*base.contact_links, *log.wrenches}:
@@ -268,7 +278,7 @@ def base_motion(robot: Robot, log: BaseLog | None, time: Array, cutoff_hz: float
     if silent:
         raise LogError(
             f"the log does not say when {', '.join(silent)} of contacts= touch the ground: add the "
-            f"column {_contact_columns(silent[0])[0]} (1 on the ground, 0 in the air) or a "
+            f"column {contact_columns(silent[0])[0]} (1 on the ground, 0 in the air) or a "
             "measured wrench; in the air all the time it is 0",
             "contacts=",
         )
@@ -289,7 +299,7 @@ def _turning(log: BaseLog, time: Array, rotation: Array) -> tuple[Array | None, 
     R = None
     if log.orientation is not None:
         p = log.orientation / np.linalg.norm(log.orientation, axis=1, keepdims=True)
-        R = _matrices(p)
+        R = matrices(p)
         if log.angular_velocity is None:
             rate = spline_derivatives(time, p)[1]
             # w = 2 Im(conj(p) p'), in the frame of the base
@@ -299,12 +309,13 @@ def _turning(log: BaseLog, time: Array, rotation: Array) -> tuple[Array | None, 
     if log.angular_velocity is None:
         raise LogError(
             "the log has no rotation of the base: give the angular velocity of an IMU "
-            f"({_CHANNELS['angular_velocity'][0]} ...), or its orientation"
+            f"({CHANNELS['angular_velocity'][0]} ...), or its orientation"
         )
     return R, np.asarray(log.angular_velocity @ rotation.T)
 
 
-def _matrices(quaternions: Array) -> Array:
+def matrices(quaternions: Array) -> Array:
+    """Return the rotations (T, 3, 3) of unit quaternions (T, 4): w, x, y, z."""
     w, x, y, z = quaternions.T
     rows = (
         (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),

@@ -12,6 +12,7 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid.errors import LogError, listed, unknown_name
+from seaid.log.base_columns import VectorSource, described_vectors, vector_channels
 from seaid.log.description import Clock, LogDescription, Servo, Source
 from seaid.log.log import TEMPERATURES, UNIT_FACTORS, column_name, column_names
 from seaid.log.readers.table import Block, Table
@@ -33,6 +34,9 @@ def channels_of(
             f"'{path}' has no column with a name of seaid's for a joint of this robot, and the "
             f"description names none, found: {listed(table.names)}"
         )
+    vectors = list(
+        described_vectors(f"'{path}'", description.base, description.contacts, table, robot)
+    )
     wanted: dict[str, None] = {}
     where = description.where and table.in_file_of(description.where, described[0].source.columns())
     for one in described:
@@ -40,11 +44,19 @@ def channels_of(
             if name is not None and name not in table.names:
                 raise LogError(f"{one.where}: {table.missing(name)}")
             wanted |= {} if name is None else {name: None}
+    clocks = [_clock_of(one.where, table, description, one.source) for one in vectors]
+    for vector, clock in zip(vectors, clocks, strict=True):
+        for name in (*vector.source.columns, clock.column):
+            if name is not None and name not in table.names:
+                raise LogError(f"{vector.where}: {table.missing(name)}")
+            wanted |= {} if name is None else {name: None}
     data = table.load(list(wanted))
     kept = data[where] != 0 if where else None
-    return [
-        _selected(one.where, _channel(data, robot, one), kept, table.sparse) for one in described
-    ]
+    found = [(one.where, _channel(data, robot, one)) for one in described]
+    for vector, clock in zip(vectors, clocks, strict=True):
+        time = _time(data, clock, len(data[vector.source.columns[0]]))
+        found += [(vector.where, one) for one in vector_channels(vector, data, time)]
+    return [_selected(place, one, kept, table.sparse) for place, one in found]
 
 
 class _Described(NamedTuple):
@@ -124,15 +136,18 @@ def _check_own_drive(robot: Robot, joint: str, consequence: str) -> None:
         )
 
 
-def _clock_of(where: str, table: Table, description: LogDescription, source: Source) -> Clock:
-    own = next((table.clocks[one] for one in source.columns() if one in table.clocks), None)
-    time_s = table.in_file_of("time_s", source.columns())
+def _clock_of(
+    where: str, table: Table, description: LogDescription, source: Source | VectorSource
+) -> Clock:
+    columns = source.columns() if isinstance(source, Source) else source.columns
+    own = next((table.clocks[one] for one in columns if one in table.clocks), None)
+    time_s = table.in_file_of("time_s", columns)
     own = own or (time_s if time_s in table.names else None)
     clock = source.time or description.time or (Clock(column=own) if own else None)
     if clock is not None and clock.column is not None:
-        clock = replace(clock, column=table.in_file_of(clock.column, source.columns()))
+        clock = replace(clock, column=table.in_file_of(clock.column, columns))
     if clock is None:
-        for name in source.columns():
+        for name in columns:
             if name not in table.names:
                 raise LogError(f"{where}: {table.missing(name)}")
         raise LogError(
@@ -156,15 +171,19 @@ def _channel(data: Block, robot: Robot, one: _Described) -> Channel:
             else:
                 factor *= _unit_factor(robot, one, unit)
             values = data[str(source.column)] * _number(data, source.times)
-        if clock.column is None:
-            time = np.arange(len(values)) / float(clock.rate_hz or 1.0)
-        else:
-            time = data[clock.column] * UNIT_FACTORS["s"][clock.unit]
+        time = _time(data, clock, len(values))
         period = None if source.wraps is None else abs(factor) * source.wraps
         return Channel(name, time, factor * values + offset, period, source.delay_s)
     except (LogError, ValueError) as problem:
         text = str(problem)
         raise LogError(text if text.startswith(where) else f"{where}: {text}") from None
+
+
+def _time(data: Block, clock: Clock, count: int) -> Array:
+    """Return the stamps [s] of `count` samples."""
+    if clock.column is None:
+        return np.arange(count) / float(clock.rate_hz or 1.0)
+    return data[clock.column] * UNIT_FACTORS["s"][clock.unit]
 
 
 def _name_of(robot: Robot, joint: str, quantity: str) -> tuple[str, str]:

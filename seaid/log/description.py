@@ -15,6 +15,12 @@ from seaid._arrays import FrozenMapping
 from seaid._files import MOST_TOML_BYTES, read_toml
 from seaid._progress import MOST_NAMES, Display, counted
 from seaid.errors import LogError, listed, shortened, shown, unknown_name
+from seaid.log.base_columns import (
+    BASE_QUANTITIES,
+    CONTACT_QUANTITIES,
+    VectorSource,
+    vector_source,
+)
 from seaid.log.log import SENSORS, TEMPERATURES, UNIT_FACTORS
 from seaid.log.repair.data import Repairs
 
@@ -133,6 +139,11 @@ class LogDescription(Display):
         Intervals [start, end) of the log's time [s] that are excluded.
     repair : Repairs
         Limits of the repair.
+    base : mapping {quantity: VectorSource}
+        Of a floating base: position, orientation, velocity, angular_velocity, acceleration (without
+        gravity) and specific_force (with it).
+    contacts : mapping {link: mapping {quantity: VectorSource}}
+        Of its contacts: contact, force and moment.
     files : tuple of str
         The files of the log, if it has several, in the folder of the description or of the first.
 
@@ -149,6 +160,8 @@ class LogDescription(Display):
     where: str | None = None
     exclude_s: tuple[tuple[float, float], ...] = ()
     repair: Repairs = field(default_factory=Repairs)
+    base: Mapping[str, VectorSource] = field(default_factory=dict)
+    contacts: Mapping[str, Mapping[str, VectorSource]] = field(default_factory=dict)
     files: tuple[str, ...] = ()
 
     def _in_short(self) -> str:
@@ -158,6 +171,9 @@ class LogDescription(Display):
     def __post_init__(self) -> None:
         copied = {joint: FrozenMapping(sources) for joint, sources in self.joints.items()}
         object.__setattr__(self, "joints", FrozenMapping(copied))
+        links = {link: FrozenMapping(sources) for link, sources in self.contacts.items()}
+        object.__setattr__(self, "base", FrozenMapping(self.base))
+        object.__setattr__(self, "contacts", FrozenMapping(links))
 
     def columns(self) -> set[str]:
         """Return the columns that the description uses, those of clocks too."""
@@ -165,6 +181,12 @@ class LogDescription(Display):
         clocks = [self.time, *(one.time for one in sources)]
         found = [self.where, *(clock.column for clock in clocks if clock)]
         found += [name for one in sources for name in one.columns()]
+        vectors = [
+            *self.base.values(),
+            *(x for one in self.contacts.values() for x in one.values()),
+        ]
+        found += [name for one in vectors for name in one.columns]
+        found += [one.time.column for one in vectors if one.time]
         return {name for name in found if name is not None}
 
     def to_dict(self) -> dict[str, Any]:
@@ -180,6 +202,10 @@ class LogDescription(Display):
             joint: {name: _short(_plain(source)) for name, source in sources.items()}
             for joint, sources in self.joints.items()
         }
+        if self.base:
+            found["base"] = _vectors(self.base)
+        if self.contacts:
+            found["contacts"] = {link: _vectors(one) for link, one in self.contacts.items()}
         if repair := _plain(self.repair):
             found["repair"] = repair
         return found
@@ -190,12 +216,22 @@ class LogDescription(Display):
         keys = [key for key in ("files", "time", "where", "exclude_s") if key in content]
         lines = [f"{key} = {_toml(content[key])}" for key in keys]
         tables = {f"joints.{_key(joint)}": one for joint, one in content["joints"].items()}
+        tables |= {"base": content["base"]} if "base" in content else {}
+        for link, one in content.get("contacts", {}).items():
+            tables[f"contacts.{_key(link)}"] = one
         if "repair" in content:
             tables["repair"] = content["repair"]
         for name, table in tables.items():
             lines += ["", f"[{name}]"]
             lines += [f"{_key(key)} = {_toml(value)}" for key, value in table.items()]
         return "\n".join(lines).lstrip("\n") + "\n"
+
+
+def _vectors(sources: Mapping[str, VectorSource]) -> dict[str, Any]:
+    """Return a table of vectors as plain data, with their clock, which is that of the table."""
+    clock = next((one.time for one in sources.values() if one.time), None)
+    found = {name: one.plain() for name, one in sources.items()}
+    return found if clock is None else {"time": _short(_plain(clock)), **found}
 
 
 def _plain(one: Any) -> dict[str, Any]:
@@ -343,8 +379,30 @@ def _described(where: str, content: Mapping[str, Any]) -> LogDescription:
         where=column,
         exclude_s=_intervals(f"{where} exclude_s", content.get("exclude_s", ())),
         repair=repair,
+        base=_vector_table(f"{where} [base]", content.get("base", {}), BASE_QUANTITIES),
+        contacts={
+            link: _vector_table(f"{where} [contacts.{link}]", one, CONTACT_QUANTITIES)
+            for link, one in _mapping(f"{where} contacts", content.get("contacts", {})).items()
+        },
         files=_files(f"{where} files", content.get("files", ())),
     )
+
+
+def _mapping(where: str, value: Any) -> Mapping[str, Any]:
+    if not isinstance(value, Mapping):
+        raise LogError(f"{where}: must be a table, found {shown(value)}")
+    return value
+
+
+def _vector_table(where: str, table: Any, widths: Mapping[str, int]) -> dict[str, VectorSource]:
+    """Return the vectors of a base or of a contact."""
+    _check_keys(where, table, ["time", *widths])
+    clock = _clock(f"{where} time", table.get("time"))
+    return {
+        name: vector_source(f"{where} {name}", name, value, clock)
+        for name, value in table.items()
+        if name != "time"
+    }
 
 
 def _files(where: str, value: Any) -> tuple[str, ...]:

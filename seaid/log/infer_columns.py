@@ -19,6 +19,7 @@ import numpy as np
 from seaid._arrays import Array
 from seaid._progress import Display, counted
 from seaid.errors import LogError, checked, in_one_line, listed, shortened
+from seaid.log.base_columns import VectorSource
 from seaid.log.column_checks import (
     Inference,
     Sources,
@@ -31,6 +32,7 @@ from seaid.log.column_checks import (
 )
 from seaid.log.column_meaning import Meaning, joint_alone, meaning_of
 from seaid.log.description import Clock, LogDescription, Source
+from seaid.log.infer_base import BaseGuess, infer_base
 from seaid.log.log import UNIT_FACTORS
 from seaid.log.readers.opening import open_tables
 from seaid.log.readers.table import Block, Table
@@ -348,6 +350,9 @@ class Description(Display):
         rows = [("joint", "quantity", "column", "unit", "time")]
         for joint, sources in self.description.joints.items():
             rows += [(joint, name, *self._cells(source)) for name, source in sources.items()]
+        vectors = {"base": self.description.base, **self.description.contacts}
+        for place, own in vectors.items():
+            rows += [(place, name, *_vector_cells(one)) for name, one in own.items()]
         cells = [list(map(in_one_line, row)) for row in rows]
         widths = [max(len(row[place]) for row in cells) for place in range(5)]
         lines = ["  ".join(map(str.ljust, row, widths)).rstrip() for row in cells]
@@ -365,9 +370,20 @@ class Description(Display):
         return column + times, (source.unit or "SI") + side, time
 
 
+def _vector_cells(source: VectorSource) -> tuple[str, str, str]:
+    """Return columns, frame or order, and time of a vector of the base."""
+    plain = source.plain()
+    columns = plain["columns"] if isinstance(plain, dict) else plain
+    more = source.frame or source.order or ("SI" if source.above is None else f"> {source.above:g}")
+    return columns if isinstance(columns, str) else ", ".join(columns), more, "of the file"
+
+
 @checked(LogError)
 def describe_log(
-    path: str | Path | Sequence[str | Path], robot: Robot | None = None
+    path: str | Path | Sequence[str | Path],
+    robot: Robot | None = None,
+    *,
+    rate_hz: float | None = None,
 ) -> Description:
     """Infer a log description from the names and values of the columns of a log.
 
@@ -379,7 +395,10 @@ def describe_log(
     path : str, Path or a list of them
         The log, with custom columns, or the files of one log.
     robot : Robot, optional
-        Its joints name those of the log, and its limits distinguish degrees from radians.
+        Its joints name those of the log, and its limits distinguish degrees from radians. With a
+        floating base, columns of the base and of its contacts are sought too.
+    rate_hz : float, optional
+        Sampling rate of a log that has no column of time.
 
     Returns
     -------
@@ -403,7 +422,11 @@ def describe_log(
     meanings = {name: meaning_of(table.bare(name), joints_known) for name in table.names}
     inference = Inference({}, meanings)
     _with_bare_names(inference, joints_known)
-    inference.data |= _with_signal(_all_samples(table, inference), inference)
+    samples, guess = _all_samples(table, inference), BaseGuess()
+    if robot is not None and robot.floating_base is not None:
+        guess = infer_base(table, replace(inference, data=samples), robot)
+        inference.meanings |= guess.meanings
+    inference.data |= _with_signal(samples, inference)
     clocks = {} if table.clocks else _file_clocks(table, inference)
     _with_estimates(inference)
     inference.time = _time_of(inference, clocks.get(""))
@@ -425,12 +448,15 @@ def describe_log(
                 for name, one in sources.items()
             }
     check_used(inference, found, robot, {one.column or "" for one in clocks.values()})
+    clocks = clocks or ({"": Clock(rate_hz=rate_hz)} if rate_hz else {})
     is_own = bool(table.clocks) or not clocks.keys().isdisjoint(table.files.values())
     common = None if is_own else _common_clock(inference, clocks, tags)
     files = tuple(
         one.name if one.parent == paths[0].parent else str(one.resolve()) for one in paths
     )
-    description = LogDescription(joints, common, files=files if table.files else ())
+    description = LogDescription(
+        joints, common, base=guess.base, contacts=guess.contacts, files=files if table.files else ()
+    )
     used = description.columns()
     unused = tuple(name for name in table.names if not used & {name, table.bare(name)})
     return Description(description, inference.unsure(), unused, inference.assumptions())
@@ -578,7 +604,8 @@ def _all_samples(table: Table, inference: Inference) -> Block:
                 raise  # the file is invalid, not this column
             else:
                 for name in names:
-                    inference.note(name, "no column of numbers: excluded")
+                    if f"{name}[0]" not in table.names:  # a matrix, whose columns are read
+                        inference.note(name, "no column of numbers: excluded")
     return found
 
 

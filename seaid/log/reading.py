@@ -16,6 +16,7 @@ import numpy as np
 
 from seaid._arrays import Array, is_constant
 from seaid.errors import LogError, SeaidWarning, checked
+from seaid.log.base_columns import in_own_frames
 from seaid.log.custom_columns import both_sides, channels_of
 from seaid.log.description import Described, LogDescription, description_for
 from seaid.log.log import (
@@ -158,7 +159,7 @@ def _repaired(
             delays_s = {one.name: one.delay_s for one in channels if one.delay_s}
             time, picked, more = _as_described(time, picked, delays_s, described.exclude_s)
             report += more
-            picked = both_sides(picked, robot)
+            picked = in_own_frames(both_sides(picked, robot), robot)
             _check_alive(picked, robot)
         return replace(sorted_log({"time_s": time, **picked}, robot, file_names), report=report)
     except LogError as problem:
@@ -267,6 +268,11 @@ def _repaired_channels(
     return usable
 
 
+def _is_smooth(name: str) -> bool:
+    """Return whether a channel is differentiated, so that a spline interpolates it."""
+    return is_position(name) or name.startswith(("base.orientation", "base.velocity"))
+
+
 def _changed(channels: Sequence[Channel], usable: dict[str, tuple[Array, Array]]) -> bool:
     """Return whether samples were removed or moved, or the steps are irregular."""
     if len(usable) < len(channels) and any(
@@ -301,7 +307,7 @@ def _on_grid(
     grid = start + np.arange(math.floor((end - start) * rate_hz + 1e-6) + 1) / rate_hz
     grid = np.minimum(grid, end)
     sampled = {
-        name: resampled(time, values, grid, rate_hz, rates[name], smooth=is_position(name))
+        name: resampled(time, values, grid, rate_hz, rates[name], smooth=_is_smooth(name))
         for name, (time, values) in usable.items()
     }
     in_hole = np.zeros(len(grid), dtype=bool)

@@ -17,7 +17,7 @@ from seaid.errors import LogError, SeaidError, checked, listed
 from seaid.identification import check, no_measurements
 from seaid.log import Log, describe_log, logs_of_files, low_pass, read_log
 from seaid.project.project import FILE_NAME
-from seaid.robot import Payload, Robot, load_robot
+from seaid.robot import BaseKind, Contact, FloatingBase, Payload, Robot, load_robot
 
 _OWN_PART = 0.7
 """Part of a single log that is used to identify; the rest validates."""
@@ -63,6 +63,10 @@ def write_first_project(
     gravity: Sequence[float] = (0.0, 0.0, -9.81),
     folder: str | Path = ".",
     controllers: Mapping[str, Controller] | None = None,
+    base: BaseKind = "fixed",
+    contacts: Sequence[str | Contact] = (),
+    imu_link: str | None = None,
+    rate_hz: float | None = None,
 ) -> FirstProject:
     """Write a project file for a robot and its logs, and the files that it needs.
 
@@ -89,6 +93,10 @@ def write_first_project(
     controllers : mapping {joint: Controller}, optional
         The position controllers of joints with position commands and no torque. Without them their
         gains have to be written into the drives file.
+    base, contacts, imu_link
+        As in `load_robot`.
+    rate_hz : float, optional
+        Sampling rate of logs without a column of time; then all files are those of one log.
 
     Returns
     -------
@@ -112,9 +120,19 @@ def write_first_project(
         raise SeaidError("a project needs a log: give the URDF and at least one log")
     doubts: list[str] = []
     known = _known_drives(urdf, drives, doubts)
-    robot = load_robot(urdf, known, joints=joints, payloads=payloads, gravity=gravity)
-    grouped, of_files = logs_of_files([Path(path) for path in logs], robot)
-    read = [_read(files, robot, folder) for files in grouped]
+    robot = load_robot(
+        urdf,
+        known,
+        joints=joints,
+        payloads=payloads,
+        gravity=gravity,
+        base=base,
+        contacts=contacts,
+        imu_link=imu_link,
+    )
+    paths = [Path(path) for path in logs]
+    grouped, of_files = logs_of_files(paths, robot) if rate_hz is None else ([tuple(paths)], ())
+    read = [_read(files, robot, folder, rate_hz) for files in grouped]
     doubts += [*of_files, *(doubt for one in read for doubt in one.doubts)]
     texts = {one.description_file: one.text for one in read if one.description_file and one.text}
     untrue = [one for each in read for one in no_measurements(robot, each.log)]
@@ -172,7 +190,7 @@ def _known_drives(
     return neighbour
 
 
-def _read(files: tuple[Path, ...], robot: Robot, folder: Path) -> _ReadLog:
+def _read(files: tuple[Path, ...], robot: Robot, folder: Path, rate_hz: float | None) -> _ReadLog:
     """Read a log by its own column names, its description, or an inferred one."""
     path = files[0]
     try:
@@ -182,7 +200,7 @@ def _read(files: tuple[Path, ...], robot: Robot, folder: Path) -> _ReadLog:
             raise
         plain = problem
     try:
-        guess = describe_log(files, robot)
+        guess = describe_log(files, robot, rate_hz=rate_hz)
     except LogError:
         raise plain from None
     target = folder / f"{path.stem}_columns.toml"
@@ -257,6 +275,13 @@ def _known_bodies(robot: Robot) -> Iterator[str]:
         yield f"known_bodies = [{', '.join(map(_quoted, names))}]"
 
 
+_LEGS = (
+    "no motor encoders in the logs: the torques count as known at the joints, without friction; if "
+    "they come from motor currents and much torque is unexplained, give drives with a table per "
+    'joint: type = "stiff", gear_ratio = 1.0, friction = ["viscous", "coulomb"]'
+)
+
+
 def inferred_drives(
     robot: Robot, logs: Sequence[Log], without: Sequence[str] = ()
 ) -> tuple[dict[str, dict[str, object]], list[str]]:
@@ -265,12 +290,15 @@ def inferred_drives(
     Nothing is said of the joints `without`.
     """
     tables: dict[str, dict[str, object]] = {}
-    doubts = []
+    doubts, alone = list[str](), list[str]()
     for index, joint in enumerate(robot.joint_names):
         if joint in without:
             continue
         own = [_sensors(log, index) for log in logs]
         places = [place for place, one in enumerate(own) if "motor_position" in one]
+        if not places and robot.floating_base is not None:
+            alone.append(joint)
+            continue
         if not places:
             doubts.append(f"{joint}: no motor encoder in the logs: its torque counts as known")
             continue
@@ -283,6 +311,7 @@ def inferred_drives(
         if table is not None:
             tables[joint] = table
         doubts.append(f"{joint}: {doubt}")
+    doubts += [_LEGS] if alone else []
     return _with_standard_errors(robot, logs, tables, doubts)
 
 
@@ -384,9 +413,25 @@ def _robot_lines(urdf: str, robot: Robot, joints: Sequence[str] | None) -> list[
     gravity = robot.model.gravity.linear.tolist()
     if gravity != [0.0, 0.0, -9.81]:
         lines.append(f"gravity = {gravity}  # [m/s^2] in the base frame")
+    if robot.floating_base is not None:
+        lines += _base_lines(robot.floating_base)
     if joints is not None:
         lines.append(f"joints = [{', '.join(map(_quoted, joints))}]")
     return lines
+
+
+def _base_lines(base: FloatingBase) -> Iterator[str]:
+    yield 'base = "floating"'
+    if base.imu_link is not None:
+        yield f"imu_link = {_quoted(base.imu_link)}"
+    shapes: dict[str, list[str]] = {}
+    for one in base.contacts:
+        more = f", radius_m = {one.radius_m!r}" if one.radius_m else ""
+        more += ", is_flat = true" * one.is_flat
+        more += f", position_m = {[*map(float, one.position_m)]}" if any(one.position_m) else ""
+        shapes.setdefault(more, []).append(_quoted(one.link))
+    tables = [f"{{ links = [{', '.join(links)}]{more} }}" for more, links in shapes.items()]
+    yield f"contacts = [{', '.join(tables)}]"
 
 
 def _payload_lines(payloads: Sequence[Payload]) -> Iterator[str]:

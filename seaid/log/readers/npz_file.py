@@ -62,6 +62,24 @@ def open_npz(path: Path) -> Table:
     )
 
 
+def open_npy(path: Path) -> Table:
+    """Return the columns of one NumPy array, which has the name of its file."""
+    with damaged(path, "a NumPy array (.npy)"), path.open("rb") as file:
+        header = _header(file)
+        _check_kind(path, path.stem, header)
+
+    def load(wanted: list[str]) -> Block:
+        with damaged(path, "a NumPy array (.npy)"), path.open("rb") as file:
+            header = _header(file)
+            check_memory(path, max(header.size, 8.0 * math.prod(header.shape)))
+            values = np.frombuffer(_exactly(file, header.size), dtype=header.kind)
+            values = values.reshape(header.shape, order="F" if header.by_columns else "C")
+        return _picked(path, values, [(name, part_of(name)[1]) for name in wanted])
+
+    names = with_parts(path.stem, header.shape)
+    return Table(names, load)
+
+
 def _parts(path: Path, archive: zipfile.ZipFile, name: str) -> list[str]:
     """Return the columns of an array; a damaged array raises an error when it is loaded."""
     try:

@@ -17,7 +17,7 @@ from seaid.log.readers.hdf5_file import open_hdf5
 from seaid.log.readers.hebi_log import open_hebilog
 from seaid.log.readers.json_file import open_json
 from seaid.log.readers.matlab_file import open_mat, open_mtx
-from seaid.log.readers.npz_file import open_npz
+from seaid.log.readers.npz_file import open_npy, open_npz
 from seaid.log.readers.parquet_file import open_parquet
 from seaid.log.readers.ros_bag import open_bag
 from seaid.log.readers.table import Block, Table, check_names
@@ -25,6 +25,7 @@ from seaid.log.readers.table import Block, Table, check_names
 READERS: dict[str, Callable[[Path], Table]] = {
     **dict.fromkeys((".csv", ".txt", ".dat", ".tsv"), open_csv),
     ".npz": open_npz,
+    ".npy": open_npy,
     ".parquet": open_parquet,
     ".h5": open_hdf5,
     ".hdf5": open_hdf5,

@@ -17,6 +17,7 @@ from seaid.log.repair.data import (
     Fault,
     Repair,
     Repairs,
+    is_contact,
     is_position,
     is_temperature,
 )
@@ -359,6 +360,8 @@ def repaired_channel(
     time, values, missing = _without(
         channel, time, values, ~np.isfinite(values), "values that are no number", found
     )
+    if is_contact(channel.name):
+        return time, values
     if is_constant(values):
         action = f"it is {values[0]:.6g} all the time; not changed"
         found.append(Repair(channel.name, "constant channel", 1, float(time[0]), action))

@@ -142,6 +142,12 @@ def is_temperature(name: str) -> bool:
     return "temperature" in name.rsplit(".", 1)[-1]
 
 
+def is_contact(name: str) -> bool:
+    """Return whether a column name of seaid is that of a contact, which is zero in the air."""
+    quantity = name.rsplit(".", 1)[-1]
+    return quantity == "contact" or quantity.startswith(("force_", "moment_"))
+
+
 @dataclass(frozen=True, eq=False)
 class Channel:
     """Samples `values` (T,) of a sensor at `time` (T,) [s] as logged, unsorted and not repaired.

@@ -1,0 +1,290 @@
+"""Inference of the columns of a floating base: poses, velocities, accelerations, contacts.
+
+Vectors are found by their names and by their samples: a quaternion has unit length, the angular
+velocity is its derivative, an accelerometer feels gravity, a contact is 0 or 1. Arrays of n + 7 and
+n + 6 columns are generalised positions and velocities, of the base and then of the joints.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from seaid._arrays import Array
+from seaid.log.base_columns import Frame, Order, VectorSource
+from seaid.log.base_log import matrices
+from seaid.log.column_checks import Inference
+from seaid.log.column_meaning import Meaning, meaning_of
+from seaid.log.readers.table import Table
+from seaid.robot import Robot
+
+_UNIT = 0.02
+"""Deviation of the length of a quaternion from one."""
+
+_GRAVITY = (8.0, 12.0)
+"""Median length [m/s^2] of a specific force; without gravity it is far less."""
+
+_CLEARER = 0.05
+"""Difference of two correlations from which the larger one decides."""
+
+_KINDS = {
+    "orientation": r"quat|orient|rotation|attitude",
+    "angular_velocity": r"gyr|omega|ang\w*[._/ ]?vel|(?<![a-z])w$|rot\w*[._/ ]?vel",
+    "specific_force": r"acc|specific",
+    "velocity": r"vel|twist|(?<![a-z])v$",
+    "position": r"pos|trans|(?<![a-z])p$",
+}
+"""{quantity: a pattern of the names of its vectors}, the first that fits."""
+
+_ELSEWHERE = re.compile(
+    r"(?<![a-z])(joint|motor|cmd|des\w*|ref|target|ee|tool|command\w*)(?![a-z])"
+)
+_CONTACT = re.compile(r"contact|touch|stance|foot[._/ ]?force|grf")
+_COMPONENT = re.compile(r"(.*?)[._/ ]?([qpvwaf]?)([wxyz])(?:[._/ ].*)?")
+_TAKEN = Meaning("base", "", "", None, is_raw=False)
+
+
+@dataclass
+class BaseGuess:
+    """What was found: vectors of the base and of contacts, and meanings of the other columns."""
+
+    base: dict[str, VectorSource] = field(default_factory=dict)
+    contacts: dict[str, dict[str, VectorSource]] = field(default_factory=dict)
+    meanings: dict[str, Meaning] = field(default_factory=dict)
+
+
+def infer_base(table: Table, inference: Inference, robot: Robot) -> BaseGuess:
+    """Return the columns of the base and of contacts of a log; `inference` has all samples."""
+    found = BaseGuess()
+    vectors = _vectors(table, inference)
+    for stem, names in vectors.items():
+        if len(names) in (robot.n, robot.n + 6, robot.n + 7) and _is_indexed(stem, names):
+            _generalised(found, stem, names, inference, robot)
+    for stem, names in vectors.items():
+        if not set(names) & set(found.meanings):
+            _named(found, stem, names, inference)
+    _contacts(found, table, vectors, inference, robot)
+    _decide_frames(found, inference)
+    used = [*found.base.values(), *(one["contact"] for one in found.contacts.values())]
+    found.meanings |= {name: _TAKEN for one in used for name in one.columns}
+    return found
+
+
+def _vectors(table: Table, inference: Inference) -> dict[str, list[str]]:
+    """Return {stem: its columns}: parts of arrays and files without names, and components."""
+    found: dict[str, dict[str, str]] = {}
+    for name in inference.data:
+        bare, file = table.bare(name), table.files.get(name, "")
+        part = re.fullmatch(r"(.*)\[(\d+)\]", bare)
+        component = _COMPONENT.fullmatch(bare)
+        if part:
+            found.setdefault(f"{part[1]}[", {})[part[2]] = name
+        elif bare.isdecimal() and file:
+            found.setdefault(f"{file.rsplit('.', 1)[0]}[", {})[bare] = name
+        elif component:
+            stem = f"{component[1]}_{component[2]}" if component[2] else component[1]
+            found.setdefault(stem, {}).setdefault(component[3], name)
+    vectors = {}
+    for stem, parts in found.items():
+        if stem.endswith("["):
+            vectors[stem] = [parts[place] for place in sorted(parts, key=int)]
+        elif set("xyz") <= set(parts):
+            vectors[stem] = [parts[x] for x in "wxyz" if x in parts]
+    return vectors
+
+
+def _is_indexed(stem: str, names: Sequence[str]) -> bool:
+    return stem.endswith("[") and len(names) > 4
+
+
+def _samples(names: Sequence[str], inference: Inference) -> Array:
+    return np.column_stack([inference.data[name] for name in names])
+
+
+def _is_quaternion(values: Array) -> bool:
+    length = np.linalg.norm(values, axis=1)
+    return values.shape[1] == 4 and float(np.median(np.abs(length - 1))) < _UNIT
+
+
+def _generalised(
+    found: BaseGuess, stem: str, names: list[str], inference: Inference, robot: Robot
+) -> None:
+    """Take an array of n, n + 6 or n + 7 columns for states of the base and of the joints."""
+    base, joints = names[: -robot.n], names[-robot.n :]
+    meaning = meaning_of(stem.removesuffix("["))
+    quantity = meaning.quantity
+    if len(base) == 7:
+        if not _is_quaternion(_samples(base[3:], inference)):
+            return
+        found.base["position"] = VectorSource(tuple(base[:3]))
+        found.base["orientation"] = VectorSource(tuple(base[3:]))
+        quantity = "position"
+    elif len(base) == 6 and quantity == "velocity":
+        found.base["velocity"] = VectorSource(tuple(base[:3]))
+        found.base["angular_velocity"] = VectorSource(tuple(base[3:]))
+    elif not quantity:
+        return
+    found.meanings |= dict.fromkeys(base, _TAKEN)
+    for name, joint in zip(joints, robot.joint_names, strict=True):
+        found.meanings[name] = Meaning(quantity, "", joint, meaning.unit, meaning.is_raw)
+    about = f"{stem.removesuffix('[')}: its last {robot.n} columns" if base else stem[:-1]
+    order = f"{robot.joint_names[0]}, {robot.joint_names[1]}, ..." if robot.n > 1 else "one"
+    inference.note(about, f"taken for the robot's joints in their order ({order})")
+
+
+def _named(found: BaseGuess, stem: str, names: list[str], inference: Inference) -> None:
+    """Take a vector for what its name and its samples say."""
+    text = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", stem).lower().removesuffix("[")
+    if _ELSEWHERE.search(text) or _CONTACT.search(text) or len(names) not in (3, 4, 7):
+        return
+    values = _samples(names, inference)
+    if len(names) == 7 and _is_quaternion(values[:, 3:]):
+        found.base.setdefault("position", VectorSource(tuple(names[:3])))
+        found.base.setdefault("orientation", VectorSource(tuple(names[3:])))
+        return
+    if _is_quaternion(values):
+        source = VectorSource(tuple(names), order=None if stem.endswith("[") else "wxyz")
+        found.base.setdefault("orientation", source)
+        return
+    kind = next((kind for kind, words in _KINDS.items() if re.search(words, text)), None)
+    if len(names) == 4 or kind in (None, "orientation"):
+        return
+    if kind == "specific_force":
+        typical = float(np.median(np.linalg.norm(values, axis=1)))
+        if not _GRAVITY[0] < typical < _GRAVITY[1]:
+            text = f"its median is {typical:.2g} m/s^2, without gravity: used if nothing else is"
+            inference.note(stem.removesuffix("["), text)
+            kind = "acceleration"
+    found.base.setdefault(str(kind), VectorSource(tuple(names)))
+
+
+def _contacts(
+    found: BaseGuess,
+    table: Table,
+    vectors: Mapping[str, list[str]],
+    inference: Inference,
+    robot: Robot,
+) -> None:
+    """Take columns for contacts: of the name of a link, or an array with one column for each."""
+    assert robot.floating_base is not None
+    links = robot.floating_base.contact_links
+    for link in links:
+        words = _words(link)
+        for name in inference.data:
+            own = _words(table.bare(name))
+            if words[0] in own and _CONTACT.search(table.bare(name).lower()):
+                _add_contact(found, link, name, inference)
+    for stem, names in vectors.items():
+        if _CONTACT.search(stem.lower()) and len(names) == len(links) and not found.contacts:
+            for link, name in zip(links, names, strict=True):
+                _add_contact(found, link, name, inference)
+            text = f"taken for the contacts in the order of the robot: {', '.join(links)}"
+            inference.note(stem.removesuffix("["), text)
+
+
+def _words(name: str) -> list[str]:
+    return re.findall(r"[a-z]+|\d+", name.lower())
+
+
+def _add_contact(found: BaseGuess, link: str, name: str, inference: Inference) -> None:
+    """Take a column for a flag, or for a force with a threshold in the middle of its range."""
+    values = inference.finite(name)
+    above = None
+    if not set(np.unique(values)) <= {0.0, 1.0}:
+        low, high = np.quantile(values, [0.05, 0.95])
+        above = float(f"{low + 0.2 * (high - low):.3g}")
+        inference.note(name, f"a force: above {above:g} it is taken for contact")
+    found.contacts.setdefault(link, {}).setdefault("contact", VectorSource((name,), above=above))
+
+
+def _decide_frames(found: BaseGuess, inference: Inference) -> None:
+    """Decide the order of a quaternion and the frames of velocities by their samples."""
+    source = found.base.get("orientation")
+    if source is not None:
+        order, frame = _order(found, source, inference)
+        if frame == "world":
+            w = found.base["angular_velocity"]
+            found.base["angular_velocity"] = VectorSource(w.columns, frame="world")
+        R = matrices(_in_order(_samples(source.columns, inference), order))
+        order_or_none = None if order == "wxyz" else order
+        found.base["orientation"] = VectorSource(source.columns, order=order_or_none)
+        velocity = found.base.get("velocity")
+        if velocity is not None:
+            own = _velocity_frame(found, velocity, R, inference)
+            found.base["velocity"] = VectorSource(velocity.columns, frame=own)
+    if {"velocity", "position", "specific_force"} & set(found.base):
+        found.base.pop("acceleration", None)
+    elif "acceleration" in found.base:
+        inference.note("acceleration", "taken for that of the base in the axes of the world")
+
+
+def _in_order(values: Array, order: Order) -> Array:
+    values = values / np.linalg.norm(values, axis=1, keepdims=True)
+    return values if order == "wxyz" else np.asarray(values[:, [3, 0, 1, 2]])
+
+
+def _order(
+    found: BaseGuess, source: VectorSource, inference: Inference
+) -> tuple[Order, Frame | None]:
+    """Return the order of a quaternion, and the frame of the angular velocity."""
+    values = _samples(source.columns, inference)
+    orders: tuple[Order, ...] = ("wxyz",) if source.order else ("xyzw", "wxyz")
+    scores: dict[tuple[Order, Frame | None], float] = {}
+    for order in orders:
+        R = matrices(_in_order(values, order))
+        if "angular_velocity" in found.base:
+            w = _samples(found.base["angular_velocity"].columns, inference)
+            # the rows of R' are those of R turned: R(t+1) R(t)^T is a turn about w in the world
+            turn = np.einsum("tij,tkj->tik", R[1:], R[:-1])
+            world = np.column_stack([_axial(turn, *pair) for pair in ((2, 1), (0, 2), (1, 0))])
+            body = np.einsum("tji,tj->ti", R[:-1], world)
+            scores[order, "base"] = _alike(body, w[:-1])
+            scores[order, "world"] = _alike(world, w[:-1])
+        elif "specific_force" in found.base:
+            f = _samples(found.base["specific_force"].columns, inference)
+            scores[order, None] = float(np.mean(np.einsum("tij,tj->ti", R, f)[:, 2])) / 9.81
+        else:
+            scores[order, None] = float(np.mean(R[:, 2, 2]))
+    (order, frame), best = max(scores.items(), key=lambda one: one[1])
+    others = [score for (other, _), score in scores.items() if other != order]
+    if others and best - max(others) < _CLEARER:
+        inference.note("orientation", f"its order {order} is a guess: no other column decides it")
+    return order, frame
+
+
+def _axial(turn: Array, i: int, j: int) -> Array:
+    return np.asarray(turn[:, i, j] - turn[:, j, i])
+
+
+def _alike(one: Array, other: Array) -> float:
+    """Return the cosine of two signals (T, 3) without short noise, None of their scales matters."""
+    one, other = (_smoothed(x) for x in (one, other))
+    size = float(np.linalg.norm(one) * np.linalg.norm(other))
+    return float(np.sum(one * other)) / size if size > 0 else 0.0
+
+
+_SMOOTHED = 15
+"""Samples over which derivatives are averaged before they are compared."""
+
+
+def _smoothed(values: Array) -> Array:
+    total = np.cumsum(values, axis=0)
+    return np.asarray(total[_SMOOTHED:] - total[:-_SMOOTHED])
+
+
+def _velocity_frame(
+    found: BaseGuess, velocity: VectorSource, R: Array, inference: Inference
+) -> Frame | None:
+    """Return the frame of a velocity: that in which it is the derivative of the position."""
+    if "position" not in found.base:
+        inference.note("velocity", "taken for that in the axes of the base, as in an odometry")
+        return "base"
+    v = _samples(velocity.columns, inference)
+    rate = np.diff(_samples(found.base["position"].columns, inference), axis=0)
+    in_world, in_base = _alike(rate, v[:-1]), _alike(rate, np.einsum("tij,tj->ti", R, v)[:-1])
+    if abs(in_world - in_base) < _CLEARER / 5:
+        inference.note("velocity", "its frame is a guess: the base hardly turns")
+    return "base" if in_base > in_world else None

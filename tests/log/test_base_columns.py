@@ -1,0 +1,256 @@
+"""Custom columns of a floating base: described, inferred, and turned to the frames of BaseLog."""
+
+from __future__ import annotations
+
+import re
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import seaid
+from scripts.example_robots import example_urdf
+from seaid._arrays import Array
+from seaid.errors import LogError
+from seaid.log import BaseLog
+from seaid.log.base_log import matrices
+
+FEET = ("FL_foot", "FR_foot", "RL_foot", "RR_foot")
+RATE_HZ = 100.0
+
+
+@cache
+def go2(**more: Any) -> seaid.Robot:
+    return seaid.load_robot(example_urdf("go2.urdf"), base="floating", contacts=FEET, **more)
+
+
+@cache
+def states() -> dict[str, Array]:
+    """Ten seconds of a base that turns and moves, of joints, torques and contacts."""
+    rng, time = np.random.default_rng(4), np.arange(0, 10, 1 / RATE_HZ)
+
+    def waves(count: int, size: float) -> Array:
+        turn, start = 2 * np.pi * rng.uniform(0.2, 1.0, count), rng.uniform(0, 6, count)
+        return np.asarray(size * np.sin(np.outer(time, turn) + start))
+
+    w, f = waves(3, 1.5), waves(3, 2.0)
+    quaternion = np.empty((len(time), 4))
+    quaternion[0] = np.array([0.5, 0.1, -0.1, 0.85]) / np.linalg.norm([0.5, 0.1, -0.1, 0.85])
+    for t in range(len(time) - 1):  # exact for a constant turn between two samples
+        half = 0.25 * (w[t] + w[t + 1]) / RATE_HZ
+        angle = np.linalg.norm(half)
+        turn = np.array([np.cos(angle), *(np.sinc(angle / np.pi) * half)])
+        a, b = quaternion[t], turn
+        quaternion[t + 1] = [
+            a[0] * b[0] - a[1:] @ b[1:],
+            *(a[0] * b[1:] + b[0] * a[1:] + np.cross(a[1:], b[1:])),
+        ]
+    R = matrices(quaternion)
+    acceleration = np.einsum("tij,tj->ti", R, f)
+    velocity = np.cumsum(acceleration, axis=0) / RATE_HZ
+    velocity -= velocity.mean(axis=0)
+    position = np.cumsum(velocity, axis=0) / RATE_HZ
+    lifted = np.sin(np.outer(time, 2 * np.pi * np.array([0.3, 0.4, 0.5, 0.6]))) < 0.9
+    return {
+        "time": time,
+        "position": position,
+        "orientation": quaternion,
+        "velocity": velocity,
+        "w": w,
+        "specific_force": f + R.transpose(0, 2, 1) @ [0, 0, 9.81],
+        "R": R,
+        "joints": waves(12, 0.5),
+        "rates": waves(12, 0.5),
+        "torque": waves(12, 8.0),
+        "flags": lifted.astype(float),
+    }
+
+
+def described(path: Path, robot: seaid.Robot | None = None, **more: Any) -> BaseLog:
+    robot = robot or go2()
+    guess = seaid.describe_log(path, robot, **more)
+    log = seaid.read_log(path, robot, description=guess.description)
+    again = path.with_suffix(".toml")
+    again.write_text(guess.to_toml())
+    written = seaid.read_log(path, robot, description=again)
+    assert log.base is not None
+    assert written.base is not None
+    for name, values in log.base.columns().items():
+        np.testing.assert_array_equal(values, written.base.columns()[name])
+    np.testing.assert_allclose(log.joint_position, states()["joints"], atol=1e-9)
+    np.testing.assert_allclose(log.motor_torque, states()["torque"], atol=1e-9)
+    return log.base
+
+
+def check(base: BaseLog, *names: str, atol: float = 1e-9) -> None:
+    for name in names:
+        wanted = states()["w" if name == "angular_velocity" else name]
+        np.testing.assert_allclose(getattr(base, name), wanted, atol=atol, err_msg=name)
+    for foot, flags in zip(FEET, states()["flags"].T, strict=True):
+        np.testing.assert_array_equal(base.contacts[foot][:, 0], flags)
+
+
+@pytest.mark.parametrize("order", ["xyzw", "wxyz"])
+@pytest.mark.parametrize("frame", ["base", "world"])
+def test_generalised_states_in_arrays_are_found(tmp_path: Path, order: str, frame: str) -> None:
+    one = states()
+    quaternion = one["orientation"][:, [1, 2, 3, 0]] if order == "xyzw" else one["orientation"]
+    flips = np.where(np.arange(len(quaternion)) // 50 % 2, -1, 1)[:, None]  # p and -p are the same
+    in_base = np.einsum("tji,tj->ti", one["R"], one["velocity"])
+    w_world = np.einsum("tij,tj->ti", one["R"], one["w"])
+    velocities = (in_base, one["w"]) if frame == "base" else (one["velocity"], w_world)
+    np.savez(
+        tmp_path / "walk.npz",
+        q=np.hstack([one["position"], flips * quaternion, one["joints"]]),
+        dq=np.hstack([*velocities, one["rates"]]),
+        tau=np.hstack([np.zeros((len(flips), 6)), one["torque"]]),
+        contact=one["flags"],
+    )
+    base = described(tmp_path / "walk.npz", rate_hz=RATE_HZ)
+    sign = np.sign(base.orientation[:, :1] * one["orientation"][:, :1])  # type: ignore[index]
+    assert np.all(sign == sign[0])
+    check(base, "position", "velocity", "angular_velocity")
+
+
+def test_arrays_in_files_without_names_are_found(tmp_path: Path) -> None:
+    one = states()
+    q = np.hstack([one["position"], one["orientation"][:, [1, 2, 3, 0]], one["joints"]])
+    arrays = {"q": q, "tau": one["torque"], "contact": one["flags"]}
+    for name, values in arrays.items():
+        np.save(tmp_path / f"walk_{name}.npy", values)
+        np.savetxt(tmp_path / f"walk_{name}.dat", values, fmt="%.12g", delimiter="\t")
+    for suffix in ("npy", "dat"):
+        paths = [tmp_path / f"walk_{name}.{suffix}" for name in arrays]
+        guess = seaid.describe_log(paths, go2(), rate_hz=RATE_HZ)
+        log = seaid.read_log(paths, go2(), description=guess.description)
+        assert log.base is not None
+        check(log.base, "position", "orientation")
+        np.testing.assert_allclose(log.motor_torque, one["torque"], atol=1e-9)
+
+
+HEADERS = {
+    "ros": (
+        *("/odom/pose.pose.position.", "/odom/pose.pose.orientation.", "/odom/twist.twist.linear."),
+        *("/imu/angular_velocity.", "/imu/linear_acceleration.", "contact_{}"),
+    ),
+    "anymal": ("base_pos_", "base_quat_", "base_lin_vel_", "imu_gyro_", "imu_acc_", "{}_contact"),
+    "short": ("p", "q", "v", "w", "a", "{}_stance"),
+}
+
+
+@pytest.mark.parametrize("style", HEADERS)
+def test_named_columns_of_the_base_are_found(tmp_path: Path, style: str) -> None:
+    one, heads = states(), HEADERS[style]
+    parts = ("position", "orientation", "velocity", "w", "specific_force")
+    columns = {"time_s": one["time"]}
+    for head, name in zip(heads, parts, strict=False):
+        for x, values in zip("wxyz"[-one[name].shape[1] :], one[name].T, strict=True):
+            columns[f"{head}{x}"] = values
+    for foot, flags in zip(FEET, one["flags"].T, strict=True):
+        columns[heads[-1].format(foot)] = flags
+    for k, joint in enumerate(go2().joint_names):
+        columns[f"{joint}_pos"] = one["joints"][:, k]
+        columns[f"{joint}_torque"] = one["torque"][:, k]
+    path = tmp_path / "walk.csv"
+    table = np.column_stack([*columns.values()])
+    np.savetxt(path, table, delimiter=",", header=",".join(columns), comments="", fmt="%.12g")
+    check(described(path), *parts[:3], "angular_velocity", "specific_force")
+
+
+def test_an_acceleration_without_gravity_becomes_a_specific_force(tmp_path: Path) -> None:
+    one = states()
+    in_world = np.einsum("tij,tj->ti", one["R"], one["specific_force"]) - [0, 0, 9.81]
+    joints = {f"q[{k}]": one["joints"][:, k] for k in range(12)}
+    in_base = np.einsum("tji,tj->ti", one["R"], in_world)
+    np.savez(tmp_path / "a.npz", a=in_base, w=one["w"], p=one["orientation"], b=in_world)
+    table: dict[str, Any] = {"time": {"rate_hz": RATE_HZ}}
+    table["base"] = {"angular_velocity": "w[0:3]", "orientation": "p[0:4]"}
+    arrays = {"torque": one["torque"], "joint": one["joints"], "flag": 30 * one["flags"]}
+    np.savez(tmp_path / "a.npz", a=in_base, b=in_world, w=one["w"], p=one["orientation"], **arrays)
+    assert joints
+    table["joints"] = {
+        joint: {"joint_position": f"joint[{k}]", "motor_torque": f"torque[{k}]"}
+        for k, joint in enumerate(go2().joint_names)
+    }
+    table["contacts"] = {
+        foot: {"contact": {"columns": f"flag[{k}]", "above": 20}} for k, foot in enumerate(FEET)
+    }
+    for source in ({"columns": "a[0:3]", "frame": "base"}, "b[0:3]"):
+        whole = {**table, "base": {**table["base"], "acceleration": source}}
+        base = seaid.read_log(tmp_path / "a.npz", go2(), description=whole).base
+        assert base is not None
+        check(base, "orientation", "angular_velocity", "specific_force")
+    del whole["base"]["orientation"]
+    message = "the acceleration of the base in the frame of the world needs the orientation"
+    with pytest.raises(LogError, match=message):
+        seaid.read_log(tmp_path / "a.npz", go2(), description=whole)
+    held = seaid.load_robot(example_urdf("go2.urdf"))
+    with pytest.raises(LogError, match=re.escape("the description has [base] or [contacts]")):
+        seaid.read_log(tmp_path / "a.npz", held, description=whole)
+
+
+def test_a_velocity_alone_gives_the_acceleration() -> None:
+    one = states()
+    sensors = {"joint_position": one["joints"], "motor_torque": one["torque"]}
+    given: dict[str, Any] = {"contacts": dict(zip(FEET, one["flags"].T, strict=True))}
+    given |= {"orientation": one["orientation"], "angular_velocity": one["w"]}
+    forces = []
+    for more in ({"specific_force": one["specific_force"]}, {"velocity": one["velocity"]}):
+        log = seaid.Log(
+            time=one["time"],
+            joint_names=go2().joint_names,
+            motor_position=np.full_like(one["joints"], np.nan),
+            base=BaseLog(**given, **more),
+            **sensors,
+        )
+        motion = seaid.reconstruct_motion(go2(), log, cutoff_hz=4.0)
+        assert motion.base is not None
+        forces.append(motion.base.specific_force[100:-100])
+    # the sum of the velocity is half a sample late
+    np.testing.assert_allclose(*forces, atol=0.25)
+
+
+WRONG: dict[str, tuple[dict[str, Any], str]] = {
+    "width": ({"base": {"position": "q[0:2]"}}, "[base] position: needs 3 columns, found 2"),
+    "key": ({"base": {"posiion": "q[0:3]"}}, "no key is named 'posiion'"),
+    "name": ({"base": {"position": [1.5, 2, 3]}}, "columns must be names of columns, found 1.5"),
+    "frame": (
+        {"base": {"velocity": {"columns": "q[0:3]", "frame": "body"}}},
+        "frame must be one of base, world, found 'body'",
+    ),
+    "no frame": (
+        {"base": {"position": {"columns": "q[0:3]", "frame": "base"}}},
+        "frame is not for position, found 'base'",
+    ),
+    "order": (
+        {"base": {"orientation": {"columns": "q[0:4]", "order": "zyxw"}}},
+        "order must be one of wxyz, xyzw",
+    ),
+    "scale": (
+        {"base": {"position": {"columns": "q[0:3]", "scale": "g"}}},
+        "scale must be a number, found 'g'",
+    ),
+    "above": (
+        {"base": {"position": {"columns": "q[0:3]", "above": 1}}},
+        "above is that of a contact",
+    ),
+    "link": ({"contacts": {"FL_fot": {"contact": "c[0]"}}}, "did you mean 'FL_foot'"),
+    "table": ({"contacts": 3}, "contacts: must be a table, found 3"),
+    "column": ({"base": {"position": "tau[0:3]"}}, "no column is named 'tau[0]'"),
+    "source": (
+        {"base": {"position": {"column": "q[0]"}}},
+        "no key is named 'column'; did you mean 'columns'",
+    ),
+}
+
+
+@pytest.mark.parametrize("what", WRONG)
+def test_messages_of_a_description(what: str, tmp_path: Path) -> None:
+    table, message = WRONG[what]
+    np.savez(tmp_path / "a.npz", q=np.zeros((100, 12)), c=np.zeros((100, 4)))
+    joints = {joint: {"joint_position": f"q[{k}]"} for k, joint in enumerate(go2().joint_names)}
+    given = {"time": {"rate_hz": 100}, "joints": joints, **table}
+    with pytest.raises(LogError, match=re.escape(message)):
+        seaid.read_log(tmp_path / "a.npz", go2(), description=given)
