@@ -32,8 +32,8 @@ _CLEARER = 0.05
 
 _KINDS = {
     "orientation": r"quat|orient|rotation|attitude",
-    "angular_velocity": r"gyr|omega|ang\w*[._/ ]?vel|(?<![a-z])w$|rot\w*[._/ ]?vel",
-    "specific_force": r"acc|specific",
+    "angular_velocity": r"gyr|omega|ang|(?<![a-z])w$|rot\w*[._/ ]?vel",
+    "specific_force": r"acc|specific|(?<![a-z])[af]$",
     "velocity": r"vel|twist|(?<![a-z])v$",
     "position": r"pos|trans|(?<![a-z])p$",
 }
@@ -43,7 +43,9 @@ _ELSEWHERE = re.compile(
     r"(?<![a-z])(joint|motor|cmd|des\w*|ref|target|ee|tool|command\w*)(?![a-z])"
 )
 _CONTACT = re.compile(r"contact|touch|stance|foot[._/ ]?force|grf")
-_COMPONENT = re.compile(r"(.*?)[._/ ]?([qpvwaf]?)([wxyz])(?:[._/ ].*)?")
+_ANGULAR_ACCELERATION = re.compile(r"ang.*acc|acc.*ang|domega")
+_COMPONENT = re.compile(r"(.+)[._/ ]([wxyz])(?:[._/ ](?:rad|deg|m|mps|s|per|g|N|s\^?2|s2|/|_)+)?")
+_SHORT_NAME = re.compile(r"(?:(.*)[._/ ])?([qpvwaf])([wxyz])")
 _TAKEN = Meaning("base", "", "", None, is_raw=False)
 
 
@@ -79,14 +81,16 @@ def _vectors(table: Table, inference: Inference) -> dict[str, list[str]]:
     for name in inference.data:
         bare, file = table.bare(name), table.files.get(name, "")
         part = re.fullmatch(r"(.*)\[(\d+)\]", bare)
-        component = _COMPONENT.fullmatch(bare)
+        component, short = _COMPONENT.fullmatch(bare), _SHORT_NAME.fullmatch(bare)
         if part:
             found.setdefault(f"{part[1]}[", {})[part[2]] = name
         elif bare.isdecimal() and file:
             found.setdefault(f"{file.rsplit('.', 1)[0]}[", {})[bare] = name
         elif component:
-            stem = f"{component[1]}_{component[2]}" if component[2] else component[1]
-            found.setdefault(stem, {}).setdefault(component[3], name)
+            found.setdefault(component[1], {}).setdefault(component[2], name)
+        elif short:
+            stem = f"{short[1] or ''}_{short[2]}"
+            found.setdefault(stem, {}).setdefault(short[3], name)
     vectors = {}
     for stem, parts in found.items():
         if stem.endswith("["):
@@ -138,7 +142,8 @@ def _generalised(
 def _named(found: BaseGuess, stem: str, names: list[str], inference: Inference) -> None:
     """Take a vector for what its name and its samples say."""
     text = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", stem).lower().removesuffix("[")
-    if _ELSEWHERE.search(text) or _CONTACT.search(text) or len(names) not in (3, 4, 7):
+    others = (_ELSEWHERE, _CONTACT, _ANGULAR_ACCELERATION)
+    if len(names) not in (3, 4, 7) or any(one.search(text) for one in others):
         return
     values = _samples(names, inference)
     if len(names) == 7 and _is_quaternion(values[:, 3:]):
