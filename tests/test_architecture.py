@@ -142,7 +142,7 @@ ONE_IMPORTER = {
         *("export.joint_actuators", "regressor.structural.equations"),
     ),
     "one stage of reading each, which most logs do not pass": (
-        *("log.column_checks", "log.custom_columns"),
+        *("log.custom_columns", "log.infer_base"),
     ),
 }
 """{reason: modules that only one other module imports}."""
@@ -164,7 +164,7 @@ def test_modules_with_one_importer_have_a_reason() -> None:
 
 def test_no_chain_of_imports_is_long() -> None:
     assert longest_chain(import_graph("seaid", ROOT / "seaid")) <= 15
-    assert len([name for name in SOURCES if not name.startswith(ONE_PER_FORMAT)]) <= 177
+    assert len([name for name in SOURCES if not name.startswith(ONE_PER_FORMAT)]) <= 179
 
 
 def test_every_name_of_a_face_is_there_and_none_is_hidden_by_a_module() -> None:
