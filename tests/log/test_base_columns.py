@@ -162,14 +162,16 @@ def test_named_columns_of_the_base_are_found(tmp_path: Path, style: str) -> None
 def test_an_acceleration_without_gravity_becomes_a_specific_force(tmp_path: Path) -> None:
     one = states()
     in_world = np.einsum("tij,tj->ti", one["R"], one["specific_force"]) - [0, 0, 9.81]
-    joints = {f"q[{k}]": one["joints"][:, k] for k in range(12)}
     in_base = np.einsum("tji,tj->ti", one["R"], in_world)
-    np.savez(tmp_path / "a.npz", a=in_base, w=one["w"], p=one["orientation"], b=in_world)
     table: dict[str, Any] = {"time": {"rate_hz": RATE_HZ}}
     table["base"] = {"angular_velocity": "w[0:3]", "orientation": "p[0:4]"}
-    arrays = {"torque": one["torque"], "joint": one["joints"], "flag": 30 * one["flags"]}
-    np.savez(tmp_path / "a.npz", a=in_base, b=in_world, w=one["w"], p=one["orientation"], **arrays)
-    assert joints
+    np.savez(
+        tmp_path / "a.npz",
+        **{"a": in_base, "b": in_world, "w": one["w"], "p": one["orientation"]},  # type: ignore[arg-type]
+        torque=one["torque"],
+        joint=one["joints"],
+        flag=30 * one["flags"],
+    )
     table["joints"] = {
         joint: {"joint_position": f"joint[{k}]", "motor_torque": f"torque[{k}]"}
         for k, joint in enumerate(go2().joint_names)
@@ -193,23 +195,23 @@ def test_an_acceleration_without_gravity_becomes_a_specific_force(tmp_path: Path
 
 def test_a_velocity_alone_gives_the_acceleration() -> None:
     one = states()
-    sensors = {"joint_position": one["joints"], "motor_torque": one["torque"]}
+    sensors: dict[str, Any] = {"joint_position": one["joints"], "motor_torque": one["torque"]}
     given: dict[str, Any] = {"contacts": dict(zip(FEET, one["flags"].T, strict=True))}
     given |= {"orientation": one["orientation"], "angular_velocity": one["w"]}
     forces = []
-    for more in ({"specific_force": one["specific_force"]}, {"velocity": one["velocity"]}):
+    for name in ("specific_force", "velocity"):
         log = seaid.Log(
             time=one["time"],
             joint_names=go2().joint_names,
             motor_position=np.full_like(one["joints"], np.nan),
-            base=BaseLog(**given, **more),
+            base=BaseLog(**given, **{name: one[name]}),
             **sensors,
         )
         motion = seaid.reconstruct_motion(go2(), log, cutoff_hz=4.0)
         assert motion.base is not None
         forces.append(motion.base.specific_force[100:-100])
     # the sum of the velocity is half a sample late
-    np.testing.assert_allclose(*forces, atol=0.25)
+    np.testing.assert_allclose(forces[0], forces[1], atol=0.25)
 
 
 WRONG: dict[str, tuple[dict[str, Any], str]] = {
