@@ -167,7 +167,7 @@ def test_an_acceleration_without_gravity_becomes_a_specific_force(tmp_path: Path
     table["base"] = {"angular_velocity": "w[0:3]", "orientation": "p[0:4]"}
     np.savez(
         tmp_path / "a.npz",
-        **{"a": in_base, "b": in_world, "w": one["w"], "p": one["orientation"]},  # type: ignore[arg-type]
+        **{"a": in_base, "b": in_world, "w": one["w"], "p": one["orientation"]},
         torque=one["torque"],
         joint=one["joints"],
         flag=30 * one["flags"],
@@ -200,11 +200,12 @@ def test_a_velocity_alone_gives_the_acceleration() -> None:
     given |= {"orientation": one["orientation"], "angular_velocity": one["w"]}
     forces = []
     for name in ("specific_force", "velocity"):
+        own: Any = {name: one[name]}
         log = seaid.Log(
             time=one["time"],
             joint_names=go2().joint_names,
             motor_position=np.full_like(one["joints"], np.nan),
-            base=BaseLog(**given, **{name: one[name]}),
+            base=BaseLog(**given, **own),
             **sensors,
         )
         motion = seaid.reconstruct_motion(go2(), log, cutoff_hz=4.0)
