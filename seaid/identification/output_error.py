@@ -122,6 +122,16 @@ class Layout:
     nonlinear: FrozenMapping[dict[str, int]] = field(default_factory=lambda: FrozenMapping({}))
 
     @property
+    def followed(self) -> tuple[str, ...]:
+        """Joints without a spring whose torque is that of the simulated motion.
+
+        Where no encoder is behind a spring, the angles there are part of the estimate: a torque on
+        them by the angles of an earlier estimate would be fitted to the noise of that one.
+        """
+        others = self.found.model.torque_joints
+        return tuple(one for one in others if self.unseen and one not in self.simulated)
+
+    @property
     def has_zeros(self) -> bool:
         """Whether encoder offsets are estimated."""
         return bool(self.zeros.stop > self.zeros.start)
@@ -168,8 +178,8 @@ class Layout:
 class Run:
     """Windows of a log at the present estimate: its motion with the simulated joints.
 
-    `reading` (T, simulated) is the measured position of these joints, `still` (T, simulated) masks
-    samples at which the friction of their motors is unknown; `block` samples make a row; `log` is
+    `reading` (T, simulated) is the measured position of these joints, `still` (T, simulated and
+    followed) masks samples at which the friction of their motors is unknown; `block` samples make a row; `log` is
     the number of the log.
     """
 
@@ -259,7 +269,8 @@ def runs_of(layout: Layout, log: Log, number: int = 0, window_s: float = WINDOW_
     rate_hz = (len(log.time) - 1) / (log.time[-1] - log.time[0])
     band = min(WIDER * layout.found.cutoff_hz, rate_hz / 8)
     motion = finer_side(known, reconstruct_motion(known, log, band))
-    if any(np.less(*_motor_noise(known, joint, log, motion)) for joint in layout.unseen):
+    behind = (*layout.unseen, *layout.followed)
+    if any(np.less(*_motor_noise(known, joint, log, motion)) for joint in behind):
         motion = finer_side(known, reconstruct_motion(known, log, layout.found.cutoff_hz))
     if layout.unseen:
         motion = smoothed(motion, [known.index(joint) for joint in layout.unseen])
@@ -270,7 +281,8 @@ def runs_of(layout: Layout, log: Log, number: int = 0, window_s: float = WINDOW_
     windows = max(1, round(length / motion.rate_hz / window_s))
     window = length // windows // block * block
     simulated = [known.index(joint) for joint in layout.simulated]
-    still = np.column_stack([_turning(known, motion, joint) for joint in layout.simulated])
+    compared = (*layout.simulated, *layout.followed)
+    still = np.column_stack([_turning(known, motion, joint) for joint in compared])
     per_window = window * len(simulated) * (1 + len(layout.names) + 2 * len(simulated))
     most = max(1, _MOST_ENTRIES // max(per_window, 1))
     runs = []
@@ -319,6 +331,7 @@ def _measured_near(layout: Layout, motion: Motion, x: Array) -> Residuals:
     known, model, start = layout.known_at(x), layout.found.model, layout.start
     drives = [joint for joint in layout.drives if joint not in layout.simulated]
     others = [joint for joint in model.torque_joints if joint not in layout.simulated]
+    others = [] if layout.unseen else others
     equations: list[tuple[Regress, slice, list[str]]] = [
         (partial(actuator_regression, known, joint=joint), layout.drives[joint], [joint])
         for joint in drives
@@ -347,7 +360,7 @@ def _measured_near(layout: Layout, motion: Motion, x: Array) -> Residuals:
             if layout.has_zeros:
                 jacobian[0, places, channel, layout.zeros] = -rows.propagated[mine]
             channel += 1
-    simulated = 2 * len(layout.simulated)
+    simulated = 2 * len(layout.simulated) + len(layout.followed)
     return Residuals(
         residual=residual,
         jacobian=jacobian,
@@ -361,10 +374,11 @@ def _measured_near(layout: Layout, motion: Motion, x: Array) -> Residuals:
 def linearised(layout: Layout, run: Run, x: Array) -> tuple[Residuals, Pull]:
     """Return the residuals of the simulated joints around x, and what pulls at these joints.
 
-    Channels: positions of the simulated joints, then torques of their drives.
+    Channels: positions of the simulated joints, torques of their drives, those of followed joints.
     """
     known, motion = layout.known_at(x), run.motion
-    pull = _pull(layout, known, run, x)
+    load = _load_error(layout, known, run, x)
+    pull = _pull(layout, known, run, x, load)
     response = pull.response(pull.force)
     joints = [known.index(joint) for joint in layout.simulated]
     encoder = -response.position
@@ -373,9 +387,10 @@ def linearised(layout: Layout, run: Run, x: Array) -> tuple[Residuals, Pull]:
         zeros = [1 + layout.zeros.start + joint for joint in joints]
         encoder[:, :, 0] -= x[layout.zeros][joints]
         encoder[:, range(len(joints)), zeros] -= 1.0
-    columns = np.concatenate([encoder, _drive_error(layout, known, run, x, response)], axis=1)
-    without = np.broadcast_to(np.isin(layout.simulated, layout.unseen), run.still.shape)
-    still = np.hstack([without, run.still])
+    drives = _drive_error(layout, known, run, x, response)
+    columns = np.concatenate([encoder, drives, _followed(layout, load, response)], axis=1)
+    seen = np.isin(layout.simulated, layout.unseen)
+    still = np.hstack([np.broadcast_to(seen, (len(columns), len(joints))), run.still])
     return _blocks(run, columns, still, 2 * len(joints)), pull
 
 
@@ -401,13 +416,11 @@ _NUDGE = 1e-6
 """Change of a joint's position [rad or m] and speed for the slopes of its drive's torques."""
 
 
-def _pull(layout: Layout, known: Robot, run: Run, x: Array) -> Pull:
-    error, by_x, jacobians = _load_error(layout, known, run, x)
+def _pull(layout: Layout, known: Robot, run: Run, x: Array, load: LoadError) -> Pull:
     joints = [known.index(joint) for joint in layout.simulated]
     stiffness, damping = _drive_slopes(layout, known, run.motion, x)
-    inside = jacobians.part(joints, joints).plus(stiffness, damping)
-    force = np.concatenate([error[:, :, None], by_x], axis=2)
-    return Pull(inside, force, 1 / run.motion.rate_hz, run.windows)
+    inside = load.jacobians.part(joints, joints).plus(stiffness, damping)
+    return Pull(inside, load.rows(layout.simulated), 1 / run.motion.rate_hz, run.windows)
 
 
 def _drive_slopes(layout: Layout, known: Robot, motion: Motion, x: Array) -> tuple[Array, Array]:
@@ -429,27 +442,51 @@ def _drive_slopes(layout: Layout, known: Robot, motion: Motion, x: Array) -> tup
     return by_position, by_velocity
 
 
-def _load_error(
-    layout: Layout, known: Robot, run: Run, x: Array
-) -> tuple[Array, Array, TorqueJacobians]:
-    """Return the residual of (8) of simulated joints (T, joints), and its derivatives.
+def _followed(layout: Layout, load: LoadError, response: Response) -> Array:
+    """Return the residuals of (8) of the followed joints and their derivatives, as `response`."""
+    known = layout.found.known
+    own, moving = (
+        [known.index(one) for one in joints] for joints in (layout.followed, layout.simulated)
+    )
+    found = -load.jacobians.part(own, moving).change(response)
+    rows = load.rows(layout.followed)
+    found[:, :, : rows.shape[2]] += rows
+    return found
 
-    The derivatives are those by x (T, joints, p), and of all torques by the motion.
-    """
+
+@dataclass(frozen=True, eq=False)
+class LoadError:
+    """Residuals of (8) and their derivatives by x (T, joints, 1 + p), and of torques by motion."""
+
+    joints: tuple[str, ...]
+    columns: Array
+    jacobians: TorqueJacobians
+
+    def rows(self, joints: Sequence[str]) -> Array:
+        """Return the columns (T, joints, 1 + p) of some joints."""
+        return np.asarray(self.columns[:, [self.joints.index(one) for one in joints]])
+
+
+def _load_error(layout: Layout, known: Robot, run: Run, x: Array) -> LoadError:
+    """Return the residuals of (8) of all joints with a torque, and their derivatives."""
     found, motion = layout.found, run.motion
     springs = {joint: x[layout.spring(joint)] for joint in found.springs}
     torque, payload, H, propagated = load_columns(known, motion, found.model, springs)
-    mine = [found.model.torque_joints.index(joint) for joint in layout.simulated]
     jacobians = torque_jacobians(robot_at(layout, x), *motion.joint_states)
-    by_x = np.zeros((len(torque), len(mine), len(x)))
-    by_x[:, :, layout.load] = -H[:, mine]
+    by_x = np.zeros((*torque.shape, len(x)))
+    by_x[:, :, layout.load] = -H
     columns = [column for joint in layout.simulated for column in layout.spring(joint)]
-    by_x[:, :, columns] = propagated[:, mine]
+    by_x[:, :, columns] = propagated
     if layout.has_zeros:
-        joints = [known.index(joint) for joint in layout.simulated]
-        by_x[:, :, layout.zeros] = jacobians.position[:, joints]
+        rows, joints = (
+            [known.index(joint) for joint in names]
+            for names in (found.model.torque_joints, layout.simulated)
+        )
+        by_x[:, :, layout.zeros] = jacobians.position[:, rows]
         by_x[:, :, [layout.zeros.start + joint for joint in joints]] = 0.0
-    return (torque - payload - H @ x[layout.load])[:, mine], by_x, jacobians
+    error = torque - payload - H @ x[layout.load]
+    whole = np.concatenate([error[:, :, None], by_x], axis=2)
+    return LoadError(found.model.torque_joints, whole, jacobians)
 
 
 def _motor_columns(
@@ -1028,12 +1065,14 @@ def _estimates(layout: Layout, here: Point) -> tuple[dict[str, Estimate], Estima
         return replace(new, units=old.units, residual_std=std, warnings=old.warnings)
 
     first, joints = len(layout.simulated), list(layout.simulated)
-    joints += [joint for joint in layout.drives if joint not in joints]
+    others = [joint for joint in layout.drives if joint not in joints]
+    end = 2 * first + len(layout.followed)
     stds = dict(zip(joints, step.stds[first:], strict=False))
+    stds |= dict(zip(others, step.stds[end:], strict=False))
     drives = {
         joint: with_warnings(part(layout.actuator(joint), columns, float(stds[joint])), joint, None)
         for joint, columns in layout.drives.items()
     }
-    rest = step.stds[first + len(joints) :]
+    rest = np.append(step.stds[2 * first : end], step.stds[end + len(others) :])
     load_std = float(np.sqrt(np.mean((rest if rest.size else step.stds[:first]) ** 2)))
     return drives, part(found.load_side, layout.load, load_std)
