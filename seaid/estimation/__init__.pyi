@@ -42,8 +42,11 @@ from .nonlinear_least_squares import LEAST_STD as LEAST_STD
 from .nonlinear_least_squares import Residuals as Residuals
 from .nonlinear_least_squares import Step as Step
 from .nonlinear_least_squares import gauss_newton_step as gauss_newton_step
+from .nonlinear_least_squares import information as information
 from .nonlinear_least_squares import joined as joined
+from .nonlinear_least_squares import nuisance_draw as nuisance_draw
 from .nonlinear_least_squares import separable_least_squares as separable_least_squares
+from .nonlinear_least_squares import without_information as without_information
 from .qr_factor import RANK_TOLERANCE as RANK_TOLERANCE
 from .qr_factor import QRFactor as QRFactor
 from .qr_factor import directions as directions

@@ -9,7 +9,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -181,6 +181,45 @@ def fisher_covariance(
     """Return the Cramer-Rao bound (p, p) of the covariance, for white noise of `stds` (C,)."""
     J = np.vstack([_projected(logs, stds)[0], np.diag(precision)])
     return _solve(J, np.zeros(len(J)), names)[1]
+
+
+_MOST_NOISE = 0.9
+"""Part of the information in any combination of the parameters that may be noise."""
+
+
+def nuisance_draw(log: Residuals, stds: Array, rng: np.random.Generator) -> Array:
+    """Return random errors (W, s) of the nuisance parameters of a log, as its noise makes them."""
+    white = rng.normal(size=log.residual.shape) * stds[log.channels]
+    return _nuisance(replace(log, residual=white), stds, np.zeros(log.jacobian.shape[3]))
+
+
+def information(logs: list[Residuals], stds: Array) -> Array:
+    """Return the information (p, p) of the parameters beside the nuisance parameters."""
+    J = _projected(logs, stds)[0]
+    return np.asarray(J.T @ J)
+
+
+def without_information(step: Step, noise: Array) -> Step:
+    """Return the step whose derivatives have a random part, which adds `noise` to J^T J.
+
+    The derivatives of a residual f - N(x) a by x contain the estimated nuisance parameters a, with
+    their errors, which do not depend on the residual. The mean of the squares of the residual, in
+    which x is free and N projected out, has no such part: its curvature is J^T J - noise, and its
+    slope has the covariance J^T J. So the covariance is C = (J^T J - noise)^-1 J^T J (...)^-1.
+    """
+    scale = np.sqrt(np.diag(step.white_covariance))
+    both = np.outer(scale, scale)
+    sizes, axes = safely(np.linalg.eigh, step.white_covariance / both, what="the output error")
+    root = axes * np.sqrt(np.maximum(sizes, ROUNDING))
+    parts, turned = safely(np.linalg.eigh, root.T @ (noise * both) @ root, what="the output error")
+    kept = 1 - np.clip(parts, 0.0, _MOST_NOISE)
+    half = root @ turned
+    larger = scale[:, None] * (half / kept @ np.linalg.inv(half)) / scale
+    return replace(
+        step,
+        covariance=larger @ step.covariance @ larger.T,
+        white_covariance=larger @ step.white_covariance @ larger.T,
+    )
 
 
 def _settled(logs: list[Residuals], distance: Array, precision: Array, frozen: bool) -> Array:

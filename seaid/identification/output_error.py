@@ -29,7 +29,16 @@ from seaid.drives import (
     unit_of,
 )
 from seaid.errors import ExcitationError, Finding, IdentificationError, checked
-from seaid.estimation import Estimate, Residuals, Step, gauss_newton_step, joined
+from seaid.estimation import (
+    Estimate,
+    Residuals,
+    Step,
+    gauss_newton_step,
+    information,
+    joined,
+    nuisance_draw,
+    without_information,
+)
 from seaid.identification.closed_loop import refine_commanded
 from seaid.identification.drive_estimates import (
     merged_estimates,
@@ -928,6 +937,14 @@ def _check_start(found: Identification, unseen: Sequence[str] = ()) -> None:
 def _point(
     layout: Layout, runs: list[Run], fixed: list[Callable[[Array], Residuals]], x: Array
 ) -> Point:
+    residuals, pulls = _around(layout, runs, x)
+    residuals += [one(x) for one in fixed]
+    step = gauss_newton_step(residuals, layout.names, x, layout.precision)
+    return Point(x, runs, pulls, step, fixed)
+
+
+def _around(layout: Layout, runs: list[Run], x: Array) -> tuple[list[Residuals], list[Pull]]:
+    """Return the residuals of the simulated joints of each log, and the pull in each run."""
     diverges = "the simulation diverges at this estimate: check the identification it starts from"
     try:
         with np.errstate(over="ignore", invalid="ignore"):
@@ -941,9 +958,7 @@ def _point(
         joined([one for (one, _), own in zip(around, numbers, strict=True) if own == number])
         for number in sorted(set(numbers))
     ]
-    residuals += [one(x) for one in fixed]
-    step = gauss_newton_step(residuals, layout.names, x, layout.precision)
-    return Point(x, runs, [pull for _, pull in around], step, fixed)
+    return residuals, [pull for _, pull in around]
 
 
 def _size(step: Step) -> float:
@@ -977,14 +992,44 @@ def _simulated(layout: Layout, point: Point) -> Point:
 
 def _next(layout: Layout, here: Point, change: Array, part: float, own: tuple[Array, ...]) -> Point:
     """Return the point after a change of the parameters and a part of the initial states'."""
+    runs = _runs_after(layout, here, change, part, own)
+    return _point(layout, runs, here.measured, here.x + change)
+
+
+def _runs_after(
+    layout: Layout, here: Point, change: Array, part: float, own: Sequence[Array]
+) -> list[Run]:
     states = iter([row for one in own for row in one])  # per window, in the order of the runs
-    runs = [
+    return [
         _moved(
             layout, run, pull, change, part, np.array([next(states) for _ in range(run.windows)])
         )
         for run, pull in zip(here.runs, here.pulls, strict=True)
     ]
-    return _point(layout, runs, here.measured, here.x + change)
+
+
+_STATE_DRAWS = 8
+"""Random errors of the initial states from which their part of the information is computed."""
+
+
+def _with_noisy_states(layout: Layout, here: Point) -> Step:
+    """Return the step with the covariance of parameters beside initial states known by torques.
+
+    Where no encoder shows the joint, noise of the torque becomes motion of the estimated initial
+    states, and the derivatives by a stiffness have a part that is noise.
+    """
+    rng, step = np.random.default_rng(0), here.step
+    logs, _ = _around(layout, here.runs, here.x)
+    noise = np.zeros((len(here.x), len(here.x)))
+    for _ in range(_STATE_DRAWS):
+        own = [nuisance_draw(log, step.stds, rng) for log in logs]
+        runs = _runs_after(layout, here, np.zeros_like(here.x), 1.0, own)
+        there, _ = _around(layout, runs, here.x)
+        parts = [
+            replace(a, jacobian=b.jacobian - a.jacobian) for a, b in zip(logs, there, strict=True)
+        ]
+        noise += information(parts, step.stds) / _STATE_DRAWS
+    return without_information(step, noise)
 
 
 def _moved(layout: Layout, run: Run, pull: Pull, change: Array, part: float, own: Array) -> Run:
@@ -1048,6 +1093,8 @@ def _with_old(new: Estimate, old: Estimate, unseen: bool) -> Estimate:
 def _estimates(layout: Layout, here: Point) -> tuple[dict[str, Estimate], Estimate]:
     """Return the estimates of elastic drives by joint, and of the load side, at a point."""
     found, step = layout.found, here.step
+    if layout.unseen:
+        step = _with_noisy_states(layout, here)
     covariance, x = step.covariance.copy(), here.x.copy()
     fixed = [] if layout.has_zeros else [layout.spring(joint)[1] for joint in layout.unseen]
     covariance[fixed], covariance[:, fixed], x[fixed] = 0.0, 0.0, 0.0
