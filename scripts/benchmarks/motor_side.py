@@ -6,6 +6,7 @@ motor's encoder in whole steps, and its torque with white noise. A three-mass jo
 spring in its link, which no model of seaid has: its error is the bias of the two-mass model.
 
 python scripts/benchmarks/motor_side.py [draws]
+python scripts/benchmarks/motor_side.py --coverage [draws] [first seed]
 """
 
 from __future__ import annotations
@@ -242,6 +243,41 @@ def errors(joint: Joint, found: seaid.Identification) -> dict[str, float]:
     }
 
 
+def scores(joint: Joint, found: seaid.Identification) -> Array:
+    """Return the errors of k, F_v, F_C, J and the first moment in standard errors."""
+    drive, load = found.drives["arm"], found.load
+    parts: list[tuple[seaid.Estimate, str, float]] = [
+        (drive, "stiffness", joint.k),
+        (drive, "viscous_friction", joint.viscous),
+        (drive, "coulomb_friction", joint.coulomb),
+        (load, "Iyy_body", joint.load),
+        (load, "mz_body", -joint.mass * joint.length),
+    ]
+    return np.array([(one.value(x) - true) / one.standard_error(x) for one, x, true in parts])
+
+
+def coverage(draws: int = 20, first: int = 1000) -> None:
+    """Print how many 95 % intervals hold the truth, and the root mean squares of the scores."""
+    seeds = list(range(first, first + draws))
+    cases = {name: [joint] * draws for name, joint in JOINTS.items()}
+    cases["random joints"] = [random_joint(seed) for seed in seeds]
+    rows = []
+    for name, joints in cases.items():
+        found, failed = [], 0
+        for joint, log in zip(joints, simulated_together(joints, seeds), strict=True):
+            with tempfile.TemporaryDirectory() as folder:
+                try:
+                    found.append(scores(joint, seaid.identify(robot_of(joint, folder), log)))
+                except seaid.errors.SeaidError:
+                    failed += 1
+        held = np.mean(np.abs(found) < 1.96, axis=0)
+        rms = np.sqrt(np.mean(np.square(found), axis=0))
+        cells = (f"{percent(a)} ({b:.2f})" for a, b in zip(held, rms, strict=True))
+        rows.append((name, *cells, str(failed)))
+    title = f"95 % intervals with the truth of {draws} draws from seed {first} (rms score)"
+    print(table(title, ("joint", "k", "F_v", "F_C", "J", "first moment", "failed"), rows))
+
+
 def main(draws: int = 3) -> None:
     """Print the errors of each joint."""
     rows = []
@@ -294,4 +330,7 @@ def main(draws: int = 3) -> None:
 
 
 if __name__ == "__main__":
-    main(*map(int, sys.argv[1:2]))
+    if sys.argv[1:2] == ["--coverage"]:
+        coverage(*map(int, sys.argv[2:4]))
+    else:
+        main(*map(int, sys.argv[1:2]))

@@ -413,6 +413,11 @@ def _identify(
     )
 
 
+_MOST_STEPS = 60
+"""Steps of a refinement without joint encoders, three times as many as with them: at a spring that
+the torque noise hides, a step goes only part of the way."""
+
+
 def _from_motors(
     robot: Robot,
     logs: list[Log],
@@ -445,7 +450,7 @@ def _from_motors(
     simulated = min(tried, key=lambda one: one.merit).logs
     second = fit(simulated, cutoff_hz=cutoff_hz)
     try:
-        found, _ = refined_with_logs(second, logs, encoder_offset_std)
+        found, _ = refined_with_logs(second, logs, encoder_offset_std, _MOST_STEPS)
     except IdentificationError as reason:
         raise IdentificationError(
             f"the motor alone does not determine the stiffness of {', '.join(joints)} "

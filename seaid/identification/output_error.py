@@ -188,8 +188,8 @@ class Run:
     """Windows of a log at the present estimate: its motion with the simulated joints.
 
     `reading` (T, simulated) is the measured position of these joints, `still` (T, simulated and
-    followed) masks samples at which the friction of their motors is unknown; `block` samples make a row; `log` is
-    the number of the log.
+    followed) masks samples at which the friction of their motors is unknown; `block` samples make a
+    row; `log` is the number of the log.
     """
 
     motion: Motion

@@ -10,7 +10,14 @@ from scipy.signal import lfilter
 
 from seaid._arrays import Array
 from seaid.errors import ExcitationError
-from seaid.estimation.nonlinear_least_squares import Residuals, fisher_covariance, gauss_newton_step
+from seaid.estimation.nonlinear_least_squares import (
+    Residuals,
+    fisher_covariance,
+    gauss_newton_step,
+    information,
+    nuisance_draw,
+    without_information,
+)
 from tests.standard_errors import check_scores
 
 pytestmark = pytest.mark.rounding
@@ -142,3 +149,55 @@ def test_dead_column_and_lost_combination_are_named() -> None:
     lost[..., 2] = -3 * lost[..., 0]
     with pytest.raises(ExcitationError, match="combination of a, c is unidentifiable"):
         gauss_newton_step([replace(log, jacobian=lost)], NAMES, NOTHING, NOTHING)
+
+
+# Derivatives that contain estimated nuisance parameters.
+
+RATE, SWINGS = 12.0, np.array([0.5, 0.3])
+
+
+def swinging(seed: int, rate: float, swings: Array) -> Residuals:
+    """Return free oscillations in white noise minus those at a rate and amplitudes (W, 2)."""
+    rng, t = np.random.default_rng(seed), np.linspace(0.0, 1.0, 50)
+    noise = rng.normal(size=(len(swings), len(t)))
+    waves, there = (np.stack([np.cos(x * t), np.sin(x * t)], axis=1) for x in (rate, RATE))
+    slopes = t[:, None] * np.stack([-waves[:, 1], waves[:, 0]], axis=1)
+    return Residuals(
+        residual=(noise + there @ SWINGS - swings @ waves.T)[..., None],
+        jacobian=-(swings @ slopes.T)[..., None, None],
+        nuisance=np.broadcast_to(-waves[:, None], (len(swings), len(t), 1, 2)),
+        kept=np.ones((len(swings), len(t), 1), dtype=bool),
+        time=np.broadcast_to(t, (len(swings), len(t))),
+        channels=range(1),
+    )
+
+
+@pytest.mark.slow  # 2400 steps: enough draws for a factor of 1.25
+def test_noise_of_nuisance_parameters_in_the_derivatives_is_no_information() -> None:
+    scores, before = [], []
+    for seed in range(200):
+        rate, swings = RATE, np.tile(SWINGS, (60, 1))
+        for _ in range(12):
+            log = swinging(seed, rate, swings)
+            step = gauss_newton_step([log], ("rate",), np.zeros(1), np.zeros(1))
+            rate, swings = rate + float(step.change[0]), swings + step.nuisance[0]
+        log, noise = swinging(seed, rate, swings), np.zeros((1, 1))
+        rng = np.random.default_rng(seed)
+        for _ in range(4):
+            moved = swinging(seed, rate, swings + nuisance_draw(log, step.stds, rng))
+            random = replace(log, jacobian=moved.jacobian - log.jacobian)
+            noise += information([random], step.stds) / 4
+        right = without_information(step, noise)
+        scores.append((rate - RATE) / np.sqrt(np.diag(right.covariance)))
+        before.append((rate - RATE) / np.sqrt(np.diag(step.covariance)))
+    check_scores(scores, band=1.25)
+    assert np.sqrt(np.mean(np.square(before))) > 1.25
+
+
+def test_some_information_always_counts() -> None:
+    step = gauss_newton_step([problem()], NAMES, NOTHING, NOTHING)
+    all_noise: Array = np.asarray(np.linalg.inv(step.white_covariance), dtype=float)
+    right = without_information(step, 2 * all_noise)
+    assert right.white_covariance == pytest.approx(100 * step.white_covariance, rel=1e-6)
+    same = without_information(step, np.zeros((P, P)))
+    assert same.covariance == pytest.approx(step.covariance, rel=1e-9)

@@ -226,13 +226,17 @@ def test_warnings_about_the_motion_stay() -> None:
 # The derivatives are those of the simulation.
 
 
-@pytest.mark.parametrize("zero_std", [0.0, 0.002])
-def test_sensitivities_are_those_of_differences(zero_std: float) -> None:
+@pytest.mark.parametrize(
+    ("zero_std", "unseen"), [(0.0, ()), (0.002, ()), (0.0, ("shoulder",)), (0.002, ("shoulder",))]
+)
+def test_sensitivities_are_those_of_differences(zero_std: float, unseen: tuple[str, ...]) -> None:
+    """Where no encoder is behind the spring, the torque of the stiff rail follows the joint."""
     truth = robot("rail", "shoulder")
-    layout = layout_of(refined(truth), zero_std)
+    layout = layout_of(refined(truth), zero_std, unseen)
     (first,) = runs_of(layout, log(truth))
     run = settled(layout, first, layout.start)
     here = linearised(layout, run, layout.start)[0]
+    assert here.channels == range(3 if unseen else 2)
     scale = np.maximum(np.abs(layout.start[: layout.load.stop]), 1e-3)
     scale = np.append(scale, np.full(len(layout.start) - len(scale), 0.1))
     for column, size in enumerate(1e-4 * scale):
