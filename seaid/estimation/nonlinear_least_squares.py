@@ -210,11 +210,12 @@ def without_information(step: Step, noise: Array) -> Step:
     scale = np.sqrt(np.diag(step.white_covariance))
     both = np.outer(scale, scale)
     sizes, axes = safely(np.linalg.eigh, step.white_covariance / both, what="the output error")
-    root = axes * np.sqrt(np.maximum(sizes, ROUNDING))
+    sizes = np.sqrt(np.maximum(sizes, ROUNDING))
+    root = axes * sizes
     parts, turned = safely(np.linalg.eigh, root.T @ (noise * both) @ root, what="the output error")
     kept = 1 - np.clip(parts, 0.0, _MOST_NOISE)
-    half = root @ turned
-    larger = scale[:, None] * (half / kept @ np.linalg.inv(half)) / scale
+    inverse = turned.T @ (axes / sizes).T
+    larger = scale[:, None] * (root @ turned / kept @ inverse) / scale
     return replace(
         step,
         covariance=larger @ step.covariance @ larger.T,
