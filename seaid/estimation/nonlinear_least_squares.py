@@ -194,7 +194,7 @@ def nuisance_draw(log: Residuals, stds: Array, rng: np.random.Generator) -> Arra
 
 
 def information(logs: list[Residuals], stds: Array) -> Array:
-    """Return the information (p, p) of the parameters beside the nuisance parameters."""
+    """Return the information (p, p) on the parameters with the nuisance parameters free."""
     J = _projected(logs, stds)[0]
     return np.asarray(J.T @ J)
 

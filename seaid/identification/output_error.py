@@ -1013,7 +1013,7 @@ _STATE_DRAWS = 8
 
 
 def _with_noisy_states(layout: Layout, here: Point) -> Step:
-    """Return the step with the covariance of parameters beside initial states known by torques.
+    """Return the step with the covariance next to initial states that only torques determine.
 
     Where no encoder shows the joint, noise of the torque becomes motion of the estimated initial
     states, and the derivatives by a stiffness have a part that is noise.
