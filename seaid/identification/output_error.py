@@ -806,7 +806,8 @@ def _iterated(
     shortest_s = SHORTEST_STRETCH / layout.found.cutoff_hz
     parts = [part for log in logs for part in stretches(usable(log), shortest_s)]
     runs = [run for k, part in enumerate(parts) for run in runs_of(layout, part, k, window_s)]
-    has_others = len(layout.simulated) < len({*layout.drives, *layout.found.model.torque_joints})
+    compared = {*layout.simulated, *layout.followed}
+    has_others = bool({*layout.drives, *layout.found.model.torque_joints} - compared)
     fixed = [measured(layout, part) for part in parts if has_others]
     start = here = _simulated(layout, _point(layout, runs, fixed, x))
     for _ in track(range(iterations), "refining", progress):
