@@ -127,7 +127,7 @@ ONE_IMPORTER = {
         *("log.infer_columns", "log.long_log", "project.saved"),
         *("regressor.exact.base", "report.comparison", "symbolic.expression_text"),
         *("export.mjcf", "export.urdf"),
-        "identification.repeated_identification",
+        *("identification.repeated_identification", "identification.whole_robot"),
     ),
     "one part of the page or window each": (
         *("report.html_actuators", "report.html_experiment", "report.html_verdict"),
@@ -136,6 +136,7 @@ ONE_IMPORTER = {
     "one step of a long way, which would make its importer longer than 400 lines": (
         *("excitation.run_in", "excitation.search"),
         *("identification.body_hypotheses", "identification.setup_hypotheses"),
+        "identification.base_checks",
         "identification.closed_loop",
         "identification.consistency_program",
         "identification.known_constants",
@@ -164,7 +165,7 @@ def test_modules_with_one_importer_have_a_reason() -> None:
 
 def test_no_chain_of_imports_is_long() -> None:
     assert longest_chain(import_graph("seaid", ROOT / "seaid")) <= 15
-    assert len([name for name in SOURCES if not name.startswith(ONE_PER_FORMAT)]) <= 179
+    assert len([name for name in SOURCES if not name.startswith(ONE_PER_FORMAT)]) <= 181
 
 
 def test_every_name_of_a_face_is_there_and_none_is_hidden_by_a_module() -> None:

@@ -45,7 +45,7 @@ _FARTHEST_M = 1e9
 def content_of(found: Identification, validation: Validation | None = None) -> dict[str, Any]:
     """Return the content of `parameters.json` as plain data, with None for missing parts."""
     from seaid import __version__
-    from seaid.identification import verdict_with
+    from seaid.identification import verdict_with, whole_body
 
     robot = found.robot
     bodies = zip(robot.body_names, robot.parameters.reshape(-1, 10), strict=True)
@@ -63,6 +63,7 @@ def content_of(found: Identification, validation: Validation | None = None) -> d
         "verdict": verdict_with(found, () if validation is None else [validation]),
         "warnings": found.warnings,
         "bodies": {link: dict(zip(PARAMETERS, ten, strict=True)) for link, ten in bodies},
+        "whole_body": [asdict(one) for one in whole_body(found)],
         "drive_tables": {joint: drive_table(drive) for joint, drive in robot.drives.items()},
         "feasible": None if found.feasible is None else _feasible(found.feasible),
         "checks": {side: _checks(one) for side, one in found.checks.items()},

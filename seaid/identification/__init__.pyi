@@ -36,3 +36,5 @@ from .validation import Fit as Fit
 from .validation import Validation as Validation
 from .validation import compared as compared
 from .validation import verdict_with as verdict_with
+from .whole_robot import BodyValue as BodyValue
+from .whole_robot import whole_body as whole_body

@@ -36,6 +36,7 @@ from seaid.identification.adequacy import (
     verdict_of,
     without_echoes,
 )
+from seaid.identification.base_checks import base_findings
 from seaid.identification.checking import (
     JointCheck,
     check_channels,
@@ -370,7 +371,9 @@ def _identify(
             check_excitation(robot, in_memory)
         check_channels(logs_in_memory)
         check_temperatures(robot, datasets)
-        experiment = experiment_of(robot, [list(map(first_motion, group)) for group in groups])
+        moved = [list(map(first_motion, group)) for group in groups]
+        experiment = experiment_of(robot, moved)
+        findings += base_findings(robot, logs_in_memory, moved)
         findings += setup_findings(experiment, findings)
         used = joints_with_torque(robot, datasets) if torque_joints is None else selected
         declared, robot = robot, with_rigid_gears(robot, deflection_joints(robot, datasets))

@@ -204,7 +204,9 @@ class BaseMotion(Display):
     up : array (T, 3) or None
         The unit vector against gravity, None if the orientation is unknown.
     used : bool array (T,)
-        Whether a sample is used: it is not near a change of contact.
+        Whether a sample is used: it is not near a change of contact or a jump of a pose.
+    velocity : array (T, 3) or None
+        Of the base, in its own frame [m/s], if the log has its pose.
     """
 
     angular_velocity: Array
@@ -214,6 +216,7 @@ class BaseMotion(Display):
     wrenches: Mapping[str, Array]
     used: BoolArray
     up: Array | None = None
+    velocity: Array | None = None
 
     def _in_short(self) -> str:
         return f"{len(self.used):,} samples, contacts {', '.join(self.contacts) or 'none'}"
@@ -245,6 +248,7 @@ def base_motion(robot: Robot, log: BaseLog | None, time: Array, cutoff_hz: float
             "base='fixed'",
         )
     rate_hz = (len(time) - 1) / float(time[-1] - time[0])
+    log, jumped = _without_jumps(log)
     smooth = log.each(lambda x: low_pass(x, rate_hz, cutoff_hz))
     rotation, place = base.imu_placement
     gravity = robot.model.gravity.linear
@@ -289,9 +293,83 @@ def base_motion(robot: Robot, log: BaseLog | None, time: Array, cutoff_hz: float
         specific_force=f,
         contacts=FrozenMapping(flags, "link"),
         wrenches=FrozenMapping(log.wrenches, "link"),
-        used=_between_changes(flags, len(time), rate_hz / cutoff_hz),
+        used=_between_changes({**flags, "": jumped}, len(time), rate_hz / cutoff_hz),
+        velocity=_velocity(smooth, time, R),
         up=None if R is None else np.asarray(-gravity / np.linalg.norm(gravity) @ R),
     )
+
+
+def _velocity(log: BaseLog, time: Array, R: Array | None) -> Array | None:
+    """Return the velocity of the base in its own frame, None if it is unknown."""
+    v = log.velocity
+    if v is None and log.position is not None:
+        v = spline_derivatives(time, log.position)[1]
+    return None if v is None or R is None else np.asarray(np.einsum("tij,ti->tj", R, v))
+
+
+_JUMPS = {"position": 0.005, "velocity": 0.3, "orientation": 0.01}
+"""Least jump of a pose between two samples [m, m/s, quaternion], above those of feet that land."""
+
+_RARE = 20.0
+"""A jump is this many times as large as the median change of the steps."""
+
+
+def _differentiated(log: BaseLog) -> list[str]:
+    """Return the fields whose derivatives enter the equations."""
+    names = ["orientation"] if log.angular_velocity is None else []
+    if log.specific_force is None:
+        names.append("position" if log.velocity is None else "velocity")
+    return [name for name in names if getattr(log, name) is not None]
+
+
+def _jumps(name: str, values: Array) -> tuple[BoolArray, Array]:
+    """Return the samples (T,) that a jump ends, and how far each of the steps (T, k) is off."""
+    steps = np.diff(values, axis=0)
+    off = np.zeros_like(values)
+    off[2:-1] = steps[1:-1] - 0.5 * (steps[:-2] + steps[2:])
+    size = np.linalg.norm(off, axis=1)
+    is_jump = size > max(_JUMPS[name], _RARE * float(np.median(size)))
+    is_jump[1:-1] &= (size[1:-1] >= size[:-2]) & (size[1:-1] >= size[2:])
+    return is_jump, off
+
+
+def base_jumps(log: BaseLog, time: Array) -> dict[str, tuple[int, float, float]]:
+    """Return {field: number of jumps, the largest, time of the first} of a pose that jumps."""
+    found = {}
+    for name in _differentiated(log):
+        is_jump, off = _jumps(name, getattr(log, name))
+        if np.any(is_jump):
+            largest = float(np.max(np.linalg.norm(off[is_jump], axis=1)))
+            found[name] = int(is_jump.sum()), largest, float(time[np.argmax(is_jump)])
+    return found
+
+
+def _without_jumps(log: BaseLog) -> tuple[BaseLog, BoolArray]:
+    """Return the samples without jumps, and a flag (T,) that changes where they were."""
+    own = _changed(log, lambda values: values)
+    flag = np.zeros(len(next(iter(log.columns().values()))), dtype=bool)
+    for name in _differentiated(log):
+        is_jump, off = _jumps(name, own[name])
+        if np.any(is_jump):
+            flag ^= np.cumsum(is_jump) % 2 == 1
+            if name != "orientation":
+                own[name] = own[name] - np.cumsum(off * is_jump[:, None], axis=0)
+    return (BaseLog(**own) if np.any(flag) else log), flag
+
+
+def turned_to_world(orientation: Array, vectors: Array, *, back: bool = False) -> Array:
+    """Return vectors (T, 3) of the base's frame in the world's, or `back`."""
+    R = matrices(orientation / np.linalg.norm(orientation, axis=1, keepdims=True))
+    return np.asarray(np.einsum("tji,tj->ti" if back else "tij,tj->ti", R, vectors))
+
+
+def quaternion_rates(orientation: Array, time: Array) -> Array:
+    """Return the angular velocity (T, 3) of unit quaternions in the frame of the base."""
+    rate = spline_derivatives(time, orientation)[1]
+    # w = 2 Im(conj(p) p'), in the frame of the base
+    scalar, vector = orientation[:, :1], orientation[:, 1:]
+    w = scalar * rate[:, 1:] - rate[:, :1] * vector - np.cross(vector, rate[:, 1:])
+    return np.asarray(2 * w)
 
 
 def _turning(log: BaseLog, time: Array, rotation: Array) -> tuple[Array | None, Array]:
@@ -301,11 +379,7 @@ def _turning(log: BaseLog, time: Array, rotation: Array) -> tuple[Array | None, 
         p = log.orientation / np.linalg.norm(log.orientation, axis=1, keepdims=True)
         R = matrices(p)
         if log.angular_velocity is None:
-            rate = spline_derivatives(time, p)[1]
-            # w = 2 Im(conj(p) p'), in the frame of the base
-            scalar, vector = p[:, :1], p[:, 1:]
-            w = scalar * rate[:, 1:] - rate[:, :1] * vector - np.cross(vector, rate[:, 1:])
-            return R, np.asarray(2 * w)
+            return R, quaternion_rates(p, time)
     if log.angular_velocity is None:
         raise LogError(
             "the log has no rotation of the base: give the angular velocity of an IMU "
@@ -328,14 +402,25 @@ def matrices(quaternions: Array) -> Array:
 _GRAVITY_FREE = 3.0
 """Median of a specific force [m/s^2] below which gravity was taken out of it."""
 
+_MOST, _ABOUT_ONE = (0.1, 0.5, 0.9), 0.3
+"""Quantiles of the size of a specific force that are about one if it is in g."""
+
 
 def _check_gravity(force: Array) -> None:
-    typical = float(np.median(np.linalg.norm(force, axis=1)))
+    size = np.linalg.norm(force, axis=1)
+    typical = float(np.median(size))
+    if np.all(np.abs(np.quantile(size, _MOST) - 1) < _ABOUT_ONE):
+        raise LogError(
+            f"the specific force of the base has a median of {typical:.2g}, that of a robot on the "
+            "ground is about 9.81 m/s^2: it is in g; in the description of the log give it scale = "
+            "9.81"
+        )
     if typical < _GRAVITY_FREE:
         raise LogError(
             f"the specific force of the base has a median of {typical:.2g} m/s^2, that of a robot "
             "on the ground is about 9.81: the IMU took gravity out of it; log the raw "
-            "accelerometer, or position and orientation of the base"
+            "accelerometer, or name it acceleration (with its frame) in [base] of the description "
+            "of the log, which needs the orientation"
         )
 
 

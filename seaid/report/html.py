@@ -62,6 +62,7 @@ from seaid.report.html_tables import (
     short,
     table_of,
     term_table,
+    whole_body_table,
 )
 from seaid.report.html_traces import Run, traces_of
 from seaid.report.html_verdict import (
@@ -375,6 +376,7 @@ def _parameters(
         "actuators": actuator_figures(found, given),
         "base": base_table(found, nominal),
         "links": bodies_table(found, given),
+        "whole": whole_body_table(found),
         "bodies": bodies_picture(
             posture, given.parameters, found.robot.parameters, "Ellipsoids of inertia of the links"
         ),

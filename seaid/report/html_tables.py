@@ -11,7 +11,7 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid.drives import JointParameter, readable
-from seaid.identification import POORLY_IDENTIFIED
+from seaid.identification import POORLY_IDENTIFIED, whole_body
 from seaid.report.html_charts import powers_of_ten
 from seaid.report.html_robot import center_of_mass, principal_moments
 from seaid.report.html_traces import SIDES
@@ -265,6 +265,25 @@ def readable_unit(unit: str) -> str:
     for plain, raised in _UNITS.items():
         unit = unit.replace(plain, raised)
     return "" if unit == "1" else unit.replace(" ", "\N{NO-BREAK SPACE}")
+
+
+def whole_body_table(found: Identification) -> Table:
+    """Return mass and centre of mass of a robot with a floating base, and of its base alone."""
+    rows: list[list[Cell | str]] = [
+        [
+            one.name.capitalize(),
+            *(
+                (short(one.value, 4), short(one.standard_error, 2))
+                if one.is_determined
+                else ("not determined", "")
+            ),
+            readable_unit(one.unit),
+        ]
+        for one in whole_body(found)
+    ]
+    heads = ("Quantity", "Identified", "Standard error", "Unit")
+    caption = "The whole robot, in the frame of its base at the mean posture of the logs."
+    return table_of("whole", caption, heads, rows, texts=heads[:1])
 
 
 def bodies_table(found: Identification, nominal: Robot) -> Table:

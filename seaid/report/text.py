@@ -264,7 +264,7 @@ def short_text(found: Identification, nominal: Robot, details: bool = False) -> 
     given = {joint: drive.own_values for joint, drive in nominal.drives.items()}
     compares = any({*one.names} & {*given[joint]} for joint, one in found.drives.items())
     drives = drive_table("Drives", found, nominal if compares else None, ("nominal", "change"))
-    parts = [*_verdict_lines(found), drives, *_fit_tables(found)]
+    parts = [*_verdict_lines(found), drives, *_fit_tables(found), *_whole_body_table(found)]
     return joined([*parts, *(_details(found) if details else [_sources_text(found)])])
 
 
@@ -274,10 +274,28 @@ def _details(found: Identification, *drives: Text) -> list[str]:
         *_processing_text(found),
         *(f"constants: {text}" for text in exact_text(found)),
         *drives,
+        *(_whole_body_table(found) if drives else []),
         load_table("Base parameters", found),
         checks_table(found),
         *(_feasible_text(found.feasible) if found.feasible is not None else []),
     ]
+
+
+def _whole_body_table(found: Identification) -> list[Text]:
+    """Return the table of the mass and the centre of mass of a robot with a floating base."""
+    from seaid.identification import whole_body
+
+    rows = [
+        [
+            one.name,
+            number(one.value) if one.is_determined else "not determined",
+            number(one.standard_error) if one.is_determined else "",
+            one.unit,
+        ]
+        for one in whole_body(found)
+    ]
+    title = "Whole robot, in the frame of its base at the mean posture"
+    return [table(title, ["", "identified", "std. error", "unit"], rows)] if rows else []
 
 
 def _sources_text(found: Identification) -> str:

@@ -1,0 +1,207 @@
+"""Mistakes in the base and the contacts of a legged robot's log, and its mass as a whole."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+import seaid
+from scripts.legged_plant import foot_positions, plant, simulate
+from seaid._arrays import Array
+from seaid.errors import Finding, LogError
+from seaid.identification import whole_body
+from seaid.identification.base_checks import base_findings, foot_places
+from seaid.log import BaseLog, turned_to_world
+from tests.identification.test_floating_base import (
+    GO2_FEET,
+    STANDING,
+    found_standing,
+    go2,
+    noisy,
+)
+
+
+@cache
+def walked() -> seaid.Log:
+    return noisy(simulate(go2(), plant(go2()), 16.0, seed=11), 3)
+
+
+@cache
+def pose() -> dict[str, Array]:
+    """Position and velocity of the base, whose left front foot stands on the ground."""
+    log, base = walked(), walked().base
+    assert base is not None
+    assert base.orientation is not None
+    foot = foot_positions(go2(), log.joint_position)[:, 3]
+    place = -turned_to_world(base.orientation, foot)
+    return {"position": place}
+
+
+def found(**changed: Any) -> list[Finding]:
+    base = walked().base
+    assert base is not None
+    log = replace(walked(), base=replace(base, **changed))
+    motion = seaid.reconstruct_motion(go2(), log, cutoff_hz=10.0)
+    return base_findings(go2(), [log], [[motion]])
+
+
+def flags() -> dict[str, Array]:
+    base = walked().base
+    assert base is not None
+    return {foot: np.array(values) for foot, values in base.contacts.items()}
+
+
+def test_a_right_log_has_no_findings() -> None:
+    assert found() == []
+    base = walked().base
+    assert base is not None
+    assert found(orientation=-np.array(base.orientation)) == []  # the same rotation
+
+
+def test_exchanged_flags_are_named_with_their_columns() -> None:
+    own = flags()
+    one, other = GO2_FEET[0], GO2_FEET[3]
+    (finding,) = found(contacts={**own, one: own[other], other: own[one]})
+    assert (finding.code, finding.severity) == ("contact-flags", "wrong")
+    for link, column in ((one, other), (other, one)):
+        assert f'[contacts.{link}]\ncontact = "{column}.contact"' in finding.remedy
+
+
+def test_a_foot_that_stands_in_the_air_is_named_with_its_speed() -> None:
+    (finding,) = found(contacts={**flags(), "FR_foot": np.ones_like(flags()["FR_foot"])})
+    assert (finding.code, finding.joint, finding.severity) == (
+        "contact-flags",
+        "FR_foot",
+        "doubtful",
+    )
+    assert "FR_foot is flagged as standing and is in the air: it rises and falls" in str(finding)
+    assert 0.08 < finding.evidence["speed [m/s]"] < 0.5
+
+
+def test_a_foot_that_rests_while_flagged_in_the_air_is_named() -> None:
+    lost = flags()["FR_foot"]
+    lost[1000:1500] = 0
+    (finding,) = found(contacts={**flags(), "FR_foot": lost})
+    assert "FR_foot is flagged as in the air and rests on the level of the others" in str(finding)
+    assert finding.evidence["longest rest [s]"] > 0.3
+
+
+def test_a_foot_that_slides_is_a_note() -> None:
+    base = walked().base
+    assert base is not None
+    moved = np.array(base.orientation)
+    slide = np.where((walked().time > 6) & (walked().time < 8), 0.3, 0.0)
+    position = np.cumsum(np.outer(slide, [1, 0, 0]), axis=0) / 250
+    notes = found(position=pose()["position"] + position, orientation=moved)
+    slips = [one for one in notes if "slips" in str(one)]
+    assert slips
+    assert {one.severity for one in slips} == {"note"}
+
+
+FRAMES = {
+    "x, y, z, w": lambda base: {"orientation": np.roll(base.orientation, -1, axis=1)},
+    "from the world to the base": lambda base: {
+        "orientation": base.orientation * [1, -1, -1, -1],
+    },
+    'frame = "world"': lambda base: {
+        "angular_velocity": turned_to_world(base.orientation, base.angular_velocity)
+    },
+    "in degrees per second": lambda base: {"angular_velocity": np.degrees(base.angular_velocity)},
+    "points downwards": lambda base: {"specific_force": -base.specific_force},
+    "the y axis of the angular velocity of the base is 0 all the time": lambda base: {
+        "angular_velocity": base.angular_velocity * [1, 0, 1] + [0, 0, 0]
+    },
+}
+
+
+@pytest.mark.parametrize("text", FRAMES)
+def test_wrong_frames_and_sensors_are_named(text: str) -> None:
+    findings = found(**FRAMES[text](walked().base))
+    assert [one.severity for one in findings] == ["wrong"]
+    assert text in str(findings[0])
+    assert findings[0].remedy
+
+
+def test_units_of_the_accelerometer_are_named() -> None:
+    base = walked().base
+    assert base is not None
+    assert base.specific_force is not None
+    assert base.orientation is not None
+    up = np.tile([0, 0, 9.81], (len(base.orientation), 1))
+    free = base.specific_force - turned_to_world(base.orientation, up, back=True)
+    for force, message in ((base.specific_force / 9.81, "it is in g"), (free, "took gravity out")):
+        with pytest.raises(LogError, match=message):
+            found(specific_force=force)
+
+
+def test_jumps_of_a_pose_are_taken_out() -> None:
+    one, jumped = pose()["position"], np.array(pose()["position"])
+    jumped[1200:] += [0.08, 0.0, 0.02]
+    jumped[2500:] -= [0.0, 0.05, 0.0]
+    log, base = walked(), walked().base
+    assert base is not None
+    motions = []
+    for position in (one, jumped):
+        estimated = BaseLog(position=position, orientation=base.orientation, contacts=base.contacts)
+        changed = replace(log, base=estimated)
+        motions.append(seaid.reconstruct_motion(go2(), changed, cutoff_hz=6.0).base)
+    right, repaired = motions
+    assert right is not None
+    assert repaired is not None
+    kept = repaired.used
+    assert right.used.sum() > kept.sum() > 0.9 * right.used.sum()
+    np.testing.assert_allclose(repaired.specific_force[kept], right.specific_force[kept], atol=0.2)
+    finding = next(
+        each
+        for each in base_findings(go2(), [changed], [])
+        if each.code == "base-jumps" and "position" in str(each)
+    )
+    assert finding.evidence["jumps"] == 2
+    assert finding.evidence["largest"] == pytest.approx(0.0825, rel=0.05)
+
+
+def test_places_of_contacts_are_those_of_forward_kinematics() -> None:
+    q = np.random.default_rng(1).normal(size=(5, 12))
+    own = foot_places(go2(), q, GO2_FEET)
+    np.testing.assert_allclose(own, foot_positions(go2(), q), atol=1e-12)
+
+
+def test_mass_and_center_of_the_whole_robot_have_values_only_where_determined() -> None:
+    identified = found_standing()
+    values = {one.name: one for one in whole_body(identified)}
+    assert len(values) == 8
+    # four feet that always stand hide a mass at each of them
+    assert not any(one.is_determined for one in values.values())
+    assert "not determined" in str(identified.summary())
+
+
+def test_mass_and_center_of_a_walking_robot_have_their_errors() -> None:
+    robot = STANDING
+    rng = np.random.default_rng(5)
+    grouping = seaid.base_parameters(robot, stances=[[]])
+    covariance = np.diag(rng.uniform(1e-6, 1e-4, len(grouping.columns)))
+    estimate = replace(
+        found_standing().load,
+        names=grouping.expressions,
+        values=grouping.project(robot.parameters),
+        units=("1",) * len(grouping.columns),
+        covariance=covariance,
+        white_standard_errors=None,
+        degrees_of_freedom=None,
+    )
+    identified = replace(found_standing(), base=grouping, load=estimate, motions=())
+    values = [one.value for one in whole_body(identified)]
+    bodies = robot.parameters.reshape(-1, 10)
+    assert values[0] == pytest.approx(bodies[:, 0].sum())
+    assert np.all(np.isnan(values[4:]))  # the base shares its mass with the hips
+    draws = rng.multivariate_normal(estimate.values, covariance, 4000)
+    spread = [
+        [one.value for one in whole_body(replace(identified, load=replace(estimate, values=x)))][:4]
+        for x in draws[:400]
+    ]
+    errors = [one.standard_error for one in whole_body(identified)][:4]
+    np.testing.assert_allclose(np.std(spread, axis=0), errors, rtol=0.12)
