@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from typing import Any
@@ -10,19 +11,14 @@ import numpy as np
 import pytest
 
 import seaid
-from scripts.legged_plant import foot_positions, plant, simulate
+from scripts.benchmarks.legged import noisy
+from scripts.legged_plant import GO2_FEET, foot_positions, plant, simulate
 from seaid._arrays import Array
 from seaid.errors import Finding, LogError
 from seaid.identification import whole_body
 from seaid.identification.base_checks import base_findings, foot_places
 from seaid.log import BaseLog, turned_to_world
-from tests.identification.test_floating_base import (
-    GO2_FEET,
-    STANDING,
-    found_standing,
-    go2,
-    noisy,
-)
+from tests.identification.test_floating_base import STANDING, found_standing, go2
 
 
 @cache
@@ -102,7 +98,7 @@ def test_a_foot_that_slides_is_a_note() -> None:
     assert {one.severity for one in slips} == {"note"}
 
 
-FRAMES = {
+FRAMES: dict[str, Callable[[Any], dict[str, Any]]] = {
     "x, y, z, w": lambda base: {"orientation": np.roll(base.orientation, -1, axis=1)},
     "from the world to the base": lambda base: {
         "orientation": base.orientation * [1, -1, -1, -1],

@@ -81,7 +81,8 @@ def test_bodies_of_an_exact_log_are_recovered() -> None:
     truth = found.base.project(STANDING.parameters)
     scale = np.maximum(np.abs(truth), 0.01)
     assert np.max(np.abs(found.load.values - truth) / scale) < 2e-3
-    assert found.verdict.level == "good"
+    # its feet move at random under the forces: only that contradicts the flags
+    assert {one.code for one in found.warnings if one.severity != "note"} == {"contact-flags"}
 
 
 def test_measured_wrenches_determine_what_flight_does() -> None:
