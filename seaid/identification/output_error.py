@@ -658,7 +658,9 @@ def refine(
     check_offset_std(encoder_offset_std)
     _check_start(identification, without_joint_encoder(identification.known, logs))
     if any(drive.controller is not None for drive in identification.known.drives.values()):
-        return refine_commanded(identification, logs, iterations, progress)
+        refined, worse = refine_commanded(identification, logs, iterations, progress)
+        reason = "its positions follow the commands more closely"
+        return _unchanged(identification, reason, worse) if worse else refined
     return refined_with_logs(identification, logs, encoder_offset_std, iterations, progress)[0]
 
 

@@ -12,6 +12,7 @@ import pytest
 import seaid
 from seaid._arrays import Array
 from seaid.errors import IdentificationError, LogError, RobotError
+from seaid.log.commands import commanded_torque
 from seaid.robot import nominal_model
 
 URDF = """<robot name="one"><link name="base"/><link name="arm"><inertial><origin xyz="0.2 0 0"/>
@@ -278,6 +279,50 @@ def test_refine_closes_the_loop(urdf: Path) -> None:
     left = seaid.replay(found.robot, other).joint_position - other.joint_position
     assert np.std(left) < 2e-3 * np.std(other.joint_position)
     assert found.drives["j"].value("motor_inertia") == values["motor_inertia"][0]
+
+
+def test_refine_returns_its_start_where_the_positions_get_worse(
+    urdf: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log = mujoco_log(HARD, 0.01, 5e-4, 0).between(1.0, 5.0)
+    start = seaid.identify(robot_of(urdf, HARD), log)
+    errors = iter([1e-3, 2e-3])  # before and after
+    monkeypatch.setattr(
+        "seaid.identification.closed_loop._mean_absolute_error", lambda _: next(errors)
+    )
+    found = seaid.refine(start, log, iterations=1)
+    np.testing.assert_array_equal(found.load_side.values, start.load_side.values)
+    (finding,) = (x for x in found.warnings if x.code == "worse-than-start")
+    assert finding.evidence == {"error of the start": 1e-3, "error after": 2e-3}
+    assert "its positions follow the commands more closely" in finding.message
+
+
+def test_refine_takes_a_parallel_spring(urdf: Path) -> None:
+    """From a stiffness that is 20 % wrong it ends at the true one."""
+    log = mujoco_log(SOFT, 0.004, 2e-4, 0, stiffness=2.0).between(1.0, 9.0)
+    robot = robot_of(urdf, SOFT, 0.004)
+    drive = replace(robot.drives["j"], parallel_spring=("linear",))
+    start = seaid.identify(robot.with_drives({"j": drive}), log)
+    place = list(map(str, start.load_side.names)).index("parallel_stiffness of j")
+    values = start.load_side.values.copy()
+    values[place] = 2.4
+    found = seaid.refine(replace(start, load_side=replace(start.load_side, values=values)), log)
+    value, error = values_of(found)["parallel_stiffness"]
+    assert abs(value - 2.0) < 3 * error + 0.01
+    assert error < 0.05
+
+
+@pytest.mark.parametrize("delay_s", [0.0, 0.0025, 0.0041, 0.007])
+def test_commands_between_samples_are_those_of_straight_lines(urdf: Path, delay_s: float) -> None:
+    """The lines through samples of a sinusoid have the gain sinc(f dt)^2 at its frequency."""
+    robot, frequency_hz = robot_of(urdf, SOFT, delay_s), 4.0
+    wave = np.sin(2 * np.pi * frequency_hz * TIME)
+    log = replace(log_of(np.zeros(len(TIME))), position_command=wave[:, None])
+    torque, _ = commanded_torque(robot, log.time, dict(log.sensors()), 40.0)
+    inner = slice(1000, 3000)  # 40 periods
+    turning = np.exp(-2j * np.pi * frequency_hz * (TIME[inner] - delay_s))
+    gain = 2j * np.mean(torque[inner, 0] * turning) / SOFT[0]
+    assert gain == pytest.approx(np.sinc(frequency_hz * 0.005) ** 2, abs=2e-5)
 
 
 def test_refine_keeps_a_delay_that_is_as_stated(urdf: Path) -> None:
