@@ -73,8 +73,8 @@ def motion(gains: tuple[float, float], truth: dict[str, Array], command: Array) 
 MUJOCO_STEP_S = 5e-4
 """Step of MuJoCo's Runge-Kutta integrator, with the command of the middle of a step.
 
-Its others are of first order: with `implicitfast` and steps of 0.25 ms, and commands of the start of
-a step, the plant is 0.07 ms later than its parameters say, 14 standard errors."""
+Its others are of first order: with `implicitfast`, steps of 0.25 ms and the command of their start,
+the plant is 0.07 ms later than its parameters say, which is 14 standard errors."""
 
 
 def mujoco_motion(gains: tuple[float, float], truth: dict[str, Array], command: Array) -> Array:

@@ -1,7 +1,7 @@
 """The Unitree Go2 from position commands: regression, refinement, and a search as PACE does it.
 
 The first two thirds of /work/shared/data/go2_commands identify, and the last third is replayed by
-`seaid.replay`. CMA-ES searches the same parameters over rollouts of MuJoCo in the same log:
+`seaid.replay`; with the terms of the drives as given, and with those that `compare_terms` adds. CMA-ES searches the same parameters over rollouts of MuJoCo in the same log:
 
     python -m scripts.benchmarks.go2_commands [seconds of the search]
 """
@@ -167,19 +167,20 @@ def main(seconds: float) -> None:
     first, second, both, last = logs_of(robot)
     print("| what | CPU time | own part [mrad] | next part [mrad] |")
     for title, fitted, judged in (("two thirds", both, last), ("first third", first, second)):
-        for cutoff_hz in (None, CUTOFF_HZ):
+        for cutoff_hz, has_terms in ((None, False), (None, True), (CUTOFF_HZ, False)):
             start = time.process_time()
-            found = seaid.identify(robot, fitted, cutoff_hz=cutoff_hz)
+            drives = seaid.compare_terms(robot, fitted).robot if has_terms else robot
+            found = seaid.identify(drives, fitted, cutoff_hz=cutoff_hz)
             spent = time.process_time() - start
             refined = seaid.refine(found, fitted)
             whole = time.process_time() - start
-            name = f"{title}, cutoff {cutoff_hz or 'default'}"
+            name = f"{title}, cutoff {cutoff_hz or 'default'}{', terms' * has_terms}"
             for what, used, one in (("identify", spent, found), ("refine", whole, refined)):
                 errors = [error_mrad(one.robot, log) for log in (fitted, judged)]
                 print(
                     f"{name}, {what} | {used:.1f} s | {errors[0]:.2f} | {errors[1]:.2f}", flush=True
                 )
-            if seconds and title == "two thirds" and cutoff_hz is None:
+            if seconds and title == "two thirds" and name.endswith("default"):
                 search(found.robot, both, last, seconds)
 
 

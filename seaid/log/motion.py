@@ -14,7 +14,7 @@ from seaid._progress import Display, sampled_text
 from seaid.drives import DEAD_ZONES, MEMORY
 from seaid.errors import Finding, LogError, checked
 from seaid.log.base_log import BaseLog, BaseMotion, base_motion
-from seaid.log.commands import commanded_torque
+from seaid.log.commands import commanded_torque, is_commanded
 from seaid.log.filtering import CutoffSelection, low_pass, select_cutoff, spline_derivatives
 from seaid.log.repair.channels import in_gap, interpolated
 from seaid.log.repair.clocks import irregular_steps, longest_bridge, longest_step, typical_step
@@ -362,7 +362,7 @@ def _motion(
     base = None
     if robot.floating_base is not None:
         base = base_motion(robot, _base_on(log, time), time, POSITION_BAND * cutoff_hz)
-    return Motion(
+    found = Motion(
         time=time,
         base=base,
         joint_names=robot.joint_names,
@@ -395,6 +395,17 @@ def _motion(
             description=log.description,
         ),
     )
+    if not any(is_commanded(drive) for drive in robot.drives.values()):
+        return found
+    ends = math.ceil(_ENDS * rate_hz / (POSITION_BAND * cutoff_hz))
+    return found.samples(slice(ends, len(time) - ends))
+
+
+_ENDS = 2.0
+"""Periods of the low pass of the positions that are excluded at both ends of a commanded log.
+
+There accelerations are those of the padding, and torques, of unfiltered positions, are not: errors
+of 1 N m at a pendulum of 3 N m. The low pass of the rows would spread them beyond its transient."""
 
 
 def _rate_hz(time: Array) -> float:

@@ -325,6 +325,23 @@ def test_commands_between_samples_are_those_of_straight_lines(urdf: Path, delay_
     assert gain == pytest.approx(np.sinc(frequency_hz * 0.005) ** 2, abs=2e-5)
 
 
+def test_the_ends_of_a_moving_log_have_no_weight(urdf: Path) -> None:
+    """Without noise and dry friction nothing but rounding is left, wherever the log is cut."""
+    robot = robot_of(urdf, SOFT, 0.0025)
+    drive = replace(robot.drives["j"], friction=("viscous",))
+    truth = replace(drive, motor_inertia_kg_m2=0.0243, viscous_friction_Nms_per_rad=0.12)
+    plan = replace(log_of(CHIRP), position_command=CHIRP[:, None]).between(12.0, 17.9)
+    log = replace(
+        seaid.replay(robot.with_drives({"j": truth}), plan),
+        position_command=plan.position_command,
+        motor_position=plan.motor_position,
+        motor_torque=plan.motor_torque,
+    )
+    values = values_of(seaid.identify(robot.with_drives({"j": drive}), log))
+    assert values["viscous_friction"][0] == pytest.approx(0.12, rel=2e-4)
+    assert values["motor_inertia"][0] == pytest.approx(0.0243, rel=2e-4)
+
+
 def test_refine_keeps_a_delay_that_is_as_stated(urdf: Path) -> None:
     """Its range is in the error of the armature, as it is in that of `identify`."""
     log = mujoco_log(HARD, 0.006, 0.0, 0).between(1.0, 9.0)
