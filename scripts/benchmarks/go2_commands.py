@@ -1,7 +1,8 @@
 """The Unitree Go2 from position commands: regression, refinement, and a search as PACE does it.
 
 The first two thirds of /work/shared/data/go2_commands identify, and the last third is replayed by
-`seaid.replay`; with the terms of the drives as given, and with those that `compare_terms` adds. CMA-ES searches the same parameters over rollouts of MuJoCo in the same log:
+`seaid.replay`; with the terms of the drives as given, and with those that `compare_terms` adds.
+CMA-ES searches the same parameters over rollouts of MuJoCo in the same log:
 
     python -m scripts.benchmarks.go2_commands [seconds of the search]
 """
