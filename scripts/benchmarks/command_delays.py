@@ -184,4 +184,4 @@ def main(draws: int, plant: Plant) -> None:
 
 if __name__ == "__main__":
     numbers = [int(one) for one in sys.argv[1:] if one.isdigit()]
-    main(*(numbers or [100]), mujoco_motion if "mujoco" in sys.argv else motion)
+    main(numbers[0] if numbers else 100, mujoco_motion if "mujoco" in sys.argv else motion)
