@@ -103,7 +103,8 @@ _NOISY = 0.3
 """Unexplained part of the torque of a joint above which its standard errors are not believed.
 
 Simulated joints within 0.1 % of k have 0.003; of the TULip leg hip and knee, within their errors,
-0.07 and 0.09, and the ankle, wrong by 4.6 standard errors, 0.62: chosen after seeing these."""
+0.07 and 0.09, and the ankle, whose errors are 1.3 times its standard errors, 0.62: chosen after
+seeing these."""
 
 
 def noisy_findings(found: Identification, joints: Sequence[str]) -> Iterator[Finding]:
@@ -114,7 +115,7 @@ def noisy_findings(found: Identification, joints: Sequence[str]) -> Iterator[Fin
             yield Finding(
                 "motor-side",
                 f"{fit.own:.0%} of the torque on the spring of {joint}, as its motor feels it, is "
-                "not explained: its stiffness and load may be wrong by several standard errors; "
+                "not explained: its stiffness and load may be wrong by more than their intervals; "
                 "load this spring more (a larger motion, a test mass), or log the joint position",
                 joint,
                 evidence={"unexplained": fit.own},
