@@ -62,6 +62,7 @@ from .identification import correct_delays as correct_delays
 from .identification import cross_validate as cross_validate
 from .identification import cutoff_sensitivity as cutoff_sensitivity
 from .identification import estimate_delays as estimate_delays
+from .identification import find_contacts as find_contacts
 from .identification import frequency_response as frequency_response
 from .identification import identify as identify
 from .identification import identify_conditions as identify_conditions

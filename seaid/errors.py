@@ -277,6 +277,7 @@ MADE_BY = {
     "Repairs": "seaid.Repairs()",
     "LogDescription": "seaid.describe_log(path, robot).description",
     "Delay": "seaid.estimate_delays(robot, log)",
+    "FoundContacts": "seaid.find_contacts(robot, log)",
 }
 """{type of an argument: the call that makes one}."""
 

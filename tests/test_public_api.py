@@ -44,6 +44,7 @@ FUNCTIONS = {
     "write_comparison": "first second path names",
     "report.comparison_of": "first second names",
     "estimate_delays": "robot log largest_s cutoff_hz",
+    "find_contacts": "robot log",
     "correct_delays": "log delays",
     "gear_ratio": "motor_angle_rad output_angle_rad",
     "replay": "robot log command",

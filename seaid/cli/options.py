@@ -16,7 +16,7 @@ import typer
 from typer import Argument, Option
 
 import seaid
-from seaid.cli.messages import check_outputs, is_stdout, is_terminal, show, written
+from seaid.cli.messages import check_outputs, is_stdout, is_terminal, note, show, written
 from seaid.cli.mistakes import check_log_files, check_robot_files
 from seaid.errors import SEVERITIES, SeaidError, shortened, unknown_name
 
@@ -185,6 +185,10 @@ class LogOptions(RobotOptions):
     cutoff_hz: Annotated[
         float | None, Option(help="Cutoff of the low pass [Hz]; default: from the data.")
     ] = None
+    find_contacts: Annotated[
+        bool,
+        Option("--find-contacts", help="Find contacts without a flag from torques and motion."),
+    ] = False
 
     @property
     def files(self) -> tuple[Path | None, ...]:
@@ -194,7 +198,15 @@ class LogOptions(RobotOptions):
     def logs(self, paths: Sequence[Path], robot: Robot) -> list[Log]:
         """Read logs."""
         check_joints("--torque-joints", names(self.torque_joints), robot)
-        return logs_of(paths, robot, self.description, self.repair)
+        logs = logs_of(paths, robot, self.description, self.repair)
+        if not self.find_contacts:
+            return logs
+        from seaid.identification import find_contacts
+
+        found = [find_contacts(robot, log) for log in logs]
+        for path, one in zip(paths, found, strict=True):
+            note(f"{path}: contacts found from torques: {one._in_short()}")
+        return [one.log for one in found]
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,8 @@ from .delays import Delay as Delay
 from .delays import correct_delays as correct_delays
 from .delays import estimate_delays as estimate_delays
 from .drive_estimates import POORLY_IDENTIFIED as POORLY_IDENTIFIED
+from .found_contacts import FoundContacts as FoundContacts
+from .found_contacts import find_contacts as find_contacts
 from .frequency import FrequencyResponse as FrequencyResponse
 from .frequency import frequency_response as frequency_response
 from .identification import Identification as Identification

@@ -283,7 +283,8 @@ def base_motion(robot: Robot, log: BaseLog | None, time: Array, cutoff_hz: float
         raise LogError(
             f"the log does not say when {', '.join(silent)} of contacts= touch the ground: add the "
             f"column {contact_columns(silent[0])[0]} (1 on the ground, 0 in the air) or a "
-            "measured wrench; in the air all the time it is 0",
+            "measured wrench, in the air all the time 0; or find it from torques and motion: "
+            "seaid.find_contacts(robot, log), --find-contacts",
             "contacts=",
         )
     flags = {x: log.contacts[x][:, 0] > 0.5 for x in log.contacts if x not in log.wrenches}

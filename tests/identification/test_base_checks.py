@@ -14,7 +14,7 @@ import seaid
 from scripts.benchmarks.legged import noisy
 from scripts.legged_plant import GO2_FEET, foot_positions, plant, simulate
 from seaid._arrays import Array
-from seaid.errors import Finding, LogError
+from seaid.errors import Finding, IdentificationError, LogError
 from seaid.identification import whole_body
 from seaid.identification.base_checks import base_findings, foot_places
 from seaid.log import BaseLog, turned_to_world
@@ -158,6 +158,34 @@ def test_jumps_of_a_pose_are_taken_out() -> None:
     )
     assert finding.evidence["jumps"] == 2
     assert finding.evidence["largest"] == pytest.approx(0.0825, rel=0.05)
+
+
+def test_contacts_are_found_from_torques_with_bodies_that_are_not_exact() -> None:
+    rng, base = np.random.default_rng(2), walked().base
+    assert base is not None
+    wrong = np.repeat(rng.uniform(0.8, 1.2, len(go2().body_names)), 10)
+    robot = go2().with_values(go2().parameters * wrong, go2().drives)
+    log = replace(walked(), base=replace(base, contacts={}))
+    with pytest.raises(LogError, match="or find it from torques and motion"):
+        seaid.reconstruct_motion(robot, log)
+    done = seaid.find_contacts(robot, log)
+    assert done.log.base is not None
+    for foot, flag in flags().items():
+        own = done.log.base.contacts[foot] > 0.5
+        assert np.mean(own == (flag > 0.5)) > 0.98
+        assert done.certainty[foot] > 0.95
+    assert "FL_foot 9" in repr(done)
+    half = replace(log, base=replace(base, contacts={"FL_foot": flags()["FL_foot"]}))
+    assert "FL_foot" not in seaid.find_contacts(robot, half).certainty
+    held = seaid.load_robot("go2")
+    silent = replace(log, motor_torque=np.full_like(log.motor_torque, np.nan))
+    for one, given, message in (
+        (held, log, "needs a robot with a floating base and contacts="),
+        (robot.without_nominal(), log, "the inertial parameters of the robot file"),
+        (robot, silent, "needs the torque of each joint"),
+    ):
+        with pytest.raises(IdentificationError, match=message):
+            seaid.find_contacts(one, given)
 
 
 def test_places_of_contacts_are_those_of_forward_kinematics() -> None:
