@@ -45,6 +45,7 @@ from .readers.child_process import Answer as Answer
 from .readers.child_process import ChildError as ChildError
 from .readers.child_process import doing as doing
 from .readers.child_process import run_in_child as run_in_child
+from .readers.opening import open_tables as open_tables
 from .reading import read_log as read_log
 from .repair.channels import on_time as on_time
 from .repair.data import Repair as Repair

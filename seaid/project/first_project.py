@@ -15,7 +15,7 @@ from seaid._progress import Display
 from seaid.drives import Controller, drives_from_mapping, read_drives, write_drives
 from seaid.errors import LogError, SeaidError, checked, listed
 from seaid.identification import check, no_measurements
-from seaid.log import Log, describe_log, logs_of_files, low_pass, read_log
+from seaid.log import Log, describe_log, logs_of_files, low_pass, open_tables, read_log
 from seaid.project.project import FILE_NAME
 from seaid.robot import BaseKind, Contact, FloatingBase, Payload, Robot, load_robot
 
@@ -96,7 +96,8 @@ def write_first_project(
     base, contacts, imu_link
         As in `load_robot`.
     rate_hz : float, optional
-        Sampling rate of logs without a column of time; then all files are those of one log.
+        Sampling rate of logs without a column of time; then all files are those of one log, unless
+        they have columns of the same names.
 
     Returns
     -------
@@ -131,7 +132,9 @@ def write_first_project(
         imu_link=imu_link,
     )
     paths = [Path(path) for path in logs]
-    grouped, of_files = logs_of_files(paths, robot) if rate_hz is None else ([tuple(paths)], ())
+    grouped, of_files = (
+        logs_of_files(paths, robot) if rate_hz is None else (_without_time(paths), ())
+    )
     read = [_read(files, robot, folder, rate_hz) for files in grouped]
     doubts += [*of_files, *(doubt for one in read for doubt in one.doubts)]
     texts = {one.description_file: one.text for one in read if one.description_file and one.text}
@@ -188,6 +191,13 @@ def _known_drives(
         return None
     doubts.append(f"drives: '{neighbour.name}' lies next to the URDF and is used")
     return neighbour
+
+
+def _without_time(paths: Sequence[Path]) -> list[tuple[Path, ...]]:
+    """Return the files of each log without time: one log, or one each if they share names."""
+    names = [{name for name in open_tables([path]).names if not name.isdecimal()} for path in paths]
+    share = any(one & other for k, one in enumerate(names) for other in names[:k])
+    return [(path,) for path in paths] if share else [tuple(paths)]
 
 
 def _read(files: tuple[Path, ...], robot: Robot, folder: Path, rate_hz: float | None) -> _ReadLog:

@@ -257,3 +257,32 @@ def test_messages_of_a_description(what: str, tmp_path: Path) -> None:
     given = {"time": {"rate_hz": 100}, "joints": joints, **table}
     with pytest.raises(LogError, match=re.escape(message)):
         seaid.read_log(tmp_path / "a.npz", go2(), description=given)
+
+
+def test_a_first_project_has_the_base_and_the_logs_without_time(tmp_path: Path) -> None:
+    one = states()
+    q = np.hstack([one["position"], one["orientation"][:, [1, 2, 3, 0]], one["joints"]])
+    for name in ("walk", "other"):
+        np.savez(tmp_path / f"{name}.npz", q=q, tau=one["torque"], contact=one["flags"])
+    np.save(tmp_path / "q.npy", q)
+    np.save(tmp_path / "tau.npy", one["torque"])
+    np.save(tmp_path / "contact.npy", one["flags"])
+    contacts = [seaid.Contact(foot, radius_m=0.02) for foot in FEET]
+    for names, count in ((["walk.npz", "other.npz"], 2), (["q.npy", "tau.npy", "contact.npy"], 1)):
+        folder = tmp_path / names[0].replace(".", "_")
+        folder.mkdir()
+        made = seaid.write_first_project(
+            "go2",
+            [tmp_path / name for name in names],
+            base="floating",
+            contacts=contacts,
+            rate_hz=RATE_HZ,
+            folder=folder,
+        )
+        assert any("no motor encoders in the logs" in doubt for doubt in made.doubts)
+        project = seaid.load_project(folder)
+        assert project.contacts == tuple(contacts)
+        assert len(project.logs) == count
+        log = project.logs[0].read(project.robot())
+        assert log.base is not None
+        check(log.base, "position", "orientation")
