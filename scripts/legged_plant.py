@@ -1,9 +1,10 @@
-"""A quadruped on the ground in MuJoCo: it sways, turns, and lifts its feet one after the other."""
+"""Quadrupeds on the ground in MuJoCo: they sway, turn, and lift their feet one after the other."""
 
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,15 +20,77 @@ from seaid.log import BaseLog
 from seaid.regressor.floating import contact_map
 from seaid.robot import Contact, Robot, floating_model
 
-RADIUS = 0.02
-GO2_FEET = ("FL_foot", "FR_foot", "RL_foot", "RR_foot")
-_HOME = np.tile([0.0, 0.8, -1.6], 4)
 _PLAN_HZ, _SETTLE_S, _LIFT_S = 100, 1.0, 2.0
+_HOME = np.tile([0.0, 0.8, -1.6], 4)
 
 
-def ball_feet(radius: float = RADIUS) -> list[Contact]:
-    """Return the contacts of a Go2, whose feet are balls."""
-    return [Contact(foot, radius_m=radius) for foot in GO2_FEET]
+@dataclass(frozen=True)
+class Quadruped:
+    """A quadruped of example-robot-data: its file, its feet, and the size of all that moves it.
+
+    `stiffness` [N m/rad], `damping` [N m s/rad] and `torque_limit` [N m] are those of the PD
+    control of the joints; `size` multiplies the distances of the motion of a Go2.
+    """
+
+    urdf: str
+    feet: tuple[str, ...]
+    radius_m: float
+    size: float
+    stiffness: float
+    damping: float
+    torque_limit: float
+
+    @property
+    def contacts(self) -> list[Contact]:
+        """The contacts: the feet are balls."""
+        return [Contact(foot, radius_m=self.radius_m) for foot in self.feet]
+
+
+GO2 = Quadruped(
+    "go2.urdf", ("FL_foot", "FR_foot", "RL_foot", "RR_foot"), 0.02, 1.0, 120.0, 3.0, 45.0
+)
+SOLO12 = Quadruped(
+    "solo12.urdf", ("FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT"), 0.016, 0.75, 12.0, 0.2, 2.7
+)
+"""Masses of 15 kg and 2.5 kg on legs of 0.43 m and 0.32 m."""
+
+
+def changed_bodies(urdf: Path, folder: Path, seed: int, size: float = 0.2) -> Path:
+    """Write a URDF whose bodies are changed at random by about `size`, and return its path.
+
+    The pseudo-inertia J of each link becomes A J A^T with A = 1 + a random matrix, which keeps it
+    physically consistent: mass, place and spread of the mass change together.
+    """
+    rng, root = np.random.default_rng(seed), ET.fromstring(urdf.read_bytes())
+    for inertial in root.iter("inertial"):
+        mass, inertia, origin = (inertial.find(x) for x in ("mass", "inertia", "origin"))
+        assert mass is not None and inertia is not None and origin is not None
+        names = (("ixx", "ixy", "ixz"), ("ixy", "iyy", "iyz"), ("ixz", "iyz", "izz"))
+        I = np.array([[float(inertia.attrib[x]) for x in row] for row in names])
+        R = pin.rpy.rpyToMatrix(*map(float, origin.get("rpy", "0 0 0").split()))
+        m, c = float(mass.attrib["value"]), np.array(origin.get("xyz", "0 0 0").split(), float)
+        if m == 0:
+            continue
+        I = R @ I @ R.T
+        J = m * np.outer([*c, 1], [*c, 1])
+        J[:3, :3] += 0.5 * np.trace(I) * np.eye(3) - I
+        A = np.eye(4) + 0.5 * size * rng.uniform(-1, 1, (4, 4)) * np.array(
+            [[1, 0.5, 0.5, 0.1], [0.5, 1, 0.5, 0.1], [0.5, 0.5, 1, 0.1], [0, 0, 0, 1]]
+        )
+        J = A @ J @ A.T
+        m, c = J[3, 3], J[:3, 3] / J[3, 3]
+        spread = J[:3, :3] - m * np.outer(c, c)
+        I = np.trace(spread) * np.eye(3) - spread
+        mass.set("value", repr(float(m)))
+        origin.set("xyz", " ".join(repr(float(x)) for x in c))
+        origin.set("rpy", "0 0 0")
+        for i, row in enumerate(names):
+            for j, name in enumerate(row):
+                inertia.set(name, repr(float(I[i, j])))
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / f"{urdf.stem}_{seed}.urdf"
+    path.write_bytes(ET.tostring(root))
+    return path
 
 
 def foot_positions(robot: Robot, q: Array) -> Array:
@@ -70,10 +133,10 @@ def _waves(time: Array, sizes: Sequence[float], rng: np.random.Generator) -> Arr
     return found
 
 
-def plan(robot: Robot, duration_s: float, seed: int) -> tuple[Array, Array]:
+def plan(robot: Robot, legs: Quadruped, duration_s: float, seed: int) -> tuple[Array, Array]:
     """Times (T,) and joint angles (T, n) of the base swaying and of feet lifted in turn."""
     rng, time = np.random.default_rng(seed), np.arange(0, duration_s, 1 / _PLAN_HZ)
-    place = _waves(time, (0.05, 0.04, 0.05), rng)
+    place = legs.size * _waves(time, (0.05, 0.04, 0.05), rng)
     tilt = _waves(time, (0.25, 0.25, 0.25), rng)
     feet = np.tile(foot_positions(robot, _HOME[None])[0], (len(time), 1, 1))
     turn, phase = (time // _LIFT_S).astype(int), (time % _LIFT_S) / _LIFT_S
@@ -82,16 +145,19 @@ def plan(robot: Robot, duration_s: float, seed: int) -> tuple[Array, Array]:
     for foot in range(feet.shape[1]):
         own = lifts & ((turn // 2) % 4 == foot)
         away = np.where(own, np.clip(2 * np.sin(np.pi * phase), 0, 1), 0.0)
-        place[:, :2] -= 0.05 * away[:, None] * np.sign(feet[0, foot, :2])
+        place[:, :2] -= 0.05 * legs.size * away[:, None] * np.sign(feet[0, foot, :2])
         up = own & (phase > 0.25) & (phase < 0.75)
-        feet[:, foot, 2] += np.where(up, 0.06 * np.sin(2 * np.pi * (phase - 0.25)) ** 2, 0.0)
+        feet[:, foot, 2] += np.where(up, 0.06 * legs.size * np.sin(2 * np.pi * (phase - 0.25)) ** 2, 0.0)
     place, tilt = (gaussian_filter1d(x, 6, axis=0) for x in (place, tilt))
     R = np.array([pin.rpy.rpyToMatrix(*angles) for angles in tilt])
     return time, _with_feet_at(robot, np.einsum("tji,tkj->tki", R, feet - place[:, None]))
 
 
-def plant(robot: Robot, radius: float = RADIUS) -> Any:
-    """The robot's URDF in MuJoCo on level ground, with balls for feet and the robot's bodies."""
+def plant(robot: Robot, timestep_s: float = 0.0005, soft: bool = False) -> Any:
+    """The robot's URDF in MuJoCo on level ground, with balls for feet and the robot's bodies.
+
+    The feet sink in by 0.2 mm on average; `soft` ones, as MuJoCo has them, by 4 mm.
+    """
     assert robot.urdf is not None
     root = ET.fromstring(Path(robot.urdf).read_bytes())
     for link in root.findall("link"):
@@ -104,34 +170,44 @@ def plant(robot: Robot, radius: float = RADIUS) -> Any:
     base = robot.floating_base
     assert base is not None
     spec.body(base.link).add_freejoint()
-    for foot in base.contact_links:
-        ball = spec.body(foot).add_geom(name=foot, type=mujoco.mjtGeom.mjGEOM_SPHERE)
-        ball.size, ball.mass, ball.friction = [radius, 0, 0], 0.0, [1.0, 0.005, 0.0001]
+    for one in base.contacts:
+        ball = spec.body(one.link).add_geom(name=one.link, type=mujoco.mjtGeom.mjGEOM_SPHERE)
+        ball.size, ball.mass, ball.friction = [one.radius_m, 0, 0], 0.0, [1.0, 0.005, 0.0001]
     spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[5, 5, 0.1])
-    spec.option.timestep = 0.001
-    return spec.compile()
+    spec.option.timestep = timestep_s
+    model = spec.compile()
+    if not soft:
+        model.geom_solref[:], model.geom_solimp[:] = (0.004, 1.0), (0.95, 0.99, 0.001, 0.5, 2.0)
+    return model
 
 
 def simulate(
-    robot: Robot, model: Any, duration_s: float, seed: int = 0, rate_hz: float = 250.0
+    robot: Robot,
+    model: Any,
+    duration_s: float,
+    seed: int = 0,
+    rate_hz: float = 250.0,
+    legs: Quadruped = GO2,
 ) -> seaid.Log:
     """The noise-free log of PD-controlled legs on the ground, with IMU and contact flags."""
     assert robot.floating_base is not None
     data, base = mujoco.MjData(model), model.body(robot.floating_base.link).id
-    time, angles = plan(robot, duration_s, seed)
+    time, angles = plan(robot, legs, duration_s, seed)
     wanted = CubicSpline(time, angles)
     rates = wanted.derivative()
     joints = [model.joint(name) for name in robot.joint_names]
     places, dofs = [one.qposadr[0] for one in joints], [one.dofadr[0] for one in joints]
     feet = {model.geom(foot).id: k for k, foot in enumerate(robot.floating_base.contact_links)}
     data.qpos[3:7], data.qpos[places] = [1, 0, 0, 0], _HOME
-    data.qpos[2] = RADIUS - np.mean(foot_positions(robot, _HOME[None])[0, :, 2])
-    every, rows = round(1 / (rate_hz * model.opt.timestep)), []
-    for step in range(-round(_SETTLE_S / model.opt.timestep), round(duration_s * 1000) - 20):
-        t = max(step * model.opt.timestep, 0.0)
+    data.qpos[2] = legs.radius_m - np.mean(foot_positions(robot, _HOME[None])[0, :, 2])
+    step_s = model.opt.timestep
+    every, rows = round(1 / (rate_hz * step_s)), []
+    for step in range(-round(_SETTLE_S / step_s), round((duration_s - 0.02) / step_s)):
+        t = max(step * step_s, 0.0)
         speed = rates(t) if step > 0 else np.zeros(robot.n)
-        torque = 120 * (wanted(t) - data.qpos[places]) + 3 * (speed - data.qvel[dofs])
-        data.qfrc_applied[dofs] = np.clip(torque, -45, 45)
+        torque = legs.stiffness * (wanted(t) - data.qpos[places])
+        torque += legs.damping * (speed - data.qvel[dofs])
+        data.qfrc_applied[dofs] = np.clip(torque, -legs.torque_limit, legs.torque_limit)
         mujoco.mj_forward(model, data)
         if step >= 0 and step % every == 0:
             R = data.xmat[base].reshape(3, 3)

@@ -1,27 +1,32 @@
-"""A quadruped on the ground in MuJoCo: intervals, total mass, and the radius of its feet.
+"""Quadrupeds on the ground in MuJoCo: intervals, total mass, unseen motions, radius of the feet.
 
-Run from the folder of the project: python -m scripts.benchmarks.legged [draws]
+Run from the folder of the project: python -m scripts.benchmarks.legged [motions [draws]]
 """
 
 from __future__ import annotations
 
 import sys
+import tempfile
 import time
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import seaid
 from scripts.example_robots import example_urdf
-from scripts.legged_plant import GO2_FEET, ball_feet, plant, simulate
+from scripts.legged_plant import GO2, SOLO12, Quadruped, changed_bodies, plant, simulate
+from seaid._arrays import Array
 
-NOISE = {"joint_position": 2e-4, "motor_torque": 0.1}
+NOISE = {"joint_position": 2e-4, "motor_torque": 0.1 / 45}
+"""Standard deviation of the encoders [rad], and of the torques over their limit."""
+
 IMU_NOISE = {"angular_velocity": 0.003, "specific_force": 0.05}
-DURATION_S = 30.0
+DURATION_S = 60.0
 
 
-def noisy(log: seaid.Log, seed: int) -> seaid.Log:
+def noisy(log: seaid.Log, seed: int, legs: Quadruped = GO2) -> seaid.Log:
     """Return a log with white noise on encoders [rad], torques [N m] and the IMU [rad/s, m/s^2]."""
     rng = np.random.default_rng(seed)
     assert log.base is not None
@@ -29,44 +34,73 @@ def noisy(log: seaid.Log, seed: int) -> seaid.Log:
         name: getattr(log.base, name) + size * rng.normal(size=(len(log.time), 3))
         for name, size in IMU_NOISE.items()
     }
+    sizes = {**NOISE, "motor_torque": NOISE["motor_torque"] * legs.torque_limit}
     own: dict[str, Any] = {
         name: (values := getattr(log, name)) + size * rng.normal(size=values.shape)
-        for name, size in NOISE.items()
+        for name, size in sizes.items()
     }
     return replace(log, base=replace(log.base, **imu), **own)
 
 
-def go2(feet: Any) -> seaid.Robot:
-    """Return the Go2 of example-robot-data with a floating base."""
-    return seaid.load_robot(example_urdf("go2.urdf"), base="floating", contacts=feet)
+def quadruped(legs: Quadruped, urdf: Path | None = None, balls: bool = True) -> seaid.Robot:
+    """Return a quadruped with a floating base, from its file or one with other bodies."""
+    contacts: Any = legs.contacts if balls else list(legs.feet)
+    path = example_urdf(legs.urdf) if urdf is None else urdf
+    return seaid.load_robot(path, base="floating", contacts=contacts)
+
+
+def intervals(legs: Quadruped, motions: int, draws: int) -> None:
+    """Print coverage, errors of the mass, and torques of an unseen motion, of changed bodies."""
+    nominal, z, masses, unseen, seconds = quadruped(legs).without_nominal(), [], [], [], []
+    holds: list[Array] = []
+    for motion in range(motions):
+        with tempfile.TemporaryDirectory() as folder:
+            path = changed_bodies(example_urdf(legs.urdf), Path(folder), motion)
+            robot = quadruped(legs, path)
+            model = plant(robot)
+        log = simulate(robot, model, DURATION_S, 2 * motion, legs=legs)
+        other = simulate(robot, model, 12.0, 2 * motion + 1, legs=legs)
+        for draw in range(draws):
+            start = time.process_time()
+            found = seaid.identify(nominal, noisy(log, 1000 * motion + draw, legs))
+            seconds.append(time.process_time() - start)
+            truth = found.base.project(robot.parameters)
+            error = found.load.values - truth
+            z.append(error / found.load.standard_errors)
+            lower, upper = found.load.interval().T
+            holds.append((lower < truth) & (truth < upper))
+            row = found.base.names.index(f"m_{nominal.floating_base.link}")  # type: ignore[union-attr]
+            masses.append(error[row] / truth[row])
+        fit = seaid.validate(found, other).load
+        signal = fit.measured[np.all(np.isfinite(fit.measured), axis=1)]
+        unseen.append(np.linalg.norm(fit.rms_error) / np.sqrt(np.mean(np.sum(signal**2, axis=1))))
+        print(
+            f"  motion {motion}: {np.mean(holds[-draws:]):.1%} hold, rms score "
+            f"{np.mean(np.square(z[-draws:])) ** 0.5:.2f}, cutoff {found.cutoff_hz:.3g} Hz, unseen "
+            f"{unseen[-1]:.2%}, worst joint {np.max(fit.relative_error):.2%}",
+            flush=True,
+        )
+    every = np.array(z)
+    print(f"{legs.urdf}: {motions} motions and bodies, {draws} draws each of {DURATION_S:g} s")
+    print(f"  95 % intervals that hold: {np.mean(holds):.1%} of {every.size}")
+    print(f"  rms score: {np.mean(every**2) ** 0.5:.2f}")
+    print(f"  largest error of the total mass: {np.max(np.abs(masses)):.2%}")
+    print(f"  torques of an unseen motion: {np.max(unseen):.2%} error at most")
+    print(f"  identify: {np.median(seconds):.1f} s of processor time (median)")
 
 
 def main() -> None:
-    """Print the table."""
-    draws = int(sys.argv[1]) if len(sys.argv) > 1 else 8
-    robot, points = go2(ball_feet()), go2(GO2_FEET)
-    log = simulate(robot, plant(robot), DURATION_S)
-    for name, one in (("balls as they are", robot), ("points at their centres", points)):
-        fits = seaid.identify(one, log).joint_fits.values()
-        print(f"unexplained torque without noise, {name}: {np.mean([x.own for x in fits]):.2%}")
-    inside, masses, scores, seconds = [], [], [], []
-    for seed in range(draws):
-        start = time.process_time()
-        found = seaid.identify(robot.without_nominal(), noisy(log, seed))
-        seconds.append(time.process_time() - start)
-        truth = found.base.project(robot.parameters)
-        error = found.load.values - truth
-        z = error / found.load.standard_errors
-        inside.append(np.mean(np.abs(z) < 1.96))
-        scores.append(np.mean(z**2))
-        row = found.base.names.index("m_base")
-        masses.append(error[row] / truth[row])
-    print(f"{draws} draws of {DURATION_S:g} s, {len(truth)} base parameters")
-    print(
-        f"95 % intervals that hold: {np.mean(inside):.1%}; rms score {np.mean(scores) ** 0.5:.2f}"
-    )
-    print(f"largest error of the total mass: {np.max(np.abs(masses)):.2%}")
-    print(f"identify: {np.median(seconds):.1f} s of processor time (median)")
+    """Print the tables."""
+    motions, draws = (int(x) for x in (*sys.argv[1:], 4, 4)[:2])
+    robot = quadruped(GO2)
+    for kind, soft in (("stiff", False), ("soft", True)):
+        log = simulate(robot, plant(robot, soft=soft), DURATION_S)
+        for name, one in (("balls", robot), ("points", quadruped(GO2, balls=False))):
+            fits = seaid.identify(one, log, cutoff_hz=5.0).joint_fits.values()
+            own = np.mean([x.own for x in fits])
+            print(f"unexplained torque without noise, {kind} feet as {name}: {own:.2%}")
+    for legs in (GO2, SOLO12):
+        intervals(legs, motions, draws)
 
 
 if __name__ == "__main__":

@@ -20,10 +20,11 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy import linalg
 from scipy.fft import dct
 from scipy.special import fdtri
 
-from seaid._arrays import Array
+from seaid._arrays import Array, safely
 from seaid.errors import Finding
 from seaid.estimation.covariance import at_slots, row_step, slots
 from seaid.estimation.estimate import Estimate
@@ -97,22 +98,29 @@ def drifts_of(rows: Regression, weights: Array, cutoff_hz: float) -> tuple[Drift
     levels = _levels(scaled, highest_hz)
     if not np.all(levels > 0):  # a log without noise
         return ()
-    scaled = [
-        replace(band, rows=band.rows / level) for band, level in zip(scaled, levels, strict=True)
-    ]
+    scaled = _orthonormal(
+        [replace(band, rows=band.rows / one) for band, one in zip(scaled, levels, strict=True)]
+    )
+    likelihoods = [_likelihood(band, highest_hz) for band in scaled]
+    moments = [one.moments[0] for one in likelihoods]
+    count = sum(len(band.rows) for band in scaled)
     found: list[Drift] = []
     left = list(range(len(bands)))
     while left:
-        likely = {place: _corner(place, scaled, highest_hz) for place in left}
+        every = np.sum(moments, axis=0)
+        likely = {
+            place: likelihoods[place].best(every - moments[place], count) for place in left
+        }
         best = max(left, key=lambda place: likely[place][1])
-        corner_hz, ratio = likely[best]
+        corner, ratio = likely[best]
+        corner_hz = float(likelihoods[best].corners_hz[corner])
         drift = _drift(rows, bands[best], corner_hz, ratio, levels[best], weights[best])
         if ratio < _SIGNIFICANT or drift.share < _LEAST_SHARE:
             break
         if drift.share < _LARGEST_SHARE:
             found.append(drift)
         left.remove(best)
-        scaled[best] = _whitened(scaled[best], corner_hz)
+        moments[best] = likelihoods[best].moments[corner]
     return tuple(found)
 
 
@@ -162,32 +170,42 @@ def _levels(bands: Sequence[_Band], highest_hz: float) -> Array:
     return np.array(found)
 
 
-def _spectrum(band: _Band, corner_hz: float) -> Array:
-    """Return noise and drift (K,) over noise."""
-    return 1 + (corner_hz / band.frequency_hz) ** 2
+def _orthonormal(bands: Sequence[_Band]) -> list[_Band]:
+    """Return the equations in columns that are orthonormal, so that products of them are exact."""
+    R = triangle(np.concatenate([band.rows for band in bands]))
+    return [
+        replace(band, rows=linalg.solve_triangular(R, band.rows.T, trans="T").T) for band in bands
+    ]
 
 
-def _whitened(band: _Band, corner_hz: float) -> _Band:
-    """Return the rows divided by the standard deviation of noise and drift."""
-    return replace(band, rows=band.rows / np.sqrt(_spectrum(band, corner_hz))[:, None])
+@dataclass(frozen=True, eq=False)
+class _Likelihood:
+    """What the likelihood of the drift of an equation needs, for C corners, the first of them 0.
 
+    `moments` (C, c, c) are those of the rows over noise and drift, `volumes` (C,) their log|V|.
+    """
 
-def _corner(place: int, bands: Sequence[_Band], highest_hz: float) -> tuple[float, float]:
-    """Return the most likely corner [Hz] of the drift of one of the equations, and its ratio."""
-    band, others = bands[place], [*bands[:place], *bands[place + 1 :]]
-    corners = np.append(0.0, np.geomspace(np.min(band.frequency_hz), highest_hz, _CORNERS))
-    count, width = sum(len(one.rows) for one in bands), band.rows.shape[1]
-    rest = triangle(np.concatenate([np.empty((0, width)), *(one.rows for one in others)]))
-    found = []
-    for corner in corners:
-        own = _whitened(band, corner).rows
-        diagonal = np.abs(np.diag(triangle(np.concatenate([rest, own]))))
+    corners_hz: Array
+    moments: Array
+    volumes: Array
+
+    def best(self, others: Array, count: int) -> tuple[int, float]:
+        """Return the most likely corner and its ratio, with the moments of `others` (c, c)."""
+        lower = safely(np.linalg.cholesky, others + self.moments, what="a drift")
+        diagonal = np.log(np.diagonal(lower, axis1=1, axis2=2))
         # -2 log of the restricted likelihood: log|V| + log|H^T V^-1 H| + m log(r^T V^-1 r)
-        freedom = count - width + 1
-        volumes = np.sum(np.log(_spectrum(band, corner))) + 2 * np.sum(np.log(diagonal[:-1]))
-        found.append(volumes + 2 * freedom * math.log(diagonal[-1]))
-    best = int(np.argmin(found))
-    return float(corners[best]), float(found[0] - found[best])
+        freedom = count - others.shape[0] + 1
+        found = self.volumes + 2 * np.sum(diagonal[:, :-1], axis=1) + 2 * freedom * diagonal[:, -1]
+        best = int(np.argmin(found))
+        return best, float(found[0] - found[best])
+
+
+def _likelihood(band: _Band, highest_hz: float) -> _Likelihood:
+    corners = np.append(0.0, np.geomspace(np.min(band.frequency_hz), highest_hz, _CORNERS))
+    # the power of noise and drift over that of noise
+    spectra = 1 + (corners[:, None] / band.frequency_hz) ** 2
+    moments = np.array([band.rows.T @ (band.rows / one[:, None]) for one in spectra])
+    return _Likelihood(corners, moments, np.sum(np.log(spectra), axis=1))
 
 
 def _drift(
