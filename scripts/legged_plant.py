@@ -64,29 +64,31 @@ def changed_bodies(urdf: Path, folder: Path, seed: int, size: float = 0.2) -> Pa
     rng, root = np.random.default_rng(seed), ET.fromstring(urdf.read_bytes())
     for inertial in root.iter("inertial"):
         mass, inertia, origin = (inertial.find(x) for x in ("mass", "inertia", "origin"))
-        assert mass is not None and inertia is not None and origin is not None
+        assert mass is not None
+        assert inertia is not None
+        assert origin is not None
         names = (("ixx", "ixy", "ixz"), ("ixy", "iyy", "iyz"), ("ixz", "iyz", "izz"))
-        I = np.array([[float(inertia.attrib[x]) for x in row] for row in names])
+        spread = np.array([[float(inertia.attrib[x]) for x in row] for row in names])
         R = pin.rpy.rpyToMatrix(*map(float, origin.get("rpy", "0 0 0").split()))
         m, c = float(mass.attrib["value"]), np.array(origin.get("xyz", "0 0 0").split(), float)
         if m == 0:
             continue
-        I = R @ I @ R.T
+        spread = R @ spread @ R.T
         J = m * np.outer([*c, 1], [*c, 1])
-        J[:3, :3] += 0.5 * np.trace(I) * np.eye(3) - I
+        J[:3, :3] += 0.5 * np.trace(spread) * np.eye(3) - spread
         A = np.eye(4) + 0.5 * size * rng.uniform(-1, 1, (4, 4)) * np.array(
             [[1, 0.5, 0.5, 0.1], [0.5, 1, 0.5, 0.1], [0.5, 0.5, 1, 0.1], [0, 0, 0, 1]]
         )
         J = A @ J @ A.T
         m, c = J[3, 3], J[:3, 3] / J[3, 3]
         spread = J[:3, :3] - m * np.outer(c, c)
-        I = np.trace(spread) * np.eye(3) - spread
+        spread = np.trace(spread) * np.eye(3) - spread
         mass.set("value", repr(float(m)))
         origin.set("xyz", " ".join(repr(float(x)) for x in c))
         origin.set("rpy", "0 0 0")
         for i, row in enumerate(names):
             for j, name in enumerate(row):
-                inertia.set(name, repr(float(I[i, j])))
+                inertia.set(name, repr(float(spread[i, j])))
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{urdf.stem}_{seed}.urdf"
     path.write_bytes(ET.tostring(root))
@@ -147,7 +149,9 @@ def plan(robot: Robot, legs: Quadruped, duration_s: float, seed: int) -> tuple[A
         away = np.where(own, np.clip(2 * np.sin(np.pi * phase), 0, 1), 0.0)
         place[:, :2] -= 0.05 * legs.size * away[:, None] * np.sign(feet[0, foot, :2])
         up = own & (phase > 0.25) & (phase < 0.75)
-        feet[:, foot, 2] += np.where(up, 0.06 * legs.size * np.sin(2 * np.pi * (phase - 0.25)) ** 2, 0.0)
+        feet[:, foot, 2] += np.where(
+            up, 0.06 * legs.size * np.sin(2 * np.pi * (phase - 0.25)) ** 2, 0.0
+        )
     place, tilt = (gaussian_filter1d(x, 6, axis=0) for x in (place, tilt))
     R = np.array([pin.rpy.rpyToMatrix(*angles) for angles in tilt])
     return time, _with_feet_at(robot, np.einsum("tji,tkj->tki", R, feet - place[:, None]))

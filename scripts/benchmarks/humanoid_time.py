@@ -58,7 +58,10 @@ def stepping(robot: seaid.Robot, duration_s: float, seed: int = 0) -> seaid.Log:
         part = slice(start, start + BLOCK)
         rows = floating_regressor(robot, q[part], v[part], a[part], (w[part], e[part], f[part]))
         need = rows @ robot.parameters
-        A = contact_map(robot, q[part], base.contacts) * np.repeat(touching[part], 6, axis=1)[:, None]
+        A = (
+            contact_map(robot, q[part], base.contacts)
+            * np.repeat(touching[part], 6, axis=1)[:, None]
+        )
         forces = np.einsum("tkr,tr->tk", np.linalg.pinv(A[:, :6]), need[:, :6])
         torque[part] = (need - np.einsum("trk,tk->tr", A, forces))[:, 6:]
     return seaid.Log(
@@ -90,7 +93,9 @@ def main() -> None:
     z = (found.load.values - truth) / found.load.standard_errors
     print(f"{robot.n} joints, {len(log.time):,} samples, cutoff {found.cutoff_hz:.3g} Hz")
     print(f"{len(truth)} base parameters, {np.mean(np.abs(z) < 1.96):.1%} of 95 % intervals hold")
-    print(f"processor time {seconds:.1f} s, peak memory {_peak_mb():,.0f} MB ({before:,.0f} before)")
+    print(
+        f"processor time {seconds:.1f} s, peak memory {_peak_mb():,.0f} MB ({before:,.0f} before)"
+    )
 
 
 if __name__ == "__main__":

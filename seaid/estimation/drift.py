@@ -108,9 +108,7 @@ def drifts_of(rows: Regression, weights: Array, cutoff_hz: float) -> tuple[Drift
     left = list(range(len(bands)))
     while left:
         every = np.sum(moments, axis=0)
-        likely = {
-            place: likelihoods[place].best(every - moments[place], count) for place in left
-        }
+        likely = {place: likelihoods[place].best(every - moments[place], count) for place in left}
         best = max(left, key=lambda place: likely[place][1])
         corner, ratio = likely[best]
         corner_hz = float(likelihoods[best].corners_hz[corner])

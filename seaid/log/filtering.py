@@ -402,7 +402,7 @@ PIECE_SAMPLES = 16_000
 """Samples of a motion whose columns are in memory at a time, without the overlap."""
 
 
-def pieces(motion: Motion) -> Iterator[tuple[Motion, float, float]]:
+def pieces(motion: Motion, samples: int = PIECE_SAMPLES) -> Iterator[tuple[Motion, float, float]]:
     """Yield the pieces of a motion, which overlap, and the time span [start, end) [s] of each.
 
     The rows of all spans are those of the whole motion, since the overlap takes the transients of
@@ -410,7 +410,7 @@ def pieces(motion: Motion) -> Iterator[tuple[Motion, float, float]]:
     """
     count, overlap = len(motion.time), filter_overlap(motion.rate_hz, motion.cutoff_hz)
     step = decimation(motion.rate_hz, motion.cutoff_hz)
-    own = step * -(-PIECE_SAMPLES // step)  # whole rows
+    own = step * -(-samples // step)  # whole rows
     motion = replace(motion, fastest=motion.largest_speeds)  # once, not by every piece
     for start in range(0, count, own):
         end, part = start + own, slice(max(start - overlap, 0), start + own + overlap)

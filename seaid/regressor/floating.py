@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -29,22 +30,32 @@ BaseStates = tuple[Array, Array, Array]
 """Angular velocity [rad/s] and acceleration, specific force [m/s^2] of the base, each (T, 3)."""
 
 
-def floating_regressor(robot: Robot, q: Array, v: Array, a: Array, base: BaseStates) -> Array:
+def floating_regressor(
+    robot: Robot,
+    q: Array,
+    v: Array,
+    a: Array,
+    base: BaseStates,
+    columns: Sequence[int] | None = None,
+) -> Array:
     """Return the regressor Y (T, 6 + n, 10N) of the rows of the base and of the joints.
 
-    Y[t] @ theta is the force and moment on the base in its frame, and the torques at the joints.
+    Y[t] @ theta is the force and moment on the base in its frame, and the torques at the joints;
+    `columns` selects some of its columns.
     """
     model = _model(robot)
-    data, count = model.createData(), model.nv
-    stacked = np.empty((len(q), 10 * count * (count - 5)))
+    data = model.createData()
+    # Pinocchio has the base first, seaid last
+    bodies = np.array([*(1 + np.argsort(robot.model_order)), 0])
+    places = np.add.outer(10 * bodies, np.arange(10)).ravel()
+    places = places if columns is None else places[list(columns)]
+    stacked = np.empty((len(q), len(places), model.nv))
     states = zip(*_states(robot, q, v, a, base), strict=True)
     for t, (q_t, v_t, a_t) in enumerate(states):
-        stacked[t] = pin.computeJointTorqueRegressor(model, data, q_t, v_t, a_t).T.reshape(-1)
-    Y = stacked.reshape(len(q), 10 * (count - 5), count).swapaxes(1, 2)
-    order = [*(1 + np.argsort(robot.model_order)), 0]  # the base is the last body
-    Y = Y.reshape(*Y.shape[:2], -1, 10)[:, :, order].reshape(Y.shape)
-    joints = np.moveaxis(robot.from_model(np.moveaxis(Y[:, 6:], 1, -1)), -1, 1)
-    return np.concatenate([Y[:, :6], joints], axis=1)
+        whole = pin.computeJointTorqueRegressor(model, data, q_t, v_t, a_t).T
+        np.take(whole, places, axis=0, out=stacked[t], mode="clip")
+    joints = robot.from_model(stacked[:, :, 6:])
+    return np.concatenate([stacked[:, :, :6], joints], axis=2).swapaxes(1, 2)
 
 
 def contact_map(
@@ -59,7 +70,7 @@ def contact_map(
     A point has three columns, a flat foot three more of the moment about it. `up` (T, 3) shows
     where balls touch the ground. With `own_frame` the forces are those in the frames of the links.
     """
-    model, frames, widths = _with_frames(robot, contacts)
+    model, frames, widths = _with_frames(robot, tuple(contacts))
     data, still = model.createData(), np.zeros((len(q), robot.n))
     nothing = (np.zeros((len(q), 3)),) * 3
     axes = pin.LOCAL if own_frame else pin.LOCAL_WORLD_ALIGNED
@@ -110,8 +121,7 @@ def without_contact_forces(
     A = floating_rows(robot, contact_map(robot, q, contacts, up), joints)
     if unknown is not None:
         A[:, 6:] *= ~unknown[:, :, None]
-    lever = np.linalg.norm(A[:, 3:6]) / np.linalg.norm(A[:, :3])
-    scale = np.where(np.arange(A.shape[1]) < 3, lever, 1.0)[:, None]
+    scale = np.where(np.arange(A.shape[1]) < 3, _typical_lever(robot), 1.0)[:, None]
     owner = np.repeat(np.arange(len(contacts)), [6 if one.is_flat else 3 for one in contacts])
     for pattern in np.unique(patterns, axis=0):
         if np.any(pattern):
@@ -195,7 +205,7 @@ def _drift(robot: Robot, q: Array, v: Array, contacts: Sequence[Contact], up: Ar
 
     The centre of a ball that rolls has a_c = e x (r up).
     """
-    model, frames, widths = _with_frames(robot, contacts)
+    model, frames, widths = _with_frames(robot, tuple(contacts))
     data, still = model.createData(), np.zeros((len(q), robot.n))
     base = (v[:, 3:6], np.zeros((len(q), 3)), np.zeros((len(q), 3)))
     found = np.empty((len(q), sum(widths)))
@@ -220,12 +230,25 @@ def floating_rows(robot: Robot, Y: Array, joints: Sequence[int]) -> Array:
     return np.concatenate([Y[:, :6], of_joints], axis=1)
 
 
+_POSTURES, _TURNED_RAD = 20, 0.5
+
+
+@lru_cache(maxsize=8)
+def _typical_lever(robot: Robot) -> float:
+    """Return the rms lever [m] of the forces of all contacts on the base, about the posture 0."""
+    assert robot.floating_base is not None
+    turned = np.random.default_rng(0).uniform(-1, 1, (_POSTURES, robot.n)) * _TURNED_RAD
+    A = contact_map(robot, turned * ~np.array(robot.is_prismatic), robot.floating_base.contacts)
+    return float(np.linalg.norm(A[:, 3:6]) / np.linalg.norm(A[:, :3]))
+
+
+@lru_cache(maxsize=8)
 def _with_frames(
-    robot: Robot, contacts: Sequence[Contact]
+    robot: Robot, contacts: tuple[Contact, ...]
 ) -> tuple[pin.Model, list[int], list[int]]:
     """Return the model with a frame for each contact, these frames, and their numbers of forces."""
     assert robot.floating_base is not None
-    model, frames = _model(robot), []
+    model, frames = pin.Model(_model(robot)), []
     for place, contact in enumerate(contacts):
         body, rotation, position = robot.floating_base.frame(contact.link)
         joint = 1 if body < 0 else 2 + robot.model_order.index(body)
@@ -235,6 +258,7 @@ def _with_frames(
     return model, frames, [6 if contact.is_flat else 3 for contact in contacts]
 
 
+@lru_cache(maxsize=8)
 def _model(robot: Robot) -> pin.Model:
     assert robot.floating_base is not None
     return floating_model(robot.model, (robot.parameters + robot.payload_parameters)[-10:])

@@ -264,43 +264,67 @@ def load_columns(
     robot: Robot, motion: Motion, model: LoadModel, springs: Mapping[str, Array]
 ) -> tuple[Array, Array, Array, Array]:
     """Return torque and payload (T, rows), H and `propagated`: torque = payload + H @ theta."""
+    if robot.floating_base is not None:
+        return _floating_columns(robot, motion, model, springs)
     known = [robot.index(joint) for joint in model.torque_joints]
-    floating = motion.base if robot.floating_base is not None else None
-    if floating is not None:
-        Y = floating_regressor(robot, *motion.joint_states, floating.states)
-        Y = floating_rows(robot, Y, known)
-        rows = list(range(Y.shape[1]))
-    else:
-        Y = regressor_at_drives(robot, *motion.joint_states)
-        rows = known
-    signals_of = partial(load_signals, robot, motion)
-    columns, drives = drive_parameters(robot, model.torque_joints, signals_of)
+    Y = regressor_at_drives(robot, *motion.joint_states)
+    columns, drives = drive_parameters(
+        robot, model.torque_joints, partial(load_signals, robot, motion)
+    )
     wanted = [drives.index(drive) for drive in model.drives]
     flat = Y.swapaxes(1, 2).reshape(len(Y), -1)  # a view: the memory layout of the regressor
-    places = np.add.outer(rows, Y.shape[1] * np.array(model.base.columns, dtype=np.intp))
+    places = np.add.outer(known, Y.shape[1] * np.array(model.base.columns, dtype=np.intp))
     base = np.take(flat, places.ravel(), axis=1).reshape(len(Y), *places.shape)
-    if floating is not None:
-        columns = below_base(columns)
     H = np.concatenate([base, columns[:, :, wanted]], axis=2) if wanted else base
     torque, propagated = _load_targets(robot, motion, model.torque_joints, springs)
-    if floating is not None:
-        torque, propagated = below_base(torque), below_base(propagated)
-        torque = torque + measured_wrenches(robot, motion.joint_position, floating.wrenches, known)
     payload = np.zeros_like(torque)
     if np.any(robot.known_parameters):
-        payload = (Y @ robot.known_parameters)[:, rows]
-    if floating is None:
-        return torque, payload, H, propagated
-    unknown = np.column_stack(
-        [unknown_friction(robot, motion, joint) for joint in model.torque_joints]
-    )
-    whole = np.concatenate([H, torque[:, :, None], payload[:, :, None], propagated], axis=2)
-    whole = without_contact_forces(
-        robot, motion.joint_position, floating.contacts, known, whole, unknown, floating.up
-    )
-    whole *= floating.used[:, None, None]
-    p = H.shape[2]
-    return whole[:, :, p], whole[:, :, p + 1], whole[:, :, :p], whole[:, :, p + 2 :]
+        payload = (Y @ robot.known_parameters)[:, known]
+    return torque, payload, H, propagated
+
+
+_PIECE_NUMBERS = 40_000_000
+"""Numbers of the regressor of a floating base that are in memory at a time: 320 MB."""
+
+_BLOCK_NUMBERS = 1_000_000
+"""Numbers of the regressor of a floating base that are computed at a time: few megabytes."""
+
+
+def _floating_columns(
+    robot: Robot, motion: Motion, model: LoadModel, springs: Mapping[str, Array]
+) -> tuple[Array, Array, Array, Array]:
+    """Return the `load_columns` of a floating base, without contact forces, block by block."""
+    base, q = motion.base, motion.joint_position
+    assert base is not None
+    joints = model.torque_joints
+    known, p = [robot.index(joint) for joint in joints], len(model.base.columns)
+    given = np.flatnonzero(robot.known_parameters)
+    every, drives = drive_parameters(robot, joints, partial(load_signals, robot, motion))
+    every = every[:, :, [drives.index(drive) for drive in model.drives]]
+    torque, propagated = _load_targets(robot, motion, joints, springs)
+    torque = below_base(torque) + measured_wrenches(robot, q, base.wrenches, known)
+    unknown = np.column_stack([unknown_friction(robot, motion, joint) for joint in joints])
+    others = np.concatenate([below_base(every), torque[:, :, None]], axis=2)
+    propagated = below_base(propagated)
+    found = np.zeros((*torque.shape, p + others.shape[2] + 1 + propagated.shape[2]))
+    step = max(_BLOCK_NUMBERS // found[0].size, 1)
+    for start in range(0, len(q), step):
+        part = slice(start, start + step)
+        own, states = base.samples(part), [x[part] for x in motion.joint_states]
+        if not np.any(own.used):
+            continue
+        Y = floating_regressor(robot, *states, own.states, [*model.base.columns, *given])
+        Y = floating_rows(robot, Y, known)
+        payload = Y[:, :, p:] @ robot.known_parameters[given]
+        rows = np.concatenate(
+            [Y[:, :, :p], others[part], payload[:, :, None], propagated[part]], axis=2
+        )
+        rows = without_contact_forces(
+            robot, states[0], own.contacts, known, rows, unknown[part], own.up
+        )
+        found[part] = rows * own.used[:, None, None]
+    end = p + others.shape[2]
+    return found[:, :, end - 1], found[:, :, end], found[:, :, : end - 1], found[:, :, end + 1 :]
 
 
 def drive_torques(
@@ -361,14 +385,18 @@ def load_regressions(
     """Return the `load_regression` at several cutoffs; a short motion's columns are shared."""
     motions = [replace(motion, cutoff_hz=cutoff_hz) for cutoff_hz in cutoffs_hz]
     columns = partial(load_columns, robot, model=model, springs=springs)
-    if len(motion.time) <= PIECE_SAMPLES:
+    samples = PIECE_SAMPLES
+    if robot.floating_base is not None:  # has more rows and columns
+        size = (6 + len(model.torque_joints)) * len(model.names)
+        samples = min(max(_PIECE_NUMBERS // size, 1), samples)
+    if len(motion.time) <= samples:
         shared = columns(motion)
         return [_load_rows(robot, one, model, shared) for one in motions]
 
     def regress(piece: Motion) -> Regression:
         return _load_rows(robot, piece, model, columns(piece))
 
-    return [rows_by_pieces(one, regress) for one in motions]
+    return [rows_by_pieces(one, regress, samples) for one in motions]
 
 
 def _load_rows(

@@ -345,13 +345,12 @@ def regressions_of_parts(
             yield name, _own_rows(regress(motion), motion, part.start_s, part.end_s)
 
 
-def rows_by_pieces(motion: Motion, regress: Regress) -> Regression:
+def rows_by_pieces(motion: Motion, regress: Regress, samples: int = PIECE_SAMPLES) -> Regression:
     """Return the rows of a motion, whose columns are computed piece by piece if it is long."""
-    if len(motion.time) <= PIECE_SAMPLES:
+    if len(motion.time) <= samples:
         return regress(motion)
-    rows = stacked(
-        [_own_rows(regress(piece), piece, start, end) for piece, start, end in pieces(motion)]
-    )
+    parts = pieces(motion, samples)
+    rows = stacked([_own_rows(regress(piece), piece, start, end) for piece, start, end in parts])
     return replace(rows, run=np.zeros(len(rows.y)))
 
 

@@ -16,7 +16,7 @@ import pytest
 import seaid
 from scripts.benchmarks.legged import noisy
 from scripts.example_robots import example_urdf
-from scripts.legged_plant import GO2_FEET, ball_feet, plant, simulate
+from scripts.legged_plant import GO2, plant, simulate
 from seaid._arrays import Array
 from seaid.errors import SeaidError
 from seaid.log import BaseLog
@@ -26,7 +26,7 @@ from seaid.robot import Robot
 
 @cache
 def go2() -> Robot:
-    return seaid.load_robot(example_urdf("go2.urdf"), base="floating", contacts=ball_feet())
+    return seaid.load_robot(example_urdf("go2.urdf"), base="floating", contacts=GO2.contacts)
 
 
 @cache
@@ -62,12 +62,12 @@ def swayed() -> seaid.Log:
         base=BaseLog(
             angular_velocity=w,
             specific_force=f,
-            contacts=dict.fromkeys(GO2_FEET, np.ones(len(time))),
+            contacts=dict.fromkeys(GO2.feet, np.ones(len(time))),
         ),
     )
 
 
-STANDING = seaid.load_robot(example_urdf("go2.urdf"), base="floating", contacts=GO2_FEET)
+STANDING = seaid.load_robot(example_urdf("go2.urdf"), base="floating", contacts=GO2.feet)
 
 
 @cache
@@ -95,7 +95,7 @@ def test_measured_wrenches_determine_what_flight_does() -> None:
     rows = floating_regressor(STANDING, *motion.joint_states, motion.base.states)
     held = (rows @ STANDING.parameters)[:, :6]
     forces = np.einsum("tkr,tr->tk", np.linalg.pinv(A[:, :6]), held)
-    wrenches = {x: forces[:, 3 * k : 3 * k + 3] for k, x in enumerate(GO2_FEET)}
+    wrenches = {x: forces[:, 3 * k : 3 * k + 3] for k, x in enumerate(GO2.feet)}
     torque = rows @ STANDING.parameters - np.einsum("trk,tk->tr", A, forces)
     measured = replace(
         log, motor_torque=torque[:, 6:], base=replace(log.base, contacts={}, wrenches=wrenches)
@@ -118,7 +118,7 @@ def test_bodies_are_validated_and_written_with_the_base(tmp_path: Path) -> None:
     assert np.max(validation.load.relative_error) < 0.01
     path = tmp_path / "go2.urdf"
     seaid.write_urdf(found, path)
-    again = seaid.load_robot(path, base="floating", contacts=GO2_FEET)
+    again = seaid.load_robot(path, base="floating", contacts=GO2.feet)
     np.testing.assert_allclose(
         found.base.project(again.parameters), found.base.project(found.robot.parameters), atol=1e-6
     )
@@ -190,7 +190,7 @@ def test_mjcf_has_the_mass_matrix_of_the_floating_robot(tmp_path: Path) -> None:
 def test_bodies_of_a_quadruped_that_lifts_its_feet() -> None:
     log = walked()
     assert log.base is not None
-    assert all(0.8 < np.mean(log.base.contacts[foot]) < 0.99 for foot in GO2_FEET)
+    assert all(0.8 < np.mean(log.base.contacts[foot]) < 0.99 for foot in GO2.feet)
     found = seaid.identify(go2().without_nominal(), noisy(log, 1))
     assert found.verdict.level == "good", found.warnings
     assert len(found.load.values) == 94
@@ -206,7 +206,7 @@ def test_bodies_of_a_quadruped_that_lifts_its_feet() -> None:
 
 @pytest.mark.slow
 def test_a_radius_left_out_shows_in_the_residual() -> None:
-    robot = seaid.load_robot(example_urdf("go2.urdf"), base="floating", contacts=GO2_FEET)
+    robot = seaid.load_robot(example_urdf("go2.urdf"), base="floating", contacts=GO2.feet)
     errors = [
         np.mean([fit.own for fit in seaid.identify(one, walked()).joint_fits.values()])
         for one in (go2(), robot)
