@@ -20,6 +20,7 @@ from seaid.drives import LEVEL_OF, JointParameter, is_dry
 from seaid.errors import IdentificationError, LogError
 from seaid.log import (
     PIECE_SAMPLES,
+    decimated,
     in_band_at,
     joint_standstill,
     row_samples,
@@ -283,6 +284,10 @@ def load_columns(
     return torque, payload, H, propagated
 
 
+_RATES = 30.0
+"""Rate over the cutoff at which columns of a floating base are computed: six times the band of its
+positions, so that products of three of them have no image below the cutoff."""
+
 _PIECE_NUMBERS = 40_000_000
 """Numbers of the regressor of a floating base that are in memory at a time: 320 MB."""
 
@@ -383,12 +388,13 @@ def load_regressions(
     cutoffs_hz: Sequence[float],
 ) -> list[Regression]:
     """Return the `load_regression` at several cutoffs; a short motion's columns are shared."""
-    motions = [replace(motion, cutoff_hz=cutoff_hz) for cutoff_hz in cutoffs_hz]
-    columns = partial(load_columns, robot, model=model, springs=springs)
     samples = PIECE_SAMPLES
     if robot.floating_base is not None:  # has more rows and columns
+        motion = _thinned(motion, max(cutoffs_hz))
         size = (6 + len(model.torque_joints)) * len(model.names)
         samples = min(max(_PIECE_NUMBERS // size, 1), samples)
+    motions = [replace(motion, cutoff_hz=cutoff_hz) for cutoff_hz in cutoffs_hz]
+    columns = partial(load_columns, robot, model=model, springs=springs)
     if len(motion.time) <= samples:
         shared = columns(motion)
         return [_load_rows(robot, one, model, shared) for one in motions]
@@ -397,6 +403,17 @@ def load_regressions(
         return _load_rows(robot, piece, model, columns(piece))
 
     return [rows_by_pieces(one, regress, samples) for one in motions]
+
+
+def _thinned(motion: Motion, cutoff_hz: float) -> Motion:
+    """Return the motion of a floating base at a rate that its columns need, if it has no wrenches.
+
+    Its positions have passed a low pass, its measured wrenches have not.
+    """
+    factor = int(motion.rate_hz / (_RATES * cutoff_hz)) if np.isfinite(cutoff_hz) else 1
+    if factor < 2 or motion.base is None or motion.base.wrenches:
+        return motion
+    return decimated(motion, factor)
 
 
 def _load_rows(
