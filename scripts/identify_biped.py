@@ -1,9 +1,9 @@
 """Identify a biped with springs in six joints, in simulation: it hangs first, then it stands.
 
-Two TULip legs (models/tulip_leg.urdf, the right one mirrored) carry a trunk of 6 kg. The ankles
-also roll, with a measured torque. MuJoCo simulates bodies and contacts, this script the motors behind the
-springs. Hanging, the trunk is held and the legs swing; standing, both soles stay on the ground and
-the trunk sways. `python scripts/identify_biped.py --help` lists all options.
+Two TULip legs (models/tulip_leg.urdf, the right one mirrored) carry a trunk of 3 kg. The ankles
+also roll, with a measured torque. MuJoCo simulates bodies and contacts, this script the motors
+behind the springs. Hanging, the trunk is held and the legs swing; standing, both soles stay on the
+ground and the trunk sways. `python scripts/identify_biped.py --help` lists all options.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from seaid._arrays import Array
 from seaid._files import result_folder
 from seaid.drives import IDEAL_DRIVE, total_ratio
 from seaid.log import BaseLog
+from seaid.regressor.floating import contact_map, floating_regressor
 from seaid.report.text import drive_table, load_table, warning_lines
 from seaid.robot import Contact
 
@@ -39,8 +40,8 @@ SOLE_M = (0.04, 0.0, -0.05)
 FEET = [Contact(f"{side}_foot", SOLE_M, is_flat=True) for side in SIDES]
 _HIP_M, _STEP_S, _RATE_HZ, _PLAN_HZ = 0.03, 2.5e-4, 500.0, 50.0
 _TRUNK = (
-    '<inertial><origin xyz="-0.01 0.004 0.16" rpy="0.1 0.05 0.2"/><mass value="6.0"/>'
-    '<inertia ixx="0.065" ixy="0" ixz="0" iyy="0.055" iyz="0" izz="0.035"/></inertial>'
+    '<inertial><origin xyz="-0.01 0.004 0.10" rpy="0.1 0.05 0.2"/><mass value="3.0"/>'
+    '<inertia ixx="0.025" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.018"/></inertial>'
 )
 _ANKLE = (
     '<link name="ankle"><inertial><mass value="0.045"/><inertia ixx="2e-5" ixy="0" ixz="0" '
@@ -136,21 +137,22 @@ def _waves(rng: np.random.Generator, time: Array, sizes: Any, fastest_hz: float)
     for _ in range(4):
         turn = 2 * np.pi * rng.uniform(0.1, fastest_hz, len(sizes))
         found += np.sin(np.outer(time, turn) + rng.uniform(0, 6, len(sizes))) / 3
-    return found * begin[:, None] * np.array(sizes)
+    return np.asarray(found * begin[:, None] * np.array(sizes))
 
 
-def hanging_plan(duration_s: float, seed: int) -> tuple[Array, Array]:
-    """Return times and joint angles (T, 12) of the swinging legs."""
+def hanging_plan(duration_s: float, seed: int) -> tuple[Array, Array, Array]:
+    """Return times, joint angles and torques of zero (T, 12) of the swinging legs."""
     rng, time = np.random.default_rng(seed), np.arange(0, duration_s, 1 / _PLAN_HZ)
     middle = [0.0, 0.1, -0.3, 0.7, 0.0, 0.0, 0.0, -0.1, -0.3, 0.7, 0.0, 0.0]
-    sizes = 2 * [0.4, 0.2, 0.5, 0.5, 0.4, 0.0]
-    return time, np.array(middle) + _waves(rng, time, sizes, 1.2)
+    sizes = 2 * [0.4, 0.2, 0.5, 0.5, 0.4, 0.2]
+    angles = np.array(middle) + _waves(rng, time, sizes, 1.2)
+    return time, angles, 0 * angles
 
 
-def standing_plan(robot: seaid.Robot, duration_s: float, seed: int) -> tuple[Array, Array]:
-    """Return times and joint angles (T, 12) of a trunk that sways over standing feet."""
+def standing_plan(robot: seaid.Robot, duration_s: float, seed: int) -> tuple[Array, Array, Array]:
+    """Return times, joint angles and static torques (T, 12) of a trunk that sways over its feet."""
     rng, time = np.random.default_rng(seed), np.arange(0, duration_s, 1 / _PLAN_HZ)
-    sway = _waves(rng, time, (0.025, 0.025, 0.03, 0.1, 0.15, 0.15), 0.9)
+    sway = _waves(rng, time, (0.012, 0.012, 0.02, 0.05, 0.08, 0.1), 0.7)
     model = robot.model
     data, joints = model.createData(), [model.getJointId(f"{x}_ankle_roll") for x in SIDES]
     q, found = robot.to_model(np.array([2 * [0.0, 0.0, -0.4, 0.83, -0.43, 0.0]]))[0], []
@@ -166,12 +168,21 @@ def standing_plan(robot: seaid.Robot, duration_s: float, seed: int) -> tuple[Arr
                 J = pin.computeJointJacobian(model, data, q, joint)
                 q = q + np.linalg.pinv(J) @ error
         found.append(robot.from_model(q))
-    return time, np.array(found)
+    angles, still = np.array(found), np.zeros((len(time), robot.n))
+    up = np.array([pin.rpy.rpyToMatrix(*x[3:])[2] for x in sway])
+    rows = floating_regressor(robot, angles, still, still, (0 * up, 0 * up, 9.81 * up))
+    rows = rows @ robot.parameters
+    A = contact_map(robot, angles, FEET)
+    forces = np.einsum("tkr,tr->tk", np.linalg.pinv(A[:, :6]), rows[:, :6])
+    return time, angles, (rows - np.einsum("trk,tk->tr", A, forces))[:, 6:]
 
 
-def simulate(robot: seaid.Robot, model: Any, plan: tuple[Array, Array], seed: int) -> seaid.Log:
+def simulate(
+    robot: seaid.Robot, model: Any, plan: tuple[Array, Array, Array], seed: int
+) -> seaid.Log:
     """Return the log of encoders, motor torques and, of a biped that stands, of the IMU."""
-    n, wanted, data = robot.n, CubicSpline(*plan), mujoco.MjData(model)
+    n, wanted, data = robot.n, CubicSpline(*plan[:2]), mujoco.MjData(model)
+    holding = CubicSpline(plan[0], plan[2])
     rates, own = wanted.derivative(), [model.joint(name) for name in robot.joint_names]
     places, dofs = [x.qposadr[0] for x in own], [x.dofadr[0] for x in own]
     drives = list(robot.drives.values())
@@ -179,7 +190,7 @@ def simulate(robot: seaid.Robot, model: Any, plan: tuple[Array, Array], seed: in
     ratio = np.array([total_ratio(drive) for drive in drives])
 
     def value(name: str) -> Array:
-        return np.array([drive.values.get(name, 0.0) for drive in drives])[elastic]
+        return np.asarray([drive.values.get(name, 0.0) for drive in drives], dtype=float)[elastic]
 
     # coordinates of the joints: phi = theta_M / ratio, k r_L^2
     N, e = ratio[elastic], np.flatnonzero(elastic)
@@ -192,7 +203,7 @@ def simulate(robot: seaid.Robot, model: Any, plan: tuple[Array, Array], seed: in
         data.qpos[3:7] = [1, 0, 0, 0]
         mujoco.mj_forward(model, data)
         data.qpos[2] -= np.min(_soles(model, data))
-    motor, speed = data.qpos[places][e].copy(), np.zeros(len(e))
+    motor, speed = data.qpos[places][e] + holding(0.0)[e] / k, np.zeros(len(e))
     geared = np.array([drive != IDEAL_DRIVE for drive in drives])
     stiffness, damping = np.where(geared, 200.0, 30.0), np.where(geared, 5.0, 0.3)
     every, rows = round(1 / (_RATE_HZ * _STEP_S)), []
@@ -200,12 +211,12 @@ def simulate(robot: seaid.Robot, model: Any, plan: tuple[Array, Array], seed: in
         t = max(step * _STEP_S, 0.0)
         q, v = data.qpos[places], data.qvel[dofs]
         faster = rates(t) * (step > 0)
-        command = stiffness * (wanted(t) - q) + damping * (faster - v)
+        command = stiffness * (wanted(t) - q) + damping * (faster - v) + holding(t)
         spring = k * (motor - q[e])
         torque = command / ratio
-        # motors behind springs follow an angle that makes the springs of a standing robot stiffer
-        lead = 0.0 if is_held else 2 * (wanted(t) - q)[e] + 0.05 * (faster - v)[e]
-        torque[e] = (400 * (wanted(t)[e] + lead - motor) + 12 * (faster[e] - speed)) / N
+        # the motors behind springs lead by the deflections of the planned motion
+        ahead = wanted(t)[e] + holding(t)[e] / k
+        torque[e] = (600 * (ahead - motor) + 30 * (faster[e] - speed) + holding(t)[e]) / N
         data.qfrc_applied[dofs] = np.where(elastic, 0.0, ratio * torque)
         data.qfrc_applied[np.array(dofs)[e]] = spring
         mujoco.mj_forward(model, data)
@@ -264,22 +275,22 @@ def main(output: Path, seed: int, duration_s: float) -> None:
     log = simulate(held, plant(urdf, held, True), hang, seed)
     legs = seaid.identify(held.without_nominal(), log)
     print(drive_table("Hanging: drives", legs, held))
-    stand = standing_plan(held, duration_s, seed + 1)
+    stand = standing_plan(standing, duration_s, seed + 1)
     log = simulate(standing, plant(urdf, standing, False), stand, seed + 1)
     whole = seaid.identify(standing.without_nominal(), log)
     print(drive_table("Standing on two flat feet: drives", whole, standing))
     print(load_table("Standing: base parameters of the whole robot", whole, standing))
     for name, found in (("hanging", legs), ("standing", whole)):
-        print(f"{name}: {len(found.load.values)} base parameters, {found.verdict}")
-        print(warning_lines(found.warnings))
+        print(f"{name}: {len(found.load.values)} base parameters, {found.verdict.sentence}")
+        print("\n".join(warning_lines(found.warnings)))
         found.save(output / f"{name}.json")
-    seaid.write_report(whole, output / "report.html")
+    seaid.write_report(whole, path=output / "report.html")
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])  # type: ignore[union-attr]
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--output", type=Path, default=Path("biped"))
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--duration", type=float, default=30.0)
+    parser.add_argument("--duration", type=float, default=20.0)
     options = parser.parse_args()
     main(options.output, options.seed, options.duration)

@@ -174,9 +174,9 @@ def plant(robot: Robot, timestep_s: float = 0.0005, soft: bool = False) -> Any:
     base = robot.floating_base
     assert base is not None
     spec.body(base.link).add_freejoint()
-    for one in base.contacts:
-        ball = spec.body(one.link).add_geom(name=one.link, type=mujoco.mjtGeom.mjGEOM_SPHERE)
-        ball.size, ball.mass, ball.friction = [one.radius_m, 0, 0], 0.0, [1.0, 0.005, 0.0001]
+    for foot in base.contacts:
+        ball = spec.body(foot.link).add_geom(name=foot.link, type=mujoco.mjtGeom.mjGEOM_SPHERE)
+        ball.size, ball.mass, ball.friction = [foot.radius_m, 0, 0], 0.0, [1.0, 0.005, 0.0001]
     spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[5, 5, 0.1])
     spec.option.timestep = timestep_s
     model = spec.compile()

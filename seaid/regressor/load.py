@@ -315,9 +315,10 @@ def _floating_columns(
     step = max(_BLOCK_NUMBERS // found[0].size, 1)
     for start in range(0, len(q), step):
         part = slice(start, start + step)
-        own, states = base.samples(part), [x[part] for x in motion.joint_states]
+        own = base.samples(part)
         if not np.any(own.used):
             continue
+        states = (q[part], motion.joint_velocity[part], motion.joint_acceleration[part])
         Y = floating_regressor(robot, *states, own.states, [*model.base.columns, *given])
         Y = floating_rows(robot, Y, known)
         payload = Y[:, :, p:] @ robot.known_parameters[given]
