@@ -288,7 +288,7 @@ def main(output: Path, seed: int, duration_s: float) -> None:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--output", type=Path, default=Path("biped"))
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--duration", type=float, default=20.0)

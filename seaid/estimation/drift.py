@@ -17,6 +17,7 @@ import itertools
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -171,9 +172,8 @@ def _levels(bands: Sequence[_Band], highest_hz: float) -> Array:
 def _orthonormal(bands: Sequence[_Band]) -> list[_Band]:
     """Return the equations in columns that are orthonormal, so that products of them are exact."""
     R = triangle(np.concatenate([band.rows for band in bands]))
-    return [
-        replace(band, rows=linalg.solve_triangular(R, band.rows.T, trans="T").T) for band in bands
-    ]
+    solved = partial(safely, linalg.solve_triangular, R, what="a drift", trans="T")
+    return [replace(band, rows=solved(band.rows.T).T) for band in bands]
 
 
 @dataclass(frozen=True, eq=False)

@@ -159,7 +159,9 @@ def _left(one: Hypothesis, changed: Experiment) -> float:
     """
     misfit = np.fmin(changed.nominal, changed.free)
     own = misfit[changed.robot.index(one.joint)] if one.joint else np.nan
-    return float(own if np.isfinite(own) else np.nanmedian(misfit))
+    known = misfit[~np.isnan(misfit)]
+    middle = np.median(known) if len(known) else np.nan  # no joint has a misfit
+    return float(own if np.isfinite(own) else middle)
 
 
 _FALLS = 0.5

@@ -149,7 +149,7 @@ def test_message_of_what_needs_a_fixed_base(what: str) -> None:
 
 
 def test_hanging_adds_what_four_feet_lack() -> None:
-    feet = list(GO2_FEET)
+    feet = list(GO2.feet)
     alone, hanging, both = (
         seaid.identifiability(STANDING, stances=stances)
         for stances in ([feet], ["hanging"], [feet, "hanging"])
@@ -182,7 +182,7 @@ def test_mjcf_has_the_mass_matrix_of_the_floating_robot(tmp_path: Path) -> None:
     np.testing.assert_allclose(found, wanted, atol=1e-6)
     data.qpos[:7], data.qpos[places] = [*model.body("base").pos, 1, 0, 0, 0], 0
     mujoco.mj_forward(model, data)
-    lowest = min(data.geom(f"{foot}_contact").xpos[2] for foot in GO2_FEET)
+    lowest = min(data.geom(f"{foot}_contact").xpos[2] for foot in GO2.feet)
     assert lowest == pytest.approx(0.02)
 
 
