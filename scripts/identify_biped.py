@@ -190,7 +190,8 @@ def simulate(
     ratio = np.array([total_ratio(drive) for drive in drives])
 
     def value(name: str) -> Array:
-        return np.asarray([drive.values.get(name, 0.0) for drive in drives], dtype=float)[elastic]
+        values = np.array([drive.values.get(name, 0.0) for drive in drives])
+        return np.asarray(values[elastic])
 
     # coordinates of the joints: phi = theta_M / ratio, k r_L^2
     N, e = ratio[elastic], np.flatnonzero(elastic)
@@ -284,7 +285,7 @@ def main(output: Path, seed: int, duration_s: float) -> None:
         print(f"{name}: {len(found.load.values)} base parameters, {found.verdict.sentence}")
         print("\n".join(warning_lines(found.warnings)))
         found.save(output / f"{name}.json")
-    seaid.write_report(whole, path=output / "report.html")
+    seaid.write_report(whole, [], output / "report.html")
 
 
 if __name__ == "__main__":
