@@ -49,6 +49,7 @@ class Quadruped:
 GO2 = Quadruped(
     "go2.urdf", ("FL_foot", "FR_foot", "RL_foot", "RR_foot"), 0.02, 1.0, 120.0, 3.0, 45.0
 )
+GO2_FEET = GO2.feet
 SOLO12 = Quadruped(
     "solo12.urdf", ("FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT"), 0.016, 0.75, 12.0, 0.2, 2.7
 )
