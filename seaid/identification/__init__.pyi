@@ -17,6 +17,10 @@ from .found_contacts import FoundContacts as FoundContacts
 from .found_contacts import find_contacts as find_contacts
 from .frequency import FrequencyResponse as FrequencyResponse
 from .frequency import frequency_response as frequency_response
+from .gain_sets import GAIN_FACTORS as GAIN_FACTORS
+from .gain_sets import GainSet as GainSet
+from .gain_sets import GainSetPlan as GainSetPlan
+from .gain_sets import plan_gain_set as plan_gain_set
 from .identification import Identification as Identification
 from .identification import Method as Method
 from .identification import identify as identify

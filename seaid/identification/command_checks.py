@@ -151,15 +151,22 @@ def _limited(robot: Robot, log: Log, j: int, error: Array) -> Iterator[Finding]:
     )
 
 
+def encoder_noise(position: Array) -> float:
+    """Return the standard deviation of noise and resolution of an encoder (T,).
+
+    Noise has 924 times its variance in sixth differences, where a motion leaves little of itself.
+    """
+    sixth = 1.4826 * float(np.median(np.abs(np.diff(position, 6)))) / np.sqrt(924)
+    repeats = bool(np.any(np.diff(position) == 0))
+    return float(max(sixth, resolution(position) / np.sqrt(12) if repeats else 0.0))
+
+
 def _too_close(log: Log, j: int, error: Array) -> Iterator[Finding]:
     """Yield a joint whose tracking error is mostly the noise of its encoder."""
     assert log.position_command is not None
     joint = log.joint_names[j]
     position = log.position_command[:, j] - error
-    # noise has 924 times its variance in sixth differences, where a motion leaves little of itself
-    sixth = 1.4826 * float(np.median(np.abs(np.diff(position, 6)))) / np.sqrt(924)
-    repeats = bool(np.any(np.diff(position) == 0))
-    noise = max(sixth, resolution(position) / np.sqrt(12) if repeats else 0.0)
+    noise = encoder_noise(position)
     size = float(np.std(error))
     if size > _NOISY * noise or is_constant(position):
         return
