@@ -122,7 +122,7 @@ ONE_IMPORTER = {
         "symbolic.independence",
     ),
     "functions that users call": (
-        *("identification.conditions", "identification.static_calibration"),
+        "identification.static_calibration",
         "identification.frequency",
         *("log.infer_columns", "log.long_log", "project.saved"),
         *("regressor.exact.base", "report.comparison", "symbolic.expression_text"),

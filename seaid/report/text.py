@@ -643,7 +643,7 @@ def gain_set_table(plan: GainSetPlan) -> Text:
     title = "Predicted standard errors with a second gain set, the best first"
     lines = [f"errors are multiplied by {plan.model_error:.3g}: the residual of the log over that "]
     lines[0] += "of its simulation"
-    return joined([table(title, header, rows), *lines, *map("left out: {}".format, plan.rejected)])
+    return joined([table(title, header, rows), *lines, *map("excluded: {}".format, plan.rejected)])
 
 
 def _range_of(values: Mapping[str, float]) -> str:

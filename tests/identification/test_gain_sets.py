@@ -74,10 +74,7 @@ def test_the_scatter_of_experiments_is_the_predicted_standard_error(
     values, noise = [], np.array([NOISE])
     for seed in range(24):
         rng = np.random.default_rng(seed + 10)
-        logs = (
-            _noisy(one, of, np.array([NOISE]), rng)
-            for one, of in ((clean, first), (best.log, best.log))
-        )
+        logs = _noisy(clean, first, noise, rng), _noisy(best.log, best.log, noise, rng)
         pairs = dict(zip(("first", "second"), zip((free, second), logs, strict=True), strict=True))
         both = seaid.identify_conditions(pairs, condition_specific=())
         of_both = values_of(both.identifications["first"])
