@@ -23,11 +23,25 @@ STATED_DELAY_S = 12.5e-3
 states no standard deviation: two or three samples of a bus at 200 Hz."""
 
 
+_LEAST, _MOST = np.nextafter(0.0, 1.0), np.finfo(float).max
+_RANGES = {
+    "position_gain_Nm_per_rad": ("more than zero and finite", _LEAST, _MOST),
+    "velocity_gain_Nms_per_rad": ("zero or more and finite", 0.0, _MOST),
+    "torque_limit_Nm": ("more than zero", _LEAST, math.inf),
+    "no_load_speed_rad_per_s": ("more than zero", _LEAST, math.inf),
+    "command_velocity_gain_Nms_per_rad": ("a finite number", -_MOST, _MOST),
+    "feedforward_Nm": ("a finite number", -_MOST, _MOST),
+}
+"""{field: (what it must be, least and largest value)}."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Controller:
-    """A position controller: torque = clip(K_p (u - q) - K_d q', -limit, limit) at the joint.
+    """A position controller: torque = clip(K_p (u - q) + K_v u' - K_d q' + F) at the joint.
 
-    The position q is that of the drive's own encoder: theta_M / N behind the gear.
+    The position q is that of the drive's own encoder: theta_M / N behind the gear. The limits of
+    the torque are -limit and limit; with a no-load speed v_0, those of a motor at a fixed voltage
+    too: limit (1 - q'/v_0) above, and -limit (1 + q'/v_0) below.
 
     Parameters
     ----------
@@ -37,6 +51,15 @@ class Controller:
         K_d at the joint [N m s/rad], of a prismatic joint [N s/m].
     torque_limit_Nm : float, default inf
         Largest torque at the joint [N m], of a prismatic joint [N].
+    no_load_speed_rad_per_s : float, default inf
+        v_0, the speed at which the motor has no torque left [rad/s, of a prismatic joint m/s].
+    command_velocity_gain_Nms_per_rad : float, default 0
+        K_v on the velocity of the command [N m s/rad]: that of velocity errors, if it is K_d.
+    feedforward_Nm : float, default 0
+        F, a constant torque [N m].
+    is_held : bool, default False
+        Whether the drive holds each logged command until the next one, half a period later on
+        average; without it commands count as a line through those of the log.
 
     Raises
     ------
@@ -53,23 +76,39 @@ class Controller:
     velocity_gain_Nms_per_rad: float = 0.0
     torque_limit_Nm: float = math.inf
 
-    def __post_init__(self) -> None:
-        for name in ("position_gain_Nm_per_rad", "velocity_gain_Nms_per_rad", "torque_limit_Nm"):
-            value, is_gain = getattr(self, name), name != "torque_limit_Nm"
-            least = "zero or more" if name.startswith("velocity") else "more than zero"
-            is_number = isinstance(value, int | float) and not isinstance(value, bool)
-            is_allowed = is_number and (value >= 0 if least == "zero or more" else value > 0)
-            if not is_allowed or (is_gain and not math.isfinite(value)):
-                finite = " and finite" if is_gain else ""
-                ask = ": write the number of your controller" if isinstance(value, str) else ""
-                raise RobotError(f"{name} must be {least}{finite}, found {shown(value)}{ask}")
+    no_load_speed_rad_per_s: float = math.inf
+    command_velocity_gain_Nms_per_rad: float = 0.0
+    feedforward_Nm: float = 0.0
+    is_held: bool = False
 
-    def torque(self, command: Array, position: Array, velocity: Array) -> tuple[Array, BoolArray]:
-        """Return the torque (T,) at the joint, and the mask (T,) of samples at its limit."""
+    def __post_init__(self) -> None:
+        if not isinstance(self.is_held, bool):
+            raise RobotError(f"is_held must be true or false, found {shown(self.is_held)}")
+        for name, (words, low, high) in _RANGES.items():
+            value = getattr(self, name)
+            is_number = isinstance(value, int | float) and not isinstance(value, bool)
+            if not is_number or not (low <= value <= high):
+                ask = ": write the number of your controller" if isinstance(value, str) else ""
+                raise RobotError(f"{name} must be {words}, found {shown(value)}{ask}")
+
+    def torque(
+        self, command: Array, position: Array, velocity: Array, rate: Array | float = 0.0
+    ) -> tuple[Array, BoolArray]:
+        """Return the torque (T,) at the joint, and the mask (T,) of samples at its limit.
+
+        `rate` is that of the command, for K_v.
+        """
         wanted = self.position_gain_Nm_per_rad * (command - position)
-        wanted = wanted - self.velocity_gain_Nms_per_rad * velocity
-        limit = self.torque_limit_Nm
-        return np.clip(wanted, -limit, limit), np.abs(wanted) > limit
+        wanted = wanted + self.command_velocity_gain_Nms_per_rad * rate + self.feedforward_Nm
+        return self.limited(wanted - self.velocity_gain_Nms_per_rad * velocity, velocity)
+
+    def limited(self, wanted: Array, velocity: Array) -> tuple[Array, BoolArray]:
+        """Return torques (T,) within the limits at a velocity, and where they are at one."""
+        if math.isinf(self.torque_limit_Nm):
+            return wanted, np.zeros(np.shape(wanted), dtype=bool)
+        share = velocity / self.no_load_speed_rad_per_s
+        high, low = (self.torque_limit_Nm * np.clip(1 - x, 0.0, 1.0) for x in (share, -share))
+        return np.clip(wanted, -low, high), (wanted > high) | (wanted < -low)
 
 
 def stated_delay_s(drive: Drive) -> float:

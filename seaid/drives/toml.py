@@ -203,7 +203,11 @@ def _plain(value: Any) -> Any:
     """Return a field as a TOML type."""
     if isinstance(value, Controller):
         given = ((field, getattr(value, field.name)) for field in fields(value))
-        return {field.name: float(x) for field, x in given if x != field.default}
+        return {
+            field.name: x if isinstance(x, bool) else float(x)
+            for field, x in given
+            if x != field.default
+        }
     if isinstance(value, Mapping):
         return {name: float(number) for name, number in value.items()}
     if isinstance(value, tuple):

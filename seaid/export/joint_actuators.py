@@ -85,7 +85,8 @@ def _actuator(joint: str, drive: Drive, slides: bool, velocity_limit: float) -> 
         armature=ratio**2 * value_of(joint, drive, "motor_inertia"),
         viscous=ratio**2 * viscous + of_term(joint, drive, "joint_friction", "viscous"),
         dry=ratio * coulomb + of_term(joint, drive, "joint_friction", "coulomb"),
-        offset=ratio * of_term(joint, drive, "friction", "offset"),
+        offset=ratio * of_term(joint, drive, "friction", "offset")
+        - (controller.feedforward_Nm if controller else 0.0),
         position_gain=controller.position_gain_Nm_per_rad if controller else 0.0,
         velocity_gain=controller.velocity_gain_Nms_per_rad if controller else 0.0,
         limit=controller.torque_limit_Nm if controller else math.inf,
@@ -181,7 +182,12 @@ def _other_terms(drive: Drive) -> list[str]:
     springs = [f"{term} of the spring" for term in getattr(drive, "spring", ()) if term in MEMORY]
     periodic = dict.fromkeys(one.field.replace("_", " ") for one in drive.harmonics)
     own = [term for term in drive.friction if term not in _BY_OTHERS]
-    return [*own, *springs, *drive.extra_terms, *periodic]
+    law, of_law = drive.controller, list[str]()
+    if law is not None and law.command_velocity_gain_Nms_per_rad:
+        of_law.append("gain on the velocity of the command")
+    if law is not None and math.isfinite(law.no_load_speed_rad_per_s):
+        of_law.append("no-load speed")
+    return [*own, *springs, *drive.extra_terms, *periodic, *of_law]
 
 
 def lost_effects(

@@ -58,6 +58,18 @@ def note_drive(joint: str, drive: Drive, notes: list[str]) -> None:
             f"{unit_of(drive, 'spring_offset')}) comes from the encoder offsets and is not in the "
             "model, where the spring is at rest when both sides are at zero"
         )
+    law = drive.controller
+    if law is not None and law.command_velocity_gain_Nms_per_rad:
+        notes.append(
+            f"joint '{joint}': excluded, not available in MuJoCo: the gain on the velocity of the "
+            f"command ({law.command_velocity_gain_Nms_per_rad:.6g}); add it times the velocity "
+            f"over the position gain ({law.position_gain_Nm_per_rad:.6g}) to the command"
+        )
+    if law is not None and np.isfinite(law.no_load_speed_rad_per_s):
+        notes.append(
+            f"joint '{joint}': excluded: its torque limit falls with the speed, to zero at "
+            f"{law.no_load_speed_rad_per_s:.6g}, and is constant in the model"
+        )
     if drive.controller is not None:
         delay = drive.command_delay_s or 0.0
         late = (
@@ -172,12 +184,13 @@ def _actuator(joint: str, drive: Drive, step: float) -> tuple[str, dict[str, str
             return "motor", attributes
         return "general", attributes | {"biastype": "affine", "biasprm": spaced([-offset, 0, 0])}
     turns = drive.ratio if drive.is_elastic else 1.0  # of the actuator's coordinate per q
+    bias = drive.controller.feedforward_Nm / turns - offset * gear
     gains = (drive.controller.position_gain_Nm_per_rad, drive.controller.velocity_gain_Nms_per_rad)
     own, rate = (gain / turns**2 for gain in gains)
     attributes = {
         "gainprm": spaced([gains[0] / turns]),
         "biastype": "affine",
-        "biasprm": spaced([-offset * gear, -own, -rate]),
+        "biasprm": spaced([bias, -own, -rate]),
     }
     limit = drive.controller.torque_limit_Nm / turns
     if np.isfinite(limit):

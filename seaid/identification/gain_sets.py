@@ -250,7 +250,8 @@ def _check(robot: Robot, gain_factors: Sequence[tuple[float, float]], duration_s
         if drive.controller is None or drive.is_elastic:
             raise IdentificationError(
                 f"a second gain set is planned for stiff drives with position commands; that of "
-                f"{joint} is another one: leave the joint out with joints=[...]"
+                f"{joint} is another one: exclude the joint with joints=[...] of load_robot",
+                "joints=[...] of load_robot",
             )
     if not duration_s > 1:
         raise IdentificationError(

@@ -1,7 +1,8 @@
 """The motor torque of drives of which only the commanded position is logged.
 
-The controller of the drive gives it, tau = clip(K_p (u(t - T) - q) - K_d q') / N, with the delay T
-of the command. The estimate of T needs its slope, d tau / dT = -K_p u'(t - T) / N.
+The controller of the drive gives it, with the delay T of the command and within its limits,
+tau = (K_p (u(t - T) - q) + K_v u'(t - T) - K_d q' + F) / N. The estimate of T needs its slope,
+d tau / dT = -(K_p u' + K_v u'') / N.
 """
 
 from __future__ import annotations
@@ -64,36 +65,41 @@ def commanded_torque(
                 f"no column '{joint}.position_command_{unit}'"
             )
         position = drive_position(robot, signals, index)
-        late = np.clip(time - (drive.command_delay_s or 0.0), time[0], time[-1])
+        velocity = spline_derivatives(time, position[:, None])[1][:, 0]
+        law, rate_hz = drive.controller, (len(time) - 1) / (time[-1] - time[0])
+        assert law is not None
+        late = time - (drive.command_delay_s or 0.0)
+        if law.is_held:  # a command that is held for a period is half a period late on average
+            late = late - 0.5 / rate_hz
+        late = np.clip(late, time[0], time[-1])
         if cutoff_hz is None:
             command = np.interp(late, time, commands[:, index])
         else:
-            command = _below_nyquist(time, commands[:, index])(late)
-        velocity = spline_derivatives(time, position[:, None])[1][:, 0]
-        assert drive.controller is not None
-        wanted_torque, is_limited = drive.controller.torque(command, position, velocity)
-        torque[:, index] = wanted_torque / drive.ratio
+            command = _below_nyquist(time, commands[:, index], 24 if law.is_held else 12)(late)
         smooth = command[:, None]
         if cutoff_hz is not None:
-            smooth = low_pass(smooth, (len(time) - 1) / (time[-1] - time[0]), cutoff_hz)
-        rate = spline_derivatives(time, smooth)[1][:, 0]
-        gain = drive.controller.position_gain_Nm_per_rad / drive.ratio
-        slope[:, index] = np.where(is_limited, 0.0, gain * rate)
+            smooth = low_pass(smooth, rate_hz, cutoff_hz)
+        _, rate, change = (one[:, 0] for one in spline_derivatives(time, smooth))
+        wanted_torque, is_limited = law.torque(command, position, velocity, rate)
+        torque[:, index] = wanted_torque / drive.ratio
+        own = law.position_gain_Nm_per_rad * rate + law.command_velocity_gain_Nms_per_rad * change
+        slope[:, index] = np.where(is_limited, 0.0, own / drive.ratio)
     return torque, slope
 
 
-def _below_nyquist(time: Array, command: Array) -> Callable[[Array], Array]:
+def _below_nyquist(time: Array, command: Array, part: int) -> Callable[[Array], Array]:
     """Return the command between its samples, without what is above half of their rate.
 
     Drives, and `replay`, go from sample to sample on straight lines. Their frequency response is
     sinc(f dt)^2 = 1 - (pi f dt)^2 / 3 + ..., and that of a twelfth of the second difference
     -(pi f dt)^2 / 3 + .... Samples of the lines themselves have 1 at samples and cos(pi f dt)
-    between two, which biased friction by 0.4 % one way or the other, as the delay fell.
+    between two, which biased friction by 0.4 % one way or the other, as the delay fell. That of
+    held commands is the root of it, but for the delay, so that their `part` is 1/24.
     """
     from scipy.interpolate import make_interp_spline
 
     smooth = command.copy()
-    smooth[1:-1] += np.diff(command, 2) / 12
+    smooth[1:-1] += np.diff(command, 2) / part
     found: Callable[[Array], Array] = make_interp_spline(time, smooth, k=3)
     return found
 

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from seaid._arrays import Array
-from seaid.drives import DEAD_ZONES, key_of, spring_curve, stretch_of, unit_of
+from seaid.drives import DEAD_ZONES, Controller, key_of, spring_curve, stretch_of, unit_of
 from seaid.errors import RobotError
-from seaid.log import Log
+from seaid.log import Log, spline_derivatives
 from seaid.robot import Robot
 from seaid.simulation.plant import Plant, inverse_dynamics, inverse_inertia
 
@@ -174,6 +175,10 @@ def _least_inertia(plant: Plant, q: Array) -> Array:
     return np.asarray(np.min(inertias, axis=0))
 
 
+_CLOCK_S = 1e-9
+"""Rounding of the times at which commands change."""
+
+
 @dataclass(eq=False)
 class PositionControllers:
     """The controllers of drives that follow logged position commands, in a simulation.
@@ -188,19 +193,36 @@ class PositionControllers:
     ratio: Array
     position_gain: Array
     velocity_gain: Array
-    limit: Array
+    laws: Sequence[Controller]
     feedback: Array | None = None
 
     def with_torque(self, torque: Array, at: float, position: Array, velocity: Array) -> Array:
         """Return motor torques (n,) with those of the controllers at a time and a motor state."""
-        wanted = self.position_gain * self._commands(at) + self._feedback(position, velocity)
-        given = torque.copy()
-        given[self.index] = np.clip(wanted, -self.limit, self.limit) / self.ratio
+        wanted = self._forward(at) + self._feedback(position, velocity)
+        given, speed = torque.copy(), velocity[self.index] / self.ratio
+        one_by_one = zip(self.laws, wanted, speed, strict=True)
+        given[self.index] = [float(law.limited(x, v)[0]) for law, x, v in one_by_one] / self.ratio
         return given
 
-    def _commands(self, at: float) -> Array:
-        pairs = zip(self.delay_s, self.command.T, strict=True)
-        return np.array([np.interp(at - delay, self.time, one) for delay, one in pairs])
+    @cached_property
+    def _rates(self) -> Array:
+        return spline_derivatives(self.time, self.command)[1]
+
+    def _forward(self, at: float) -> Array:
+        """Return the torques (m,) at the joints that the commands alone give."""
+        found = []
+        for place, (law, delay) in enumerate(zip(self.laws, self.delay_s, strict=True)):
+            late, command = at - delay, self.command[:, place]
+            if law.is_held:  # the last command before, with rounding of the clock
+                last = np.searchsorted(self.time, late + _CLOCK_S, side="right") - 1
+                torque = law.position_gain_Nm_per_rad * command[max(int(last), 0)]
+            else:
+                torque = law.position_gain_Nm_per_rad * np.interp(late, self.time, command)
+            if law.command_velocity_gain_Nms_per_rad:
+                rate = np.interp(late, self.time, self._rates[:, place])
+                torque += law.command_velocity_gain_Nms_per_rad * rate
+            found.append(torque + law.feedforward_Nm)
+        return np.array(found)
 
     def rate(self, at: float, position: Array, velocity: Array, step: float) -> Array:
         """Return the rate (n,) of the motor torque in a step that starts at a state.
@@ -209,7 +231,7 @@ class PositionControllers:
         """
         now, change = self._feedback(position, velocity), np.zeros(len(position))
         if self.feedback is not None:
-            ahead = self.position_gain * (self._commands(at + step) - self._commands(at))
+            ahead = self._forward(at + step) - self._forward(at)
             change[self.index] = (ahead + now - self.feedback) / (step * self.ratio)
         self.feedback = now
         return change
@@ -246,5 +268,5 @@ def position_controllers(robot: Robot, log: Log) -> PositionControllers | None:
         ratio=of_all(drive.ratio for drive in chosen),
         position_gain=of_all(one.position_gain_Nm_per_rad for one in laws),
         velocity_gain=of_all(one.velocity_gain_Nms_per_rad for one in laws),
-        limit=of_all(one.torque_limit_Nm for one in laws),
+        laws=laws,
     )

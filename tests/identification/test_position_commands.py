@@ -446,6 +446,8 @@ def test_wrong_controllers(urdf: Path, drive: dict[str, object], words: str) -> 
         ({"velocity_gain_Nms_per_rad": -1.0}, "velocity_gain_Nms_per_rad must be zero or more"),
         ({"position_gain_Nm_per_rad": np.inf}, "and finite, found inf"),
         ({"torque_limit_Nm": True}, "torque_limit_Nm must be more than zero, found True"),
+        ({"is_held": 1}, "is_held must be true or false, found 1"),
+        ({"feedforward_Nm": np.inf}, "feedforward_Nm must be a finite number, found inf"),
     ],
 )
 def test_gains_are_checked(changes: dict[str, float], words: str) -> None:
@@ -610,3 +612,64 @@ def test_a_commanded_go2_has_no_mistake() -> None:
     assert "does not separate" in found[0].message
     assert "FL_hip_joint armature + " in found[0].message
     assert 'known = ["command_delay"]' in found[0].remedy
+
+
+LAWS = {
+    "held": {"is_held": True},
+    "velocity of the command": {"command_velocity_gain_Nms_per_rad": 1.0},
+    "constant": {"feedforward_Nm": 2.5},
+    "speed": {"torque_limit_Nm": 7.0, "no_load_speed_rad_per_s": 9.0},
+}
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_parameters_behind_a_controller_with_more_terms(urdf: Path, law: str) -> None:
+    """The plant is MuJoCo's, its motor driven by the law as it is written here."""
+    gains: dict[str, object] = {"position_gain_Nm_per_rad": 40.0, "velocity_gain_Nms_per_rad": 1.0}
+    controller = seaid.Controller(**{**gains, **LAWS[law]})  # type: ignore[arg-type]
+    log = driven_log(controller)
+    plain = robot_of(urdf, SOFT, 0.0)
+    robot = plain.with_drives({"j": replace(plain.drives["j"], controller=controller)})
+    values = values_of(seaid.identify(robot, log))
+    for name, truth in TRUTH.items():
+        assert values[name][0] == pytest.approx(truth, rel=0.03), name
+    assert abs(values["friction_offset"][0]) < 0.02
+    without = values_of(seaid.identify(plain, log))
+    wrong = max(abs(without[name][0] / truth - 1) for name, truth in TRUTH.items())
+    assert wrong > 0.06 or abs(without["friction_offset"][0]) > 2.0
+    true = robot.with_drives(
+        {"j": robot.drives["j"].with_values({**TRUTH, "friction_offset": 0.0})}
+    )
+    short = log.between(0, 4)
+    moved = seaid.replay(true, short)
+    assert np.sqrt(np.mean((moved.joint_position - short.joint_position) ** 2)) < 1.5e-3
+
+
+def driven_log(law: seaid.Controller) -> seaid.Log:
+    """Return the log of MuJoCo's motor under a controller that is computed in the test."""
+    step_s, parts = 2.5e-4, 20
+    model = mujoco.MjModel.from_xml_string(
+        f"""<mujoco><option timestep="{step_s}" integrator="implicitfast" gravity="0 0 -9.81"/>
+        <worldbody><body><joint name="j" axis="0 1 0" armature="{TRUTH["motor_inertia"]}"
+        damping="{TRUTH["viscous_friction"]}" frictionloss="{TRUTH["coulomb_friction"]}"
+        solreffriction="0.001 1"/><inertial pos="0.2 0 0" mass="1.5" diaginertia="0.01 0.02 0.02"/>
+        </body></worldbody><actuator><motor joint="j"/></actuator></mujoco>"""
+    )
+    data, position = mujoco.MjData(model), np.empty(len(TIME))
+    data.qpos[0] = CHIRP[0]
+    rates = np.gradient(CHIRP, TIME)
+    for tick in range(len(TIME) * parts):
+        at, last = tick * step_s, tick // parts
+        if tick % parts == 0:
+            position[last] = data.qpos[0]
+        command = CHIRP[last] if law.is_held else np.interp(at, TIME, CHIRP)
+        torque = law.position_gain_Nm_per_rad * (command - data.qpos[0])
+        torque += law.command_velocity_gain_Nms_per_rad * np.interp(at, TIME, rates)
+        torque += law.feedforward_Nm - law.velocity_gain_Nms_per_rad * data.qvel[0]
+        share = data.qvel[0] / law.no_load_speed_rad_per_s
+        if np.isfinite(law.torque_limit_Nm):
+            low, high = (law.torque_limit_Nm * np.clip(1 - x, 0, 1) for x in (-share, share))
+            torque = np.clip(torque, -low, high)
+        data.ctrl[0] = torque
+        mujoco.mj_step(model, data)
+    return log_of(position)
