@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -450,7 +451,7 @@ def test_wrong_controllers(urdf: Path, drive: dict[str, object], words: str) -> 
         ({"feedforward_Nm": np.inf}, "feedforward_Nm must be a finite number, found inf"),
     ],
 )
-def test_gains_are_checked(changes: dict[str, float], words: str) -> None:
+def test_gains_are_checked(changes: dict[str, Any], words: str) -> None:
     with pytest.raises(RobotError, match=words):
         seaid.Controller(**{"position_gain_Nm_per_rad": 1.0, **changes})
 
@@ -614,7 +615,7 @@ def test_a_commanded_go2_has_no_mistake() -> None:
     assert 'known = ["command_delay"]' in found[0].remedy
 
 
-LAWS = {
+LAWS: dict[str, dict[str, Any]] = {
     "held": {"is_held": True},
     "velocity of the command": {"command_velocity_gain_Nms_per_rad": 1.0},
     "constant": {"feedforward_Nm": 2.5},
@@ -625,8 +626,8 @@ LAWS = {
 @pytest.mark.parametrize("law", LAWS)
 def test_parameters_behind_a_controller_with_more_terms(urdf: Path, law: str) -> None:
     """The plant is MuJoCo's, its motor driven by the law as it is written here."""
-    gains: dict[str, object] = {"position_gain_Nm_per_rad": 40.0, "velocity_gain_Nms_per_rad": 1.0}
-    controller = seaid.Controller(**{**gains, **LAWS[law]})  # type: ignore[arg-type]
+    gains = seaid.Controller(position_gain_Nm_per_rad=SOFT[0], velocity_gain_Nms_per_rad=SOFT[1])
+    controller = replace(gains, **LAWS[law])
     log = driven_log(controller)
     plain = robot_of(urdf, SOFT, 0.0)
     robot = plain.with_drives({"j": replace(plain.drives["j"], controller=controller)})
@@ -637,9 +638,8 @@ def test_parameters_behind_a_controller_with_more_terms(urdf: Path, law: str) ->
     without = values_of(seaid.identify(plain, log))
     wrong = max(abs(without[name][0] / truth - 1) for name, truth in TRUTH.items())
     assert wrong > 0.06 or abs(without["friction_offset"][0]) > 2.0
-    true = robot.with_drives(
-        {"j": robot.drives["j"].with_values({**TRUTH, "friction_offset": 0.0})}
-    )
+    drive = robot.drives["j"].with_values({**TRUTH, "friction_offset": 0.0})
+    true = robot.with_drives({"j": drive})
     short = log.between(0, 4)
     moved = seaid.replay(true, short)
     assert np.sqrt(np.mean((moved.joint_position - short.joint_position) ** 2)) < 1.5e-3
