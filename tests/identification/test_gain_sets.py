@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -127,6 +128,10 @@ controller = { position_gain_Nm_per_rad = 40.0, velocity_gain_Nms_per_rad = 1.0 
     out = tmp_path / "second.csv"
     text = done("gains", log, "--run", run, "--factor", "0.5,1", "--duration", "5", "-o", out).out
     assert "first log alone" in text
+    options = ("--factor", "0.5,1", "--duration", "5", "--json")
+    content = json.loads(done("gains", log, "--run", run, *options).out)
+    assert content["command"] == "gains"
+    assert content["result"]["candidates"][0]["controllers"]["j"]["position_gain_Nm_per_rad"] == 20
     sent = seaid.read_log(out, robot_of(urdf, SOFT))
     assert sent.position_command is not None
     assert np.all(np.abs(sent.position_command) < 0.7)
