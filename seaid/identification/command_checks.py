@@ -188,6 +188,10 @@ _NEAR_ZERO, _RETURNS, _FINE = 0.02, 8, 20
 """A channel that is never negative and so often falls below this share of its size is a magnitude:
 noise about zero would be negative half of the time. One of fewer levels is too coarse to say."""
 
+_RESAMPLED = 0.005
+"""What interpolation onto another clock leaves below zero of a magnitude, over its size; 0.002 at
+most in the SO-101 logs, after which this was chosen."""
+
 _PROPORTIONAL = 0.99
 """Correlation with the tracking error, or its size, from which a torque is computed from it: the
 current loops of real drives leave more noise, friction of the current sensor and delay."""
@@ -238,10 +242,19 @@ def _with_commands(joint: str, ratio: float, gain: float | None) -> str:
     )
 
 
+def is_unsigned(torque: Array) -> bool:
+    """Whether a channel (T,) is never negative, but for what resampling leaves."""
+    return bool(np.min(torque) >= -_RESAMPLED * np.percentile(np.abs(torque), 99))
+
+
 def _is_magnitude(torque: Array) -> bool:
     """Whether a channel (T,) has one sign only and returns to zero again and again."""
     size = float(np.percentile(np.abs(torque), 99))
-    if size == 0 or len(np.unique(torque)) < _FINE or np.min(torque) < 0 < np.max(torque):
+    if (
+        size == 0
+        or len(np.unique(torque)) < _FINE
+        or not (is_unsigned(torque) or is_unsigned(-torque))
+    ):
         return False
     near = np.abs(torque) <= _NEAR_ZERO * size
     return int(np.count_nonzero(near[1:] & ~near[:-1])) >= _RETURNS
@@ -256,7 +269,7 @@ def _tracking_error(log: Log, j: int, ratio: float) -> Array:
 
 def _is_folded(error: Array, torque: Array) -> bool:
     """Whether a torque (T,) without sign rises with the size of the error (T,) on both sides."""
-    if np.isnan(error[0]) or np.min(torque) < 0:
+    if np.isnan(error[0]) or not is_unsigned(torque):
         return False
     for side, part in ((1, error > 0), (-1, error < 0)):
         if np.mean(part) < _FEWEST or is_constant(error[part]) or is_constant(torque[part]):

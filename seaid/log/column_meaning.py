@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import pairwise
+from pathlib import Path
 
 _QUANTITIES = {
     "time": "t time stamp timestamp ts clock seconds sec nanosec elapsed times zeit",
@@ -210,6 +211,19 @@ def meaning_of(name: str, joints: Sequence[str] = ()) -> Meaning:
         is_said=not _SAID.isdisjoint(texts),
         is_command=not _COMMANDED.isdisjoint(texts) and not (_DERIVED | _ELSEWHERE) & {*texts},
     )
+
+
+def in_file(meaning: Meaning, file: str) -> Meaning:
+    """Return a meaning in one of several files: "run.control.csv" has the commands of a run."""
+    if not meaning.is_raw or meaning.quantity == "time" or not is_of_commands(file):
+        return meaning
+    return replace(meaning, is_raw=False, is_command=True)
+
+
+def is_of_commands(file: str) -> bool:
+    """Return whether the name of a file says that it has commands."""
+    texts = {one.text for one in _words(_in_latin(Path(file).name))}
+    return bool(texts & (_COMMANDED | {"control"}))
 
 
 def _unknown(words: Sequence[_Word], joints: Sequence[str]) -> tuple[str, ...]:

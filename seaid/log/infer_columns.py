@@ -30,7 +30,7 @@ from seaid.log.column_checks import (
     is_within,
     unit_by_velocity,
 )
-from seaid.log.column_meaning import Meaning, joint_alone, meaning_of
+from seaid.log.column_meaning import Meaning, in_file, is_of_commands, joint_alone, meaning_of
 from seaid.log.description import Clock, LogDescription, Source
 from seaid.log.infer_base import BaseGuess, infer_base
 from seaid.log.log import UNIT_FACTORS
@@ -69,7 +69,13 @@ def quantities_of(inference: Inference, joint: str, robot: Robot | None) -> Sour
     _add_deflection(inference, joint, found)
     _add_torques(inference, joint, found)
     _add_electric(inference, joint, found)
-    if not any(name.startswith("motor_") or name.endswith("torque") for name in found):
+    drives = [one for one in found if one.endswith(("torque", "current", "voltage"))]
+    signed = [one for one in drives if np.any(inference.finite(str(found[one]["column"])) < 0)]
+    if (
+        not signed
+        and not (drives and not inference.commands(joint))
+        and "motor_position" not in found
+    ):
         _add_command(inference, joint, found)
     _add_temperature(inference, joint, found)
     return found
@@ -231,7 +237,7 @@ def _add_command(inference: Inference, joint: str, found: Sources) -> None:
     found["position_command"] = source
     inference.note(
         names[0],
-        "a position command of a joint without torque: its drive needs "
+        "a position command of a joint without a torque that has both signs: its drive needs "
         'motor_input = "position_command" and the gains of its controller',
     )
     if len(names) > 1:
@@ -419,7 +425,10 @@ def describe_log(
     paths = [Path(path)] if isinstance(path, str | Path) else [Path(one) for one in path]
     path, table = Path(" + ".join(map(str, paths))), open_tables(paths)
     joints_known = robot.joint_names if robot is not None else ()
-    meanings = {name: meaning_of(table.bare(name), joints_known) for name in table.names}
+    meanings = {
+        name: in_file(meaning_of(table.bare(name), joints_known), table.files.get(name, ""))
+        for name in table.names
+    }
     inference = Inference({}, meanings)
     _with_bare_names(inference, joints_known)
     samples, guess = _all_samples(table, inference), BaseGuess()
@@ -557,7 +566,16 @@ def _complement(one: _File, other: _File) -> bool:
         for each in (one, other)
     ]
     known = bool(one.columns and other.columns)
+    if _is_with_commands(one, other) or _is_with_commands(other, one):
+        return known
     return known and one.columns.isdisjoint(other.columns) and not all(complete)
+
+
+def _is_with_commands(one: _File, other: _File) -> bool:
+    """Whether the second of "run.state.csv" and "run.control.csv" has the commands of the first."""
+    names = one.path.name.split("."), other.path.name.split(".")
+    is_command = [is_of_commands(path.name) for path in (one.path, other.path)]
+    return names[0][0] == names[1][0] and min(map(len, names)) > 2 and is_command == [False, True]
 
 
 def _overlap(one: _File, other: _File) -> bool:

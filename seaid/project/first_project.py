@@ -14,7 +14,7 @@ from seaid._files import write_whole
 from seaid._progress import Display
 from seaid.drives import Controller, drives_from_mapping, read_drives, write_drives
 from seaid.errors import LogError, SeaidError, checked, listed
-from seaid.identification import check, no_measurements
+from seaid.identification import check, is_unsigned, no_measurements
 from seaid.log import Log, describe_log, logs_of_files, low_pass, open_tables, read_log
 from seaid.project.project import FILE_NAME
 from seaid.robot import BaseKind, Contact, FloatingBase, Payload, Robot, load_robot
@@ -141,7 +141,9 @@ def write_first_project(
     untrue = [one for each in read for one in no_measurements(robot, each.log)]
     doubts += dict.fromkeys(f"{one.joint}: {one.message}" for one in untrue)
     logs_read = [one.log for one in read]
-    commanded = _commanded(robot, logs_read, {x.joint for x in untrue}) if known is None else ()
+    without = {x.joint for x in untrue}
+    without |= {joint for joint in robot.joint_names if without and _is_unsigned(logs_read, joint)}
+    commanded = _commanded(robot, logs_read, without) if known is None else ()
     if known is None:
         tables, found = inferred_drives(robot, logs_read, commanded)
         tables |= {joint: _controlled(joint, controllers or {}) for joint in commanded}
@@ -251,6 +253,11 @@ def _commanded(robot: Robot, logs: Sequence[Log], untrue: Set[str]) -> tuple[str
         if all("position_command" in one and not one & measured for one in there):
             found.append(joint)
     return tuple(found)
+
+
+def _is_unsigned(logs: Sequence[Log], joint: str) -> bool:
+    """Return whether the torque of a joint is never negative, as others that are magnitudes."""
+    return all(is_unsigned(log.motor_torque[:, log.joint_names.index(joint)]) for log in logs)
 
 
 def _controlled(joint: str, controllers: Mapping[str, Controller]) -> dict[str, object]:

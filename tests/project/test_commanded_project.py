@@ -146,3 +146,52 @@ def test_init_takes_commands_in_place_of_torques_that_are_none(tmp_path: Path) -
     assert any("motor torque of pendulum has no sign" in one for one in made.doubts)
     drives = (tmp_path / "project" / "servo_drives.toml").read_text()
     assert 'motor_input = "position_command"' in drives
+
+
+def test_init_reads_lists_in_cells_and_the_file_of_the_commands(tmp_path: Path) -> None:
+    """As of the SO-101: two files with a clock each in us, and torques without sign."""
+    time = np.arange(0, 20, 0.02)
+    joints = ("shoulder", "elbow")
+    position = np.column_stack([0.4 * np.sin(2 * time), 0.3 * np.sin(3.1 * time)])
+    error = np.column_stack([0.05 * np.sin(2 * time + 0.5), 0.04 * np.sin(3.1 * time + 0.4)])
+    rows = {
+        "state": (time, position, np.abs(20 * error)),
+        "control": (time + 3e-3, position + error),
+    }
+    for name, (clock, *columns) in rows.items():
+        lines = [",".join(["type", "timestamp", "positions", "torques"][: 2 + len(columns)])]
+        lines += [
+            f"{name.upper()},{1e6 * at}," + ",".join(f'"{one[k].tolist()}"' for one in columns)
+            for k, at in enumerate(clock)
+        ]
+        (tmp_path / f"run.{name}.csv").write_text("\n".join(lines))
+    urdf = tmp_path / "two.urdf"
+    urdf.write_text(two_links(joints))
+    gains = seaid.Controller(position_gain_Nm_per_rad=20.0, is_held=True)
+    made = seaid.write_first_project(
+        urdf,
+        [tmp_path / f"run.{name}.csv" for name in rows],
+        folder=tmp_path / "project",
+        controllers=dict.fromkeys(joints, gains),
+    )
+    assert any("elbow: the motor torque of elbow has no sign" in one for one in made.doubts)
+    robot = seaid.load_robot(urdf, tmp_path / "project" / "two_drives.toml")
+    assert robot.drives["elbow"].controller == gains
+    files = [tmp_path / f"run.{name}.csv" for name in rows]
+    log = seaid.read_log(files, robot, description=tmp_path / "project" / "run.state_columns.toml")
+    assert log.position_command is not None
+    inside = slice(50, -50)
+    assert np.allclose(
+        log.joint_position[inside, 1], np.interp(log.time[inside], time, position[:, 1]), atol=2e-3
+    )
+    expected = np.interp(log.time[inside], time + 3e-3, (position + error)[:, 1])
+    assert np.allclose(log.position_command[inside, 1], expected, atol=2e-3)
+
+
+def two_links(joints: tuple[str, str]) -> str:
+    """Return the URDF of two arms side by side."""
+    body = """<link name="{0}_link"><inertial><origin xyz="0.2 0 0"/><mass value="1.5"/><inertia
+ixx="0.01" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="{0}"
+type="revolute"><parent link="base"/><child link="{0}_link"/><axis xyz="0 1 0"/>
+<limit lower="-3" upper="3" effort="50" velocity="20"/></joint>"""
+    return f'<robot name="two"><link name="base"/>{"".join(map(body.format, joints))}</robot>'

@@ -39,6 +39,8 @@ _MARKS = {
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
 _DATE = re.compile(r"\d{4}-\d\d?-\d\d?|\d\d?:\d\d")
 
+_TRUTH = {"true": 1.0, "false": 0.0}
+
 NO_HEADER = "the first line is numbers: no header?"
 
 
@@ -46,7 +48,8 @@ NO_HEADER = "the first line is numbers: no header?"
 class _Header:
     """The names of the columns of a file, and its format; `skipped` lines are before the samples.
 
-    `has_names` is False if the first line is numbers: the names are then 1, 2, 3, ...
+    `has_names` is False if the first line is numbers: the names are then 1, 2, 3, ... `items` is
+    the cell of each column and, of a cell that has a list of numbers, the place in it.
     """
 
     path: Path
@@ -55,6 +58,13 @@ class _Header:
     decimal: str
     skipped: int
     has_names: bool
+    items: tuple[tuple[int, int | None], ...] = ()
+    cells: int = 0
+
+    @property
+    def width(self) -> int:
+        """The number of cells in a line."""
+        return self.cells if self.items else len(self.names)
 
     @cached_property
     def places(self) -> dict[str, int]:
@@ -259,7 +269,41 @@ def _named(path: Path, header: str, sample: str, skipped: int, is_comment: bool 
     is_decimal = delimiter != "," and any(
         _DECIMAL_COMMA.fullmatch(one.strip()) for one in sample.split(delimiter)
     )
-    return _Header(path, names, delimiter, "," if is_decimal else ".", skipped, has_names=True)
+    decimal = "," if is_decimal else "."
+    if not is_decimal and "[" in sample:
+        first = next(_cells(path, [sample], delimiter, 1), (1, []))[1]
+        listed_names, items = _items(names, first)
+        if any(item is not None for _, item in items):
+            return _Header(path, listed_names, delimiter, decimal, skipped, True, items, len(names))
+    return _Header(path, names, delimiter, decimal, skipped, has_names=True)
+
+
+def _items(
+    names: list[str], cells: list[str]
+) -> tuple[list[str], tuple[tuple[int, int | None], ...]]:
+    """Return the names of columns with those of each number of a list, and their places.
+
+    Columns of words, as the kind of a message is, are none.
+    """
+    found: list[str] = []
+    items: list[tuple[int, int | None]] = []
+    for place, (name, cell) in enumerate(zip(names, cells, strict=False)):
+        numbers = _list(cell)
+        if numbers is not None:
+            found += [f"{name}[{item}]" for item in range(len(numbers))]
+            items += [(place, item) for item in range(len(numbers))]
+        elif _is_number(cell) or cell.strip().lower() in _TRUTH:
+            found.append(name)
+            items.append((place, None))
+    return found, tuple(items)
+
+
+def _list(cell: str) -> list[str] | None:
+    """Return the numbers of a cell as [1, 2] or [1 2] as texts, None for another cell."""
+    text = cell.strip()
+    if not (text.startswith("[") and text.endswith("]")):
+        return None
+    return text[1:-1].replace(",", " ").split()
 
 
 def _columns(header: _Header, lines: list[str], wanted: list[str], first: int) -> Block:
@@ -268,7 +312,7 @@ def _columns(header: _Header, lines: list[str], wanted: list[str], first: int) -
         return {}
     places, delimiter = header.places_of(wanted), header.delimiter
     lines = header.cleaned(lines)
-    if all(line.count(delimiter) == len(header.names) - 1 for line in lines):
+    if not header.items and all(line.count(delimiter) == header.width - 1 for line in lines):
         with suppress(ValueError):
             values = np.loadtxt(
                 lines, delimiter=delimiter, usecols=places, ndmin=2, comments=None, quotechar='"'
@@ -283,17 +327,34 @@ def _parsed_cells(header: _Header, lines: list[str], places: list[int], first: i
     for line, cells in _cells(path, lines, header.delimiter, first):
         if not cells:
             continue
-        if len(cells) != len(names):
-            commas = header.delimiter == "," and len(cells) > len(names)
+        if len(cells) != header.width:
+            commas = header.delimiter == "," and len(cells) > header.width
             hint = "; decimal commas? Delimit the columns by semicolons, or write decimal points"
             raise LogError(
                 f"'{path}' is not a table: line {line} has {len(cells)} cells, the first line "
-                f"{len(names)} {'column names' if header.has_names else 'numbers'}"
+                f"{header.width} {'column names' if header.has_names else 'numbers'}"
                 f"{hint if commas else ''}"
             )
-        rows.append([_number(path, line, names[place], cells[place]) for place in places])
+        texts = _texts(header, cells, line) if header.items else cells
+        rows.append([_number(path, line, names[place], texts[place]) for place in places])
     values: Array = np.array(rows)
     return {names[place]: values[:, column] for column, place in enumerate(places)}
+
+
+def _texts(header: _Header, cells: list[str], line: int) -> list[str]:
+    """Return the text of each column of a line, those of lists one by one."""
+    lists = {place: _list(cells[place]) for place, item in header.items if item == 0}
+    counts = Counter(place for place, item in header.items if item is not None)
+    for place, found in lists.items():
+        if found is None or len(found) != counts[place]:
+            name = header.names[header.items.index((place, 0))].removesuffix("[0]")
+            raise LogError(
+                f"'{header.path}', line {line}: column '{shortened(name)}' has "
+                f"'{shortened(cells[place])}', and a list of {counts[place]} numbers before"
+            )
+    return [
+        cells[place] if item is None else (lists[place] or [])[item] for place, item in header.items
+    ]
 
 
 def _cells(
@@ -312,7 +373,7 @@ def _number(path: Path, line: int, column: str, cell: str) -> float:
         return float(cell) if cell.strip() else float("nan")
     except ValueError:
         pass
-    truth = {"true": 1.0, "false": 0.0}.get(cell.strip().lower())
+    truth = _TRUTH.get(cell.strip().lower())
     if truth is None:
         raise LogError(
             f"'{path}', line {line}: column '{shortened(column)}' has '{shortened(cell)}', which "

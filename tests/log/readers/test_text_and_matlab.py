@@ -152,3 +152,37 @@ def test_a_matrix_of_one_number_a_line_says_its_shape(tmp_path: Path) -> None:
     path.write_text("%%MatrixMarket matrix coordinate real general\n2 2 1\n1 1 3.0\n")
     with pytest.raises(LogError, match="has a sparse or complex matrix; write it as 'array real'"):
         open_table(path)
+
+
+def test_lists_in_cells_are_a_column_per_number(tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    path.write_text(
+        'kind,t,positions,ok,"raw [V]"\nSTATE,0.5,"[0.25, -1e-3, 3]",true,[7 8]\n'
+        'STATE,1.0,"[0.5, nan, 4]",false,[9 10]\n'
+    )
+    table = open_table(path)
+    assert table.names == [
+        *("t", "positions[0]", "positions[1]", "positions[2]", "ok", "raw [V][0]", "raw [V][1]")
+    ]
+    found = table.load(["positions[2]", "t", "raw [V][1]", "ok", "positions[1]"])
+    assert found["positions[2]"].tolist() == [3, 4]
+    assert found["raw [V][1]"].tolist() == [8, 10]
+    assert found["ok"].tolist() == [1, 0]
+    assert found["positions[1]"][0] == -1e-3
+    assert np.isnan(found["positions[1]"][1])
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ('2,"[1, 2]"', r"line 3: column 'q' has '\[1, 2\]', and a list of 3 numbers before"),
+        ("2,5", r"line 3: column 'q' has '5', and a list of 3 numbers before"),
+        ('2,"[1, x, 2]"', r"line 3: column 'q\[1\]' has 'x', which is not a number"),
+        ('2,"[1, 2, 3]",4', r"line 3 has 3 cells, the first line 2 column names"),
+    ],
+)
+def test_other_lists_are_named(tmp_path: Path, line: str, words: str) -> None:
+    path = tmp_path / "run.csv"
+    path.write_text(f't,q\n1,"[1, 2, 3]"\n{line}\n')
+    with pytest.raises(LogError, match=words):
+        open_table(path).load(["t", "q[1]"])
