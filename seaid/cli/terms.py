@@ -58,5 +58,6 @@ def terms(
 
 def _comparison_facts(one: TermComparison) -> dict[str, object]:
     facts = {"joint": one.joint, "field": one.field, "term": one.term, "step": one.step + 1}
+    facts |= {"cutoff_hz": one.cutoff_hz}
     facts |= {"supported": one.is_supported, "selected": one.selected, "reason": one.reason}
     return facts | {"significance": None if one.comparison is None else asdict(one.comparison)}

@@ -14,7 +14,15 @@ from functools import cached_property
 
 from seaid._arrays import FrozenMapping
 from seaid._progress import MOST_NAMES, Result, counted, track
-from seaid.drives import BY_TEMPERATURE, PARAMETERS_OF, WARM_UP, Drive, parameter_named
+from seaid.drives import (
+    BY_TEMPERATURE,
+    DEAD_ZONES,
+    MEMORY,
+    PARAMETERS_OF,
+    WARM_UP,
+    Drive,
+    parameter_named,
+)
 from seaid.errors import IdentificationError, checked, listed, unknown_name
 from seaid.estimation import (
     FittedRows,
@@ -154,6 +162,8 @@ def compare_terms(
     count = sum(len(list(possible_terms(robot.drives[one], asked[one]))) for one in compared)
     for joint in track(compared, "terms", progress):
         model = _extended(model, joint, asked[joint], count, comparisons)
+        if cutoff_hz is None:
+            model = _with_backlash(model, joint, asked[joint], logs, count, comparisons)
     recommended = {
         joint: tuple(
             (one.field, one.term) for one in comparisons if one.joint == joint and one.selected
@@ -240,6 +250,36 @@ def _extended(
         if best is None:
             break
     return model
+
+
+def _with_backlash(
+    model: _Model,
+    joint: str,
+    asked: Mapping[str, Sequence[str]],
+    logs: Source | Sequence[Source],
+    count: int,
+    comparisons: list[TermComparison],
+) -> _Model:
+    """Return the model with a dead zone of an elastic drive, at the cutoff for its corners.
+
+    Only where the drive has no other law of its spring by the cutoff of the motion: next to
+    bouncing teeth a dead zone explains a tenth of the residual there. Laws of hysteresis are not
+    compared again: the noise of the deflection of a stiff contact, which grows with the cutoff,
+    looks like one.
+    """
+    drive = model.robot.drives[joint]
+    fields = {"spring": [term for term in asked.get("spring", ()) if term in DEAD_ZONES]}
+    has_law = drive.is_elastic and {*DEAD_ZONES, *MEMORY} & {*drive.spring}
+    terms = list(possible_terms(drive, fields))
+    if not drive.is_elastic or has_law or not terms:
+        return model
+    sharp = model.robot.with_drives({joint: with_term(drive, *terms[0])})
+    motions = [first_motion(one) for one in datasets_of(sharp, sources_of(logs), None, None, False)]
+    own: list[TermComparison] = []
+    finer = _Model.of(model.robot, motions, model.used)
+    finer = _extended(finer, joint, fields, count + len(terms), own)
+    comparisons += [replace(one, cutoff_hz=motions[0].cutoff_hz) for one in own]
+    return _Model(finer.robot, model.motions, model.used)
 
 
 @dataclass(frozen=True, eq=False)

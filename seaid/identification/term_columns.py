@@ -456,7 +456,8 @@ class TermComparison:
 
     `comparison` is None if the term could not be estimated: `reason` says why. The best supported
     term of a step is `selected`. `values` {parameter: value} are the best of a grid, of parameters
-    in which the equation is nonlinear.
+    in which the equation is nonlinear. `cutoff_hz` is that of a second comparison, above that of
+    the motion, of laws whose torque has corners.
     """
 
     joint: str
@@ -467,6 +468,7 @@ class TermComparison:
     reason: str = ""
     selected: bool = False
     values: Mapping[str, float] = FrozenMapping({})
+    cutoff_hz: float | None = None
 
     @property
     def is_supported(self) -> bool:

@@ -716,7 +716,8 @@ def _row(one: TermComparison) -> list[str]:
 
 
 def _name(one: TermComparison) -> str:
-    return f"{one.joint}: {one.field.replace('_', ' ')} {one.term}"
+    at = f" at {one.cutoff_hz:.3g} Hz" if one.cutoff_hz is not None else ""
+    return f"{one.joint}: {one.field.replace('_', ' ')} {one.term}{at}"
 
 
 def _recommendation(selection: TermSelection) -> list[str]:

@@ -7,15 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scripts.benchmarks import contact_backlash
+from scripts.benchmarks import contact_backlash, hysteresis
 from seaid.drives.hysteresis import states
 from seaid.errors import IdentificationError
 from seaid.identification.identification import identify
 from seaid.identification.model_selection import TermSelection, compare_terms
 from seaid.identification.term_columns import possible_terms, with_term
 from seaid.log.reading import Log
+from seaid.simulation.simulation import measure
 from tests.experiments import TEST_MASS, leg, leg_log, leg_motion
-from tests.terms import ELASTIC, STIFF, TIME, arm, exact_motion, noisy_log
+from tests.terms import ELASTIC, STIFF, TIME, arm, exact_motion, noisy_log, with_terms
 
 ROBOT = leg(TEST_MASS).without_nominal()
 
@@ -215,3 +216,22 @@ def test_a_dead_zone_next_to_a_stiff_contact_is_found_at_the_cutoff_of_the_motio
     error = abs(estimate.value("dead_zone") - half_width)
     assert error < max(3.5 * estimate.standard_error("dead_zone"), 1e-3 * half_width)
     assert error < 0.05 * half_width
+
+
+def test_a_dead_zone_whose_teeth_bounce_is_found_at_a_higher_cutoff(tmp_path: Path) -> None:
+    """At the cutoff of this motion the searched dead zone explains a tenth of the residual."""
+    _, contact, terms, values = hysteresis.CASES["backlash, contact of 4000 N m/rad"]
+    truth = arm(tmp_path, STIFF, with_terms(contact, terms, values))
+    log = measure(truth, hysteresis.motion_of(truth, 0), hysteresis.SENSORS, 0)
+    known = arm(tmp_path, STIFF, contact).without_nominal()
+    terms = {"spring": ("dahl", "maxwell_slip", "dead_zone")}
+    found = compare_terms(known, log, joints=["two"], terms=terms)
+    assert dict(found.recommended) == {"two": (("spring", "dead_zone"),)}
+    (chosen,) = (one for one in found.comparisons if one.selected)
+    first = [one for one in found.comparisons if one.cutoff_hz is None]
+    assert not any(one.is_supported for one in first)
+    assert chosen.cutoff_hz is not None
+    assert f"spring dead_zone at {chosen.cutoff_hz:.3g} Hz" in str(found)
+    assert chosen.values["dead_zone"] == pytest.approx(0.005, rel=0.1)
+    given = compare_terms(known, log, joints=["two"], terms=terms, cutoff_hz=6.0)
+    assert all(one.cutoff_hz is None for one in given.comparisons)
