@@ -7,6 +7,7 @@ import doctest
 import inspect
 import shutil
 import warnings
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -17,8 +18,13 @@ import numpy as np
 import pytest
 
 import seaid
+from scripts.example_robots import example_urdf
+from scripts.legged_plant import GO2, plant
+from scripts.legged_plant import simulate as simulate_legged
 from seaid.simulation.simulation import measure, simulate_motion
 from tests.experiments import LEG_SENSORS, leg, leg_motion, wiggle
+from tests.identification.test_position_commands import SOFT, mujoco_log, robot_of
+from tests.identification.test_position_commands import URDF as ONE_JOINT
 
 MODELS = Path(__file__).parents[1] / "models"
 PACKAGES = ("drives", "robot", "log", "regressor", "excitation", "simulation", "identification")
@@ -142,7 +148,32 @@ def prepared(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, 
     return place, names
 
 
-@pytest.mark.parametrize("name", [*FUNCTIONS, *CLASSES])
+def walking(place: Path) -> dict[str, Any]:
+    """Return a quadruped and its walk without flags of contacts."""
+    robot = seaid.load_robot(example_urdf("go2.urdf"), base="floating", contacts=GO2.contacts)
+    log = simulate_legged(robot, plant(robot), 5.0)
+    assert log.base is not None
+    return {"robot": robot, "log": replace(log, base=replace(log.base, contacts={}))}
+
+
+def commanded(place: Path) -> dict[str, Any]:
+    """Return a joint under position commands, and its log."""
+    (place / "one.urdf").write_text(ONE_JOINT)
+    log = mujoco_log(SOFT, 0.005, 3e-3, 0).between(0, 10)
+    return {"seaid": seaid, "robot": robot_of(place / "one.urdf", SOFT), "log": log}
+
+
+OTHER_ROBOTS = {"find_contacts": walking, "plan_gain_set": commanded}
+SLOW = ("plan_gain_set",)  # simulates each candidate
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.slow if name in SLOW else ())
+        for name in (*FUNCTIONS, *CLASSES)
+    ],
+)
 def test_example_of_a_public_name_runs(
     name: str,
     prepared: tuple[Path, dict[str, Any]],
@@ -156,6 +187,8 @@ def test_example_of_a_public_name_runs(
     examples = doctest.DocTestParser().get_examples(inspect.getdoc(getattr(seaid, name)) or "")
     assert examples or name in CLASSES
     values = {**names, "seaid": seaid} if name == "identify" else dict(names)
+    if name in OTHER_ROBOTS:
+        values |= OTHER_ROBOTS[name](place)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", seaid.SeaidWarning)  # searches of two steps end early
         for example in examples:

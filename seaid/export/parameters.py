@@ -29,6 +29,7 @@ _KEYS = (
         "verdict",
         "warnings",
         "bodies",
+        "whole_body",
         "drive_tables",
         "feasible",
         "checks",

@@ -107,12 +107,12 @@ def test_perfect_sensors_lead_to_the_truth(case: str) -> None:
     assert np.linalg.norm(refined.load.values - true) < 2e-4 * np.linalg.norm(true)
 
 
-@pytest.mark.slow  # 24 refinements
+@pytest.mark.slow  # 48 refinements
 def test_errors_are_as_large_as_the_standard_errors_say() -> None:
     found = []
     for case in CASES:
         truth = robot(case)
-        for seed in range(3):
+        for seed in range(6):
             log = log_of(truth, seed)
             found.append(scores(refine(identify(truth.without_nominal(), log), log), truth))
     check_scores(found, band=1.2)

@@ -142,10 +142,10 @@ def test_samples_near_a_change_of_contact_are_not_used() -> None:
         contacts={FEET[0]: np.where(TIME > 2.0, 1.0, 0.0), FEET[1]: np.ones(len(TIME))},
     )
     found = base_of(base, robot, 10.0)
-    period = 0.02  # of the low pass of the positions, at five times the cutoff
+    margin = 2 * 0.02  # periods of the low pass of the positions, at five times the cutoff
     unused = TIME[~found.used]
-    assert unused[0] == pytest.approx(2.0 - period, abs=0.005)
-    assert unused[-1] == pytest.approx(2.0 + period, abs=0.005)
+    assert unused[0] == pytest.approx(2.0 - margin, abs=0.005)
+    assert unused[-1] == pytest.approx(2.0 + margin, abs=0.005)
 
 
 IMU: dict[str, Any] = {
