@@ -109,12 +109,19 @@ def test_perfect_sensors_lead_to_the_truth(case: str) -> None:
 
 @pytest.mark.slow  # 48 refinements
 def test_errors_are_as_large_as_the_standard_errors_say() -> None:
-    found = []
+    """A load that does not cross a dead zone shows one of its ends: that is said, and left out."""
+    found, one_sided = [], 0
     for case in CASES:
         truth = robot(case)
         for seed in range(6):
             log = log_of(truth, seed)
-            found.append(scores(refine(identify(truth.without_nominal(), log), log), truth))
+            refined = refine(identify(truth.without_nominal(), log), log)
+            codes = {one.code for one in refined.warnings}
+            if case == "dead zone" and "unidentifiable" in codes:
+                one_sided += 1
+                continue
+            found.append(scores(refined, truth))
+    assert one_sided <= 2
     check_scores(found, band=1.2)
 
 
