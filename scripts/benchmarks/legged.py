@@ -13,11 +13,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 
 import seaid
 from scripts.example_robots import example_urdf
 from scripts.legged_plant import GO2, SOLO12, Quadruped, changed_bodies, plant, simulate
 from seaid._arrays import Array
+from seaid.identification import whole_body
+from seaid.log import turned_to_world
 
 NOISE = {"joint_position": 2e-4, "motor_torque": 0.1 / 45}
 """Standard deviation of the encoders [rad], and of the torques over their limit."""
@@ -91,6 +94,44 @@ def intervals(legs: Quadruped, motions: int, draws: int) -> None:
     print(f"  identify: {np.median(seconds):.1f} s of processor time (median)")
 
 
+def estimator(draws: int, legs: Quadruped = GO2) -> None:
+    """Print scores of the whole robot with the velocity of a state estimator in place of an IMU."""
+    robot = quadruped(legs)
+    log = simulate(robot, plant(robot), 40.0, 3)
+    base = log.base
+    assert base is not None
+    assert base.orientation is not None
+    assert base.angular_velocity is not None
+    assert base.specific_force is not None
+    acceleration = turned_to_world(base.orientation, base.specific_force) - [0.0, 0.0, 9.81]
+    velocity = cumulative_trapezoid(acceleration, log.time, axis=0, initial=0.0)
+    squares, names = [], []
+    for seed in range(draws):
+        rng = np.random.default_rng(seed)
+        turned = base.orientation + 1.5e-4 * rng.normal(size=(len(log.time), 4))
+        own = replace(
+            base,
+            orientation=turned / np.linalg.norm(turned, axis=1)[:, None],
+            velocity=velocity + 3e-3 * rng.normal(size=velocity.shape),
+            specific_force=None,
+            angular_velocity=base.angular_velocity + 5e-3 * rng.normal(size=velocity.shape),
+        )
+        angles = log.joint_position + 2e-4 * rng.normal(size=log.joint_position.shape)
+        torques = log.motor_torque + 0.1 * rng.normal(size=log.motor_torque.shape)
+        given = replace(log, base=own, joint_position=angles, motor_torque=torques)
+        found = seaid.identify(robot.without_nominal(), given)
+        truth = found.base.project(robot.parameters)
+        exact = whole_body(replace(found, load=replace(found.load, values=truth)))[:4]
+        pairs = list(zip(whole_body(found)[:4], exact, strict=True))
+        names = [one.name for one, _ in pairs]
+        own_scores = [(one.value - true.value) / one.standard_error for one, true in pairs]
+        scores = (found.load.values - truth) / found.load.standard_errors
+        squares.append([*np.square(own_scores), np.mean(scores**2)])
+    print(f"{legs.urdf}: velocity of the base with 3 mm/s of noise, {draws} draws; rms scores")
+    for name, score in zip([*names, "base parameters"], np.mean(squares, axis=0), strict=True):
+        print(f"  {name}: {score**0.5:.2f}")
+
+
 def main() -> None:
     """Print the tables."""
     motions, draws = (int(x) for x in [*sys.argv[1:], "3", "2"][:2])
@@ -103,6 +144,7 @@ def main() -> None:
             print(f"unexplained torque without noise, {kind} feet as {name}: {own:.2%}")
     for legs in (GO2, SOLO12):
         intervals(legs, motions, draws)
+    estimator(12)
 
 
 if __name__ == "__main__":
