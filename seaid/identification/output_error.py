@@ -39,7 +39,7 @@ from seaid.estimation import (
     nuisance_draw,
     without_information,
 )
-from seaid.identification.closed_loop import refine_commanded
+from seaid.identification.command_refinement import refine_commanded
 from seaid.identification.drive_estimates import (
     merged_estimates,
     with_estimate,

@@ -289,7 +289,7 @@ def test_refine_returns_its_start_where_the_positions_get_worse(
     start = seaid.identify(robot_of(urdf, HARD), log)
     errors = iter([1e-3, 2e-3])  # before and after
     monkeypatch.setattr(
-        "seaid.identification.closed_loop._mean_absolute_error", lambda _: next(errors)
+        "seaid.identification.command_refinement._mean_absolute_error", lambda _: next(errors)
     )
     found = seaid.refine(start, log, iterations=1)
     np.testing.assert_array_equal(found.load_side.values, start.load_side.values)
