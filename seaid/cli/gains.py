@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
-import typer
 from typer import Argument, Option
 
 from seaid.cli.messages import is_terminal, written
-from seaid.cli.options import IdentifiedOptions, ResultOptions
+from seaid.cli.options import IdentifiedOptions, ResultOptions, numbers
 
 
 def gains(
@@ -43,7 +43,10 @@ def gains(
     from seaid.identification import GAIN_FACTORS, plan_gain_set
     from seaid.log import write_log
 
-    factors = GAIN_FACTORS if factor is None else tuple(map(_pair, factor))
+    factors: Sequence[tuple[float, float]] = GAIN_FACTORS
+    if factor is not None:
+        pairs = [numbers("--factor", one, "KP,KD, as 0.5,1", 2) for one in factor]
+        factors = tuple((stiffness, damping) for stiffness, damping in pairs)
     result.check(output, read=(*given.files, log))
     found = given.result().identification
     (first,) = given.logs([log], found.known)
@@ -59,12 +62,3 @@ def gains(
         with written(output, ".csv") as file:
             write_log(plan.candidates[0].log, file)
     result.show(plan.summary(), plan.to_dict(), output, robot=found.robot.name)
-
-
-def _pair(text: str) -> tuple[float, float]:
-    try:
-        stiffness, damping = map(float, text.split(","))
-    except ValueError:
-        message = f"'{text}' is not KP,KD, as 0.5,1"
-        raise typer.BadParameter(message, param_hint="--factor") from None
-    return stiffness, damping

@@ -453,22 +453,25 @@ def band_of(text: str | None) -> tuple[float, float] | None:
     """Return the lowest and highest frequency [Hz] of '0.5,20'; None for None."""
     if text is None:
         return None
-    try:
-        low, high = map(float, text.split(","))
-    except ValueError:
-        message = f"'{shortened(text)}' is not a lowest and a highest frequency, as 0.5,20"
-        raise typer.BadParameter(message, param_hint="--band") from None
+    low, high = numbers("--band", text, "a lowest and a highest frequency, as 0.5,20", 2)
     return low, high
+
+
+def numbers(option: str, text: str, form: str, count: int) -> list[float]:
+    """Return the numbers of a text with commas between them, as an option has them."""
+    try:
+        found = [float(one) for one in text.split(",")]
+    except ValueError:
+        found = []
+    if len(found) != count:
+        message = f"'{shortened(text)}' is not {form}"
+        raise typer.BadParameter(message, param_hint=option)
+    return found
 
 
 def vector(option: str, text: str) -> list[float]:
     """Return the three numbers of 'x,y,z'."""
-    try:
-        x, y, z = map(float, text.split(","))
-    except ValueError:
-        message = f"'{text}' is not x,y,z, as 0,0,-9.81"
-        raise typer.BadParameter(message, param_hint=option) from None
-    return [x, y, z]
+    return numbers(option, text, "x,y,z, as 0,0,-9.81", 3)
 
 
 def payload_of(text: str) -> Payload:

@@ -260,10 +260,18 @@ def _is_magnitude(torque: Array) -> bool:
     return int(np.count_nonzero(near[1:] & ~near[:-1])) >= _RETURNS
 
 
+def controlled_position(log: Log, j: int, ratio: float) -> Array:
+    """Return the position (T,) at the joint that its controller sees: by the motor if it is logged.
+
+    NaN without either encoder.
+    """
+    motor = log.motor_position[:, j] / ratio
+    return log.joint_position[:, j] if np.isnan(motor[0]) else motor
+
+
 def _tracking_error(log: Log, j: int, ratio: float) -> Array:
     """Return command less position (T,) at the joint, NaN without either."""
-    motor, command = log.motor_position[:, j] / ratio, log.position_command
-    position = log.joint_position[:, j] if np.isnan(motor[0]) else motor
+    position, command = controlled_position(log, j, ratio), log.position_command
     return np.full(len(position), np.nan) if command is None else command[:, j] - position
 
 

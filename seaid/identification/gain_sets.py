@@ -29,7 +29,7 @@ from seaid.drives import (
 )
 from seaid.errors import IdentificationError, SeaidError, checked
 from seaid.estimation import Estimate
-from seaid.identification.command_checks import encoder_noise
+from seaid.identification.command_checks import controlled_position, encoder_noise
 from seaid.identification.command_delays import DELAY
 from seaid.identification.conditions import identify_conditions
 from seaid.identification.identification import Identification, identify
@@ -182,7 +182,8 @@ def plan_gain_set(
     free = _with_drives(found.known, _free)
     true = found.robot
     rng = np.random.default_rng(seed_of(seed))
-    noise = np.array([encoder_noise(one) for one in _positions(log, true).T])
+    places = [(log.joint_names.index(x), true.drives[x].ratio) for x in true.joint_names]
+    noise = np.array([encoder_noise(controlled_position(log, *place)) for place in places])
     clean = rollout(true, log, longest_closed_s=_STEP_S)
     alone = [identify(free, _noisy(clean, log, noise, rng)).load_side for _ in range(_DRAWS)]
     simulated = float(np.mean([one.residual_std for one in alone]))
@@ -286,14 +287,6 @@ def _with_gains(drive: Drive, factors: tuple[float, float]) -> Drive:
             velocity_gain_Nms_per_rad=factors[1] * law.velocity_gain_Nms_per_rad,
         ),
     )
-
-
-def _positions(log: Log, robot: Robot) -> Array:
-    """Return the positions (T, n) that the controllers see."""
-    columns = [log.joint_names.index(joint) for joint in robot.joint_names]
-    ratio = np.array([robot.drives[joint].ratio for joint in robot.joint_names])
-    motor = log.motor_position[:, columns] / ratio
-    return np.asarray(np.where(np.isnan(motor), log.joint_position[:, columns], motor))
 
 
 def _noisy(moved: Log, commands: Log, noise: Array, rng: np.random.Generator) -> Log:

@@ -155,6 +155,7 @@ def compare_terms(
     motions = [first_motion(dataset) for dataset in datasets]
     used = joints_with_torque(robot, datasets) if torque_joints is None else selected
     comparisons: list[TermComparison] = []
+    finer: list[Motion] = []
     model = _Model.of(robot, motions, used)
     if terms is None and duration_s(motions) >= LEAST_WARM_UP_S:
         plain = {**plain, "friction": (*plain["friction"], *WARM_UP)}
@@ -163,7 +164,7 @@ def compare_terms(
     for joint in track(compared, "terms", progress):
         model = _extended(model, joint, asked[joint], count, comparisons)
         if cutoff_hz is None:
-            model = _with_backlash(model, joint, asked[joint], logs, count, comparisons)
+            model = _with_backlash(model, joint, asked[joint], logs, finer, count, comparisons)
     recommended = {
         joint: tuple(
             (one.field, one.term) for one in comparisons if one.joint == joint and one.selected
@@ -257,6 +258,7 @@ def _with_backlash(
     joint: str,
     asked: Mapping[str, Sequence[str]],
     logs: Source | Sequence[Source],
+    finer: list[Motion],
     count: int,
     comparisons: list[TermComparison],
 ) -> _Model:
@@ -265,7 +267,7 @@ def _with_backlash(
     Only where the drive has no other law of its spring by the cutoff of the motion: next to
     bouncing teeth a dead zone explains a tenth of the residual there. Laws of hysteresis are not
     compared again: the noise of the deflection of a stiff contact, which grows with the cutoff,
-    looks like one.
+    looks like one. `finer` are the motions at that cutoff, reconstructed where they are first used.
     """
     drive = model.robot.drives[joint]
     fields = {"spring": [term for term in asked.get("spring", ()) if term in DEAD_ZONES]}
@@ -273,13 +275,14 @@ def _with_backlash(
     terms = list(possible_terms(drive, fields))
     if not drive.is_elastic or has_law or not terms:
         return model
-    sharp = model.robot.with_drives({joint: with_term(drive, *terms[0])})
-    motions = [first_motion(one) for one in datasets_of(sharp, sources_of(logs), None, None, False)]
+    if not finer:  # the same for every joint
+        sharp = model.robot.with_drives({joint: with_term(drive, *terms[0])})
+        finer += map(first_motion, datasets_of(sharp, sources_of(logs), None, None, False))
     own: list[TermComparison] = []
-    finer = _Model.of(model.robot, motions, model.used)
-    finer = _extended(finer, joint, fields, count + len(terms), own)
-    comparisons += [replace(one, cutoff_hz=motions[0].cutoff_hz) for one in own]
-    return _Model(finer.robot, model.motions, model.used)
+    again = _Model.of(model.robot, finer, model.used)
+    again = _extended(again, joint, fields, count + len(terms), own)
+    comparisons += [replace(one, cutoff_hz=finer[0].cutoff_hz) for one in own]
+    return _Model(again.robot, model.motions, model.used)
 
 
 @dataclass(frozen=True, eq=False)

@@ -823,7 +823,7 @@ def _filled(layout: Layout, logs: list[Log], x: Array) -> list[Log]:
     """Return the logs with the angles of unseen joints by (7) at the values x (p,)."""
     known, cutoff_hz = layout.found.known, layout.found.cutoff_hz
     drives = {
-        joint: dict(zip(layout.found.drive_side[joint].names, x[layout.drives[joint]], strict=True))
+        joint: dict(zip(layout.actuator(joint).names, x[layout.drives[joint]], strict=True))
         for joint in layout.unseen
     }
     return [with_joint_angles(known, log, drives, cutoff_hz) if drives else log for log in logs]

@@ -269,14 +269,12 @@ def load_columns(
         return _floating_columns(robot, motion, model, springs)
     known = [robot.index(joint) for joint in model.torque_joints]
     Y = regressor_at_drives(robot, *motion.joint_states)
-    columns, drives = drive_parameters(
-        robot, model.torque_joints, partial(load_signals, robot, motion)
-    )
-    wanted = [drives.index(drive) for drive in model.drives]
     flat = Y.swapaxes(1, 2).reshape(len(Y), -1)  # a view: the memory layout of the regressor
     places = np.add.outer(known, Y.shape[1] * np.array(model.base.columns, dtype=np.intp))
     base = np.take(flat, places.ravel(), axis=1).reshape(len(Y), *places.shape)
-    H = np.concatenate([base, columns[:, :, wanted]], axis=2) if wanted else base
+    H = base
+    if model.drives:
+        H = np.concatenate([base, _drive_columns(robot, motion, model)], axis=2)
     torque, propagated = _load_targets(robot, motion, model.torque_joints, springs)
     payload = np.zeros_like(torque)
     if np.any(robot.known_parameters):
@@ -304,12 +302,11 @@ def _floating_columns(
     joints = model.torque_joints
     known, p = [robot.index(joint) for joint in joints], len(model.base.columns)
     given = np.flatnonzero(robot.known_parameters)
-    every, drives = drive_parameters(robot, joints, partial(load_signals, robot, motion))
-    every = every[:, :, [drives.index(drive) for drive in model.drives]]
     torque, propagated = _load_targets(robot, motion, joints, springs)
     torque = below_base(torque) + measured_wrenches(robot, q, base.wrenches, known)
     unknown = np.column_stack([unknown_friction(robot, motion, joint) for joint in joints])
-    others = np.concatenate([below_base(every), torque[:, :, None]], axis=2)
+    columns = below_base(_drive_columns(robot, motion, model))
+    others = np.concatenate([columns, torque[:, :, None]], axis=2)
     propagated = below_base(propagated)
     found = np.zeros((*torque.shape, p + others.shape[2] + 1 + propagated.shape[2]))
     step = max(_BLOCK_NUMBERS // found[0].size, 1)
@@ -340,12 +337,15 @@ def drive_torques(
 
     Drive parameters that are identifiable only with base parameters belong to the bodies here.
     """
-    columns, drives = drive_parameters(
-        robot, model.torque_joints, partial(load_signals, robot, motion)
-    )
-    wanted = [drives.index(drive) for drive in model.drives]
     torque, _ = _load_targets(robot, motion, model.torque_joints, springs)
-    return torque - columns[:, :, wanted] @ theta[len(model.expressions) :]
+    return torque - _drive_columns(robot, motion, model) @ theta[len(model.expressions) :]
+
+
+def _drive_columns(robot: Robot, motion: Motion, model: LoadModel) -> Array:
+    """Return the columns (T, rows, p_d) of the drive parameters of a model."""
+    signals_of = partial(load_signals, robot, motion)
+    columns, drives = drive_parameters(robot, model.torque_joints, signals_of)
+    return columns[:, :, [drives.index(drive) for drive in model.drives]]
 
 
 def stances_of(motions: Sequence[Motion]) -> tuple[tuple[str, ...], ...]:
