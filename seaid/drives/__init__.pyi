@@ -48,6 +48,7 @@ from .symbols import i_M as i_M
 from .symbols import known_values as known_values
 from .symbols import r_L as r_L
 from .symbols import r_M as r_M
+from .symbols import s_K as s_K
 from .symbols import t as t
 from .symbols import tau_G as tau_G
 from .symbols import tau_L as tau_L

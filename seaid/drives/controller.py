@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -60,6 +60,9 @@ class Controller:
     is_held : bool, default False
         Whether the drive holds each logged command until the next one, half a period later on
         average; without it commands count as a line through those of the log.
+    is_up_to_scale : bool, default False
+        Whether gains, limit and feed-forward are in units of the drive (counts, volts, duty): the
+        torques are these times `gain_scale`, a parameter of the drive.
 
     Raises
     ------
@@ -80,16 +83,26 @@ class Controller:
     command_velocity_gain_Nms_per_rad: float = 0.0
     feedforward_Nm: float = 0.0
     is_held: bool = False
+    is_up_to_scale: bool = False
 
     def __post_init__(self) -> None:
-        if not isinstance(self.is_held, bool):
-            raise RobotError(f"is_held must be true or false, found {shown(self.is_held)}")
+        for name in ("is_held", "is_up_to_scale"):
+            if not isinstance(getattr(self, name), bool):
+                raise RobotError(
+                    f"{name} must be true or false, found {shown(getattr(self, name))}"
+                )
         for name, (words, low, high) in _RANGES.items():
             value = getattr(self, name)
             is_number = isinstance(value, int | float) and not isinstance(value, bool)
             if not is_number or not (low <= value <= high):
                 ask = ": write the number of your controller" if isinstance(value, str) else ""
                 raise RobotError(f"{name} must be {words}, found {shown(value)}{ask}")
+
+    def times(self, scale: float) -> Controller:
+        """Return the controller with gains, limit and feed-forward times a scale, in N m."""
+        names = [name for name in _RANGES if name != "no_load_speed_rad_per_s"]
+        changes: dict[str, Any] = {name: scale * getattr(self, name) for name in names}
+        return replace(self, is_up_to_scale=False, **changes)
 
     def torque(
         self, command: Array, position: Array, velocity: Array, rate: Array | float = 0.0
@@ -128,9 +141,9 @@ def delay_sums(joint: str, drives: Sequence[Drive]) -> str:
         return ""
     pairs = []
     for drive in drives:
-        assert drive.controller is not None
+        laws = drive.law
+        assert laws is not None
         friction = drive.values.get("viscous_friction", 0.0) * drive.ratio**2
-        laws = drive.controller
         pair = laws.velocity_gain_Nms_per_rad + friction, laws.position_gain_Nm_per_rad
         pairs += [pair] * (pair not in pairs)
     text = "; and ".join(

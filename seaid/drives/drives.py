@@ -269,6 +269,8 @@ def _check_std(drive: Drive) -> None:
 
 def _term_with(name: str) -> str:
     """Return the description of the term that has a parameter."""
+    if name == "gain_scale":
+        return "a controller with is_up_to_scale = true, of which it is the scale"
     for field, terms in PARAMETERS_OF.items():
         for term, names in terms.items():
             if name in names:
@@ -313,6 +315,18 @@ class _Parameters(Display):
     is_elastic: ClassVar[bool] = False
 
     @property
+    def is_up_to_scale(self) -> bool:
+        """Whether the gains of the controller are known up to scale only."""
+        return self.controller is not None and self.controller.is_up_to_scale
+
+    @property
+    def law(self) -> Controller | None:
+        """The controller with its gains in N m: times their scale, if they are known up to it."""
+        if self.controller is None or not self.is_up_to_scale:
+            return self.controller
+        return self.controller.times(self.values.get("gain_scale", 1.0))
+
+    @property
     def harmonics(self) -> tuple[Harmonic, ...]:
         """The periodic errors of gear and motor torque."""
         return tuple(one for field in FIELDS for one in getattr(self, field))
@@ -353,6 +367,8 @@ class _Parameters(Display):
             terms = getattr(self, field)
             for term in (terms,) if isinstance(terms, str) else terms:
                 names.update(PARAMETERS_OF[field][term])
+        if not self.is_up_to_scale:
+            names.discard("gain_scale")
         harmonic = (name for one in self.harmonics for name in one.names)
         return (*(name for name in PARAMETERS if name in names), *harmonic)
 

@@ -26,6 +26,7 @@ from seaid.drives.symbols import (
     I_M,
     PARAMETER_NAMES,
     STATES,
+    T_0,
     T_C,
     Delta_T,
     F_a,
@@ -53,6 +54,8 @@ from seaid.drives.symbols import (
     q_0,
     r_L,
     r_M,
+    s_0,
+    s_K,
     symbol_of,
     t,
     t_log,
@@ -289,6 +292,14 @@ def joint_equation(drive: Drive) -> DriveEquation:
 
 
 def _input_torque(drive: Drive) -> sp.Expr:
+    """Return the motor torque by the logged input.
+
+    Gains up to the scale s_K: the product s_K T_C with the delay is linear about nominal values,
+    s_K (tau_M - T_0 tau_C') - s_0 (T_C - T_0) tau_C'; both are those of the last estimate.
+    """
+    if drive.is_up_to_scale:
+        rate = tau_C.diff(t)
+        return s_K * (tau_M - T_0 * rate) - s_0 * (T_C - T_0) * rate
     return {
         "torque": tau_M,
         "current": K_t * i_M,

@@ -42,6 +42,10 @@ q_0 = sp.Symbol("q_0", real=True)
 
 t_W = sp.Symbol("t_W", positive=True)
 T_C = sp.Symbol("T_C", real=True)
+s_K = sp.Symbol("s_K", positive=True)
+T_0, s_0 = sp.symbols("T_0 s_0", real=True)
+"""Nominal delay of a command and nominal scale of its controller's gains, known values."""
+
 k_P, tau_P, b_L, c_L = sp.symbols("k_P tau_P b_L c_L", real=True)
 
 PARAMETER_NAMES = {
@@ -77,6 +81,7 @@ PARAMETER_NAMES = {
     K_t: "torque_constant",
     K_u: "voltage_constant",
     T_C: "command_delay",
+    s_K: "gain_scale",
     k_P: "parallel_stiffness",
     tau_P: "parallel_preload",
     b_L: "joint_viscous_friction",
@@ -107,5 +112,8 @@ def known_values(drive: Drive) -> dict[sp.Symbol, float]:
     """Return {known symbol: value} of a drive."""
     values = {N: drive.ratio, r_M: drive.motor_radius, r_L: drive.load_radius}
     values[q_0] = drive.reference_position_rad
+    if drive.is_up_to_scale:
+        values[T_0] = drive.command_delay_s or 0.0
+        values[s_0] = drive.values.get("gain_scale", 1.0)
     known = [*drive.known, *(["motor_inertia"] if drive.motor_inertia_kg_m2 is not None else [])]
     return values | {symbol_of(name): drive.values[name] for name in known}

@@ -32,7 +32,8 @@ viscous b_L q' and coulomb c_L sign(q').
 `motor_input`, the logged quantity: torque; current, with torque = torque constant * current;
 voltage, with torque = voltage constant * voltage (the viscous friction then contains the back-EMF).
 The constants are unknown parameters. position_command: the drive's `controller` gives the torque,
-whose command acts after the delay T, tau_M - T tau_C' with the commanded part tau_C = K_p u / N.
+whose command acts after the delay T, tau_M - T tau_C' with the commanded part tau_C = K_p u / N;
+where the gains are known up to scale, this times the gain scale s_K, an unknown parameter.
 
 Periodic errors: the transmission error of the gear [rad, or m of a linear spring] adds to the
 deflection that the encoders show; the spring force sees k times that, which is linear in its
@@ -111,6 +112,7 @@ PARAMETERS = {
     "torque_constant": Parameter("N m/A", is_divisor=True),
     "voltage_constant": Parameter("N m/V", is_divisor=True),
     "command_delay": Parameter("s", is_positive=False),
+    "gain_scale": Parameter("1", is_divisor=True),
     "parallel_stiffness": Parameter("P/Q", is_positive=False),
     "parallel_preload": Parameter("P", is_positive=False),
     "joint_viscous_friction": Parameter("P s/Q"),
@@ -212,7 +214,7 @@ PARAMETERS_OF: dict[str, dict[str, tuple[str, ...]]] = {
         "torque": (),
         "current": ("torque_constant",),
         "voltage": ("voltage_constant",),
-        "position_command": ("command_delay",),
+        "position_command": ("command_delay", "gain_scale"),
     },
 }
 """{field of a drive: {term: its parameters}}."""

@@ -74,7 +74,7 @@ def _known(drive: Drive, is_complete: bool) -> Drive:
 
 
 def _actuator(joint: str, drive: Drive, slides: bool, velocity_limit: float) -> JointActuator:
-    ratio, controller = total_ratio(drive), drive.controller
+    ratio, controller = total_ratio(drive), drive.law
     is_dry = any(term in drive.friction for term in ("coulomb", *SMOOTH))
     coulomb = value_of(joint, drive, "coulomb_friction") if is_dry else 0.0
     viscous = of_term(joint, drive, "friction", "viscous")
@@ -182,7 +182,7 @@ def _other_terms(drive: Drive) -> list[str]:
     springs = [f"{term} of the spring" for term in getattr(drive, "spring", ()) if term in MEMORY]
     periodic = dict.fromkeys(one.field.replace("_", " ") for one in drive.harmonics)
     own = [term for term in drive.friction if term not in _BY_OTHERS]
-    law, of_law = drive.controller, list[str]()
+    law, of_law = drive.law, list[str]()
     if law is not None and law.command_velocity_gain_Nms_per_rad:
         of_law.append("gain on the velocity of the command")
     if law is not None and math.isfinite(law.no_load_speed_rad_per_s):

@@ -58,7 +58,7 @@ def note_drive(joint: str, drive: Drive, notes: list[str]) -> None:
             f"{unit_of(drive, 'spring_offset')}) comes from the encoder offsets and is not in the "
             "model, where the spring is at rest when both sides are at zero"
         )
-    law = drive.controller
+    law = drive.law
     if law is not None and law.command_velocity_gain_Nms_per_rad:
         notes.append(
             f"joint '{joint}': excluded, not available in MuJoCo: the gain on the velocity of the "
@@ -178,21 +178,22 @@ def _actuator(joint: str, drive: Drive, step: float) -> tuple[str, dict[str, str
     offset = 0.0
     if "offset" in drive.friction:
         offset = value_of(joint, drive, "friction_offset")
-    if drive.controller is None:
+    law = drive.law
+    if law is None:
         attributes = {"gear": spaced([gear])}
         if not offset:
             return "motor", attributes
         return "general", attributes | {"biastype": "affine", "biasprm": spaced([-offset, 0, 0])}
     turns = drive.ratio if drive.is_elastic else 1.0  # of the actuator's coordinate per q
-    bias = drive.controller.feedforward_Nm / turns - offset * gear
-    gains = (drive.controller.position_gain_Nm_per_rad, drive.controller.velocity_gain_Nms_per_rad)
+    bias = law.feedforward_Nm / turns - offset * gear
+    gains = (law.position_gain_Nm_per_rad, law.velocity_gain_Nms_per_rad)
     own, rate = (gain / turns**2 for gain in gains)
     attributes = {
         "gainprm": spaced([gains[0] / turns]),
         "biastype": "affine",
         "biasprm": spaced([bias, -own, -rate]),
     }
-    limit = drive.controller.torque_limit_Nm / turns
+    limit = law.torque_limit_Nm / turns
     if np.isfinite(limit):
         shifted = [-limit - offset * gear, limit - offset * gear]
         attributes |= {"forcelimited": "true", "forcerange": spaced(shifted)}

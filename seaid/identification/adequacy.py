@@ -144,7 +144,8 @@ def explained(findings: Sequence[Finding]) -> Iterator[None]:
         if not wrong:
             raise
         text = f"{problem}; {wrong[0].code}: {wrong[0].message}\n{wrong[0].remedy}"
-        raise type(problem)(text, *problem.arguments) from None
+        problem.args = SeaidError(text).args
+        raise
 
 
 def verdict_of(warnings: Sequence[Finding], joints: Mapping[str, JointFit]) -> Verdict:

@@ -126,6 +126,8 @@ def _limited(robot: Robot, log: Log, j: int, error: Array) -> Iterator[Finding]:
     asked = law.position_gain_Nm_per_rad * error - law.velocity_gain_Nms_per_rad * velocity
     is_given = bool(np.isfinite(law.torque_limit_Nm))
     limit = law.torque_limit_Nm if is_given else float(robot.effort_limits[robot.index(joint)])
+    if drive.is_up_to_scale and not is_given:
+        return  # its gains are in other units than the limit
     share = float(np.mean(np.abs(asked) > limit)) if limit > 0 else 0.0
     if share < _AT_LIMIT:
         return

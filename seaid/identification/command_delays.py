@@ -26,6 +26,9 @@ MOST_DELAY_ROUNDS = 3
 _DELAY_S = 2e-4
 """Change of a delay [s] below which its linearisation has converged."""
 
+_SCALE = 0.01
+"""Relative change of the scale of gains below which the slope by the delay has converged."""
+
 LARGEST_DELAY_S = 0.05
 """Largest delay of a command [s] for which the linearisation is tried."""
 
@@ -159,7 +162,15 @@ def with_estimated_delays(robot: Robot, found: Robot) -> Robot:
     for joint, drive in robot.drives.items():
         if drive.controller is None or DELAY in drive.known:
             continue
-        delay = found.drives[joint].values[DELAY]
+        delay, near = found.drives[joint].values[DELAY], drive.command_delay_s or 0.0
+        if drive.is_up_to_scale and "gain_scale" not in drive.known:
+            # the slope by the delay was that of the nominal scale
+            scale, before = (
+                max(one.values.get("gain_scale", 1.0), 1e-9) for one in (found.drives[joint], drive)
+            )
+            delay = near + (delay - near) * before / scale
+            if abs(scale / before - 1) > _SCALE:
+                drive = drives[joint] = drive.with_values({"gain_scale": scale})
         if abs(delay) > LARGEST_DELAY_S:
             raise IdentificationError(
                 f"the command of {joint} seems delayed by {delay * 1e3:.3g} ms, more than "
@@ -167,7 +178,7 @@ def with_estimated_delays(robot: Robot, found: Robot) -> Robot:
                 "the signs of commands and positions, or give the delay in the drives file:\n"
                 f'[{joint}]\ncommand_delay_s = 0.004\nknown = ["command_delay"]'
             )
-        if abs(delay - (drive.command_delay_s or 0.0)) > _DELAY_S:
+        if abs(delay - near) > _DELAY_S:
             drives[joint] = replace(drive, command_delay_s=delay)
     return robot.with_drives(drives) if drives else robot
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from seaid._arrays import Array, FrozenMapping, safely
 from seaid._progress import track
-from seaid.drives import PARAMETERS
+from seaid.drives import PARAMETERS, Drive
 from seaid.errors import IdentificationError, SeaidError
 from seaid.estimation import Residuals, Step, gauss_newton_step
 from seaid.identification.command_delays import Bus, buses_of
@@ -204,7 +204,7 @@ def _residuals(
     count = len(log.time) // block
     means = columns[: count * block].reshape(count, block, *columns.shape[1:]).mean(axis=1)
     time = log.time[: count * block].reshape(count, block).mean(axis=1)
-    laws = [drive.controller for drive in robot.drives.values() if drive.controller is not None]
+    laws = [drive.law for drive in robot.drives.values() if drive.law is not None]
     decay = max(one.velocity_gain_Nms_per_rad / one.position_gain_Nm_per_rad for one in laws)
     late = time - log.time[0] > min(_TRANSIENT_S + _DECAYS * decay, 0.25 * np.ptp(log.time))
     size = task.free.shape[1]
@@ -231,8 +231,13 @@ def _moved(robot: Robot, motion: Motion, moved: Log) -> Motion:
         motor_position=ratio * q,
         motor_velocity=ratio * v,
         motor_acceleration=ratio * a,
-        motor_torque=moved.motor_torque,
+        motor_torque=moved.motor_torque / [_scale(robot.drives[x]) for x in robot.joint_names],
     )
+
+
+def _scale(drive: Drive) -> float:
+    """Return the factor from the units of the gains to N m."""
+    return drive.values.get("gain_scale", 1.0) if drive.is_up_to_scale else 1.0
 
 
 def _sensitivity(task: _Task, robot: Robot, motion: Motion, log: Log, x: Array) -> Array:
@@ -279,7 +284,7 @@ def _gains(robot: Robot, names: Sequence[str], motion: Motion, log: Log) -> tupl
     found = np.zeros((2, len(motion.time), len(names)))
     for column, joint in enumerate(names):
         drive, index = robot.drives[joint], robot.index(joint)
-        law = drive.controller
+        law = drive.law
         assert law is not None
         assert log.position_command is not None
         late = motion.time - (drive.command_delay_s or 0.0)

@@ -54,10 +54,15 @@ from seaid.identification.torque_offsets import with_spring_torque
 from seaid.identification.two_step import (
     LOAD,
     RobotEstimate,
+    UnknownScaleError,
+    check_scale,
     joints_with_torque,
+    scale_findings,
     split_load_side,
     spring_torque_joints,
     two_step_equations,
+    with_free_scale,
+    with_unit_scale,
 )
 from seaid.regressor import LoadModel, Regression, load_model_of, stacked
 from seaid.robot import Robot
@@ -278,7 +283,7 @@ def _fitted(
     propagated: Array | None,
 ) -> ConditionFit:
     shared = shared_rows(rows, specific)
-    return ConditionFit(rows, shared, fit(shared.rows, solver, propagated))
+    return ConditionFit(rows, shared, fit(shared.rows, solver, propagated, check=check_scale))
 
 
 CONDITION_SPECIFIC = ("spring_offset", "deflection_zero")
@@ -360,7 +365,17 @@ def identify_conditions(
         cutoff_hz=cutoff_hz,
         progress=progress,
     )
-    found = once(conditions)
+    unscaled: list[str] = []
+    while True:
+        try:
+            found = once(conditions)
+            break
+        except UnknownScaleError as problem:
+            conditions = {
+                name: (with_unit_scale(robot, problem), logs)
+                for name, (robot, logs) in conditions.items()
+            }
+            unscaled.append(problem.joint)
     for _ in range(MOST_DELAY_ROUNDS):
         later = {
             name: (with_estimated_delays(robot, found.identifications[name].robot), logs)
@@ -369,7 +384,15 @@ def identify_conditions(
         if all(later[name][0] is robot for name, (robot, _) in conditions.items()):
             break
         conditions, found = later, once(later)
-    return found
+    parts = {
+        name: replace(
+            one,
+            robot=with_free_scale(one.robot, unscaled),
+            findings=(*one.findings, *scale_findings(one.robot, one.load_side, unscaled)),
+        )
+        for name, one in found.identifications.items()
+    }
+    return replace(found, identifications=FrozenMapping(parts)) if unscaled else found
 
 
 def _identify_conditions(

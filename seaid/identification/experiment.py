@@ -449,9 +449,12 @@ def _sampled(robot: Robot, motion: Motion, most: int) -> tuple[Array, ...]:
 
 
 def _of_motors(robot: Robot, motion: Motion) -> Array:
-    """Return the motor torque (T, n), NaN for drives whose current or voltage was logged."""
-    inputs = np.array([INPUT_FIELDS[drive.motor_input] for drive in robot.drives.values()])
-    return np.where(inputs == "motor_torque", motion.motor_torque, np.nan)
+    """Return the motor torque (T, n), NaN for drives of which it is known up to scale only."""
+    is_known = [
+        INPUT_FIELDS[drive.motor_input] == "motor_torque" and not drive.is_up_to_scale
+        for drive in robot.drives.values()
+    ]
+    return np.where(is_known, motion.motor_torque, np.nan)
 
 
 @dataclass(frozen=True, eq=False)

@@ -398,7 +398,7 @@ def _torques(robot: Robot, moved: Log) -> dict[str, float]:
 
 def _torque_limit(robot: Robot, joint: str) -> float:
     """Return the least of the limits of controller and robot file, inf without one."""
-    law, effort = robot.drives[joint].controller, float(robot.effort_limits[robot.index(joint)])
+    law, effort = robot.drives[joint].law, float(robot.effort_limits[robot.index(joint)])
     assert law is not None
     return min(law.torque_limit_Nm, effort if effort > 0 else np.inf)
 

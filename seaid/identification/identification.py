@@ -100,7 +100,15 @@ from seaid.identification.physical_consistency import FeasibleParameters, feasib
 from seaid.identification.sensitivity import sensitivity_findings
 from seaid.identification.simultaneous import estimate_simultaneous
 from seaid.identification.transmission_error import periodic_findings
-from seaid.identification.two_step import RobotEstimate, estimate_two_step, joints_with_torque
+from seaid.identification.two_step import (
+    RobotEstimate,
+    UnknownScaleError,
+    estimate_two_step,
+    joints_with_torque,
+    scale_findings,
+    with_free_scale,
+    with_unit_scale,
+)
 from seaid.log import Log, Motion, Processing, stretches, with_commanded_torque
 from seaid.regressor import (
     BaseParameters,
@@ -308,13 +316,22 @@ def identify(
         executor=executor,
         progress=progress,
     )
-    found = once(robot)
+    unscaled: list[str] = []
+    while True:
+        try:
+            found = once(robot)
+            break
+        except UnknownScaleError as problem:
+            robot = with_unit_scale(robot, problem)
+            unscaled.append(problem.joint)
     for _ in range(MOST_DELAY_ROUNDS):
         later = with_estimated_delays(robot, found.robot)
         if later is robot:
             break
         robot, found = later, once(later)
     unclear = delay_findings(robot, found.load_side)
+    unclear += scale_findings(found.robot, found.load_side, unscaled)
+    found = replace(found, robot=with_free_scale(found.robot, unscaled))
     return replace(found, findings=(*found.findings, *unclear)) if unclear else found
 
 

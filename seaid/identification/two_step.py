@@ -15,7 +15,7 @@ from scipy import linalg
 
 from seaid._arrays import Array
 from seaid.drives import PARAMETERS_OF, JointParameter, parameter_of, unit_of
-from seaid.errors import IdentificationError
+from seaid.errors import Finding, IdentificationError, listed
 from seaid.estimation import (
     RANK_TOLERANCE,
     Estimate,
@@ -56,8 +56,12 @@ from seaid.regressor import (
 )
 from seaid.robot import Robot, group_of
 
-CONSTANTS = {"torque_constant": "current", "voltage_constant": "voltage"}
-"""Motor constants, and the logged input that they convert to torque."""
+CONSTANTS = {
+    "torque_constant": "only the current of its motor was logged",
+    "voltage_constant": "only the voltage of its motor was logged",
+    "gain_scale": "the gains of its controller are in units of the drive",
+}
+"""Factors that convert a logged input to torque, and why they are unknown."""
 
 _ROUNDING = 1e-9
 
@@ -65,11 +69,16 @@ _PART = 0.01
 """Least share of a constant in a lost combination."""
 
 _LOAD_SIDE = "known bodies (known_bodies=), logs with and without a payload (identify_conditions), "
-_SPRING = "the stiffness of its spring (known = ['stiffness']), known bodies (known_bodies=), "
+_SPRING = (
+    "the stiffness of its spring (known = ['stiffness']), known bodies (known_bodies=), its rotor "
+    "inertia, "
+)
 
 
 class UnknownScaleError(IdentificationError):
-    """Equations that an unknown motor constant makes homogeneous."""
+    """Equations that an unknown constant `parameter` of a `joint` makes homogeneous."""
+
+    joint = parameter = ""
 
 
 def check_scale(qr_factor: QRFactor) -> None:
@@ -95,13 +104,73 @@ def check_scale(qr_factor: QRFactor) -> None:
             joint = qr_factor.joint_names[qr_factor.equations[0]]
             if isinstance(column, JointParameter):
                 joint, remedy = column.joint, _LOAD_SIDE
-            raise UnknownScaleError(
-                f"the {name.replace('_', ' ')} of {joint} is unidentifiable: only the "
-                f"{CONSTANTS[name]} of its motor was logged, so all torques are known only up to "
-                f"scale. Give one of: {remedy}its rotor inertia, or the "
-                f"constant itself (known = ['{name}'])",
+            problem = UnknownScaleError(
+                f"the {name.replace('_', ' ')} of {joint} is unidentifiable: {CONSTANTS[name]}, "
+                f"so all torques are known only up to scale. Give one of: {remedy}or the constant "
+                f"itself (known = ['{name}'])",
                 "known_bodies=",
             )
+            problem.joint, problem.parameter = joint, name
+            raise problem
+
+
+def with_unit_scale(robot: Robot, problem: UnknownScaleError) -> Robot:
+    """Return the robot with the nominal scale of the gains at fault as known, 1 without one.
+
+    Raises the problem if it is another one: gains in units of the drive still give ratios.
+    """
+    drive = robot.drives.get(problem.joint)
+    if drive is None or problem.parameter != "gain_scale":
+        raise problem
+    fixed = drive.with_values({"gain_scale": drive.values.get("gain_scale", 1.0)})
+    return robot.with_drives({problem.joint: replace(fixed, known=(*drive.known, "gain_scale"))})
+
+
+def with_free_scale(robot: Robot, joints: Collection[str]) -> Robot:
+    """Return the robot with unknown scales of the gains of some joints, as they were given."""
+    drives = {}
+    for joint in joints:
+        drive = robot.drives[joint]
+        known = tuple(name for name in drive.known if name != "gain_scale")
+        drives[joint] = replace(drive, known=known)
+    return robot.with_drives(drives) if drives else robot
+
+
+def scale_findings(robot: Robot, load_side: Estimate, joints: Sequence[str]) -> tuple[Finding, ...]:
+    """Return the finding of `joints` whose gains have a scale that nothing determines."""
+    if not joints:
+        return ()
+    ratios: dict[str, float] = {}
+    for joint in robot.joint_names:
+        own = [name for name in load_side.names if getattr(name, "joint", "") == joint]
+        own = [name for name in own if parameter_of(name) not in ("command_delay", *CONSTANTS)]
+        errors = [load_side.standard_error(x) / abs(load_side.value(x) or 1e-300) for x in own]
+        if own:
+            first = own[int(np.argmin(errors))]
+            ratios |= {
+                f"{parameter_of(one)} over {parameter_of(first)} of {joint}": load_side.value(one)
+                / load_side.value(first)
+                for one in own
+                if one != first
+            }
+    scales = {joint: robot.drives[joint].values["gain_scale"] for joint in joints}
+    counted = listed(f"{joint} {scale:.4g}" for joint, scale in scales.items())
+    return (
+        Finding(
+            "gain-scale",
+            "the gains are in units of the drive, and nothing fixes their scale in N m: it counts "
+            f"as that of the drives file ({counted}), and all inertias, masses, frictions and "
+            "torques of the joints that move together are known up to that factor. Their ratios, "
+            "delays and the replay of logs do not depend on it",
+            joints[0] if len(joints) == 1 else "",
+            "doubtful",
+            ratios,
+            "known bodies (known_bodies=), logs with and without a payload (identify_conditions), "
+            f"or the scale in the drives file:\n[{joints[0]}]\n"
+            'gain_scale = 1.0  # write yours\nknown = ["gain_scale"]',
+            "certain",
+        ),
+    )
 
 
 LOAD = ""
@@ -268,7 +337,7 @@ def scaled_by_load(
     """
     springs = {joint: spring_of(robot, found[joint], joint) for joint in joints}
     constants = {
-        joint: PARAMETERS_OF["motor_input"][robot.drives[joint].motor_input][0]
+        joint: PARAMETERS_OF["motor_input"][robot.drives[joint].motor_input][-1]
         for joint in unscaled
     }
 
@@ -309,8 +378,10 @@ def _scaled(
     robot: Robot, unit: Estimate, joint: str, name: str, constant: float, error: float
 ) -> Estimate:
     """Return the estimate for a motor constant with an error, from that for a constant of 1."""
-    values, slopes = np.append(constant * unit.values, constant), np.append(unit.values, 1.0)
-    covariance = linalg.block_diag(constant**2 * unit.covariance, 0.0)
+    factors = np.array([1.0 if one == "command_delay" else constant for one in unit.names])
+    values = np.append(factors * unit.values, constant)
+    slopes = np.append(np.where(factors == constant, unit.values, 0.0), 1.0)
+    covariance = linalg.block_diag(factors[:, None] * unit.covariance * factors, 0.0)
     covariance += error**2 * np.outer(slopes, slopes)
     white, freedom = unit.white_standard_errors, unit.degrees_of_freedom
     return replace(
@@ -319,7 +390,7 @@ def _scaled(
         values=values,
         covariance=covariance,
         units=(*unit.units, unit_of(robot.drives[joint], name)),
-        white_standard_errors=None if white is None else np.append(constant * white, error),
+        white_standard_errors=None if white is None else np.append(factors * white, error),
         degrees_of_freedom=None if freedom is None else np.append(freedom, np.min(freedom)),
     )
 

@@ -14,6 +14,7 @@ from seaid.errors import Finding, by_severity
 from seaid.identification.adequacy import Verdict, verdict_of
 from seaid.identification.gear import for_sensors
 from seaid.identification.torque_offsets import TORQUE_OFFSET
+from seaid.identification.two_step import CONSTANTS
 from seaid.log import Motion, in_band, standstill
 from seaid.regressor import (
     INPUTS,
@@ -186,7 +187,7 @@ def _input_torque(identification: Identification, motion: Motion, joint: str) ->
     values = {**drive.values, **dict(zip(estimate.names, estimate.values, strict=True))}
     factor = {
         "torque": 1.0,
-        "position_command": 1.0,
+        "position_command": values["gain_scale"] if drive.is_up_to_scale else 1.0,
         "current": values.get("torque_constant", np.nan),
         "voltage": values.get("voltage_constant", np.nan),
     }[drive.motor_input]
@@ -199,7 +200,8 @@ def _input_torque(identification: Identification, motion: Motion, joint: str) ->
 def _load(identification: Identification, motion: Motion) -> tuple[Array, Array]:
     """Return measured and computed load torque (T, n) by (8), NaN where it was not used.
 
-    For a logged current or voltage the torque by the identified motor constant counts as measured.
+    For a logged current or voltage, and for gains that are known up to scale, the torque by the
+    identified constant counts as measured.
     """
     torque, payload, H, _ = load_columns(
         identification.known, motion, identification.model, identification.springs
@@ -208,7 +210,7 @@ def _load(identification: Identification, motion: Motion) -> tuple[Array, Array]
     constants = [
         bodies + place
         for place, (_, name, _) in enumerate(identification.model.drives)
-        if name in ("torque_constant", "voltage_constant")
+        if name in CONSTANTS
     ]
     given = H[:, :, constants] @ theta[constants]
     measured = np.full_like(motion.joint_position, np.nan)

@@ -113,14 +113,14 @@ def stiff_signals(robot: Robot, index: int, q: Array, v: Array, a: Array) -> dic
     ratio, nothing = robot.drives[robot.joint_names[index]].ratio, np.zeros(len(q))
     own = {f"own_{name}": values[:, index] for name, values in zip(_JOINT, (q, v, a), strict=True)}
     rng = np.random.default_rng(index)
-    others = ("i_M", "u_M", "tau_G", "Delta_T", "t_log", "tau_C_dot")
+    others = ("i_M", "u_M", "tau_G", "Delta_T", "t_log", "tau_C_dot", "tau_M")
     free = {name: rng.normal(size=len(q)) for name in others}
     states = {"theta_L": q, "theta_L_dot": v, "theta_L_ddot": a}
     joint = {
         name: at_drives(robot.transmission, values)[:, index] for name, values in states.items()
     }
     motor = {name.replace("_L", "_M"): ratio * values for name, values in joint.items()}
-    return {**joint, **motor, **own, **free, "tau_M": nothing, "tau_L": nothing}
+    return {**joint, **motor, **own, **free, "tau_L": nothing}
 
 
 def _stiff_signals_at(

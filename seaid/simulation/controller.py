@@ -255,7 +255,7 @@ def position_controllers(robot: Robot, log: Log) -> PositionControllers | None:
         if np.isnan(commands[0, index]):
             raise RobotError(f"the log has no position command of '{robot.joint_names[index]}'")
     chosen = [drives[index] for index in own]
-    laws = [drive.controller for drive in chosen if drive.controller is not None]
+    laws = [drive.law for drive in chosen if drive.law is not None]
 
     def of_all(values: Iterable[float]) -> Array:
         return np.array(list(values), dtype=float)

@@ -673,3 +673,50 @@ def driven_log(law: seaid.Controller) -> seaid.Log:
         data.ctrl[0] = torque
         mujoco.mj_step(model, data)
     return log_of(position)
+
+
+SCALE = 0.4
+"""N m per unit of the drive."""
+
+
+def in_units_of_the_drive(robot: seaid.Robot, **changes: Any) -> seaid.Robot:
+    """Return a robot whose gains are in units of the drive, of SCALE N m each."""
+    drive = robot.drives["j"]
+    assert drive.controller is not None
+    law = replace(drive.controller.times(1 / SCALE), is_up_to_scale=True)
+    return robot.with_drives({"j": replace(drive, controller=law, **changes)})
+
+
+def test_gains_in_units_of_the_drive(urdf: Path) -> None:
+    """A known arm gives their scale, a rotor inertia does not; all are multiples without it."""
+    log = mujoco_log(SOFT, 0.012, 2e-4, 0)
+    robot = robot_of(urdf, SOFT)
+    found = seaid.identify(in_units_of_the_drive(robot), log)
+    values = values_of(found)
+    assert values["gain_scale"][0] == pytest.approx(SCALE, rel=5e-3)
+    assert values["command_delay"][0] == pytest.approx(0.012, abs=1e-4)
+    for name, truth in TRUTH.items():
+        assert values[name][0] == pytest.approx(truth, rel=0.01), name
+    assert not [x for x in found.warnings if x.code == "gain-scale"]
+    law = found.robot.drives["j"].law
+    assert law is not None
+    assert law.position_gain_Nm_per_rad == pytest.approx(SOFT[0], rel=5e-3)
+    assert not law.is_up_to_scale
+    moved = seaid.replay(found.robot, log.between(2.0, 7.0)).joint_position
+    error = moved - log.between(2.0, 7.0).joint_position
+    assert np.std(error) < 3e-3 * np.std(moved)
+    bare = seaid.load_robot(urdf, robot.drives)
+    rotor = in_units_of_the_drive(bare, motor_inertia_kg_m2=TRUTH["motor_inertia"])
+    assert "gain_scale of j" in sum(seaid.identifiability(rotor).ratios, ())
+    assert "gain_scale of j" in seaid.identifiability(in_units_of_the_drive(robot)).identifiable
+    free = seaid.identify(in_units_of_the_drive(bare), log)
+    (finding,) = (x for x in free.warnings if x.code == "gain-scale")
+    assert finding.severity == "doubtful"
+    ratio = TRUTH["coulomb_friction"] / TRUTH["viscous_friction"]
+    (name,) = (x for x in finding.evidence if x.startswith("coulomb_friction over viscous"))
+    assert finding.evidence[name] == pytest.approx(ratio, rel=0.01)
+    for name in ("viscous_friction", "coulomb_friction"):
+        multiple = values_of(free)[name][0] * SCALE
+        assert multiple == pytest.approx(TRUTH[name], rel=0.01), name
+    assert values_of(free)["command_delay"][0] == pytest.approx(0.012, abs=1e-4)
+    assert "gain_scale" not in free.robot.drives["j"].known

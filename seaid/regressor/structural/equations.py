@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from seaid.drives import (
     PARAMETER_NAMES,
+    PARAMETERS_OF,
     SIGNALS,
     Drive,
     JointParameter,
@@ -33,6 +34,7 @@ from seaid.drives import (
     motor_equation,
     r_L,
     r_M,
+    s_K,
     spring_force,
     tau_L,
 )
@@ -88,7 +90,12 @@ INPUTS: dict[str, MotorInput] = {
 
 
 def input_sensor(drive: Drive) -> str:
-    """Return the sensor of a drive's input; known gains make a torque of a commanded position."""
+    """Return the sensor of a drive's input; known gains make a torque of a commanded position.
+
+    Gains that are known up to scale make as much of it as a current does.
+    """
+    if drive.is_up_to_scale and "gain_scale" not in drive.known:
+        return "motor_current"
     return "motor_torque" if drive.controller is not None else f"motor_{drive.motor_input}"
 
 
@@ -154,6 +161,9 @@ def drive_terms(drive: Drive, sensors: frozenset[str]) -> DriveTerms:
     motor = _plain(motor_equation(seen).expression - behind) + scale * plain(source)
     joint = _plain(joint_equation(seen).expression + tau_L)
     inputs = {sensor: _input(sensor, driver) for sensor in sensed}
+    if drive.is_up_to_scale:
+        inputs = {sensor: torque.xreplace({K_t: s_K}) for sensor, torque in inputs.items()}
+        motor = motor.xreplace({K_t: s_K})
     motor, known = _by_stretch(sp.expand(motor)), known_values(seen)
     expressions = [motor, joint, *inputs.values(), *([] if spring is None else [spring])]
     return DriveTerms(
@@ -192,8 +202,9 @@ def _driven_by(drive: Drive, motor_input: MotorInput) -> Drive:
     if motor_input == drive.motor_input:
         return drive
     if drive.controller is not None:
-        nominal = {name: x for name, x in drive.nominal.items() if name != "command_delay"}
-        known = tuple(name for name in drive.known if name != "command_delay")
+        own = PARAMETERS_OF["motor_input"]["position_command"]
+        nominal = {name: x for name, x in drive.nominal.items() if name not in own}
+        known = tuple(name for name in drive.known if name not in own)
         drive = replace(drive, controller=None, motor_input="torque", nominal=nominal, known=known)
         return _driven_by(drive, motor_input)
     constants = ("torque_constant", "voltage_constant")
@@ -383,6 +394,7 @@ _TORQUES = {
     "stiffness": "spring torque",
     "torque_constant": "motor torque",
     "voltage_constant": "motor torque",
+    "gain_scale": "motor torque",
 }
 
 
@@ -425,6 +437,8 @@ def _by(system: System, equation: Equation) -> str:
     if equation.kind != "motor":
         return ""
     terms = system.terms[equation.index]
+    if "gain_scale" in terms.names:
+        return ", by its command and gains times an unknown gain scale"
     constant = {"motor_current": "torque constant", "motor_voltage": "voltage constant"}
     text = f", by motor {INPUTS[terms.driver]}"
     name = constant.get(terms.driver)

@@ -20,7 +20,7 @@ import sympy as sp
 from flint import fmpq, fmpq_mat
 
 from seaid._arrays import Array, BoolArray, connected_groups, frozen, safely
-from seaid.drives import PARAMETERS, K_t, K_u, N, r_L, r_M
+from seaid.drives import PARAMETERS, K_t, K_u, N, r_L, r_M, s_K
 from seaid.errors import SymbolicError
 from seaid.regressor.base import BaseParameters, left_to_right
 from seaid.regressor.exact.grouping import exact_text
@@ -223,8 +223,9 @@ def _drive_motor(numbers: Numbers, drive: DriveTerms, known: Known, load: Any, c
     known[plain("tau_G")] = load
     torque = numbers.value(drive.share, known) * load + numbers.value(drive.motor, known)
     known[tau] = numbers.reduced(torque)
-    if K_t in known:
-        known[current] = numbers.over(known[tau], known[K_t])
+    for constant in (K_t, s_K):
+        if constant in known:
+            known[current] = numbers.over(known[tau], known[constant])
     if K_u in known:
         lost = known.get(BACK_EMF, 0) * known[plain("theta_M_dot")]
         known[voltage] = numbers.over(numbers.reduced(known[tau] + lost), known[K_u])
