@@ -76,7 +76,10 @@ Base = Annotated[
     str,
     one_of(
         "base",
-        "fixed, or floating: legged robots, which nothing holds.",
+        (
+            "fixed, floating (legged robots, which nothing holds), planar_xz, planar_xy or "
+            "planar_yz (guided in a plane of its axes), or planar (that of a joint of the file)."
+        ),
         lambda: seaid.robot.BaseKind,
     ),
 ]

@@ -126,8 +126,8 @@ def write_mjcf(
     the joint. Controls are motor torques [N m]; each motor has the name of its joint. Friction
     terms that MuJoCo lacks are excluded and noted. MuJoCo need not be installed.
 
-    A floating base has a free joint; each of its contacts is a ball that can touch a level floor,
-    and contacts are on.
+    A floating base has a free joint, a planar one two slides and a hinge; each of its contacts is a
+    ball that can touch a level floor, and contacts are on.
 
     Parameters
     ----------

@@ -45,14 +45,25 @@ def add_bodies(robot: Robot, world: Any, notes: list[str], force: bool) -> dict[
 
 
 def _add_base(robot: Robot, world: Any, loaded: Array, notes: list[str], force: bool) -> Any:
-    """Add the floor and the floating base with its free joint; return the base."""
+    """Add the floor and the floating base with its free joint, or planar ones; return the base."""
     from lxml import etree
 
     floor = {"type": "plane", "size": "0 0 1", "contype": "1", "conaffinity": "2"}
     etree.SubElement(world, "geom", name="floor", **floor)
     link = robot.body_names[-1]
     body = etree.SubElement(world, "body", name=_body_name(robot, link, notes))
-    etree.SubElement(body, "freejoint", name=f"{link}_free")
+    base = robot.floating_base
+    assert base is not None
+    if base.normal is None:
+        etree.SubElement(body, "freejoint", name=f"{link}_free")
+    else:
+        body.set("quat", spaced(base.upright_quaternion))
+        for name, axis, free in zip("xyz", np.eye(3), base.free_axes, strict=False):
+            if free:
+                own = {"name": f"{link}_{name}", "type": "slide", "axis": spaced(axis)}
+                etree.SubElement(body, "joint", **own)
+        turns = {"name": f"{link}_angle", "type": "hinge", "axis": spaced(base.normal)}
+        etree.SubElement(body, "joint", **turns)
     _add_inertial(body, link, loaded, notes, force)
     return body
 

@@ -15,17 +15,19 @@ from scipy.optimize import linear_sum_assignment
 from seaid._arrays import Array, BoolArray, is_constant, runs
 from seaid.errors import Finding
 from seaid.log import (
+    CHANNELS,
     BaseLog,
     BaseMotion,
     Log,
     Motion,
     base_jumps,
     low_pass,
+    needed_columns,
     quaternion_rates,
     turned_to_world,
 )
 from seaid.regressor import contact_map
-from seaid.robot import Robot
+from seaid.robot import FloatingBase, Robot
 
 _RISES_M_S, _SLIDES_M_S, _MOVES_SHARE, _MOVES_S = 0.08, 0.2, 0.01, 0.1
 """Vertical and horizontal speed of a foot that does not stand, and the share of its stance and the
@@ -55,20 +57,22 @@ def base_findings(
     """Return what contradicts itself in the base and the contacts of logs, and their motions."""
     if robot.floating_base is None:
         return []
-    imu = robot.floating_base.imu_placement[0]
-    found = [one for log in logs if log.base is not None for one in _sensors(log.base, log, imu)]
+    own = robot.floating_base
+    found = [one for log in logs if log.base is not None for one in _sensors(log.base, log, own)]
     if not any(one.severity == "wrong" for one in found):
         for motion in (one for each in motions for one in each):
             found += list(_contacts(robot, motion, logs))
     return found
 
 
-def _sensors(base: BaseLog, log: Log, imu: Array) -> Iterator[Finding]:
+def _sensors(base: BaseLog, log: Log, own: FloatingBase) -> Iterator[Finding]:
     """Yield dead axes, frames that contradict each other, and jumps of a pose."""
+    imu = own.imu_placement[0]
     for name in ("angular_velocity", "specific_force"):
-        values = getattr(base, name)
-        for axis, column in zip("xyz", () if values is None else values.T, strict=False):
-            if is_constant(column):
+        values, needed = getattr(base, name), needed_columns(own, name)
+        columns = zip("xyz", CHANNELS[name], () if values is None else values.T, strict=False)
+        for axis, whole_name, column in columns:
+            if whole_name in needed and is_constant(column):
                 yield Finding(
                     "base-sensor",
                     f"the {axis} axis of the {name.replace('_', ' ')} of the base is "
@@ -79,6 +83,7 @@ def _sensors(base: BaseLog, log: Log, imu: Array) -> Iterator[Finding]:
                     certainty="certain",
                 )
     yield from _frames(base, log.time, imu)
+    yield from _plane(base, own)
     for name, (count, largest, first_s) in base_jumps(base, log.time).items():
         unit = {"position": " m", "velocity": " m/s"}.get(name, " rad")
         yield Finding(
@@ -90,6 +95,32 @@ def _sensors(base: BaseLog, log: Log, imu: Array) -> Iterator[Finding]:
             evidence={"jumps": float(count), "largest": largest},
             remedy="log the IMU, which does not jump",
             certainty="certain",
+        )
+
+
+_LEAVES = 0.2
+"""Rate about the axes in its plane over that about its normal, from which a base leaves its plane.
+A guide with play and a bent IMU mount turn by a few hundredths."""
+
+
+def _plane(base: BaseLog, own: FloatingBase) -> Iterator[Finding]:
+    """Yield a planar base that turns out of its plane."""
+    if own.normal is None or base.angular_velocity is None:
+        return
+    w = base.angular_velocity @ own.imu_placement[0].T
+    about = w @ np.array(own.normal)
+    size, out = (
+        float(np.std(about)),
+        float(np.linalg.norm(np.std(w @ (np.eye(3) - own.turning), 0))),
+    )
+    if out > max(_LEAVES * size, _TURNS_RAD_S):
+        yield Finding(
+            "base-frames",
+            f"the base turns with {out:.2g} rad/s (rms) about the axes in its plane and with "
+            f"{size:.2g} rad/s about the normal: it does not move in this plane",
+            severity="wrong",
+            evidence={"out of the plane [rad/s]": out, "in the plane [rad/s]": size},
+            remedy="load the robot with base='floating', or with the plane in which it moves",
         )
 
 

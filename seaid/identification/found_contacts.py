@@ -116,6 +116,8 @@ def _loads(robot: Robot, log: Log) -> Array:
     rows[:, 6:] -= low_pass(torque, motion.rate_hz, min(_LOAD_HZ, 0.4 * motion.rate_hz))
     points = [replace(one, is_flat=False) for one in robot.floating_base.contacts]
     A = contact_map(robot, motion.joint_position, points, base.up)
+    guided = ~robot.floating_base.free_axes
+    rows[:, :6][:, guided] = A[:, :6][:, guided] = 0.0
     normal = A.swapaxes(1, 2) @ A + 1e-9 * np.eye(A.shape[2])
     right = np.einsum("trk,tr->tk", A, rows)[:, :, None]
     forces = safely(

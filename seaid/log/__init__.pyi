@@ -1,6 +1,8 @@
+from .base_log import CHANNELS as CHANNELS
 from .base_log import BaseLog as BaseLog
 from .base_log import BaseMotion as BaseMotion
 from .base_log import base_jumps as base_jumps
+from .base_log import needed_columns as needed_columns
 from .base_log import quaternion_rates as quaternion_rates
 from .base_log import turned_to_world as turned_to_world
 from .commands import with_commanded_torque as with_commanded_torque

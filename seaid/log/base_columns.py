@@ -15,7 +15,15 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid.errors import LogError, shown, unknown_name
-from seaid.log.base_log import CHANNELS, contact_columns, continuous, matrices
+from seaid.log.base_log import (
+    ANGLE,
+    CHANNELS,
+    contact_columns,
+    continuous,
+    matrices,
+    needed_columns,
+    with_guided,
+)
 from seaid.log.repair.data import Channel
 
 if TYPE_CHECKING:
@@ -29,6 +37,7 @@ Order = Literal["wxyz", "xyzw"]
 BASE_QUANTITIES = {
     "position": 3,
     "orientation": 4,
+    "angle": 1,
     "velocity": 3,
     "angular_velocity": 3,
     "acceleration": 3,
@@ -109,7 +118,7 @@ def vector_source(where: str, quantity: str, value: Any, clock: Clock | None) ->
         if key not in allowed:
             raise LogError(f"{where}: {unknown_name('key', str(key), allowed)}")
     columns, width = _expanded(where, table.get("columns")), _WIDTHS[quantity]
-    if len(columns) != width:
+    if len(columns) != width and not (quantity in _PLANAR and len(columns) < width):
         raise LogError(f"{where}: needs {width} columns, found {len(columns)}")
     for key, words, holds in (
         ("frame", get_args(Frame), quantity in _FRAMES),
@@ -128,6 +137,9 @@ def vector_source(where: str, quantity: str, value: Any, clock: Clock | None) ->
 
 
 _WIDTHS = BASE_QUANTITIES | CONTACT_QUANTITIES
+
+_PLANAR = ("position", "velocity", "angular_velocity", "specific_force")
+"""Vectors of which a planar base needs a part only."""
 
 
 def _expanded(where: str, value: Any) -> tuple[str, ...]:
@@ -172,11 +184,14 @@ def described_vectors(
             )
         return
     for quantity, source in base.items():
-        yield DescribedVector(
-            f"{where}: [base] {quantity}", quantity, _raw(quantity, source), source
-        )
-    for quantity, own in CHANNELS.items():
-        if quantity not in base and set(own) <= set(table.names):
+        place = f"{where}: [base] {quantity}"
+        names = _names(place, quantity, source, robot.floating_base)
+        yield DescribedVector(place, quantity, names, source)
+    planar = {"angle": (ANGLE,)} if robot.floating_base.normal is not None else {}
+    for quantity, every in {**CHANNELS, **planar}.items():
+        needed = every if quantity in planar else needed_columns(robot.floating_base, quantity)
+        own = tuple(name for name in every if name in table.names)
+        if quantity not in base and set(needed) <= set(own):
             yield DescribedVector(f"{where}: {own[0]}", quantity, own, VectorSource(own))
     yield from _of_contacts(where, contacts, table, robot.floating_base)
 
@@ -200,6 +215,21 @@ def _of_contacts(
                 one = VectorSource(names)
             if one is not None:
                 yield DescribedVector(f"{place} {quantity}", quantity, names, one)
+
+
+def _names(where: str, quantity: str, source: VectorSource, base: FloatingBase) -> tuple[str, ...]:
+    """Return the names of the channels of a vector, also of the part that a planar base needs."""
+    if quantity == "angle":
+        if base.normal is None:
+            raise LogError(f"{where}: angle is that of a planar base, and this one is floating")
+        return (ANGLE,)
+    names, given = _raw(quantity, source), len(source.columns)
+    if given < len(names):
+        needed = needed_columns(base, quantity) if names == CHANNELS[quantity] else names
+        if given != len(needed):
+            raise LogError(f"{where}: needs {len(needed)} columns, found {given}")
+        return needed
+    return names
 
 
 def _raw(quantity: str, source: VectorSource) -> tuple[str, ...]:
@@ -232,7 +262,7 @@ def in_own_frames(picked: Mapping[str, Array], robot: Robot) -> dict[str, Array]
 
     f = R^T (a - g) with R from the base to the world. Raises LogError without an orientation.
     """
-    found = dict(picked)
+    found = with_guided(picked, robot)
     turned = [name for name in picked if name.startswith("base.") and "_in_" in name]
     if not turned:
         return found

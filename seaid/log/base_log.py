@@ -19,7 +19,7 @@ from seaid.errors import LogError, unknown_name
 from seaid.log.filtering import low_pass, spline_derivatives
 
 if TYPE_CHECKING:
-    from seaid.robot import Robot
+    from seaid.robot import FloatingBase, Robot
 
 _XYZ = ("x", "y", "z")
 CHANNELS = {
@@ -30,6 +30,9 @@ CHANNELS = {
     "specific_force": tuple(f"base.specific_force_{x}_m_per_s2" for x in _XYZ),
 }
 """{field: its columns in a file}."""
+
+ANGLE = "base.angle_rad"
+"""The column of the angle of a planar base, in place of its orientation."""
 
 
 def contact_columns(link: str) -> tuple[str, tuple[str, ...]]:
@@ -134,18 +137,70 @@ def continuous(orientation: Array) -> Array:
     return np.asarray(np.where(np.cumsum([False, *turned]) % 2, -1.0, 1.0)[:, None] * orientation)
 
 
-def base_columns(links: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the names of all columns of a base and of the contacts at these links."""
+def base_columns(base: FloatingBase) -> tuple[str, ...]:
+    """Return the names of all columns of a base and of its contacts."""
     own = [name for names in CHANNELS.values() for name in names]
-    for link in links:
+    own += [ANGLE] * (base.normal is not None)
+    for link in base.contact_links:
         contact, wrench = contact_columns(link)
         own += [contact, *wrench]
     return tuple(own)
 
 
-def base_log(picked: Mapping[str, Array], links: tuple[str, ...]) -> BaseLog | None:
+def needed_columns(base: FloatingBase, field: str) -> tuple[str, ...]:
+    """Return the columns of a field that a log must have: a planar base lacks those of its guide.
+
+    Those are the coordinate along its normal, and the rates about the axes in its plane.
+    """
+    names = CHANNELS[field]
+    if base.normal is None or field == "orientation":
+        return names
+    in_world = field in ("position", "velocity")
+    normal = base.normal_in_world if in_world else np.array(base.normal) @ base.imu_placement[0]
+    along = np.abs(normal) if field == "angular_velocity" else 1 - np.abs(normal)
+    return tuple(name for name, part in zip(names, along, strict=True) if part > _PART)
+
+
+_PART = 1e-6
+"""Component of an axis that is no rounding."""
+
+
+def with_guided(picked: Mapping[str, Array], robot: Robot) -> dict[str, Array]:
+    """Return the columns of a planar base with the orientation of its angle and what it cannot do.
+
+    Gravity has a specific force along the normal of a plane that is not vertical.
+    """
+    found, base = dict(picked), robot.floating_base
+    if base is None or base.normal is None:
+        return found
+    if ANGLE in found:
+        names = CHANNELS["orientation"]
+        found.update(zip(names, _quaternions(base, found.pop(ANGLE)).T, strict=True))
+    held = -float(robot.model.gravity.linear @ base.normal_in_world)
+    values = {"specific_force": held * np.array(base.normal) @ base.imu_placement[0]}
+    for name, names in CHANNELS.items():
+        needed = needed_columns(base, name)
+        if set(needed) <= set(found):
+            like = found[needed[0]]
+            for one, value in zip(names, values.get(name, np.zeros(4)), strict=False):
+                found.setdefault(one, np.where(np.isnan(like), np.nan, value))
+    return found
+
+
+def _quaternions(base: FloatingBase, angle_rad: Array) -> Array:
+    """Return the quaternions (T, 4) of a planar base at its angles (T,)."""
+    half = np.asarray(angle_rad)[:, None] / 2
+    # that of the angle zero, times that of the angle
+    w, x = (base.upright_quaternion[:1], base.upright_quaternion[1:])
+    s, v = np.cos(half), np.sin(half) * np.array(base.normal)
+    return np.hstack([w * s - (v @ x)[:, None], w * v + s * x + np.cross(x, v)])
+
+
+def base_log(picked: Mapping[str, Array], robot: Robot) -> BaseLog | None:
     """Return the samples of the base from columns {name in a file: samples (T,)}, None without."""
+    assert robot.floating_base is not None
     found: dict[str, Any] = {"contacts": {}, "wrenches": {}}
+    picked = with_guided(picked, robot)
     for name, names in CHANNELS.items():
         there = [one for one in names if one in picked]
         if there and len(there) < len(names):
@@ -153,7 +208,7 @@ def base_log(picked: Mapping[str, Array], links: tuple[str, ...]) -> BaseLog | N
             raise LogError(f"the log has {there[0]} and no column {missing}")
         if there:
             found[name] = np.column_stack([picked[one] for one in names])
-    for link in links:
+    for link in robot.floating_base.contact_links:
         contact, wrench = contact_columns(link)
         if contact in picked:
             found["contacts"][link] = picked[contact][:, None]
@@ -253,6 +308,7 @@ def base_motion(robot: Robot, log: BaseLog | None, time: Array, cutoff_hz: float
     rotation, place = base.imu_placement
     gravity = robot.model.gravity.linear
     R, w = _turning(smooth, time, rotation)
+    w = w @ base.turning
     e = spline_derivatives(time, w)[1]
     if smooth.specific_force is not None:
         f = smooth.specific_force @ rotation.T

@@ -92,7 +92,7 @@ def wanted_columns(
     for joint, is_prismatic in zip(robot.joint_names, robot.is_prismatic, strict=True):
         allowed += column_names(joint, is_prismatic)
     if robot.floating_base is not None:
-        allowed += base_columns(robot.floating_base.contact_links)
+        allowed += base_columns(robot.floating_base)
     for name in columns:
         if name not in allowed:
             raise LogError("columns=: " + unknown_name("column of this robot's log", name, allowed))
@@ -388,7 +388,7 @@ def sorted_log(picked: dict[str, Array], robot: Robot, file_names: Sequence[str]
         if field in _NEEDED or not np.all(np.isnan(values))
     }
     if robot.floating_base is not None:
-        sensors["base"] = base_log(picked, robot.floating_base.contact_links)
+        sensors["base"] = base_log(picked, robot)
     return Log(time=time, joint_names=robot.joint_names, is_prismatic=robot.is_prismatic, **sensors)
 
 

@@ -438,7 +438,7 @@ def _robot_lines(urdf: str, robot: Robot, joints: Sequence[str] | None) -> list[
 
 
 def _base_lines(base: FloatingBase) -> Iterator[str]:
-    yield 'base = "floating"'
+    yield f"base = {_quoted(base.kind)}"
     if base.imu_link is not None:
         yield f"imu_link = {_quoted(base.imu_link)}"
     shapes: dict[str, list[str]] = {}

@@ -123,7 +123,7 @@ class Project(Display):
     gravity : tuple of 3 floats
     independent_mimics : bool
         Whether mimic joints are independent joints.
-    base : {"fixed", "floating"}
+    base : {"fixed", "floating", "planar", "planar_xy", "planar_xz", "planar_yz"}
     contacts : tuple of Contact
         Links of a floating base that touch the ground.
     imu_link : str or None

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -106,6 +106,7 @@ def without_contact_forces(
     """
     assert robot.floating_base is not None
     rows = rows.copy()
+    rows[:, :6][:, ~robot.floating_base.free_axes] = 0.0
     if unknown is not None:
         rows[:, 6:] *= ~unknown[:, :, None]
     contacts = [one for one in robot.floating_base.contacts if one.link in touching]
@@ -126,11 +127,39 @@ def without_contact_forces(
     for pattern in np.unique(patterns, axis=0):
         if np.any(pattern):
             now = np.flatnonzero(np.all(patterns == pattern, axis=1))
-            Q = np.linalg.qr(scale * A[now][:, :, pattern[owner]])[0]
+            Q = _range(scale * A[now][:, :, pattern[owner]])
             part = scale * rows[now]
             left = part - Q @ (Q.swapaxes(1, 2) @ part)
-            rows[now] = left / scale if Q.shape[2] < Q.shape[1] else 0.0
+            # orthonormal columns: the sum of squares is the rank
+            hidden = np.sum(Q**2, axis=(1, 2)) > np.any(part, axis=2).sum(axis=1) - 0.5
+            rows[now] = np.where(hidden[:, None, None], 0.0, left / scale)
     return rows
+
+
+_DEPENDENT = 1e-8
+"""Size of a column of contact forces, over the largest, after which it depends on the others."""
+
+
+def _range(A: Array) -> Array:
+    """Return matrices (T, r, k) whose columns are an orthonormal basis of those of A, or zero.
+
+    Several points of one foot, and legs that move in a plane, have dependent contact forces.
+    """
+    Q, R = safely(np.linalg.qr, A, what="the contact forces", error=LogError)
+    size = np.abs(np.diagonal(R, axis1=1, axis2=2))
+    lacking = size.min(axis=1) <= _DEPENDENT * size.max(axis=1)
+    if A.shape[2] > A.shape[1]:
+        lacking[:] = True
+        Q = np.zeros_like(A)
+    if np.any(lacking):
+        U, s, _ = safely(
+            partial(np.linalg.svd, full_matrices=False),
+            A[lacking],
+            what="the contact forces",
+            error=LogError,
+        )
+        Q[lacking, :, : s.shape[1]] = U * (s > _DEPENDENT * s[:, :1])[:, None]
+    return np.asarray(Q)
 
 
 def measured_wrenches(
@@ -176,10 +205,12 @@ def stance_states(
     """Return random states of joints and of the base in which some contacts stand, and `up`.
 
     Velocities v with J_c v = 0, accelerations with J_c v' + J_c' v = 0 (of a ball that rolls), and
-    gravity in any direction: a base that is turned feels it from there.
+    gravity in any direction: a base that is turned feels it from there. A planar base turns about
+    its normal.
     """
     assert robot.floating_base is not None
-    contacts = [one for one in robot.floating_base.contacts if one.link in links]
+    own = robot.floating_base
+    contacts = [one for one in own.contacts if one.link in links]
     rng = np.random.default_rng(seed)
     shape = (count, 6 + robot.n)
     reach = np.where(robot.is_prismatic, 1.0, np.pi)
@@ -187,8 +218,14 @@ def stance_states(
     v, a = rng.normal(0, 3, shape), rng.normal(0, 10, shape)
     up = rng.normal(size=(count, 3))
     up /= np.linalg.norm(up, axis=1, keepdims=True)
+    if own.normal is not None:
+        R, down = own.rotations(rng.uniform(-np.pi, np.pi, count)), robot.model.gravity.linear
+        up = -down / (np.linalg.norm(down) or 1.0) @ R
+        v[:, :6] *= own.free_axes
+        a[:, :6] *= own.free_axes
     if contacts:
         J = contact_map(robot, q, contacts, up).swapaxes(1, 2)
+        J[:, :, :6] *= own.free_axes
         inverse = safely(np.linalg.pinv, J, what="the contacts", error=RobotError)
 
         def within(x: Array, wanted: Array) -> Array:
@@ -225,9 +262,15 @@ def _drift(robot: Robot, q: Array, v: Array, contacts: Sequence[Contact], up: Ar
 
 
 def floating_rows(robot: Robot, Y: Array, joints: Sequence[int]) -> Array:
-    """Return the rows (T, 6 + k, m) of the base and of k joints at the drives' coordinates."""
+    """Return the rows (T, 6 + k, m) of the base and of k joints at the drives' coordinates.
+
+    Those in which a guide has unknown forces are zero.
+    """
+    assert robot.floating_base is not None
     of_joints = rows_at_drives(robot.transmission, Y[:, 6:])[:, joints]
-    return np.concatenate([Y[:, :6], of_joints], axis=1)
+    found = np.concatenate([Y[:, :6], of_joints], axis=1)
+    found[:, :6][:, ~robot.floating_base.free_axes] = 0.0
+    return found
 
 
 _POSTURES, _TURNED_RAD = 20, 0.5

@@ -434,7 +434,8 @@ def _load_rows(
     if robot.floating_base is not None and motion.base is not None:
         names = (*names, *BASE_ROWS)
         joints = [*range(robot.n, robot.n + 6), *joints]
-        usable = np.concatenate([np.ones((6, len(rows)), dtype=bool), usable])
+        free = np.repeat(robot.floating_base.free_axes[:, None], len(rows), axis=1)
+        usable = np.concatenate([free, usable])
         usable &= motion.base.used[rows]
     which, kept = np.nonzero(usable)
     return Regression(

@@ -127,7 +127,8 @@ def robot_table(robot: Robot) -> Text:
     ]
     if robot.floating_base is not None:
         base = robot.floating_base.link
-        rows.append(["", "free", "", base, number(robot.parameters[-10])])
+        kind = "free" if robot.floating_base.normal is None else "planar"
+        rows.append(["", kind, "", base, number(robot.parameters[-10])])
     return table(repr(robot), ["joint", "type", "drive", "body", "mass [kg]"], rows)
 
 

@@ -5,6 +5,10 @@ depend neither on where the base is nor on how fast it moves, but on its angular
 acceleration e and on the specific force f = R^T (a - g) of its origin, which an accelerometer
 measures: with the model's velocity (0, w), acceleration (f, e) and no gravity, inverse dynamics
 gives the same force as with the true ones.
+
+A planar base, as that of a hopper on a boom or of a wheeled platform, moves in one plane. Its guide
+has unknown forces along the normal of the plane and unknown moments about the two axes in it: the
+three equations of these directions determine nothing.
 """
 
 from __future__ import annotations
@@ -13,15 +17,26 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
-from seaid._arrays import Array, FrozenMapping
+import numpy as np
+import pinocchio as pin
+
+from seaid._arrays import Array, BoolArray, FrozenMapping
 from seaid._progress import Display
 from seaid.errors import RobotError, listed, unknown_name
 
 if TYPE_CHECKING:
     from seaid.robot.pinocchio_model import Assembly
+    from seaid.robot.urdf import UrdfJoint
 
-BaseKind = Literal["fixed", "floating"]
-"""Whether something holds the base of a robot."""
+BaseKind = Literal["fixed", "floating", "planar", "planar_xy", "planar_xz", "planar_yz"]
+"""Whether something holds the base of a robot, or guides it in a plane: that of a planar joint at
+the root of the file, or one of the axes of the base."""
+
+_NORMALS: dict[BaseKind, tuple[float, float, float]] = {
+    "planar_yz": (1.0, 0.0, 0.0),
+    "planar_xz": (0.0, 1.0, 0.0),
+    "planar_xy": (0.0, 0.0, 1.0),
+}
 
 HANGING = "hanging"
 """In place of the contacts of a stance: the base is bolted to the world, as in its frame's axes."""
@@ -75,15 +90,31 @@ class FloatingBase(Display):
         Where the robot can touch the ground.
     imu_link : str or None
         The link of the inertial measurement unit, None: that of the base.
+    normal : 3 floats or None
+        The normal of the plane in which a guide lets the base move, an axis of its frame; the base
+        turns about it. None: the base moves freely.
+    upright : array (3, 3) or None
+        The rotation of a planar base in the world at the angle zero, None: it has the world's axes.
     """
 
     link: str
     frames: Mapping[str, tuple[int, Array, Array]]
     contacts: tuple[Contact, ...] = ()
     imu_link: str | None = None
+    normal: tuple[float, float, float] | None = None
+    upright: Array | None = None
 
     def _in_short(self) -> str:
-        return f"'{self.link}', contacts {', '.join(self.contact_links) or 'none'}"
+        planar = "planar, " * (self.normal is not None)
+        return f"{planar}'{self.link}', contacts {', '.join(self.contact_links) or 'none'}"
+
+    @property
+    def kind(self) -> BaseKind:
+        """What `load_robot(base=)` takes for this base."""
+        if self.normal is None:
+            return "floating"
+        names = {normal: kind for kind, normal in _NORMALS.items()}
+        return names.get(self.normal, "planar") if self.upright is None else "planar"
 
     def frame(self, link: str) -> tuple[int, Array, Array]:
         """Return where a link is. Raises RobotError with the nearest name."""
@@ -101,6 +132,41 @@ class FloatingBase(Display):
         return next((one for one in self.contacts if one.link == link), Contact(link))
 
     @property
+    def free_axes(self) -> BoolArray:
+        """Whether the base moves along x, y, z and turns about x, y, z of its frame (6,)."""
+        if self.normal is None:
+            return np.ones(6, dtype=bool)
+        turns = np.array(self.normal) != 0
+        return np.concatenate([~turns, turns])
+
+    @property
+    def turning(self) -> Array:
+        """The projection (3, 3) of angular velocities on those that the base can have."""
+        return np.diag(self.free_axes[3:].astype(float))
+
+    def rotations(self, angle_rad: Array) -> Array:
+        """Return the rotations (T, 3, 3) of a planar base at its angles (T,) in the world."""
+        n = np.array(self.normal)
+        K = np.array([[0, -n[2], n[1]], [n[2], 0, -n[0]], [-n[1], n[0], 0]])
+        s, c = np.sin(angle_rad)[:, None, None], np.cos(angle_rad)[:, None, None]
+        return np.asarray(self._upright @ (np.eye(3) + s * K + (1 - c) * K @ K))
+
+    @property
+    def upright_quaternion(self) -> Array:
+        """The rotation of a planar base at the angle zero as a quaternion w, x, y, z."""
+        x, y, z, w = pin.Quaternion(self._upright).normalized().coeffs()
+        return np.array([w, x, y, z])
+
+    @property
+    def _upright(self) -> Array:
+        return np.eye(3) if self.upright is None else self.upright
+
+    @property
+    def normal_in_world(self) -> Array:
+        """The normal of the plane of a planar base in the world (3,)."""
+        return np.asarray(self._upright @ np.array(self.normal))
+
+    @property
     def imu_placement(self) -> tuple[Array, Array]:
         """Rotation (3, 3) and position (3,) of the IMU in the frame of the base."""
         return self.frame(self.imu_link or self.link)[1:]
@@ -112,13 +178,18 @@ def floating_base(
     order: tuple[int, ...],
     contacts: Sequence[str | Contact],
     imu_link: str | None,
+    kind: BaseKind,
+    at_root: UrdfJoint | None,
 ) -> FloatingBase:
-    """Return the base of an assembled robot, whose bodies are in this `order`."""
+    """Return the base of an assembled robot, whose bodies are in this `order`.
+
+    `at_root` is the joint of the file by which the base moves.
+    """
     if built.base[0, 0] <= 0:
         raise RobotError(
-            f"base='floating': the link '{link}' and what is fixed to it have no mass: give the "
+            f"base='{kind}': the link '{link}' and what is fixed to it have no mass: give the "
             "base its <inertial>, or load the robot with base='fixed'",
-            "base='floating'",
+            f"base='{kind}'",
             "base='fixed'",
         )
     frames = {
@@ -131,9 +202,24 @@ def floating_base(
         frames=FrozenMapping(frames, "link"),
         contacts=touching,
         imu_link=imu_link,
+        normal=_normal(kind, at_root),
+        upright=at_root.placement.rotation if at_root and at_root.type == "planar" else None,
     )
     _check_links(base)
     return base
+
+
+def _normal(kind: BaseKind, at_root: UrdfJoint | None) -> tuple[float, float, float] | None:
+    """Return the normal of the plane of a base. Raises RobotError for one that is no axis."""
+    if at_root is None or at_root.type != "planar":
+        return _NORMALS.get(kind)
+    axis = at_root.axis
+    if np.count_nonzero(axis) != 1:
+        raise RobotError(
+            f"the axis of the planar joint '{at_root.name}' must be one of those of its child "
+            f"link, found {axis.tolist()}: turn the link, so that the plane is xy, xz or yz"
+        )
+    return tuple(axis.tolist())
 
 
 def _check_links(base: FloatingBase) -> None:

@@ -27,6 +27,7 @@ from seaid.robot.inertia import (
 )
 
 if TYPE_CHECKING:
+    from seaid.robot.floating_base import BaseKind
     from seaid.robot.urdf import UrdfJoint, UrdfTree
 
 TURNING = ("revolute", "continuous")
@@ -121,24 +122,51 @@ def moving_joints(tree: UrdfTree, joints: Sequence[str] | None) -> tuple[str, ..
             movable = listed(
                 one.name for one in tree.joints.values() if one.type in _MOVING and not one.mimic
             )
+            base = f"; or that of the base with base='{kind}'" if _is_at_root(tree, name) else ""
             raise RobotError(
                 f"'{tree.name}': joint '{name}' is {kind}; seaid moves {', '.join(_MOVING)} joints "
                 "of a robot with a fixed base: name the joints that move with joints=[...], which "
-                f"locks '{name}' and all others at zero; there are {movable or 'none'}",
+                f"locks '{name}' and all others at zero; there are {movable or 'none'}{base}",
                 "joints=[...]",
+                f"base='{kind}'",
             )
     if not names:
         raise RobotError(f"'{tree.name}' has no joint that moves")
     return tuple(names)
 
 
-def without_floating_joint(tree: UrdfTree) -> UrdfTree:
-    """Return the tree below a floating joint at its root, if it has one."""
+def without_joint_of_base(tree: UrdfTree, kind: BaseKind) -> tuple[UrdfTree, UrdfJoint | None]:
+    """Return the tree below a floating or planar joint at its root, and this joint or None.
+
+    Raises RobotError for a `kind` of base that is not that of the joint.
+    """
     below = tree.children(tree.root)
-    if [joint.type for joint in below] != ["floating"] or np.any(tree.links[tree.root]):
-        return tree
+    if len(below) != 1 or not _is_at_root(tree, below[0].name):
+        if kind == "planar":
+            raise RobotError(
+                "base='planar' takes the plane of a planar joint at the root of the file, and that "
+                f"of '{tree.name}' has none: name the plane by axes of the base, such as "
+                "base='planar_xz'",
+                "base='planar'",
+                "base='planar_xz'",
+            )
+        return tree, None
+    if below[0].type != kind:
+        raise RobotError(
+            f"base='{kind}': the joint '{below[0].name}' at the root of '{tree.name}' is "
+            f"{below[0].type}: load it with base='{below[0].type}'",
+            f"base='{kind}'",
+            f"base='{below[0].type}'",
+        )
     joints = {name: joint for name, joint in tree.joints.items() if joint is not below[0]}
-    return replace(tree, root=below[0].child, joints=joints)
+    return replace(tree, root=below[0].child, joints=joints), below[0]
+
+
+def _is_at_root(tree: UrdfTree, name: str) -> bool:
+    """Whether a joint is the floating or planar one of a base: the only one of an empty root."""
+    below = [joint.name for joint in tree.children(tree.root)]
+    moves = tree.joints[name].type in ("floating", "planar")
+    return moves and below == [name] and not np.any(tree.links[tree.root])
 
 
 def dependent_joints(tree: UrdfTree, moving: Sequence[str]) -> tuple[DependentJoint, ...]:

@@ -25,7 +25,7 @@ from seaid.robot.pinocchio_model import (
     assemble,
     dependent_joints,
     moving_joints,
-    without_floating_joint,
+    without_joint_of_base,
 )
 from seaid.robot.robot_file import read_urdf, urdf_path
 from seaid.robot.transmission import check_transmission, transmission_matrix
@@ -90,7 +90,8 @@ class Robot(Display):
 
     def _in_short(self) -> str:
         springs = counted(len(self.elastic_joints), "spring")
-        base = ", floating base" if self.floating_base else ""
+        own = self.floating_base
+        base = "" if own is None else ", floating base" if own.normal is None else ", planar base"
         return f"'{self.name}': {counted(self.n, 'joint')}, {springs}{base}"
 
     @property
@@ -281,9 +282,11 @@ def load_robot(
         if they are closer than this; 0 keeps all angles. See `seaid.robot.robot_file.read_urdf`.
     independent_mimics : bool, default False
         Whether mimic joints are independent ones with their own drives, as without <mimic>.
-    base : {"fixed", "floating"}
-        Whether something holds the base, or it moves freely, as that of a legged robot. A floating
-        joint at the root of the file is that of the base.
+    base : {"fixed", "floating", "planar", "planar_xy", "planar_xz", "planar_yz"}
+        Whether something holds the base, or it moves freely, as that of a legged robot; a planar
+        one moves in a plane of the axes of its link, as that of a hopper on a boom ("planar_xz"),
+        whose guide has unknown forces. A floating or planar joint at the root of the file is that
+        of the base; "planar" takes the plane from it.
     contacts : list of str or Contact
         Links that can touch the ground, of a floating base: a name is a point contact at the origin
         of the link's frame.
@@ -309,19 +312,20 @@ def load_robot(
     if independent_mimics:
         free = {name: replace(joint, mimic=None) for name, joint in tree.joints.items()}
         tree = replace(tree, joints=free)
-    if base == "floating":
-        tree = without_floating_joint(tree)
+    moves, at_root = base != "fixed", None
+    if moves:
+        tree, at_root = without_joint_of_base(tree, base)
     moving = moving_joints(tree, joints)
     followers = dependent_joints(tree, moving)
     everything = (*moving, *(joint.name for joint in followers))
     by_joint = _drives(tree, moving, drives)
     down = finite("gravity", gravity, (3,), RobotError)
-    built = assemble(tree, everything, payloads, down, floats=base == "floating")
-    if base == "floating":
+    built = assemble(tree, everything, payloads, down, floats=moves)
+    if moves:
         built = built.with_base_last()
     robot = replace(_robot(tree, moving, by_joint, built, followers), urdf=urdf)
-    if base == "floating":
-        own = floating_base(tree.root, built, robot.model_order, contacts, imu_link)
+    if moves:
+        own = floating_base(tree.root, built, robot.model_order, contacts, imu_link, base, at_root)
         robot = replace(robot, floating_base=own)
     elif contacts or imu_link:
         raise RobotError(

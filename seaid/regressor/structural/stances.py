@@ -59,6 +59,7 @@ def columns_of_stances(
     assert robot.floating_base is not None
     numbers = ResidueNumbers(robot, np.random.default_rng(seed))
     known = [robot.index(joint) for joint in robot.selected(torque_joints)]
+    free = _of_plane(numbers)[0]
     width, rows = len(robot.parameters), [np.zeros((0, len(robot.parameters)), dtype=object)]
     for links in stances:
         if links == HANGING:
@@ -72,7 +73,7 @@ def columns_of_stances(
                 "flat feet: without radius_m it counts the same but for the roll of the ball"
             )
         reached = sum(6 if one.is_flat else 3 for one in contacts)
-        left = max(6 + len(known) - reached, 1)
+        left = max(int(sum(free)) + len(known) - reached, 1)
         rows.append(_rows(numbers, contacts, known, (width + _MORE_ROWS) // left + 1))
     H = np.vstack(rows)
     H[:, robot.is_known] = 0
@@ -88,6 +89,8 @@ def _rows(
     dynamics, n = modular_dynamics(exact_tree(numbers.robot)), numbers.robot.n
     q, turned, v, a = numbers.states(count)
     linear, w, e, f = (numbers.random(count, 3) for _ in range(4))
+    free, along = _of_plane(numbers)
+    linear, w, e, f = linear * free[:3], w * free[3:], e * free[3:], f * free[:3] + along
     places = [_place(numbers, contact) for contact in contacts]
     states = numbers.of_bodies(q, turned, v, a)
     forces = [
@@ -96,7 +99,8 @@ def _rows(
     ]
     A = np.concatenate([np.zeros((count, 6 + n, 0), dtype=object), *forces], axis=2)
     if contacts:
-        moved = _changed(A, np.hstack([linear, w, v]), 0 * A[:, 0])
+        changing = A * np.array([*free, *[1] * n], dtype=object)[:, None]
+        moved = _changed(changing, np.hstack([linear, w, v]), 0 * A[:, 0])
         w, v = moved[:, 3:6], moved[:, 6:]
         states = numbers.of_bodies(q, turned, v, 0 * v)
         still = _motion(0 * w, w, 0 * w)
@@ -105,12 +109,12 @@ def _rows(
             for place, one in zip(places, contacts, strict=True)
         ]
         wanted = -np.hstack(drift) % PRIME
-        moved = _changed(A, np.hstack([linear, e, a]), wanted)
+        moved = _changed(changing, np.hstack([linear, e, a]), wanted)
         # the specific force is the acceleration less gravity, which has any direction
         f, e, a = (moved[:, :3] + f) % PRIME, moved[:, 3:6], moved[:, 6:]
     states = numbers.of_bodies(q, turned, v, a)
     Y = _on_leaders(numbers, dynamics.regressor(states, _motion(f, w, e)))
-    kept = [*range(6), *(6 + joint for joint in known)]
+    kept = [*np.flatnonzero(free), *(6 + joint for joint in known)]
     return np.vstack(
         [_left_over(A_t, Y_t) for A_t, Y_t in zip(A[:, kept], Y[:, kept], strict=True)]
     )
@@ -147,6 +151,20 @@ def _place(numbers: ResidueNumbers, contact: Contact) -> tuple[int, Words]:
     body, rotation, position = base.frame(contact.link)
     at = np.round(position + rotation @ np.array(contact.position_m), _DIGITS)
     return body, np.array([numbers.number(x) for x in at.tolist()], dtype=np.uint64)
+
+
+def _of_plane(numbers: ResidueNumbers) -> tuple[Residues, Residues]:
+    """Return whether the base moves along and turns about each axis, 0 or 1 (6,), and -g (3,).
+
+    Gravity along the normal of a planar base is the same at all of its angles.
+    """
+    base, along = numbers.robot.floating_base, np.zeros(3, dtype=object)
+    assert base is not None
+    if base.normal is not None:
+        down = float(numbers.robot.model.gravity.linear @ base.normal_in_world)
+        value = numbers.number(round(-down, _DIGITS))
+        along = np.array([int(x) * value for x in base.normal], dtype=object)
+    return base.free_axes.astype(int).astype(object), along
 
 
 def _motion(linear: Residues, w: Residues, e: Residues) -> BodyMotion:

@@ -1,0 +1,247 @@
+"""A robot whose base a boom guides in a plane: two legs that sway, in MuJoCo."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import seaid
+from scripts.example_robots import example_urdf
+from seaid._arrays import Array
+from seaid.errors import SeaidError
+from seaid.log import BaseLog
+from seaid.regressor.floating import floating_regressor, floating_rows
+from seaid.regressor.structural.stances import columns_of_stances
+from seaid.robot import Contact, Robot
+
+FEET = ("front_foot", "hind_foot")
+_BODY = (
+    '<link name="{0}"><inertial><origin xyz="{1}" rpy="0 0 0"/><mass value="{2}"/>'
+    '<inertia ixx="{3}" iyy="{4}" izz="{5}" ixy="0" ixz="1e-4" iyz="0"/></inertial></link>'
+)
+_JOINT = (
+    '<joint name="{0}" type="{1}"><parent link="{2}"/><child link="{3}"/><origin xyz="{4}"/>'
+    '<axis xyz="0 1 0"/><limit lower="-3" upper="3" velocity="20" effort="60"/></joint>'
+)
+
+
+def hopper_text(at_root: str = "") -> str:
+    parts = [_BODY.format("trunk", "0.03 0 0.02", 4.0, 0.02, 0.06, 0.07)]
+    for leg, x in (("front", 0.2), ("hind", -0.2)):
+        foot = f"{leg}_foot"
+        parts += [
+            _BODY.format(f"{leg}_thigh", "0.01 0 -0.09", 0.8, 0.003, 0.0035, 0.001),
+            _BODY.format(f"{leg}_calf", "0.005 0 -0.08", 0.3, 0.001, 0.0012, 0.0003),
+            f'<link name="{foot}"/>',
+            _JOINT.format(f"{leg}_hip", "revolute", "trunk", f"{leg}_thigh", f"{x} 0 0"),
+            _JOINT.format(f"{leg}_knee", "revolute", f"{leg}_thigh", f"{leg}_calf", "0 0 -0.2"),
+            _JOINT.format(f"{leg}_end", "fixed", f"{leg}_calf", foot, "0 0 -0.2"),
+        ]
+    return f'<robot name="hopper">{at_root}{"".join(parts)}</robot>'
+
+
+ON_BOOM = '<link name="boom"/>' + _JOINT.format("guide", "planar", "boom", "trunk", "0 0 0")
+
+
+@pytest.fixture(scope="session")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("planar")
+    (folder / "hopper.urdf").write_text(hopper_text())
+    (folder / "boom.urdf").write_text(hopper_text(ON_BOOM))
+    slides = "".join(
+        f'<link name="l{k}"/>{_JOINT.format(f"j{k}", kind, f"l{k}", below, "0 0 0")}'.replace(
+            '"0 1 0"', axis
+        )
+        for k, (kind, below, axis) in enumerate(
+            (
+                ("prismatic", "l1", '"1 0 0"'),
+                ("prismatic", "l2", '"0 0 1"'),
+                ("continuous", "trunk", '"0 1 0"'),
+            )
+        )
+    )
+    (folder / "chain.urdf").write_text(hopper_text(slides))
+    return folder
+
+
+def loaded(folder: Path, name: str = "boom.urdf", base: str = "planar") -> Robot:
+    contacts = [Contact(foot, radius_m=0.02) for foot in FEET]
+    return seaid.load_robot(folder / name, base=base, contacts=contacts)  # type: ignore[arg-type]
+
+
+def test_planar_joint_of_the_file_is_that_of_the_base(folder: Path) -> None:
+    of_file, named = loaded(folder), loaded(folder, "hopper.urdf", "planar_xz")
+    np.testing.assert_array_equal(of_file.parameters, named.parameters)
+    for robot in (of_file, named):
+        assert robot.floating_base is not None
+        assert robot.floating_base.normal == (0.0, 1.0, 0.0)
+        assert "planar base" in repr(robot)
+
+
+@pytest.mark.parametrize(
+    ("name", "base", "message"),
+    [
+        ("boom.urdf", "floating", "is planar: load it with base='planar'"),
+        ("boom.urdf", "fixed", "joint 'guide' is planar; .*or that of the base with base='planar'"),
+        ("hopper.urdf", "planar", "name the plane by axes of the base, such as base='planar_xz'"),
+    ],
+)
+def test_message_of_a_base_that_is_not_that_of_the_file(
+    folder: Path, name: str, base: str, message: str
+) -> None:
+    with pytest.raises(SeaidError, match=message):
+        seaid.load_robot(folder / name, base=base)  # type: ignore[arg-type]
+
+
+def test_message_of_an_oblique_plane(folder: Path) -> None:
+    path = folder / "oblique.urdf"
+    path.write_text(hopper_text(ON_BOOM.replace('"0 1 0"', '"0 1 1"')))
+    with pytest.raises(SeaidError, match="must be one of those of its child link"):
+        seaid.load_robot(path, base="planar")
+
+
+def test_rows_are_those_of_two_slides_and_a_hinge(folder: Path) -> None:
+    robot, chain = loaded(folder), seaid.load_robot(folder / "chain.urdf")
+    rng, count = np.random.default_rng(1), 20
+    q, v, a = rng.normal(size=(3, count, 7))
+    assert robot.floating_base is not None
+    R = robot.floating_base.rotations(q[:, 2])
+    zero = np.zeros(count)
+    w, e = (np.column_stack([zero, x[:, 2], zero]) for x in (v, a))
+    f = np.einsum("tji,tj->ti", R, np.column_stack([a[:, 0], zero, a[:, 1] + 9.81]))
+    states = (q[:, 3:], v[:, 3:], a[:, 3:])
+    Y = floating_rows(robot, floating_regressor(robot, *states, (w, e, f)), range(4))
+    rows = Y @ robot.parameters
+    force = np.einsum("tij,tj->ti", R, rows[:, :3])
+    found = np.column_stack([force[:, [0, 2]], rows[:, 4], rows[:, 6:]])
+    data = chain.model.createData()
+    wanted = [
+        pin.rnea(chain.model, data, *x) for x in zip(*map(chain.to_model, (q, v, a)), strict=True)
+    ]
+    np.testing.assert_allclose(found, chain.from_model(np.array(wanted)), atol=1e-9)
+
+
+@pytest.mark.parametrize("plane", ["planar_xy", "planar_xz", "planar_yz"])
+def test_exact_columns_of_a_planar_base_are_the_numeric_ones(plane: str) -> None:
+    feet = ("FL_FOOT", "FR_FOOT")
+    robot = seaid.load_robot(example_urdf("bolt.urdf"), base=plane, contacts=feet)  # type: ignore[arg-type]
+    for stances in ([()], [feet[:1]], [feet]):
+        exact = columns_of_stances(robot, stances)
+        assert exact == seaid.base_parameters(robot, stances=stances).columns
+
+
+def test_legs_in_the_plane_of_the_base_have_fewer_parameters(folder: Path) -> None:
+    robot = seaid.load_robot(folder / "hopper.urdf", base="planar_xz", contacts=FEET)
+    for stances, count in (([()], 16), ([FEET], 14)):
+        found = seaid.identifiability(robot, stances=stances)
+        assert (found.rank, found.agree) == (count, True)
+
+
+def swayed_angles(time: Array) -> Array:
+    """Joint angles (T, 4) of a trunk that sways and turns over feet that stay."""
+    rng, size = np.random.default_rng(2), (0.025, 0.025, 0.1)
+    begin = np.clip(time, 0, 1) ** 2 * (3 - 2 * np.clip(time, 0, 1))
+    x, z, angle = (
+        own
+        * begin
+        * sum(np.sin(2 * np.pi * f * time + rng.uniform(0, 6)) for f in (0.3, 0.7, 1.2))
+        / 2
+        for own in size
+    )
+    found = []
+    for hip in (0.2, -0.2):
+        dx, dz = hip - x, -0.32 - z
+        # the foot from the hip, in the axes of the trunk, and the two bars of 0.2 m to it
+        px = np.cos(angle) * dx - np.sin(angle) * dz - hip
+        pz = np.sin(angle) * dx + np.cos(angle) * dz
+        knee = -2 * np.arccos(np.hypot(px, pz) / 0.4)
+        found += [np.arctan2(-px, -pz) - knee / 2, knee]
+    return np.column_stack(found)
+
+
+@cache
+def simulated(path: Path, duration_s: float = 16.0) -> tuple[Array, ...]:
+    """Time, joint angles and torques, angle and its rate, specific force (x, z) of the base."""
+    model = mujoco.MjModel.from_xml_path(str(path))
+    model.opt.timestep, model.opt.integrator = 0.001, mujoco.mjtIntegrator.mjINT_EULER
+    model.geom_solref[:], model.geom_solimp[:] = (0.004, 1.0), (0.95, 0.99, 0.001, 0.5, 2.0)
+    data, time = mujoco.MjData(model), np.arange(-1, duration_s, 0.001)
+    wanted = swayed_angles(time)
+    rates = np.gradient(wanted, 0.001, axis=0)
+    names = [f"{leg}_{joint}" for leg in ("front", "hind") for joint in ("hip", "knee")]
+    places = [model.joint(name).qposadr[0] for name in names]
+    x, z, turn = (model.joint(f"trunk_{one}").qposadr[0] for one in ("x", "z", "angle"))
+    data.qpos[places], rows = wanted[0], []
+    data.qpos[z] = 0.34 - model.body("trunk").pos[2]
+    for step, (t, q, v) in enumerate(zip(time, wanted, rates, strict=True)):
+        torque = 300 * (q - data.qpos[places]) + 6 * (v - data.qvel[places])
+        data.qfrc_applied[places] = torque
+        mujoco.mj_forward(model, data)
+        if t >= 0 and step % 4 == 0:
+            c, s = np.cos(data.qpos[turn]), np.sin(data.qpos[turn])
+            ax, az = data.qacc[x], data.qacc[z] + 9.81
+            touching = {one for pair in data.contact.geom for one in pair if one > 0}
+            now = [t, *data.qpos[places], *torque, data.qpos[turn], data.qvel[turn]]
+            rows.append([*now, c * ax - s * az, s * ax + c * az, len(touching)])
+        mujoco.mj_step(model, data)
+    table = np.array(rows)
+    assert np.min(table[:, -1]) == 2  # both feet always touch the ground
+    return tuple(np.split(table[:, :-1], [1, 5, 9, 10, 11], axis=1))
+
+
+def columns(folder: Path) -> dict[str, Array]:
+    seaid.write_mjcf(loaded(folder), folder / "hopper.xml")
+    time, q, torque, angle, rate, force = simulated(folder / "hopper.xml")
+    rng = np.random.default_rng(4)
+    found = {"time_s": time[:, 0]}
+    for place, joint in enumerate(loaded(folder).joint_names):
+        found[f"{joint}.joint_position_rad"] = q[:, place] + 1e-4 * rng.normal(size=len(time))
+        found[f"{joint}.motor_torque_Nm"] = torque[:, place] + 0.05 * rng.normal(size=len(time))
+    found["base.angle_rad"] = angle[:, 0]
+    found["base.angular_velocity_y_rad_per_s"] = rate[:, 0] + 0.003 * rng.normal(size=len(time))
+    for axis, one in zip("xz", force.T, strict=True):
+        found[f"base.specific_force_{axis}_m_per_s2"] = one + 0.05 * rng.normal(size=len(time))
+    return found | {f"{foot}.contact": np.ones(len(time)) for foot in FEET}
+
+
+def written(path: Path, table: dict[str, Array]) -> Path:
+    values = np.column_stack(list(table.values()))
+    np.savetxt(path, values, "%.9g", ",", header=",".join(table), comments="")
+    return path
+
+
+def test_bodies_on_a_boom_are_recovered_from_what_moves_in_the_plane(folder: Path) -> None:
+    robot = loaded(folder)
+    log = seaid.read_log(written(folder / "log.csv", columns(folder)), robot)
+    found = seaid.identify(robot.without_nominal(), log)
+    truth = found.base.project(robot.parameters)
+    assert len(truth) >= 14
+    scores = (found.load.values - truth) / found.load.standard_errors
+    assert np.sqrt(np.mean(scores**2)) < 1.6
+    assert not [one for one in found.warnings if one.severity != "note"]
+    seaid.write_urdf(robot, folder / "found.urdf")
+    assert loaded(folder, "found.urdf").joint_names == robot.joint_names
+
+
+def test_a_described_log_has_the_coordinates_of_the_plane(folder: Path) -> None:
+    robot, table = loaded(folder), columns(folder)
+    own = {
+        "pitch": np.degrees(table.pop("base.angle_rad")),
+        "gyro": table["base.angular_velocity_y_rad_per_s"],
+    }
+    path = written(folder / "described.csv", {**table, **own})
+    angle = '{ columns = "pitch", scale = 0.017453292519943295 }'
+    text = f'[base]\nangle = {angle}\nangular_velocity = "gyro"\n'
+    description = folder / "described.toml"
+    description.write_text(text)
+    log = seaid.read_log(path, robot, description=description)
+    plain = seaid.read_log(written(folder / "log.csv", columns(folder)), robot)
+    assert isinstance(log.base, BaseLog)
+    assert log.base.columns().keys() == plain.base.columns().keys()  # type: ignore[union-attr]
+    for name, values in plain.base.columns().items():  # type: ignore[union-attr]
+        np.testing.assert_allclose(log.base.columns()[name], values, atol=1e-6)
