@@ -117,12 +117,27 @@ def left_by_fit(x: Array, Q: Array, time: Array, run: Array) -> Array:
     lost, logs = np.zeros(x.shape[1]), _instants(time, run)
     lags = automatic_lags(sum(int(np.max(slot)) + 1 for _, slot in logs))
     for rows, slot in logs:
-        own, gather = x[rows], _gather(np.ones(len(slot)), slot)
-        for q in Q[rows].T:
-            summed = np.asarray(gather @ (q[:, None] * own))
-            lost += np.sum(_windows(summed, lags) ** 2, axis=0) / (lags + 1)
+        own, fitted = (_by_slot(values[rows], slot) for values in (x, Q))
+        step = max(_NUMBERS // (len(own) * x.shape[1]), 1)
+        for start in range(0, Q.shape[1], step):
+            summed = own.swapaxes(1, 2) @ fitted[:, :, start : start + step]
+            squares = np.sum(_windows(summed.reshape(len(own), -1), lags) ** 2, axis=0)
+            lost += np.sum(squares.reshape(x.shape[1], -1), axis=1) / (lags + 1)
     whole = np.sum(x**2, axis=0)
     return np.asarray(np.maximum(1 - lost / np.where(whole > 0, whole, 1.0), _LEAST_LEFT))
+
+
+_NUMBERS = 2_000_000
+"""Sums of products that `left_by_fit` has in memory at a time: 16 MB."""
+
+
+def _by_slot(values: Array, slot: IndexArray) -> Array:
+    """Return rows (R, p) by their instant (T, most rows of one, p), zero where there is none."""
+    order, counts = np.argsort(slot, kind="stable"), np.bincount(slot)
+    place = np.arange(len(slot)) - np.repeat(np.cumsum(counts) - counts, counts)
+    found = np.zeros((len(counts), int(np.max(counts)), values.shape[1]))
+    found[slot[order], place] = values[order]
+    return found
 
 
 def _windows(chunk: Array, lags: int) -> Array:

@@ -82,8 +82,9 @@ def _sensors(base: BaseLog, log: Log, own: FloatingBase) -> Iterator[Finding]:
                     remedy="log all three axes, or give orientation with velocity or position",
                     certainty="certain",
                 )
-    yield from _frames(base, log.time, imu)
-    yield from _plane(base, own)
+    if own.imu_is_fixed:
+        yield from _frames(base, log.time, imu)
+        yield from _plane(base, own)
     for name, (count, largest, first_s) in base_jumps(base, log.time).items():
         unit = {"position": " m", "velocity": " m/s"}.get(name, " rad")
         yield Finding(
@@ -100,7 +101,7 @@ def _sensors(base: BaseLog, log: Log, own: FloatingBase) -> Iterator[Finding]:
 
 _LEAVES = 0.2
 """Rate about the axes in its plane over that about its normal, from which a base leaves its plane.
-A guide with play and a bent IMU mount turn by a few hundredths."""
+A guide with play and an IMU that is mounted askew have a few hundredths."""
 
 
 def _plane(base: BaseLog, own: FloatingBase) -> Iterator[Finding]:

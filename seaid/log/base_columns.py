@@ -274,6 +274,11 @@ def in_own_frames(picked: Mapping[str, Array], robot: Robot) -> dict[str, Array]
         )
     base = robot.floating_base
     assert base is not None
+    if not base.imu_is_fixed and any("velocity_in_base" not in name for name in turned):
+        raise LogError(
+            f"a joint moves the IMU at '{base.imu_link}': its angular velocity and specific force "
+            'must be those of its own frame, without frame = "world" and with gravity'
+        )
     quaternions = np.column_stack([picked[name] for name in CHANNELS["orientation"]])
     R = matrices(quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True))
     gravity, (imu, _) = robot.model.gravity.linear, base.imu_placement

@@ -17,9 +17,10 @@ from seaid._arrays import Array, BoolArray, FrozenMapping, frozen
 from seaid._progress import Display
 from seaid.errors import LogError, unknown_name
 from seaid.log.filtering import low_pass, spline_derivatives
+from seaid.robot import imu_motion
 
 if TYPE_CHECKING:
-    from seaid.robot import FloatingBase, Robot
+    from seaid.robot import FloatingBase, ImuMotion, Robot
 
 _XYZ = ("x", "y", "z")
 CHANNELS = {
@@ -153,9 +154,9 @@ def needed_columns(base: FloatingBase, field: str) -> tuple[str, ...]:
     Those are the coordinate along its normal, and the rates about the axes in its plane.
     """
     names = CHANNELS[field]
-    if base.normal is None or field == "orientation":
-        return names
     in_world = field in ("position", "velocity")
+    if base.normal is None or field == "orientation" or not (in_world or base.imu_is_fixed):
+        return names
     normal = base.normal_in_world if in_world else np.array(base.normal) @ base.imu_placement[0]
     along = np.abs(normal) if field == "angular_velocity" else 1 - np.abs(normal)
     return tuple(name for name, part in zip(names, along, strict=True) if part > _PART)
@@ -286,9 +287,16 @@ class BaseMotion(Display):
         return BaseMotion(**_changed(self, lambda values: values[part]))
 
 
-def base_motion(robot: Robot, log: BaseLog | None, time: Array, cutoff_hz: float) -> BaseMotion:
+def base_motion(
+    robot: Robot,
+    log: BaseLog | None,
+    time: Array,
+    cutoff_hz: float,
+    joints: tuple[Array, Array, Array],
+) -> BaseMotion:
     """Return the motion of the base on a uniform grid, whose signals pass a low pass.
 
+    `joints` are positions, velocities and accelerations (T, n), by which an IMU moves on its link.
     The angular velocity is that of the IMU, else of the orientation; the specific force that of the
     IMU, else of position and orientation. Samples nearer than two periods of the low pass to a
     change of contact are not used.
@@ -305,15 +313,16 @@ def base_motion(robot: Robot, log: BaseLog | None, time: Array, cutoff_hz: float
     rate_hz = (len(time) - 1) / float(time[-1] - time[0])
     log, jumped = _without_jumps(log)
     smooth = log.each(lambda x: low_pass(x, rate_hz, cutoff_hz))
-    rotation, place = base.imu_placement
+    imu = imu_motion(robot, *joints)
     gravity = robot.model.gravity.linear
-    R, w = _turning(smooth, time, rotation)
+    R, w = _turning(smooth, time, imu)
     w = w @ base.turning
     e = spline_derivatives(time, w)[1]
     if smooth.specific_force is not None:
-        f = smooth.specific_force @ rotation.T
-        # the base's origin is at -p from the IMU: a_0 = a_p - e x p - w x (w x p)
-        f = f - np.cross(e, place) - np.cross(w, np.cross(w, place))
+        f = _turned(imu.rotation, smooth.specific_force)
+        # a_0 = a_p - e x p - w x (w x p), less 2 w x p' + p'' by joints that move the IMU
+        f = f - np.cross(e, imu.place) - np.cross(w, np.cross(w, imu.place))
+        f = f - 2 * np.cross(w, imu.velocity) - imu.acceleration
         _check_gravity(f)
     elif R is not None and smooth.velocity is not None:
         f = np.einsum("tij,ti->tj", R, spline_derivatives(time, smooth.velocity)[1] - gravity)
@@ -429,7 +438,11 @@ def quaternion_rates(orientation: Array, time: Array) -> Array:
     return np.asarray(2 * w)
 
 
-def _turning(log: BaseLog, time: Array, rotation: Array) -> tuple[Array | None, Array]:
+def _turned(rotation: Array, vectors: Array) -> Array:
+    return np.asarray((rotation @ vectors[:, :, None])[:, :, 0])
+
+
+def _turning(log: BaseLog, time: Array, imu: ImuMotion) -> tuple[Array | None, Array]:
     """Return the rotation of the base (T, 3, 3), None if unknown, and its angular velocity."""
     R = None
     if log.orientation is not None:
@@ -442,7 +455,7 @@ def _turning(log: BaseLog, time: Array, rotation: Array) -> tuple[Array | None, 
             "the log has no rotation of the base: give the angular velocity of an IMU "
             f"({CHANNELS['angular_velocity'][0]} ...), or its orientation"
         )
-    return R, np.asarray(log.angular_velocity @ rotation.T)
+    return R, _turned(imu.rotation, log.angular_velocity) - imu.angular_velocity
 
 
 def matrices(quaternions: Array) -> Array:

@@ -361,7 +361,8 @@ def _motion(
         warmth = low_pass(warmth, rate_hz, POSITION_BAND * cutoff_hz)
     base = None
     if robot.floating_base is not None:
-        base = base_motion(robot, _base_on(log, time), time, POSITION_BAND * cutoff_hz)
+        states = (position[:, :n], velocity[:, :n], acceleration[:, :n])
+        base = base_motion(robot, _base_on(log, time), time, POSITION_BAND * cutoff_hz, states)
     found = Motion(
         time=time,
         base=base,

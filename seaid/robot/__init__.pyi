@@ -3,6 +3,8 @@ from .floating_base import HANGING as HANGING
 from .floating_base import BaseKind as BaseKind
 from .floating_base import Contact as Contact
 from .floating_base import FloatingBase as FloatingBase
+from .floating_base import ImuMotion as ImuMotion
+from .floating_base import imu_motion as imu_motion
 from .inertia import PARAMETERS as PARAMETERS
 from .inertia import SMALLEST_KG as SMALLEST_KG
 from .inertia import THIN as THIN

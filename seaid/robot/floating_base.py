@@ -15,17 +15,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
 from seaid._arrays import Array, BoolArray, FrozenMapping
 from seaid._progress import Display
-from seaid.errors import RobotError, listed, unknown_name
+from seaid.errors import RobotError, unknown_name
 
 if TYPE_CHECKING:
     from seaid.robot.pinocchio_model import Assembly
+    from seaid.robot.robot import Robot
     from seaid.robot.urdf import UrdfJoint
 
 BaseKind = Literal["fixed", "floating", "planar", "planar_xy", "planar_xz", "planar_yz"]
@@ -167,8 +168,13 @@ class FloatingBase(Display):
         return np.asarray(self._upright @ np.array(self.normal))
 
     @property
+    def imu_is_fixed(self) -> bool:
+        """Whether no joint moves the IMU in the frame of the base."""
+        return self.frame(self.imu_link or self.link)[0] < 0
+
+    @property
     def imu_placement(self) -> tuple[Array, Array]:
-        """Rotation (3, 3) and position (3,) of the IMU in the frame of the base."""
+        """Rotation (3, 3) and position (3,) of the IMU in the frame of its body."""
         return self.frame(self.imu_link or self.link)[1:]
 
 
@@ -209,6 +215,44 @@ def floating_base(
     return base
 
 
+class ImuMotion(NamedTuple):
+    """How joints move the IMU against the base, in the axes of the base.
+
+    The rotation (T, 3, 3) of the IMU, its place, velocity and acceleration (T, 3), and its angular
+    velocity (T, 3); T is 1 if no joint moves it.
+    """
+
+    rotation: Array
+    place: Array
+    velocity: Array
+    acceleration: Array
+    angular_velocity: Array
+
+
+def imu_motion(robot: Robot, q: Array, v: Array, a: Array) -> ImuMotion:
+    """Return how the joints (T, n) of a robot with a floating base move its IMU."""
+    base = robot.floating_base
+    assert base is not None
+    body, rotation, place = base.frame(base.imu_link or base.link)
+    if body < 0:
+        still = np.zeros((1, 3))
+        return ImuMotion(rotation[None], place[None], still, still, still)
+    model = pin.Model(robot.model)
+    joint = 1 + robot.model_order.index(body)
+    own = pin.Frame("imu of seaid", joint, 0, pin.SE3(rotation, place), pin.FrameType.OP_FRAME)
+    frame, data = model.addFrame(own, False), model.createData()
+    found, axes = np.empty((len(q), 7, 3)), pin.LOCAL_WORLD_ALIGNED
+    states = (robot.to_model(state, order) for order, state in enumerate((q, v, a)))
+    for t, (q_t, v_t, a_t) in enumerate(zip(*states, strict=True)):
+        pin.forwardKinematics(model, data, q_t, v_t, a_t)
+        placement = pin.updateFramePlacement(model, data, frame)
+        rate = pin.getFrameVelocity(model, data, frame, axes)
+        found[t, :3], found[t, 3] = placement.rotation, placement.translation
+        found[t, 4], found[t, 6] = rate.linear, rate.angular
+        found[t, 5] = pin.getFrameClassicalAcceleration(model, data, frame, axes).linear
+    return ImuMotion(found[:, :3], *(found[:, k] for k in range(3, 7)))
+
+
 def _normal(kind: BaseKind, at_root: UrdfJoint | None) -> tuple[float, float, float] | None:
     """Return the normal of the plane of a base. Raises RobotError for one that is no axis."""
     if at_root is None or at_root.type != "planar":
@@ -232,10 +276,3 @@ def _check_links(base: FloatingBase) -> None:
     imu = base.imu_link
     if imu is not None and imu not in base.frames:
         raise RobotError(f"imu_link=: {unknown_name('link', imu, base.frames)}", "imu_link=")
-    if imu is not None and base.frames[imu][0] >= 0:
-        fixed = (link for link, (body, _, _) in base.frames.items() if body < 0)
-        raise RobotError(
-            f"imu_link= must name a link that is fixed to the base '{base.link}': "
-            f"{listed(fixed)}; a joint moves '{imu}'",
-            "imu_link=",
-        )

@@ -291,7 +291,7 @@ def load_robot(
         Links that can touch the ground, of a floating base: a name is a point contact at the origin
         of the link's frame.
     imu_link : str, optional
-        The link of the inertial measurement unit, which is fixed to the base. Default: the base.
+        The link of the inertial measurement unit, also one that joints move. Default: the base.
 
     Returns
     -------

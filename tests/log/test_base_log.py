@@ -16,7 +16,7 @@ from scripts.example_robots import example_urdf
 from seaid._arrays import Array
 from seaid.errors import LogError
 from seaid.log import BaseLog, BaseMotion, reconstruct_motion
-from seaid.robot import Contact, Robot
+from seaid.robot import Contact, Robot, floating_model
 
 FEET = ("FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT")
 TIME = np.arange(0, 4, 0.002)
@@ -28,10 +28,12 @@ def solo(**options: Any) -> Robot:
     return seaid.load_robot(example_urdf("solo12.urdf"), base="floating", **options)
 
 
-def waves(count: int, size: float, seed: int) -> Array:
+def waves(count: int, size: float, seed: int, order: int = 0) -> Array:
+    """Sines of an amplitude, or their time derivatives of an `order`."""
     rng = np.random.default_rng(seed)
-    angle = 2 * np.pi * np.outer(TIME, rng.uniform(0.3, 1.2, count))
-    return size * np.sin(angle + rng.uniform(0, 6, count))
+    rate = 2 * np.pi * rng.uniform(0.3, 1.2, count)
+    angle = np.outer(TIME, rate) + rng.uniform(0, 6, count)
+    return size * rate**order * np.sin(angle + order * np.pi / 2)
 
 
 def turned() -> tuple[Array, Array, Array]:
@@ -104,6 +106,33 @@ def test_pose_and_imu_give_the_same_motion_of_the_base(tmp_path: Path) -> None:
             np.testing.assert_allclose(inside(values), inside(truth), atol=2e-4 * size)
     assert found.up is not None
     np.testing.assert_allclose(inside(found.up), inside(R[:, 2]), atol=1e-5)
+
+
+@pytest.mark.parametrize("link", ["FL_FOOT", "HR_SHOULDER"])
+def test_imu_on_a_link_that_joints_move_gives_the_motion_of_the_base(link: str) -> None:
+    robot = solo(imu_link=link)
+    assert robot.floating_base is not None
+    body, rotation, place = robot.floating_base.frame(link)
+    R, w, e = turned()
+    position, h = waves(3, 0.05, 4), 2 * np.pi * np.random.default_rng(4).uniform(0.3, 1.2, 3)
+    f = np.einsum("tji,tj->ti", R, -(h**2) * position + np.array([0, 0, 9.81]))
+    # Pinocchio's free joint, accelerated by the specific force, and no gravity
+    model = floating_model(robot.model, robot.parameters[-10:])
+    joint = 2 + robot.model_order.index(body)
+    own = pin.Frame("imu", joint, 0, pin.SE3(rotation, place), pin.FrameType.OP_FRAME)
+    frame, data = model.addFrame(own, False), model.createData()
+    q, v, a = (waves(robot.n, 0.4, 2, order) for order in range(3))
+    gyro, felt = np.empty((2, len(TIME), 3))
+    for t in range(len(TIME)):
+        q_t = np.concatenate([[0, 0, 0, 0, 0, 0, 1], robot.to_model(q[t])])
+        v_t = np.concatenate([np.zeros(3), w[t], robot.to_model(v[t], 1)])
+        a_t = np.concatenate([f[t], e[t], robot.to_model(a[t], 1)])
+        pin.forwardKinematics(model, data, q_t, v_t, a_t)
+        gyro[t] = pin.getFrameVelocity(model, data, frame, pin.LOCAL).angular
+        felt[t] = pin.getFrameClassicalAcceleration(model, data, frame, pin.LOCAL).linear
+    found = base_of(BaseLog(angular_velocity=gyro, specific_force=felt), robot, 20.0)
+    for values, truth, size in zip(found.states, (w, e, f), (3.0, 12.0, 10.0), strict=True):
+        np.testing.assert_allclose(inside(values), inside(truth), atol=2e-4 * size)
 
 
 def test_columns_of_base_and_contacts_are_written_and_read(tmp_path: Path) -> None:
