@@ -88,7 +88,6 @@ from seaid.identification.missing_terms import (
 from seaid.identification.motor_side import (
     BANDS,
     cutoff_of,
-    motor_side_finding,
     noisy_findings,
     resonance_findings,
     start_by_regression,
@@ -481,8 +480,7 @@ def _from_motors(
             "or log the joint position"
         ) from None
     rate_hz = min((len(log.time) - 1) / float(log.time[-1] - log.time[0]) for log in logs)
-    own = [motor_side_finding(joints), *resonance_findings(found, joints, rate_hz)]
-    own += noisy_findings(found, joints)
+    own = [*resonance_findings(found, joints, rate_hz), *noisy_findings(found, joints)]
     return replace(found, findings=(*found.findings, *own))
 
 

@@ -96,7 +96,8 @@ def _not_unseen(robot: Robot, joint: str, drive: Drive) -> str:
         return "which has a parallel spring or joint friction and no sensor behind its spring"
     if motor_regressor(robot, joint).non_linear or "load" in drive.friction:
         return "whose equation is not linear in its parameters, without a sensor behind its spring"
-    if spring_regressor(robot, joint).names != ("stiffness", "spring_offset"):
+    names = set(spring_regressor(robot, joint).names)
+    if not {"stiffness", "spring_offset"} <= names <= _LINEAR:
         return f"whose spring {_kind(robot, joint)} and no sensor behind it"
     return ""
 

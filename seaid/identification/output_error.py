@@ -9,7 +9,7 @@ controller. Each window of the log has its own initial state.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -26,6 +26,7 @@ from seaid.drives import (
     is_dry,
     parameter_named,
     readable,
+    total_ratio,
     unit_of,
 )
 from seaid.errors import ExcitationError, Finding, IdentificationError, checked
@@ -51,6 +52,7 @@ from seaid.identification.motor_side import (
     SAMPLES,
     with_angles,
     with_joint_angles,
+    with_motor_side_findings,
     with_rigid_angles,
     without_joint_encoder,
 )
@@ -117,7 +119,8 @@ class Layout:
     `simulated` are the joints behind springs, `unseen` those of them without an encoder behind the
     spring; `precision` (p,) are the inverse standard deviations of the prior, that of the encoder
     offsets. `nonlinear` {joint: {parameter: column}} are the drives whose equations are nonlinear
-    in their parameters.
+    in their parameters. `tested` are terms of springs that the model lacks, in the last columns: a
+    torque of the joint by the derivative of this order of its deflection, with the factor zero.
     """
 
     found: Identification
@@ -129,6 +132,18 @@ class Layout:
     precision: Array
     unseen: tuple[str, ...] = ()
     nonlinear: FrozenMapping[dict[str, int]] = field(default_factory=lambda: FrozenMapping({}))
+    tested: tuple[tuple[str, int], ...] = ()
+
+    def tests(self, motion: Motion) -> Iterator[tuple[int, str, Array]]:
+        """Yield column, joint, and torque (T,) at the joint per unit of each tested term."""
+        motors = motion.motor_position, motion.motor_velocity, motion.motor_acceleration
+        loads = motion.joint_states
+        for column, (joint, order) in enumerate(self.tested, len(self.names) - len(self.tested)):
+            index, ratio = (
+                self.found.known.index(joint),
+                total_ratio(self.found.known.drives[joint]),
+            )
+            yield column, joint, motors[order][:, index] / ratio - loads[order][:, index]
 
     @property
     def followed(self) -> tuple[str, ...]:
@@ -155,7 +170,7 @@ class Layout:
         if self.unseen and self.found.feasible is not None:  # an inertia that can be simulated
             consistent = self.found.base.project(self.found.robot.parameters)
             values[self.load][: len(consistent)] = consistent
-        values[[self.spring(joint)[1] for joint in self.unseen]] = 0.0
+        values[[self.offset(joint) for joint in self.unseen]] = 0.0
         return values
 
     def actuator(self, joint: str) -> Estimate:
@@ -168,6 +183,10 @@ class Layout:
         first = self.drives[joint].start
         own = spring_regressor(self.found.known, joint).names
         return [first + names.index(name) for name in own]
+
+    def offset(self, joint: str) -> int:
+        """Return the column of the offset of a joint's spring."""
+        return int(self.drives[joint].start) + self.actuator(joint).names.index("spring_offset")
 
     def known_at(self, x: Array) -> Robot:
         """Return the robot whose nonlinear drives are linearised at the values x (p,)."""
@@ -493,6 +512,8 @@ def _load_error(layout: Layout, known: Robot, run: Run, x: Array) -> LoadError:
         )
         by_x[:, :, layout.zeros] = jacobians.position[:, rows]
         by_x[:, :, [layout.zeros.start + joint for joint in joints]] = 0.0
+    for column, joint, unit in layout.tests(motion):
+        by_x[:, found.model.torque_joints.index(joint), column] = unit
     error = torque - payload - H @ x[layout.load]
     whole = np.concatenate([error[:, :, None], by_x], axis=2)
     return LoadError(found.model.torque_joints, whole, jacobians)
@@ -527,6 +548,9 @@ def _drive_error(layout: Layout, known: Robot, run: Run, x: Array, response: Res
             _, zeta, R = _motor_columns(layout, known, there, joint)
             slope = (zeta - R @ x[columns] - here) / _NUDGE
             found[:, row] += slope[:, None] * change[:, row]
+    for column, joint, unit in layout.tests(motion):
+        ratio = total_ratio(known.drives[joint])
+        found[:, layout.simulated.index(joint), 1 + column] -= unit / ratio
     return found
 
 
@@ -690,9 +714,15 @@ def refined_with_logs(
             f"{_size(here.step):.2g} standard errors; do the logs and the identification belong "
             "together?"
         )
-    refined = _refined(layout, here)
     if unseen:
+        wider, point = _with_tests(layout, here)
+        noise, p = _noise_of_states(wider, point), len(here.x)
+        terms = _tested_terms(wider, point, noise)
+        refined = with_motor_side_findings(
+            _refined(layout, here, noise[:p, :p]), terms, here.runs[0].motion
+        )
         return refined, [_simulated_log(layout, log, here.runs) for log in logs]
+    refined = _refined(layout, here)
     reason, evidence = _worse(identification, refined, logs, _zeros(layout, here.x))
     if here.step.merit > start.step.merit + _ALIKE:
         reason = "its likelihood is lower than that of the start"
@@ -770,8 +800,13 @@ class FirstEstimate:
 def first_estimate(found: Identification, logs: list[Log]) -> FirstEstimate:
     """Return the fit in short windows of logs without some joint encoders."""
     layout = layout_of(found, 0.0, without_joint_encoder(found.known, logs))
-    filled = _filled(layout, logs, layout.start)
-    _, here = _iterated(layout, filled, layout.start, _FIRST_STEPS, False, SHORT_WINDOW_S)
+    x = layout.start
+    for joint in layout.unseen:  # the angles of the start are those of a spring without damping
+        if "spring_damping" in layout.actuator(joint).names:
+            damping = layout.names.index(f"spring_damping of {joint}")
+            x[damping] = found.known.drives[joint].values.get("spring_damping", 0.0)
+    filled = _filled(layout, logs, x)
+    _, here = _iterated(layout, filled, x, _FIRST_STEPS, False, SHORT_WINDOW_S)
     own = len(layout.simulated) + np.flatnonzero(np.isin(layout.simulated, layout.unseen))
     noise = [
         max(
@@ -1015,8 +1050,8 @@ _STATE_DRAWS = 8
 """Random errors of the initial states from which their part of the information is computed."""
 
 
-def _with_noisy_states(layout: Layout, here: Point) -> Step:
-    """Return the step with the covariance next to initial states that only torques determine.
+def _noise_of_states(layout: Layout, here: Point) -> Array:
+    """Return the information (p, p) that is noise of initial states which only torques determine.
 
     Where no encoder shows the joint, noise of the torque becomes motion of the estimated initial
     states, and the derivatives by a stiffness have a part that is noise.
@@ -1032,7 +1067,51 @@ def _with_noisy_states(layout: Layout, here: Point) -> Step:
             replace(a, jacobian=b.jacobian - a.jacobian) for a, b in zip(logs, there, strict=True)
         ]
         noise += information(parts, step.stds) / _STATE_DRAWS
-    return without_information(step, noise)
+    return noise
+
+
+def _with_tests(layout: Layout, here: Point) -> tuple[Layout, Point]:
+    """Return the point with terms that springs without encoder may lack, if they are identifiable.
+
+    Their first step from zero is a score test (Rao 1948).
+    """
+    tested = tuple(
+        (joint, order)
+        for joint in layout.unseen
+        for order in (1, 2)
+        if order == 2 or "spring_damping" not in layout.actuator(joint).names
+    )
+    more = np.zeros(len(tested))
+
+    def padded(one: Callable[[Array], Residuals]) -> Callable[[Array], Residuals]:
+        def at(x: Array) -> Residuals:
+            rows = one(x[: len(here.x)])
+            none = np.zeros((*rows.residual.shape, len(more)))
+            return replace(rows, jacobian=np.concatenate([rows.jacobian, none], axis=3))
+
+        return at
+
+    wider = replace(
+        layout,
+        names=(*layout.names, *(f"order {order} of {joint}" for joint, order in tested)),
+        precision=np.append(layout.precision, more),
+        tested=tested,
+    )
+    try:
+        measured = [padded(one) for one in here.measured]
+        return wider, _point(wider, here.runs, measured, np.append(here.x, more))
+    except ExcitationError:
+        return layout, here
+
+
+def _tested_terms(wider: Layout, point: Point, noise: Array) -> dict[str, dict[int, Array]]:
+    """Return {joint: {order: [value, standard error]}} of the tested terms, in units of (8)."""
+    step, first = without_information(point.step, noise), len(wider.names) - len(wider.tested)
+    errors = np.sqrt(np.diag(step.covariance))
+    found: dict[str, dict[int, Array]] = {joint: {} for joint in wider.unseen}
+    for place, (joint, order) in enumerate(wider.tested, first):
+        found[joint][order] = np.array([step.change[place], errors[place]])
+    return found
 
 
 def _moved(layout: Layout, run: Run, pull: Pull, change: Array, part: float, own: Array) -> Run:
@@ -1059,10 +1138,11 @@ def _moved(layout: Layout, run: Run, pull: Pull, change: Array, part: float, own
     return replace(run, motion=moved)
 
 
-def _refined(layout: Layout, here: Point) -> Identification:
-    """Return the identification with the values of a point."""
+def _refined(layout: Layout, here: Point, noise: Array | None = None) -> Identification:
+    """Return the identification with the values of a point, less information that is noise."""
     found, x = layout.found, here.x
-    actuators, load_side = _estimates(layout, here)
+    step = here.step if noise is None else without_information(here.step, noise)
+    actuators, load_side = _estimates(layout, here.x, step)
     load, load_drives = split_load_side(found.model, load_side)
     refined = merged_estimates(actuators, load_drives)
     drives = {
@@ -1093,19 +1173,17 @@ def _with_old(new: Estimate, old: Estimate, unseen: bool) -> Estimate:
     return replace(new, warnings=(*own, *kept))
 
 
-def _estimates(layout: Layout, here: Point) -> tuple[dict[str, Estimate], Estimate]:
-    """Return the estimates of elastic drives by joint, and of the load side, at a point."""
-    found, step = layout.found, here.step
-    if layout.unseen:
-        step = _with_noisy_states(layout, here)
-    covariance, x = step.covariance.copy(), here.x.copy()
-    fixed = [] if layout.has_zeros else [layout.spring(joint)[1] for joint in layout.unseen]
+def _estimates(layout: Layout, at: Array, step: Step) -> tuple[dict[str, Estimate], Estimate]:
+    """Return the estimates of elastic drives by joint, and of the load side, at values (p,)."""
+    found = layout.found
+    covariance, x = step.covariance.copy(), at.copy()
+    fixed = [] if layout.has_zeros else [layout.offset(joint) for joint in layout.unseen]
     covariance[fixed], covariance[:, fixed], x[fixed] = 0.0, 0.0, 0.0
     whole = Estimate(
         names=layout.names,
         values=x,
         covariance=covariance,
-        units=("",) * len(here.x),
+        units=("",) * len(x),
         residual_std=float("nan"),
         condition_number=step.condition_number,
     )

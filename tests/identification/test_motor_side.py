@@ -24,11 +24,12 @@ from scripts.benchmarks.motor_side import (
 )
 from seaid.drives import total_ratio
 from seaid.drives.drives import SeriesElasticDrive
-from seaid.errors import IdentificationError, LogError
+from seaid.errors import Finding, IdentificationError, LogError
 from seaid.identification.identification import Identification, identify
 from seaid.identification.motor_side import (
     joint_angle,
     noisy_findings,
+    with_motor_side_findings,
     with_rigid_angles,
     without_joint_encoder,
 )
@@ -40,13 +41,20 @@ from seaid.robot.robot import Robot
 from tests.experiments import leg, leg_motion, perfect_log
 
 HEAVIER = replace(ANYDRIVE, mass=1.5 * ANYDRIVE.mass, k=0.5 * ANYDRIVE.k)
+DAMPED = replace(ANYDRIVE, damping=0.04 * float(np.sqrt(ANYDRIVE.k * ANYDRIVE.load)))
+"""A spring with a damping ratio of 2 % at the antiresonance."""
+PERFECT = replace(DAMPED, counts=10**9, torque_std=1e-9)
+WIDE = replace(ANYDRIVE, highest_hz=2 * ANYDRIVE.antiresonance_hz)
+THREE = replace(WIDE, link_k=9 * WIDE.k * WIDE.share)
+"""The same with an elastic link, whose resonance is three times the antiresonance of the joint."""
 ONCE_WRONG = (4, 5, 6)
 
 
 @cache
 def together() -> dict[tuple[Joint, int], Log]:
     """Return the logs of most tests, which are integrated at once."""
-    cases = [(ANYDRIVE, 0), (ANYDRIVE, 1), (HEAVIER, 1)]
+    cases = [(ANYDRIVE, 0), (ANYDRIVE, 1), (HEAVIER, 1), (DAMPED, 0), (PERFECT, 0)]
+    cases += [(WIDE, 0), (THREE, 0)]
     cases += [(random_joint(number), number) for number in ONCE_WRONG]
     joints, seeds = zip(*cases, strict=True)
     return dict(zip(cases, simulated_together(joints, seeds), strict=True))
@@ -136,6 +144,70 @@ def test_a_known_stiffness_or_another_term_is_refused(robot: Robot) -> None:
     drive = replace(drive, joint_friction=("viscous",))
     with pytest.raises(IdentificationError, match="parallel spring or joint friction"):
         identify(robot.with_values(robot.parameters, {"arm": drive}), log_of(ANYDRIVE))
+
+
+def with_damping(joint: Joint, folder: Path, **nominal: float) -> Robot:
+    """Return the robot of a joint whose spring may have damping."""
+    robot = robot_of(joint, folder, ("linear", "damping"))
+    return robot.with_drives({"arm": replace(robot.drives["arm"], nominal=nominal)})
+
+
+def test_spring_damping_from_the_motor_alone_is_exact_without_noise(tmp_path: Path) -> None:
+    drive = identify(with_damping(PERFECT, tmp_path), log_of(PERFECT)).drives["arm"]
+    assert drive.value("stiffness") == pytest.approx(PERFECT.k, rel=5e-5)
+    assert drive.value("spring_damping") == pytest.approx(PERFECT.damping, rel=1e-3)
+
+
+def test_spring_damping_with_noise_is_inside_its_interval(tmp_path: Path) -> None:
+    """From four times the true damping."""
+    robot = with_damping(DAMPED, tmp_path, spring_damping=4 * DAMPED.damping)
+    result = identify(robot, log_of(DAMPED))
+    drive, error = result.drives["arm"], errors(DAMPED, result)
+    damping, std = (of("spring_damping") for of in (drive.value, drive.standard_error))
+    assert std < 0.02 * DAMPED.damping
+    assert abs(damping - DAMPED.damping) < 3 * std
+    assert abs(error["k"]) < 3 * error["std"] < 0.01
+    assert [one for one in result.warnings if one.severity != "note"] == []
+
+
+def doubts(result: Identification) -> list[Finding]:
+    return [
+        one for one in result.warnings if (one.code, one.severity) == ("motor-side", "doubtful")
+    ]
+
+
+def test_damping_that_the_drive_lacks_is_named(robot: Robot) -> None:
+    (finding,) = doubts(identify(robot, log_of(DAMPED)))
+    assert finding.joint == "arm"
+    assert finding.evidence["damping ratio"] == pytest.approx(0.02, rel=0.05)
+    assert finding.remedy == 'in the drives file:\n[arm]\nspring = ["linear", "damping"]'
+
+
+def test_an_elastic_link_behind_the_spring_is_named(tmp_path: Path) -> None:
+    robot = robot_of(WIDE, tmp_path)
+    assert doubts(identify(robot, log_of(WIDE))) == []
+    result = identify(robot, log_of(THREE))
+    bias = errors(THREE, result)["k"]
+    assert bias < -0.03
+    (finding,) = doubts(result)
+    assert "something behind the spring is elastic too" in finding.message
+    fall = finding.evidence["fall at the antiresonance"]
+    assert finding.evidence["standard error"] < fall / 5
+    share = THREE.share  # the bias that the finding gives for the true share
+    assert np.sqrt(fall * share / (1 - share)) == pytest.approx(-bias, rel=0.3)
+    assert "usable with care: motor-side (arm)" in result.verdict.sentence
+
+
+def test_the_note_bounds_what_a_log_does_not_show(found: Identification) -> None:
+    (note,) = [one for one in found.warnings if one.code == "motor-side"]
+    (hidden,) = note.evidence.values()
+    assert 0.02 < hidden < 0.15
+    assert f"up to {hidden:.1%} at arm" in note.message
+    # a value of the term that no elastic load has is an error of the model: it widens the bound
+    terms = {"arm": {2: np.array([-1.0, 0.01])}}
+    wrong = with_motor_side_findings(found, terms, found.motions[0])
+    (note,) = [one for one in wrong.findings if one.code == "motor-side"]
+    assert next(iter(note.evidence.values())) > hidden
 
 
 def test_a_torque_that_is_mostly_noise_is_doubted(found: Identification) -> None:
