@@ -130,22 +130,38 @@ def with_fixed_warnings(
             drive.values[name] if _is_searched(name) and value < 0 else value
             for name, value in zip(estimate.names, estimate.values.tolist(), strict=True)
         ]
-        warnings = tuple(
-            Finding(
-                "unidentifiable",
-                f"{readable(JointParameter(name, joint))} is not identifiable from this motion: "
-                f"fixed at {drive.values[name]:.3g} {unit_of(drive, name)}; remove its term, or "
-                "excite it",
-                joint,
-                "note",
-            )
-            for name in drive.known
-            if name not in before
-        )
+        fixed = [name for name in drive.known if name not in before]
+        warnings = tuple(_of_fixed(name, joint, drive) for name in fixed)
         flagged[joint] = replace(
             estimate, values=np.array(values), warnings=warnings + estimate.warnings
         )
     return flagged
+
+
+_ONE_SIDED = ("dead_zone", "deflection_zero")
+"""Half width and centre of a dead zone: a spring that is loaded in one direction shows one end."""
+
+
+def _of_fixed(name: str, joint: str, drive: Drive) -> Finding:
+    """Return the warning of a parameter that a search fixed at the value in the drive."""
+    fixed = f"fixed at {drive.values[name]:.3g} {unit_of(drive, name)}"
+    what = f"{readable(JointParameter(name, joint))} is not identifiable from this motion"
+    if name not in _ONE_SIDED:
+        message = f"{what}: {fixed}; remove its term, or excite it"
+        return Finding("unidentifiable", message, joint, "note")
+    (other,) = (one for one in _ONE_SIDED if one != name)
+    return Finding(
+        "unidentifiable",
+        f"{what}: the spring is loaded in one direction only and shows one end of its dead zone, "
+        f"so that this value, {fixed}, is arbitrary, and that of {other.replace('_', ' ')} is "
+        "wrong by as much",
+        joint,
+        "doubtful",
+        {name: drive.values[name]},
+        f"record a motion that loads the spring of {joint} in both directions: a posture in which "
+        "gravity pulls the other way, or faster reversals; or remove the dead zone from the drive",
+        "certain",
+    )
 
 
 def _is_searched(name: str) -> bool:

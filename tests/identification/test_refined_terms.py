@@ -125,6 +125,25 @@ def test_errors_are_as_large_as_the_standard_errors_say() -> None:
     check_scores(found, band=1.2)
 
 
+def test_a_dead_zone_that_the_load_does_not_cross_is_a_doubt() -> None:
+    """The load of seed 3 stays on one side: only the sum of centre and half width is right."""
+    truth = robot("dead zone")
+    found = identify(truth.without_nominal(), log_of(truth, 3))
+    values = found.known.drives["shoulder"].values
+    true = truth.drives["shoulder"].values
+    assert abs(values["dead_zone"] - true["dead_zone"]) > 1e-3
+    shoulder = found.drives["shoulder"]
+    zero, error = (of("deflection_zero") for of in (shoulder.value, shoulder.standard_error))
+    assert abs(zero) > 10 * error
+    assert values["dead_zone"] + zero == pytest.approx(true["dead_zone"], abs=4 * error)
+    (doubt,) = [one for one in found.warnings if one.code == "unidentifiable"]
+    assert (doubt.joint, doubt.severity) == ("shoulder", "doubtful")
+    assert "loads the spring of shoulder in both directions" in doubt.remedy
+    assert "unidentifiable (shoulder)" in found.verdict.sentence
+    crossed = identify(truth.without_nominal(), log_of(truth, 0))
+    assert [one for one in crossed.warnings if one.code == "unidentifiable"] == []
+
+
 def test_a_stiff_joint_with_a_width_of_friction_is_linearised_again() -> None:
     truth = with_drive(
         arm("rail", "shoulder"),
