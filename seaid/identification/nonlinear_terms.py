@@ -18,6 +18,7 @@ import numpy as np
 from seaid._arrays import Array, BoolArray, IndexArray
 from seaid.drives import (
     COULOMB,
+    DEAD_ZONES,
     LEVEL_OF,
     MEMORY,
     PARAMETERS,
@@ -146,7 +147,9 @@ def _of_fixed(name: str, joint: str, drive: Drive) -> Finding:
     """Return the warning of a parameter that a search fixed at the value in the drive."""
     fixed = f"fixed at {drive.values[name]:.3g} {unit_of(drive, name)}"
     what = f"{readable(JointParameter(name, joint))} is not identifiable from this motion"
-    if name not in _ONE_SIDED:
+    # without a dead zone, or next to a preload, a zero may be unidentifiable from any motion
+    zone = {*DEAD_ZONES} & {*drive.spring} and "preload" not in drive.spring
+    if name not in _ONE_SIDED or not zone:
         message = f"{what}: {fixed}; remove its term, or excite it"
         return Finding("unidentifiable", message, joint, "note")
     (other,) = (one for one in _ONE_SIDED if one != name)
