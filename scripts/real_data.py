@@ -11,7 +11,7 @@ import sys
 import tomllib
 import warnings
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib.metadata import PackageNotFoundError, files
 from pathlib import Path
 from typing import Any
@@ -56,6 +56,7 @@ class Case:
     payload: tuple[Mapping[str, Any], ...] = ()
     known_bodies: tuple[str, ...] = ()
     forward: Mapping[str, float] = field(default_factory=dict)
+    gains: Mapping[str, Any] = field(default_factory=dict)
 
     def load_robot(self) -> seaid.Robot:
         """Return the robot with its known parameters only."""
@@ -132,6 +133,9 @@ def _case(table: dict[str, Any]) -> Case:
 def rows_of(case: Case, data: Path, output: Path) -> Iterator[Row]:
     """Identify one set, and yield the rows of estimates and known values."""
     robot = case.load_robot()
+    if case.gains:
+        yield from commanded_rows(case, robot, data)
+        return
     try:
         logs = case.read_logs(robot, data)
     except seaid.LogError as problem:
@@ -149,6 +153,44 @@ def rows_of(case: Case, data: Path, output: Path) -> Iterator[Row]:
     yield from gear_rows(case, robot, logs, data)
     yield from torque_rows(case, robot, logs, found, output)
     yield from forward_rows(case, logs, found, data)
+
+
+def commanded_rows(case: Case, robot: seaid.Robot, data: Path) -> Iterator[Row]:
+    """Yield the rows of logs of position commands with several gain sets, identified together."""
+    sets = gain_sets_of(case, robot, data)
+    found = seaid.identify_conditions(sets, condition_specific=()).identifications
+    yield from value_rows(case, next(iter(found.values())))
+    pairs = [(found[title].robot, log) for title, (_, own) in sets.items() for log in own]
+    errors = [np.mean(np.abs(seaid.replay(*x).joint_position - x[1].joint_position)) for x in pairs]
+    yield forward_row(case, float(np.mean(errors)))
+
+
+def gain_sets_of(
+    case: Case, robot: seaid.Robot, data: Path
+) -> dict[str, tuple[seaid.Robot, list[seaid.Log]]]:
+    """Return {gains: (robot with them, logs)}."""
+    sets: dict[str, tuple[seaid.Robot, list[seaid.Log]]] = {}
+    logs = zip(sorted(data.glob(case.logs)), case.read_logs(robot, data), strict=True)
+    for path, log in logs:
+        title, own = with_gains_of(case, robot, path)
+        sets.setdefault(title, (own, []))[1].append(log)
+    return sets
+
+
+def with_gains_of(case: Case, robot: seaid.Robot, path: Path) -> tuple[str, seaid.Robot]:
+    """Return the robot with the gains of the servo in a log, in volts, and their name."""
+    table = open_table(path).load([case.gains["gain"], case.gains["supply"]])
+    gain, supply = (float(table[case.gains[name]][0]) for name in ("gain", "supply"))
+    law = {
+        "position_gain_Nm_per_rad": case.gains["factor"] * gain * supply,
+        "torque_limit_Nm": supply,
+    }
+    drives = {
+        joint: replace(drive, controller=replace(drive.controller, **law))
+        for joint, drive in robot.drives.items()
+        if drive.controller is not None
+    }
+    return f"{gain:g} at {supply:g} V", robot.with_drives(drives)
 
 
 def value_of(found: seaid.Identification, name: str) -> tuple[float, float]:
@@ -268,8 +310,12 @@ def forward_rows(
     for path, log in zip(sorted(data.glob(case.logs)), logs, strict=True):
         simulated = seaid.replay(found.robot, log, servo_of(case, path, found.robot))
         errors.append(float(np.mean(np.abs(simulated.joint_position - log.joint_position))))
-    error = float(np.mean(errors))
-    yield Row(
+    yield forward_row(case, float(np.mean(errors)))
+
+
+def forward_row(case: Case, error: float) -> Row:
+    """Return the row of the mean absolute error [rad] of simulated positions."""
+    return Row(
         case.name,
         "forward simulation, mean absolute error [rad]",
         f"{error:.4f}",

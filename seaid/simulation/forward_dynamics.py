@@ -301,11 +301,12 @@ def advance(
             now = torque if part == 0 else torque + torque_rate * (part * step / parts)
             state = _advance(plant, data, state, now, torque_rate, step / parts)
     except OverflowError:
-        raise _diverged() from None
+        raise diverged() from None
     return state
 
 
-def _diverged() -> SeaidError:
+def diverged() -> SeaidError:
+    """Return the error of a simulation that diverged."""
     return SeaidError("the simulation diverged: check stiffness, inertias and controller")
 
 
@@ -323,7 +324,7 @@ def _advance(
         crossed = np.flatnonzero((after < 0) & plant.is_dry)
         if not crossed.size:
             if not np.all(np.isfinite(new)):
-                raise _diverged()
+                raise diverged()
             return new
         started = np.maximum(before[crossed], 0.0)  # a released motor may still creep back
         fractions = started / (started - after[crossed])

@@ -16,16 +16,19 @@ import numpy as np
 from seaid._arrays import Array
 from seaid._progress import Result, sampled_text
 from seaid.drives import PARAMETERS_OF, Drive
-from seaid.errors import Finding, LogError, SeaidError, checked
+from seaid.errors import Finding, LogError, RobotError, SeaidError, checked, listed
 from seaid.log import Log, check_whole, spline_derivatives
 from seaid.robot import Robot, at_drives, check_held
 from seaid.simulation.controller import input_gain, position_controllers
-from seaid.simulation.forward_dynamics import advance
+from seaid.simulation.forward_dynamics import advance, diverged
 from seaid.simulation.plant import JOINT_POSITION, JOINT_SPEED, POSITION, SPEED, plant_of, warmed
 
 _LONGEST_STEP_S = 1e-3
 _LONGEST_CLOSED_S = 5e-4
 """Longest steps without and with a controller, whose torque changes with the state."""
+
+_FARTHEST = 1e6
+"""Position [rad or m] from which a simulation diverged."""
 
 Command = Callable[[float, Array], Array]
 """Function of time [s] and joint positions (n,) that returns motor inputs (n,)."""
@@ -111,6 +114,8 @@ def rollout(
                 moving = state[POSITION, back], state[SPEED, back]
                 rate = controllers.rate(at + part * step, *moving, step)[order]
             state = advance(own, data, state, now, rate, step)
+        if not np.all(np.abs(state[JOINT_POSITION]) < _FARTHEST):
+            raise diverged()
     return Log(
         time=log.time,
         joint_names=robot.joint_names,
@@ -295,7 +300,9 @@ def compare_replays(before: Robot, after: Robot, log: Log) -> ReplayComparison:
             f"before=: the joints {', '.join(before.joint_names)}, but after= has "
             f"{', '.join(after.joint_names)}: give two models of one robot"
         )
-    moved = [replay(one, log).joint_position for one in (without_unknown_terms(before), after)]
+    models = {"nominal": without_unknown_terms(before), "identified": after}
+    notes: list[Finding] = []
+    moved = [_replayed(title, one, log, notes).joint_position for title, one in models.items()]
     columns = [log.joint_names.index(joint) for joint in after.joint_names]
     measured = log.joint_position[:, columns]
     found = ReplayComparison(
@@ -308,7 +315,58 @@ def compare_replays(before: Robot, after: Robot, log: Log) -> ReplayComparison:
         is_prismatic=after.is_prismatic,
     )
     closes = [after.drives[joint].controller is not None for joint in after.joint_names]
-    return replace(found, warnings=tuple(_worse(found, all(closes))))
+    return replace(found, warnings=(*_worse(found, all(closes)), *notes))
+
+
+_STEPS_PER_RADIAN = 10.0
+"""Steps of a simulation per radian of the oscillation of a rotor alone under its controller."""
+
+
+def _replayed(title: str, robot: Robot, log: Log, notes: list[Finding]) -> Log:
+    """Return a replay; one that diverges is repeated with rotor inertias that it can follow.
+
+    Light links without a rotor inertia oscillate faster than the steps of a simulation under their
+    controllers. Adds a note for that. Raises SeaidError if the repetition fails, too.
+    """
+    try:
+        return replay(robot, log)
+    except SeaidError as problem:
+        drives = {joint: _slower(drive) for joint, drive in robot.drives.items()}
+        changed = [joint for joint, drive in drives.items() if drive is not robot.drives[joint]]
+        if not changed or isinstance(problem, LogError | RobotError):
+            raise
+        found = replay(robot.with_drives(drives), log)
+    ratios = {joint: robot.drives[joint].ratio for joint in changed}
+    inertias = {
+        joint: drives[joint].values["motor_inertia"] * ratio**2 for joint, ratio in ratios.items()
+    }
+    notes.append(
+        Finding(
+            "rotor-inertia",
+            f"the {title} model has too little rotor inertia to be simulated under its controllers "
+            "(the simulation diverged): it was replayed with the least that can, at the joint "
+            f"[kg m^2 or kg]: {listed(f'{joint} {x:.2g}' for joint, x in inertias.items())}",
+            changed[0] if len(changed) == 1 else "",
+            "note" if title == "nominal" else "doubtful",
+            inertias,
+            "nominal values in the drives file:\n"
+            f"[{changed[0]}]\nmotor_inertia_kg_m2 = 1e-5  # write that of your motor"
+            if title == "nominal"
+            else "check the gains, their units, and the sign and zero of each joint",
+            "certain",
+        )
+    )
+    return found
+
+
+def _slower(drive: Drive) -> Drive:
+    """Return a drive whose rotor is slow enough for the steps of a simulation."""
+    law, own = drive.law, drive.values.get("motor_inertia", 0.0)
+    if law is None:
+        return drive
+    spring = law.position_gain_Nm_per_rad * (_STEPS_PER_RADIAN * _LONGEST_CLOSED_S) ** 2
+    least = max(spring, law.velocity_gain_Nms_per_rad * _LONGEST_CLOSED_S) / drive.ratio**2
+    return drive if own >= least else drive.with_values({"motor_inertia": least})
 
 
 def without_unknown_terms(robot: Robot) -> Robot:

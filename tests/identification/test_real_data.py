@@ -47,6 +47,17 @@ def test_every_figure_of_a_measured_set_is_reached(case: ModuleType, tmp_path: P
     assert [row.cells() for row in asked if not row.met] == []
 
 
+@pytest.mark.slow  # sixteen logs
+def test_position_commands_alone_give_the_motor_of_a_servo() -> None:
+    """Gains in volts: their scale is kt/R. The published model had the voltage."""
+    (case,) = (one for one in CASES if one.gains)
+    sets = real_data.gain_sets_of(case, case.load_robot(), LOGS)
+    assert [len(logs) for _, logs in sets.values()] == [4, 4, 4, 4]
+    found = seaid.identify_conditions(sets, condition_specific=()).identifications
+    rows = list(real_data.value_rows(case, next(iter(found.values()))))
+    assert [row.met for row in rows] == [True, True]
+
+
 def test_every_case_has_its_files_and_something_asked() -> None:
     models = ROOT / "models"
     for case in CASES:

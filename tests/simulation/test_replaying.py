@@ -180,6 +180,33 @@ def test_a_model_that_replays_worse_is_named() -> None:
     assert open_loop.severity == "doubtful"
 
 
+def test_a_nominal_model_that_is_too_fast_to_simulate_gets_the_least_rotor_inertia() -> None:
+    """An arm of 1e-5 kg m^2 at 20 N m/rad, without damping, oscillates at 225 Hz."""
+    bare = without_unknown_terms(servo(friction=()))
+    law = seaid.Controller(position_gain_Nm_per_rad=20.0)
+    fast = seaid.load_robot(
+        MODELS / "xl330_pendulum.urdf",
+        {"pendulum": replace(bare.drives["pendulum"], controller=law)},
+    )
+    log = commanded()
+    with pytest.raises(seaid.SeaidError, match="the simulation diverged"):
+        replay(fast, log)
+    drive = replace(fast.drives["pendulum"], motor_inertia_kg_m2=0.02)
+    after = fast.with_drives({"pendulum": drive})
+    found = seaid.compare_replays(fast, after, log)
+    (note,) = (one for one in found.warnings if one.code == "rotor-inertia")
+    assert (note.joint, note.severity) == ("pendulum", "note")
+    assert note.evidence == {"pendulum": pytest.approx(20.0 * (10 * 5e-4) ** 2)}
+    assert np.all(np.isfinite(found.before))
+    (other,) = (
+        one
+        for one in seaid.compare_replays(after, fast, log).warnings
+        if one.code == "rotor-inertia"
+    )
+    assert other.severity == "doubtful"
+    assert "the identified model has too little rotor inertia" in other.message
+
+
 def test_one_joint_of_several_that_is_replayed_worse_is_named() -> None:
     joints = ("a", "b", "c")
     time = np.linspace(0, 1, 100)
