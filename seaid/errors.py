@@ -142,6 +142,7 @@ CODES = {
     "contact-flags": "flags of contacts that the motion of the feet contradicts",
     "base-frames": "orientation, angular velocity and gravity of a base that contradict each other",
     "base-sensor": "an axis of an IMU that is missing",
+    "base-bias": "a bias of an accelerometer",
     "base-jumps": "jumps of the pose of a base",
     "contact": "bursts of torque that the model cannot explain: contact, or hands",
     "standstill": "a joint that hardly moves, or samples at rest that were excluded",

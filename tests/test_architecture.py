@@ -113,7 +113,6 @@ def test_no_module_imports_one_that_imports_it() -> None:
 ONE_IMPORTER = {
     "a method with a source of its own, read and tested alone": (
         *("estimation.feasible", "estimation.robust"),
-        "identification.sensitivity",
         *("identification.instrumental", "identification.simultaneous"),
         *("identification.transmission_error", "identification.linear_joints"),
         "excitation.multisine",

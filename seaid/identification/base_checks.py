@@ -1,19 +1,28 @@
-"""Checks of a floating base before any fit: contacts, frames and sensors against the motion.
+"""Checks of a floating base before any fit, and the bias of its accelerometer after one.
 
 A foot on the ground has no velocity: v_b + w x r + J q' = 0. The velocity of the base is that of
 the log, else the one at which most standing feet rest.
+
+A bias b of the accelerometer, constant in the axes of the base, is as a constant acceleration: it
+adds M_0 b to the equations, with the first three columns M_0 of the mass matrix. Next to the bodies
+it is identified from the change of gravity in these axes.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
+from scipy.special import chdtri
 
-from seaid._arrays import Array, BoolArray, is_constant, runs
-from seaid.errors import Finding
+from seaid._arrays import Array, BoolArray, is_constant, runs, safely
+from seaid.errors import ExcitationError, Finding
+from seaid.estimation import FittedRows, long_run_of
+from seaid.identification.datasets import Dataset, rows_in_memory
+from seaid.identification.sensitivity import fit_of
 from seaid.log import (
     CHANNELS,
     BaseLog,
@@ -26,7 +35,7 @@ from seaid.log import (
     quaternion_rates,
     turned_to_world,
 )
-from seaid.regressor import contact_map
+from seaid.regressor import LoadModel, accelerometer_rows, contact_map
 from seaid.robot import FloatingBase, Robot
 
 _RISES_M_S, _SLIDES_M_S, _MOVES_SHARE, _MOVES_S = 0.08, 0.2, 0.01, 0.1
@@ -63,6 +72,97 @@ def base_findings(
         for motion in (one for each in motions for one in each):
             found += list(_contacts(robot, motion, logs))
     return found
+
+
+@dataclass(frozen=True, eq=False)
+class AccelerometerBias:
+    """A bias (3,) [m/s^2] in the axes of the base, its covariance, and `columns` of the rows.
+
+    These are the changes of y by the bias along some axes (R, k), with covariance (k, k).
+    """
+
+    value: Array
+    covariance: Array
+    columns: Array
+
+    def removed(self, datasets: Sequence[Dataset]) -> list[Motion]:
+        """Return the motions of a floating base without the bias."""
+        found = []
+        for motion in (one for one in datasets if isinstance(one, Motion)):
+            assert motion.base is not None
+            force = motion.base.specific_force - self.value
+            found.append(replace(motion, base=replace(motion.base, specific_force=force)))
+        return found
+
+
+_BIASED_M_S2, _NO_BIAS_M_S2 = 0.02, 1.0
+"""Bias from which it is removed: 2 mrad of tilt; and from which it is an error of the model. Those
+of MEMS sensors are up to 0.5 m/s^2."""
+
+_LEVEL = 0.999
+"""Level of the test for a bias."""
+
+
+def accelerometer_bias(
+    robot: Robot, datasets: Sequence[Dataset], model: LoadModel, fit: FittedRows
+) -> AccelerometerBias | None:
+    """Return the bias of the accelerometer if the rows of a `fit` support it; see the module.
+
+    `robot` has the estimated bodies.
+    """
+    bases = [one.base for one in datasets if isinstance(one, Motion) and one.base is not None]
+    if fit.rows is None or len(bases) < len(datasets) or any(one.imu is None for one in bases):
+        return None
+    rows = fit.rows
+    A = rows_in_memory(datasets, {"": partial(accelerometer_rows, robot, model=model)})[""].H
+    norms = np.linalg.norm(A, axis=0)
+    axes = np.flatnonzero(norms > _NOTHING * np.max(norms))
+    names = tuple(f"bias {'xyz'[axis]}" for axis in axes)
+    units = (*rows.units, *len(axes) * ("m/s^2",))
+    both = replace(
+        rows, names=(*rows.names, *names), units=units, H=np.hstack([rows.H, -A[:, axes]])
+    )
+    try:
+        found = fit_of(both, fit.weights)
+    except ExcitationError:  # the base does not tilt
+        return None
+    k = len(axes)
+    value, by = found.values[-k:], found.by_propagated[-k:]
+    covariance = long_run_of(
+        found.influence[:, -k:], np.ones(len(rows.y)), rows.time, rows.run
+    ).for_normal_intervals
+    if fit.propagated is not None:
+        covariance = covariance + by @ fit.propagated @ by.T
+    score = float(value @ safely(np.linalg.solve, covariance, value, what="the bias of the IMU"))
+    size = float(np.max(np.abs(value)))
+    if score < chdtri(k, 1 - _LEVEL) or not _BIASED_M_S2 < size < _NO_BIAS_M_S2:
+        return None
+    whole = np.zeros(3)
+    whole[axes] = value
+    return AccelerometerBias(whole, covariance, A[:, axes])
+
+
+_NOTHING = 1e-9
+"""Part of the largest column below which one is rounding."""
+
+
+def bias_finding(bias: AccelerometerBias, motions: Sequence[Motion]) -> Finding:
+    """Return the finding on a bias that was removed, in the axes of the IMU."""
+    base = motions[0].base
+    assert base is not None
+    assert base.imu is not None
+    own = bias.value @ base.imu
+    error = float(np.sqrt(np.max(np.diag(bias.covariance))))
+    return Finding(
+        "base-bias",
+        f"the accelerometer has a bias of {', '.join(f'{x:.2g}' for x in own)} m/s^2 (x, y, z, "
+        f"standard error {error:.1g}): it was identified with the bodies and subtracted",
+        severity="note",
+        evidence={f"{axis} [m/s^2]": float(x) for axis, x in zip("xyz", own, strict=True)},
+        remedy="calibrate the accelerometer in several orientations, or let the base tilt more: "
+        "the bodies are less certain by the error of the bias",
+        certainty="likely",
+    )
 
 
 def _sensors(base: BaseLog, log: Log, own: FloatingBase) -> Iterator[Finding]:

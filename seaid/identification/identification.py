@@ -36,7 +36,12 @@ from seaid.identification.adequacy import (
     verdict_of,
     without_echoes,
 )
-from seaid.identification.base_checks import base_findings
+from seaid.identification.base_checks import (
+    AccelerometerBias,
+    accelerometer_bias,
+    base_findings,
+    bias_finding,
+)
 from seaid.identification.checking import (
     JointCheck,
     check_channels,
@@ -398,6 +403,12 @@ def _identify(
             robot, datasets = linearised_robot(robot, datasets, used)
         options = solver, encoder_offset_std, executor, progress
         model, found = _two_step(robot, datasets, used, options)
+        bias = _accelerometer_bias(robot, datasets, model, found)
+        if bias is not None:
+            findings.append(bias_finding(bias, moved[0]))
+            datasets = [*bias.removed(datasets)]
+            experiment = experiment_of(declared, [bias.removed(group) for group in moved])
+            model, found = _two_step(robot, datasets, used, options, bias)
         widths = resolved_widths(robot, logs_in_memory, datasets)
         terms = supported_terms(robot, datasets, found, widths)
         for _ in range(MOST_ROUNDS):
@@ -405,21 +416,20 @@ def _identify(
             if not notes:
                 break
             findings += notes
-            model, found = _two_step(robot, datasets, used, options)
+            model, found = _two_step(robot, datasets, used, options, bias)
             terms = supported_terms(robot, datasets, found, widths)
     findings += consequences(findings, missing_terms(robot, terms, widths, datasets))
     found = _continued(robot, datasets, model, found, (method, estimator), options)
 
     def again(robot: Robot, datasets: Sequence[Dataset]) -> RobotEstimate:
-        found = estimate_two_step(robot, datasets, model, *options)
+        found = estimate_two_step(robot, datasets, model, *options, further=_further(bias))
         return _continued(robot, datasets, model, found, (method, estimator), options)
 
     motions = [first_motion(one) for one in datasets]
     if not is_wrong(findings):
         findings += sensitivity_findings(robot, motions, model, found, estimator)
     found = with_known_std(found, constants_of(robot, datasets, known_std), again)
-    if robot is not given:
-        found = replace(found, drives=with_fixed_warnings(found.drives, given, robot))
+    found = replace(found, drives=with_fixed_warnings(found.drives, given, robot))
     consistent = _feasible(robot, model, found) if feasible else None
     result = identification_of(robot, model, found, datasets, consistent, declared)
     bodies = result.robot.parameters + robot.payload_parameters
@@ -489,10 +499,26 @@ def _two_step(
     datasets: Sequence[Dataset],
     used: Sequence[str],
     options: tuple[Estimator, float, Executor | None, bool],
+    bias: AccelerometerBias | None = None,
 ) -> tuple[LoadModel, RobotEstimate]:
     """Return the columns of the load side and the estimate of both sides in turn."""
     model = load_model_of(robot, list(map(first_motion, datasets)), used)
-    return model, estimate_two_step(robot, datasets, model, *options)
+    return model, estimate_two_step(robot, datasets, model, *options, further=_further(bias))
+
+
+def _accelerometer_bias(
+    robot: Robot, datasets: Sequence[Dataset], model: LoadModel, found: RobotEstimate
+) -> AccelerometerBias | None:
+    """Return the bias of the accelerometer of a floating base, next to the estimated bodies."""
+    if robot.floating_base is None:
+        return None
+    bodies = _identified_robot(robot, model.base, found)
+    return accelerometer_bias(bodies, datasets, model, found.fit)
+
+
+def _further(bias: AccelerometerBias | None) -> tuple[Array, Array] | None:
+    """Return the columns of a bias that was removed, and its covariance."""
+    return None if bias is None else (bias.columns, bias.covariance)
 
 
 def _continued(

@@ -131,7 +131,12 @@ def load_with_instruments(
     rows = load_regression(robot, motion, model, springs)
     made = make(robot, motion, fitted)
     Z = in_band(made, load_columns(robot, made, model, springs)[2])
-    check_held(robot, 'estimator="iv"', IdentificationError)
+    check_held(
+        robot,
+        'estimator="iv"',
+        IdentificationError,
+        why="its instruments are a simulation, and seaid does not simulate contacts",
+    )
     row_of = {robot.index(joint): row for row, joint in enumerate(model.torque_joints)}
     which = [row_of[int(index)] for index in rows.joint]
     return with_instruments(rows, Z[np.searchsorted(motion.time, rows.time), which])

@@ -125,6 +125,8 @@ def with_fixed_warnings(
     of zero, has the value at which the search ended: the best one that is allowed.
     """
     flagged = dict(drives)
+    if robot is given:  # nothing was searched
+        return flagged
     for joint, estimate in drives.items():
         drive, before = robot.drives[joint], given.drives[joint].known
         values = [

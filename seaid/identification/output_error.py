@@ -678,7 +678,9 @@ def refine(
     logs = [logs] if isinstance(logs, Log) else list(logs)
     if not logs:
         raise IdentificationError("refine needs a log, found none")
-    check_held(identification.robot, "refine", IdentificationError)
+    check_held(
+        identification.robot, "refine", IdentificationError, why="seaid does not simulate contacts"
+    )
     check_offset_std(encoder_offset_std)
     _check_start(identification, without_joint_encoder(identification.known, logs))
     if any(drive.controller is not None for drive in identification.known.drives.values()):

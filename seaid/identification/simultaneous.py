@@ -252,7 +252,12 @@ def estimate_simultaneous(
     shared.
     """
     springs = tuple(start.springs)
-    check_held(robot, 'method="simultaneous"', IdentificationError)
+    check_held(
+        robot,
+        'method="simultaneous"',
+        IdentificationError,
+        why="without contact forces each equation has the deflections of several springs",
+    )
     check_simultaneous(robot, springs)
     regress: Regress = partial(simultaneous_regression, robot, model=model, springs=springs)
     rows = rows_in_memory(datasets, {"": regress}, executor)[""]

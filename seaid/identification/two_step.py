@@ -209,8 +209,12 @@ def estimate_two_step(
     executor: Executor | None,
     progress: bool,
     equations: Mapping[str, Regress] | None = None,
+    further: tuple[Array, Array] | None = None,
 ) -> RobotEstimate:
     """Estimate both sides in turn, with the springs' uncertainty propagated to the load.
+
+    `further` are columns (R, k) of the load side by which errors of known covariance (k, k) change
+    its torques.
 
     `equations` compute the rows in place of `two_step_equations`, in columns that `estimator` knows
     and that its `effective_rows` converts to the plain ones; torque offsets then count as 0.
@@ -240,7 +244,9 @@ def estimate_two_step(
             of_fit = side.estimate.warnings
             drives[joint] = replace(drive, warnings=(*of_fit, *drive.warnings))
         springs = {joint: spring_of(robot, drives[joint], joint) for joint in joints}
-        load = fit_load(robot, rows[LOAD], springs, estimator, cutoff_hz, free=free)
+        known_errors = None if further is None else further[1]
+        given = _with_columns(rows[LOAD], further)
+        load = fit_load(robot, given, springs, estimator, cutoff_hz, known_errors, free)
         if encoder_offset_std > 0:
             known = {joint: spring.values for joint, spring in springs.items()}
             regress = partial(
@@ -251,9 +257,12 @@ def estimate_two_step(
                 regress=equations[LOAD],
             )
             offsets = encoder_offset_std**2 * np.eye(robot.n)
+            if known_errors is not None:
+                offsets = linalg.block_diag(offsets, known_errors)
             again = rows_of_equations(datasets, {LOAD: regress}, stored, executor, progress)
             with again as shifted:
-                load = fit_load(robot, shifted[LOAD], springs, estimator, cutoff_hz, offsets, free)
+                given = _with_columns(shifted[LOAD], further)
+                load = fit_load(robot, given, springs, estimator, cutoff_hz, offsets, free)
     drives = with_torque_offsets(robot, load, drives, springs)
     load_side = load.estimate.part(range(len(model.names)), model.names)
     base, load_drives = split_load_side(model, load_side)
@@ -275,6 +284,13 @@ def estimate_two_step(
         fit=load,
         actuators=actuators,
     )
+
+
+def _with_columns(rows: Rows, further: tuple[Array, Array] | None) -> Rows:
+    """Return rows in memory with further columns of propagated errors."""
+    if further is None or not isinstance(rows, Regression):
+        return rows
+    return replace(rows, propagated=np.hstack([rows.propagated, further[0]]))
 
 
 def two_step_equations(

@@ -263,6 +263,9 @@ class BaseMotion(Display):
         Whether a sample is used: it is not near a change of contact or a jump of a pose.
     velocity : array (T, 3) or None
         Of the base, in its own frame [m/s], if the log has its pose.
+    imu : array (3, 3) or None
+        The rotation from the frame of the IMU, if an accelerometer on the base gives the specific
+        force.
     """
 
     angular_velocity: Array
@@ -273,6 +276,7 @@ class BaseMotion(Display):
     used: BoolArray
     up: Array | None = None
     velocity: Array | None = None
+    imu: Array | None = None
 
     def _in_short(self) -> str:
         return f"{len(self.used):,} samples, contacts {', '.join(self.contacts) or 'none'}"
@@ -284,7 +288,7 @@ class BaseMotion(Display):
 
     def samples(self, part: slice) -> BaseMotion:
         """Return some successive samples."""
-        return BaseMotion(**_changed(self, lambda values: values[part]))
+        return BaseMotion(**{**_changed(self, lambda values: values[part]), "imu": self.imu})
 
 
 def base_motion(
@@ -361,6 +365,9 @@ def base_motion(
         wrenches=FrozenMapping(log.wrenches, "link"),
         used=_between_changes({**flags, "": jumped}, len(time), _PERIODS * rate_hz / cutoff_hz),
         velocity=_velocity(smooth, time, R),
+        imu=base.imu_placement[0]
+        if smooth.specific_force is not None and base.imu_is_fixed
+        else None,
         up=None if R is None else np.asarray(-gravity / np.linalg.norm(gravity) @ R),
     )
 

@@ -7,6 +7,7 @@ from .base import random_states as random_states
 from .floating import contact_map as contact_map
 from .floating import floating_regressor as floating_regressor
 from .load import LoadModel as LoadModel
+from .load import accelerometer_rows as accelerometer_rows
 from .load import check_offset_std as check_offset_std
 from .load import drive_torques as drive_torques
 from .load import load_columns as load_columns

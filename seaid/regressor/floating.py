@@ -58,6 +58,21 @@ def floating_regressor(
     return np.concatenate([stacked[:, :, :6], joints], axis=2).swapaxes(1, 2)
 
 
+def accelerated_base(robot: Robot, q: Array) -> Array:
+    """Return the force on the rows (T, 6 + n, 3) per acceleration of the base, in its frame.
+
+    They are three columns of the mass matrix.
+    """
+    model, nothing = _model(robot), (np.zeros((len(q), 3)),) * 3
+    data, still = model.createData(), np.zeros((len(q), robot.n))
+    found = np.empty((len(q), 3, model.nv))
+    for t, q_t in enumerate(_states(robot, q, still, still, nothing)[0]):
+        found[t] = np.triu(pin.crba(model, data, q_t))[:3]
+    return np.concatenate([found[:, :, :6], robot.from_model(found[:, :, 6:])], axis=2).swapaxes(
+        1, 2
+    )
+
+
 def contact_map(
     robot: Robot,
     q: Array,

@@ -35,6 +35,7 @@ from seaid.regressor.base import (
     random_states,
 )
 from seaid.regressor.floating import (
+    accelerated_base,
     floating_regressor,
     floating_rows,
     measured_wrenches,
@@ -406,6 +407,30 @@ def load_regressions(
     return [rows_by_pieces(one, regress, samples) for one in motions]
 
 
+def accelerometer_rows(robot: Robot, motion: Motion, model: LoadModel) -> Regression:
+    """Return the rows of `load_regression` with the change of y by a bias of the accelerometer.
+
+    The three columns [N or N m per m/s^2] are in the axes of the base; `robot` has all bodies.
+    """
+    motion = _thinned(motion, motion.cutoff_hz)
+    known, names = [robot.index(joint) for joint in model.torque_joints], tuple("xyz")
+
+    def regress(piece: Motion) -> Regression:
+        base, q = piece.base, piece.joint_position
+        assert base is not None
+        unknown = np.column_stack(
+            [unknown_friction(robot, piece, one) for one in model.torque_joints]
+        )
+        A = floating_rows(robot, accelerated_base(robot, q), known)
+        A = without_contact_forces(robot, q, base.contacts, known, A, unknown, base.up)
+        A *= base.used[:, None, None]
+        nothing = A[:, :, 0] * 0.0
+        columns = (nothing, nothing, A, A[:, :, :0])
+        return _load_rows(robot, piece, model, columns, (names, ("kg",) * 3))
+
+    return rows_by_pieces(motion, regress)
+
+
 def _thinned(motion: Motion, cutoff_hz: float) -> Motion:
     """Return the motion of a floating base at a rate that its columns need, if it has no wrenches.
 
@@ -418,9 +443,16 @@ def _thinned(motion: Motion, cutoff_hz: float) -> Motion:
 
 
 def _load_rows(
-    robot: Robot, motion: Motion, model: LoadModel, columns: tuple[Array, Array, Array, Array]
+    robot: Robot,
+    motion: Motion,
+    model: LoadModel,
+    columns: tuple[Array, Array, Array, Array],
+    called: tuple[tuple[str, ...], tuple[str, ...]] | None = None,
 ) -> Regression:
-    """Return the rows of one piece of a motion, whose `load_columns` are given."""
+    """Return the rows of one piece of a motion, whose `load_columns` are given.
+
+    `called` are the names and units of columns that are not those of `model`.
+    """
     torque, payload, H, propagated = columns
     rows = row_samples(motion)
     y, H, propagated = (
@@ -438,9 +470,10 @@ def _load_rows(
         usable = np.concatenate([free, usable])
         usable &= motion.base.used[rows]
     which, kept = np.nonzero(usable)
+    column_names, units = called or (model.names, model.units)
     return Regression(
-        names=model.names,
-        units=model.units,
+        names=column_names,
+        units=units,
         H=H[kept, which],
         y=y[kept, which],
         joint=np.array(joints)[which],

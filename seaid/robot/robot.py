@@ -364,12 +364,15 @@ def _with_dynamics(drive: Drive, damping: float, friction_loss: float, armature:
     return bare.with_values({**values, "motor_inertia": armature / N**2})
 
 
-def check_held(robot: Robot, what: str, error: type[SeaidError] = RobotError) -> None:
+def check_held(
+    robot: Robot, what: str, error: type[SeaidError] = RobotError, why: str = ""
+) -> None:
     """Raise an error if the base of a robot floats, for what needs a base that is held."""
     if robot.floating_base is not None:
+        because = f" ({why})" if why else ""
         raise error(
-            f"{what} needs a robot with a fixed base, and that of '{robot.name}' floats: load it "
-            "with base='fixed' for a robot that hangs or is bolted down",
+            f"{what} needs a robot with a fixed base, and that of '{robot.name}' floats{because}: "
+            "load it with base='fixed' for a robot that hangs or is bolted down",
             "base='fixed'",
         )
 

@@ -67,7 +67,7 @@ def replay(robot: Robot, log: Log, command: Command | None = None) -> Log:
     >>> replayed = seaid.replay(result.robot, log)
     >>> np.std(replayed.joint_position - log.joint_position, axis=0)
     """
-    check_held(robot, "replay")
+    check_held(robot, "replay", why="seaid does not simulate contacts")
     check_whole(log)
     return rollout(robot, log, command)
 

@@ -121,7 +121,7 @@ def simulate(
     >>> plan = seaid.load_trajectory("plan.json")
     >>> log = seaid.simulate(robot, plan, noise=seaid.Noise(torque_std_Nm=0.002), seed=1)
     """
-    check_held(robot, "simulate")
+    check_held(robot, "simulate", why="seaid does not simulate contacts")
     noise = Noise() if noise is None else noise
     motion = simulate_motion(
         robot,

@@ -85,6 +85,21 @@ def test_bodies_of_an_exact_log_are_recovered() -> None:
     assert {one.code for one in found.warnings if one.severity != "note"} == {"contact-flags"}
 
 
+def test_bias_of_an_accelerometer_is_identified_with_the_bodies() -> None:
+    log, bias = swayed(), np.array([0.1, -0.07, 0.05])
+    assert log.base is not None
+    force = log.base.specific_force
+    assert force is not None
+    biased = replace(log, base=replace(log.base, specific_force=force + bias))
+    found = seaid.identify(STANDING.without_nominal(), biased, cutoff_hz=4.0)
+    (finding,) = (one for one in found.warnings if one.code == "base-bias")
+    np.testing.assert_allclose([*finding.evidence.values()], bias, atol=2e-3)
+    truth = found.base.project(STANDING.parameters)
+    # 0.1 of 9.81 m/s^2 moves the centre of mass by millimetres, which are 0.05 kg m here
+    assert np.max(np.abs(found.load.values - truth)) < 1e-3
+    assert "base-bias" not in {one.code for one in found_standing().warnings}
+
+
 def test_measured_wrenches_determine_what_flight_does() -> None:
     log = swayed()
     assert STANDING.floating_base is not None
