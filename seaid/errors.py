@@ -99,6 +99,7 @@ CODES = {
     "unit": "a channel in another unit than its column says",
     "time-unit": "the time in another unit than seconds",
     "sign": "a channel, or a whole joint, with the opposite sign",
+    "encoder-offset": "a joint whose zero is not that of the robot file",
     "swapped-joints": "the channels of two joints exchanged",
     "gear-ratio": "a gear ratio that the two encoders contradict",
     "missing-drives": "motor channels in the log without drives for them",

@@ -31,7 +31,7 @@ from seaid.identification.command_checks import (
 from seaid.identification.datasets import Source, datasets_by_log, first_motion, sources_of
 from seaid.identification.experiment import Experiment, experiment_of
 from seaid.identification.motor_side import with_regressed_angles, without_joint_encoder
-from seaid.identification.setup_hypotheses import encoder_slope, mistakes
+from seaid.identification.setup_hypotheses import encoder_slope, mistakes, pose_findings
 from seaid.log import Log, Motion, changed_source
 from seaid.regressor import INPUT_FIELDS
 from seaid.robot import Robot
@@ -181,7 +181,7 @@ def setup_findings(given: Experiment, known: Sequence[Finding]) -> list[Finding]
     if any(drive.controller is not None for drive in given.robot.drives.values()):
         # the channels of a torque are not there, and an unknown armature looks like another mistake
         is_explained = any(one.severity == "wrong" for one in known)
-        return [] if is_explained else list(limit_findings(given))
+        return [] if is_explained else [*limit_findings(given), *pose_findings(given)]
     found, without = mistakes(given)
     beyond = [] if found else list(limit_findings(given))
     return [*found, *beyond, *delay_findings(without)]

@@ -15,6 +15,7 @@ from seaid._arrays import Array
 from seaid.errors import IdentificationError, LogError, RobotError
 from seaid.log.commands import commanded_torque
 from seaid.robot import nominal_model
+from seaid.simulation import rollout
 
 URDF = """<robot name="one"><link name="base"/><link name="arm"><inertial><origin xyz="0.2 0 0"/>
 <mass value="1.5"/><inertia ixx="0.01" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial>
@@ -720,3 +721,77 @@ def test_gains_in_units_of_the_drive(urdf: Path) -> None:
         assert multiple == pytest.approx(TRUTH[name], rel=0.01), name
     assert values_of(free)["command_delay"][0] == pytest.approx(0.012, abs=1e-4)
     assert "gain_scale" not in free.robot.drives["j"].known
+
+
+CHAIN = """<robot name="chain"><link name="base"/>
+<link name="a"><inertial><origin xyz="0.2 0 0"/><mass value="1.5"/>
+<inertia ixx="0.01" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="j0" type="revolute"><parent link="base"/><child link="a"/><axis xyz="0 1 0"/>
+<limit lower="-3" upper="3" effort="50" velocity="20"/></joint>
+<link name="b"><inertial><origin xyz="0.1 0 0.03"/><mass value="0.8"/>
+<inertia ixx="0.004" iyy="0.008" izz="0.008" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="j1" type="revolute"><origin xyz="0.3 0 0"/><parent link="a"/><child link="b"/>
+<axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="50" velocity="20"/></joint></robot>"""
+
+
+@pytest.fixture(scope="module")
+def chain(tmp_path_factory: pytest.TempPathFactory) -> tuple[seaid.Robot, seaid.Log]:
+    """Return two arms of known bodies in a chain, and a log of their commands."""
+    path = tmp_path_factory.mktemp("chain") / "chain.urdf"
+    path.write_text(CHAIN)
+    time = np.arange(0, 12, 0.01)
+    slow, fast = np.sin(1.7 * time), np.sin(2.3 * time + 1)
+    commands = np.column_stack([0.6 * slow + 0.2 * np.sin(5 * time), 0.5 * fast])
+    gains = seaid.Controller(position_gain_Nm_per_rad=60.0, velocity_gain_Nms_per_rad=2.0)
+    drive = seaid.StiffDrive(
+        motor_input="position_command",
+        controller=gains,
+        command_delay_s=0.0,
+        known=("command_delay",),
+    )
+    robot = seaid.load_robot(path, {"j0": drive, "j1": drive}, known_bodies=["a", "b"])
+    true = replace(
+        drive,
+        motor_inertia_kg_m2=0.03,
+        viscous_friction_Nms_per_rad=0.3,
+        coulomb_friction_Nm=0.2,
+    )
+    unknown = np.full_like(commands, np.nan)
+    plan = seaid.Log(time, ("j0", "j1"), unknown, commands, unknown, position_command=commands)
+    moved = rollout(robot.with_drives({"j0": true, "j1": true}), plan, longest_closed_s=2.5e-3)
+    return robot, replace(plan, joint_position=moved.joint_position)
+
+
+@pytest.mark.parametrize(
+    ("signs", "zeros"),
+    [
+        ((1, 1), (0.0, 0.0)),
+        ((1, -1), (0.0, 0.0)),
+        ((-1, -1), (0.0, 0.0)),
+        ((1, 1), (-1.5708, 0.0)),
+        ((-1, 1), (0.0, 0.8)),
+        ((1, -1), (0.0, 1.5708)),
+    ],
+)
+def test_signs_and_zeros_are_found_by_gravity(
+    chain: tuple[seaid.Robot, seaid.Log], signs: tuple[int, int], zeros: tuple[float, float]
+) -> None:
+    """A log has sign * (position - zero); the remedy is the way back, sign * value + offset."""
+    robot, log = chain
+    assert log.position_command is not None
+    other = replace(
+        log,
+        joint_position=signs * (log.joint_position - zeros),
+        position_command=signs * (log.position_command - np.array(zeros)),
+    )
+    found = [x for x in wrong_of(robot, other) if x.code in ("sign", "encoder-offset")]
+    wanted = {f"j{k}": pair for k, pair in enumerate(zip(signs, zeros, strict=True))}
+    wanted = {joint: pair for joint, pair in wanted.items() if pair != (1, 0.0)}
+    assert {one.joint for one in found} == set(wanted)
+    for one in found:
+        sign, zero = wanted[one.joint]
+        assert one.code == ("sign" if sign < 0 else "encoder-offset")
+        assert one.evidence["offset [rad]"] == pytest.approx(zero, abs=0.03)
+        assert f"[joints.{one.joint}]" in one.remedy
+        assert one.remedy.count("sign = -1") == (2 if sign < 0 else 0)
+        assert one.remedy.count("offset") == (2 if zero else 0)
