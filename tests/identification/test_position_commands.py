@@ -781,8 +781,8 @@ def test_signs_and_zeros_are_found_by_gravity(
     assert log.position_command is not None
     other = replace(
         log,
-        joint_position=signs * (log.joint_position - zeros),
-        position_command=signs * (log.position_command - np.array(zeros)),
+        joint_position=np.array(signs) * (log.joint_position - np.array(zeros)),
+        position_command=np.array(signs) * (log.position_command - np.array(zeros)),
     )
     found = [x for x in wrong_of(robot, other) if x.code in ("sign", "encoder-offset")]
     wanted = {f"j{k}": pair for k, pair in enumerate(zip(signs, zeros, strict=True))}
