@@ -85,13 +85,27 @@ class Inference:
         return sorted(found, key=lambda name: not self.meanings[name].is_said)
 
     def commands(self, joint: str) -> list[str]:
-        """Return the columns with the commanded position of a joint."""
+        """Return the columns with the commanded position of a joint.
+
+        A name that says only "command" is one of the position if the measured position follows it.
+        """
         return [
             name
             for name, one in self.meanings.items()
-            if one.is_command and one.quantity == "position" and name in self.data
+            if one.is_command and name in self.data
             if one.joint.removesuffix("_joint") == joint.removesuffix("_joint")
+            if one.quantity == "position" or (not one.quantity and self._leads(name, joint))
         ]
+
+    def _leads(self, name: str, joint: str) -> bool:
+        """Return whether a position of a joint follows a column, in the same unit."""
+        command = self.data[name]
+        for position in self.having("position", joint):
+            error = self.data[position] - command
+            used = np.isfinite(error)
+            if np.var(error[used]) < (1 - _UNRELATED) * np.var(command[used]):
+                return True
+        return False
 
     def finite(self, name: str) -> Array:
         """Return the samples of a column that are finite."""

@@ -42,7 +42,7 @@ _JOINT = {"joint", "link", "load", "out", "output", "l", "arm", "sensor", "exter
 _JOINT |= {"joints", "links", "j", "spring"}
 _ROLES = {
     "commanded": "cmd command commanded goal target des desired ref reference setpoint stpt con "
-    "demand soll",
+    "demand soll action actions",
     "estimated": "est estimate estimated",
     "derived": "filt filtered fric friction model ff error err expected predicted "
     "gravity gravite pred computed coriolis constraint nullspace limit limits max min threshold "

@@ -396,6 +396,7 @@ _NO_TORQUES = {"motor_position", "joint_position", "deflection", "motor_temperat
 
 
 _BOTH = "both positions and one torque, or at least motor position and motor torque"
+_ONE = "one position and one torque, current, voltage or position command"
 
 
 def _check_sensors(
@@ -414,7 +415,7 @@ def _check_sensors(
         names = column_names(joint, robot.is_prismatic[robot.index(joint)])
         missing = [name for name in names if name not in found]
         raise LogError(
-            f"joint '{joint}' needs {_BOTH if elastic else 'one position and one torque'}, "
+            f"joint '{joint}' needs {_BOTH if elastic else _ONE}, "
             f"found {', '.join(found.values()) or 'none'}; its columns are "
             f"{', '.join(names)}{near_names(missing, picked, file_names)}"
         )

@@ -18,6 +18,7 @@ from seaid.log.commands import commanded_torque, is_commanded
 from seaid.log.filtering import CutoffSelection, low_pass, select_cutoff, spline_derivatives
 from seaid.log.repair.channels import in_gap, interpolated
 from seaid.log.repair.clocks import irregular_steps, longest_bridge, longest_step, typical_step
+from seaid.log.repair.data import interpolation_of
 from seaid.log.usable_parts import FROZEN, HOLES, REST, check_whole, holes, stretches, usable
 from seaid.robot import at_drives, at_joints, coupled_groups
 
@@ -440,9 +441,8 @@ def _uniform(log: Log, columns: list[int]) -> tuple[Array, dict[str, Array]]:
     found = {field: np.full((count, len(columns)), np.nan) for field in signals}
     for field, values in signals.items():
         for place in np.flatnonzero(np.isfinite(values[0])):
-            found[field][:, place] = interpolated(
-                log.time, values[:, place], time, smooth=field.endswith(("position", "deflection"))
-            )
+            how = "spline" if field == "deflection" else interpolation_of(field)
+            found[field][:, place] = interpolated(log.time, values[:, place], time, how)
     return time, found
 
 

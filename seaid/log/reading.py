@@ -40,7 +40,7 @@ from seaid.log.repair.clocks import (
     typical_step,
     with_regular_clock,
 )
-from seaid.log.repair.data import FEWEST, Channel, Repair, Repairs, is_position
+from seaid.log.repair.data import FEWEST, Channel, Repair, Repairs, interpolation_of, is_command
 from seaid.robot import Robot
 
 __all__ = ["WRITTEN", "Log", "read_log", "write_log"]
@@ -268,11 +268,6 @@ def _repaired_channels(
     return usable
 
 
-def _is_smooth(name: str) -> bool:
-    """Return whether a channel is differentiated, so that a spline interpolates it."""
-    return is_position(name) or name.startswith(("base.orientation", "base.velocity"))
-
-
 def _changed(channels: Sequence[Channel], usable: dict[str, tuple[Array, Array]]) -> bool:
     """Return whether samples were removed or moved, or the steps are irregular."""
     if len(usable) < len(channels) and any(
@@ -290,9 +285,13 @@ def _changed(channels: Sequence[Channel], usable: dict[str, tuple[Array, Array]]
 def _on_grid(
     usable: dict[str, tuple[Array, Array]], limits: Repairs
 ) -> tuple[Array, dict[str, Array]]:
-    """Return the channels on a uniform grid over their common time, without their holes."""
+    """Return the channels on a uniform grid over their common time, without their holes.
+
+    The last command of a channel holds to the end, and between commands there is no hole.
+    """
+    measured = [name for name in usable if not is_command(name)] or list(usable)
     late = max(usable, key=lambda name: usable[name][0][0])
-    early = min(usable, key=lambda name: usable[name][0][-1])
+    early = min(measured, key=lambda name: usable[name][0][-1])
     start, end = float(usable[late][0][0]), float(usable[early][0][-1])
     longest = max(time[-1] - time[0] for time, _ in usable.values())
     if end - start < (1.0 - limits.most_missing) * longest:
@@ -307,10 +306,10 @@ def _on_grid(
     grid = start + np.arange(math.floor((end - start) * rate_hz + 1e-6) + 1) / rate_hz
     grid = np.minimum(grid, end)
     sampled = {
-        name: resampled(time, values, grid, rate_hz, rates[name], smooth=_is_smooth(name))
+        name: resampled(time, values, grid, rate_hz, rates[name], interpolation_of(name))
         for name, (time, values) in usable.items()
     }
     in_hole = np.zeros(len(grid), dtype=bool)
-    for time, _ in usable.values():
-        in_hole |= in_gap(time, grid, bridged_s(time, limits))
+    for name in measured:
+        in_hole |= in_gap(usable[name][0], grid, bridged_s(usable[name][0], limits))
     return grid[~in_hole], {name: values[~in_hole] for name, values in sampled.items()}

@@ -197,6 +197,17 @@ def test_commanded_and_computed_columns_are_no_sensors(name: str) -> None:
     assert not meaning_of(name).is_raw
 
 
+@pytest.mark.parametrize("name", ["cmd_1", "action[1]", "target_q1", "j1_ref"])
+def test_a_command_that_the_position_follows_is_one_of_the_position(
+    name: str, tmp_path: Path
+) -> None:
+    late = wave(0.5)[np.maximum(np.arange(len(TIME)) - 5, 0)]
+    found = guess(tmp_path, **{"t": TIME, "q_1": late, name: wave(0.5)})
+    assert plain(found)["joint_1"] == {"joint_position": "q_1", "position_command": name}
+    other = guess(tmp_path, **{"t": TIME, "q_1": late, "cmd_1": np.gradient(wave(0.5), TIME)})
+    assert "position_command" not in plain(other)["joint_1"]
+
+
 def test_elastic_joint_in_milliseconds_with_current(tmp_path: Path) -> None:
     motor = wave(0.7, 80.0)
     found = guess(

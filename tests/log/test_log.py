@@ -442,7 +442,8 @@ def test_stiff_joint_needs_one_position_and_one_torque(
     for name in ("arm.motor_position_rad", "arm.joint_position_rad"):
         read_log(write_csv(*without(name)), arm)
     text = read_error(write_csv(*without("arm.motor_torque_Nm")), arm)
-    assert "joint 'arm' needs one position and one torque, found motor_position, joint_" in text
+    needs = "one position and one torque, current, voltage or position command"
+    assert f"joint 'arm' needs {needs}, found motor_position, joint_" in text
     assert text.endswith(f"its columns are {', '.join(column_names('arm', is_prismatic=False))}")
 
 

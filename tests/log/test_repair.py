@@ -224,10 +224,32 @@ def test_a_torque_over_a_gap_does_not_follow_its_noise() -> None:
     keep = np.ones(len(time), dtype=bool)
     keep[1500:1540] = False
     noise = np.random.default_rng(0).normal(0, 1.0, len(time))
-    values = interpolated(time[keep], noise[keep], time, smooth=False)
+    values = interpolated(time[keep], noise[keep], time, "akima")
     assert values[keep] == pytest.approx(noise[keep])
     ends = sorted(noise[[1499, 1540]])
     assert ends[0] <= np.min(values[~keep]) <= np.max(values[~keep]) <= ends[1]
+
+
+def test_commands_are_what_was_sent() -> None:
+    """Repeated values, zeros and jumps are no faults; a command holds until the next one comes."""
+    time, step = regular(), round(regular()[1] - regular()[0], 9)
+    held = angle(time)[(np.arange(len(time)) // 10) * 10]
+    held[300:340], held[400:1000] = 0.0, 0.4
+    name = "knee.position_command_rad"
+    position, whole = (
+        Channel("knee.joint_position_rad", time, angle(time)),
+        Channel(name, time, held),
+    )
+    _, picked, report = repaired_channels([position, whole], Repairs())
+    assert report == ()
+    assert np.array_equal(picked[name], held)
+    changed = np.flatnonzero(np.diff(held, prepend=np.nan) != 0.0)  # a topic of its own, on change
+    rare = Channel(name, time[changed], held[changed])
+    grid, picked, report = repaired_channels([position, rare], Repairs())
+    assert "holes" not in kinds(report)
+    np.testing.assert_allclose(grid[-1], time[-1], atol=step / 2)
+    before = np.searchsorted(time, grid + 1e-9, side="right") - 1
+    assert np.array_equal(picked[name], held[before])
 
 
 def test_late_samples_go_back_into_place() -> None:

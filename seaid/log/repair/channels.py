@@ -15,8 +15,11 @@ from seaid.log.repair.data import (
     FEWEST,
     Channel,
     Fault,
+    Interpolation,
     Repair,
     Repairs,
+    interpolation_of,
+    is_command,
     is_contact,
     is_position,
     is_temperature,
@@ -28,24 +31,29 @@ _CLOSE = 0.3
 _WINDOWS, _FEWEST_WINDOWS = 60, 5
 """Test windows of the error of gaps: most, and fewest."""
 
+_RARELY = 0.7
+"""Share of the rate of the grid below which commands come more rarely than its samples."""
+
 _NOISES = 2.0
 """Multiple of the noise that is subtracted from the error of gaps."""
 
 
-def interpolated(time: Array, values: Array, wanted: Array, *, smooth: bool) -> Array:
+def interpolated(time: Array, values: Array, wanted: Array, how: Interpolation) -> Array:
     """Return samples (T,) of a channel at `wanted` (W,) [s], within its first and last stamp.
 
-    `smooth` (positions): a cubic spline, whose error falls with the fourth power of the step; a
-    linear interpolation would bias the derivatives. Otherwise (torques, which jump and are noisy):
-    the modified Akima spline, which does not overshoot (Akima 1970). Torques over gaps and
-    positions over holes are interpolated linearly, because a slope there would be that of the noise
-    at the ends. Samples closer than 0.3 of the typical step are merged first.
+    Positions: a cubic spline, whose error falls with the fourth power of the step; a linear
+    interpolation would bias the derivatives. Torques, which jump and are noisy: the modified Akima
+    spline, which does not overshoot (Akima 1970). Torques over gaps and positions over holes are
+    interpolated linearly, because a slope there would be that of the noise at the ends, and so are
+    commands. Samples closer than 0.3 of the typical step are merged first.
     """
     from scipy.interpolate import Akima1DInterpolator, CubicSpline
 
+    if how == "linear":
+        return np.interp(wanted, time, values)
     origin = time[0]
     time, values = _merged(time - origin, values)
-    if smooth:
+    if how == "spline":
         found, longest = CubicSpline(time, values)(wanted - origin), longest_bridge(time)
     else:
         akima = Akima1DInterpolator(time, values, method="makima")
@@ -65,7 +73,7 @@ def on_time(
     late, early = max([0.0, *delays_s.values()]), min([0.0, *delays_s.values()])
     kept = (time >= time[0] - early) & (time <= time[-1] - late)
     return kept, {
-        name: interpolated(time, channels[name], time[kept] + delay, smooth=is_position(name))
+        name: interpolated(time, channels[name], time[kept] + delay, interpolation_of(name))
         for name, delay in delays_s.items()
     }
 
@@ -95,15 +103,26 @@ def _merged(time: Array, values: Array) -> tuple[Array, Array]:
 
 
 def resampled(
-    time: Array, values: Array, grid: Array, rate_hz: float, own_rate_hz: float, *, smooth: bool
+    time: Array,
+    values: Array,
+    grid: Array,
+    rate_hz: float,
+    own_rate_hz: float,
+    how: Interpolation,
 ) -> Array:
-    """Return a channel on a uniform grid, low-pass filtered if the grid is the coarser one."""
+    """Return a channel on a uniform grid, low-pass filtered if the grid is the coarser one.
+
+    Of commands that are sent more rarely than the grid each one holds until the next one comes.
+    """
+    if how == "linear" and own_rate_hz < _RARELY * rate_hz:
+        last = np.searchsorted(time, grid + 1e-6 / rate_hz, side="right") - 1
+        return np.asarray(values[np.maximum(last, 0)])
     finer = math.ceil(own_rate_hz / rate_hz - 0.1)
     if finer <= 1:
-        return interpolated(time, values, grid, smooth=smooth)
+        return interpolated(time, values, grid, how)
     count = (len(grid) - 1) * finer + 1
     fine = grid[0] + np.arange(count) / (rate_hz * finer)
-    dense = interpolated(time, values, np.minimum(fine, grid[-1]), smooth=smooth)
+    dense = interpolated(time, values, np.minimum(fine, grid[-1]), how)
     return low_pass(dense[:, None], rate_hz * finer, 0.4 * rate_hz)[::finer, 0]
 
 
@@ -132,7 +151,7 @@ def gap_error(
     taken[[0, 1, -2, -1]] = False
     if not np.any(taken):
         return 0.0
-    bridged = interpolated(time[~taken], values[~taken], time[taken], smooth=True)
+    bridged = interpolated(time[~taken], values[~taken], time[taken], "spline")
     noise = white_noise(values, robust=True)
     error = float(np.sqrt(np.mean((bridged - values[taken]) ** 2)))
     share = float(np.sum(gaps)) / duration
@@ -362,6 +381,8 @@ def repaired_channel(
     )
     if is_contact(channel.name):
         return time, values
+    if is_command(channel.name):
+        return time, _without_wraps(channel, time, values, found)
     if is_constant(values):
         action = f"it is {values[0]:.6g} all the time; not changed"
         found.append(Repair(channel.name, "constant channel", 1, float(time[0]), action))

@@ -133,8 +133,27 @@ LARGEST = 1e30
 
 
 def is_position(name: str) -> bool:
-    """Return whether a column name of seaid is that of a position."""
-    return "position" in name.rsplit(".", 1)[-1]
+    """Return whether a column name of seaid is that of a measured position."""
+    return "position" in name.rsplit(".", 1)[-1] and not is_command(name)
+
+
+def is_command(name: str) -> bool:
+    """Return whether a column name of seaid is that of a command, which is sent and not measured.
+
+    Repeated values, zeros and jumps of a command are what the drive was asked for, and no faults.
+    """
+    return name.rsplit(".", 1)[-1].startswith("position_command")
+
+
+Interpolation = Literal["spline", "akima", "linear"]
+
+
+def interpolation_of(name: str) -> Interpolation:
+    """Return how a column of seaid is interpolated: by a spline, if it is differentiated."""
+    if is_command(name):
+        return "linear"
+    is_smooth = is_position(name) or name.startswith(("base.orientation", "base.velocity"))
+    return "spline" if is_smooth else "akima"
 
 
 def is_temperature(name: str) -> bool:
