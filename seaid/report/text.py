@@ -301,10 +301,9 @@ def _whole_body_table(found: Identification) -> list[Text]:
 
 
 def _sources_text(found: Identification) -> str:
-    return (
-        f"{found.robot.name}: {len(found.load.values)} base parameters from the torques at "
-        f"{', '.join(found.model.torque_joints)}; cutoff {found.cutoff_hz:.3g} Hz"
-    )
+    joints, count = ", ".join(found.model.torque_joints), len(found.load.values)
+    bodies = f"{count} base parameters from the torques at {joints}" if count else "bodies as given"
+    return f"{found.robot.name}: {bodies}; cutoff {found.cutoff_hz:.3g} Hz"
 
 
 def warning_lines(warnings: Iterable[Finding]) -> list[str]:
