@@ -30,6 +30,7 @@ from .excitation import EndState as EndState
 from .excitation import Excitation as Excitation
 from .excitation import Limits as Limits
 from .excitation import Multisine as Multisine
+from .excitation import Stance as Stance
 from .excitation import Trajectory as Trajectory
 from .excitation import add_run_in as add_run_in
 from .excitation import design_excitation as design_excitation

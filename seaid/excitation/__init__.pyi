@@ -26,6 +26,8 @@ from .multisine import Multisine as Multisine
 from .run_in import add_run_in as add_run_in
 from .scene_file import Box as Box
 from .scene_file import load_scene as load_scene
+from .stance import Stance as Stance
+from .stance import StancePlan as StancePlan
 from .trajectory import Trajectory as Trajectory
 from .trajectory import load_trajectory as load_trajectory
 from .trajectory import polynomial_trajectory as polynomial_trajectory

@@ -27,6 +27,7 @@ from seaid.regressor import (
     base_parameters,
     random_states,
     regressor_at_drives,
+    stance_rows,
 )
 from seaid.robot import Robot
 
@@ -164,18 +165,24 @@ _ALIKE = 1e-6
 """Relative difference below which condition numbers count as equal."""
 
 
-def pivoted_base(robot: Robot, torque_joints: str | Sequence[str] | None = None) -> BaseParameters:
+def pivoted_base(
+    robot: Robot,
+    torque_joints: str | Sequence[str] | None = None,
+    stance: Sequence[str] | None = None,
+) -> BaseParameters:
     """Return the base parameters whose columns QR with column pivoting picks at random states.
 
     The pivoting (Businger and Golub 1965) is repeated over 16 draws of states, because the
     condition number of the picked columns varies by a factor of two or three; the columns with the
     smallest condition number over all states are returned. Their number is the rank of
-    `base_parameters`, and their groupings follow from its. The choice depends on the robot and on
-    `torque_joints` alone. Raises ExcitationError if nothing is identifiable.
+    `base_parameters`, and their groupings follow from its. The choice depends on the robot, on
+    `torque_joints` and, for a floating base, on the contacts in `stance` alone. Raises
+    ExcitationError if nothing is identifiable.
     """
-    leftmost = base_parameters(robot, torque_joints=torque_joints)
+    stances = ((),) if stance is None else (tuple(stance),)
+    leftmost = base_parameters(robot, torque_joints=torque_joints, stances=stances)
     known = [robot.index(joint) for joint in robot.selected(torque_joints)]
-    draws = [_random_rows(robot, known, draw) for draw in range(_DRAWS)]
+    draws = [_random_rows(robot, known, draw, stance) for draw in range(_DRAWS)]
     columns = _best_pivots(draws, len(leftmost.columns))
     grouping = _safely_grouped(np.linalg.solve, leftmost.grouping[:, columns], leftmost.grouping)
     grouping[:, columns] = np.eye(len(columns))
@@ -183,8 +190,12 @@ def pivoted_base(robot: Robot, torque_joints: str | Sequence[str] | None = None)
     return base_of_columns(robot, columns, np.asarray(grouping, dtype=np.float64), leftmost.gap)
 
 
-def _random_rows(robot: Robot, known: list[int], seed: int) -> Array:
-    Y = regressor_at_drives(robot, *random_states(robot, seed, len(known)))[:, known]
+def _random_rows(robot: Robot, known: list[int], seed: int, stance: Sequence[str] | None) -> Array:
+    if stance is None:
+        Y = regressor_at_drives(robot, *random_states(robot, seed, len(known)))[:, known]
+    else:
+        _, whole, reduced = stance_rows(robot, stance, seed, known)
+        Y = reduced(whole)
     return np.where(robot.is_known, 0.0, Y).reshape(-1, robot.parameters.size)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from seaid._arrays import Array, safely, seed_of
 from seaid._progress import Result, counted
 from seaid.errors import ExcitationError, SeaidError, SeaidWarning, checked
-from seaid.excitation.basis import BasisName, make_basis
+from seaid.excitation.basis import Basis, BasisName, make_basis
 from seaid.excitation.boundary import IN_MOTION, EndState, motion_space
 from seaid.excitation.collision import Scene
 from seaid.excitation.criteria import (
@@ -50,11 +50,20 @@ from seaid.excitation.problem import (
     factor_of,
     make_problem,
     motion_within,
+    observation_matrix,
     previous_logs_factor,
     scaled_target,
 )
 from seaid.excitation.run_in import with_run_in
 from seaid.excitation.search import Outcome, search, with_feasible_start
+from seaid.excitation.stance import (
+    Stance,
+    StancePlan,
+    refuse_in_stance,
+    stance_model,
+    stance_plan,
+    standing_space,
+)
 from seaid.excitation.trajectory import Trajectory, check_joint_names
 from seaid.log import Log, Motion
 from seaid.regressor import BaseParameters
@@ -152,9 +161,12 @@ def _measures(
     except SeaidError:  # nominal values are missing
         target, has_drives = load_target(robot, torque_joints, base), False
         H = np.vstack([stacked_regressor(target, *one) for one in parts])
+    return _measures_of(H, sum(float(time[-1] - time[0]) for time, _ in parts), has_drives)
+
+
+def _measures_of(H: Array, duration_s: float, has_drives: bool) -> ExcitationMeasures:
     # rows are weighted to READINGS_HZ a second: per reading, the length does not count
-    readings = READINGS_HZ * sum(float(time[-1] - time[0]) for time, _ in parts)
-    scaled, d_value = scaled_condition_and_d_value(H / np.sqrt(readings))
+    scaled, d_value = scaled_condition_and_d_value(H / np.sqrt(READINGS_HZ * duration_s))
     return ExcitationMeasures(scaled, d_value, H.shape[1], has_drives)
 
 
@@ -194,6 +206,8 @@ class Excitation(Result):
         Of the scaled observation matrix of the plan, and of the best random start.
     measures : ExcitationMeasures
         Measures that compare with those of other motions, with the drives where values are known.
+    stance : StancePlan or None
+        Motion of the base and contact forces of a motion in stance.
     """
 
     table_name = "excitation_table"
@@ -211,6 +225,7 @@ class Excitation(Result):
     singular_values: Array
     start_singular_values: Array
     measures: ExcitationMeasures
+    stance: StancePlan | None = None
 
     def _in_short(self) -> str:
         parameters = counted(len(self.names), "parameter")
@@ -235,6 +250,7 @@ def design_excitation(
     torque_std: float | Sequence[float] | dict[str, float] = 1.0,
     previous_logs: Sequence[Log] = (),
     scene: Scene | None = None,
+    stance: Stance | Sequence[str] | None = None,
     starts: int = 3,
     iterations: int = 150,
     seed: int = 0,
@@ -283,6 +299,10 @@ def design_excitation(
         Logs that will be identified together with this motion, as prior information.
     scene : Scene, optional
         Collision pairs, from `load_scene`, whose clearance holds over the whole motion.
+    stance : Stance or list of str
+        Of a floating base: the contacts that stand on the ground throughout. The motion starts and
+        ends at rest in the posture of the stance; the base and the joints that the contacts leave
+        free move within limits of joints and contact forces, which the nominal model gives.
     starts, iterations : int
         Random starts of the search (SLSQP with exact gradients) and its iterations: a third of them
         from every start, then all of them from the best.
@@ -312,12 +332,13 @@ def design_excitation(
     >>> plan.condition_number
     >>> plan.trajectory.save_set_points("plan.csv")
     """
-    check_held(robot, "design_excitation", ExcitationError)
+    if stance is None:
+        check_held(robot, "design_excitation", ExcitationError)
     seed = seed_of(seed, ExcitationError)
     bounds = joint_limits(robot, limits)
-    drives = drive_limits(robot, limits or Limits(), bounds.velocity)
-    if basis == "multisine":
+    if basis == "multisine" and stance is None:
         shape = multisine or Multisine()
+        drives = drive_limits(robot, limits or Limits(), bounds.velocity)
         motion = multisine_motion(robot, duration, shape, bounds, drives, seed)
         return _of_multisine(robot, motion, torque_joints, torque_std, bounds)
     if multisine is not None:
@@ -326,22 +347,44 @@ def design_excitation(
     for name, count in (("starts", starts), ("iterations", iterations)):
         if count < 1:
             raise ExcitationError(f"{name} must be at least 1, found {count}", name)
-    count = _coefficients(robot, basis, duration) if coefficients is None else coefficients
-    function = make_basis(basis, duration, count)
-    others = EndState() if rest_to_rest else IN_MOTION
-    space = motion_space(function, robot.joint_names, bounds, start or others, end or others)
-    if not rest_to_rest:
-        space = with_run_in(space, robot.joint_names, bounds)
-    robot = robot.at_temperature()  # a plan does not know how warm the motors will be
-    base = pivoted_base(robot, torque_joints)
-    target = (
-        drive_target(robot, torque_joints, base, bounds.velocity)
-        if drive_parameters
-        else load_target(robot, torque_joints, base)
-    )
-    instants = _samples(target, function.size, samples)
-    problem = make_problem(target, criterion, space, instants, bounds, drives, scene)
-    problem = with_feasible_start(problem, seed)
+    functions = partial(_functions, basis, duration, coefficients)
+    # a plan does not know how warm the motors will be
+    cold = robot.at_temperature()
+    if stance is None:
+        function, others = functions(robot.n), EndState() if rest_to_rest else IN_MOTION
+        ends = start or others, end or others
+        space = motion_space(function, robot.joint_names, bounds, *ends)
+        if not rest_to_rest:
+            space = with_run_in(space, robot.joint_names, bounds)
+        base = pivoted_base(cold, torque_joints)
+        target = (
+            drive_target(cold, torque_joints, base, bounds.velocity)
+            if drive_parameters
+            else load_target(cold, torque_joints, base)
+        )
+        drives = drive_limits(robot, limits or Limits(), bounds.velocity)
+        instants = _samples(target, function.size, samples)
+        problem = make_problem(target, criterion, space, instants, bounds, drives, scene)
+        problem = with_feasible_start(problem, seed)
+    else:
+        refuse_in_stance(
+            rest_to_rest=not rest_to_rest,
+            start=start is not None,
+            end=end is not None,
+            drive_parameters=drive_parameters,
+            previous_logs=bool(previous_logs),
+            scene=scene is not None,
+        )
+        model = stance_model(cold, stance, bounds, limits, torque_joints)
+        space = standing_space(model, functions(len(model.free)))
+        base = pivoted_base(cold, torque_joints, [one.link for one in model.contacts])
+        model = replace(model, columns=base.columns)
+        target = load_target(cold, torque_joints, base)
+        target = replace(target, row_weights=np.ones(6 + len(target.rows)))
+        instants = _samples(target, space.basis.size, samples)
+        own = model.free_limits
+        problem = make_problem(target, criterion, space, instants, own, None, None, model)
+    robot = cold
     target = scaled_target(problem, robot, base, torque_std, measure.needs_nominal)
     target = replace(target, known=previous_logs_factor(target, robot, previous_logs))
     problem = replace(problem, target=target)
@@ -359,15 +402,20 @@ def _excitation(
     bounds: JointLimits,
 ) -> Excitation:
     x = motion_within(problem, outcome.x)
-    trajectory = Trajectory(
-        robot.joint_names,
-        problem.space.basis,
-        problem.space.coefficients(x),
-        tuple(np.array(robot.joint_names)[list(robot.is_prismatic)].tolist()),
-    )
-    time = np.linspace(0.0, trajectory.duration, _REPORT_SAMPLES)
-    plain = load_target(robot, [robot.joint_names[row] for row in problem.target.rows], base)
-    kappa = _safely(np.linalg.cond, stacked_regressor(plain, time, trajectory.sample(time)))
+    basis, coefficients = problem.space.basis, problem.space.coefficients(x)
+    time = np.linspace(0.0, basis.duration, _REPORT_SAMPLES)
+    known = [robot.joint_names[row] for row in problem.target.rows]
+    plain, plan = load_target(robot, known, base), None
+    if problem.stance is None:
+        slides = tuple(np.array(robot.joint_names)[list(robot.is_prismatic)].tolist())
+        trajectory = Trajectory(robot.joint_names, basis, coefficients, slides)
+        states = trajectory.sample(time)
+    else:
+        states = basis.states(time, coefficients)
+        trajectory, plan = stance_plan(problem.stance, basis, coefficients, time)
+        plain = replace(plain, row_weights=np.ones(6 + len(known)))
+    H = observation_matrix(replace(problem, target=plain), time, states)
+    kappa = _safely(np.linalg.cond, H)
     R, R_first = factor_of(problem, x), factor_of(problem, first)
     target = problem.target
     inverse = _safely(np.linalg.inv, R) if has_full_rank(R) else np.full_like(R, np.inf)
@@ -384,13 +432,12 @@ def _excitation(
         standard_errors=np.linalg.norm(inverse, axis=1) * target.column_scale,
         singular_values=singular_values(R),
         start_singular_values=singular_values(R_first),
-        measures=_measures(
-            robot,
-            trajectory,
-            [robot.joint_names[row] for row in problem.target.rows],
-            base,
-            bounds.velocity,
+        measures=(
+            _measures(robot, trajectory, known, base, bounds.velocity)
+            if plan is None
+            else _measures_of(H, basis.duration, False)
         ),
+        stance=plan,
     )
 
 
@@ -428,13 +475,13 @@ def _of_multisine(
     )
 
 
-def _coefficients(robot: Robot, basis: BasisName, duration: float) -> int:
-    """Return the default number of coefficients per joint, by duration and number of joints."""
-    if basis == "polynomial":
-        return 18
-    spans = min(3.0 * duration, 160.0 / robot.n) if duration > 0 else 0.0
-    count = 5 + max(7, round(spans))
-    return count - 1 + count % 2 if basis == "fourier" else count
+def _functions(basis: BasisName, duration: float, coefficients: int | None, joints: int) -> Basis:
+    """Return the basis; by default the number of coefficients is by duration and joints."""
+    if coefficients is None:
+        spans = min(3.0 * duration, 160.0 / joints) if duration > 0 else 0.0
+        count = 18 if basis == "polynomial" else 5 + max(7, round(spans))
+        coefficients = count - 1 + count % 2 if basis == "fourier" else count
+    return make_basis(basis, duration, coefficients)
 
 
 def _samples(target: Target, size: int, samples: int | None) -> int:

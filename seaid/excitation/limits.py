@@ -173,12 +173,14 @@ def grouped(rows: Array, axis: int) -> Array:
     return np.pad(rows, padding, mode="edge").reshape(shape)
 
 
-def margins(trajectory: Trajectory, limits: JointLimits) -> Margins:
+def margins(
+    trajectory: Trajectory, limits: JointLimits, densities: Sequence[int] = _DENSITIES
+) -> Margins:
     """Return the minimum distance of a trajectory to its limits, negative if one is broken."""
     basis, c = trajectory.basis, trajectory.coefficients
     about_middle = c - np.outer(basis.constant, limits.middle)
     q, v, a = (
-        np.min([np.abs(basis.hull(order, density) @ part).max(axis=0) for density in _DENSITIES], 0)
+        np.min([np.abs(basis.hull(order, density) @ part).max(axis=0) for density in densities], 0)
         for order, part in enumerate((about_middle, c, c))
     )
     return Margins(limits.half_range - q, limits.velocity - v, limits.acceleration - a)

@@ -233,14 +233,14 @@ def stacked_regressor(target: Target, time: Array, states: States) -> Array:
     )
     for block, (columns, _) in _drive_columns(target, time, states)[0]:
         H[:, :, list(block.columns)] = block.shares[:, None] * columns[:, None]
-    H *= _weights(target, time) * target.column_scale
+    H *= reading_weights(target, time) * target.column_scale
     return H.reshape(-1, len(target.names))
 
 
 def regressor_pull_back(target: Target, time: Array, states: States, G: Array) -> States:
     """Return the gradient by q, v and a, each (T, n), of a function with gradient G by H."""
     G = G.reshape(len(time), len(target.row_weights), -1)
-    G = G * _weights(target, time) * target.column_scale
+    G = G * reading_weights(target, time) * target.column_scale
     robot, r = target.robot, len(target.rows)
     weights = np.zeros((len(time), r, robot.parameters.size))
     weights[:, :, list(target.base_columns)] = _transformed(
@@ -271,7 +271,7 @@ def _transformed(matrix: Array, rows: Array) -> Array:
     return rows if np.array_equal(matrix, np.eye(len(matrix))) else np.asarray(matrix @ rows)
 
 
-def _weights(target: Target, time: Array) -> Array:
+def reading_weights(target: Target, time: Array) -> Array:
     """Return the weights (T, rows, 1): each row represents all readings around its instant."""
     step = (time[-1] - time[0]) / max(len(time) - 1, 1)
     readings = np.full(len(time), READINGS_HZ * step)

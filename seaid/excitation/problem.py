@@ -32,7 +32,20 @@ from seaid.excitation.limits import (
     margins,
     positive_values,
 )
-from seaid.excitation.objective import Target, regressor_pull_back, stacked_regressor
+from seaid.excitation.objective import (
+    Target,
+    reading_weights,
+    regressor_pull_back,
+    stacked_regressor,
+)
+from seaid.excitation.stance import (
+    StanceModel,
+    stance_joint_torques,
+    stance_pull_back,
+    stance_rows_of,
+    stance_use,
+    worst_stance_use,
+)
 from seaid.excitation.trajectory import Trajectory
 from seaid.log import Log, reconstruct_motion, row_samples
 from seaid.regressor import BaseParameters
@@ -53,7 +66,8 @@ class Problem:
 
     `maps`, 3 of (T, k), give position, velocity and acceleration at `time` (T,) for joints of unit
     range, `start_states` (3, T, n) those at x = 0. Joint j keeps its linear limits at every instant
-    if |rows[j] x_j + offset[j]| <= 1; `rows` are (n, g, c, k).
+    if |rows[j] x_j + offset[j]| <= 1; `rows` are (n, g, c, k). In a `stance` the n joints are its
+    planned coordinates, those of the base first.
     """
 
     target: Target
@@ -67,6 +81,7 @@ class Problem:
     offset: Array
     drive_limits: DriveLimits | None
     scene: Scene | None
+    stance: StanceModel | None = None
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -87,13 +102,24 @@ def make_problem(
     limits: JointLimits,
     drives: DriveLimits | None,
     scene: Scene | None,
+    stance: StanceModel | None = None,
 ) -> Problem:
     """Return the problem with a number of equally spaced instants."""
     rows, offset = limit_rows(space, limits)
     time, maps, start_states = _at_instants(space, samples)
-    half_range = limits.half_range
     return Problem(
-        target, criterion, space, time, maps, start_states, half_range, rows, offset, drives, scene
+        target=target,
+        criterion=criterion,
+        space=space,
+        time=time,
+        maps=maps,
+        start_states=start_states,
+        half_range=limits.half_range,
+        rows=rows,
+        offset=offset,
+        drive_limits=drives,
+        scene=scene,
+        stance=stance,
     )
 
 
@@ -130,9 +156,26 @@ def states_of(problem: Problem, x: Array) -> States:
     return q, v, a
 
 
+def observation_matrix(problem: Problem, time: Array, states: States) -> Array:
+    """Return the weighted and scaled observation matrix (T rows, columns), (15)."""
+    target = problem.target
+    if problem.stance is None:
+        return stacked_regressor(target, time, states)
+    H = stance_rows_of(problem.stance, states) * reading_weights(target, time)
+    return (H * target.column_scale).reshape(-1, len(target.names))
+
+
+def _pull_back(problem: Problem, states: States, G: Array) -> States:
+    target, time = problem.target, problem.time
+    if problem.stance is None:
+        return regressor_pull_back(target, time, states, G)
+    G = G.reshape(len(time), len(target.row_weights), -1) * target.column_scale
+    return stance_pull_back(problem.stance, states, G * reading_weights(target, time))
+
+
 def factor_of(problem: Problem, x: Array) -> Array:
     """Return the triangular factor of the observation matrix of x and the previous logs."""
-    H = stacked_regressor(problem.target, problem.time, states_of(problem, x))
+    H = observation_matrix(problem, problem.time, states_of(problem, x))
     return triangular_factor(H, problem.target.known)
 
 
@@ -145,12 +188,12 @@ def value_of(problem: Problem, x: Array) -> float:
 def value_and_gradient(problem: Problem, x: Array) -> tuple[float, Array]:
     """Return the smooth criterion and its exact gradient (n k,), zero where it is infinite."""
     states = states_of(problem, x)
-    H = stacked_regressor(problem.target, problem.time, states)
+    H = observation_matrix(problem, problem.time, states)
     R = triangular_factor(H, problem.target.known)
     if not has_full_rank(R):
         return np.inf, np.zeros(x.size)
     value, slope = problem.measure.smooth(R)
-    gradients = regressor_pull_back(problem.target, problem.time, states, H @ slope)
+    gradients = _pull_back(problem, states, H @ slope)
     by_joint = [matrix.T @ part for matrix, part in zip(problem.maps, gradients, strict=True)]
     return value, np.ravel((problem.half_range * np.sum(by_joint, axis=0)).T)
 
@@ -178,7 +221,7 @@ def linear_slack(problem: Problem, x: Array) -> tuple[Array, Array]:
 
 def has_nonlinear_limits(problem: Problem) -> bool:
     """Return whether there are limits that are not linear in x."""
-    return problem.drive_limits is not None or problem.scene is not None
+    return any(one is not None for one in (problem.drive_limits, problem.scene, problem.stance))
 
 
 def nonlinear_use(problem: Problem, x: Array) -> tuple[Array, Array]:
@@ -191,6 +234,11 @@ def nonlinear_use(problem: Problem, x: Array) -> tuple[Array, Array]:
         parts.append(_drive_use(problem, problem.drive_limits, states))
     if problem.scene is not None:
         parts.append(_scene_use(problem, problem.scene, states))
+    if problem.stance is not None:
+        instants = range(0, len(problem.time), _INSTANTS)
+        parts.append(
+            worst_stance_use(problem.stance, states, instants, problem.maps, problem.half_range)
+        )
     return (
         np.concatenate([use for use, _ in parts]),
         np.concatenate([gradient.reshape(len(gradient), -1) for _, gradient in parts]),
@@ -206,6 +254,8 @@ def largest_nonlinear_use(problem: Problem, x: Array) -> float:
     if problem.scene is not None:
         closest = _capped(problem.scene, states[0]).min()
         most = max(most, float(_use_of_distance(problem.scene, closest)))
+    if problem.stance is not None:
+        most = max(most, float(stance_use(problem.stance, states).max()))
     return most
 
 
@@ -319,7 +369,10 @@ def motion_within(problem: Problem, x: Array) -> Array:
 
 def all_margins(problem: Problem, x: Array, trajectory: Trajectory, bounds: JointLimits) -> Margins:
     """Return the margins of x: linear ones at every instant, the others on a finer grid."""
-    found = margins(trajectory, bounds)
+    # the knots of a trajectory by inverse kinematics are dense as they are
+    found = (
+        margins(trajectory, bounds) if problem.stance is None else margins(trajectory, bounds, [0])
+    )
     if not has_nonlinear_limits(problem):
         return found
     fine = _on_fine_grid(problem)
@@ -330,6 +383,9 @@ def all_margins(problem: Problem, x: Array, trajectory: Trajectory, bounds: Join
         found = replace(found, **dict(zip(DRIVE_KINDS, left, strict=True)))
     if fine.scene is not None:
         found = replace(found, distance_m=float(distances(fine.scene, states[0]).min()))
+    if fine.stance is not None:
+        most = np.abs(stance_joint_torques(fine.stance, states)).max(axis=0)
+        found = replace(found, joint_torque=fine.stance.torque_limits - most)
     return found
 
 
@@ -362,12 +418,16 @@ def scaled_target(
     """
     std = positive_values(robot, "torque_std", torque_std, np.ones(robot.n))
     motors = [robot.index(joint) for joint in robot.elastic_joints] if problem.target.blocks else []
-    target = replace(problem.target, row_weights=1.0 / std[[*problem.target.rows, *motors]])
+    weights = 1.0 / std[[*problem.target.rows, *motors]]
+    if problem.stance is not None:  # the six equations of the base have no torque of their own
+        weights = np.concatenate([np.full(6, np.mean(weights)), weights])
+    target = replace(problem.target, row_weights=weights)
     if not relative and not target.blocks:
         return target
     rng = np.random.default_rng(0)
     motions = [states_of(problem, random_start(problem, rng)) for _ in range(_REFERENCES)]
-    H = np.vstack([stacked_regressor(target, problem.time, states) for states in motions])
+    weighted = replace(problem, target=target)
+    H = np.vstack([observation_matrix(weighted, problem.time, states) for states in motions])
     norms, p = np.linalg.norm(H, axis=0), len(target.base_columns)
     if np.any(norms == 0):
         lost = target.names[int(np.argmin(norms))]

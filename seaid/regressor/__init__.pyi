@@ -4,8 +4,16 @@ from .base import base_of_columns as base_of_columns
 from .base import base_parameters as base_parameters
 from .base import cross_check as cross_check
 from .base import random_states as random_states
+from .floating import configurations as configurations
 from .floating import contact_map as contact_map
 from .floating import floating_regressor as floating_regressor
+from .floating import floating_rows as floating_rows
+from .floating import roll_pitch_yaw as roll_pitch_yaw
+from .floating import stance_rows as stance_rows
+from .floating import standing_motion as standing_motion
+from .floating import upward as upward
+from .floating import with_contact_frames as with_contact_frames
+from .floating import without_contact_forces as without_contact_forces
 from .load import LoadModel as LoadModel
 from .load import accelerometer_rows as accelerometer_rows
 from .load import check_offset_std as check_offset_std

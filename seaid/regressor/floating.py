@@ -85,7 +85,7 @@ def contact_map(
     A point has three columns, a flat foot three more of the moment about it. `up` (T, 3) shows
     where balls touch the ground. With `own_frame` the forces are those in the frames of the links.
     """
-    model, frames, widths = _with_frames(robot, tuple(contacts))
+    model, frames, widths = with_contact_frames(robot, tuple(contacts))
     data, still = model.createData(), np.zeros((len(q), robot.n))
     nothing = (np.zeros((len(q), 3)),) * 3
     axes = pin.LOCAL if own_frame else pin.LOCAL_WORLD_ALIGNED
@@ -98,7 +98,7 @@ def contact_map(
             J[t, start : start + width] = whole[:width]
             if contact.radius_m and up is not None and not own_frame:
                 # v at the lowest point: v_c + w x (-r up) = v_c + r up x w
-                J[t, start : start + 3] += contact.radius_m * np.cross(up[t], whole[3:].T).T
+                J[t, start : start + 3] += contact.radius_m * pin.skew(up[t]) @ whole[3:]
             start += width
     return np.concatenate([J[:, :, :6], robot.from_model(J[:, :, 6:])], axis=2).swapaxes(1, 2)
 
@@ -257,7 +257,7 @@ def _drift(robot: Robot, q: Array, v: Array, contacts: Sequence[Contact], up: Ar
 
     The centre of a ball that rolls has a_c = e x (r up).
     """
-    model, frames, widths = _with_frames(robot, tuple(contacts))
+    model, frames, widths = with_contact_frames(robot, tuple(contacts))
     data, still = model.createData(), np.zeros((len(q), robot.n))
     base = (v[:, 3:6], np.zeros((len(q), 3)), np.zeros((len(q), 3)))
     found = np.empty((len(q), sum(widths)))
@@ -274,6 +274,106 @@ def _drift(robot: Robot, q: Array, v: Array, contacts: Sequence[Contact], up: Ar
             part[:3] -= np.cross(part[3:], contact.radius_m * up[t])
         found[t] = np.concatenate([x[:width] for x, width in zip(parts, widths, strict=True)])
     return found
+
+
+def standing_motion(
+    robot: Robot,
+    contacts: tuple[Contact, ...],
+    anchors: Sequence[pin.SE3],
+    z: Array,
+    rates: Array | None = None,
+) -> tuple[Array, Array, Array]:
+    """Return the errors (T, k) of contacts, their K (T, k, 6 + n), and the bias K' v (T, k).
+
+    Coordinates z (T, 6 + n) and their `rates` are position [m] and roll, pitch, yaw [rad] of the
+    base in the world, and joints; `anchors` are the placements of the contacts, K = d errors / d z.
+
+    The centre of a ball moves by its radius times the horizontal part of the turn of what was its
+    top, as one that rolls does up to the third order of the angle.
+    """
+    whole, frames, widths = with_contact_frames(robot, contacts)
+    data, up = whole.createData(), upward(robot)
+    level = np.eye(3) - np.outer(up, up)
+    given = np.zeros_like(z) if rates is None else rates
+    R, E, E_dot = roll_pitch_yaw(z, given)
+    q = configurations(robot, z, R)
+    twist = np.einsum("tji,tj->ti", R, given[:, :3])
+    spin = np.einsum("tij,tj->ti", E, given[:, 3:6])
+    v = np.hstack([twist, spin, robot.to_model(given[:, 6:], 1)])
+    a = np.zeros_like(v)
+    a[:, :3] = -np.cross(spin, twist)
+    a[:, 3:6] = np.einsum("tij,tj->ti", E_dot, given[:, 3:6])
+    errors, bias = np.empty((2, len(z), sum(widths)))
+    J = np.empty((len(z), sum(widths), whole.nv))
+    for t in range(len(z)):
+        if rates is None:
+            pin.computeJointJacobians(whole, data, q[t])
+        else:
+            pin.forwardKinematics(whole, data, q[t], v[t], a[t])
+            pin.computeJointJacobians(whole, data)
+        pin.updateFramePlacements(whole, data)
+        start = 0
+        for contact, frame, width, anchor in zip(contacts, frames, widths, anchors, strict=True):
+            here = slice(start, start + width)
+            place, own = data.oMf[frame], np.zeros(6)
+            mine = pin.getFrameJacobian(whole, data, frame, pin.LOCAL_WORLD_ALIGNED)
+            if rates is not None:
+                own = pin.getFrameClassicalAcceleration(
+                    whole, data, frame, pin.LOCAL_WORLD_ALIGNED
+                ).vector
+            away = place.translation - anchor.translation
+            if contact.radius_m:
+                top = place.rotation @ (anchor.rotation.T @ up)
+                rolled = contact.radius_m * level
+                away = away - rolled @ top
+                mine[:3] += rolled @ pin.skew(top) @ mine[3:]
+                if rates is not None:
+                    w = mine[3:] @ v[t]
+                    turn = pin.skew(w)
+                    own[:3] -= rolled @ (pin.skew(own[3:]) @ top + turn @ turn @ top)
+            turned = pin.log3(place.rotation @ anchor.rotation.T) if width == 6 else ()
+            errors[t, here] = [*away, *turned]
+            J[t, here], bias[t, here] = mine[:width], own[:width]
+            start += width
+    K = np.concatenate([J[:, :, :6], robot.from_model(J[:, :, 6:])], axis=2)
+    K[:, :, :3] = J[:, :, :3] @ R.swapaxes(1, 2)
+    K[:, :, 3:6] = J[:, :, 3:6] @ E
+    return errors, K, bias
+
+
+def roll_pitch_yaw(z: Array, rates: Array) -> tuple[Array, Array, Array]:
+    """Return R (T, 3, 3) of roll, pitch and yaw, E with w = E rates in the base, and E'."""
+    (cr, cp, cy), (sr, sp, sy) = np.cos(z[:, 3:6]).T, np.sin(z[:, 3:6]).T
+    R = np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+    nil, (roll, pitch, _) = np.zeros_like(cr), rates[:, 3:6].T
+    E = np.array([[nil + 1, nil, -sp], [nil, cr, sr * cp], [nil, -sr, cr * cp]])
+    E_dot = np.array(
+        [
+            [nil, nil, -cp * pitch],
+            [nil, -sr * roll, cr * cp * roll - sr * sp * pitch],
+            [nil, -cr * roll, -sr * cp * roll - cr * sp * pitch],
+        ]
+    )
+    R, E, E_dot = (np.moveaxis(x, 2, 0) for x in (R, E, E_dot))
+    return R, E, E_dot
+
+
+def configurations(robot: Robot, z: Array, R: Array) -> Array:
+    """Return the configurations of the model at coordinates z (T, 6 + n)."""
+    turns = np.array([pin.Quaternion(one).coeffs() for one in R])
+    return np.hstack([z[:, :3], turns, robot.to_model(z[:, 6:])])
+
+
+def upward(robot: Robot) -> Array:
+    """Return the vertical (3,) in the world, whose axes are those of a base that is held."""
+    gravity = robot.model.gravity.linear
+    return np.asarray(-gravity / np.linalg.norm(gravity))
 
 
 def floating_rows(robot: Robot, Y: Array, joints: Sequence[int]) -> Array:
@@ -301,7 +401,7 @@ def _typical_lever(robot: Robot) -> float:
 
 
 @lru_cache(maxsize=8)
-def _with_frames(
+def with_contact_frames(
     robot: Robot, contacts: tuple[Contact, ...]
 ) -> tuple[pin.Model, list[int], list[int]]:
     """Return the model with a frame for each contact, these frames, and their numbers of forces."""
