@@ -277,6 +277,7 @@ MADE_BY = {
     "Scene": "seaid.load_scene(urdf, robot)",
     "Payload": "seaid.Payload(link, mass)",
     "Limits": "seaid.Limits(velocity=2.0)",
+    "Stance": 'seaid.Stance(["left_foot", "right_foot"])',
     "Repairs": "seaid.Repairs()",
     "LogDescription": "seaid.describe_log(path, robot).description",
     "Delay": "seaid.estimate_delays(robot, log)",

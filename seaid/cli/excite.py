@@ -21,12 +21,14 @@ from seaid.cli.options import (
     checked_suffix,
     logs_of,
     names,
+    numbers,
     one_of,
     values,
 )
 
 if TYPE_CHECKING:
-    from seaid.excitation import Excitation, Limits, Multisine, Trajectory
+    from seaid.excitation import Excitation, Limits, Multisine, Stance, Trajectory
+    from seaid.robot import Robot
 
 
 _OF_ALL = "for all joints, or as knee=2,hip=1"
@@ -68,7 +70,9 @@ class MultisineOptions:
         str | None,
         Option(help=f"Multisine: largest displacement [rad or m], {_OF_ALL}; 0 holds a joint."),
     ] = None
-    posture: Annotated[str | None, Option(help=f"Multisine: mean position, {_OF_ALL}.")] = None
+    posture: Annotated[
+        str | None, Option(help=f"Mean position of a multisine, or posture in stance, {_OF_ALL}.")
+    ] = None
     realisation: Annotated[int, Option(help="Multisine: number of the random phases.")] = 0
     experiment: Annotated[int, Option(help="Multisine: number of the orthogonal experiment.")] = 0
 
@@ -84,6 +88,42 @@ class MultisineOptions:
             posture=values("--posture", self.posture),
             realisation=self.realisation,
             experiment=self.experiment,
+        )
+
+
+@dataclass(frozen=True)
+class StanceOptions:
+    """The contacts of a floating base that stand on the ground."""
+
+    stance: Annotated[
+        str | None,
+        Option(help="Links of contacts that stand, as a,b: a floating base moves over them."),
+    ] = None
+    friction: Annotated[float, Option(help="Stance: friction coefficient.")] = 0.6
+    sole_m: Annotated[
+        str | None, Option(help="Stance: length, width of flat feet [m], as 0.2,0.1.")
+    ] = None
+    least_load: Annotated[
+        float, Option(help="Stance: least normal force, over the weight per contact.")
+    ] = 0.1
+
+    def shape(self, posture: float | dict[str, float] | None, robot: Robot) -> Stance | None:
+        """Return the stance; None without one."""
+        from seaid.excitation import Stance
+
+        if self.stance is None:
+            return None
+        sole = None
+        if self.sole_m is not None:
+            length, width = numbers("--sole-m", self.sole_m, "a length and a width, as 0.2,0.1", 2)
+            sole = length, width
+        every = dict.fromkeys(robot.joint_names, posture) if isinstance(posture, float) else posture
+        return Stance(
+            names(self.stance) or [],
+            posture=every,  # type: ignore[arg-type]
+            friction=self.friction,
+            sole_m=sole,
+            least_load=self.least_load,
         )
 
 
@@ -146,6 +186,7 @@ def excite(
     given: RobotOptions,
     motion: MotionOptions,
     multisine: MultisineOptions,
+    standing: StanceOptions,
     limits: LimitOptions,
     search: SearchOptions,
     *,
@@ -165,16 +206,22 @@ def excite(
     seaid excite arm.urdf --duration 20 --velocity shoulder=1,elbow=2 --torque-joints shoulder,elbow
     seaid excite leg.urdf --basis multisine --band 0.5,15 --amplitude hip=0.1,knee=0.2
     seaid excite arm.urdf --ends-in-motion --joint-trajectory arm.yaml -o plan.json
+    seaid excite robot.urdf --base floating --contact a,b,c,d --stance a,b,c,d --posture knee=-1.5
+
+    In stance the base sways over the contacts, and the motion of the base is a second CSV.
     """
     from seaid.excitation import add_run_in, design_excitation
 
     checked_suffix(output, ".json")
     set_points = None if is_stdout(output) else output.with_suffix(".csv")
+    of_base = None
+    if set_points is not None and standing.stance is not None:
+        of_base = output.with_name(f"{output.stem}_base.csv")
     asked, rate_hz = limits.limits(), motion.rate_hz
     if not rate_hz > 0:
         raise typer.BadParameter(f"{rate_hz:g} is not more than zero", param_hint="--rate-hz")
     read = (given.urdf, given.drives, search.description, *(search.previous_logs or ()))
-    result.check(output, set_points, joint_trajectory, read=read)
+    result.check(output, set_points, of_base, joint_trajectory, read=read)
     robot = given.robot()
     plan = design_excitation(
         robot,
@@ -186,6 +233,7 @@ def excite(
         torque_joints=names(search.torque_joints),
         criterion=search.criterion,  # type: ignore[arg-type]
         drive_parameters=search.drive_parameters,
+        stance=standing.shape(values("--posture", multisine.posture), robot),
         previous_logs=logs_of(search.previous_logs or [], robot, search.description),
         starts=search.starts,
         iterations=search.iterations,
@@ -199,6 +247,8 @@ def excite(
         planned.save(file)
     if set_points is not None:
         planned.save_set_points(set_points, rate_hz)
+    if of_base is not None and plan.stance is not None:
+        plan.stance.base.save_set_points(of_base, rate_hz)
     if joint_trajectory is not None:
         planned.save_joint_trajectory(joint_trajectory)
     content = {
@@ -213,8 +263,13 @@ def excite(
             for name, unit, error in zip(plan.names, plan.units, plan.standard_errors, strict=True)
         ],
     }
+    if plan.stance is not None:
+        content["stance"] = {
+            "friction_used": plan.stance.friction_used,
+            "least_normal_force": plan.stance.least_normal_force,
+        }
     text = _plan_text(robot.name, plan, planned)
-    result.show(text, content, output, set_points, joint_trajectory, robot=robot.name)
+    result.show(text, content, output, set_points, of_base, joint_trajectory, robot=robot.name)
 
 
 def _plan_text(name: str, plan: Excitation, motion: Trajectory) -> str:
@@ -228,5 +283,6 @@ def _plan_text(name: str, plan: Excitation, motion: Trajectory) -> str:
             f"{name}: a motion of {end - begin:.4g} s{run_ins} for {len(plan.names)} parameters; "
             f"{plan.criterion} {plan.value:.4g}",
             *condition_lines(plan),
+            *([] if plan.stance is None else [f"in stance: {plan.stance._in_short()}"]),
         ]
     )

@@ -156,7 +156,7 @@ def option_of(argument: str) -> str:
     if "={'" in argument:
         each = re.findall(r"(\w+)=\{'(.+?)': \.\.\.\}", argument)
         return ", ".join(f"--{name.replace('_', '-')} {joint}=..." for name, joint in each)
-    name, _, value = argument.removeprefix("Limits(").partition("=")
+    name, _, value = argument.removeprefix("Limits(").removeprefix("Stance(").partition("=")
     option = f"--{name.replace('_', '-')}"
     has_value = value.startswith(("'", '"'))
     return _OPTIONS.get(argument, f"{option} {value}" if has_value else option)

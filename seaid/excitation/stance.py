@@ -604,7 +604,7 @@ def _derivatives(model: StanceModel, key: bytes, samples: int) -> tuple[Array, A
     use = _use(model, middle)
     rows = _observed(model, middle, middle.regressor[:, :, columns])
     by_use = np.empty((3, m, *use.shape))
-    by_rows = np.empty((3, m, *rows.shape), dtype=np.float32)
+    by_rows = np.empty((3, m, *rows.shape))
     tangents = _completed(
         model, middle.K, np.broadcast_to(np.eye(m)[:, None], (m, samples, m)), 0.0
     )

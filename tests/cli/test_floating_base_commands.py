@@ -97,3 +97,29 @@ def test_messages_of_a_project_file(tmp_path: Path, old: str, new: str, message:
     file.write_text(PROJECT.replace(old, new))
     with pytest.raises(seaid.SeaidError, match=message):
         seaid.load_project(file)
+
+
+def test_excite_refuses_a_stance_that_cannot_be(tmp_path: Path) -> None:
+    line = ("excite", *GO2, "-o", tmp_path / "plan.json")
+    assert "--stance: no contact is named 'FL'; allowed: FL_foot" in refused(
+        *line, "--stance", "FL"
+    )
+    said = refused(*line, "--stance", FEET, "--posture", "FL_thigh_joint=2.2,FR_thigh_joint=2.2")
+    assert "give a --posture with the weight over the feet" in said
+    held = refused("excite", "go2", "--stance", "FL_foot", "-o", tmp_path / "plan.json")
+    assert "--stance needs a floating base" in held
+
+
+@pytest.mark.slow  # a search of a motion in stance
+def test_excite_writes_the_motion_of_legs_and_base(tmp_path: Path) -> None:
+    posture = ",".join(f"{leg}_{x}" for leg in ("FL", "FR", "RL", "RR") for x in POSTURE)
+    line = ("--stance", FEET, "--posture", posture, "--duration", "3", "--starts", "1")
+    plan = tmp_path / "plan.json"
+    done("excite", *GO2, *line, "--iterations", "3", "--criterion", "d_optimality", "-o", plan)
+    assert seaid.load_trajectory(plan).joint_names == STANDING.joint_names
+    base = (tmp_path / "plan_base.csv").read_text().splitlines()
+    assert base[0].startswith("time_s,base_x.position_m,base_x.velocity_m_s")
+    assert len(base) == 3002
+
+
+POSTURE = ("thigh_joint=0.8", "calf_joint=-1.6")
