@@ -190,7 +190,9 @@ def pivoted_base(
     return base_of_columns(robot, columns, np.asarray(grouping, dtype=np.float64), leftmost.gap)
 
 
-def _random_rows(robot: Robot, known: list[int], seed: int, stance: Sequence[str] | None) -> Array:
+def _random_rows(
+    robot: Robot, known: list[int], seed: int, stance: Sequence[str] | None = None
+) -> Array:
     if stance is None:
         Y = regressor_at_drives(robot, *random_states(robot, seed, len(known)))[:, known]
     else:
