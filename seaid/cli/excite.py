@@ -120,7 +120,7 @@ class StanceOptions:
         every = dict.fromkeys(robot.joint_names, posture) if isinstance(posture, float) else posture
         return Stance(
             names(self.stance) or [],
-            posture=every,  # type: ignore[arg-type]
+            posture=every,
             friction=self.friction,
             sole_m=sole,
             least_load=self.least_load,

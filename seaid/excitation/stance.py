@@ -277,6 +277,13 @@ def _contacts(robot: Robot, stance: Stance) -> tuple[Contact, ...]:
             "stance=",
             "base='floating'",
         )
+    if base.normal is not None:
+        raise ExcitationError(
+            f"stance= needs a base that nothing guides, and that of '{robot.name}' moves in a "
+            "plane: load it with base='floating'",
+            "stance=",
+            "base='floating'",
+        )
     links = [stance.contacts] if isinstance(stance.contacts, str) else list(stance.contacts)
     if not links:
         raise ExcitationError("stance= needs at least one contact, found none", "stance=")

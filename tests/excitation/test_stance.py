@@ -166,6 +166,11 @@ WRONG: dict[str, Callable[[], Any]] = {
     "Limits(motor_torque=...) is not available in stance": lambda: designed(
         GO2.feet, CROUCH, limits=seaid.Limits(motor_torque=1.0)
     ),
+    "stance= needs a base that nothing guides": lambda: seaid.design_excitation(
+        seaid.load_robot(example_urdf("go2.urdf"), base="planar_xz", contacts=GO2.feet),
+        4.0,
+        stance=GO2.feet,
+    ),
     "stance= needs a floating base, and that of 'go2_description' is fixed": lambda: (
         seaid.design_excitation(seaid.load_robot(example_urdf("go2.urdf")), 4.0, stance=["FL_foot"])
     ),
