@@ -14,7 +14,7 @@ from seaid._arrays import Array, safely, seed_of
 from seaid._progress import Result, counted
 from seaid.errors import ExcitationError, SeaidError, SeaidWarning, checked
 from seaid.excitation.basis import Basis, BasisName, make_basis
-from seaid.excitation.boundary import IN_MOTION, EndState, motion_space
+from seaid.excitation.boundary import IN_MOTION, EndState, MotionSpace, motion_space
 from seaid.excitation.collision import Scene
 from seaid.excitation.criteria import (
     CRITERIA,
@@ -58,11 +58,11 @@ from seaid.excitation.run_in import with_run_in
 from seaid.excitation.search import Outcome, search, with_feasible_start
 from seaid.excitation.stance import (
     Stance,
+    StanceModel,
     StancePlan,
     refuse_in_stance,
     stance_model,
     stance_plan,
-    standing_space,
 )
 from seaid.excitation.trajectory import Trajectory, check_joint_names
 from seaid.log import Log, Motion
@@ -376,7 +376,7 @@ def design_excitation(
             scene=scene is not None,
         )
         model = stance_model(cold, stance, bounds, limits, torque_joints)
-        space = standing_space(model, functions(len(model.free)))
+        space = _standing_space(model, functions(len(model.free)))
         base = pivoted_base(cold, torque_joints, [one.link for one in model.contacts])
         model = replace(model, columns=base.columns)
         target = load_target(cold, torque_joints, base)
@@ -473,6 +473,14 @@ def _of_multisine(
         start_singular_values=values,
         measures=_measures(robot, motion, torque_joints, base, bounds.velocity),
     )
+
+
+def _standing_space(model: StanceModel, basis: Basis) -> MotionSpace:
+    """Return the motions of the planned coordinates from the posture and back, at rest."""
+    still = model.posture[list(model.free)]
+    end = EndState(position=still)
+    space = motion_space(basis, model.names, model.free_limits, end, end)
+    return replace(space, feasible_start=np.outer(basis.constant, still))
 
 
 def _functions(basis: BasisName, duration: float, coefficients: int | None, joints: int) -> Basis:

@@ -22,7 +22,6 @@ from seaid._arrays import Array, finite, number, safely
 from seaid._progress import Display, counted
 from seaid.errors import ExcitationError, shown, unknown_name
 from seaid.excitation.basis import Basis, SplineBasis
-from seaid.excitation.boundary import EndState, MotionSpace, motion_space
 from seaid.excitation.criteria import States
 from seaid.excitation.flatness import check_nominal_bodies
 from seaid.excitation.limits import DEFAULT_ACCELERATION, JointLimits, Limits, positive_values
@@ -295,14 +294,6 @@ def _contacts(robot: Robot, stance: Stance) -> tuple[Contact, ...]:
         if links.count(link) > 1:
             raise ExcitationError(f"stance= names '{link}' twice", "stance=")
     return tuple(base.contact_of(link) for link in links)
-
-
-def standing_space(model: StanceModel, basis: Basis) -> MotionSpace:
-    """Return the motions of the planned coordinates from the posture and back, at rest."""
-    still = model.posture[list(model.free)]
-    end = EndState(position=still)
-    space = motion_space(basis, model.names, model.free_limits, end, end)
-    return replace(space, feasible_start=np.outer(basis.constant, still))
 
 
 def _check_numbers(stance: Stance, contacts: Sequence[Contact]) -> None:
