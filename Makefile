@@ -9,10 +9,14 @@ RUN := $(VENV)/bin/python
 # Matrices here are small: a second BLAS thread only waits, and takes the core of another process.
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: tulip test test-all test-rounding test-hebi test-simulators test-browser look lint docs wheel env dev clean
+.PHONY: tulip biped test test-all test-rounding test-hebi test-simulators test-browser look lint docs wheel env dev clean
 
 tulip: env
 	$(RUN) scripts/identify_tulip_leg.py
+
+# Two TULip legs with a trunk in MuJoCo: hanging, then standing; out/biped/report.html.
+biped: dev
+	$(RUN) scripts/identify_biped.py --output out/biped
 
 # In minutes, for every change; the slow tests, each with its reason, are for `make test-all`.
 test: lint
