@@ -379,7 +379,8 @@ def _starts(spectra: Spectra, parameters: _Parameters) -> list[Array]:
     inertia = nominal.inertia.copy()
     unknown = e & ~np.isfinite(inertia)
     inertia[unknown] = _RIGID * np.abs(np.diag(rigid_mass))[unknown]
-    if not np.all(np.isfinite(mass)):
+    if not np.all(np.diag(mass) > 0):  # NaN, or links without a mass
+        nominal = replace(nominal, gravity=np.full_like(gravity, np.nan))
         mass = rigid_mass - np.diag(inertia * e)
         least = _RIGID * np.maximum(np.abs(np.diag(rigid_mass)), inertia * e)
         mass = mass + np.diag(np.maximum(least - np.diag(mass), 0.0))

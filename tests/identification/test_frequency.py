@@ -62,6 +62,17 @@ def test_the_springs_of_a_linear_plant_are_found_without_a_joint_encoder(
     assert found.warnings == ()
 
 
+def test_links_without_a_mass_are_unknown_bodies(tmp_path: Path) -> None:
+    """A robot file without inertial parameters once ended in a ValueError of scipy."""
+    drives = PLANT.robot(tmp_path, nominal=False).drives
+    text = (tmp_path / "pendulum.urdf").read_text("utf-8")
+    bare = text[: text.index("<inertial>")] + text[text.index("</inertial>") + 11 :]
+    (tmp_path / "pendulum.urdf").write_text(bare, "utf-8")
+    robot = seaid.load_robot(tmp_path / "pendulum.urdf", drives)
+    found = frequency_response(robot, clean_log(), period_s=4.0)
+    assert values(found, *NAMES) == pytest.approx(PLANT.modes, rel=3e-3)
+
+
 def test_the_response_is_that_of_the_plant_and_lies_within_its_standard_deviations(
     tmp_path: Path,
 ) -> None:
