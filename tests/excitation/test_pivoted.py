@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 
@@ -31,8 +33,10 @@ def test_rounding_does_not_choose_the_columns(name: str, monkeypatch: pytest.Mon
     """Other processors round otherwise: as if every entry were off by a few units in its place."""
     robot, rows = robots()[name], criteria._random_rows
 
-    def rounded_otherwise(robot: Robot, known: list[int], seed: int) -> Array:
-        H, rng = rows(robot, known, seed), np.random.default_rng(seed)
+    def rounded_otherwise(
+        robot: Robot, known: list[int], seed: int, stance: Sequence[str] | None
+    ) -> Array:
+        H, rng = rows(robot, known, seed, stance), np.random.default_rng(seed)
         return H * (1.0 + 1e-14 * rng.uniform(-1.0, 1.0, H.shape))
 
     expected = pivoted_base(robot).columns
