@@ -320,11 +320,16 @@ class _Parameters(Display):
         return self.controller is not None and self.controller.is_up_to_scale
 
     @property
+    def scale_of_gains(self) -> float:
+        """The scale of the gains of the controller, known or nominal: 1 for gains in N m."""
+        return self.values.get("gain_scale", 1.0) if self.is_up_to_scale else 1.0
+
+    @property
     def law(self) -> Controller | None:
         """The controller with its gains in N m: times their scale, if they are known up to it."""
         if self.controller is None or not self.is_up_to_scale:
             return self.controller
-        return self.controller.times(self.values.get("gain_scale", 1.0))
+        return self.controller.times(self.scale_of_gains)
 
     @property
     def harmonics(self) -> tuple[Harmonic, ...]:

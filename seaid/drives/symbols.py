@@ -114,6 +114,6 @@ def known_values(drive: Drive) -> dict[sp.Symbol, float]:
     values[q_0] = drive.reference_position_rad
     if drive.is_up_to_scale:
         values[T_0] = drive.command_delay_s or 0.0
-        values[s_0] = drive.values.get("gain_scale", 1.0)
+        values[s_0] = drive.scale_of_gains
     known = [*drive.known, *(["motor_inertia"] if drive.motor_inertia_kg_m2 is not None else [])]
     return values | {symbol_of(name): drive.values[name] for name in known}

@@ -165,9 +165,7 @@ def with_estimated_delays(robot: Robot, found: Robot) -> Robot:
         delay, near = found.drives[joint].values[DELAY], drive.command_delay_s or 0.0
         if drive.is_up_to_scale and "gain_scale" not in drive.known:
             # the slope by the delay was that of the nominal scale
-            scale, before = (
-                max(one.values.get("gain_scale", 1.0), 1e-9) for one in (found.drives[joint], drive)
-            )
+            scale, before = (max(one.scale_of_gains, 1e-9) for one in (found.drives[joint], drive))
             delay = near + (delay - near) * before / scale
             if abs(scale / before - 1) > _SCALE:
                 drive = drives[joint] = drive.with_values({"gain_scale": scale})
@@ -179,7 +177,7 @@ def with_estimated_delays(robot: Robot, found: Robot) -> Robot:
                 f'[{joint}]\ncommand_delay_s = 0.004\nknown = ["command_delay"]'
             )
         if abs(delay - near) > _DELAY_S:
-            drives[joint] = replace(drive, command_delay_s=delay)
+            drives[joint] = replace(drive, command_delay_s=round(delay, 9))
     return robot.with_drives(drives) if drives else robot
 
 

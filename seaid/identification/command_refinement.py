@@ -18,7 +18,7 @@ import numpy as np
 
 from seaid._arrays import Array, FrozenMapping, safely
 from seaid._progress import track
-from seaid.drives import PARAMETERS, Drive
+from seaid.drives import PARAMETERS
 from seaid.errors import IdentificationError, SeaidError
 from seaid.estimation import Residuals, Step, gauss_newton_step
 from seaid.identification.command_delays import Bus, buses_of
@@ -231,13 +231,9 @@ def _moved(robot: Robot, motion: Motion, moved: Log) -> Motion:
         motor_position=ratio * q,
         motor_velocity=ratio * v,
         motor_acceleration=ratio * a,
-        motor_torque=moved.motor_torque / [_scale(robot.drives[x]) for x in robot.joint_names],
+        motor_torque=moved.motor_torque
+        / [robot.drives[x].scale_of_gains for x in robot.joint_names],
     )
-
-
-def _scale(drive: Drive) -> float:
-    """Return the factor from the units of the gains to N m."""
-    return drive.values.get("gain_scale", 1.0) if drive.is_up_to_scale else 1.0
 
 
 def _sensitivity(task: _Task, robot: Robot, motion: Motion, log: Log, x: Array) -> Array:

@@ -54,7 +54,6 @@ from seaid.identification.torque_offsets import with_spring_torque
 from seaid.identification.two_step import (
     LOAD,
     RobotEstimate,
-    UnknownScaleError,
     check_scale,
     joints_with_torque,
     scale_findings,
@@ -62,7 +61,7 @@ from seaid.identification.two_step import (
     spring_torque_joints,
     two_step_equations,
     with_free_scale,
-    with_unit_scale,
+    with_unit_scales,
 )
 from seaid.regressor import LoadModel, Regression, load_model_of, stacked
 from seaid.robot import Robot
@@ -357,6 +356,10 @@ def identify_conditions(
     ... )
     >>> print(both.summary())
     """
+
+    def with_scales(robots: Mapping[str, Robot]) -> Conditions:
+        return once({name: (robot, conditions[name][1]) for name, robot in robots.items()})
+
     once = partial(
         _identify_conditions,
         condition_specific=condition_specific,
@@ -365,25 +368,16 @@ def identify_conditions(
         cutoff_hz=cutoff_hz,
         progress=progress,
     )
-    unscaled: list[str] = []
-    while True:
-        try:
-            found = once(conditions)
-            break
-        except UnknownScaleError as problem:
-            conditions = {
-                name: (with_unit_scale(robot, problem), logs)
-                for name, (robot, logs) in conditions.items()
-            }
-            unscaled.append(problem.joint)
+    given = {name: robot for name, (robot, _) in conditions.items()}
+    found, robots, unscaled = with_unit_scales(given, with_scales)
     for _ in range(MOST_DELAY_ROUNDS):
         later = {
-            name: (with_estimated_delays(robot, found.identifications[name].robot), logs)
-            for name, (robot, logs) in conditions.items()
+            name: with_estimated_delays(robot, found.identifications[name].robot)
+            for name, robot in robots.items()
         }
-        if all(later[name][0] is robot for name, (robot, _) in conditions.items()):
+        if all(later[name] is robot for name, robot in robots.items()):
             break
-        conditions, found = later, once(later)
+        robots, found = later, with_scales(later)
     parts = {
         name: replace(
             one,

@@ -106,12 +106,11 @@ from seaid.identification.simultaneous import estimate_simultaneous
 from seaid.identification.transmission_error import periodic_findings
 from seaid.identification.two_step import (
     RobotEstimate,
-    UnknownScaleError,
     estimate_two_step,
     joints_with_torque,
     scale_findings,
     with_free_scale,
-    with_unit_scale,
+    with_unit_scales,
 )
 from seaid.log import Log, Motion, Processing, stretches, with_commanded_torque
 from seaid.regressor import (
@@ -320,14 +319,8 @@ def identify(
         executor=executor,
         progress=progress,
     )
-    unscaled: list[str] = []
-    while True:
-        try:
-            found = once(robot)
-            break
-        except UnknownScaleError as problem:
-            robot = with_unit_scale(robot, problem)
-            unscaled.append(problem.joint)
+    found, fixed, unscaled = with_unit_scales({"": robot}, lambda robots: once(robots[""]))
+    robot = fixed[""]
     for _ in range(MOST_DELAY_ROUNDS):
         later = with_estimated_delays(robot, found.robot)
         if later is robot:

@@ -5,10 +5,11 @@ A motor constant is identifiable only if something known fixes the scale of the 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import TypeVar
 
 import numpy as np
 from scipy import linalg
@@ -75,6 +76,9 @@ _SPRING = (
 )
 
 
+Found = TypeVar("Found")
+
+
 class UnknownScaleError(IdentificationError):
     """Equations that an unknown constant `parameter` of a `joint` makes homogeneous."""
 
@@ -122,8 +126,21 @@ def with_unit_scale(robot: Robot, problem: UnknownScaleError) -> Robot:
     drive = robot.drives.get(problem.joint)
     if drive is None or problem.parameter != "gain_scale":
         raise problem
-    fixed = drive.with_values({"gain_scale": drive.values.get("gain_scale", 1.0)})
+    fixed = drive.with_values({"gain_scale": drive.scale_of_gains})
     return robot.with_drives({problem.joint: replace(fixed, known=(*drive.known, "gain_scale"))})
+
+
+def with_unit_scales(
+    robots: Mapping[str, Robot], identify: Callable[[Mapping[str, Robot]], Found]
+) -> tuple[Found, Mapping[str, Robot], list[str]]:
+    """Return identify(robots), the robots with each scale at fault as known, and their joints."""
+    joints: list[str] = []
+    while True:
+        try:
+            return identify(robots), robots, joints
+        except UnknownScaleError as problem:
+            robots = {name: with_unit_scale(robot, problem) for name, robot in robots.items()}
+            joints.append(problem.joint)
 
 
 def with_free_scale(robot: Robot, joints: Collection[str]) -> Robot:
@@ -153,7 +170,7 @@ def scale_findings(robot: Robot, load_side: Estimate, joints: Sequence[str]) -> 
                 for one in own
                 if one != first
             }
-    scales = {joint: robot.drives[joint].values["gain_scale"] for joint in joints}
+    scales = {joint: robot.drives[joint].scale_of_gains for joint in joints}
     counted = listed(f"{joint} {scale:.4g}" for joint, scale in scales.items())
     return (
         Finding(
@@ -396,7 +413,8 @@ def _scaled(
     """Return the estimate for a motor constant with an error, from that for a constant of 1."""
     factors = np.array([1.0 if one == "command_delay" else constant for one in unit.names])
     values = np.append(factors * unit.values, constant)
-    slopes = np.append(np.where(factors == constant, unit.values, 0.0), 1.0)
+    is_scaled = np.array([one != "command_delay" for one in unit.names])
+    slopes = np.append(np.where(is_scaled, unit.values, 0.0), 1.0)  # of the values by the constant
     covariance = linalg.block_diag(factors[:, None] * unit.covariance * factors, 0.0)
     covariance += error**2 * np.outer(slopes, slopes)
     white, freedom = unit.white_standard_errors, unit.degrees_of_freedom
