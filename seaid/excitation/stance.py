@@ -45,11 +45,31 @@ BASE_COORDINATES = ("base_x", "base_y", "base_z", "base_roll", "base_pitch", "ba
 """Of the base in the world [m, rad]: it starts at 0, in the axes of its frame."""
 
 _BASE_SPEED = (1.0, 3.0)
-_STAGES, _NEWTON, _LARGEST_STEP, _DAMPING = 4, 20, 0.3, 1e-14
+"""Velocity limits of the base [m/s] and [rad/s]: for those of its joints, the robot has limits."""
+
+_STAGES, _NEWTON = 4, 20
+"""Stages of inverse kinematics from the posture, and iterations of the last one at most.
+
+Where the legs reach their places, a few close the contacts.
+"""
+
+_LARGEST_STEP = 0.3
+"""Largest step of a joint [rad or m] in one iteration: longer ones can change the branch."""
+
+_DAMPING = 1e-14
+"""Added to K^T K, relative to levers of 1 m: legs that are stretched out stay solvable."""
+
 _CLOSED_M, _NEAR_M = 1e-12, 1e-3
-_STEP = 1e-6
+"""Distance of the contacts from their places [m] after the last and the other stages."""
+
 _REACHED_M = 1e-7
+"""Distance [m] above which a leg does not reach its place."""
+
+_STEP = 1e-6
+"""Step of the differences [rad, m and their rates]."""
+
 _RANK = 1e-8
+"""Singular values below this share of the largest one are those of a singular stance."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -692,6 +712,7 @@ def _completed(model: StanceModel, K: Array, planned: Array, wanted: Any) -> Arr
 
 
 _SPACING_S = 0.01
+"""Spacing of the sites of splines [s]: `stance_plan` says how closely they interpolate."""
 
 
 def stance_plan(
