@@ -41,22 +41,24 @@ _MOTOR = {"m", "motor", "motors", "mot", "rotor", "drive", "winding", "moteur"}
 _JOINT = {"joint", "link", "load", "out", "output", "l", "arm", "sensor", "external"}
 _JOINT |= {"joints", "links", "j", "spring"}
 _ROLES = {
-    "commanded": "cmd command commanded goal target des desired ref reference setpoint stpt con "
-    "demand soll action actions",
+    "commanded": "cmd command commands commanded lowcmd goal target des desired ref reference "
+    "setpoint stpt con demand soll action actions",
     "estimated": "est estimate estimated",
     "derived": "filt filtered fric friction model ff error err expected predicted "
     "gravity gravite pred computed coriolis constraint nullspace limit limits max min threshold "
     "hat",
     "elsewhere": "tcp ee eef tool cart cartesian task wrench imu gyro foot battery batt bms",
     "filler": "meas measured raw state states header actual act value data of the w bus actuator "
-    "servo axis electric dof ist",
+    "actuators servo axis electric dof ist feedback low lowstate",
 }
 """Words of commands, of what is computed, of what is not at a joint, and words without meaning."""
 _COMMANDED, _ESTIMATED, _DERIVED, _ELSEWHERE, _FILLER = (
     set(words.split()) for words in _ROLES.values()
 )
-_SAID = {"meas", "measured", "actual", "act", "present", "ist"}
+_SAID = {"meas", "measured", "actual", "act", "present", "ist", "feedback"}
 """Words that say that a value is measured."""
+_OF_TOPICS = {"controller", "status", "msg"}
+"""Words of topics that say nothing; in the name of a field a status is a code."""
 _BEFORE_D = {*_WORDS, "j", "m", "l"}
 """Words after which d says that a value is desired."""
 _OUTSIDE = {"external", "ext"}
@@ -174,7 +176,8 @@ def meaning_of(name: str, joints: Sequence[str] = ()) -> Meaning:
     The words of one of the `joints` of a robot are its name, and nothing else.
     """
     head, label, unit = _without_brackets(name)
-    path = head.split("/") if head.startswith("/") else [head]  # a topic: use the field only
+    path = head.split("/") if head.startswith("/") else [head]  # a topic, its parts and a field
+    topic = [_part(one, joints) for one in path[1:-1]]
     head, rate = _without_rate(_in_latin(path[-1]))
     joint = _joint_of(label, joints) if label else ""
     found, words = ("", _words(head)) if joint else _joint_in(_words(head), joints)
@@ -185,6 +188,10 @@ def meaning_of(name: str, joints: Sequence[str] = ()) -> Meaning:
         by_unit := _unit_of(words, "", "", joint)
     ):  # the unit stands for the quantity
         words = [replace(one, text=by_unit[0]) if one.unit == by_unit else one for one in words]
+    says_nothing = found or _FILLER.issuperset(texts) or texts[-1].isdigit()
+    if not quantity and says_nothing:
+        # "/state/positions/elbow", "/effort_controller/commands/data[0]"
+        quantity = next(filter(None, (_quantity(part.texts) for part in reversed(topic))), "")
     side = _side(words)
     if rate and quantity in ("", "velocity", "acceleration"):
         unit = rate
@@ -192,14 +199,14 @@ def meaning_of(name: str, joints: Sequence[str] = ()) -> Meaning:
         label = label or (unit[1] if unit else "")
         unit = _unit_of(words, quantity, side, joint)
     joint = joint or label or _label(words, unit)
-    for part in reversed(path[1:-1]):  # "/joint_states/elbow/position", "/elbow/position"
-        own = joint or _joint_of(part, joints)
-        joint = own if own in joints or joint else ""
-    if not joint and not joints and len(path) > 3:
-        joint = _label(_words(path[-2]), None)
-    is_measured = _is_measured(texts, quantity)
-    if quantity == "time" and not is_measured:  # "T_des" is a torque
+    for part in reversed(topic):  # "/joint_states/elbow/position", "/elbow/position"
+        joint = joint or part.joint
+    for part in reversed(topic):  # "/state/motors[0]/q", "/odrive_axis0/status/position"
+        joint = joint or (part.label if len(topic) > 1 or part.label.isdigit() else "")
+    if quantity == "time" and not _is_measured(texts, quantity):  # "T_des" is a torque
         quantity = "torque"
+    texts += [text for part in topic for text in part.texts]  # "/state/desired/positions[0]"
+    is_measured = _is_measured(texts, quantity)
     return Meaning(
         quantity=quantity or (unit[0] if unit else ""),
         side=side,
@@ -211,6 +218,24 @@ def meaning_of(name: str, joints: Sequence[str] = ()) -> Meaning:
         is_said=not _SAID.isdisjoint(texts),
         is_command=not _COMMANDED.isdisjoint(texts) and not (_DERIVED | _ELSEWHERE) & {*texts},
     )
+
+
+@dataclass(frozen=True)
+class _Part:
+    """A part of a topic: the robot's joint that it is, its label, and the texts of its words."""
+
+    joint: str
+    label: str
+    texts: list[str]
+
+
+def _part(text: str, joints: Sequence[str]) -> _Part:
+    head, label, _ = _without_brackets(text)
+    if (joint := _joint_of(head, joints)) in joints:
+        return _Part(joint, "", [])
+    joint, words = _joint_in(_words(_in_latin(head)), joints)
+    words = [one for one in words if one.text not in _OF_TOPICS]
+    return _Part(joint, label or _label(words, None), [one.text for one in words])
 
 
 def in_file(meaning: Meaning, file: str) -> Meaning:

@@ -809,8 +809,13 @@ def _number_in(name: str) -> str:
 
 
 def _in_order(tags: Sequence[str], robot: Robot, inference: Inference) -> dict[str, str]:
-    """Return {label: joint} in the order of the robot: of the labels that are numbers, if any."""
+    """Return {label: joint} in the order of the robot: of the labels that are numbers, if any.
+
+    Labels that differ in a number, as axis_2 and axis_10, are in the order of the numbers.
+    """
     tags = sorted(filter(_is_number, tags), key=int) or list(tags)
+    if all(map(_number_in, tags)) and len({tag.rstrip("0123456789") for tag in tags}) == 1:
+        tags = sorted(tags, key=lambda tag: int(_number_in(tag)))
     if len(tags) > robot.n:
         inference.note(", ".join(tags), f"{len(tags)} joints in the log, {robot.n} in the robot")
     inference.note(", ".join(tags[: robot.n]), "taken for the robot's joints in their order")

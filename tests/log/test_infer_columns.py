@@ -127,10 +127,43 @@ def test_the_name_of_a_joint_of_the_robot_is_read_as_nothing_else(
 
 
 @pytest.mark.parametrize(
+    ("name", "quantity", "joint", "role"),
+    [
+        ("/lowstate/motor_state[3]/q", "position", "3", "measured"),
+        ("/lowstate/motor_state.7/dq", "velocity", "7", "measured"),
+        ("low_state.motor_state.7.tau_est", "torque", "7", "estimated"),
+        ("/lowcmd/motor_cmd[3]/q", "position", "3", "command"),
+        ("/arm_controller/state/actual/positions[0]", "position", "0", "measured"),
+        ("/arm_controller/state/desired/positions[0]", "position", "0", "command"),
+        ("/arm_controller/state/error/positions[0]", "position", "0", "derived"),
+        ("/arm/state/feedback/positions/left_s0", "position", "left_s0", "measured"),
+        ("/arm/state/reference/positions/left_s0", "position", "left_s0", "command"),
+        ("/effort_controllers/commands/data[1]", "torque", "1", "command"),
+        ("/elbow_position_controller/command/data", "position", "elbow_joint", "command"),
+        ("/odrive_axis1/controller_status/pos_measured", "position", "odrive_1", "measured"),
+        ("/iiwa/JointState/measured_torque/a1", "torque", "a1", "measured"),
+        ("/wrench/force/x", "", "x", "derived"),
+    ],
+)
+@pytest.mark.parametrize("joints", [(), ("left_s0", "elbow_joint")])
+def test_all_parts_of_a_topic_count(
+    name: str, quantity: str, joint: str, role: str, joints: tuple[str, ...]
+) -> None:
+    found = meaning_of(name, joints)
+    if not joints:
+        joint = joint.removesuffix("_joint")
+    assert (found.quantity, found.joint) == (quantity, joint)
+    flags = {"measured": (1, 0, 0), "estimated": (0, 1, 0), "command": (0, 0, 1)}
+    found_flags = (found.is_raw, found.is_estimate, found.is_command)
+    assert found_flags == flags.get(role, (0, 0, 0))
+
+
+@pytest.mark.parametrize(
     ("labels", "joints", "expected", "note"),
     [
         (("left_s0", "left_w0"), ("left_w0", "left_s0"), ("left_s0", "left_w0"), ""),
         (("hip_yaw", "hip_yow"), ("hip_yow", "hip_yaw"), ("hip_yaw", "hip_yow"), ""),
+        (("odrive_10", "odrive_9"), ("hip", "knee"), ("knee", "hip"), "odrive_9, odrive_10: ta"),
         (("hip_yaw", "hip_rol"), ("hip_yaw", "hip_roll"), ("hip_yaw",), "hip_rol: no joint of"),
         (("hip_jaw",), ("hip_yaw", "hip_roll"), ("hip_yaw",), "hip_jaw: taken for the robot's"),
         (("hip_yaw", "gripper"), ("hip_yaw",), ("hip_yaw",), "gripper: no joint of the robot has"),
