@@ -12,7 +12,7 @@ import pytest
 import seaid
 from scripts.example_robots import example_urdf, example_urdfs
 from seaid._arrays import Array
-from seaid.errors import ExcitationError, RobotError, SeaidWarning, SymbolicError
+from seaid.errors import ExcitationError, RobotError, SeaidWarning
 from seaid.regressor.floating import (
     BaseStates,
     contact_map,
@@ -98,7 +98,9 @@ def test_rows_without_contact_forces_hold_whatever_the_forces_are() -> None:
     name = "go2.urdf"
     contacts = [Contact(foot, radius_m=0.02) for foot in FEET[name]]
     robot, rng = floating(name, contacts=contacts), np.random.default_rng(3)
-    joints, base, up = stance_states(robot, FEET[name], 1, 20)
+    joints, base = stance_states(robot, FEET[name], 1, 20)
+    up = rng.normal(size=(20, 3))
+    up /= np.linalg.norm(up, axis=1, keepdims=True)
     known = [0, 1, 2, 4, 5, 8, 9, 10, 11]  # three joints have no torque in the log
     A = contact_map(robot, joints[0], contacts, up)
     forces = 100 * rng.normal(size=A.shape[::2])
@@ -115,10 +117,10 @@ def test_rows_without_contact_forces_hold_whatever_the_forces_are() -> None:
 
 def test_stances_stand_still() -> None:
     name = "solo12.urdf"
-    contacts = [Contact(foot, radius_m=0.01) for foot in FEET[name]]
+    contacts = [Contact(foot) for foot in FEET[name]]
     robot = floating(name, contacts=contacts)
-    (q, v, _), (w, _, _), up = stance_states(robot, FEET[name][:2], 4, 5)
-    J = contact_map(robot, q, contacts[:2], up).swapaxes(1, 2)
+    (q, v, _), (w, _, _) = stance_states(robot, FEET[name][:2], 4, 5)
+    J = contact_map(robot, q, contacts[:2]).swapaxes(1, 2)
     # the velocity of the base that keeps both feet at rest exists: J_v v = -J_w w - J_q q'
     moved = np.einsum("tij,tj->ti", J[:, :, 3:], np.hstack([w, v]))
     for now, speed in zip(J[:, :, :3], moved, strict=True):
@@ -271,7 +273,11 @@ def test_two_flat_feet_of_three_joints_each_leave_nothing() -> None:
         seaid.base_parameters(robot, stances=[STANDING["bolt.urdf"]])
 
 
-def test_message_of_exact_stances_of_balls() -> None:
-    robot = floating("go2.urdf", contacts=[Contact("FL_foot", radius_m=0.02)])
-    with pytest.raises(SymbolicError, match="the contact at FL_foot is a ball"):
-        columns_of_stances(robot, [["FL_foot"]])
+def test_balls_that_stand_determine_what_points_do() -> None:
+    feet = FEET["go2.urdf"]
+    balls = floating("go2.urdf", contacts=[Contact(foot, radius_m=0.02) for foot in feet])
+    points = floating("go2.urdf", contacts=feet)
+    for stances in ([feet], [feet, feet[1:]], [feet[:2], feet[2:]]):
+        columns = seaid.base_parameters(points, stances=stances).columns
+        assert seaid.base_parameters(balls, stances=stances).columns == columns
+        assert columns_of_stances(balls, stances) == columns

@@ -27,7 +27,7 @@ from seaid.drives import Drive, JointParameter, delay_sums
 from seaid.errors import RobotError, checked, unknown_name
 from seaid.regressor.base import BaseParameters, base_parameters, grouped_text, left_to_right
 from seaid.regressor.rigid_body import joint_torques, rigid_body_regressor
-from seaid.robot import HANGING, Robot, check_held
+from seaid.robot import Robot, check_held
 
 Sensor = Literal[
     "motor_position",
@@ -203,12 +203,6 @@ def _of_stances(robot: Robot, stances: Sequence[Sequence[str]], seed: int) -> Id
 
     check_stances(robot, stances)
     base = base_parameters(robot, stances=stances, seed=seed)
-    assert robot.floating_base is not None
-    standing = {link for links in stances if links != HANGING for link in links}
-    if any(one.radius_m for one in robot.floating_base.contacts if one.link in standing):
-        again = base_parameters(robot, stances=stances, seed=seed + 1).columns
-    else:
-        again = columns_of_stances(robot, stances, seed=seed)
     alone = np.count_nonzero(base.grouping, axis=1) == 1
     missing = ~np.any(base.grouping, axis=0) & ~robot.is_known
     return Identifiability(
@@ -223,7 +217,7 @@ def _of_stances(robot: Robot, stances: Sequence[Sequence[str]], seed: int) -> Id
         usable=FrozenMapping({}),
         sensors=FrozenMapping({}),
         gap=base.gap,
-        agree=again == base.columns,
+        agree=columns_of_stances(robot, stances, seed=seed) == base.columns,
     )
 
 

@@ -1,8 +1,9 @@
 """What the stances of a floating base determine, exactly: rows without contact forces mod a prime.
 
-At random instants of each stance the contacts stand still; the rows of the base and of the joints
-that no contact force reaches are the left null space of J_c^T times the regressor. Their columns
-are those of `seaid.base_parameters(robot, stances=...)`, decided without rounding.
+At random instants of each stance the contacts stand still, balls as points at their centres; the
+rows of the base and of the joints that no contact force reaches are the left null space of J_c^T
+times the regressor. Their columns are those of `seaid.base_parameters(robot, stances=...)`, decided
+without rounding.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 from flint import nmod_mat
 
-from seaid.errors import RobotError, SymbolicError, unknown_name
+from seaid.errors import RobotError, unknown_name
 from seaid.regressor.exact.geometry import exact_tree
 from seaid.regressor.structural.arithmetic import ResidueNumbers, Residues, echelon
 from seaid.regressor.structural.modular_dynamics import (
@@ -50,11 +51,6 @@ def columns_of_stances(
     -------
     tuple of int
         Those from the left, with the base before the other bodies.
-
-    Raises
-    ------
-    SymbolicError
-        For contacts that are balls, whose lowest points no rational numbers describe.
     """
     assert robot.floating_base is not None
     numbers = ResidueNumbers(robot, np.random.default_rng(seed))
@@ -66,12 +62,6 @@ def columns_of_stances(
             rows.append(_hanging_rows(numbers, known, (width + _MORE_ROWS) // len(known) + 1))
             continue
         contacts = [one for one in robot.floating_base.contacts if one.link in links]
-        balls = [one.link for one in contacts if one.radius_m]
-        if balls:
-            raise SymbolicError(
-                f"the contact at {balls[0]} is a ball (radius_m), exact stances take points and "
-                "flat feet: without radius_m it counts the same but for the roll of the ball"
-            )
         reached = sum(6 if one.is_flat else 3 for one in contacts)
         left = max(int(sum(free)) + len(known) - reached, 1)
         rows.append(_rows(numbers, contacts, known, (width + _MORE_ROWS) // left + 1))
