@@ -13,13 +13,16 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import permutations
+from operator import itemgetter
+from typing import Any
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 from scipy.special import chdtri
 
-from seaid._arrays import Array, BoolArray, is_constant, runs, safely
-from seaid.errors import ExcitationError, Finding
+from seaid._arrays import Array, BoolArray, IndexArray, is_constant, runs, safely
+from seaid.errors import ExcitationError, Finding, listed
 from seaid.estimation import FittedRows, long_run_of
 from seaid.identification.datasets import Dataset, rows_in_memory
 from seaid.identification.sensitivity import fit_of
@@ -29,7 +32,9 @@ from seaid.log import (
     BaseMotion,
     Log,
     Motion,
+    as_toml,
     base_jumps,
+    column_names,
     low_pass,
     needed_columns,
     quaternion_rates,
@@ -50,7 +55,11 @@ _FEWEST = 3
 """Standing feet from which the odd one out has a name, if the log has no velocity of the base."""
 
 _EXCHANGED = 0.5
-"""Flags are exchanged if that lowers the share of the stance in which feet move to this part."""
+"""Flags, or legs, are exchanged if that lowers the share of the stance in which feet move to this
+part; the other orders of legs must be as much worse."""
+
+_MOST_LEGS, _JUDGED = 4, 1000
+"""Legs whose orders are all tried, and instants by which they are judged."""
 
 _OFF, _BETTER = 0.002, 5.0
 """One less the correlation of the gyroscope with the change of orientation from which they
@@ -311,9 +320,16 @@ def _contacts(robot: Robot, motion: Motion, logs: Sequence[Log]) -> Iterator[Fin
         return
     flags = np.column_stack([base.contacts[link] for link in links])
     own = _foot_velocities(robot, motion, links)
-    exchanged = _exchanged(links, flags, _relative(own, base.velocity, np.ones_like(flags)), base)
+    shares, legs = _moving_shares(own, flags, base), None
+    if _least(shares) > _MOVES_SHARE:
+        legs = _exchanged_legs(robot, motion, links, flags)
+    if legs is not None:
+        order, shares = legs
+        yield _legs_finding(robot, logs, order)
+    exchanged = _exchanged(links, shares)
     if exchanged:
         yield _exchange_finding(exchanged, logs)
+    if exchanged or legs is not None:
         return
     known = base.velocity is not None
     velocity = _relative(own, base.velocity, flags)
@@ -345,14 +361,64 @@ def _relative(own: Array, velocity: Array | None, flags: BoolArray) -> Array:
     return np.asarray(own + velocity[:, None])
 
 
-def _exchanged(
-    links: Sequence[str], flags: BoolArray, velocity: Array, base: BaseMotion
-) -> dict[str, str]:
-    """Return {contact: the one whose flag fits it} if flags of several contacts are exchanged."""
-    vertical, along = _parts(velocity, base.up)
+def _moving_shares(own: Array, flags: BoolArray, base: BaseMotion) -> Array:
+    """Return the shares (k, k) of the stance by the flag of a contact in which another one moves.
+
+    `own` are the velocities of the contacts in the base's frame.
+    """
+    vertical, along = _parts(_relative(own, base.velocity, np.ones_like(flags)), base.up)
     moves = along > _SLIDES_M_S if base.up is None else vertical > _RISES_M_S
     moves, standing = (x[base.used].astype(float) for x in (moves, flags))
-    shares = moves.T @ standing / np.maximum(standing.sum(axis=0), 1)
+    return np.asarray(moves.T @ standing / np.maximum(standing.sum(axis=0), 1))
+
+
+def _least(shares: Array) -> float:
+    """Return the mean share with the flags exchanged as they fit best."""
+    return float(shares[linear_sum_assignment(shares)].mean())
+
+
+def _exchanged_legs(
+    robot: Robot, motion: Motion, links: Sequence[str], flags: BoolArray
+) -> tuple[IndexArray, Array] | None:
+    """Return the order (n,) of the joints by which standing feet rest, and their moving shares.
+
+    All orders of legs with equal kinds of joints count, each with the flags that fit it best. None
+    unless one is far better than that of the log and than all others.
+    """
+    assert motion.base is not None
+    legs = _legs(robot, motion, links)
+    if not 2 <= len(legs) <= _MOST_LEGS:
+        return None
+    some = slice(None, None, -(-len(motion.time) // _JUDGED))
+    base = motion.base.samples(some)
+    found = []
+    for chosen in permutations(legs):
+        order = np.arange(robot.n)
+        order[np.concatenate(legs)] = np.concatenate(chosen)
+        q, v = (x[some][:, order] for x in (motion.joint_position, motion.joint_velocity))
+        turned = replace(motion, base=base, joint_position=q, joint_velocity=v)
+        shares = _moving_shares(_foot_velocities(robot, turned, links), flags[some], base)
+        found.append((_least(shares), order, shares))
+    (now, *_), (best, order, shares), second = found[0], *sorted(found, key=itemgetter(0))[:2]
+    if now < 2 * _MOVES_SHARE or best > _EXCHANGED * min(now, second[0]):
+        return None
+    return order, shares
+
+
+def _legs(robot: Robot, motion: Motion, links: Sequence[str]) -> list[IndexArray]:
+    """Return the joints of each leg: those that move its contacts alone, of equal kinds."""
+    assert robot.floating_base is not None
+    points = [replace(robot.floating_base.contact_of(x), is_flat=False) for x in links]
+    J = contact_map(robot, motion.joint_position[:1], points)[0, 6:].reshape(robot.n, -1, 3)
+    moved = np.any(J != 0.0, axis=2)
+    sets = np.unique(moved.T, axis=0)
+    legs = [np.flatnonzero(one & (sets.sum(axis=0) == 1)) for one in sets]
+    kinds = [tuple(np.array(robot.is_prismatic)[leg]) for leg in legs]
+    return legs if len(set(kinds)) == 1 and kinds[0] else []
+
+
+def _exchanged(links: Sequence[str], shares: Array) -> dict[str, str]:
+    """Return {contact: the one whose flag fits it} if flags of several contacts are exchanged."""
     rows, columns = linear_sum_assignment(shares)
     now, best = float(np.trace(shares)), float(shares[rows, columns].sum())
     if now < 2 * _MOVES_SHARE or best > _EXCHANGED * now:
@@ -370,14 +436,36 @@ def _parts(velocity: Array, up: Array | None) -> tuple[Array, Array]:
     return vertical, np.sqrt(np.maximum(speed**2 - vertical**2, 0.0))
 
 
+def _legs_finding(robot: Robot, logs: Sequence[Log], order: IndexArray) -> Finding:
+    described: Mapping[str, Mapping[str, Any]] = {}
+    for log in logs:
+        described = (log.description or {}).get("joints", described)
+    names, tables, pairs = robot.joint_names, [], []
+    for j in np.flatnonzero(order != np.arange(robot.n)):
+        joint, other = names[j], names[order[j]]
+        pairs.append(f"{joint} by those of {other}")
+        columns = column_names(other, robot.is_prismatic[j]).items()
+        own = {field: name for name, field in columns if any(name in log.columns() for log in logs)}
+        sources = described.get(other, own)
+        tables += [f"[joints.{joint}]", *(f"{x} = {as_toml(sources[x])}" for x in sources)]
+    return Finding(
+        "swapped-joints",
+        "legs are exchanged: standing feet rest if the channels of these joints are meant: "
+        + listed(pairs),
+        names[int(np.argmax(order != np.arange(robot.n)))],
+        "wrong",
+        remedy="\n".join(["in the description of the log:", *tables]),
+    )
+
+
 def _exchange_finding(exchanged: Mapping[str, str], logs: Sequence[Log]) -> Finding:
-    described: Mapping[str, Mapping[str, object]] = {}
+    described: Mapping[str, Mapping[str, Any]] = {}
     for log in logs:
         described = (log.description or {}).get("contacts", described)
     tables = []
     for link, other in exchanged.items():
         source = described.get(other, {}).get("contact", f"{other}.contact")
-        tables.append(f'[contacts.{link}]\ncontact = "{source}"')
+        tables.append(f"[contacts.{link}]\ncontact = {as_toml(source)}")
     pairs = ", ".join(f"{link} by that of {other}" for link, other in exchanged.items())
     return Finding(
         "contact-flags",
@@ -407,7 +495,7 @@ def _moving(
         yield Finding(
             "contact-flags",
             f"{link} is flagged as standing and {how}, with {rms:.2g} m/s during {share:.1%} of "
-            f"its stance, first at t = {at:.4g} s",
+            f"its stance, first at t = {at:.3f} s",
             link,
             severity,  # type: ignore[arg-type]
             {"speed [m/s]": rms, "share of the stance": share},

@@ -7,6 +7,7 @@ from .base_log import quaternion_rates as quaternion_rates
 from .base_log import turned_to_world as turned_to_world
 from .commands import with_commanded_torque as with_commanded_torque
 from .description import LogDescription as LogDescription
+from .description import as_toml as as_toml
 from .description import changed_source as changed_source
 from .filtering import PIECE_SAMPLES as PIECE_SAMPLES
 from .filtering import REST_RAD_S as REST_RAD_S
@@ -31,6 +32,7 @@ from .log import WRITTEN as WRITTEN
 from .log import Log as Log
 from .log import LogField as LogField
 from .log import column_name as column_name
+from .log import column_names as column_names
 from .log import write_log as write_log
 from .long_log import LongLog as LongLog
 from .long_log import open_long_log as open_long_log

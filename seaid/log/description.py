@@ -214,7 +214,7 @@ class LogDescription(Display):
         """Return the description as the text of a TOML file."""
         content = self.to_dict()
         keys = [key for key in ("files", "time", "where", "exclude_s") if key in content]
-        lines = [f"{key} = {_toml(content[key])}" for key in keys]
+        lines = [f"{key} = {as_toml(content[key])}" for key in keys]
         tables = {f"joints.{_key(joint)}": one for joint, one in content["joints"].items()}
         tables |= {"base": content["base"]} if "base" in content else {}
         for link, one in content.get("contacts", {}).items():
@@ -223,7 +223,7 @@ class LogDescription(Display):
             tables["repair"] = content["repair"]
         for name, table in tables.items():
             lines += ["", f"[{name}]"]
-            lines += [f"{_key(key)} = {_toml(value)}" for key, value in table.items()]
+            lines += [f"{_key(key)} = {as_toml(value)}" for key, value in table.items()]
         return "\n".join(lines).lstrip("\n") + "\n"
 
 
@@ -271,7 +271,7 @@ def changed_source(
         found["offset"] = _rounded(factor * old + offset)
     if delay_s:
         found["delay_s"] = _rounded(found.get("delay_s", 0.0) + delay_s)
-    return _toml(found)
+    return as_toml(found)
 
 
 def _rounded(value: float) -> float | int:
@@ -285,13 +285,14 @@ def _key(name: str) -> str:
     return name if bare else _text(name)
 
 
-def _toml(value: Any) -> str:
+def as_toml(value: Any) -> str:
+    """Return a value of a description as the text after `key =`."""
     if isinstance(value, Mapping):
-        return "{ " + ", ".join(f"{key} = {_toml(one)}" for key, one in value.items()) + " }"
+        return "{ " + ", ".join(f"{key} = {as_toml(one)}" for key, one in value.items()) + " }"
     if isinstance(value, str):
         return _text(value)
     if isinstance(value, list):
-        return f"[{', '.join(map(_toml, value))}]"
+        return f"[{', '.join(map(as_toml, value))}]"
     return repr(float(value) if isinstance(value, float) else value)  # repr of float64 is no TOML
 
 

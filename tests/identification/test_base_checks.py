@@ -229,3 +229,44 @@ def test_mass_and_center_of_a_walking_robot_have_their_errors() -> None:
     ]
     errors = [one.standard_error for one in whole_body(identified)][:4]
     np.testing.assert_allclose(np.std(spread, axis=0), errors, rtol=0.12)
+
+
+@pytest.mark.parametrize(
+    ("order", "flags_too"),
+    [
+        (("FR", "FL", "RR", "RL"), True),
+        (("FR", "FL", "RR", "RL"), False),
+        (("FL", "FR", "RR", "RL"), False),
+        (("RR", "RL", "FL", "FR"), True),
+    ],
+)
+def test_exchanged_legs_are_named_with_their_columns(
+    order: tuple[str, ...], flags_too: bool
+) -> None:
+    """The motors of many quadrupeds are numbered in another order than the joints of the URDF."""
+    log, robot = walked(), go2()
+    base = log.base
+    assert base is not None
+    legs = ("FL", "FR", "RL", "RR")
+    of = dict(zip(legs, order, strict=True))
+    columns = [robot.index(f"{of[name[:2]]}{name[2:]}") for name in robot.joint_names]
+    own = {f"{leg}_foot": base.contacts[f"{of[leg] if flags_too else leg}_foot"] for leg in legs}
+    swapped = replace(
+        log,
+        joint_position=log.joint_position[:, columns],
+        motor_torque=log.motor_torque[:, columns],
+        base=replace(base, contacts=own),
+    )
+    motion = seaid.reconstruct_motion(robot, swapped, cutoff_hz=10.0)
+    legs_found, *flags_found = base_findings(robot, [swapped], [[motion]])
+    assert (legs_found.code, legs_found.severity) == ("swapped-joints", "wrong")
+    moved = [leg for leg in legs if of[leg] != leg]
+    for leg in moved:
+        source = next(one for one in legs if of[one] == leg)
+        lines = f'[joints.{leg}_calf_joint]\njoint_position = "{source}_calf_joint.joint_position_'
+        assert lines in legs_found.remedy
+        assert f'motor_torque = "{source}_calf_joint.motor_torque_Nm"' in legs_found.remedy
+    assert legs_found.remedy.count("[joints.") == 3 * len(moved)
+    assert [one.code for one in flags_found] == ["contact-flags"] * flags_too
+    if flags_too:
+        assert flags_found[0].remedy.count("[contacts.") == len(moved)
