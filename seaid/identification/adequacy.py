@@ -39,8 +39,8 @@ Level = Literal["good", "good but", "do not use"]
 
 NOTHING, PART = 0.9, 0.5
 """Error of excluded blocks, over that of a constant torque, from which a model is of no use;
-if it is below the second one in the own logs, it fits these only. A motor equation whose error is
-below the second one holds."""
+if it is below the second one in the own logs, it fits these only. Where both errors are between
+them, the model lacks much. A motor equation whose error is below the second one holds."""
 
 _BETTER, _MATTERS = 0.7, 0.1
 """The nominal bodies are better if their error is below this multiple of that of the
@@ -291,6 +291,19 @@ def fit_findings(
                 "doubtful",
                 evidence,
                 "record a longer motion, or remove terms of this drive",
+            )
+        elif error > PART and one.own > PART:
+            yield Finding(
+                "no-fit",
+                f"the model leaves much of the torque on the load of {joint} unexplained: "
+                f"{one.own:.0%} of it in the own logs and {error:.0%} in excluded blocks, a "
+                f"constant torque 100%{holds if one.motor < PART else ''}",
+                joint,
+                "doubtful",
+                evidence,
+                "look at the residual of this joint in the report. What may lack: a spring, the "
+                "gear ratio or the rotor inertia in the drives file, a payload; or the torque is "
+                "mostly noise",
             )
         elif one.nominal < _BETTER * one.identified and one.identified > _MATTERS:
             yield Finding(

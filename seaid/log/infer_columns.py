@@ -818,7 +818,9 @@ def _in_order(tags: Sequence[str], robot: Robot, inference: Inference) -> dict[s
         tags = sorted(tags, key=lambda tag: int(_number_in(tag)))
     if len(tags) > robot.n:
         inference.note(", ".join(tags), f"{len(tags)} joints in the log, {robot.n} in the robot")
-    inference.note(", ".join(tags[: robot.n]), "taken for the robot's joints in their order")
+    if tags != [""] or robot.n > 1:
+        about = ", ".join(tag or "columns without a joint" for tag in tags[: robot.n])
+        inference.note(about, "taken for the robot's joints in their order")
     if not all(_number_in(one) or len(tags) == robot.n == 1 for one in tags):
         for name, one in inference.meanings.items():
             if one.joint in tags and one.is_raw and one.quantity in _MEASURED:

@@ -71,9 +71,10 @@ def test_torques_that_are_noise_are_named() -> None:
     assert found.verdict.level == "do not use"
 
 
-def pushed_log(*joints: str) -> Log:
+def pushed_log(*joints: str, size: float = 3.0) -> Log:
     """Return the log of a leg that hands push at the links of some joints all the time.
 
+    The pushes are waves of `size` times the standard deviation of the torque of the joint.
     The spring carries the push too, with the angle, inertia and friction of the motor by (4), (7).
     """
     motion = leg_motion(TEST_MASS)
@@ -81,7 +82,7 @@ def pushed_log(*joints: str) -> Log:
     for place, joint in enumerate(joints):
         j, drive = leg().index(joint), leg().drives[joint]
         waves = [np.sin(2 * np.pi * hz * motion.time + 5 * hz + place) for hz in (0.7, 1.1, 1.9)]
-        push = 3 * np.std(motion.joint_torque[:, j]) * np.sum(waves, axis=0)
+        push = size * np.std(motion.joint_torque[:, j]) * np.sum(waves, axis=0)
         gear = drive.motor_radius / drive.ratio
         angle = push / (gear * drive.values["stiffness"] * drive.load_radius)
         speed = np.gradient(angle, motion.time)
@@ -110,6 +111,17 @@ def test_a_load_side_that_hands_move_is_not_to_be_used_and_its_drive_is_good() -
     assert (found.verdict.level, found.verdict.sentence) == ("do not use", sentence)
     assert found.to_dict()["verdict"]["sentence"] == sentence
     assert sentence in found.summary()
+
+
+def test_a_torque_of_which_much_is_unexplained_is_doubtful() -> None:
+    found = seaid.identify(leg(TEST_MASS), pushed_log("knee_pitch", size=0.4))
+    (finding,) = [one for one in found.warnings if one.code == "no-fit"]
+    assert (finding.joint, finding.severity) == ("knee_pitch", "doubtful")
+    fit = found.joint_fits["knee_pitch"]
+    assert 0.5 < fit.own < fit.blocks < 0.9
+    assert f"unexplained: {fit.own:.0%} of it in the own logs" in finding.message
+    assert "a spring, the gear ratio or the rotor inertia" in finding.remedy
+    assert found.verdict.level == "good but"
 
 
 def test_a_contact_is_named_with_its_time() -> None:
