@@ -21,7 +21,7 @@ from seaid.regressor.floating import contact_map
 from seaid.robot import Contact, Robot, floating_model
 
 _PLAN_HZ, _SETTLE_S, _LIFT_S = 100, 1.0, 2.0
-_HOME = np.tile([0.0, 0.8, -1.6], 4)
+HOME = np.tile([0.0, 0.8, -1.6], 4)
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ def foot_positions(robot: Robot, q: Array) -> Array:
 
 def _with_feet_at(robot: Robot, wanted: Array) -> Array:
     """Joint angles (T, n) with the feet at places (T, feet, 3), by Newton's method."""
-    q = np.tile(_HOME, (len(wanted), 1))
+    q = np.tile(HOME, (len(wanted), 1))
     contacts = robot.floating_base.contacts  # type: ignore[union-attr]
     for _ in range(8):
         left = (wanted - foot_positions(robot, q)).reshape(len(q), -1)
@@ -136,14 +136,25 @@ def _waves(time: Array, sizes: Sequence[float], rng: np.random.Generator) -> Arr
     return found
 
 
-def plan(robot: Robot, legs: Quadruped, duration_s: float, seed: int) -> tuple[Array, Array]:
-    """Times (T,) and joint angles (T, n) of the base swaying and of feet lifted in turn."""
+@dataclass(frozen=True, eq=False)
+class Targets:
+    """Joint angles (T, n) [rad] at times (T,) [s], and torques (T, n) [N m] that are added."""
+
+    time: Array
+    angles: Array
+    torques: Array
+
+
+def plan(
+    robot: Robot, legs: Quadruped, duration_s: float, seed: int, lifted: bool = True
+) -> Targets:
+    """The base sways, and feet are `lifted` in turn."""
     rng, time = np.random.default_rng(seed), np.arange(0, duration_s, 1 / _PLAN_HZ)
     place = legs.size * _waves(time, (0.05, 0.04, 0.05), rng)
     tilt = _waves(time, (0.25, 0.25, 0.25), rng)
-    feet = np.tile(foot_positions(robot, _HOME[None])[0], (len(time), 1, 1))
+    feet = np.tile(foot_positions(robot, HOME[None])[0], (len(time), 1, 1))
     turn, phase = (time // _LIFT_S).astype(int), (time % _LIFT_S) / _LIFT_S
-    lifts = turn % 2 == 1
+    lifts = (turn % 2 == 1) & lifted
     place, tilt = place * np.where(lifts, 0.6, 1)[:, None], tilt * np.where(lifts, 0.4, 1)[:, None]
     for foot in range(feet.shape[1]):
         own = lifts & ((turn // 2) % 4 == foot)
@@ -155,7 +166,8 @@ def plan(robot: Robot, legs: Quadruped, duration_s: float, seed: int) -> tuple[A
         )
     place, tilt = (gaussian_filter1d(x, 6, axis=0) for x in (place, tilt))
     R = np.array([pin.rpy.rpyToMatrix(*angles) for angles in tilt])
-    return time, _with_feet_at(robot, np.einsum("tji,tkj->tki", R, feet - place[:, None]))
+    angles = _with_feet_at(robot, np.einsum("tji,tkj->tki", R, feet - place[:, None]))
+    return Targets(time, angles, np.zeros_like(angles))
 
 
 def plant(robot: Robot, timestep_s: float = 0.0005, soft: bool = False) -> Any:
@@ -193,25 +205,29 @@ def simulate(
     seed: int = 0,
     rate_hz: float = 250.0,
     legs: Quadruped = GO2,
+    targets: Targets | None = None,
 ) -> seaid.Log:
-    """The noise-free log of PD-controlled legs on the ground, with IMU and contact flags."""
+    """The noise-free log of PD-controlled legs on the ground, with IMU and contact flags.
+
+    They follow `targets`, by default those of a `plan`.
+    """
     assert robot.floating_base is not None
     data, base = mujoco.MjData(model), model.body(robot.floating_base.link).id
-    time, angles = plan(robot, legs, duration_s, seed)
-    wanted = CubicSpline(time, angles)
-    rates = wanted.derivative()
+    targets = targets or plan(robot, legs, duration_s, seed)
+    wanted = CubicSpline(targets.time, targets.angles)
+    rates, added = wanted.derivative(), CubicSpline(targets.time, targets.torques)
     joints = [model.joint(name) for name in robot.joint_names]
     places, dofs = [one.qposadr[0] for one in joints], [one.dofadr[0] for one in joints]
     feet = {model.geom(foot).id: k for k, foot in enumerate(robot.floating_base.contact_links)}
-    data.qpos[3:7], data.qpos[places] = [1, 0, 0, 0], _HOME
-    data.qpos[2] = legs.radius_m - np.mean(foot_positions(robot, _HOME[None])[0, :, 2])
+    data.qpos[3:7], data.qpos[places] = [1, 0, 0, 0], HOME
+    data.qpos[2] = legs.radius_m - np.mean(foot_positions(robot, HOME[None])[0, :, 2])
     step_s = model.opt.timestep
     every, rows = round(1 / (rate_hz * step_s)), []
     for step in range(-round(_SETTLE_S / step_s), round((duration_s - 0.02) / step_s)):
         t = max(step * step_s, 0.0)
         speed = rates(t) if step > 0 else np.zeros(robot.n)
         torque = legs.stiffness * (wanted(t) - data.qpos[places])
-        torque += legs.damping * (speed - data.qvel[dofs])
+        torque += legs.damping * (speed - data.qvel[dofs]) + added(t)
         data.qfrc_applied[dofs] = np.clip(torque, -legs.torque_limit, legs.torque_limit)
         mujoco.mj_forward(model, data)
         if step >= 0 and step % every == 0:

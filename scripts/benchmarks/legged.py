@@ -9,6 +9,7 @@ import sys
 import tempfile
 import time
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,17 @@ from scipy.integrate import cumulative_trapezoid
 
 import seaid
 from scripts.example_robots import example_urdf
-from scripts.legged_plant import GO2, SOLO12, Quadruped, changed_bodies, plant, simulate
+from scripts.legged_plant import (
+    GO2,
+    HOME,
+    SOLO12,
+    Quadruped,
+    Targets,
+    changed_bodies,
+    plan,
+    plant,
+    simulate,
+)
 from seaid._arrays import Array
 from seaid.identification import whole_body
 from seaid.log import turned_to_world
@@ -94,6 +105,57 @@ def intervals(legs: Quadruped, motions: int, draws: int) -> None:
     print(f"  identify: {np.median(seconds):.1f} s of processor time (median)")
 
 
+def planned(robot: seaid.Robot, legs: Quadruped, duration_s: float, seed: int) -> Targets:
+    """Return an exciting motion in stance of the bodies of the file."""
+    stance = seaid.Stance(legs.feet, posture=HOME.tolist(), friction=0.5, least_load=0.3)
+    excitation = seaid.design_excitation(
+        robot,
+        duration_s,
+        stance=stance,
+        limits=seaid.Limits(velocity=6.0, acceleration=30.0),
+        criterion="d_optimality",
+        starts=1,
+        iterations=10,
+        seed=seed,
+    )
+    assert excitation.stance is not None
+    time = excitation.stance.time
+    angles = excitation.trajectory.sample(time)[0]
+    return Targets(time, angles, excitation.stance.joint_torques)
+
+
+def standing(motions: int, draws: int, legs: Quadruped = GO2) -> None:
+    """Print the coverage of motions in stance, swayed by hand and planned, of changed bodies."""
+    of_file = quadruped(legs)
+    nominal = of_file.without_nominal()
+    for name, duration_s in (("sways", 8.0), ("sways", 40.0), ("planned", 8.0)):
+        z, holds, errors, counts = [], [], [], set()
+        for motion in range(FIRST_SEED, FIRST_SEED + motions):
+            with tempfile.TemporaryDirectory() as folder:
+                robot = quadruped(
+                    legs, changed_bodies(example_urdf(legs.urdf), Path(folder), motion)
+                )
+                model = plant(robot)
+            make = partial(plan, lifted=False) if name == "sways" else planned
+            targets = make(of_file, legs, duration_s, motion)
+            log = simulate(robot, model, duration_s, legs=legs, targets=targets)
+            for draw in range(draws):
+                found = seaid.identify(nominal, noisy(log, 1000 * motion + draw, legs))
+                truth = found.base.project(robot.parameters)
+                z.append((found.load.values - truth) / found.load.standard_errors)
+                lower, upper = found.load.interval().T
+                holds.append((lower < truth) & (truth < upper))
+                errors.append(np.median(found.load.standard_errors))
+                counts.add(len(truth))
+        print(
+            f"{legs.urdf} in stance, {name}, {motions} motions of {duration_s:g} s and bodies, "
+            f"{draws} draws each: {np.mean(np.concatenate(holds)):.1%} of the intervals hold, rms "
+            f"score {np.mean(np.concatenate(z) ** 2) ** 0.5:.2f}, {min(counts)} to {max(counts)} "
+            f"parameters, median standard error {np.median(errors):.2g}",
+            flush=True,
+        )
+
+
 def estimator(draws: int, legs: Quadruped = GO2) -> None:
     """Print scores of the whole robot with the velocity of a state estimator in place of an IMU."""
     robot = quadruped(legs)
@@ -144,6 +206,7 @@ def main() -> None:
             print(f"unexplained torque without noise, {kind} feet as {name}: {own:.2%}")
     for legs in (GO2, SOLO12):
         intervals(legs, motions, draws)
+    standing(motions, draws)
     estimator(12)
 
 
