@@ -177,6 +177,17 @@ def test_samples_near_a_change_of_contact_are_not_used() -> None:
     assert unused[-1] == pytest.approx(2.0 + margin, abs=0.005)
 
 
+@pytest.mark.parametrize(("lift_s", "is_used"), [(0.15, False), (0.25, True)])
+def test_a_foot_in_the_air_for_less_than_a_period_in_all_is_not_used(
+    lift_s: float, is_used: bool
+) -> None:
+    robot = solo(contacts=FEET[:2])
+    in_air = (TIME > 2.0) & (2.0 + lift_s > TIME)
+    flags = {FEET[0]: np.where(in_air, 0.0, 1.0), FEET[1]: np.ones(len(TIME))}
+    found = base_of(BaseLog(**IMU, contacts=flags), robot, 10.0)  # a margin of 0.04 s, twice
+    assert np.any(found.used[in_air]) == is_used
+
+
 IMU: dict[str, Any] = {
     "angular_velocity": waves(3, 0.4, 1),
     "specific_force": waves(3, 0.4, 2) + 9.0,
