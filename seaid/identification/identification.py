@@ -418,9 +418,8 @@ def _identify(
         found = estimate_two_step(robot, datasets, model, *options, further=_further(bias))
         return _continued(robot, datasets, model, found, (method, estimator), options)
 
-    motions = [first_motion(one) for one in datasets]
     if not is_wrong(findings):
-        findings += sensitivity_findings(robot, motions, model, found, estimator)
+        findings += sensitivity_findings(robot, datasets, model, found, estimator)
     found = with_known_std(found, constants_of(robot, datasets, known_std), again)
     found = replace(found, drives=with_fixed_warnings(found.drives, given, robot))
     consistent = _feasible(robot, model, found) if feasible else None
@@ -429,7 +428,7 @@ def _identify(
     fits = joint_fits(robot.joint_names, found, experiment, bodies)
     findings += consequences(findings, fit_findings(robot.joint_names, found, fits))
     exact = exact_constants(robot, known_std)
-    setup = joint_checks(experiment, motions)
+    setup = joint_checks(experiment, [first_motion(one) for one in datasets])
     return replace(
         result, findings=tuple(findings), joint_fits=fits, exact_constants=exact, setup=setup
     )

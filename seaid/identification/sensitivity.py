@@ -7,7 +7,7 @@ influences of the rows. A difference beyond it is a bias of one of the estimates
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -27,14 +27,16 @@ from seaid.estimation import (
     qr_factor_of,
     solve,
 )
+from seaid.identification.datasets import Dataset, first_motion
 from seaid.identification.drive_estimates import has_only_spring_torque
 from seaid.identification.two_step import LOAD, RobotEstimate, with_unit_constant
 from seaid.log import POSITION_BAND, Motion, low_pass
 from seaid.regressor import (
     LoadModel,
+    Regress,
     Regression,
     actuator_regression,
-    load_regressions,
+    load_regression,
     stacked,
 )
 from seaid.robot import Robot
@@ -148,22 +150,22 @@ def _finding(
 
 def sensitivity_findings(
     robot: Robot,
-    motions: Sequence[Motion],
+    datasets: Sequence[Dataset],
     model: LoadModel,
     found: RobotEstimate,
     estimator: str,
 ) -> list[Finding]:
     """Return what another estimator or a wider cutoff contradicts, for two steps of wls or ols.
 
-    `motions` are those of logs in memory; of long logs the first pieces.
+    Of long logs the first pieces are compared.
     """
     if found.whole is not None or estimator not in ("wls", "ols"):
         return []
-    ordinary, cutoff_hz = estimator == "ols", motions[0].cutoff_hz
+    ordinary, cutoff_hz = estimator == "ols", datasets[0].cutoff_hz
     findings = list(_homogeneous(found.fit, ordinary, cutoff_hz))
     with suppress(ExcitationError, IdentificationError):  # what only the other way cannot solve
         findings += _of_estimators(found.fit, ordinary, cutoff_hz)
-        findings += _of_cutoffs(robot, motions, model, found, ordinary)
+        findings += _of_cutoffs(robot, datasets, model, found, ordinary)
     return findings
 
 
@@ -215,28 +217,33 @@ def _of_estimators(fit: FittedRows, ordinary: bool, cutoff_hz: float) -> Iterato
 
 def _of_cutoffs(
     robot: Robot,
-    motions: Sequence[Motion],
+    datasets: Sequence[Dataset],
     model: LoadModel,
     found: RobotEstimate,
     ordinary: bool,
 ) -> Iterator[Finding]:
     """Yield the parameters that differ between the cutoff and a wider one, by fewer samples."""
+    motions = [first_motion(one) for one in datasets]
     few = [_decimated(motion) for motion in motions]
     cutoff_hz = few[0].cutoff_hz
+    wider = [replace(motion, cutoff_hz=WIDER * cutoff_hz) for motion in few]
     ways = [f"a cutoff of {factor * cutoff_hz:.3g} Hz" for factor in (1.0, WIDER)]
-    cutoffs_hz = [cutoff_hz, WIDER * cutoff_hz]
-    load = partial(
-        load_regressions, robot, model=model, springs=found.springs, cutoffs_hz=cutoffs_hz
-    )
-    equations: dict[str, tuple[Callable[[Motion], list[Regression]], FittedRows]] = {
-        joint: (partial(_actuator_rows, robot, cutoffs_hz=cutoffs_hz, joint=joint, fit=fit), fit)
+    load = partial(load_regression, robot, model=model, springs=found.springs)
+    equations: dict[str, tuple[Regress, FittedRows]] = {
+        joint: (partial(_actuator_rows, robot, joint=joint, fit=fit), fit)
         for joint, fit in found.actuators.items()
         if not has_only_spring_torque(robot, motions, joint)
     }
+    in_memory = all(isinstance(one, Motion) for one in datasets)
     for joint, (regress, fit) in (equations | {LOAD: (load, found.fit)}).items():
         weights = equal_weights(fit.qr_factor) if ordinary or joint != LOAD else fit.weights
-        by_cutoff = zip(*map(regress, few), strict=True)
-        fits = [fit_of(stacked(parts), weights) for parts in by_cutoff]
+        other = stacked(list(map(regress, wider)))
+        own = fit.rows if in_memory else None  # else those of more than the first pieces
+        if own is None or own.names != other.names:
+            own = stacked(list(map(regress, few)))
+        # without the errors that are common to both, of encoder offsets and of a bias
+        own = replace(own, propagated=own.propagated[:, : other.propagated.shape[1]])
+        fits = [fit_of(rows, weights) for rows in (own, other)]
         springs = found.fit.propagated if joint == LOAD else None
         stated = found.load_side if joint == LOAD else fit.estimate
         scores = _scores(fits, stated.standard_errors, springs)
@@ -249,14 +256,10 @@ def _of_cutoffs(
         yield from _finding("cutoff-sensitive", joint, fits, scores, ways, remedy)
 
 
-def _actuator_rows(
-    robot: Robot, motion: Motion, cutoffs_hz: Sequence[float], joint: str, fit: FittedRows
-) -> list[Regression]:
+def _actuator_rows(robot: Robot, motion: Motion, joint: str, fit: FittedRows) -> Regression:
     """Return the rows of (10) in the columns of a fit, which may be that of a unit constant."""
-    at_cutoffs = [replace(motion, cutoff_hz=cutoff_hz) for cutoff_hz in cutoffs_hz]
-    found = [actuator_regression(robot, one, joint) for one in at_cutoffs]
-    same = found[0].names == fit.qr_factor.names
-    return found if same else list(map(with_unit_constant, found))
+    found = actuator_regression(robot, motion, joint)
+    return found if found.names == fit.qr_factor.names else with_unit_constant(found)
 
 
 def _decimated(motion: Motion) -> Motion:

@@ -22,7 +22,6 @@ from .load import load_columns as load_columns
 from .load import load_model as load_model
 from .load import load_model_of as load_model_of
 from .load import load_regression as load_regression
-from .load import load_regressions as load_regressions
 from .load import load_signals as load_signals
 from .load import offset_sensitivity as offset_sensitivity
 from .load import unknown_friction as unknown_friction

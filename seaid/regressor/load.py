@@ -378,33 +378,16 @@ def load_regression(
     that it does not contain takes its joint torque from the log. The torque of known bodies and
     payloads is on the known side y.
     """
-    (rows,) = load_regressions(robot, motion, model, springs, [motion.cutoff_hz])
-    return rows
-
-
-def load_regressions(
-    robot: Robot,
-    motion: Motion,
-    model: LoadModel,
-    springs: Mapping[str, Array],
-    cutoffs_hz: Sequence[float],
-) -> list[Regression]:
-    """Return the `load_regression` at several cutoffs; a short motion's columns are shared."""
     samples = PIECE_SAMPLES
     if robot.floating_base is not None:  # has more rows and columns
-        motion = _thinned(motion, max(cutoffs_hz))
+        motion = _thinned(motion)
         size = (6 + len(model.torque_joints)) * len(model.names)
         samples = min(max(_PIECE_NUMBERS // size, 1), samples)
-    motions = [replace(motion, cutoff_hz=cutoff_hz) for cutoff_hz in cutoffs_hz]
-    columns = partial(load_columns, robot, model=model, springs=springs)
-    if len(motion.time) <= samples:
-        shared = columns(motion)
-        return [_load_rows(robot, one, model, shared) for one in motions]
 
     def regress(piece: Motion) -> Regression:
-        return _load_rows(robot, piece, model, columns(piece))
+        return _load_rows(robot, piece, model, load_columns(robot, piece, model, springs))
 
-    return [rows_by_pieces(one, regress, samples) for one in motions]
+    return rows_by_pieces(motion, regress, samples)
 
 
 def accelerometer_rows(robot: Robot, motion: Motion, model: LoadModel) -> Regression:
@@ -412,7 +395,7 @@ def accelerometer_rows(robot: Robot, motion: Motion, model: LoadModel) -> Regres
 
     The three columns [N or N m per m/s^2] are in the axes of the base; `robot` has all bodies.
     """
-    motion = _thinned(motion, motion.cutoff_hz)
+    motion = _thinned(motion)
     known, names = [robot.index(joint) for joint in model.torque_joints], tuple("xyz")
 
     def regress(piece: Motion) -> Regression:
@@ -431,12 +414,13 @@ def accelerometer_rows(robot: Robot, motion: Motion, model: LoadModel) -> Regres
     return rows_by_pieces(motion, regress)
 
 
-def _thinned(motion: Motion, cutoff_hz: float) -> Motion:
+def _thinned(motion: Motion) -> Motion:
     """Return the motion of a floating base at a rate that its columns need, if it has no wrenches.
 
     Its positions have passed a low pass, its measured wrenches have not.
     """
-    factor = int(motion.rate_hz / (_RATES * cutoff_hz)) if np.isfinite(cutoff_hz) else 1
+    rate_hz = _RATES * motion.cutoff_hz
+    factor = int(motion.rate_hz / rate_hz) if np.isfinite(rate_hz) else 1
     if factor < 2 or motion.base is None or motion.base.wrenches:
         return motion
     return decimated(motion, factor)
