@@ -177,8 +177,8 @@ def test_samples_near_a_change_of_contact_are_not_used() -> None:
     assert unused[-1] == pytest.approx(2.0 + margin, abs=0.005)
 
 
-@pytest.mark.parametrize(("lift_s", "is_used"), [(0.15, False), (0.25, True)])
-def test_a_foot_in_the_air_for_less_than_a_period_in_all_is_not_used(
+@pytest.mark.parametrize(("lift_s", "is_used"), [(0.12, False), (0.2, True)])
+def test_a_foot_in_the_air_for_less_than_half_a_period_in_all_is_not_used(
     lift_s: float, is_used: bool
 ) -> None:
     robot = solo(contacts=FEET[:2])
