@@ -2,9 +2,9 @@
 
 A pendulum with armature, viscous and Coulomb friction follows commands by its controller; each draw
 has its own friction, armature, delay and encoder noise. All draws are simulated at once, with steps
-of 0.1 ms; or one by one by MuJoCo, with its position actuator, integrator and friction loss. Prints
-how many of the 95 % intervals contain the truth, also that of armature + (K_d + F_v) delay, and the
-errors:
+of 0.05 ms; or one by one by MuJoCo, with its position actuator, integrator and friction loss.
+Prints how many of the 95 % intervals contain the truth, also that of armature + (K_d + F_v) delay,
+and the errors:
 
     python -m scripts.benchmarks.command_delays [draws] [mujoco]
 """
@@ -28,7 +28,7 @@ URDF = """<robot name="one"><link name="base"/><link name="arm"><inertial><origi
 <limit lower="-3" upper="3" effort="50" velocity="20"/></joint></robot>"""
 BODY, WEIGHT = 0.02 + 1.5 * 0.2**2, 1.5 * 9.81 * 0.2
 GAINS = ((40.0, 1.0), (20.0, 3.0))
-STEP_S, PARTS = 1e-4, 50
+STEP_S, PARTS = 5e-5, 100
 TIME = np.arange(0, 20, STEP_S * PARTS)
 NAMES = ("motor_inertia", "viscous_friction", "coulomb_friction", "command_delay")
 FAST = 0.4 * np.sin(2 * np.pi * (0.1 * TIME + 0.0625 * TIME**2)) + 0.2 * np.sin(2.3 * TIME)
@@ -70,11 +70,13 @@ def motion(gains: tuple[float, float], truth: dict[str, Array], command: Array) 
     return found
 
 
-MUJOCO_STEP_S = 5e-4
+MUJOCO_STEP_S = 1.25e-4
 """Step of MuJoCo's Runge-Kutta integrator, with the command of the middle of a step.
 
-Its others are of first order: with `implicitfast`, steps of 0.25 ms and the command of their start,
-the plant is 0.07 ms later than its parameters say, which is 14 standard errors."""
+Friction loss is a soft constraint, which changes its sign 1/b before the speed does: 0.06 ms with
+`solreffriction="-1 -16000"`, 0.5 ms with "0.001 1" (a time constant of 1 ms). Integrators of first
+order are late: with `implicitfast`, steps of 0.25 ms and the command of their start, the plant is
+0.07 ms later than its parameters say, which is 14 standard errors."""
 
 
 def mujoco_motion(gains: tuple[float, float], truth: dict[str, Array], command: Array) -> Array:
@@ -88,7 +90,7 @@ def mujoco_motion(gains: tuple[float, float], truth: dict[str, Array], command: 
             f"""<mujoco><option timestep="{MUJOCO_STEP_S}" integrator="RK4"
             gravity="0 0 -9.81"/><worldbody><body><joint name="j" axis="0 1 0"
             armature="{inertia[draw]}" damping="{viscous[draw]}" frictionloss="{coulomb[draw]}"
-            solreffriction="0.001 1"/><inertial pos="0.2 0 0" mass="1.5"
+            solreffriction="-1 -16000"/><inertial pos="0.2 0 0" mass="1.5"
             diaginertia="0.01 0.02 0.02"/></body></worldbody><actuator>
             <position joint="j" kp="{gains[0]}" kv="{gains[1]}"/></actuator></mujoco>"""
         )

@@ -28,6 +28,9 @@ _ARGUMENTS = {
 }
 """{signal or derivative: flat name}, highest derivatives first for substitution."""
 
+_SIGN = "theta_M_sign"
+"""Sign of the motor speed, or its mean about each sample, if the signals have it."""
+
 
 @dataclass(frozen=True)
 class DriveRegressor:
@@ -68,7 +71,8 @@ class DriveRegressor:
     ) -> tuple[Array, Array]:
         """Return zeta (T,) and the regressor (T, p), linearised where necessary.
 
-        `signals` {name: (T,)} needs those named in `signals` only, as "theta_M_ddot" or "tau_L".
+        `signals` {name: (T,)} needs those named in `signals` only, as "theta_M_ddot" or "tau_L";
+        "theta_M_sign" replaces the sign of the motor speed at the samples.
         `values` {parameter: value} override the drive's as point of linearisation. Raises
         RobotError naming a nonlinear parameter without a value.
         """
@@ -187,6 +191,8 @@ def _evaluate(
     function, names = _compiled(regressor.zeta, columns)
     given = dict(signals) | {symbol_of(name).name: value for name, value in near.items()}
     given |= regressor.known
+    if _SIGN in names and _SIGN not in given:
+        given[_SIGN] = np.sign(given["theta_M_dot"])
     missing = [name for name in names if name not in given]
     if missing:
         named = {str(symbol): name for symbol, name in PARAMETER_NAMES.items()}
@@ -202,9 +208,19 @@ def _evaluate(
     return table[0], np.ascontiguousarray(table[1:].T)
 
 
+def _sampled(expression: sp.Expr) -> sp.Expr:
+    """Return an expression with sign(w) of the motor as a signal, which may be a mean of it."""
+
+    def signal(x: sp.Expr) -> sp.Expr:
+        return sp.Symbol(_SIGN) if str(x) == "theta_M_dot" else sp.sign(x)
+
+    found: sp.Expr = flat_names(expression).replace(sp.sign, signal)
+    return found
+
+
 @cache
 def _compiled(zeta: sp.Expr, row: tuple[sp.Expr, ...]):  # type: ignore[no-untyped-def]
-    expressions = [flat_names(entry) for entry in (zeta, *row)]
+    expressions = [_sampled(entry) for entry in (zeta, *row)]
     names = sorted({str(symbol) for entry in expressions for symbol in entry.free_symbols})
     flat = [{symbol: sp.Symbol(str(symbol)) for symbol in e.free_symbols} for e in expressions]
     plain = [entry.xreplace(names_of) for entry, names_of in zip(expressions, flat, strict=True)]

@@ -231,6 +231,7 @@ def _moved(robot: Robot, motion: Motion, moved: Log) -> Motion:
         motor_position=ratio * q,
         motor_velocity=ratio * v,
         motor_acceleration=ratio * a,
+        motor_direction=None,
         motor_torque=moved.motor_torque
         / [robot.drives[x].scale_of_gains for x in robot.joint_names],
     )

@@ -105,7 +105,11 @@ def _with_motors(motion: Motion, angle: Array) -> Motion:
     """Return the motion with other motor angles (T, n) [rad]."""
     position, speed, acceleration = spline_derivatives(motion.time, angle)
     return replace(
-        motion, motor_position=position, motor_velocity=speed, motor_acceleration=acceleration
+        motion,
+        motor_position=position,
+        motor_velocity=speed,
+        motor_acceleration=acceleration,
+        motor_direction=None,
     )
 
 

@@ -263,10 +263,10 @@ def _actuator_rows(robot: Robot, motion: Motion, joint: str, fit: FittedRows) ->
 
 
 def _decimated(motion: Motion) -> Motion:
-    """Return a motion with fewer samples, its torques without what these would alias."""
+    """Return a motion with fewer samples, torques and directions without what these would alias."""
     step = max(1, int(motion.rate_hz / (_SAMPLES_PER_PERIOD * motion.cutoff_hz)))
     band = POSITION_BAND * motion.cutoff_hz
-    inputs = ("motor_torque", "joint_torque", "motor_current", "motor_voltage")
+    inputs = ("motor_torque", "joint_torque", "motor_current", "motor_voltage", "motor_direction")
     smooth: dict[str, Any] = {
         name: low_pass(signal, motion.rate_hz, band)
         for name in inputs

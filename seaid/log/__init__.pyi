@@ -18,6 +18,7 @@ from .filtering import in_band as in_band
 from .filtering import in_band_at as in_band_at
 from .filtering import joint_standstill as joint_standstill
 from .filtering import low_pass as low_pass
+from .filtering import moving as moving
 from .filtering import pieces as pieces
 from .filtering import row_samples as row_samples
 from .filtering import spline_derivatives as spline_derivatives

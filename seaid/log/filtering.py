@@ -28,6 +28,9 @@ if TYPE_CHECKING:
 _ORDER = 4
 _ROUNDING = 1e-6
 
+_UNFILTERED = 0.4
+"""Cutoff over the sampling rate from which there is no low pass."""
+
 ROWS_PER_PERIOD = 4.0
 """Rows per period of the cutoff after decimation: twice the Nyquist rate of the filtered signal."""
 
@@ -37,7 +40,7 @@ _FORGOTTEN = 6.0
 
 def low_pass(signals: Array, rate_hz: float, cutoff_hz: float) -> Array:
     """Return columns (T, any) after a zero-phase Butterworth low pass; unchanged near Nyquist."""
-    if cutoff_hz >= 0.8 * rate_hz / 2:
+    if cutoff_hz >= _UNFILTERED * rate_hz:
         return signals
     from scipy.signal import sosfilt
 
@@ -92,6 +95,59 @@ def spline_derivatives(time: Array, signals: Array) -> tuple[Array, Array, Array
     values[:, known] = signals[:, known]
     first[:, known], second[:, known] = spline(time, 1), spline(time, 2)
     return values, first, second
+
+
+STILL_RAD_S = 1e-5
+"""Speed [rad/s or m/s] below which a joint stands still: an encoder of 2^14 steps makes one step in
+40 s. The rounding of speeds, about 1e-10, is far below, so that it decides no sample."""
+
+
+def moving(speed: Array) -> Array:
+    """Return speeds, zero where nothing but rounding is left of them."""
+    return np.where(np.abs(speed) < STILL_RAD_S, 0.0, speed)
+
+
+_PASSES = 2.0
+"""Acceleration at a reversal, over that of dry friction g, from which a joint passes through it.
+With less than g it sticks, and with little more it may: then the speed has no kink to correct."""
+
+
+def mean_directions(
+    velocity: Array, acceleration: Array, rate_hz: float, band_hz: float, cutoff_hz: float
+) -> Array:
+    """Return the mean of sign(speed) over the interval about each sample (T,).
+
+    The sign at the samples is up to half an interval wrong at each reversal. A reversal is at the
+    zero of the line between two samples, less the time by which the low pass of the positions at
+    `band_hz` made it late: dry friction changes the acceleration there by 2 g, and the low pass of
+    that kink has the speed g E|tau|, with E|tau| = 1 / (2 sqrt(2) pi f) of the kernel of
+    1 / (1 + (f' / f)^4). The accelerations above `cutoff_hz`, mostly those of reversals, give g.
+    """
+    velocity = moving(velocity)
+    plain = _mean_signs(velocity, rate_hz, np.zeros(len(velocity)))
+    if band_hz >= _UNFILTERED * rate_hz:
+        return plain
+    both = np.column_stack([low_pass(plain[:, None], rate_hz, band_hz)[:, 0], acceleration])
+    edge = round(rate_hz / cutoff_hz)
+    sign, change = (both - low_pass(both, rate_hz, cutoff_hz))[edge:-edge].T
+    jump = max(0.0, -float(sign @ change) / max(float(sign @ sign), 1e-300))
+    slope = np.append(np.abs(np.diff(velocity)), 0.0) * rate_hz
+    late_s = jump / (2 * np.sqrt(2) * np.pi * band_hz) / np.maximum(slope, 1e-300)
+    return _mean_signs(velocity, rate_hz, np.where(slope > _PASSES * jump, late_s, 0.0))
+
+
+def _mean_signs(velocity: Array, rate_hz: float, early_s: Array) -> Array:
+    """Return the means of the sign, whose changes after each sample are earlier by `early_s`."""
+    sign = np.sign(velocity)
+    before = np.flatnonzero(np.diff(sign))
+    passed = velocity[before] / (velocity[before] - velocity[before + 1])
+    changes = before + passed - rate_hz * early_s[before]  # [samples]
+    edges = np.arange(len(velocity) + 1) - 0.5
+    inside = np.maximum.accumulate(np.clip(changes, edges[0], edges[-1]))
+    knots = np.concatenate([edges[:1], inside, edges[-1:]])
+    levels = sign[np.concatenate([[0], before + 1])]
+    travelled = np.concatenate([[0.0], np.cumsum(levels * np.diff(knots))])
+    return np.diff(np.interp(edges, knots, travelled))
 
 
 _FEWEST_PERIODS = 15.0

@@ -15,7 +15,13 @@ from seaid.drives import DEAD_ZONES, MEMORY
 from seaid.errors import Finding, LogError, checked
 from seaid.log.base_log import BaseLog, BaseMotion, base_motion
 from seaid.log.commands import commanded_torque, is_commanded
-from seaid.log.filtering import CutoffSelection, low_pass, select_cutoff, spline_derivatives
+from seaid.log.filtering import (
+    CutoffSelection,
+    low_pass,
+    mean_directions,
+    select_cutoff,
+    spline_derivatives,
+)
 from seaid.log.repair.channels import in_gap, interpolated
 from seaid.log.repair.clocks import irregular_steps, longest_bridge, longest_step, typical_step
 from seaid.log.repair.data import interpolation_of
@@ -139,6 +145,9 @@ class Motion(Display):
         Rate [N m/s] of the motor torque by the command of position controllers, see `Controller`.
     command_delay_s : tuple of float
         Delay of the commands [s] in `motor_torque`, for each joint; empty without commands.
+    motor_direction : array (T, n) or None
+        Mean of sign(motor speed) over the interval about each sample, of drives with position
+        commands, NaN for others; None: the sign at the samples.
     gear_torque : array (T, n) or None
         Estimated torque of rigid drives on their load [N m or N], if their friction depends on it.
     base : BaseMotion or None
@@ -171,6 +180,7 @@ class Motion(Display):
     motor_temperature: Array | None = None
     command_slope: Array | None = None
     command_delay_s: tuple[float, ...] = ()
+    motor_direction: Array | None = None
     gear_torque: Array | None = None
     base: BaseMotion | None = None
     bridged: BoolArray | None = None
@@ -400,7 +410,22 @@ def _motion(
     if not any(is_commanded(drive) for drive in robot.drives.values()):
         return found
     ends = math.ceil(_ENDS * rate_hz / (POSITION_BAND * cutoff_hz))
-    return found.samples(slice(ends, len(time) - ends))
+    return _with_directions(robot, found.samples(slice(ends, len(time) - ends)))
+
+
+def _with_directions(robot: Robot, motion: Motion) -> Motion:
+    """Return a motion with the directions of drives with position commands."""
+    found = np.full_like(motion.motor_velocity, np.nan)
+    for index, joint in enumerate(robot.joint_names):
+        if is_commanded(robot.drives[joint]):
+            found[:, index] = mean_directions(
+                motion.motor_velocity[:, index],
+                motion.motor_acceleration[:, index],
+                motion.rate_hz,
+                POSITION_BAND * motion.cutoff_hz,
+                motion.cutoff_hz,
+            )
+    return replace(motion, motor_direction=found)
 
 
 _ENDS = 2.0

@@ -20,6 +20,7 @@ from seaid.log import (
     PIECE_SAMPLES,
     Motion,
     in_band_at,
+    moving,
     pieces,
     row_samples,
     standstill,
@@ -43,10 +44,6 @@ INPUT_FIELDS = {
     "position_command": "motor_torque",
 }
 """Field of a motion with a drive's logged input."""
-
-_STILL = 1e-5
-"""Speed [rad/s or m/s] below which a joint stands still: an encoder of 2^14 steps makes one step in
-40 s. The rounding of speeds, about 1e-10, is far below, so that it decides no sample."""
 
 
 def motor_regressor(robot: Robot, joint: str) -> DriveRegressor:
@@ -109,10 +106,11 @@ def signals(robot: Robot, motion: Motion, index: int) -> dict[str, Array]:
         velocity = lever * motion.motor_velocity[:, index] - motion.deflection_rate[:, index]
     return {
         "theta_M": motion.motor_position[:, index],
-        "theta_M_dot": _moving(motion.motor_velocity[:, index]),
+        "theta_M_dot": moving(motion.motor_velocity[:, index]),
+        "theta_M_sign": _direction(motion, index),
         "theta_M_ddot": motion.motor_acceleration[:, index],
         "theta_L": position,
-        "theta_L_dot": _moving(velocity),
+        "theta_L_dot": moving(velocity),
         "theta_L_ddot": acceleration,
         "tau_M": _without_delay(motion, index),
         "tau_C_dot": _channel(motion.command_slope, motion, index),
@@ -147,8 +145,12 @@ def _without_delay(motion: Motion, index: int) -> Array:
     return np.asarray(torque + motion.command_delay_s[index] * motion.command_slope[:, index])
 
 
-def _moving(speed: Array) -> Array:
-    return np.where(np.abs(speed) < _STILL, 0.0, speed)
+def _direction(motion: Motion, index: int) -> Array:
+    """Return the mean of sign(motor speed) (T,) about the samples, or its sign at them."""
+    known = motion.motor_direction
+    if known is None or np.isnan(known[0, index]):
+        return np.sign(moving(motion.motor_velocity[:, index]))
+    return known[:, index]
 
 
 def _channel(samples: Array | None, motion: Motion, index: int) -> Array:

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from seaid._arrays import Array
-from seaid.log.filtering import decimation, low_pass, spline_derivatives
+from seaid.log.filtering import decimation, low_pass, mean_directions, spline_derivatives
 
 RATE_HZ = 1000.0
 TIME = np.arange(10_000) / RATE_HZ
@@ -94,3 +94,49 @@ def test_derivatives_of_a_missing_signal_are_missing() -> None:
 )
 def test_four_rows_a_period_of_the_cutoff(cutoff_hz: float, step: int) -> None:
     assert decimation(RATE_HZ, cutoff_hz) == step
+
+
+def passing(friction: float, rate_hz: float, band_hz: float) -> tuple[Array, Array, Array]:
+    """Return speed and acceleration behind the low pass, and the true means of the direction.
+
+    A joint of 1 kg m^2 follows two sines, which are much stronger than its Coulomb friction.
+    """
+    parts = 100
+    step = 1 / (rate_hz * parts)
+    time = np.arange(int(12 * rate_hz) * parts, dtype=np.float64) * step
+    force = 30 * np.sin(9 * time) + 12 * np.sin(23 * time + 1)
+    q, v = np.zeros(len(time)), -2.5
+    direction = np.empty(len(time))
+    for tick in range(1, len(time)):
+        direction[tick - 1] = np.sign(v)
+        change = step * (force[tick] - friction * np.sign(v))
+        q[tick], v = q[tick - 1] + step * (v + change / 2), v + change
+    direction[-1] = np.sign(v)
+    position = low_pass(q[::parts, None], rate_hz, band_hz)
+    _, speed, acceleration = spline_derivatives(time[::parts], position)
+    means = np.convolve(direction, np.ones(parts) / parts, mode="same")[::parts]
+    return speed[:, 0], acceleration[:, 0], means
+
+
+@pytest.mark.parametrize("friction", [0.0, 1.0, 3.0, 6.0])
+def test_directions_are_the_means_of_the_true_ones(friction: float) -> None:
+    """The area between them is a twentieth of that of the signs at the samples, or less."""
+    rate_hz, band_hz = 200.0, 25.0
+    speed, acceleration, true = passing(friction, rate_hz, band_hz)
+    inside = slice(100, -100)
+
+    def area_ms(directions: Array) -> float:  # per reversal, from one side to the other
+        reversals = np.sum(np.diff(np.sign(speed[inside])) != 0)
+        return float(1e3 * np.sum(np.abs(directions - true)[inside]) / rate_hz / reversals)
+
+    found = mean_directions(speed, acceleration, rate_hz, band_hz, 5.0)
+    assert area_ms(np.sign(speed)) > 20 * area_ms(found)
+    late = mean_directions(speed, acceleration, rate_hz, rate_hz, 5.0)  # as without a low pass
+    assert friction == 0 or area_ms(late) > 4 * area_ms(found)
+
+
+def test_a_joint_at_rest_has_no_direction() -> None:
+    """Rounding decides no direction, and a stop begins and ends at the zeros of the lines."""
+    speed = np.array([0.2, 0.1, 0.0, 1e-9, -1e-9, 0.0, -0.1, -0.2, -0.3] * 4)
+    found = mean_directions(speed, np.zeros(len(speed)), 100.0, 100.0, 10.0)
+    np.testing.assert_allclose(found[:7], [1, 1, 0.5, 0, 0, -0.5, -1])
