@@ -387,10 +387,8 @@ def _bursts(
         for run in np.unique(rows.run[rows.joint == j]).tolist():
             mine = (rows.joint == j) & (rows.run == run)
             window = np.floor(rows.time[mine] / _WINDOW_S)
-            starts = np.unique(window)
-            size = np.array(
-                [np.sqrt(np.mean(residual[mine][window == start] ** 2)) for start in starts]
-            )
+            starts, place, counts = np.unique(window, return_inverse=True, return_counts=True)
+            size = np.sqrt(np.bincount(place, residual[mine] ** 2) / counts)
             least = _LEAST_BURST * float(np.std(rows.y[mine]))
             far = size > max(times * float(np.median(size)), least)
             if len(size) >= 8 and np.sum(far) > 1 and np.mean(far) < _MOST_BURSTS:

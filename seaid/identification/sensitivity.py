@@ -108,8 +108,10 @@ def difference(fits: Sequence[Fit], propagated: Array | None) -> tuple[Array, Ar
         np.concatenate([fit.rows.run for fit in fits]),
     ).for_normal_intervals
     if propagated is not None:
-        by = one.by_propagated - other.by_propagated
-        covariance = covariance + by @ propagated[: by.shape[1], : by.shape[1]] @ by.T
+        # those that both have: not encoder offsets and a bias, which are common to them
+        k = min(fit.by_propagated.shape[1] for fit in fits)
+        by = one.by_propagated[:, :k] - other.by_propagated[:, :k]
+        covariance = covariance + by @ propagated[:k, :k] @ by.T
     return one.values - other.values, np.sqrt(np.maximum(np.diag(covariance), 1e-300))
 
 
@@ -238,12 +240,12 @@ def _of_cutoffs(
     for joint, (regress, fit) in (equations | {LOAD: (load, found.fit)}).items():
         weights = equal_weights(fit.qr_factor) if ordinary or joint != LOAD else fit.weights
         other = stacked(list(map(regress, wider)))
-        own = fit.rows if in_memory else None  # else those of more than the first pieces
-        if own is None or own.names != other.names:
-            own = stacked(list(map(regress, few)))
-        # without the errors that are common to both, of encoder offsets and of a bias
-        own = replace(own, propagated=own.propagated[:, : other.propagated.shape[1]])
-        fits = [fit_of(rows, weights) for rows in (own, other)]
+        # of long logs, the rows of the fit are those of more than the first pieces
+        if in_memory and fit.rows is not None and fit.rows.names == other.names:
+            own = fit_of(fit.rows, weights, fit.qr_factor)
+        else:
+            own = fit_of(stacked(list(map(regress, few))), weights)
+        fits = [own, fit_of(other, weights)]
         springs = found.fit.propagated if joint == LOAD else None
         stated = found.load_side if joint == LOAD else fit.estimate
         scores = _scores(fits, stated.standard_errors, springs)
