@@ -5,6 +5,7 @@ A true motion is what costs time; logs with any sensors and seeds are measured f
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,7 @@ from seaid.identification.validation import Validation
 from seaid.log.motion import Motion
 from seaid.log.reading import Log
 from seaid.robot.robot import Payload, Robot, load_robot
-from seaid.simulation.simulation import Noise, measure, simulate_motion
+from seaid.simulation.simulation import Noise, measure, simulate, simulate_motion
 
 MODELS = Path(__file__).parents[1] / "models"
 DATA = Path(__file__).parent / "data"
@@ -184,3 +185,27 @@ def drive_scores(found: Identification, truth: Robot, *names: str) -> Array:
             if name in estimate.names
         ]
     )
+
+
+@cache
+def geared_arm_log() -> Log:
+    """Return the log of an arm: torques of its motors at the joints, and no motor encoders.
+
+    Its rotors have more inertia at the joints than the bodies of the wrist.
+    """
+    plain = load_robot("ur10", snap_tolerance_rad=0)
+    sizes = zip((1.2, 1.4, 0.6, 0.12, 0.12, 0.05), (25, 24, 12, 3, 3, 2), strict=True)
+    drives = {
+        joint: StiffDrive(
+            gear_ratio=1.0,
+            motor_inertia_kg_m2=inertia,
+            viscous_friction_Nms_per_rad=viscous,
+            coulomb_friction_Nm=0.4 * viscous,
+        )
+        for joint, (inertia, viscous) in zip(plain.joint_names, sizes, strict=True)
+    }
+    truth = load_robot("ur10", drives, snap_tolerance_rad=0)
+    motion = wiggle(truth, 10.0, (0.0, -1.2, 1.0, 0.0, 0.5, 0.0), (0.8,) * 6)
+    log = simulate(truth, motion, rate_hz=250, noise=Noise(torque_std_Nm=0.05))
+    unknown = np.full_like(log.motor_position, np.nan)
+    return replace(log, joint_position=log.motor_position, motor_position=unknown)

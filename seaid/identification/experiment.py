@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from seaid._arrays import Array, BoolArray, IndexArray, safely
+from seaid.drives import IDEAL_DRIVE
 from seaid.errors import IdentificationError, Severity
 from seaid.estimation import RANK_TOLERANCE, scaled_svd
 from seaid.log import Motion, column_name, in_band, in_band_at, row_samples
@@ -177,10 +178,18 @@ class Experiment:
         return found
 
     @cached_property
+    def _is_open(self) -> BoolArray:
+        """Whether the rotor inertia (n,) of a drive is unknown, or the drive itself."""
+        drives = self.robot.drives.values()
+        unknown = [one.motor_inertia_kg_m2 is None or one == IDEAL_DRIVE for one in drives]
+        return np.array(unknown, dtype=bool)
+
+    @cached_property
     def torque_delays(self) -> dict[int, tuple[float, float]]:
         """Delay of the motor torque and its standard error [s], by joint.
 
-        From the motor equation (7) of spring joints, and from the motion with any bodies of others.
+        From the motor equation (7) of spring joints, and from the motion with any bodies of others,
+        and any rotor inertia that is unknown.
         """
         robot, n = self.robot, self.robot.n
         driven = [j for j in self.used if np.all(np.isfinite(self.torque[:, j]))]
@@ -196,17 +205,18 @@ class Experiment:
         if not stiff:
             return found
         m = robot.parameters.size
-        H = np.zeros((len(stiff), len(self.target), m + 5 * n))
+        H = np.zeros((len(stiff), len(self.target), m + 6 * n))
         H[:, :, :m] = self.regressor[:, stiff].swapaxes(0, 1)
         for place, j in enumerate(stiff):
             H[place, :, m + 4 * j : m + 4 * j + 4] = self._any_friction(j)
-            H[place, :, m + 4 * n + j] = self.lever[j] * self.torque_rate[:, j]
+            H[place, :, m + 4 * n + j] = self.lever[j] * self.motor[2][:, j] * self._is_open[j]
+            H[place, :, m + 5 * n + j] = self.lever[j] * self.torque_rate[:, j]
         weight = 1.0 / np.std(self.target[:, stiff], axis=0)
         moving = self._moving[:, stiff].T.astype(float)
         A = H * weight[:, None, None] * moving[:, :, None]
         y = self.target[:, stiff].T * weight[:, None] * moving
-        order = [m + 4 * n + j for j in stiff]
-        order += [place for place in range(m + 4 * n) if np.any(np.abs(A[:, :, place]) > _TINY)]
+        order = [m + 5 * n + j for j in stiff]
+        order += [place for place in range(m + 5 * n) if np.any(np.abs(A[:, :, place]) > _TINY)]
         columns = A[:, :, order].reshape(-1, len(order))
         return found | dict(zip(stiff, _first(columns, y.ravel(), len(stiff)), strict=True))
 
@@ -273,9 +283,10 @@ class Experiment:
     def _errors(self) -> tuple[list[Array], Array, Array]:
         """Friction (R, 3) of each used joint, and the effect of errors of nominal bodies.
 
-        Both as orthonormal columns, with what is left (k,) of the second: of columns B for one
-        standard deviation each, over the noise, (1 + B B^T)^(-1/2) leaves 1 / sqrt(1 + s^2) along
-        each singular direction.
+        The torque of a rotor whose inertia is unknown, of a stiff drive, counts as one of these
+        errors, as large as that of the joint. Both as orthonormal columns, with what is left (k,)
+        of the second: of columns B for one standard deviation each, over the noise,
+        (1 + B B^T)^(-1/2) leaves 1 / sqrt(1 + s^2) along each singular direction.
         """
         friction = [np.linalg.qr(self.friction[j])[0] for j in self.used]
         n, bodies = self.robot.n, self.robot.parameters.reshape(-1, 10)
@@ -285,10 +296,14 @@ class Experiment:
         spread[:, 4:, 4] = _INERTIA_STD * bodies[:, 4:]
         spread[:, 1:4, 1:4] = _PLACE_STD_M * bodies[:, :1, None] * np.eye(3)
         effect = np.einsum("rjbp,bpe->jrbe", self.regressor.reshape(-1, n, N, 10), spread)
-        parts = [
-            self._scaled(effect[j].reshape(-1, 5 * N), j, own)
-            for j, own in zip(self.used, friction, strict=True)
-        ]
+        parts = []
+        for j, own in zip(self.used, friction, strict=True):
+            rotors = np.zeros((len(self.target), n))
+            if self._is_open[j] and j not in self._elastic:
+                rate = self.motor[2][:, j]
+                rotors[:, j] = rate * np.std(self.target[:, j]) / max(float(np.std(rate)), _LEAST)
+            columns = np.hstack([effect[j].reshape(-1, 5 * N), rotors])
+            parts.append(self._scaled(columns, j, own))
         B = np.concatenate(parts)
         squares, V = safely(
             np.linalg.eigh, B.T @ B, what="nominal bodies", error=IdentificationError
@@ -389,7 +404,7 @@ _CORRELATED = 1.5
 _WIDTH = 0.1
 """Speed over the largest one at which friction may have another shape than Coulomb's."""
 
-_TINY = 1e-9
+_TINY, _LEAST = 1e-9, 1e-300
 
 _MOVING = 0.99
 """Mean sign of the speed behind the low pass below which a motor may have stuck: friction then

@@ -292,32 +292,33 @@ def _known_bodies(robot: Robot) -> Iterator[str]:
         yield f"known_bodies = [{', '.join(map(_quoted, names))}]"
 
 
-_LEGS = (
-    "no motor encoders in the logs: the torques count as known at the joints, without friction; if "
-    "they come from motor currents and much torque is unexplained, give drives with a table per "
-    'joint: type = "stiff", gear_ratio = 1.0, friction = ["viscous", "coulomb"]'
+_NO_ENCODER = (
+    "no motor encoder in the logs: the torques count as those of the motors, at the joints, and "
+    "gear_ratio = 1.0: friction and rotor inertias are those at the joints. Torques of sensors "
+    "behind the gears have neither: name them joint_torque"
 )
 
 
 def inferred_drives(
     robot: Robot, logs: Sequence[Log], without: Sequence[str] = ()
 ) -> tuple[dict[str, dict[str, object]], list[str]]:
-    """Return drive tables of joints with a motor encoder, and what is doubtful about them.
+    """Return drive tables of joints with a motor's torque, and what is doubtful about them.
 
     Nothing is said of the joints `without`.
     """
     tables: dict[str, dict[str, object]] = {}
-    doubts, alone = list[str](), list[str]()
+    doubts, alone, sensed = list[str](), list[str](), list[str]()
     for index, joint in enumerate(robot.joint_names):
         if joint in without:
             continue
         own = [_sensors(log, index) for log in logs]
         places = [place for place, one in enumerate(own) if "motor_position" in one]
-        if not places and robot.floating_base is not None:
+        if not places and any("motor_torque" in one for one in own):
+            tables[joint] = {"type": "stiff", "gear_ratio": 1.0}
             alone.append(joint)
             continue
         if not places:
-            doubts.append(f"{joint}: no motor encoder in the logs: its torque counts as known")
+            sensed.append(joint)
             continue
         found = own[places[0]]
         if "joint_position" not in found:
@@ -328,7 +329,9 @@ def inferred_drives(
         if table is not None:
             tables[joint] = table
         doubts.append(f"{joint}: {doubt}")
-    doubts += [_LEGS] if alone else []
+    doubts += [f"{listed(alone)}: {_NO_ENCODER}"] if alone else []
+    known = "no motor encoder or torque in the logs: torques at the joints count as known"
+    doubts += [f"{listed(sensed)}: {known}"] if sensed else []
     return _with_standard_errors(robot, logs, tables, doubts)
 
 

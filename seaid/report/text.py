@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import textwrap
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from html import escape
 from io import StringIO
@@ -306,15 +307,27 @@ def _sources_text(found: Identification) -> str:
     return f"{found.robot.name}: {bodies}; cutoff {found.cutoff_hz:.3g} Hz"
 
 
+_MOST_NOTES = 4
+"""Notes of one code, without a remedy, that a summary shows."""
+
+
 def warning_lines(warnings: Iterable[Finding]) -> list[str]:
-    """Return a line per warning with its code, and one with its remedy."""
-    lines = []
+    """Return a line per warning with its code, and one with its remedy.
+
+    Of notes without a remedy the first ones of each code are shown, and the others counted.
+    """
+    lines, notes = [], Counter[str]()
     for one in warnings:
+        if one.severity == "note" and not one.remedy:
+            notes[one.code] += 1
+            if notes[one.code] > _MOST_NOTES:
+                continue
         mark = "!" if one.severity == "wrong" else "?" if one.severity == "doubtful" else "-"
         lines.append(f"{mark} {one.code}: {one.message}")
         if one.remedy:
             lines += [f"    {line}" for line in one.remedy.splitlines()]
-    return lines
+    more = {code: count - _MOST_NOTES for code, count in notes.items() if count > _MOST_NOTES}
+    return lines + [f"- {code}: {counted(n, 'more note')} like these" for code, n in more.items()]
 
 
 def verdict_text(found: Identification) -> list[str]:

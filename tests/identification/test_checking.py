@@ -33,6 +33,7 @@ from tests.experiments import (
     TEST_MASS,
     arm,
     arm_log,
+    geared_arm_log,
     leg,
     leg_log,
     leg_motion,
@@ -540,3 +541,16 @@ def test_the_torques_of_a_so101_are_magnitudes() -> None:
     assert all(_is_magnitude(one) for one in torques.T)
     found = [_is_folded(*pair) for pair in zip((command - position).T, torques.T, strict=True)]
     assert sum(found) >= 3  # gravity pulls the others to one side
+
+
+@pytest.mark.parametrize("has_drives", [True, False])
+def test_an_unknown_rotor_inertia_is_no_delay(has_drives: bool) -> None:
+    log = geared_arm_log()
+    drive = seaid.StiffDrive(gear_ratio=1.0)
+    joints = log.joint_names
+    drives = dict.fromkeys(joints, drive) if has_drives else None
+    robot = seaid.load_robot("ur10", drives, snap_tolerance_rad=0)
+    assert "delay" not in [one.code for one in seaid.check(robot, log).warnings]
+    late = replace(log, motor_torque=np.roll(log.motor_torque, 5, axis=0)).between(0.1, 9.9)
+    (delay,) = [one for one in seaid.check(robot, late).warnings if one.code == "delay"]
+    assert delay.evidence["delay [s]"] == pytest.approx(0.02, abs=2e-3)

@@ -279,7 +279,7 @@ def test_a_first_project_has_the_base_and_the_logs_without_time(tmp_path: Path) 
             rate_hz=RATE_HZ,
             folder=folder,
         )
-        assert any("no motor encoders in the logs" in doubt for doubt in made.doubts)
+        assert any("no motor encoder in the logs" in doubt for doubt in made.doubts)
         project = seaid.load_project(folder)
         assert project.contacts == tuple(contacts)
         assert len(project.logs) == count

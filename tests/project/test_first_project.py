@@ -115,3 +115,30 @@ def test_one_long_log_is_divided(tmp_path: Path) -> None:
 def test_no_log(tmp_path: Path) -> None:
     with pytest.raises(SeaidError, match="a project needs a log"):
         write_first_project(MODELS / "tulip_leg.urdf", [], folder=tmp_path)
+
+
+@pytest.mark.filterwarnings("ignore:.*rounded angles")
+def test_torques_without_motor_encoders_get_stiff_drives_at_the_joints(tmp_path: Path) -> None:
+    """An arm with the topics of ROS: without friction and rotors, nothing of it was explained."""
+    log = experiments.geared_arm_log()
+    columns = {"__time": log.time}
+    for index, joint in enumerate(log.joint_names):
+        columns[f"/joint_states/{joint}/position"] = log.joint_position[:, index]
+        columns[f"/joint_states/{joint}/effort"] = log.motor_torque[:, index]
+        columns[f"/arm_controller/state/desired/positions[{index}]"] = 0.0 * log.time
+    rows = np.column_stack(list(columns.values()))
+    header = ",".join(columns)
+    np.savetxt(tmp_path / "arm.csv", rows, delimiter=",", header=header, comments="", fmt="%.9g")
+    made = seaid.write_first_project("ur10", [tmp_path / "arm.csv"], folder=tmp_path / "p")
+    robot = seaid.load_project(tmp_path / "p").robot()
+    (doubt,) = [one for one in made.doubts if "no motor encoder in the logs" in one]
+    assert doubt.startswith(", ".join(log.joint_names))
+    assert [drive.gear_ratio for drive in robot.drives.values()] == [1.0] * 6
+    found = seaid.identify(robot, seaid.load_project(tmp_path / "p").logs[0].read(robot))
+    assert found.verdict.level == "good", found.summary()
+    for joint, viscous in zip(log.joint_names, (25, 24, 12, 3, 3, 2), strict=True):
+        value, error = (
+            getattr(found.drives[joint], name)("viscous_friction")
+            for name in ("value", "standard_error")
+        )
+        assert value == pytest.approx(viscous, abs=max(4 * error, 0.01 * viscous)), joint
