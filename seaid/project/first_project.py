@@ -6,13 +6,14 @@ import os
 from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
 from seaid._arrays import Array, safely
 from seaid._files import write_whole
 from seaid._progress import Display
-from seaid.drives import Controller, drives_from_mapping, read_drives, write_drives
+from seaid.drives import Controller, MotorInput, drives_from_mapping, read_drives, write_drives
 from seaid.errors import LogError, SeaidError, checked, listed
 from seaid.identification import check, is_unsigned, no_measurements
 from seaid.log import Log, describe_log, logs_of_files, low_pass, open_tables, read_log
@@ -144,6 +145,7 @@ def write_first_project(
     without = {x.joint for x in untrue}
     without |= {joint for joint in robot.joint_names if without and _is_unsigned(logs_read, joint)}
     commanded = _commanded(robot, logs_read, without) if known is None else ()
+    tables: dict[str, dict[str, object]] = {}
     if known is None:
         tables, found = inferred_drives(robot, logs_read, commanded)
         tables |= {joint: _controlled(joint, controllers or {}) for joint in commanded}
@@ -157,7 +159,7 @@ def write_first_project(
             write_drives(drives_from_mapping(tables), known)
             texts[known] = _as_comments(found) + _with_gaps(known.read_text(encoding="utf-8"))
     head = _robot_lines(_relative(urdf, folder), robot, joints)
-    if commanded:
+    if commanded or any(one.get("motor_input") for one in tables.values()):
         head += _known_bodies(robot)
     if known is not None:
         head.insert(1, f"drives = {_quoted(_relative(known, folder))}")
@@ -299,6 +301,19 @@ _NO_ENCODER = (
 )
 
 
+_UNSCALED = (
+    "only the current or the voltage of the motors is logged: known bodies, a known payload in one "
+    "of several logs, or known torque constants give the scale of all torques"
+)
+
+
+def _input(sensors: Sequence[Mapping[str, Array]]) -> MotorInput | Literal[""]:
+    """Return by what a motor is logged, the most direct one; "" by nothing."""
+    kinds: tuple[MotorInput, ...] = ("torque", "current", "voltage")
+    there = (kind for kind in kinds if any(f"motor_{kind}" in one for one in sensors))
+    return next(there, "")
+
+
 def inferred_drives(
     robot: Robot, logs: Sequence[Log], without: Sequence[str] = ()
 ) -> tuple[dict[str, dict[str, object]], list[str]]:
@@ -307,14 +322,17 @@ def inferred_drives(
     Nothing is said of the joints `without`.
     """
     tables: dict[str, dict[str, object]] = {}
-    doubts, alone, sensed = list[str](), list[str](), list[str]()
+    doubts, alone, sensed, unscaled = list[str](), list[str](), list[str](), list[str]()
     for index, joint in enumerate(robot.joint_names):
         if joint in without:
             continue
         own = [_sensors(log, index) for log in logs]
         places = [place for place, one in enumerate(own) if "motor_position" in one]
-        if not places and any("motor_torque" in one for one in own):
-            tables[joint] = {"type": "stiff", "gear_ratio": 1.0}
+        kind = _input(own)
+        fed: dict[str, object] = {"motor_input": kind} if kind not in ("", "torque") else {}
+        unscaled += [joint] if fed else []
+        if not places and kind:
+            tables[joint] = {"type": "stiff", "gear_ratio": 1.0, **fed}
             alone.append(joint)
             continue
         if not places:
@@ -322,16 +340,17 @@ def inferred_drives(
             continue
         found = own[places[0]]
         if "joint_position" not in found:
-            tables[joint] = {"type": "stiff", "gear_ratio": 1.0}
+            tables[joint] = {"type": "stiff", "gear_ratio": 1.0, **fed}
             doubts.append(f"{joint}: gear_ratio = 1.0 is a placeholder: no joint encoder shows it")
             continue
         table, doubt = _of_both_encoders(robot, index, logs[places[0]].time, found)
         if table is not None:
-            tables[joint] = table
+            tables[joint] = {**table, **fed}
         doubts.append(f"{joint}: {doubt}")
     doubts += [f"{listed(alone)}: {_NO_ENCODER}"] if alone else []
     known = "no motor encoder or torque in the logs: torques at the joints count as known"
     doubts += [f"{listed(sensed)}: {known}"] if sensed else []
+    doubts += [f"{listed(unscaled)}: {_UNSCALED}"] if unscaled else []
     return _with_standard_errors(robot, logs, tables, doubts)
 
 
