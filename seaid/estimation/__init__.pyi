@@ -12,6 +12,7 @@ from .feasible import FeasiblePoint as FeasiblePoint
 from .feasible import nearest as nearest
 from .feasible import regularised as regularised
 from .feasible import with_selected_weight as with_selected_weight
+from .fitting import Change as Change
 from .fitting import Estimator as Estimator
 from .fitting import EstimatorName as EstimatorName
 from .fitting import FittedRows as FittedRows
@@ -23,6 +24,8 @@ from .fitting import qr_factor_of_rows as qr_factor_of_rows
 from .fitting import stored_rows as stored_rows
 from .instrumental_variables import errors_in_variables as errors_in_variables
 from .instrumental_variables import instrumental as instrumental
+from .instrumental_variables import unattenuated as unattenuated
+from .instrumental_variables import with_predicted_columns as with_predicted_columns
 from .least_squares import FEWEST_INDEPENDENT as FEWEST_INDEPENDENT
 from .least_squares import equal_weights as equal_weights
 from .least_squares import estimate_of as estimate_of

@@ -11,6 +11,7 @@ regression gives too small a stiffness, reverse regression too large a one (Fris
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -20,11 +21,27 @@ from scipy import linalg
 from seaid._arrays import Array, finite, safely
 from seaid.errors import Finding, IdentificationError
 from seaid.estimation.estimate import Estimate
-from seaid.estimation.least_squares import estimate_of_rows, settled_weights, solve
-from seaid.estimation.qr_factor import ROUNDING, qr_factor_of, triangle
+from seaid.estimation.least_squares import (
+    estimate_of_rows,
+    settled_weights,
+    solve,
+    weights_at,
+)
+from seaid.estimation.qr_factor import (
+    RANK_TOLERANCE,
+    ROUNDING,
+    QRFactor,
+    qr_factor_of,
+    triangle,
+)
 
 if TYPE_CHECKING:
     from seaid.regressor import Regression
+
+_MOST_ROUNDS, _SETTLED = 50, 1e-8
+"""Iterations for predicted columns at most, and the relative change at which they have settled."""
+
+_WHAT = "predicted currents"
 
 WEAK = 0.1
 """Partial R^2 of a column with its instruments below which the instruments are flagged as weak."""
@@ -64,6 +81,64 @@ def instrumental(rows: Regression, instruments: Array, propagated: Array | None 
     )
     estimate = estimate_of_rows(linear, of_linear, weights, propagated)
     return replace(estimate, warnings=(*estimate.warnings, *warnings))
+
+
+def unattenuated(
+    qr_factor: QRFactor, weights: Array, noisy: Sequence[int], reweigh: bool
+) -> Array | None:
+    """Return the estimate (p,) if the noise of an equation is that of one of its columns.
+
+    Of y + noise of c k = H theta, with a logged current in the column c and its unknown torque
+    constant k, least squares makes k too small (attenuation). Maximum likelihood minimises the
+    residual r over k: n log |r| - n log k, whose derivative is zero where r is orthogonal to all
+    other columns and to c + r / k, the current that the model predicts. These are instruments, and
+    the solution is iterated. `noisy` are the places of such columns. With `reweigh` the `weights`
+    (E,) of the equations follow the residuals. None if it does not converge: the columns are mostly
+    noise.
+    """
+    R, p = qr_factor.factors, len(qr_factor.names)
+    theta = first = solve(qr_factor, weights).values
+    for _ in range(_MOST_ROUNDS):
+        Z = predicted_columns(R[:, :, :p], R @ np.append(-theta, 1.0), theta, noisy)
+        stacked = [
+            (weights[:, None, None] * part).reshape(-1, part.shape[2])
+            for part in (Z, R[:, :, :p], R[:, :, p:])
+        ]
+        scale = np.maximum(np.linalg.norm(stacked[1], axis=0), np.finfo(float).tiny)
+        Q = safely(np.linalg.qr, stacked[0] / scale, what=_WHAT, error=IdentificationError)[0]
+        inner = Q.T @ (stacked[1] / scale)
+        if np.linalg.cond(inner) > 1 / RANK_TOLERANCE:
+            return None
+        before, theta = theta, np.linalg.solve(inner, (Q.T @ stacked[2])[:, 0]) / scale
+        if not np.all(theta[list(noisy)] * first[list(noisy)] > 0):
+            return None
+        weights = weights_at(qr_factor, theta) if reweigh else weights
+        if np.all(np.abs(theta - before) * scale < _SETTLED * np.linalg.norm(theta * scale)):
+            return np.asarray(theta)
+    return None
+
+
+def predicted_columns(H: Array, residual: Array, theta: Array, noisy: Sequence[int]) -> Array:
+    """Return columns (E, m, p) with those that are `noisy` as the fit predicts them, c + r / k.
+
+    `residual` (E, m) is y - H theta; only equations that have such a column are changed.
+    """
+    found = H.copy()
+    for place in noisy:
+        own = np.any(H[:, :, place] != 0, axis=1)
+        found[own, :, place] += residual[own] / theta[place]
+    return found
+
+
+def with_predicted_columns(rows: Regression, theta: Array, noisy: Sequence[int]) -> Regression:
+    """Return rows whose least-squares estimate and residual are those of `unattenuated`."""
+    residual, H, y = rows.y - rows.H @ theta, rows.H.copy(), rows.y.copy()
+    for equation in np.unique(rows.joint):
+        mine = np.flatnonzero(rows.joint == equation)
+        own = rows.H[mine][None]
+        H[mine] = predicted_columns(own, residual[mine][None], theta, noisy)[0]
+        y[mine] += (H[mine] - own[0]) @ theta
+    return replace(rows, H=H, y=y)
 
 
 def errors_in_variables(rows: Regression, ratio: float) -> Estimate:

@@ -26,7 +26,6 @@ from seaid.estimation import (
     LinearEstimator,
     TermTest,
     estimator_named,
-    fit,
     independent_rows,
     qr_factor_of,
     settled_weights,
@@ -54,7 +53,7 @@ from seaid.identification.torque_offsets import with_spring_torque
 from seaid.identification.two_step import (
     LOAD,
     RobotEstimate,
-    check_scale,
+    fit_inputs,
     joints_with_torque,
     scale_findings,
     split_load_side,
@@ -282,7 +281,7 @@ def _fitted(
     propagated: Array | None,
 ) -> ConditionFit:
     shared = shared_rows(rows, specific)
-    return ConditionFit(rows, shared, fit(shared.rows, solver, propagated, check=check_scale))
+    return ConditionFit(rows, shared, fit_inputs(shared.rows, solver, propagated, None, None))
 
 
 CONDITION_SPECIFIC = ("spring_offset", "deflection_zero")

@@ -19,6 +19,7 @@ from seaid.drives import PARAMETERS_OF, JointParameter, parameter_of, unit_of
 from seaid.errors import Finding, IdentificationError, listed
 from seaid.estimation import (
     RANK_TOLERANCE,
+    Change,
     Estimate,
     Estimator,
     FittedRows,
@@ -29,6 +30,8 @@ from seaid.estimation import (
     fit,
     qr_factor_of_rows,
     scaled_svd,
+    unattenuated,
+    with_predicted_columns,
 )
 from seaid.identification.command_delays import with_shared_delays
 from seaid.identification.datasets import Dataset, first_motion, rows_of_equations
@@ -63,6 +66,9 @@ CONSTANTS = {
     "gain_scale": "the gains of its controller are in units of the drive",
 }
 """Factors that convert a logged input to torque, and why they are unknown."""
+
+MOTOR_CONSTANTS = ("torque_constant", "voltage_constant")
+"""Those of them whose input is measured, with noise."""
 
 _ROUNDING = 1e-9
 
@@ -330,7 +336,7 @@ def fit_actuator(
     robot: Robot, datasets: Sequence[Dataset], joint: str, rows: Rows, estimator: Estimator
 ) -> FittedRows:
     """Fit (10) of an elastic joint, by errors in variables if the spring torque was measured."""
-    found = fit(rows, estimator, check=check_scale, cutoff_hz=datasets[0].cutoff_hz)
+    found = fit_inputs(rows, estimator, None, None, datasets[0].cutoff_hz)
     found = with_shared_delays(robot.drives, found, joint)
     plain = found.estimate.names == ("stiffness", "spring_offset")
     if not plain or not estimator.weigh or found.rows is None:
@@ -450,8 +456,36 @@ def fit_load(
         columns = partial(with_torque_columns, robot, springs, freed)
         freed = identifiable_offsets(qr_factor_of_rows(rows, columns), freed)
     change = partial(with_torque_columns, robot, springs, freed)
-    found = fit(rows, estimator, propagated, change, check_scale, cutoff_hz)
+    found = fit_inputs(rows, estimator, propagated, change, cutoff_hz)
     return with_shared_delays(robot.drives, found)
+
+
+def fit_inputs(
+    rows: Rows,
+    estimator: Estimator,
+    propagated: Array | None,
+    change: Change | None,
+    cutoff_hz: float | None,
+) -> FittedRows:
+    """Fit rows with the noise of a current or voltage in its own column; see `unattenuated`.
+
+    If it hides the constant, the estimate is that of least squares.
+    """
+    found = fit(rows, estimator, propagated, change, check_scale, cutoff_hz)
+    names = enumerate(found.qr_factor.names)
+    noisy = [place for place, name in names if parameter_of(name) in MOTOR_CONSTANTS]
+    if not noisy or estimator.weigh is None:
+        return found
+    reweigh = found.settled is not None
+    weights = found.weights if reweigh else np.ones(len(found.qr_factor.equations))
+    theta = unattenuated(found.qr_factor, weights, noisy, reweigh)
+    if theta is None:
+        return found
+
+    def predicted(part: Regression) -> Regression:
+        return with_predicted_columns(part if change is None else change(part), theta, noisy)
+
+    return fit(rows, estimator, propagated, predicted, cutoff_hz=cutoff_hz)
 
 
 def with_offset_columns(

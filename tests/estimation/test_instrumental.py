@@ -11,8 +11,13 @@ from hypothesis import strategies as st
 
 from seaid._arrays import Array
 from seaid.errors import ExcitationError, IdentificationError
-from seaid.estimation.instrumental_variables import instrumental
-from seaid.estimation.least_squares import ordinary, weighted
+from seaid.estimation.instrumental_variables import (
+    instrumental,
+    unattenuated,
+    with_predicted_columns,
+)
+from seaid.estimation.least_squares import equal_weights, ordinary, settled_weights, weighted
+from seaid.estimation.qr_factor import qr_factor_of
 from seaid.regressor.regression import Regression
 from tests.standard_errors import check_scores
 
@@ -130,3 +135,61 @@ def test_errors() -> None:
         instrumental(rows, Z[:, [0, 1, 0]])
     with pytest.raises(ExcitationError, match=r"combination of .* is unidentifiable"):
         instrumental(replace(rows, H=rows.H[:, [0, 1, 0]]), Z)
+
+
+def currents(seed: int, noise: tuple[float, ...], count: int = 400) -> tuple[Regression, Array]:
+    """Return rows k_e i_e - f_e v_e = y_e, with noise in the currents i_e only, and the truth."""
+    rng, n = np.random.default_rng(seed), len(noise)
+    k, f = np.arange(2.0, 2 + n), 0.3 * np.arange(1.0, 1 + n)
+    y, v = rng.normal(size=(n, count)), rng.normal(size=(n, count))
+    measured = (y + f[:, None] * v) / k[:, None] + np.array(noise)[:, None] * rng.normal(
+        size=y.shape
+    )
+    H = np.zeros((n, count, 2 * n))
+    for e in range(n):
+        H[e, :, e], H[e, :, n + e] = measured[e], -v[e]
+    rows = Regression(
+        names=tuple(f"k{e}" for e in range(n)) + tuple(f"f{e}" for e in range(n)),
+        units=("N m",) * (2 * n),
+        H=H.reshape(-1, 2 * n),
+        y=y.ravel(),
+        joint=np.repeat(np.arange(float(n)), count),
+        time=np.tile(0.05 * np.arange(count), n),
+        run=np.zeros(n * count),
+        excluded=0,
+        propagated=np.empty((n * count, 0)),
+    )
+    return rows, np.concatenate([k, f])
+
+
+def test_noise_of_one_equation_in_one_column_is_regressed_the_other_way_round() -> None:
+    rows, _ = currents(0, (0.4,))
+    qr_factor = qr_factor_of(rows)
+    theta = unattenuated(qr_factor, equal_weights(qr_factor), [0], False)
+    # i = y / k + (f / k) v
+    inverse = np.linalg.lstsq(np.column_stack([rows.y, -rows.H[:, 1]]), rows.H[:, 0])[0]
+    assert theta == pytest.approx([1 / inverse[0], inverse[1] / inverse[0]], rel=1e-9)
+    again = ordinary(with_predicted_columns(rows, np.asarray(theta), [0]))
+    assert again.values == pytest.approx(theta, rel=1e-9)
+    assert again.residual_std == pytest.approx(np.std(rows.y - rows.H @ theta), rel=0.01)
+
+
+def test_noise_of_logged_currents_biases_least_squares_only() -> None:
+    noisy, scores, plain, truth = [0, 1, 2], [], [], np.empty(0)
+    for seed in range(250):
+        rows, truth = currents(seed, (0.0, 0.1, 0.3))
+        qr_factor = qr_factor_of(rows)
+        theta = unattenuated(qr_factor, settled_weights(qr_factor), noisy, True)
+        assert theta is not None
+        found = weighted(with_predicted_columns(rows, theta, noisy))
+        scores.append((found.values - truth)[[1, 2, 4, 5]] / found.standard_errors[[1, 2, 4, 5]])
+        plain.append(weighted(rows).values)
+        assert found.values[[0, 3]] == pytest.approx(truth[[0, 3]], rel=1e-6)
+    check_scores(scores)
+    assert np.mean(plain, axis=0)[2] < 0.6 * truth[2]
+
+
+def test_without_convergence_there_is_no_estimate(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("seaid.estimation.instrumental_variables._MOST_ROUNDS", 1)
+    qr_factor = qr_factor_of(currents(0, (0.1, 0.3))[0])
+    assert unattenuated(qr_factor, settled_weights(qr_factor), [0, 1], True) is None

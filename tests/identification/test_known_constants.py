@@ -13,8 +13,17 @@ from seaid.drives.toml import drive_table, drives_from_mapping
 from seaid.errors import IdentificationError, RobotError
 from seaid.identification.identification import Identification, identify
 from seaid.report.html_experiment import settings_facts
+from seaid.robot.robot import load_robot
 from seaid.simulation.simulation import measure
-from tests.experiments import ELASTIC, LEG_SENSORS, TEST_MASS, leg, leg_motion, true_value
+from tests.experiments import (
+    ELASTIC,
+    LEG_SENSORS,
+    TEST_MASS,
+    geared_arm_log,
+    leg,
+    leg_motion,
+    true_value,
+)
 
 TRUTH = leg(TEST_MASS)
 
@@ -125,3 +134,23 @@ def test_the_rotor_inertia_of_one_drive_reaches_its_parameters() -> None:
         ratio = stated.drives[joint].standard_errors / plain.drives[joint].standard_errors
         ratio = ratio[:3]  # by (7); (8) couples the torque offsets
         assert (np.max(ratio) > 1.05) == (joint == "knee_pitch")
+
+
+@pytest.mark.parametrize("estimator", ["wls", "huber"])
+def test_noise_of_currents_does_not_make_torque_constants_small(estimator: Any) -> None:
+    """The currents of the wrist are mostly friction and noise; robust weights are biased."""
+    log, constants = geared_arm_log(), np.array([13.0, 13.2, 9.5, 7.4, 7.3, 7.5])
+    current = log.motor_torque / constants
+    current += 0.02 * np.random.default_rng(1).normal(size=current.shape)
+    unknown = np.full_like(current, np.nan)
+    given = replace(log, motor_torque=unknown, motor_current=current)
+    drives = dict.fromkeys(log.joint_names, StiffDrive(gear_ratio=1.0, motor_input="current"))
+    bodies = load_robot("ur10", snap_tolerance_rad=0).body_names
+    robot = load_robot("ur10", drives, snap_tolerance_rad=0, known_bodies=bodies)
+    result = identify(robot, given, estimator=estimator)
+    scores = [
+        (result.drives[joint].value("torque_constant") - constant)
+        / result.drives[joint].standard_error("torque_constant")
+        for joint, constant in zip(log.joint_names[:5], constants, strict=False)
+    ]
+    assert (np.max(np.abs(scores)) < 4) == (estimator == "wls")
