@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -41,7 +42,7 @@ if TYPE_CHECKING:
 _MOST_ROUNDS, _SETTLED = 50, 1e-8
 """Iterations for predicted columns at most, and the relative change at which they have settled."""
 
-_WHAT = "predicted currents"
+_safely = partial(safely, what="predicted currents", error=IdentificationError)
 
 WEAK = 0.1
 """Partial R^2 of a column with its instruments below which the instruments are flagged as weak."""
@@ -105,11 +106,11 @@ def unattenuated(
             for part in (Z, R[:, :, :p], R[:, :, p:])
         ]
         scale = np.maximum(np.linalg.norm(stacked[1], axis=0), np.finfo(float).tiny)
-        Q = safely(np.linalg.qr, stacked[0] / scale, what=_WHAT, error=IdentificationError)[0]
-        inner = Q.T @ (stacked[1] / scale)
-        if np.linalg.cond(inner) > 1 / RANK_TOLERANCE:
+        Q = _safely(np.linalg.qr, stacked[0] / scale)[0]
+        inner, right = Q.T @ (stacked[1] / scale), (Q.T @ stacked[2])[:, 0]
+        if _safely(np.linalg.cond, inner) > 1 / RANK_TOLERANCE:
             return None
-        before, theta = theta, np.linalg.solve(inner, (Q.T @ stacked[2])[:, 0]) / scale
+        before, theta = theta, _safely(np.linalg.solve, inner, right) / scale
         if not np.all(theta[list(noisy)] * first[list(noisy)] > 0):
             return None
         weights = weights_at(qr_factor, theta) if reweigh else weights
