@@ -138,7 +138,7 @@ def accelerometer_bias(
     k = len(axes)
     value, by = found.values[-k:], found.by_propagated[-k:]
     covariance = long_run_of(
-        found.influence[:, -k:], np.ones(len(rows.y)), rows.time, rows.run
+        both.H @ found.inverse[:, -k:], found.residual, rows.time, rows.run
     ).for_normal_intervals
     if fit.propagated is not None:
         covariance = covariance + by @ fit.propagated @ by.T

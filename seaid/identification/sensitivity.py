@@ -21,10 +21,12 @@ from seaid.errors import ExcitationError, Finding, IdentificationError, listed
 from seaid.estimation import (
     FittedRows,
     QRFactor,
+    at_slots,
     equal_weights,
     first_term,
-    long_run_of,
+    long_run,
     qr_factor_of,
+    slots,
     solve,
 )
 from seaid.identification.datasets import Dataset, first_motion
@@ -67,13 +69,15 @@ _PULL, _STRONG_PULL = 0.02, 0.2
 class Fit:
     """Values (p,) of rows, and their derivatives by what they depend on.
 
-    `influence` (R, p) is that of the residual of each row, `by_propagated` (p, s) that of the
-    values from which the targets were computed.
+    `residual` (R,) of each row has the square of its weight; times the row and `inverse` (p, p),
+    that of the normal equations, it is the influence of the row on the values. `by_propagated`
+    (p, s) is the derivative by the values from which the targets were computed.
     """
 
     rows: Regression
     values: Array
-    influence: Array
+    residual: Array
+    inverse: Array
     by_propagated: Array
 
 
@@ -84,12 +88,8 @@ def fit_of(rows: Regression, weights: Array, qr_factor: QRFactor | None = None) 
     squares = weights[np.searchsorted(qr_factor.equations, rows.joint)] ** 2
     residual = squares * (rows.y - rows.H @ solution.values)
     moments = np.einsum("e,eps->ps", weights**2, qr_factor.propagated)
-    return Fit(
-        rows,
-        solution.values,
-        residual[:, None] * (rows.H @ solution.inverse),
-        solution.inverse @ moments,
-    )
+    inverse = solution.inverse
+    return Fit(rows, solution.values, residual, inverse, inverse @ moments)
 
 
 def difference(fits: Sequence[Fit], propagated: Array | None) -> tuple[Array, Array]:
@@ -99,20 +99,35 @@ def difference(fits: Sequence[Fit], propagated: Array | None) -> tuple[Array, Ar
     `propagated` (s, s) is the covariance of the values from which the targets were computed.
     """
     one, other = fits
-    step_s = max(float(np.min(np.diff(np.unique(fit.rows.time)))) for fit in fits)
-    time = np.concatenate([fit.rows.time for fit in fits])
-    covariance = long_run_of(
-        np.vstack([one.influence, -other.influence]),
-        np.ones(len(time)),
-        step_s * np.round((time - np.min(time)) / step_s),
-        np.concatenate([fit.rows.run for fit in fits]),
-    ).for_normal_intervals
+    runs = np.unique(np.concatenate([fit.rows.run for fit in fits]))
+    steps_s = [float(np.min(np.diff(np.unique(fit.rows.time)))) for fit in fits]
+    summed = [_influences(fits, run, max(steps_s)) for run in runs]
+    covariance = long_run([[scores] for scores in summed], sum(map(len, summed)))
+    found = covariance.for_normal_intervals
     if propagated is not None:
         # those that both have: not encoder offsets and a bias, which are common to them
         k = min(fit.by_propagated.shape[1] for fit in fits)
         by = one.by_propagated[:, :k] - other.by_propagated[:, :k]
-        covariance = covariance + by @ propagated[:k, :k] @ by.T
-    return one.values - other.values, np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+        found = found + by @ propagated[:k, :k] @ by.T
+    return one.values - other.values, np.sqrt(np.maximum(np.diag(found), 1e-300))
+
+
+def _influences(fits: Sequence[Fit], run: float, step_s: float) -> Array:
+    """Return the influences (T, p) of the rows of a log on a difference, by steps of time."""
+    start_s = min(float(np.min(fit.rows.time)) for fit in fits)
+    every = [fit.rows.run == run for fit in fits]
+    mine = [slice(None) if np.all(own) else own for own in every]  # a view of all rows
+    places = [
+        slots(fit.rows.time[own], start_s, step_s) for fit, own in zip(fits, mine, strict=True)
+    ]
+    first = min(int(np.min(one)) for one in places if len(one))
+    count = max(int(np.max(one)) for one in places if len(one)) - first + 1
+    found = np.zeros((count, len(fits[0].values)))
+    for sign, fit, own, place in zip((1, -1), fits, mine, places, strict=True):
+        if len(place):
+            scores = at_slots(fit.rows.H[own], sign * fit.residual[own], place - first)
+            found[: len(scores)] += scores @ fit.inverse
+    return found
 
 
 def _scores(fits: Sequence[Fit], stated: Array, propagated: Array | None) -> Array:
