@@ -109,6 +109,9 @@ _BY_UNIT = {
 }
 """Units that say the quantity if no word of the name does: "hip_yaw_motor_rad" is a position."""
 
+_OF_ENCODERS = {"counts", "turn"}
+"""Units of encoders, which say the quantity next to a side of the gear."""
+
 _RATE = re.compile(
     r"(?<![^\W_])(m?rad|m?deg|turns?|revs?|counts?|[mc]?m|°)"
     r"(?:_per_| ?/ ?|(?<=rad)_|(?<=deg)_)(s|sec|min)(\^?2|²|s)?(?![^\W_])"
@@ -185,9 +188,10 @@ def meaning_of(name: str, joints: Sequence[str] = ()) -> Meaning:
     texts = [one.text for one in words]
     quantity = _quantity(texts)
     if not quantity and (
-        by_unit := _unit_of(words, "", "", joint)
+        by_unit := _unit_of(words, "", "", joint) or _counts_of(words)
     ):  # the unit stands for the quantity
-        words = [replace(one, text=by_unit[0]) if one.unit == by_unit else one for one in words]
+        quantity = by_unit[0]
+        words = [replace(one, text=quantity) if one.unit == by_unit else one for one in words]
     says_nothing = found or _FILLER.issuperset(texts) or texts[-1].isdigit()
     if not quantity and says_nothing:
         # "/state/positions/elbow", "/effort_controller/commands/data[0]"
@@ -390,6 +394,12 @@ def _unit_of(words: Sequence[_Word], quantity: str, side: str, joint: str) -> _U
         if _fits(word.unit, quantity):
             return word.unit
     return None
+
+
+def _counts_of(words: Sequence[_Word]) -> _Unit | None:
+    """Return the unit of counts or turns on a side of a gear: "motor_counts" are of its encoder."""
+    units = (one.unit for one in words if one.unit is not None and one.unit[1] in _OF_ENCODERS)
+    return next(units, None) if _side(words) else None
 
 
 def _side(words: Sequence[_Word]) -> str:

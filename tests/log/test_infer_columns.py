@@ -67,6 +67,8 @@ def plain(found: Description) -> dict[str, Any]:
         ("knee_enc_mrad", "position", "", "knee", "mrad"),
         ("pos_mdeg_3", "position", "", "3", "mdeg"),
         ("enc_counts", "position", "", "", "counts"),
+        ("motor_counts", "position", "motor", "", "counts"),
+        ("knee_motor_turns", "position", "motor", "knee", "turn"),
         ("hip_yaw_motor_rad", "position", "motor", "hip_yaw", "rad"),
         ("hip_yaw_rpm", "velocity", "", "hip_yaw", "rpm"),
         ("vel_deg_s", "velocity", "", "", "deg/s"),
