@@ -264,6 +264,8 @@ def fit_findings(
     joint_names: Sequence[str], found: RobotEstimate, joints: Mapping[str, JointFit]
 ) -> Iterator[Finding]:
     """Yield the joints whose torque the model does not explain, and bursts of their residual."""
+    warnings = (one for drive in found.drives.values() for one in drive.warnings)
+    weak = {one.joint for one in warnings if one.code == "weak-spring"}
     for joint, one in joints.items():
         error = one.blocks if np.isfinite(one.blocks) else one.own
         evidence = {"error": one.own, "error of excluded blocks": one.blocks}
@@ -292,7 +294,7 @@ def fit_findings(
                 evidence,
                 "record a longer motion, or remove terms of this drive",
             )
-        elif error > PART and one.own > PART:
+        elif error > PART and one.own > PART and joint not in weak:
             yield Finding(
                 "no-fit",
                 f"the model leaves much of the torque on the load of {joint} unexplained: "

@@ -355,6 +355,7 @@ def identify_conditions(
     ... )
     >>> print(both.summary())
     """
+    _check_conditions(conditions)
 
     def with_scales(robots: Mapping[str, Robot]) -> Conditions:
         return once({name: (robot, conditions[name][1]) for name, robot in robots.items()})
@@ -428,12 +429,8 @@ def _identify_conditions(
     )
 
 
-def _read(
-    conditions: Mapping[str, tuple[Robot, Source | Sequence[Source]]],
-    cutoff_hz: float | None,
-    progress: bool,
-) -> tuple[dict[str, Robot], dict[str, list[Dataset]]]:
-    """Return robots and datasets of all conditions, with one cutoff."""
+def _check_conditions(conditions: Mapping[str, object]) -> None:
+    """Check that conditions are at least two pairs of a robot and its logs."""
     if len(conditions) < 2:
         raise IdentificationError(
             f"identify_conditions needs at least two conditions, found {len(conditions)}"
@@ -443,6 +440,14 @@ def _read(
             raise IdentificationError(
                 f"condition '{name}' must be (robot, logs), found {shown(pair)}"
             )
+
+
+def _read(
+    conditions: Mapping[str, tuple[Robot, Source | Sequence[Source]]],
+    cutoff_hz: float | None,
+    progress: bool,
+) -> tuple[dict[str, Robot], dict[str, list[Dataset]]]:
+    """Return robots and datasets of all conditions, with one cutoff."""
     robots = {name: robot for name, (robot, _) in conditions.items()}
     _check_joints(robots)
     sources = {name: sources_of(logs) for name, (_, logs) in conditions.items()}
