@@ -67,8 +67,8 @@ CONSTANTS = {
 }
 """Factors that convert a logged input to torque, and why they are unknown."""
 
-MOTOR_CONSTANTS = ("torque_constant", "voltage_constant")
-"""Those of them whose input is measured, with noise."""
+_OF_CURRENT = "torque_constant"
+"""That of a current, which is measured, with noise; a voltage is what the drive applies."""
 
 _ROUNDING = 1e-9
 
@@ -467,13 +467,13 @@ def fit_inputs(
     change: Change | None,
     cutoff_hz: float | None,
 ) -> FittedRows:
-    """Fit rows with the noise of a current or voltage in its own column; see `unattenuated`.
+    """Fit rows with the noise of logged currents in their own columns; see `unattenuated`.
 
     If it hides the constant, the estimate is that of least squares.
     """
     found = fit(rows, estimator, propagated, change, check_scale, cutoff_hz)
     names = enumerate(found.qr_factor.names)
-    noisy = [place for place, name in names if parameter_of(name) in MOTOR_CONSTANTS]
+    noisy = [place for place, name in names if parameter_of(name) == _OF_CURRENT]
     if not noisy or estimator.weigh is None:
         return found
     reweigh = found.settled is not None
