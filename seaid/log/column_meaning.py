@@ -42,14 +42,15 @@ _JOINT = {"joint", "link", "load", "out", "output", "l", "arm", "sensor", "exter
 _JOINT |= {"joints", "links", "j", "spring"}
 _ROLES = {
     "commanded": "cmd command commands commanded lowcmd goal target des desired ref reference "
-    "setpoint stpt con demand soll action actions",
+    "setpoint set stpt con demand soll action actions",
     "estimated": "est estimate estimated",
     "derived": "filt filtered fric friction model ff error err expected predicted "
     "gravity gravite pred computed coriolis constraint nullspace limit limits max min threshold "
     "hat",
     "elsewhere": "tcp ee eef tool cart cartesian task wrench imu gyro foot battery batt bms",
     "filler": "meas measured raw state states header actual act value data of the w bus actuator "
-    "actuators servo axis electric dof ist feedback low lowstate",
+    "actuators servo axis electric dof ist feedback low lowstate "
+    "present observation",
 }
 """Words of commands, of what is computed, of what is not at a joint, and words without meaning."""
 _COMMANDED, _ESTIMATED, _DERIVED, _ELSEWHERE, _FILLER = (

@@ -145,6 +145,9 @@ def test_the_name_of_a_joint_of_the_robot_is_read_as_nothing_else(
         ("/odrive_axis1/controller_status/pos_measured", "position", "odrive_1", "measured"),
         ("/iiwa/JointState/measured_torque/a1", "torque", "a1", "measured"),
         ("/wrench/force/x", "", "x", "derived"),
+        ("Present_Position_1", "position", "1", "measured"),
+        ("Axis1.SetPos", "position", "1", "command"),
+        ("observation.state.left_s0.pos", "position", "left_s0", "measured"),
     ],
 )
 @pytest.mark.parametrize("joints", [(), ("left_s0", "elbow_joint")])
