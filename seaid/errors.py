@@ -229,6 +229,13 @@ def shortened(text: object, most: int = 80) -> str:
     return in_one_line(text if len(text) <= most else f"{text[: most - 2]} …")
 
 
+def abridged(sentence: str, most: int = 400) -> str:
+    """Return a sentence without the middle of a long list at its start: its end says what it is."""
+    start = most // 3
+    short = len(sentence) <= most
+    return in_one_line(sentence if short else f"{sentence[:start]} ... {sentence[start - most :]}")
+
+
 def in_one_line(text: str) -> str:
     """Return a text with control characters escaped, including line breaks."""
     return visible(text).replace("\n", "\\n")

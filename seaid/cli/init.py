@@ -21,6 +21,7 @@ from seaid.cli.options import (
     values,
     vector,
 )
+from seaid.errors import abridged
 
 if TYPE_CHECKING:
     from seaid.drives import Controller
@@ -70,7 +71,7 @@ def init(
         imu_link=given.imu_link,
         rate_hz=rate_hz,
     )
-    text = [f"unsure: {one}" for one in found.doubts]
+    text = [f"unsure: {abridged(one)}" for one in found.doubts]
     place = "" if folder == Path() else f" {folder}"
     text.append(f"Check what is unsure, then: seaid run{place}")
     content = {"files": found.files, "doubts": found.doubts}

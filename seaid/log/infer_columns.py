@@ -18,7 +18,7 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid._progress import Display, counted
-from seaid.errors import LogError, checked, in_one_line, listed, shortened
+from seaid.errors import LogError, abridged, checked, in_one_line, listed, shortened
 from seaid.log.base_columns import VectorSource
 from seaid.log.column_checks import (
     Inference,
@@ -348,8 +348,8 @@ class Description(Display):
 
     def to_toml(self) -> str:
         """Return the TOML of the description, with the uncertain choices as comments on top."""
-        comments = "".join(f"# unsure: {shortened(one, 500)}\n" for one in self.unsure)
-        comments += "".join(f"# assumed: {shortened(one, 500)}\n" for one in self.assumed)
+        comments = "".join(f"# unsure: {abridged(one)}\n" for one in self.unsure)
+        comments += "".join(f"# assumed: {abridged(one)}\n" for one in self.assumed)
         return comments + self.description.to_toml()
 
     def __str__(self) -> str:

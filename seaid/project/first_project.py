@@ -14,7 +14,7 @@ from seaid._arrays import Array, safely
 from seaid._files import write_whole
 from seaid._progress import Display
 from seaid.drives import Controller, MotorInput, drives_from_mapping, read_drives, write_drives
-from seaid.errors import LogError, SeaidError, checked, listed
+from seaid.errors import LogError, SeaidError, abridged, checked, listed
 from seaid.identification import check, is_unsigned, no_measurements
 from seaid.log import Log, describe_log, logs_of_files, low_pass, open_tables, read_log
 from seaid.project.project import FILE_NAME
@@ -444,7 +444,8 @@ def _ratio(time: Array, motor: Array, joint: Array, torque: Array | None) -> tup
 
 
 def _as_comments(doubts: Sequence[str]) -> str:
-    return "".join(f"# unsure: {' '.join(one.split())}\n" for one in doubts) + "\n" * bool(doubts)
+    lines = (f"# unsure: {abridged(' '.join(one.split()))}\n" for one in doubts)
+    return "".join(lines) + "\n" * bool(doubts)
 
 
 def _robot_lines(urdf: str, robot: Robot, joints: Sequence[str] | None) -> list[str]:

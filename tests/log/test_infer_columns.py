@@ -512,3 +512,16 @@ def test_columns_of_arrays_are_described(tmp_path: Path) -> None:
         sources = found.description.joints
         assert sources["joint_1"]["joint_position"].column == "q[1]"
         assert sources["joint_1"]["motor_torque"].column == "tau[1]"
+
+
+def test_a_long_list_of_columns_does_not_hide_what_is_unsure(tmp_path: Path) -> None:
+    names = [f"/a_rather_long_name_of_a_robot/state/motors[{k}]" for k in range(12)]
+    columns = {f"{name}/q": wave(0.3 + 0.02 * k) for k, name in enumerate(names)}
+    columns |= {f"{name}/tau": wave(0.4 + 0.02 * k) for k, name in enumerate(names)}
+    np.savez(tmp_path / "log.npz", t=TIME, **columns)  # type: ignore[arg-type]
+    found = describe_log(tmp_path / "log.npz")
+    lines = [line for line in found.to_toml().splitlines() if line.startswith("# unsure: ")]
+    assert max(map(len, lines)) < 420
+    (line,) = [line for line in lines if "motors[0]/tau" in line]
+    assert " ... " in line
+    assert line.endswith("name it joint_torque if a sensor behind the gear measures it")
