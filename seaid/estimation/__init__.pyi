@@ -2,6 +2,7 @@ from .covariance import at_slots as at_slots
 from .covariance import long_run as long_run
 from .covariance import long_run_of as long_run_of
 from .covariance import newey_west as newey_west
+from .covariance import row_step as row_step
 from .covariance import slots as slots
 from .estimate import POORLY_DETERMINED as POORLY_DETERMINED
 from .estimate import Estimate as Estimate

@@ -26,6 +26,7 @@ from seaid.estimation import (
     first_term,
     long_run,
     qr_factor_of,
+    row_step,
     slots,
     solve,
 )
@@ -100,8 +101,7 @@ def difference(fits: Sequence[Fit], propagated: Array | None) -> tuple[Array, Ar
     """
     one, other = fits
     runs = np.unique(np.concatenate([fit.rows.run for fit in fits]))
-    steps_s = [float(np.min(np.diff(np.unique(fit.rows.time)))) for fit in fits]
-    summed = [_influences(fits, run, max(steps_s)) for run in runs]
+    summed = [_influences(fits, run) for run in runs]
     covariance = long_run([[scores] for scores in summed], sum(map(len, summed)))
     found = covariance.for_normal_intervals
     if propagated is not None:
@@ -112,11 +112,16 @@ def difference(fits: Sequence[Fit], propagated: Array | None) -> tuple[Array, Ar
     return one.values - other.values, np.sqrt(np.maximum(np.diag(found), 1e-300))
 
 
-def _influences(fits: Sequence[Fit], run: float, step_s: float) -> Array:
-    """Return the influences (T, p) of the rows of a log on a difference, by steps of time."""
-    start_s = min(float(np.min(fit.rows.time)) for fit in fits)
+def _influences(fits: Sequence[Fit], run: float) -> Array:
+    """Return the influences (T, p) of the rows of a log on a difference, by steps of time.
+
+    The steps are those of the fit with the fewest rows; other logs have instants between them.
+    """
     every = [fit.rows.run == run for fit in fits]
     mine = [slice(None) if np.all(own) else own for own in every]  # a view of all rows
+    instants = [np.unique(fit.rows.time[own]) for fit, own in zip(fits, mine, strict=True)]
+    start_s = min(one[0] for one in instants if len(one))
+    step_s = max(row_step(one) for one in instants if len(one))
     places = [
         slots(fit.rows.time[own], start_s, step_s) for fit, own in zip(fits, mine, strict=True)
     ]

@@ -308,10 +308,15 @@ _UNSCALED = (
 
 
 def _input(sensors: Sequence[Mapping[str, Array]]) -> MotorInput | Literal[""]:
-    """Return by what a motor is logged, the most direct one; "" by nothing."""
-    kinds: tuple[MotorInput, ...] = ("torque", "current", "voltage")
-    there = (kind for kind in kinds if any(f"motor_{kind}" in one for one in sensors))
-    return next(there, "")
+    """Return by what a motor is logged, the most direct one; "" by nothing that is needed.
+
+    Next to a measured torque of the joint, which has a scale, a current is not.
+    """
+    there = {name for one in sensors for name in one}
+    if "motor_torque" in there or "joint_torque" in there:
+        return "torque" if "motor_torque" in there else ""
+    kinds: tuple[MotorInput, ...] = ("current", "voltage")
+    return next((kind for kind in kinds if f"motor_{kind}" in there), "")
 
 
 def inferred_drives(
