@@ -133,13 +133,11 @@ def predicted_columns(H: Array, residual: Array, theta: Array, noisy: Sequence[i
 
 def with_predicted_columns(rows: Regression, theta: Array, noisy: Sequence[int]) -> Regression:
     """Return rows whose least-squares estimate and residual are those of `unattenuated`."""
-    residual, H, y = rows.y - rows.H @ theta, rows.H.copy(), rows.y.copy()
+    residual, H = rows.y - rows.H @ theta, rows.H.copy()
     for equation in np.unique(rows.joint):
         mine = np.flatnonzero(rows.joint == equation)
-        own = rows.H[mine][None]
-        H[mine] = predicted_columns(own, residual[mine][None], theta, noisy)[0]
-        y[mine] += (H[mine] - own[0]) @ theta
-    return replace(rows, H=H, y=y)
+        H[mine] = predicted_columns(rows.H[mine][None], residual[mine][None], theta, noisy)[0]
+    return replace(rows, H=H, y=rows.y + (H - rows.H) @ theta)
 
 
 def errors_in_variables(rows: Regression, ratio: float) -> Estimate:

@@ -26,6 +26,7 @@ from seaid.estimation import (
     ModelChecks,
     QRFactor,
     Rows,
+    equal_weights,
     errors_in_variables,
     fit,
     qr_factor_of_rows,
@@ -417,9 +418,9 @@ def _scaled(
     robot: Robot, unit: Estimate, joint: str, name: str, constant: float, error: float
 ) -> Estimate:
     """Return the estimate for a motor constant with an error, from that for a constant of 1."""
-    factors = np.array([1.0 if one == "command_delay" else constant for one in unit.names])
-    values = np.append(factors * unit.values, constant)
     is_scaled = np.array([one != "command_delay" for one in unit.names])
+    factors = np.where(is_scaled, constant, 1.0)
+    values = np.append(factors * unit.values, constant)
     slopes = np.append(np.where(is_scaled, unit.values, 0.0), 1.0)  # of the values by the constant
     covariance = linalg.block_diag(factors[:, None] * unit.covariance * factors, 0.0)
     covariance += error**2 * np.outer(slopes, slopes)
@@ -476,9 +477,8 @@ def fit_inputs(
     noisy = [place for place, name in names if parameter_of(name) == _OF_CURRENT]
     if not noisy or estimator.weigh is None:
         return found
-    reweigh = found.settled is not None
-    weights = found.weights if reweigh else np.ones(len(found.qr_factor.equations))
-    theta = unattenuated(found.qr_factor, weights, noisy, reweigh)
+    weights = equal_weights(found.qr_factor) if found.equal else found.weights
+    theta = unattenuated(found.qr_factor, weights, noisy, reweigh=not found.equal)
     if theta is None:
         return found
 

@@ -266,9 +266,12 @@ def short_text(found: Identification, nominal: Robot, details: bool = False) -> 
     """
     given = {joint: drive.own_values for joint, drive in nominal.drives.items()}
     compares = any({*one.names} & {*given[joint]} for joint, one in found.drives.items())
-    drives = [drive_table("Drives", found, nominal if compares else None, ("nominal", "change"))]
-    drives = drives if found.drives else []
-    parts = [*_verdict_lines(found), *drives, *_fit_tables(found), *_whole_body_table(found)]
+    parts = _verdict_lines(found)
+    if found.drives:
+        parts.append(
+            drive_table("Drives", found, nominal if compares else None, ("nominal", "change"))
+        )
+    parts += [*_fit_tables(found), *_whole_body_table(found)]
     return joined([*parts, *(_details(found) if details else [_sources_text(found)])])
 
 
