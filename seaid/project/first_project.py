@@ -296,7 +296,7 @@ def _known_bodies(robot: Robot) -> Iterator[str]:
 
 _NO_ENCODER = (
     "no motor encoder in the logs: the torques count as those of the motors, at the joints, and "
-    "gear_ratio = 1.0: friction and rotor inertias are those at the joints. Torques of sensors "
+    "gear ratios are 1: friction and rotor inertias are those at the joints. Torques of sensors "
     "behind the gears have neither: name them joint_torque"
 )
 
@@ -319,6 +319,11 @@ def _input(sensors: Sequence[Mapping[str, Array]]) -> MotorInput | Literal[""]:
     return next((kind for kind in kinds if f"motor_{kind}" in there), "")
 
 
+def _ratio_key(robot: Robot, index: int) -> str:
+    """Return the key of the gear ratio in the table of a joint that turns or slides."""
+    return "gear_ratio_rad_per_m" if robot.is_prismatic[index] else "gear_ratio"
+
+
 def inferred_drives(
     robot: Robot, logs: Sequence[Log], without: Sequence[str] = ()
 ) -> tuple[dict[str, dict[str, object]], list[str]]:
@@ -337,7 +342,7 @@ def inferred_drives(
         fed: dict[str, object] = {"motor_input": kind} if kind not in ("", "torque") else {}
         unscaled += [joint] if fed else []
         if not places and kind:
-            tables[joint] = {"type": "stiff", "gear_ratio": 1.0, **fed}
+            tables[joint] = {"type": "stiff", _ratio_key(robot, index): 1.0, **fed}
             alone.append(joint)
             continue
         if not places:
@@ -345,8 +350,9 @@ def inferred_drives(
             continue
         found = own[places[0]]
         if "joint_position" not in found:
-            tables[joint] = {"type": "stiff", "gear_ratio": 1.0, **fed}
-            doubts.append(f"{joint}: gear_ratio = 1.0 is a placeholder: no joint encoder shows it")
+            key = _ratio_key(robot, index)
+            tables[joint] = {"type": "stiff", key: 1.0, **fed}
+            doubts.append(f"{joint}: {key} = 1.0 is a placeholder: no joint encoder shows it")
             continue
         table, doubt = _of_both_encoders(robot, index, logs[places[0]].time, found)
         if table is not None:
@@ -414,7 +420,7 @@ def _of_both_encoders(
     if np.ptp(joint) < _MOVES_RAD:
         return None, "it hardly moves: its torque counts as known at the joint"
     ratio, explained = _ratio(time, motor, joint, torque)
-    key = "gear_ratio_rad_per_m" if robot.is_prismatic[index] else "gear_ratio"
+    key = _ratio_key(robot, index)
     table: dict[str, object] = {"type": "stiff", key: float(f"{ratio:.5g}")}
     spread = float(np.std(motor / ratio - joint))
     text = f"{key} = {ratio:.5g} from both encoders, which differ by {spread:.2g} rad (rms)"
