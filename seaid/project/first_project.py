@@ -148,7 +148,7 @@ def write_first_project(
     tables: dict[str, dict[str, object]] = {}
     if known is None:
         tables, found = inferred_drives(robot, logs_read, commanded)
-        tables |= {joint: _controlled(joint, controllers or {}) for joint in commanded}
+        tables |= {joint: _controlled(robot, joint, controllers or {}) for joint in commanded}
         asked = [joint for joint in commanded if joint not in (controllers or {})]
         found += [f"{listed(asked)}: {_GAINS}"] * bool(asked) + [_DELAY] * bool(commanded)
         doubts += found
@@ -262,12 +262,14 @@ def _is_unsigned(logs: Sequence[Log], joint: str) -> bool:
     return all(is_unsigned(log.motor_torque[:, log.joint_names.index(joint)]) for log in logs)
 
 
-def _controlled(joint: str, controllers: Mapping[str, Controller]) -> dict[str, object]:
+def _controlled(
+    robot: Robot, joint: str, controllers: Mapping[str, Controller]
+) -> dict[str, object]:
     """Return the drive table of a joint with a position controller."""
     unknown = Controller(position_gain_Nm_per_rad=_UNKNOWN_GAIN)
     return {
         "type": "stiff",
-        "gear_ratio": 1.0,
+        _ratio_key(robot, robot.index(joint)): 1.0,
         "friction": ["viscous", "coulomb", "offset"],
         "motor_input": "position_command",
         "controller": controllers.get(joint, unknown),

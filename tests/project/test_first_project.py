@@ -145,17 +145,27 @@ def test_torques_without_motor_encoders_get_stiff_drives_at_the_joints(tmp_path:
         assert value == pytest.approx(viscous, abs=max(4 * error, 0.01 * viscous)), joint
 
 
-@pytest.mark.parametrize("quantity", ["motor_torque_Nm", "motor_current_A"])
+@pytest.mark.parametrize(
+    ("quantity", "kind"),
+    [
+        ("motor_torque_Nm", "torque"),
+        ("motor_current_A", "current"),
+        ("position_command_m", "position_command"),
+    ],
+)
 @pytest.mark.parametrize("side", ["joint_position_m", "motor_position_rad"])
 def test_a_joint_that_slides_has_its_own_gear_ratio(
-    tmp_path: Path, quantity: str, side: str
+    tmp_path: Path, quantity: str, kind: str, side: str
 ) -> None:
     one_joint(tmp_path, "prismatic")
     time = np.arange(2000) / 200
     columns = {"time_s": time, f"arm.{side}": np.sin(time), f"arm.{quantity}": np.cos(3 * time)}
     np.savez(tmp_path / "run.npz", **columns)  # type: ignore[arg-type]
     folder = tmp_path / "p"
-    made = write_first_project(tmp_path / "arm.urdf", [tmp_path / "run.npz"], folder=folder)
+    gains = {"arm": seaid.Controller(position_gain_Nm_per_rad=20.0)}
+    made = write_first_project(
+        tmp_path / "arm.urdf", [tmp_path / "run.npz"], folder=folder, controllers=gains
+    )
     assert "gear_ratio_rad_per_m = 1.0" in made.files[-1].read_text()
     drive = load_project(folder).robot().drives["arm"]
-    assert drive.motor_input == ("torque" if "torque" in quantity else "current")
+    assert drive.motor_input == kind
