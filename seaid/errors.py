@@ -141,6 +141,7 @@ CODES = {
     "hidden-resonance": "a spring that the motor torque hardly shows",
     "nothing-to-simulate": "a log without springs, which `refine` cannot improve",
     "contact-flags": "flags of contacts that the motion of the feet contradicts",
+    "wrong-minimum": "springs of coupled joints whose errors follow the motor angles",
     "base-frames": "orientation, angular velocity and gravity of a base that contradict each other",
     "base-sensor": "an axis of an IMU that is missing",
     "base-bias": "a bias of an accelerometer",

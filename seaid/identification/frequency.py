@@ -23,6 +23,8 @@ from seaid.estimation import Estimate
 from seaid.excitation import FourierBasis, JoinedBasis, Trajectory
 from seaid.identification.identification import Identification
 from seaid.identification.linear_joints import (
+    FITS,
+    Fit,
     LinearJoints,
     fitted,
     linearised,
@@ -215,6 +217,7 @@ def frequency_response(
         period_s=period,
     )
     findings = _unseen(found, nominal, rate) + _disagreements(found, identification)
+    findings += _unexplained(fit)
     return replace(found, warnings=by_severity(findings))
 
 
@@ -364,6 +367,25 @@ def _unseen(found: FrequencyResponse, nominal: LinearJoints, rate: float) -> lis
             )
         )
     return findings
+
+
+def _unexplained(fit: Fit) -> list[Finding]:
+    """Return a finding if the errors of coupled joints follow the angles of their motors."""
+    if np.sum(fit.joints.elastic) < 2 or fit.lack_of_fit < FITS:
+        return []
+    return [
+        Finding(
+            "wrong-minimum",
+            "the errors of the torques of the coupled joints follow their motor angles: they are "
+            f"{fit.lack_of_fit:.3g} times as large as what does not; the search may have ended in "
+            "a wrong minimum, or links or gears are elastic",
+            "",
+            "doubtful",
+            {"error_ratio": fit.lack_of_fit},
+            "give nominal stiffnesses in the drives file, or as many logs as joints move",
+            "possible",
+        )
+    ]
 
 
 def _remedy(
