@@ -1,4 +1,4 @@
-"""Identify a biped with springs in six joints, in simulation: it hangs first, then it stands.
+"""Identify a biped with springs in six joints, in simulation: hanging, standing, both at once.
 
 Two TULip legs (models/tulip_leg.urdf, the right one mirrored) carry a trunk of 3 kg. The ankles
 also roll, with a measured torque. MuJoCo simulates bodies and contacts, this script the motors
@@ -12,6 +12,7 @@ import argparse
 import copy
 import sys
 import xml.etree.ElementTree as ET
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -274,6 +275,7 @@ def main(output: Path, seed: int, duration_s: float) -> None:
     standing = seaid.load_robot(urdf, drives=toml, base="floating", contacts=FEET)
     hang = hanging_plan(duration_s, seed)
     log = simulate(held, plant(urdf, held, True), hang, seed)
+    hanging = log
     legs = seaid.identify(held.without_nominal(), log)
     print(drive_table("Hanging: drives", legs, held))
     stand = standing_plan(standing, duration_s, seed + 1)
@@ -281,7 +283,17 @@ def main(output: Path, seed: int, duration_s: float) -> None:
     whole = seaid.identify(standing.without_nominal(), log)
     print(drive_table("Standing on two flat feet: drives", whole, standing))
     print(load_table("Standing: base parameters of the whole robot", whole, standing))
-    for name, found in (("hanging", legs), ("standing", whole)):
+    robot = seaid.load_robot(
+        urdf, drives=toml, base="floating", contacts=[*FEET, Contact("trunk", is_flat=True)]
+    )
+    assert log.base is not None
+    free = replace(log.base, contacts={**log.base.contacts, "trunk": np.zeros(len(log.time))})
+    held_base = BaseLog.hanging(robot, len(hanging.time))
+    both = seaid.identify(
+        robot.without_nominal(), [replace(hanging, base=held_base), replace(log, base=free)]
+    )
+    print(drive_table("Both logs at once: drives", both, robot))
+    for name, found in (("hanging", legs), ("standing", whole), ("both", both)):
         print(f"{name}: {len(found.load.values)} base parameters, {found.verdict.sentence}")
         print("\n".join(warning_lines(found.warnings)))
         found.save(output / f"{name}.json")

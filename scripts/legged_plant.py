@@ -206,10 +206,12 @@ def simulate(
     rate_hz: float = 250.0,
     legs: Quadruped = GO2,
     targets: Targets | None = None,
+    has_forces: bool = False,
 ) -> seaid.Log:
     """The noise-free log of PD-controlled legs on the ground, with IMU and contact flags.
 
-    They follow `targets`, by default those of a `plan`.
+    They follow `targets`, by default those of a `plan`. With `has_forces` the log has the forces at
+    the feet, in the frames of their links, in place of the flags.
     """
     assert robot.floating_base is not None
     data, base = mujoco.MjData(model), model.body(robot.floating_base.link).id
@@ -232,19 +234,22 @@ def simulate(
         mujoco.mj_forward(model, data)
         if step >= 0 and step % every == 0:
             R = data.xmat[base].reshape(3, 3)
-            touching = np.zeros(len(feet))
-            for contact in data.contact:
-                for geom in (contact.geom1, contact.geom2):
+            touching, forces = np.zeros(len(feet)), np.zeros((len(feet), 3))
+            for place, contact in enumerate(data.contact):
+                for geom, sign in ((contact.geom1, -1), (contact.geom2, 1)):
                     if geom in feet:
                         touching[feet[geom]] = 1
+                        forces[feet[geom]] += sign * _force_on(model, data, place, geom)
             force = R.T @ (data.qacc[:3] - model.opt.gravity)
             now = (data.qpos[places], data.qfrc_applied[dofs], data.qvel[3:6], force)
-            rows.append(np.concatenate([[t], *now, data.qpos[3:7], touching]))
+            rows.append(np.concatenate([[t], *now, data.qpos[3:7], touching, *forces]))
         mujoco.mj_step(model, data)
     n, table = robot.n, np.array(rows)
-    q, torque, w, force, orientation, touching = np.split(
-        table[:, 1:], np.cumsum([n, n, 3, 3, 4]), axis=1
+    q, torque, w, force, orientation, touching, forces = np.split(
+        table[:, 1:], np.cumsum([n, n, 3, 3, 4, len(feet)]), axis=1
     )
+    links = robot.floating_base.contact_links
+    of_feet = dict(zip(links, forces.reshape(len(table), -1, 3).swapaxes(0, 1), strict=True))
     return seaid.Log(
         time=table[:, 0],
         joint_names=robot.joint_names,
@@ -255,6 +260,15 @@ def simulate(
             orientation=orientation,
             angular_velocity=w,
             specific_force=force,
-            contacts=dict(zip(robot.floating_base.contact_links, touching.T, strict=True)),
+            contacts={} if has_forces else dict(zip(links, touching.T, strict=True)),
+            wrenches=of_feet if has_forces else {},
         ),
     )
+
+
+def _force_on(model: Any, data: Any, place: int, geom: int) -> Array:
+    """The force (3,) of a contact on the second of its two geoms, in the frame of the link."""
+    found = np.empty(6)
+    mujoco.mj_contactForce(model, data, place, found)
+    world = data.contact[place].frame.reshape(3, 3).T @ found[:3]
+    return np.asarray(data.xmat[model.geom_bodyid[geom]].reshape(3, 3).T @ world)

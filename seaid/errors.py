@@ -125,6 +125,7 @@ CODES = {
     "drift": "a slow change of a sensor or of the friction",
     "no-fit": "a joint whose torque the model does not explain",
     "unseen-motion": "a joint whose torque the model does not predict in another motion",
+    "contact-forces": "a foot whose predicted force is not that measured, or pulls at the ground",
     "replay-worse": "a joint that the identified model replays worse than the nominal one",
     "poorly-identified": "a parameter with a large standard error",
     "unidentifiable": "a parameter that this motion cannot identify",

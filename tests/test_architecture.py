@@ -126,7 +126,7 @@ ONE_IMPORTER = {
         *("log.infer_columns", "log.long_log", "project.saved"),
         *("regressor.exact.base", "report.comparison", "symbolic.expression_text"),
         *("export.mjcf", "export.urdf"),
-        *("identification.repeated_identification", "identification.whole_robot"),
+        "identification.repeated_identification",
     ),
     "one part of the page or window each": (
         *("report.html_actuators", "report.html_experiment", "report.html_verdict"),

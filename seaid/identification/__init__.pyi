@@ -1,5 +1,7 @@
 from .adequacy import JointFit as JointFit
 from .adequacy import Verdict as Verdict
+from .base_estimates import BodyValue as BodyValue
+from .base_estimates import whole_body as whole_body
 from .checking import LEAST_DELAY_S as LEAST_DELAY_S
 from .checking import JointCheck as JointCheck
 from .checking import SetupCheck as SetupCheck
@@ -9,13 +11,14 @@ from .command_checks import no_measurements as no_measurements
 from .conditions import CONDITION_SPECIFIC as CONDITION_SPECIFIC
 from .conditions import Conditions as Conditions
 from .conditions import identify_conditions as identify_conditions
+from .contact_forces import ContactForces as ContactForces
+from .contact_forces import FoundContacts as FoundContacts
+from .contact_forces import find_contacts as find_contacts
 from .datasets import Source as Source
 from .delays import Delay as Delay
 from .delays import correct_delays as correct_delays
 from .delays import estimate_delays as estimate_delays
 from .drive_estimates import POORLY_IDENTIFIED as POORLY_IDENTIFIED
-from .found_contacts import FoundContacts as FoundContacts
-from .found_contacts import find_contacts as find_contacts
 from .frequency import FrequencyResponse as FrequencyResponse
 from .frequency import frequency_response as frequency_response
 from .gain_sets import GAIN_FACTORS as GAIN_FACTORS
@@ -43,5 +46,3 @@ from .validation import Fit as Fit
 from .validation import Validation as Validation
 from .validation import compared as compared
 from .validation import verdict_with as verdict_with
-from .whole_robot import BodyValue as BodyValue
-from .whole_robot import whole_body as whole_body

@@ -1,33 +1,26 @@
-"""Checks of a floating base before any fit, and the bias of its accelerometer after one.
+"""Checks of a floating base before any fit: sensors, frames, and flags against the motion of feet.
 
 A foot on the ground has no velocity: v_b + w x r + J q' = 0. The velocity of the base is that of
 the log, else the one at which most standing feet rest.
-
-A bias b of the accelerometer, constant in the axes of the base, is as a constant acceleration: it
-adds M_0 b to the equations, with the first three columns M_0 of the mass matrix. Next to the bodies
-it is identified from the change of gravity in these axes.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import replace
 from itertools import permutations
 from operator import itemgetter
 from typing import Any
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
-from scipy.special import chdtri
 
-from seaid._arrays import Array, BoolArray, IndexArray, is_constant, runs, safely
-from seaid.errors import ExcitationError, Finding, listed
-from seaid.estimation import FittedRows, long_run_of
-from seaid.identification.datasets import Dataset, rows_in_memory
-from seaid.identification.sensitivity import fit_of
+from seaid._arrays import Array, BoolArray, IndexArray, is_constant, runs
+from seaid.errors import Finding, listed
 from seaid.log import (
     CHANNELS,
+    LEAST_LIFT,
+    POSITION_BAND,
     BaseLog,
     BaseMotion,
     Log,
@@ -40,7 +33,7 @@ from seaid.log import (
     quaternion_rates,
     turned_to_world,
 )
-from seaid.regressor import LoadModel, accelerometer_rows, contact_map
+from seaid.regressor import contact_map
 from seaid.robot import FloatingBase, Robot
 
 _RISES_M_S, _SLIDES_M_S, _MOVES_SHARE, _MOVES_S = 0.08, 0.2, 0.01, 0.1
@@ -78,100 +71,78 @@ def base_findings(
     own = robot.floating_base
     found = [one for log in logs if log.base is not None for one in _sensors(log.base, log, own)]
     if not any(one.severity == "wrong" for one in found):
-        for motion in (one for each in motions for one in each):
+        every = [one for each in motions for one in each]
+        for motion in every:
             found += list(_contacts(robot, motion, logs))
+        found += list(_unused_lifts(own, every))
     return found
 
 
-@dataclass(frozen=True, eq=False)
-class AccelerometerBias:
-    """A bias (3,) [m/s^2] in the axes of the base, its covariance, and `columns` of the rows.
-
-    These are the changes of y by the bias along some axes (R, k), with covariance (k, k).
-    """
-
-    value: Array
-    covariance: Array
-    columns: Array
-
-    def removed(self, datasets: Sequence[Dataset]) -> list[Motion]:
-        """Return the motions of a floating base without the bias."""
-        found = []
-        for motion in (one for one in datasets if isinstance(one, Motion)):
-            assert motion.base is not None
-            force = motion.base.specific_force - self.value
-            found.append(replace(motion, base=replace(motion.base, specific_force=force)))
-        return found
-
-
-_BIASED_M_S2, _NO_BIAS_M_S2 = 0.02, 1.0
-"""Bias from which it is removed: 2 mrad of tilt; and from which it is an error of the model. Those
-of MEMS sensors are up to 0.5 m/s^2."""
-
-_LEVEL = 0.999
-"""Level of the test for a bias."""
-
-
-def accelerometer_bias(
-    robot: Robot, datasets: Sequence[Dataset], model: LoadModel, fit: FittedRows
-) -> AccelerometerBias | None:
-    """Return the bias of the accelerometer if the rows of a `fit` support it; see the module.
-
-    `robot` has the estimated bodies.
-    """
-    bases = [one.base for one in datasets if isinstance(one, Motion) and one.base is not None]
-    if fit.rows is None or len(bases) < len(datasets) or any(one.imu is None for one in bases):
-        return None
-    rows = fit.rows
-    A = rows_in_memory(datasets, {"": partial(accelerometer_rows, robot, model=model)})[""].H
-    norms = np.linalg.norm(A, axis=0)
-    axes = np.flatnonzero(norms > _NOTHING * np.max(norms))
-    names = tuple(f"bias {'xyz'[axis]}" for axis in axes)
-    units = (*rows.units, *len(axes) * ("m/s^2",))
-    both = replace(
-        rows, names=(*rows.names, *names), units=units, H=np.hstack([rows.H, -A[:, axes]])
-    )
-    try:
-        found = fit_of(both, fit.weights)
-    except ExcitationError:  # the base does not tilt
-        return None
-    k = len(axes)
-    value, by = found.values[-k:], found.by_propagated[-k:]
-    covariance = long_run_of(
-        both.H @ found.inverse[:, -k:], found.residual, rows.time, rows.run
-    ).for_normal_intervals
-    if fit.propagated is not None:
-        covariance = covariance + by @ fit.propagated @ by.T
-    score = float(value @ safely(np.linalg.solve, covariance, value, what="the bias of the IMU"))
-    size = float(np.max(np.abs(value)))
-    if score < chdtri(k, 1 - _LEVEL) or not _BIASED_M_S2 < size < _NO_BIAS_M_S2:
-        return None
-    whole = np.zeros(3)
-    whole[axes] = value
-    return AccelerometerBias(whole, covariance, A[:, axes])
-
-
-_NOTHING = 1e-9
-"""Part of the largest column below which one is rounding."""
-
-
-def bias_finding(bias: AccelerometerBias, motions: Sequence[Motion]) -> Finding:
-    """Return the finding on a bias that was removed, in the axes of the IMU."""
-    base = motions[0].base
+def _in_the_air(link: str, motion: Motion) -> tuple[BoolArray, BoolArray]:
+    """Return the samples (T,) in which a foot is in the air, and those of them that are used."""
+    base = motion.base
     assert base is not None
-    assert base.imu is not None
-    own = bias.value @ base.imu
-    error = float(np.sqrt(np.max(np.diag(bias.covariance))))
-    return Finding(
-        "base-bias",
-        f"the accelerometer has a bias of {', '.join(f'{x:.2g}' for x in own)} m/s^2 (x, y, z, "
-        f"standard error {error:.1g}): it was identified with the bodies and subtracted",
-        severity="note",
-        evidence={f"{axis} [m/s^2]": float(x) for axis, x in zip("xyz", own, strict=True)},
-        remedy="calibrate the accelerometer in several orientations, or let the base tilt more: "
-        "the bodies are less certain by the error of the bias",
-        certainty="likely",
+    is_up = ~base.contacts[link]
+    return is_up, is_up & base.used
+
+
+def _unused_lifts(own: FloatingBase, motions: Sequence[Motion]) -> Iterator[Finding]:
+    """Yield feet that are in the air too briefly for any of these samples to be used."""
+    for link in own.contact_links:
+        there = [one for one in motions if one.base is not None and link in one.base.contacts]
+        lifts = [_in_the_air(link, one) for one in there]
+        if any(np.any(used) for _, used in lifts) or not any(np.any(is_up) for is_up, _ in lifts):
+            continue
+        pairs = list(zip(lifts, there, strict=True))
+        duration = sum(float(is_up.sum()) / one.rate_hz for (is_up, _), one in pairs)
+        count = sum(len(runs(is_up)) for is_up, _ in lifts)
+        least = max(LEAST_LIFT / (POSITION_BAND * one.cutoff_hz) for one in there)
+        yield Finding(
+            "unidentifiable",
+            f"{link} is in the air for {duration:.2g} s in all, in {count} lifts, which are not "
+            "used: next to a change of contact the positions have a corner, and half a period of "
+            "the cutoff or less would determine the mass at this foot alone. That mass counts as "
+            "not determined",
+            link,
+            "note",
+            {"in the air [s]": duration, "lifts": float(count)},
+            f"lift the foot for a second or more, or at least {least:.2g} s at a time",
+            "certain",
+        )
+
+
+def with_brief_lifts(
+    finding: Finding, robot: Robot, motions: Sequence[Sequence[Motion]]
+) -> Finding:
+    """Return a `few-rows` finding with the feet that are in the air in one part of the logs only.
+
+    No other part determines the mass at such a foot, by which excluded blocks are off.
+    """
+    if finding.code != "few-rows" or robot.floating_base is None:
+        return finding
+    every = [one for each in motions for one in each if one.base is not None]
+    total, texts = sum(len(one.time) for one in every), []
+    for link in robot.floating_base.contact_links:
+        start, places = 0, []
+        for one in every:
+            if one.base is not None and link in one.base.contacts:
+                places.append(start + np.flatnonzero(_in_the_air(link, one)[1]))
+            start += len(one.time)
+        up = np.concatenate([np.empty(0, dtype=int), *places])
+        if len(up) and up[-1] - up[0] < _ONE_PART * total:
+            texts.append(f"{link} ({len(up) / every[0].rate_hz:.2g} s)")
+    if not texts:
+        return finding
+    return replace(
+        finding,
+        message=f"{finding.message}; in the air in one part of the logs only, which alone "
+        f"determines the mass at the foot: {', '.join(texts)}",
+        remedy="lift each foot several times, spread over the log, or never",
     )
+
+
+_ONE_PART = 1 / 8
+"""Part of the logs: one of the blocks that are excluded in turn."""
 
 
 def _sensors(base: BaseLog, log: Log, own: FloatingBase) -> Iterator[Finding]:

@@ -36,11 +36,12 @@ from seaid.identification.adequacy import (
     verdict_of,
     without_echoes,
 )
-from seaid.identification.base_checks import (
+from seaid.identification.base_checks import base_findings, with_brief_lifts
+from seaid.identification.base_estimates import (
     AccelerometerBias,
     accelerometer_bias,
-    base_findings,
     bias_finding,
+    radius_findings,
 )
 from seaid.identification.checking import (
     JointCheck,
@@ -426,9 +427,12 @@ def _identify(
     result = identification_of(robot, model, found, datasets, consistent, declared)
     bodies = result.robot.parameters + robot.payload_parameters
     fits = joint_fits(robot.joint_names, found, experiment, bodies)
-    findings += consequences(findings, fit_findings(robot.joint_names, found, fits))
+    of_fit = fit_findings(robot.joint_names, found, fits)
+    of_fit = (with_brief_lifts(one, robot, moved) for one in of_fit)
+    findings += consequences(findings, of_fit)
     exact = exact_constants(robot, known_std)
     setup = joint_checks(experiment, [first_motion(one) for one in datasets])
+    findings += consequences(findings, radius_findings(result, datasets, found.fit, bias))
     return replace(
         result, findings=tuple(findings), joint_fits=fits, exact_constants=exact, setup=setup
     )

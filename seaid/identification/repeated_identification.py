@@ -18,6 +18,7 @@ from seaid._arrays import Array, frozen
 from seaid._progress import Result, counted, track
 from seaid.errors import Finding, IdentificationError, SeaidError, checked
 from seaid.identification.adequacy import NOTHING, PART
+from seaid.identification.contact_forces import contact_findings, contact_forces
 from seaid.identification.datasets import Source
 from seaid.identification.identification import Identification, identify
 from seaid.identification.missing_terms import with_closed_terms
@@ -31,6 +32,8 @@ from seaid.robot import Robot
 @checked(IdentificationError)
 def validate(identification: Identification, log: Log) -> Validation:
     """Predict the torques of another log and compare them with the measured ones.
+
+    Of a robot with a floating base the contact forces are predicted, too.
 
     Parameters
     ----------
@@ -59,8 +62,10 @@ def validate(identification: Identification, log: Log) -> Validation:
     result = compared(identification, *motions)
     places = [identification.known.index(joint) for joint in unseen]
     result = replace(result, load=_without(result.load, places))
+    contacts = contact_forces(identification, *motions)
     found = [*_contradictions(identification, result, places), *_not_measured(unseen)]
-    return replace(result, warnings=tuple(found))
+    found += [] if contacts is None else contact_findings(contacts)
+    return replace(result, warnings=tuple(found), contacts=contacts)
 
 
 def _without(fit: Fit, joints: Sequence[int]) -> Fit:

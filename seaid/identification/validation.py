@@ -20,6 +20,7 @@ from seaid.regressor import (
     INPUTS,
     actuator_columns,
     load_columns,
+    measured_contact_torques,
     signals,
     under_load,
     unknown_friction,
@@ -27,6 +28,7 @@ from seaid.regressor import (
 )
 
 if TYPE_CHECKING:
+    from seaid.identification.contact_forces import ContactForces
     from seaid.identification.identification import Identification
     from seaid.simulation import ReplayComparison
 
@@ -78,7 +80,10 @@ class Validation(Result):
         The motions of the log, several if it has gaps in time: for figures over the motion, and to
         predict the same torques with other values.
     warnings : tuple of Finding
-        Joints whose torque the model does not predict here, though it explains the own logs better.
+        Joints whose torque the model does not predict here, though it explains the own logs better,
+        and contacts whose force it does not.
+    contacts : ContactForces or None
+        Contact forces of a robot with a floating base.
     """
 
     table_name = "validation_table"
@@ -90,6 +95,7 @@ class Validation(Result):
     load: Fit
     motions: tuple[Motion, ...] = ()
     warnings: tuple[Finding, ...] = ()
+    contacts: ContactForces | None = None
 
     def _in_short(self) -> str:
         sides = {"motor": self.actuator.relative_error, "load": self.load.relative_error}
@@ -107,6 +113,7 @@ class Validation(Result):
             }
             for side, fit in (("actuator", self.actuator), ("load", self.load))
         }
+        return found if self.contacts is None else found | {"contacts": self.contacts.to_dict()}
 
 
 def verdict_with(
@@ -211,6 +218,8 @@ def _load(identification: Identification, motion: Motion) -> tuple[Array, Array]
         bodies + place
         for place, (_, name, _) in enumerate(identification.model.drives)
         if name in CONSTANTS
+    if motion.base is not None and motion.base.wrenches:  # the torque of the joint alone
+        given += measured_contact_torques(identification.known, motion, identification.model)
     ]
     given = H[:, :, constants] @ theta[constants]
     measured = np.full_like(motion.joint_position, np.nan)

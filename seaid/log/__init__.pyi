@@ -1,4 +1,5 @@
 from .base_log import CHANNELS as CHANNELS
+from .base_log import LEAST_LIFT as LEAST_LIFT
 from .base_log import BaseLog as BaseLog
 from .base_log import BaseMotion as BaseMotion
 from .base_log import base_jumps as base_jumps

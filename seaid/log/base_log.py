@@ -102,6 +102,38 @@ class BaseLog(Display):
         feet = [f"contacts of {link}" for link in self.contacts]
         return ", ".join([*own, *feet, *(f"wrenches of {link}" for link in self.wrenches)])
 
+    @classmethod
+    def hanging(cls, robot: Robot, count: int) -> BaseLog:
+        """Return `count` samples of a base that is held upright while all feet are in the air.
+
+        The base counts as a foot with unknown forces and moments: `contacts=` of the robot names
+        it. So one fit has logs of the robot that hangs and of the robot that stands.
+
+        Raises
+        ------
+        LogError
+            For a robot without a flat contact at its base.
+
+        Examples
+        --------
+        >>> hanging = replace(log, base=seaid.BaseLog.hanging(robot, len(log.time)))
+        >>> seaid.identify(robot, [hanging, standing])
+        """
+        base = robot.floating_base
+        if base is None or not base.contact_of(base.link).is_flat:
+            link = "base" if base is None else base.link
+            raise LogError(
+                f"a robot that hangs is held at its base: load it with base='floating' and, among "
+                f"contacts=, seaid.Contact({link!r}, is_flat=True)",
+                "contacts=",
+            )
+        upright = base.upright_quaternion
+        return cls(
+            orientation=np.tile(upright, (count, 1)),
+            velocity=np.zeros((count, 3)),
+            contacts={x: np.full(count, float(x == base.link)) for x in base.contact_links},
+        )
+
     def each(self, change: Callable[[Array], Array]) -> BaseLog:
         """Return the samples with a function applied to each of the arrays (T, k)."""
         return BaseLog(**_changed(self, change))
@@ -358,7 +390,8 @@ def base_motion(
         )
     flags = {x: log.contacts[x][:, 0] > 0.5 for x in log.contacts if x not in log.wrenches}
     period = rate_hz / cutoff_hz
-    used = _between_changes({**flags, "": jumped}, len(time), _PERIODS * period)
+    loaded = {f"wrench of {link}": _loaded(x) for link, x in log.wrenches.items()}
+    used = _between_changes({**flags, **loaded, "": jumped}, len(time), _PERIODS * period)
     return BaseMotion(
         angular_velocity=w,
         angular_acceleration=e,
@@ -511,6 +544,16 @@ standard error of each parameter of a simulated Solo12, with two a quarter, and 
 """
 
 
+_LOADED = 0.03
+"""Part of the largest measured force on a foot from which it touches the ground."""
+
+
+def _loaded(wrench: Array) -> BoolArray:
+    """Return whether a foot with a measured wrench (T, 3 or 6) touches the ground."""
+    force = np.linalg.norm(wrench[:, :3], axis=1)
+    return np.asarray(force > _LOADED * np.quantile(force, 0.99))
+
+
 def _between_changes(flags: Mapping[str, BoolArray], count: int, margin: float) -> BoolArray:
     """Return the samples (T,) that are `margin` samples or more from a change of contact."""
     used = np.ones(count, dtype=bool)
@@ -526,6 +569,9 @@ _LIFTED = 2.5
 of a foot in the air is not used. That is one independent row, which determines the mass at the foot
 alone: no residual shows its error. A Go2 that sways and now and then loses contact for a moment had
 errors of 3 and 6 standard errors there."""
+
+LEAST_LIFT = _LIFTED + 2 * _PERIODS
+"""Periods of the low pass of the positions that a foot is in the air, from which that is used."""
 
 
 def _without_short_lifts(

@@ -29,6 +29,7 @@ from seaid.drives import IDEAL_DRIVE, JointParameter, drive_table, drives_from_m
 from seaid.errors import Finding, SeaidError, checked, listed
 from seaid.estimation import Estimate, ModelChecks, TermTest, Whiteness
 from seaid.identification import (
+    ContactForces,
     FeasibleParameters,
     Fit,
     Identification,
@@ -61,7 +62,7 @@ _CLASSES = {
             Repair,
             Motion,
         ),
-        *(Validation, Fit, Robot, DependentJoint, ReplayComparison),
+        *(Validation, Fit, ContactForces, Robot, DependentJoint, ReplayComparison),
         *(FloatingBase, Contact, BaseMotion),
     )
 }
@@ -238,8 +239,18 @@ def _thinned_validation(one: Validation) -> Validation:
         replace(fit, measured=fit.measured[kept], computed=fit.computed[kept])
         for fit in (one.actuator, one.load)
     )
-    motions = tuple(map(_thinned, one.motions))
-    return replace(one, time=one.time[kept], actuator=actuator, load=load, motions=motions)
+    contacts = one.contacts
+    if contacts is not None:
+        forces = {"predicted": contacts.predicted[kept], "measured": contacts.measured[kept]}
+        contacts = replace(contacts, **forces)
+    return replace(
+        one,
+        time=one.time[kept],
+        actuator=actuator,
+        load=load,
+        motions=tuple(map(_thinned, one.motions)),
+        contacts=contacts,
+    )
 
 
 def _plain(value: Any, arrays: dict[str, Array]) -> Any:

@@ -9,7 +9,7 @@ contact forces as further unknowns.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
 from typing import TYPE_CHECKING
@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pinocchio as pin
 
-from seaid._arrays import Array, BoolArray, safely
+from seaid._arrays import Array, BoolArray, IndexArray, safely
 from seaid.errors import LogError, RobotError
 from seaid.robot import HANGING, floating_model, rows_at_drives
 
@@ -88,17 +88,19 @@ def contact_map(
     model, frames, widths = with_contact_frames(robot, tuple(contacts))
     data, still = model.createData(), np.zeros((len(q), robot.n))
     nothing = (np.zeros((len(q), 3)),) * 3
-    axes = pin.LOCAL if own_frame else pin.LOCAL_WORLD_ALIGNED
     J = np.empty((len(q), sum(widths), model.nv))
     for t, q_t in enumerate(_states(robot, q, still, still, nothing)[0]):
         pin.computeJointJacobians(model, data, q_t)
         start = 0
         for contact, frame, width in zip(contacts, frames, widths, strict=True):
-            whole = pin.getFrameJacobian(model, data, frame, axes)
-            J[t, start : start + width] = whole[:width]
-            if contact.radius_m and up is not None and not own_frame:
+            whole = pin.getFrameJacobian(model, data, frame, pin.LOCAL_WORLD_ALIGNED)
+            if contact.radius_m and up is not None:
                 # v at the lowest point: v_c + w x (-r up) = v_c + r up x w
-                J[t, start : start + 3] += contact.radius_m * pin.skew(up[t]) @ whole[3:]
+                whole[:3] += contact.radius_m * pin.skew(up[t]) @ whole[3:]
+            if own_frame:
+                R = pin.updateFramePlacement(model, data, frame).rotation
+                whole = np.vstack([R.T @ whole[:3], R.T @ whole[3:]])
+            J[t, start : start + width] = whole[:width]
             start += width
     return np.concatenate([J[:, :, :6], robot.from_model(J[:, :, 6:])], axis=2).swapaxes(1, 2)
 
@@ -125,9 +127,66 @@ def without_contact_forces(
     if unknown is not None:
         rows[:, 6:] *= ~unknown[:, :, None]
     contacts = [one for one in robot.floating_base.contacts if one.link in touching]
+    scale = row_scale(robot, rows.shape[1])
+    for now, own, A in _by_stance(robot, q, contacts, touching, joints, unknown, up):
+        if own.size:
+            Q = _range(A)
+            part = scale * rows[now]
+            left = part - Q @ (Q.swapaxes(1, 2) @ part)
+            # orthonormal columns: the sum of squares is the rank
+            hidden = np.sum(Q**2, axis=(1, 2)) > np.any(part, axis=2).sum(axis=1) - 0.5
+            rows[now] = np.where(hidden[:, None, None], 0.0, left / scale)
+    return rows
+
+
+def contact_equations(
+    robot: Robot,
+    q: Array,
+    contacts: Sequence[Contact],
+    touching: Mapping[str, BoolArray],
+    joints: Sequence[int],
+    unknown: BoolArray | None = None,
+    up: Array | None = None,
+) -> tuple[Array, Array]:
+    """Return J_c^T (T, 6 + k, m) and its pseudo-inverse, by which rows determine contact forces.
+
+    Both are those of rows times `row_scale`; the arguments are as in `without_contact_forces`. The
+    columns of contacts that do not touch the ground are zero.
+    """
+    count = sum(6 if one.is_flat else 3 for one in contacts)
+    A = np.zeros((len(q), 6 + len(joints), count))
+    inverse = A.swapaxes(1, 2).copy()
+    for now, own, part in _by_stance(robot, q, contacts, touching, joints, unknown, up):
+        if own.size:
+            turned = safely(
+                partial(np.linalg.pinv, rcond=_DEPENDENT),
+                part,
+                what="the contact forces",
+                error=LogError,
+            )
+            A[np.ix_(now, np.arange(A.shape[1]), own)] = part
+            inverse[np.ix_(now, own, np.arange(A.shape[1]))] = turned
+    return A, inverse
+
+
+def row_scale(robot: Robot, count: int) -> Array:
+    """Return the factors (count, 1) by which all rows have the unit of a torque."""
+    return np.where(np.arange(count) < 3, _typical_lever(robot), 1.0)[:, None]
+
+
+def _by_stance(
+    robot: Robot,
+    q: Array,
+    contacts: Sequence[Contact],
+    touching: Mapping[str, BoolArray],
+    joints: Sequence[int],
+    unknown: BoolArray | None,
+    up: Array | None,
+) -> Iterator[tuple[IndexArray, IndexArray, Array]]:
+    """Yield the instants of each stance, its columns, and J_c^T of them in scaled rows."""
     patterns = np.array([touching[one.link] for one in contacts]).T
     if not np.any(patterns):
-        return rows
+        return
     balls = [one.link for one in contacts if one.radius_m]
     if balls and up is None:
         raise LogError(
@@ -137,18 +196,12 @@ def without_contact_forces(
     A = floating_rows(robot, contact_map(robot, q, contacts, up), joints)
     if unknown is not None:
         A[:, 6:] *= ~unknown[:, :, None]
-    scale = np.where(np.arange(A.shape[1]) < 3, _typical_lever(robot), 1.0)[:, None]
+    A *= row_scale(robot, A.shape[1])
     owner = np.repeat(np.arange(len(contacts)), [6 if one.is_flat else 3 for one in contacts])
     for pattern in np.unique(patterns, axis=0):
-        if np.any(pattern):
-            now = np.flatnonzero(np.all(patterns == pattern, axis=1))
-            Q = _range(scale * A[now][:, :, pattern[owner]])
-            part = scale * rows[now]
-            left = part - Q @ (Q.swapaxes(1, 2) @ part)
-            # orthonormal columns: the sum of squares is the rank
-            hidden = np.sum(Q**2, axis=(1, 2)) > np.any(part, axis=2).sum(axis=1) - 0.5
-            rows[now] = np.where(hidden[:, None, None], 0.0, left / scale)
-    return rows
+        now = np.flatnonzero(np.all(patterns == pattern, axis=1))
+        own = np.flatnonzero(pattern[owner])
+        yield now, own, A[now][:, :, own]
 
 
 _DEPENDENT = 1e-8
@@ -178,15 +231,40 @@ def _range(A: Array) -> Array:
 
 
 def measured_wrenches(
-    robot: Robot, q: Array, wrenches: Mapping[str, Array], joints: Sequence[int]
+    robot: Robot,
+    q: Array,
+    wrenches: Mapping[str, Array],
+    joints: Sequence[int],
+    up: Array | None = None,
 ) -> Array:
-    """Return what measured wrenches contribute to the rows (T, 6 + k): sum of J_c^T w."""
-    assert robot.floating_base is not None
+    """Return what measured wrenches contribute to the rows (T, 6 + k): sum of J_c^T w.
+
+    Forces without moments on a ball act at its lowest point, if `up` (T, 3) is known.
+    """
     found = np.zeros((len(q), 6 + len(joints)))
     for link, values in wrenches.items():
-        contact = replace(robot.floating_base.contact_of(link), is_flat=values.shape[1] == 6)
-        A = floating_rows(robot, contact_map(robot, q, [contact], own_frame=True), joints)
+        contact = measured_contact(robot, link, values.shape[1])
+        A = floating_rows(robot, contact_map(robot, q, [contact], up, own_frame=True), joints)
         found += np.einsum("trk,tk->tr", A, values)
+    return found
+
+
+def measured_contact(robot: Robot, link: str, width: int) -> Contact:
+    """Return the contact of a wrench with so many columns; with moments it acts at its place."""
+    assert robot.floating_base is not None
+    own = robot.floating_base.contact_of(link)
+    return replace(own, is_flat=width == 6, radius_m=0.0 if width == 6 else own.radius_m)
+
+
+def contact_rotations(robot: Robot, q: Array, contacts: Sequence[Contact]) -> Array:
+    """Return the rotations (T, k, 3, 3) of the links of contacts in the frame of the base."""
+    model, frames, _ = with_contact_frames(robot, tuple(contacts))
+    data, still = model.createData(), np.zeros((len(q), robot.n))
+    nothing = (np.zeros((len(q), 3)),) * 3
+    found = np.empty((len(q), len(frames), 3, 3))
+    for t, q_t in enumerate(_states(robot, q, still, still, nothing)[0]):
+        pin.framesForwardKinematics(model, data, q_t)
+        found[t] = [data.oMf[frame].rotation for frame in frames]
     return found
 
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from seaid._arrays import Array, BoolArray, frozen
+from seaid._arrays import Array, BoolArray, IndexArray, frozen
 from seaid.drives import LEVEL_OF, JointParameter, is_dry
 from seaid.errors import IdentificationError, LogError
 from seaid.log import (
@@ -36,9 +36,12 @@ from seaid.regressor.base import (
 )
 from seaid.regressor.floating import (
     accelerated_base,
+    contact_equations,
+    contact_map,
     floating_regressor,
     floating_rows,
     measured_wrenches,
+    row_scale,
     stance_rows,
     without_contact_forces,
 )
@@ -306,7 +309,7 @@ def _floating_columns(
     known, p = [robot.index(joint) for joint in joints], len(model.base.columns)
     given = np.flatnonzero(robot.known_parameters)
     torque, propagated = _load_targets(robot, motion, joints, springs)
-    torque = below_base(torque) + measured_wrenches(robot, q, base.wrenches, known)
+    torque = below_base(torque) + measured_wrenches(robot, q, base.wrenches, known, base.up)
     unknown = np.column_stack([unknown_friction(robot, motion, joint) for joint in joints])
     columns = below_base(_drive_columns(robot, motion, model))
     others = np.concatenate([columns, torque[:, :, None]], axis=2)
@@ -342,6 +345,68 @@ def drive_torques(
     """
     torque, _ = _load_targets(robot, motion, model.torque_joints, springs)
     return torque - _drive_columns(robot, motion, model) @ theta[len(model.expressions) :]
+
+
+def measured_contact_torques(robot: Robot, motion: Motion, model: LoadModel) -> Array:
+    """Return what measured wrenches contribute to the torque (T, rows) of `load_columns`."""
+    base, q = motion.base, motion.joint_position
+    assert base is not None
+    joints = [robot.index(joint) for joint in model.torque_joints]
+    unknown = np.column_stack([unknown_friction(robot, motion, one) for one in model.torque_joints])
+    rows = measured_wrenches(robot, q, base.wrenches, joints, base.up)[:, :, None]
+    rows = without_contact_forces(robot, q, base.contacts, joints, rows, unknown, base.up)
+    return np.asarray(rows[:, :, 0] * base.used[:, None])
+
+
+def contact_force_rows(
+    robot: Robot,
+    motion: Motion,
+    model: LoadModel,
+    springs: Mapping[str, Array],
+    theta: Array,
+    bodies: Array,
+) -> tuple[Array, BoolArray]:
+    """Return what contact forces must hold in the rows (T, 6 + k), and unknown rows (T, k).
+
+    That is Y `bodies` less the torques of the drives by a fit `theta` of the load side.
+    """
+    base, q = motion.base, motion.joint_position
+    assert base is not None
+    joints = [robot.index(joint) for joint in model.torque_joints]
+    found = -below_base(drive_torques(robot, motion, model, springs, theta))
+    step = max(_BLOCK_NUMBERS // (found.shape[1] * len(bodies)), 1)
+    for start in range(0, len(q), step):
+        part = slice(start, start + step)
+        states = (q[part], motion.joint_velocity[part], motion.joint_acceleration[part])
+        Y = floating_regressor(robot, *states, base.samples(part).states) @ bodies
+        found[part] += floating_rows(robot, Y[:, :, None], joints)[:, :, 0]
+    unknown = [unknown_friction(robot, motion, joint) for joint in model.torque_joints]
+    return found, np.column_stack(unknown)
+
+
+def contact_force_columns(
+    robot: Robot, motion: Motion, model: LoadModel, samples: IndexArray
+) -> tuple[Array, Array]:
+    """Return the columns (S, 6 + k, m) of contact forces by all parameters, and a grouping (f, m).
+
+    The m parameters are those of all bodies, of the identified drives, and the absorbed ones. What
+    they do is that of the f identified ones if it is a combination of the rows of the grouping.
+    """
+    base, p = motion.base, len(model.base.columns)
+    assert base is not None
+    joints = [robot.index(joint) for joint in model.torque_joints]
+    q, v, a, w, e, f = (one[samples] for one in (*motion.joint_states, *base.states))
+    Y = floating_rows(robot, floating_regressor(robot, q, v, a, (w, e, f)), joints)
+    signals_of = partial(load_signals, robot, motion)
+    columns, drives = drive_parameters(robot, model.torque_joints, signals_of)
+    wanted = [drives.index(one) for one in (*model.drives, *model.absorbed)]
+    grouping = np.zeros((len(model.names), Y.shape[2] + len(wanted)))
+    grouping[:p, : Y.shape[2]] = model.base.grouping
+    grouping[p:, Y.shape[2] : Y.shape[2] + len(model.drives)] = np.eye(len(model.drives))
+    grouping[:, Y.shape[2] + len(model.drives) :] = model.absorption
+    found = np.concatenate([Y, below_base(columns[samples][:, :, wanted])], axis=2)
+    is_unknown = ~np.concatenate([robot.is_known, np.zeros(len(wanted), bool)])
+    return found * is_unknown, grouping * is_unknown
 
 
 def _drive_columns(robot: Robot, motion: Motion, model: LoadModel) -> Array:
@@ -397,8 +462,58 @@ def accelerometer_rows(robot: Robot, motion: Motion, model: LoadModel) -> Regres
 
     The three columns [N or N m per m/s^2] are in the axes of the base; `robot` has all bodies.
     """
+
+    def columns(piece: Motion) -> Array:
+        return accelerated_base(robot, piece.joint_position)
+
+    return _further_rows(robot, motion, model, columns, ("x", "y", "z"), "kg")
+
+
+def radius_rows(
+    robot: Robot,
+    motion: Motion,
+    model: LoadModel,
+    springs: Mapping[str, Array],
+    theta: Array,
+    bodies: Array,
+) -> Regression:
+    """Return the rows of `load_regression` with the change of y by the radius of balls and points.
+
+    It is that of the moments of the contact forces by a fit `theta`, about lower places; the base
+    needs its orientation. The other arguments are those of `contact_force_rows`.
+    """
+    assert robot.floating_base is not None
+    joints = [robot.index(joint) for joint in model.torque_joints]
+    places = [one for one in robot.floating_base.contacts if not one.is_flat]
+
+    def columns(piece: Motion) -> Array:
+        base, q = piece.base, piece.joint_position
+        assert base is not None
+        contacts = [one for one in places if one.link in base.contacts]
+        rows, unknown = contact_force_rows(robot, piece, model, springs, theta, bodies)
+        rows = rows * row_scale(robot, rows.shape[1])[:, 0]
+        rows[:, 6:] *= ~unknown
+        _, inverse = contact_equations(robot, q, contacts, base.contacts, joints, unknown, base.up)
+        lower, own = (
+            contact_map(robot, q, [replace(one, radius_m=x) for one in contacts], base.up)
+            for x in (1.0, 0.0)
+        )
+        return np.asarray((lower - own) @ (inverse @ rows[:, :, None]))
+
+    return _further_rows(robot, motion, model, columns, ("radius",), "N")
+
+
+def _further_rows(
+    robot: Robot,
+    motion: Motion,
+    model: LoadModel,
+    columns_of: Callable[[Motion], Array],
+    names: tuple[str, ...],
+    unit: str,
+) -> Regression:
+    """Return the rows of `load_regression` with other columns (T, 6 + n, m) of a piece."""
     motion = _thinned(motion)
-    known, names = [robot.index(joint) for joint in model.torque_joints], tuple("xyz")
+    known = [robot.index(joint) for joint in model.torque_joints]
 
     def regress(piece: Motion) -> Regression:
         base, q = piece.base, piece.joint_position
@@ -406,12 +521,12 @@ def accelerometer_rows(robot: Robot, motion: Motion, model: LoadModel) -> Regres
         unknown = np.column_stack(
             [unknown_friction(robot, piece, one) for one in model.torque_joints]
         )
-        A = floating_rows(robot, accelerated_base(robot, q), known)
+        A = floating_rows(robot, columns_of(piece), known)
         A = without_contact_forces(robot, q, base.contacts, known, A, unknown, base.up)
         A *= base.used[:, None, None]
         nothing = A[:, :, 0] * 0.0
         columns = (nothing, nothing, A, A[:, :, :0])
-        return _load_rows(robot, piece, model, columns, (names, ("kg",) * 3))
+        return _load_rows(robot, piece, model, columns, (names, (unit,) * len(names)))
 
     return rows_by_pieces(motion, regress)
 
@@ -455,6 +570,9 @@ def _load_rows(
         free = np.repeat(robot.floating_base.free_axes[:, None], len(rows), axis=1)
         usable = np.concatenate([free, usable])
         usable &= motion.base.used[rows]
+    excluded = usable.size - int(usable.sum())
+    if robot.floating_base is not None:  # rows without an equation, as of a base that is held
+        usable &= (np.any(H, axis=2) | (y != 0)).T
     which, kept = np.nonzero(usable)
     column_names, units = called or (model.names, model.units)
     return Regression(
@@ -465,7 +583,7 @@ def _load_rows(
         joint=np.array(joints)[which],
         time=motion.time[rows[kept]],
         run=np.zeros(len(kept)),
-        excluded=usable.size - len(kept),
+        excluded=excluded,
         propagated=propagated[kept, which],
         joint_names=names,
     )

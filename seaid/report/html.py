@@ -50,6 +50,7 @@ from seaid.report.html_tables import (
     bodies_table,
     calibration_table,
     condition_table,
+    contact_table,
     difference_table,
     drive_table,
     error_rows,
@@ -430,6 +431,11 @@ def _motions(
         "pictured": [run.name for run in pictured],
         "is_unseen": any(run.is_unseen for run in pictured),
         "errors": error_table(errors),
+        "contacts": [
+            contact_table(run.name, run.result.contacts)
+            for run in runs
+            if run.result.contacts is not None
+        ],
         "all_errors": len(errors),
         "printed": [one for run in pictured for one in printed_traces(run)],
         "has_own": bool(found.motions),

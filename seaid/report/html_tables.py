@@ -19,6 +19,7 @@ from seaid.report.html_traces import SIDES
 if TYPE_CHECKING:
     from seaid.estimation import Estimate, TermTest
     from seaid.identification import (
+        ContactForces,
         Fit,
         FrequencyResponse,
         Identification,
@@ -284,6 +285,32 @@ def whole_body_table(found: Identification) -> Table:
     heads = ("Quantity", "Identified", "Standard error", "Unit")
     caption = "The whole robot, in the frame of its base at the mean posture of the logs."
     return table_of("whole", caption, heads, rows, texts=heads[:1])
+
+
+def contact_table(name: str, found: ContactForces) -> Table:
+    """Return the predicted and measured contact forces of a validation."""
+    numbers = ("rms_force", "rms_error", "relative_error")
+    others = ("mean_normal", "least_normal", "standard_error", "friction_used")
+    rows: list[list[Cell | str]] = [
+        [
+            link,
+            found.basis[place],
+            *(short(getattr(found, one)[place]) for one in numbers[:2]),
+            share(found.relative_error[place]),
+            *(short(getattr(found, one)[place]) for one in others),
+        ]
+        for place, link in enumerate(found.links)
+    ]
+    heads = (
+        *("Contact", "Parameters", "Measured (rms)", "Error (rms)", "Error"),
+        *("Normal (mean)", "Normal (least)", "Standard error", "Friction used"),
+    )
+    texts = ("predicted {} N", "measured {} N", "weight {} N")
+    sums = (found.vertical, found.measured_vertical, found.weight)
+    known = [text.format(short(x)) for text, x in zip(texts, sums, strict=True) if np.isfinite(x)]
+    caption = f"Contact forces [N] of the {name}"
+    caption += f". Normal forces in sum: {', '.join(known)}." if known else "."
+    return table_of(f"contacts {name}", caption, heads, rows, texts=heads[:2])
 
 
 def bodies_table(found: Identification, nominal: Robot) -> Table:

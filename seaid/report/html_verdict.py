@@ -236,13 +236,22 @@ def _autocorrelated(found: Identification) -> Iterator[str]:
 def _excluded(found: Identification) -> Iterator[str]:
     instants = sum(len(row_samples(motion)) for motion in found.motions)
     for side, count in found.excluded.items():
-        rows = instants * (len(found.model.torque_joints) if side == "load" else 1)
+        rows = instants * (_load_rows(found) if side == "load" else 1)
         if rows and count > _LARGE_EXCLUDED_SHARE * rows:
             where = "The load side" if side == "load" else f"The actuator side of {side}"
+            others = "near standstill, where the direction of dry friction is unknown"
+            if side == "load" and found.robot.floating_base is not None:
+                others += ", or next to a change of contact"
             yield (
                 f"{where} is identified from {share(1 - count / rows)} of its instants: the others "
-                "are near standstill, where the direction of dry friction is unknown."
+                f"are {others}."
             )
+
+
+def _load_rows(found: Identification) -> int:
+    """Return the number of load-side equations at an instant."""
+    base = found.robot.floating_base
+    return len(found.model.torque_joints) + (0 if base is None else int(base.free_axes.sum()))
 
 
 def _listed(names: Sequence[str], most: int = 8) -> str:

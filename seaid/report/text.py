@@ -467,7 +467,28 @@ def validation_table(result: Validation) -> Text:
         ]
         for index, joint in enumerate(result.joints)
     ]
-    return joined([table(title, header, rows), *warning_lines(result.warnings)])
+    tables = [table(title, header, rows), *_contact_tables(result)]
+    return joined([*tables, *warning_lines(result.warnings)])
+
+
+def _contact_tables(result: Validation) -> list[Text]:
+    """Return the table of the contact forces of a robot with a floating base."""
+    found = result.contacts
+    if found is None:
+        return []
+    header = ["contact", "parameters", "measured", "error", "", "normal", "least", "std. error"]
+    names = ("rms_force", "rms_error", "mean_normal", "least_normal", "standard_error")
+    rows = []
+    for place, link in enumerate(found.links):
+        rms, error, *normal = (number(getattr(found, name)[place]) for name in names)
+        relative = percent(found.relative_error[place])
+        used = f"{found.friction_used[place]:.2f}"
+        rows.append([link, found.basis[place], rms, error, relative, *normal, used])
+    title = "Contact forces [N]: measured (rms) and error; predicted normal force; friction used"
+    sums = (found.vertical, found.measured_vertical, found.weight)
+    texts = ("sum of the predicted normal forces {} N", "of the measured ones {} N", "weight {} N")
+    known = [text.format(number(x)) for text, x in zip(texts, sums, strict=True) if np.isfinite(x)]
+    return [table(title, [*header, "friction"], rows), Text(", ".join(known))]
 
 
 def replay_table(result: ReplayComparison) -> Text:

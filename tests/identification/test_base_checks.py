@@ -16,7 +16,7 @@ from scripts.legged_plant import GO2_FEET, foot_positions, plant, simulate
 from seaid._arrays import Array
 from seaid.errors import Finding, IdentificationError, LogError
 from seaid.identification import whole_body
-from seaid.identification.base_checks import base_findings, foot_places
+from seaid.identification.base_checks import base_findings, foot_places, with_brief_lifts
 from seaid.log import BaseLog, turned_to_world
 from tests.identification.test_floating_base import STANDING, found_standing, go2
 
@@ -84,6 +84,32 @@ def test_a_foot_that_rests_while_flagged_in_the_air_is_named() -> None:
     (finding,) = found(contacts={**flags(), "FR_foot": lost})
     assert "FR_foot is flagged as in the air and rests on the level of the others" in str(finding)
     assert finding.evidence["longest rest [s]"] > 0.3
+
+
+def test_a_foot_that_is_hardly_in_the_air_is_named_with_the_time_it_needs() -> None:
+    brief = np.ones_like(flags()["FR_foot"])
+    brief[1000:1020] = brief[2000:2030] = 0
+    notes = [one for one in found(contacts={**flags(), "FR_foot": brief}) if one.joint == "FR_foot"]
+    (finding,) = (one for one in notes if one.code == "unidentifiable")
+    assert "FR_foot is in the air for 0.2 s in all, in 2 lifts, which are not used" in str(finding)
+    assert "at least 0.13 s at a time" in finding.remedy  # 6.5 periods of 50 Hz
+    brief[2000:2060] = 0
+    longer = found(contacts={**flags(), "FR_foot": brief})
+    assert "unidentifiable" not in {one.code for one in longer}
+
+
+def test_few_rows_name_a_foot_that_is_in_the_air_in_one_part_only() -> None:
+    finding = Finding("few-rows", "the logs are too short", "FR_calf_joint")
+    base, lifted = walked().base, np.ones_like(flags()["FR_foot"])
+    assert base is not None
+    for lift, is_named in ((slice(1000, 1200), True), (slice(3000, 3200), False)):
+        lifted[lift] = 0
+        contacts = {**{foot: np.ones(len(lifted)) for foot in GO2_FEET}, "FR_foot": lifted}
+        log = replace(walked(), base=replace(base, contacts=contacts))
+        motion = seaid.reconstruct_motion(go2(), log, cutoff_hz=10.0)
+        named = with_brief_lifts(finding, go2(), [[motion]])
+        text = "alone determines the mass at the foot: FR_foot (0.72 s)"
+        assert (text in named.message) == is_named
 
 
 def test_a_foot_that_slides_is_a_note() -> None:

@@ -14,13 +14,14 @@ import numpy as np
 import pytest
 
 import seaid
-from scripts.benchmarks.legged import noisy
+from scripts.benchmarks.legged import noisy, quadruped
 from scripts.example_robots import example_urdf
-from scripts.legged_plant import GO2, plan, plant, simulate
+from scripts.legged_plant import GO2, changed_bodies, plan, plant, simulate
 from seaid._arrays import Array
 from seaid.errors import SeaidError
 from seaid.identification import whole_body
 from seaid.log import BaseLog
+from seaid.regressor import rigid_body_regressor
 from seaid.regressor.floating import contact_map, floating_regressor
 from seaid.robot import Robot
 
@@ -128,6 +129,78 @@ def test_measured_wrenches_determine_what_flight_does() -> None:
     assert len(alone.load.values) == 94
 
 
+def test_logs_of_a_robot_that_hangs_and_that_stands_are_one_fit() -> None:
+    robot = seaid.load_robot(
+        example_urdf("go2.urdf"),
+        base="floating",
+        contacts=[*GO2.feet, seaid.Contact("base", is_flat=True)],
+    )
+    log, held = swayed(), seaid.load_robot(example_urdf("go2.urdf"))
+    assert log.base is not None
+    rng, time = np.random.default_rng(8), log.time
+    turn, angle = 2 * np.pi * rng.uniform(0.2, 1.0, 12), rng.uniform(0, 6, 12)
+    waves = np.outer(time, turn) + angle
+    joints = 0.5 * np.sin(waves), 0.5 * turn * np.cos(waves), -0.5 * turn**2 * np.sin(waves)
+    torque = np.einsum("tjk,k->tj", rigid_body_regressor(held, *joints), held.parameters)
+    base = BaseLog.hanging(robot, len(time))
+    hanging = replace(log, joint_position=joints[0], motor_torque=torque, base=base)
+    free = replace(log.base, contacts={**log.base.contacts, "base": np.zeros(len(time))})
+    found = seaid.identify(
+        robot.without_nominal(), [hanging, replace(log, base=free)], cutoff_hz=4.0
+    )
+    # 68 by hanging, 90 by standing
+    assert len(found.load.values) == 94
+    truth = found.base.project(robot.parameters)
+    assert np.max(np.abs(found.load.values - truth) / np.maximum(np.abs(truth), 0.01)) < 5e-3
+    assert {one.code for one in found.warnings if one.severity != "note"} <= {"contact-flags"}
+    message = "load it with base='floating' and, among contacts=, seaid.Contact('base', is_flat=T"
+    with pytest.raises(SeaidError, match=re.escape(message)):
+        BaseLog.hanging(STANDING, 10)
+
+
+def test_forces_of_feet_are_predicted_with_what_they_rest_on() -> None:
+    log = swayed()
+    assert log.base is not None
+    assert STANDING.floating_base is not None
+    states = seaid.reconstruct_motion(STANDING, log, cutoff_hz=4.0)
+    assert states.base is not None
+    rows = floating_regressor(STANDING, *states.joint_states, states.base.states)
+    A = contact_map(STANDING, log.joint_position, STANDING.floating_base.contacts, own_frame=True)
+    held = (rows @ STANDING.parameters)[:, :6]
+    forces = np.einsum("tkr,tr->tk", np.linalg.pinv(A[:, :6]), held)
+    torque = rows @ STANDING.parameters - np.einsum("trk,tk->tr", A, forces)
+    wrenches = {x: forces[:, 3 * k : 3 * k + 3] for k, x in enumerate(GO2.feet)}
+    base = replace(log.base, contacts={}, wrenches=wrenches)
+    measured = replace(log, motor_torque=torque[:, 6:], base=base)
+    # the identified parameters lack the mass at a foot that always stands
+    for robot, basis in ((STANDING, "robot file"), (STANDING.without_nominal(), "none")):
+        found = seaid.identify(robot, log, cutoff_hz=4.0)
+        contacts = seaid.validate(found, measured).contacts
+        assert contacts is not None
+        assert contacts.basis == (basis,) * 4
+        assert (basis == "none") == bool(np.all(np.isnan(contacts.predicted)))
+        if basis != "none":
+            assert np.max(contacts.relative_error) < 2e-3
+            np.testing.assert_allclose(contacts.scale, 1.0, atol=2e-3)
+    found = seaid.identify(STANDING.without_nominal(), measured, cutoff_hz=4.0)
+    validation = seaid.validate(found, measured)
+    assert validation.contacts is not None
+    assert validation.contacts.basis == ("identified",) * 4
+    assert np.max(validation.contacts.relative_error) < 2e-3
+    # the torque is that of the joint, not what the measured force leaves of it
+    inside = np.isfinite(validation.load.measured[:, 2])
+    both = validation.load.measured[inside, 2], torque[inside, 8]
+    assert np.corrcoef(*both)[0, 1] > 0.9
+    assert np.std(both[0]) > 0.8 * np.std(both[1])
+    assert "identified" in str(validation.summary())
+    assert "predicted_force" not in validation.to_dict()["contacts"]["feet"]["FL_foot"]
+    # a sensor with the opposite sign, and a foot that would have to pull
+    turned = {x: -y for x, y in wrenches.items()}
+    wrong = seaid.validate(found, replace(measured, base=replace(base, wrenches=turned)))
+    texts = [str(one) for one in wrong.warnings if one.code == "contact-forces"]
+    assert sum("least with the measured one times -1" in text for text in texts) == 4
+
+
 def test_bodies_are_validated_and_written_with_the_base(tmp_path: Path) -> None:
     found = seaid.identify(STANDING, swayed(), cutoff_hz=4.0, feasible=True)
     validation = seaid.validate(found, swayed())
@@ -220,6 +293,26 @@ def test_bodies_of_a_quadruped_that_lifts_its_feet() -> None:
         assert abs(found.load.values[row] - truth[row]) / truth[mass] < allowed_m
 
 
+@pytest.mark.slow  # 36 s of MuJoCo with contacts, and 94 parameters of 18 equations
+def test_forces_of_feet_are_those_of_the_simulator(tmp_path: Path) -> None:
+    found = seaid.identify(go2().without_nominal(), noisy(walked(), 1))
+    forces = simulate(go2(), plant(go2()), 12.0, 5, has_forces=True)
+    validation = seaid.validate(found, noisy(forces, 2))
+    contacts = validation.contacts
+    assert contacts is not None
+    assert contacts.basis == ("identified",) * 4
+    assert np.max(contacts.relative_error) < 0.015  # 0.4 to 0.8 %
+    assert contacts.measured_vertical == pytest.approx(contacts.vertical, rel=0.005)
+    assert contacts.vertical == pytest.approx(contacts.weight, rel=0.02)
+    assert validation.warnings == ()
+    seaid.write_report(found, validation, tmp_path / "go2.html")
+    assert "Contact forces [N] of the validation" in (tmp_path / "go2.html").read_text()
+    seaid.save_run(found, tmp_path / "go2.npz", validations={"other": validation})
+    again = seaid.load_run(tmp_path / "go2.npz").validations["other"].contacts
+    assert again is not None
+    np.testing.assert_array_equal(again.relative_error, contacts.relative_error)
+
+
 @pytest.mark.slow  # 8 s of MuJoCo with contacts, and 90 parameters of 18 equations
 def test_intervals_of_a_quadruped_that_sways_on_standing_feet() -> None:
     targets = plan(go2(), GO2, 8.0, 52, lifted=False)
@@ -235,9 +328,27 @@ def test_intervals_of_a_quadruped_that_sways_on_standing_feet() -> None:
 @pytest.mark.slow
 def test_a_radius_left_out_shows_in_the_residual() -> None:
     robot = seaid.load_robot(example_urdf("go2.urdf"), base="floating", contacts=GO2.feet)
-    errors = [
-        np.mean([fit.own for fit in seaid.identify(one, walked()).joint_fits.values()])
-        for one in (go2(), robot)
-    ]
+    every = [seaid.identify(one, walked()) for one in (go2(), robot)]
+    errors = [np.mean([fit.own for fit in found.joint_fits.values()]) for found in every]
     assert errors[0] < 0.003
     assert errors[1] > 3 * errors[0]
+    assert "geometry" not in {one.code for one in every[0].warnings}
+    (finding,) = (one for one in every[1].warnings if one.code == "geometry")
+    assert finding.evidence["radius [m]"] == pytest.approx(0.02, abs=1.5e-3)
+    assert "radius_m = 0.0" in finding.remedy
+
+
+@pytest.mark.slow  # two motions of 8 s in MuJoCo
+@pytest.mark.parametrize("seed", [106, 109])
+def test_a_short_log_without_a_bias_has_none(tmp_path: Path, seed: int) -> None:
+    robot = quadruped(GO2, changed_bodies(example_urdf(GO2.urdf), tmp_path, seed))
+    targets = plan(go2(), GO2, 8.0, seed, lifted=False)
+    log = noisy(simulate(robot, plant(robot, 0.001), 8.0, targets=targets), seed)
+    # chi-square 36 and 38 of three axes with a covariance of 13 degrees of freedom
+    found = seaid.identify(go2().without_nominal(), log)
+    assert "base-bias" not in {one.code for one in found.warnings}
+    assert log.base is not None
+    assert log.base.specific_force is not None
+    biased = replace(log.base, specific_force=log.base.specific_force + np.array([0.2, -0.14, 0.1]))
+    found = seaid.identify(go2().without_nominal(), replace(log, base=biased))
+    assert "base-bias" in {one.code for one in found.warnings}

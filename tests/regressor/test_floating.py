@@ -15,6 +15,7 @@ from seaid._arrays import Array
 from seaid.errors import ExcitationError, RobotError, SeaidWarning
 from seaid.regressor.floating import (
     BaseStates,
+    contact_equations,
     contact_map,
     floating_regressor,
     floating_rows,
@@ -281,3 +282,23 @@ def test_balls_that_stand_determine_what_points_do() -> None:
         columns = seaid.base_parameters(points, stances=stances).columns
         assert seaid.base_parameters(balls, stances=stances).columns == columns
         assert columns_of_stances(balls, stances) == columns
+
+
+def test_contact_forces_are_determined_as_far_as_statics_allows() -> None:
+    feet = FEET["solo12.urdf"]
+    robot = floating("solo12.urdf", contacts=feet)
+    assert robot.floating_base is not None
+    contacts = robot.floating_base.contacts
+    q = np.random.default_rng(4).uniform(-1, 1, (5, 12))
+    touching = dict.fromkeys(feet, np.ones(5, dtype=bool))
+    of_sum = np.tile(np.eye(3), 4)
+    for joints, rank in ((range(12), 12), (range(3), 9), ((), 6)):
+        A, inverse = contact_equations(robot, q, contacts, touching, list(joints))
+        determined = inverse @ A
+        np.testing.assert_allclose(np.trace(determined, axis1=1, axis2=2), rank, atol=1e-9)
+        # without torques the base determines the sum of the forces and of their moments
+        np.testing.assert_allclose(of_sum @ determined, np.tile(of_sum, (5, 1, 1)), atol=1e-9)
+    A, inverse = contact_equations(robot, q, contacts, touching, range(3))
+    front = np.diagonal(np.mean(inverse @ A, axis=0))
+    np.testing.assert_allclose(front[:3], 1.0, atol=1e-9)
+    assert np.all(front[3:] < 1 - 1e-3)

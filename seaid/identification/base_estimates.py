@@ -1,0 +1,291 @@
+"""What the fit of a floating base gives besides its parameters.
+
+Mass and centre of mass of the whole robot, and of its base alone, are linear in the inertial
+parameters, or ratios of such: c^T theta is determined if c is a combination of the rows of the
+grouping matrix of the base parameters, and only then has a value.
+
+A bias b of the accelerometer, constant in the axes of the base, is as a constant acceleration: it
+adds M_0 b to the equations, with the first three columns M_0 of the mass matrix. Next to the bodies
+it is identified from the change of gravity in these axes.
+
+A radius that is wrong by d puts the contact forces f too low by d: it adds d times the moments of f
+about the vertical displacement to J_c^T f. With the f of the fit that is one more column.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pinocchio as pin
+from scipy.special import fdtri, stdtrit
+
+from seaid._arrays import Array, safely
+from seaid.errors import ExcitationError, Finding
+from seaid.estimation import Estimate, FittedRows, estimate_of_rows, qr_factor_of
+from seaid.identification.datasets import Dataset, rows_in_memory
+from seaid.log import Motion
+from seaid.regressor import LoadModel, accelerometer_rows, radius_rows
+from seaid.robot import Robot
+
+if TYPE_CHECKING:
+    from seaid.identification.identification import Identification
+
+_DETERMINED = 1e-6
+"""Largest part of a functional outside of the base parameters, over its norm, that is rounding."""
+
+
+@dataclass(frozen=True)
+class BodyValue:
+    """A mass [kg] or a coordinate of a centre of mass [m], NaN if the logs do not determine it."""
+
+    name: str
+    value: float
+    standard_error: float
+    unit: str
+
+    @property
+    def is_determined(self) -> bool:
+        """Whether the logs determine it."""
+        return bool(np.isfinite(self.value))
+
+
+def whole_body(found: Identification) -> tuple[BodyValue, ...]:
+    """Return mass and centre of mass of the robot in the middle of its motion, and of its base.
+
+    Centres are in the frame of the base, payloads included. Empty for a fixed base.
+    """
+    if found.robot.floating_base is None:
+        return ()
+    moments = _first_moments(found)
+    base = found.robot.body_names[-1]
+    alone = np.zeros_like(moments)
+    alone[:, -10:-6] = np.eye(4)
+    return tuple(
+        one
+        for name, rows in (("whole robot", moments), (base, alone))
+        for one in _mass_and_center(found, name, rows)
+    )
+
+
+def mean_posture(found: Identification) -> Array:
+    """Return the mean joint positions (n,) of the logs, zero if none was in memory."""
+    if not found.motions:
+        return np.zeros(found.robot.n)
+    return np.asarray(np.concatenate([one.joint_position for one in found.motions]).mean(axis=0))
+
+
+def _first_moments(found: Identification) -> Array:
+    """Return the functionals (4, 10N) of mass and first moments of the robot about its base."""
+    robot = found.robot
+    data = robot.model.createData()
+    pin.forwardKinematics(robot.model, data, robot.to_model(mean_posture(found)))
+    rows = np.zeros((4, robot.parameters.size))
+    frames = [pin.SE3.Identity()] * len(robot.body_names)
+    for place, index in enumerate(robot.model_order, 1):
+        frames[index] = data.oMi[place]
+    for body, frame in enumerate(frames):
+        rows[0, 10 * body] = 1.0
+        rows[1:, 10 * body] = frame.translation
+        rows[1:, 10 * body + 1 : 10 * body + 4] = frame.rotation
+    return rows
+
+
+def _mass_and_center(found: Identification, name: str, rows: Array) -> list[BodyValue]:
+    """Return the values of the functionals (4, 10N) of a mass and its first moments."""
+    robot, base = found.robot, found.base
+    combined = rows[:, list(base.columns)]
+    left = (rows - combined @ base.grouping) * ~robot.is_known
+    is_known = np.linalg.norm(left, axis=1) <= _DETERMINED * np.linalg.norm(rows, axis=1)
+    given = rows @ (robot.payload_parameters + np.where(robot.is_known, robot.parameters, 0.0))
+    mass, *moment = (combined @ found.load.values + given).tolist()
+    slopes = np.vstack([combined[:1], (combined[1:] - np.outer(moment, combined[0]) / mass) / mass])
+    # h / m has the slopes (c_h - h / m c_m) / m
+    errors = np.sqrt(np.einsum("ij,jk,ik->i", slopes, found.load.covariance, slopes))
+    values = np.array([mass, *(one / mass for one in moment)])
+    is_known[1:] &= is_known[0]
+    values[~is_known] = errors[~is_known] = np.nan
+    names = [f"mass of {name}", *(f"centre of mass of {name}, {x}" for x in "xyz")]
+    units = ["kg", *["m"] * 3]
+    facts = zip(names, values.tolist(), errors.tolist(), units, strict=True)
+    return [BodyValue(*one) for one in facts]
+
+
+def bodies_of_fit(identification: Identification) -> tuple[Array, bool]:
+    """Return standard parameters (10N,) with the base parameters of the fit, and if they are whole.
+
+    What the base parameters lack is that of the identified robot, or zero if it has none.
+    """
+    known, base = identification.known, identification.base
+    own = np.where(known.is_known, 0.0, identification.robot.parameters)
+    is_whole = bool(np.all(np.isfinite(known.parameters)))
+    own = own if is_whole else np.zeros_like(own)
+    values = identification.load_side.values[: len(base.columns)]
+    own[list(base.columns)] += values - base.grouping @ own
+    return own + known.known_parameters, is_whole
+
+
+@dataclass(frozen=True, eq=False)
+class AccelerometerBias:
+    """A bias (3,) [m/s^2] in the axes of the base, its covariance, and `columns` of the rows.
+
+    These are the changes of y by the bias along some axes (R, k), with covariance (k, k).
+    """
+
+    value: Array
+    covariance: Array
+    columns: Array
+
+    def removed(self, datasets: Sequence[Dataset]) -> list[Motion]:
+        """Return the motions of a floating base without the bias."""
+        found = []
+        for motion in (one for one in datasets if isinstance(one, Motion)):
+            assert motion.base is not None
+            force = motion.base.specific_force - self.value
+            found.append(replace(motion, base=replace(motion.base, specific_force=force)))
+        return found
+
+
+_BIASED_M_S2, _NO_BIAS_M_S2 = 0.02, 1.0
+"""Bias from which it is removed: 2 mrad of tilt; and from which it is an error of the model. Those
+of MEMS sensors are up to 0.5 m/s^2."""
+
+_LEVEL = 0.999
+"""Level of the tests for a bias and for another radius."""
+
+
+def accelerometer_bias(
+    robot: Robot, datasets: Sequence[Dataset], model: LoadModel, fit: FittedRows
+) -> AccelerometerBias | None:
+    """Return the bias of the accelerometer if the rows of a `fit` support it; see the module.
+
+    `robot` has the estimated bodies.
+    """
+    bases = [one.base for one in datasets if isinstance(one, Motion) and one.base is not None]
+    if fit.rows is None or len(bases) < len(datasets) or any(one.imu is None for one in bases):
+        return None
+    rows = rows_in_memory(datasets, {"": partial(accelerometer_rows, robot, model=model)})[""]
+    norms = np.linalg.norm(rows.H, axis=0)
+    axes = np.flatnonzero(norms > _NOTHING * np.max(norms))
+    found = _with_columns(fit, rows.H[:, axes])
+    if found is None:  # the base does not tilt
+        return None
+    k, freedom = len(axes), _freedom(found)
+    value, covariance = found.values[-k:], found.covariance[-k:, -k:]
+    size = float(np.max(np.abs(value)))
+    if not _BIASED_M_S2 < size < _NO_BIAS_M_S2 or freedom < k:
+        return None
+    # T^2 = b^T C^-1 b (n - k + 1) / (k n) has the distribution F(k, n - k + 1) (Hotelling)
+    score = float(value @ safely(np.linalg.solve, covariance, value, what="the bias of the IMU"))
+    if score * (freedom - k + 1) / (k * freedom) < fdtri(k, freedom - k + 1, _LEVEL):
+        return None
+    whole = np.zeros(3)
+    whole[axes] = value
+    normal = (stdtrit(freedom, 0.975) / stdtrit(_MOST_FREEDOM, 0.975)) ** 2
+    return AccelerometerBias(whole, normal * covariance, rows.H[:, axes])
+
+
+def _with_columns(fit: FittedRows, columns: Array) -> Estimate | None:
+    """Return a fit with further columns (R, k) of y, the last k parameters, None if it has none."""
+    assert fit.rows is not None
+    k = columns.shape[1]
+    both = replace(
+        fit.rows,
+        names=(*fit.rows.names, *(f"further {place}" for place in range(k))),
+        units=(*fit.rows.units, *k * ("",)),
+        H=np.hstack([fit.rows.H, -columns]),
+    )
+    try:
+        return estimate_of_rows(both, qr_factor_of(both), fit.weights, fit.propagated)
+    except ExcitationError:
+        return None
+
+
+def _freedom(estimate: Estimate) -> float:
+    """Return the fewest degrees of freedom of the covariance of an estimate."""
+    every = estimate.degrees_of_freedom
+    return _MOST_FREEDOM if every is None else float(np.min(every, initial=_MOST_FREEDOM))
+
+
+_MOST_FREEDOM = 1e4
+"""Degrees of freedom of a covariance that is as good as known."""
+
+_NOTHING = 1e-9
+"""Part of the largest column below which one is rounding."""
+
+
+def bias_finding(bias: AccelerometerBias, motions: Sequence[Motion]) -> Finding:
+    """Return the finding on a bias that was removed, in the axes of the IMU."""
+    base = motions[0].base
+    assert base is not None
+    assert base.imu is not None
+    own = bias.value @ base.imu
+    error = float(np.sqrt(np.max(np.diag(bias.covariance))))
+    return Finding(
+        "base-bias",
+        f"the accelerometer has a bias of {', '.join(f'{x:.2g}' for x in own)} m/s^2 (x, y, z, "
+        f"standard error {error:.1g}): it was identified with the bodies and subtracted",
+        severity="note",
+        evidence={f"{axis} [m/s^2]": float(x) for axis, x in zip("xyz", own, strict=True)},
+        remedy="calibrate the accelerometer in several orientations, or let the base tilt more: "
+        "the bodies are less certain by the error of the bias",
+        certainty="likely",
+    )
+
+
+_LEAST_RADIUS_M = 0.0005
+"""Error of the radius of feet from which it has a finding. 1 mm is 0.2 % of the mass of a Go2."""
+
+
+def radius_findings(
+    found: Identification,
+    datasets: Sequence[Dataset],
+    fit: FittedRows,
+    bias: AccelerometerBias | None,
+) -> Iterator[Finding]:
+    """Yield a radius of the feet, one for all of them, that the rows of a `fit` contradict.
+
+    A `bias` that was removed may come of the wrong radius: it is identified again, next to it.
+    """
+    motions = [one for one in datasets if isinstance(one, Motion) and one.base is not None]
+    base = found.known.floating_base
+    if base is None or fit.rows is None or len(motions) < len(datasets):
+        return
+    contacts = [one for one in base.contacts if not one.is_flat]
+    feet = [one.link for one in contacts]
+    radii = {one.radius_m for one in contacts}
+    if len(radii) != 1 or any(one.base is None or one.base.up is None for one in motions):
+        return
+    if not all(set(feet) <= set(one.base.contacts) for one in motions if one.base is not None):
+        return
+    regress = partial(
+        radius_rows,
+        found.known,
+        model=found.model,
+        springs=found.springs,
+        theta=found.load_side.values,
+        bodies=bodies_of_fit(found)[0],
+    )
+    columns = rows_in_memory(datasets, {"": regress})[""].H
+    own = _with_columns(fit, columns if bias is None else np.hstack([bias.columns, columns]))
+    if own is None:
+        return
+    radius, value = radii.pop(), float(own.values[-1])
+    error = float(own.standard_errors[-1])
+    least = max(float(stdtrit(_freedom(own), 0.5 + _LEVEL / 2)) * error, _LEAST_RADIUS_M)
+    if abs(value) < least or radius + value <= 0:
+        return
+    yield Finding(
+        "geometry",
+        f"the feet touch the ground as balls of {1e3 * (radius + value):.3g} mm, with a standard "
+        f"error of {1e3 * error:.2g} mm, and have {1e3 * radius:.3g} mm: the moments of the "
+        "contact forces would go into the bodies",
+        severity="doubtful",
+        evidence={"radius [m]": radius + value, "standard error [m]": error},
+        remedy=f"load the robot with contacts of radius_m = {radius + value:.4g}, also if the foot "
+        "is larger: a soft one touches nearer to its centre",
+        certainty="likely",
+    )
