@@ -136,7 +136,7 @@ ONE_IMPORTER = {
         *("excitation.run_in", "excitation.search"),
         *("identification.body_hypotheses", "identification.setup_hypotheses"),
         "identification.base_checks",
-        "identification.command_refinement",
+        *("identification.command_refinement", "identification.sensitivity"),
         "identification.consistency_program",
         "identification.known_constants",
         *("export.joint_actuators", "regressor.structural.equations"),

@@ -44,8 +44,8 @@ def init(
 ) -> None:
     """Write a first project file for a robot and its logs, with each doubt as a comment.
 
-    The file is seaid.toml. Joints with position commands and no torque get a controller with the
-    gains given. Logs with custom columns get a description, and a robot without drives
+    The file is seaid.toml. Joints with position or velocity commands and no torque get a controller
+    with the gains given. Logs with custom columns get a description, and a robot without drives
     gets those that the logs show: check what is unsure, then run it.
 
     seaid init leg.urdf run.csv other.csv
@@ -87,17 +87,18 @@ def _controllers(
     robot = given.robot()
     stiffness = values("--position-gain", position_gain)
     damping = values("--velocity-gain", velocity_gain)
-    if stiffness is None:
+    if stiffness is None and not damping:
         return None
-    tables = [
-        one if isinstance(one, dict) else dict.fromkeys(robot.joint_names, one)
-        for one in (stiffness, damping or 0.0)
-    ]
-    check_joints("--position-gain", tables[0], robot)
-    check_joints("--velocity-gain", tables[1], robot)
+    stiff, damped = (
+        one if isinstance(one, dict) else dict.fromkeys(robot.joint_names, one or 0.0)
+        for one in (stiffness, damping)
+    )
+    check_joints("--position-gain", stiff, robot)
+    check_joints("--velocity-gain", damped, robot)
     return {
         joint: Controller(
-            position_gain_Nm_per_rad=gain, velocity_gain_Nms_per_rad=tables[1].get(joint, 0.0)
+            position_gain_Nm_per_rad=stiff.get(joint, 0.0),
+            velocity_gain_Nms_per_rad=damped.get(joint, 0.0),
         )
-        for joint, gain in tables[0].items()
+        for joint in (stiff if stiffness is not None else damped)
     }

@@ -57,6 +57,7 @@ from .symbols import theta_L as theta_L
 from .symbols import theta_M as theta_M
 from .symbols import u_M as u_M
 from .terms import BY_TEMPERATURE as BY_TEMPERATURE
+from .terms import COMMANDS as COMMANDS
 from .terms import COULOMB as COULOMB
 from .terms import DEAD_ZONES as DEAD_ZONES
 from .terms import LEVEL_OF as LEVEL_OF

@@ -1,4 +1,4 @@
-"""The position controller of a drive: the torque that it commands for a commanded position."""
+"""The controller of a drive: the torque that it gives for logged commands."""
 
 from __future__ import annotations
 
@@ -23,30 +23,34 @@ STATED_DELAY_S = 12.5e-3
 states no standard deviation: two or three samples of a bus at 200 Hz."""
 
 
+_SUPPLY = "nominal_supply_V"
 _LEAST, _MOST = np.nextafter(0.0, 1.0), np.finfo(float).max
 _RANGES = {
-    "position_gain_Nm_per_rad": ("more than zero and finite", _LEAST, _MOST),
+    "position_gain_Nm_per_rad": ("zero or more and finite", 0.0, _MOST),
     "velocity_gain_Nms_per_rad": ("zero or more and finite", 0.0, _MOST),
     "torque_limit_Nm": ("more than zero", _LEAST, math.inf),
     "no_load_speed_rad_per_s": ("more than zero", _LEAST, math.inf),
     "command_velocity_gain_Nms_per_rad": ("a finite number", -_MOST, _MOST),
     "feedforward_Nm": ("a finite number", -_MOST, _MOST),
+    "nominal_supply_V": ("more than zero and finite", _LEAST, _MOST),
 }
 """{field: (what it must be, least and largest value)}."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Controller:
-    """A position controller: torque = clip(K_p (u - q) + K_v u' - K_d q' + F) at the joint.
+    """A joint controller: torque = clip(K_p (u - q) + K_v w - K_d q' + F + f) at the joint.
 
-    The position q is that of the drive's own encoder: theta_M / N behind the gear. The limits of
-    the torque are -limit and limit; with a no-load speed v_0, those of a motor at a fixed voltage
-    too: limit (1 - q'/v_0) above, and -limit (1 + q'/v_0) below.
+    The log has the position command u and, where the drive gets them, the velocity command w and
+    the feed-forward torque f; without a column w is u', and f zero. The position q is that of the
+    drive's own encoder: theta_M / N behind the gear. The limits of the torque are -limit and limit;
+    with a no-load speed v_0, those of a motor at a fixed voltage too: limit (1 - q'/v_0) above, and
+    -limit (1 + q'/v_0) below.
 
     Parameters
     ----------
-    position_gain_Nm_per_rad : float
-        K_p at the joint [N m/rad], of a prismatic joint [N/m].
+    position_gain_Nm_per_rad : float, default 0
+        K_p at the joint [N m/rad], of a prismatic joint [N/m]; zero for velocity commands alone.
     velocity_gain_Nms_per_rad : float, default 0
         K_d at the joint [N m s/rad], of a prismatic joint [N s/m].
     torque_limit_Nm : float, default inf
@@ -54,7 +58,8 @@ class Controller:
     no_load_speed_rad_per_s : float, default inf
         v_0, the speed at which the motor has no torque left [rad/s, of a prismatic joint m/s].
     command_velocity_gain_Nms_per_rad : float, default 0
-        K_v on the velocity of the command [N m s/rad]: that of velocity errors, if it is K_d.
+        K_v on the velocity of the command [N m s/rad]: K_d for a controller of velocity errors,
+        as the low-level command of legged robots and the MIT Mini Cheetah's drives have.
     feedforward_Nm : float, default 0
         F, a constant torque [N m].
     is_held : bool, default False
@@ -63,6 +68,11 @@ class Controller:
     is_up_to_scale : bool, default False
         Whether gains, limit and feed-forward are in units of the drive (counts, volts, duty): the
         torques are these times `gain_scale`, a parameter of the drive.
+    nominal_supply_V : float, optional
+        Supply voltage V_0 [V] to which the limit belongs: with it the log needs the column
+        `supply_voltage_V`, and the limits are limit (V/V_0 - q'/v_0) and -limit (V/V_0 + q'/v_0).
+    is_duty : bool, default False
+        Whether the controller gives a duty cycle, so that its torque is V/V_0 times the above.
 
     Raises
     ------
@@ -75,7 +85,7 @@ class Controller:
     >>> seaid.StiffDrive(gear_ratio=1.0, motor_input="position_command", controller=pd)
     """
 
-    position_gain_Nm_per_rad: float
+    position_gain_Nm_per_rad: float = 0.0
     velocity_gain_Nms_per_rad: float = 0.0
     torque_limit_Nm: float = math.inf
 
@@ -84,44 +94,61 @@ class Controller:
     feedforward_Nm: float = 0.0
     is_held: bool = False
     is_up_to_scale: bool = False
+    nominal_supply_V: float | None = None
+    is_duty: bool = False
 
     def __post_init__(self) -> None:
-        for name in ("is_held", "is_up_to_scale"):
+        for name in ("is_held", "is_up_to_scale", "is_duty"):
             if not isinstance(getattr(self, name), bool):
                 raise RobotError(
                     f"{name} must be true or false, found {shown(getattr(self, name))}"
                 )
         for name, (words, low, high) in _RANGES.items():
             value = getattr(self, name)
+            if value is None and name == _SUPPLY:
+                continue
             is_number = isinstance(value, int | float) and not isinstance(value, bool)
             if not is_number or not (low <= value <= high):
                 ask = ": write the number of your controller" if isinstance(value, str) else ""
                 raise RobotError(f"{name} must be {words}, found {shown(value)}{ask}")
+        if self.is_duty and self.nominal_supply_V is None:
+            raise RobotError(
+                "is_duty = true needs nominal_supply_V, the supply voltage to which the gains of "
+                "the duty cycle belong: nominal_supply_V = 12.0"
+            )
 
     def times(self, scale: float) -> Controller:
         """Return the controller with gains, limit and feed-forward times a scale, in N m."""
-        names = [name for name in _RANGES if name != "no_load_speed_rad_per_s"]
+        names = [name for name in _RANGES if name not in ("no_load_speed_rad_per_s", _SUPPLY)]
         changes: dict[str, Any] = {name: scale * getattr(self, name) for name in names}
         return replace(self, is_up_to_scale=False, **changes)
 
     def torque(
-        self, command: Array, position: Array, velocity: Array, rate: Array | float = 0.0
+        self,
+        commanded: Array,
+        position: Array,
+        velocity: Array,
+        supply: Array | float = 1.0,
     ) -> tuple[Array, BoolArray]:
         """Return the torque (T,) at the joint, and the mask (T,) of samples at its limit.
 
-        `rate` is that of the command, for K_v.
+        `commanded` is the part of the torque that the commands give, K_p u + K_v w + F + f, and
+        `supply` the voltage of the supply over its nominal one.
         """
-        wanted = self.position_gain_Nm_per_rad * (command - position)
-        wanted = wanted + self.command_velocity_gain_Nms_per_rad * rate + self.feedforward_Nm
-        return self.limited(wanted - self.velocity_gain_Nms_per_rad * velocity, velocity)
-
-    def limited(self, wanted: Array, velocity: Array) -> tuple[Array, BoolArray]:
-        """Return torques (T,) within the limits at a velocity, and where they are at one."""
+        feedback = self.position_gain_Nm_per_rad * position
+        feedback = feedback + self.velocity_gain_Nms_per_rad * velocity
+        wanted = (commanded - feedback) * self.gain_factor(supply)
         if math.isinf(self.torque_limit_Nm):
             return wanted, np.zeros(np.shape(wanted), dtype=bool)
-        share = velocity / self.no_load_speed_rad_per_s
-        high, low = (self.torque_limit_Nm * np.clip(1 - x, 0.0, 1.0) for x in (share, -share))
+        speed = velocity / self.no_load_speed_rad_per_s
+        high, low = (
+            self.torque_limit_Nm * np.clip(supply - x, 0.0, supply) for x in (speed, -speed)
+        )
         return np.clip(wanted, -low, high), (wanted > high) | (wanted < -low)
+
+    def gain_factor(self, supply: Array | float) -> Array | float:
+        """Return the factor on all gains at a supply voltage over its nominal one."""
+        return supply if self.is_duty else 1.0
 
 
 def stated_delay_s(drive: Drive) -> float:
@@ -147,7 +174,8 @@ def delay_sums(joint: str, drives: Sequence[Drive]) -> str:
         pair = laws.velocity_gain_Nms_per_rad + friction, laws.position_gain_Nm_per_rad
         pairs += [pair] * (pair not in pairs)
     text = "; and ".join(
-        f"armature + {slope:.3g} T and viscous friction + {gain:.4g} T" for slope, gain in pairs
+        f"armature + {slope:.3g} T" + (f" and viscous friction + {gain:.4g} T" if gain else "")
+        for slope, gain in pairs
     )
     start = f"{joint}: with the delay T of its commands, to first order, {text}"
     if len(pairs) > 1:
@@ -169,9 +197,4 @@ def controller_of(given: Any) -> Controller:
     for key in given:
         if key not in allowed:
             raise RobotError(f"controller: {unknown_name('key', key, allowed)}")
-    if "position_gain_Nm_per_rad" not in given:
-        raise RobotError(
-            "controller: key 'position_gain_Nm_per_rad' is missing, the torque at the joint per "
-            "rad of position error"
-        )
     return Controller(**given)

@@ -18,6 +18,7 @@ from seaid._progress import Display
 from seaid.drives.controller import Controller, controller_of
 from seaid.drives.terms import (
     BY_TEMPERATURE,
+    COMMANDS,
     COULOMB,
     DEAD_ZONES,
     DRY,
@@ -175,15 +176,7 @@ def _check_terms(drive: Drive) -> None:
         raise RobotError(unknown_name("motor input", drive.motor_input, inputs))
     if drive.controller is not None:
         object.__setattr__(drive, "controller", controller_of(drive.controller))
-    if (drive.controller is None) == (drive.motor_input == "position_command"):
-        raise RobotError(
-            'motor_input = "position_command" and a controller go together: '
-            + (
-                "give its gains in the table 'controller'"
-                if drive.controller is None
-                else f"found a controller and the motor input '{drive.motor_input}'"
-            )
-        )
+    _check_controller(drive)
     for field, alike in (("friction", COULOMB), ("spring", DEAD_ZONES), ("spring", MEMORY)):
         found = [term for term in getattr(drive, field) if term in alike]
         if len(found) > 1:
@@ -193,6 +186,40 @@ def _check_terms(drive: Drive) -> None:
     if drive.is_elastic and "offset" in drive.friction:
         raise RobotError(
             "an elastic drive has no friction offset: its constant column is the spring offset"
+        )
+
+
+def _check_controller(drive: Drive) -> None:
+    """Check that motor input and controller fit together. Raises RobotError."""
+    law, kind = drive.controller, drive.motor_input
+    if (law is None) == (kind in COMMANDS):
+        raise RobotError(
+            f'motor_input = "{" or ".join(COMMANDS)}" and a controller go together: '
+            + (
+                "give its gains in the table 'controller'"
+                if law is None
+                else f"found a controller and the motor input '{kind}'"
+            )
+        )
+    if law is None:
+        return
+    gain = law.position_gain_Nm_per_rad
+    if kind == "position_command" and not gain:
+        raise RobotError(
+            "controller: position_gain_Nm_per_rad is missing or zero, the torque at the joint per "
+            "rad of position error; a drive with velocity commands alone has motor_input = "
+            '"velocity_command"'
+        )
+    if kind == "velocity_command" and gain:
+        raise RobotError(
+            f"controller: found position_gain_Nm_per_rad = {gain:g} and motor_input = "
+            '"velocity_command": write motor_input = "position_command", which takes velocity '
+            "commands too, or a position gain of zero"
+        )
+    if kind == "velocity_command" and not law.command_velocity_gain_Nms_per_rad:
+        raise RobotError(
+            "controller: command_velocity_gain_Nms_per_rad is missing or zero, the torque at the "
+            "joint per rad/s of the commanded velocity: usually that of velocity_gain_Nms_per_rad"
         )
 
 
@@ -496,10 +523,10 @@ class StiffDrive(_Parameters):
     extra_terms : tuple of str
         Further torques [N m] at the motor as text, such as "c*theta_M_dot**3", see
         `seaid.drives.extra_terms`.
-    motor_input : {"torque", "current", "voltage", "position_command"}
+    motor_input : {"torque", "current", "voltage", "position_command", "velocity_command"}
         The logged quantity of the motor.
     controller : Controller, optional
-        The position controller of a drive whose commanded position was logged.
+        The controller of a drive whose commanded position or velocity was logged.
     command_delay_s : float, optional
         Nominal delay [s] of the command; negative where the positions are logged late.
     known : tuple of str

@@ -304,8 +304,7 @@ def _input_torque(drive: Drive) -> sp.Expr:
         "torque": tau_M,
         "current": K_t * i_M,
         "voltage": K_u * u_M,
-        "position_command": tau_M - T_C * tau_C.diff(t),
-    }[drive.motor_input]
+    }.get(drive.motor_input, tau_M - T_C * tau_C.diff(t))
 
 
 def _known(drive: Drive) -> tuple[sp.Symbol, ...]:

@@ -31,9 +31,10 @@ viscous b_L q' and coulomb c_L sign(q').
 
 `motor_input`, the logged quantity: torque; current, with torque = torque constant * current;
 voltage, with torque = voltage constant * voltage (the viscous friction then contains the back-EMF).
-The constants are unknown parameters. position_command: the drive's `controller` gives the torque,
-whose command acts after the delay T, tau_M - T tau_C' with the commanded part tau_C = K_p u / N;
-where the gains are known up to scale, this times the gain scale s_K, an unknown parameter.
+The constants are unknown parameters. position_command and velocity_command: the drive's
+`controller` gives the torque, whose commands act after the delay T, tau_M - T tau_C' with their
+part of it, tau_C = (K_p u + K_v w + f) / N; where the gains are known up to scale, this times the
+gain scale s_K, an unknown parameter.
 
 Periodic errors: the transmission error of the gear [rad, or m of a linear spring] adds to the
 deflection that the encoders show; the spring force sees k times that, which is linear in its
@@ -215,6 +216,7 @@ PARAMETERS_OF: dict[str, dict[str, tuple[str, ...]]] = {
         "current": ("torque_constant",),
         "voltage": ("voltage_constant",),
         "position_command": ("command_delay", "gain_scale"),
+        "velocity_command": ("command_delay", "gain_scale"),
     },
 }
 """{field of a drive: {term: its parameters}}."""
@@ -226,8 +228,11 @@ LEVEL_OF = {
 }
 """{nonlinear friction term: the parameter that multiplies the slopes of its other parameters}."""
 
-MotorInput = Literal["torque", "current", "voltage", "position_command"]
+MotorInput = Literal["torque", "current", "voltage", "position_command", "velocity_command"]
 """Values of `motor_input=`, with their parameters in `PARAMETERS_OF`."""
+
+COMMANDS = ("position_command", "velocity_command")
+"""Motor inputs of drives whose controller gives the torque."""
 
 MEMORY = ("dahl", "maxwell_slip")
 """Terms with a state, of friction and of springs: a drive has at most one of each."""

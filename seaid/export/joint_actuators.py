@@ -183,10 +183,15 @@ def _other_terms(drive: Drive) -> list[str]:
     periodic = dict.fromkeys(one.field.replace("_", " ") for one in drive.harmonics)
     own = [term for term in drive.friction if term not in _BY_OTHERS]
     law, of_law = drive.law, list[str]()
-    if law is not None and law.command_velocity_gain_Nms_per_rad:
+    if law is not None and law.command_velocity_gain_Nms_per_rad not in (
+        0.0,
+        law.velocity_gain_Nms_per_rad,  # that of a velocity target
+    ):
         of_law.append("gain on the velocity of the command")
     if law is not None and math.isfinite(law.no_load_speed_rad_per_s):
         of_law.append("no-load speed")
+    if law is not None and law.nominal_supply_V is not None:
+        of_law.append("supply voltage")
     return [*own, *springs, *drive.extra_terms, *periodic, *of_law]
 
 

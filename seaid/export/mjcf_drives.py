@@ -59,7 +59,8 @@ def note_drive(joint: str, drive: Drive, notes: list[str]) -> None:
             "model, where the spring is at rest when both sides are at zero"
         )
     law = drive.law
-    if law is not None and law.command_velocity_gain_Nms_per_rad:
+    is_of_position = drive.motor_input == "position_command"
+    if law is not None and is_of_position and law.command_velocity_gain_Nms_per_rad:
         notes.append(
             f"joint '{joint}': excluded, not available in MuJoCo: the gain on the velocity of the "
             f"command ({law.command_velocity_gain_Nms_per_rad:.6g}); add it times the velocity "
@@ -70,6 +71,11 @@ def note_drive(joint: str, drive: Drive, notes: list[str]) -> None:
             f"joint '{joint}': excluded: its torque limit falls with the speed, to zero at "
             f"{law.no_load_speed_rad_per_s:.6g}, and is constant in the model"
         )
+    if law is not None and law.nominal_supply_V is not None:
+        notes.append(
+            f"joint '{joint}': excluded: the supply voltage; limit"
+            f"{' and gains are' if law.is_duty else ' is'} that at {law.nominal_supply_V:.4g} V"
+        )
     if drive.controller is not None:
         delay = drive.command_delay_s or 0.0
         late = (
@@ -79,7 +85,8 @@ def note_drive(joint: str, drive: Drive, notes: list[str]) -> None:
         )
         if delay < 0:
             late = f"; its command would act {-delay * 1e3:.3g} ms early, which no model can"
-        notes.append(f"joint '{joint}': its control is the commanded position{late}")
+        kind = "position" if is_of_position else "velocity"
+        notes.append(f"joint '{joint}': its control is the commanded {kind}{late}")
     elif drive.motor_input != "torque":
         constant = f"{drive.motor_input.replace('current', 'torque')}_constant"
         value = drive.values.get(constant)
@@ -171,8 +178,9 @@ _SHORTER_STEP = 10
 def _actuator(joint: str, drive: Drive, step: float) -> tuple[str, dict[str, str]]:
     """Return element and attributes of an actuator on the rotor, or behind a stiff gear.
 
-    Its torque is (tau - F_0) N of a control tau, or that of a position controller,
-    K_p (u - q) - K_d q' - F_0 N; at the rotor of a spring these are divided by N, at q = theta_M/N.
+    Its torque is (tau - F_0) N of a control tau, or that of a controller of positions,
+    K_p (u - q) - K_d q' - F_0 N, or of velocities, K_v w - K_d q' - F_0 N; at the rotor of a spring
+    these are divided by N, at q = theta_M/N.
     """
     gear = 1.0 if drive.is_elastic else drive.ratio
     offset = 0.0
@@ -188,8 +196,10 @@ def _actuator(joint: str, drive: Drive, step: float) -> tuple[str, dict[str, str
     bias = law.feedforward_Nm / turns - offset * gear
     gains = (law.position_gain_Nm_per_rad, law.velocity_gain_Nms_per_rad)
     own, rate = (gain / turns**2 for gain in gains)
+    is_of_position = drive.motor_input == "position_command"
+    of_command = gains[0] if is_of_position else law.command_velocity_gain_Nms_per_rad
     attributes = {
-        "gainprm": spaced([gains[0] / turns]),
+        "gainprm": spaced([of_command / turns]),
         "biastype": "affine",
         "biasprm": spaced([bias, -own, -rate]),
     }

@@ -5,17 +5,26 @@ And torques that are none: without sign, or computed from the tracking error.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from seaid._arrays import Array, is_constant, resolution
-from seaid.drives import NORMAL_95, Drive, JointParameter, stated_delay_s
+from seaid.drives import NORMAL_95, Controller, Drive, JointParameter, stated_delay_s
 from seaid.errors import Finding
 from seaid.estimation import scaled_svd
 from seaid.identification.command_delays import DELAY, buses_of
-from seaid.log import Log, Motion, changed_source, column_name, spline_derivatives
+from seaid.log import (
+    Log,
+    Motion,
+    changed_source,
+    column_name,
+    commanded_part,
+    relative_supply,
+    spline_derivatives,
+)
 from seaid.regressor import Regression, is_linear, load_model_of, load_regression, stacked
 from seaid.robot import Robot
 
@@ -49,7 +58,8 @@ def command_findings(robot: Robot, log: Log) -> Iterator[Finding]:
             yield found
             continue
         yield from _repeats(log, j)
-        yield from _limited(robot, log, j, error)
+        yield from _limited(robot, log, j)
+        yield from _ignored(log, j, drive.controller)
         yield from _too_close(log, j, error)
 
 
@@ -113,19 +123,23 @@ def _repeats(log: Log, j: int) -> Iterator[Finding]:
     )
 
 
-def _limited(robot: Robot, log: Log, j: int, error: Array) -> Iterator[Finding]:
+def _limited(robot: Robot, log: Log, j: int) -> Iterator[Finding]:
     """Yield a controller that is at its limit, or asks more than the limit of the robot file."""
     joint = log.joint_names[j]
     drive = robot.drives[joint]
     law = drive.controller
     assert law is not None
-    assert log.position_command is not None
-    command = log.position_command[:, j]
-    position = command - error
+    position = controlled_position(log, j, drive.ratio)
     velocity = spline_derivatives(log.time, position[:, None])[1][:, 0]
-    asked = law.position_gain_Nm_per_rad * error - law.velocity_gain_Nms_per_rad * velocity
+    columns = [log.joint_names.index(one) for one in robot.joint_names]
+    signals = {field: values[:, columns] for field, values in log.sensors().items()}
+    index = robot.index(joint)
+    commanded = commanded_part(robot, log.time, signals, index)
+    unlimited = replace(law, torque_limit_Nm=math.inf)
+    supply = relative_supply(robot, log.time, signals, index)
+    asked = unlimited.torque(commanded, position, velocity, supply)[0]
     is_given = bool(np.isfinite(law.torque_limit_Nm))
-    limit = law.torque_limit_Nm if is_given else float(robot.effort_limits[robot.index(joint)])
+    limit = law.torque_limit_Nm if is_given else float(robot.effort_limits[index])
     if drive.is_up_to_scale and not is_given:
         return  # its gains are in other units than the limit
     share = float(np.mean(np.abs(asked) > limit)) if limit > 0 else 0.0
@@ -151,6 +165,28 @@ def _limited(robot: Robot, log: Log, j: int, error: Array) -> Iterator[Finding]:
         else f"in the drives file:\n[{joint}.controller]\ntorque_limit_Nm = {limit:.4g}",
         "certain" if is_given else "likely",
     )
+
+
+def _ignored(log: Log, j: int, law: Controller) -> Iterator[Finding]:
+    """Yield velocity commands for which a controller of velocities has no gain."""
+    rate, joint = log.velocity_command, log.joint_names[j]
+    gain = law.velocity_gain_Nms_per_rad
+    if rate is None or not gain or law.command_velocity_gain_Nms_per_rad:
+        return
+    largest = float(np.max(np.abs(rate[:, j])))
+    if largest > 0:  # False for a joint without them, too, whose samples are NaN
+        unit = "m/s" if log.is_prismatic[j] else "rad/s"
+        yield Finding(
+            "unused-command",
+            f"the log has velocity commands of {joint}, of up to {largest:.3g} {unit}, and its "
+            "controller has no gain for them: they are not used",
+            joint,
+            "doubtful",
+            {"largest velocity command": largest},
+            f"in the drives file, if the drive gets them:\n[{joint}.controller]\n"
+            f"command_velocity_gain_Nms_per_rad = {gain:g}",
+            "possible",
+        )
 
 
 def encoder_noise(position: Array) -> float:

@@ -26,6 +26,9 @@ MOST_DELAY_ROUNDS = 3
 _DELAY_S = 2e-4
 """Change of a delay [s] below which its linearisation has converged."""
 
+_ROUNDING_S = 1e-7
+"""Difference [s] of the delays of one bus by rounding; drives stay on one by equal delays."""
+
 _SCALE = 0.01
 """Relative change of the scale of gains below which the slope by the delay has converged."""
 
@@ -159,6 +162,7 @@ def with_estimated_delays(robot: Robot, found: Robot) -> Robot:
     Raises IdentificationError for a delay that is far beyond the range of the linearisation.
     """
     drives: dict[str, Drive] = {}
+    of_buses: dict[float, list[float]] = {}
     for joint, drive in robot.drives.items():
         if drive.controller is None or DELAY in drive.known:
             continue
@@ -176,8 +180,11 @@ def with_estimated_delays(robot: Robot, found: Robot) -> Robot:
                 "the signs of commands and positions, or give the delay in the drives file:\n"
                 f'[{joint}]\ncommand_delay_s = 0.004\nknown = ["command_delay"]'
             )
+        seen = of_buses.setdefault(near, [])
+        delay = next((one for one in seen if abs(one - delay) < _ROUNDING_S), delay)
+        seen.append(delay)
         if abs(delay - near) > _DELAY_S:
-            drives[joint] = replace(drive, command_delay_s=round(delay, 9))
+            drives[joint] = replace(drive, command_delay_s=delay)
     return robot.with_drives(drives) if drives else robot
 
 

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -25,7 +25,17 @@ from seaid.identification.command_delays import Bus, buses_of
 from seaid.identification.drive_estimates import with_estimate
 from seaid.identification.simulated_joints import response_to, torque_jacobians
 from seaid.identification.two_step import split_load_side
-from seaid.log import Log, Motion, reconstruct_motion, spline_derivatives, stretches, usable
+from seaid.log import (
+    OF_CONTROLLERS,
+    Log,
+    Motion,
+    commanded_part,
+    reconstruct_motion,
+    relative_supply,
+    spline_derivatives,
+    stretches,
+    usable,
+)
 from seaid.regressor import load_columns
 from seaid.robot import Robot
 from seaid.simulation import rollout
@@ -91,7 +101,7 @@ def refine_commanded(
     """
     task = _task(found, logs)
     try:
-        here = _rollouts(task, np.array(found.load_side.values))
+        here = _rollouts(task, _within_bounds(found, np.array(found.load_side.values)))
     except SeaidError as problem:
         raise IdentificationError(
             "the model cannot be simulated with the values of the identification: give the bodies "
@@ -149,8 +159,7 @@ def _window(found: Identification, log: Log) -> tuple[Log, Motion]:
     motion = reconstruct_motion(robot, log, min(3 * found.cutoff_hz, rate_hz / 8))
     columns = [log.joint_names.index(joint) for joint in robot.joint_names]
 
-    def sampled(values: Array | None) -> Array:
-        assert values is not None
+    def sampled(values: Array) -> Array:
         one = [np.interp(motion.time, log.time, values[:, column]) for column in columns]
         return np.column_stack(one)
 
@@ -161,10 +170,11 @@ def _window(found: Identification, log: Log) -> tuple[Log, Motion]:
         joint_position=sampled(log.joint_position),
         motor_position=unknown,
         motor_torque=unknown,
-        position_command=sampled(log.position_command),
         is_prismatic=robot.is_prismatic,
     )
-    return regular, motion
+    there = log.sensors()
+    sent: dict[str, Any] = {x: sampled(there[x]) for x in OF_CONTROLLERS if x in there}
+    return replace(regular, **sent), motion
 
 
 def robot_at(found: Identification, x: Array) -> Robot:
@@ -205,7 +215,10 @@ def _residuals(
     means = columns[: count * block].reshape(count, block, *columns.shape[1:]).mean(axis=1)
     time = log.time[: count * block].reshape(count, block).mean(axis=1)
     laws = [drive.law for drive in robot.drives.values() if drive.law is not None]
-    decay = max(one.velocity_gain_Nms_per_rad / one.position_gain_Nm_per_rad for one in laws)
+    held = [one for one in laws if one.position_gain_Nm_per_rad]
+    decay = max(
+        (x.velocity_gain_Nms_per_rad / x.position_gain_Nm_per_rad for x in held), default=0.0
+    )
     late = time - log.time[0] > min(_TRANSIENT_S + _DECAYS * decay, 0.25 * np.ptp(log.time))
     size = task.free.shape[1]
     found = Residuals(
@@ -283,13 +296,14 @@ def _gains(robot: Robot, names: Sequence[str], motion: Motion, log: Log) -> tupl
         drive, index = robot.drives[joint], robot.index(joint)
         law = drive.law
         assert law is not None
-        assert log.position_command is not None
         late = motion.time - (drive.command_delay_s or 0.0)
-        command = np.interp(late, log.time, log.position_command[:, index])
+        commanded = commanded_part(robot, log.time, log.sensors(), index, is_scaled=True)
         states = motion.joint_position[:, index], motion.joint_velocity[:, index]
-        is_free = ~law.torque(command, *states)[1]
-        found[0, :, column] = law.position_gain_Nm_per_rad * is_free
-        found[1, :, column] = law.velocity_gain_Nms_per_rad * is_free
+        supply = relative_supply(robot, log.time, log.sensors(), index)
+        is_free = ~law.torque(np.interp(late, log.time, commanded), *states, supply)[1]
+        factor = law.gain_factor(supply) * is_free
+        found[0, :, column] = law.position_gain_Nm_per_rad * factor
+        found[1, :, column] = law.velocity_gain_Nms_per_rad * factor
     return found[0], found[1]
 
 
@@ -319,13 +333,17 @@ def _step(task: _Task, here: Rollouts) -> tuple[Step, Array]:
         free &= ~across
 
 
+def _within_bounds(found: Identification, x: Array) -> Array:
+    """Return values x with zeros for positive parameters that a regression found below zero."""
+    positive = np.array([_is_positive(str(name)) for name in found.load_side.names])
+    return np.where(positive, np.maximum(x, 0.0), x)
+
+
 def _improved(task: _Task, here: Rollouts, change: Array, merit: float) -> Rollouts | None:
     """Return the next point, the step halved until the likelihood improves; None if it cannot."""
-    positive = np.array([_is_positive(str(name)) for name in task.found.load_side.names])
     part = 1.0
     for _ in range(_MOST_HALVINGS):
-        x = here.x + part * change
-        x = np.where(positive, np.maximum(x, 0.0), x)
+        x = _within_bounds(task.found, here.x + part * change)
         with suppress(SeaidError):  # it diverges there
             there = _rollouts(task, x)
             if _step(task, there)[0].merit < merit - _BETTER:

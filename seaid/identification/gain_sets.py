@@ -33,7 +33,7 @@ from seaid.identification.command_checks import controlled_position, encoder_noi
 from seaid.identification.command_delays import DELAY
 from seaid.identification.conditions import identify_conditions
 from seaid.identification.identification import Identification, identify
-from seaid.log import Log
+from seaid.log import OF_CONTROLLERS, Log
 from seaid.robot import Robot
 from seaid.simulation import rollout
 
@@ -248,7 +248,7 @@ def _both(
 
 def _check(robot: Robot, gain_factors: Sequence[tuple[float, float]], duration_s: float) -> None:
     for joint, drive in robot.drives.items():
-        if drive.controller is None or drive.is_elastic:
+        if drive.motor_input != "position_command" or drive.is_elastic:
             raise IdentificationError(
                 f"a second gain set is planned for stiff drives with position commands; that of "
                 f"{joint} is another one: exclude the joint with joints=[...] of load_robot",
@@ -293,13 +293,14 @@ def _noisy(moved: Log, commands: Log, noise: Array, rng: np.random.Generator) ->
     """Return a simulated log as it would be recorded: positions with noise, and the commands."""
     columns = [commands.joint_names.index(joint) for joint in moved.joint_names]
     unknown = np.full_like(moved.motor_torque, np.nan)
-    assert commands.position_command is not None
+    there = commands.sensors()
+    sent: dict[str, Any] = {x: there[x][:, columns] for x in OF_CONTROLLERS if x in there}
     return replace(
         moved,
         joint_position=moved.joint_position + noise * rng.normal(size=moved.joint_position.shape),
         motor_position=unknown,
         motor_torque=unknown,
-        position_command=commands.position_command[:, columns],
+        **sent,
     )
 
 

@@ -451,6 +451,8 @@ def _pose_finding(given: Experiment, poses: Poses, j: int) -> Finding | None:
         f"{one} = {changed_source(given.source(j, one), factor=sign, offset=round(offset, 4))}"
         for one in ("joint_position", "position_command")
     ]
+    if sign < 0:
+        lines += ["# the same sign for velocity_command and torque_command, if the log has them"]
     return Finding(
         "sign" if sign < 0 else "encoder-offset",
         f"the position of {joint} has {' and '.join(parts)}: the part of the torque of "

@@ -64,7 +64,7 @@ class Fit(Display):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Validation(Result):
-    """Predicted torques of a log: `actuator` (motor torque of elastic joints) and `load` side.
+    """Predicted torques of a log, `actuator` (motor torque of elastic joints) and `load` side.
 
     Attributes
     ----------
@@ -106,7 +106,7 @@ class Validation(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """Return the numbers for `parameters.json`, null for a joint without such an equation."""
-        return {
+        found: dict[str, Any] = {
             side: {
                 joint: {name: _number(getattr(fit, name)[index]) for name in NUMBERS}
                 for index, joint in enumerate(self.joints)
@@ -193,11 +193,9 @@ def _input_torque(identification: Identification, motion: Motion, joint: str) ->
     drive, estimate = identification.known.drives[joint], identification.drive_side[joint]
     values = {**drive.values, **dict(zip(estimate.names, estimate.values, strict=True))}
     factor = {
-        "torque": 1.0,
-        "position_command": values["gain_scale"] if drive.is_up_to_scale else 1.0,
         "current": values.get("torque_constant", np.nan),
         "voltage": values.get("voltage_constant", np.nan),
-    }[drive.motor_input]
+    }.get(drive.motor_input, values["gain_scale"] if drive.is_up_to_scale else 1.0)
     signal = signals(identification.known, motion, identification.robot.index(joint))[
         INPUTS[drive.motor_input]
     ]
@@ -218,10 +216,10 @@ def _load(identification: Identification, motion: Motion) -> tuple[Array, Array]
         bodies + place
         for place, (_, name, _) in enumerate(identification.model.drives)
         if name in CONSTANTS
-    if motion.base is not None and motion.base.wrenches:  # the torque of the joint alone
-        given += measured_contact_torques(identification.known, motion, identification.model)
     ]
     given = H[:, :, constants] @ theta[constants]
+    if motion.base is not None and motion.base.wrenches:  # the torque of the joint alone
+        given += measured_contact_torques(identification.known, motion, identification.model)
     measured = np.full_like(motion.joint_position, np.nan)
     computed = measured.copy()
     used = [identification.robot.index(joint) for joint in identification.model.torque_joints]

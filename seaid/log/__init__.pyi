@@ -6,6 +6,8 @@ from .base_log import base_jumps as base_jumps
 from .base_log import needed_columns as needed_columns
 from .base_log import quaternion_rates as quaternion_rates
 from .base_log import turned_to_world as turned_to_world
+from .commands import commanded_part as commanded_part
+from .commands import relative_supply as relative_supply
 from .commands import with_commanded_torque as with_commanded_torque
 from .description import LogDescription as LogDescription
 from .description import as_toml as as_toml
@@ -30,6 +32,7 @@ from .gear_ratios import gear_ratio as gear_ratio
 from .infer_columns import Description as Description
 from .infer_columns import describe_log as describe_log
 from .infer_columns import logs_of_files as logs_of_files
+from .log import OF_CONTROLLERS as OF_CONTROLLERS
 from .log import WRITTEN as WRITTEN
 from .log import Log as Log
 from .log import LogField as LogField

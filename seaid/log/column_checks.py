@@ -84,8 +84,8 @@ class Inference:
         ]
         return sorted(found, key=lambda name: not self.meanings[name].is_said)
 
-    def commands(self, joint: str) -> list[str]:
-        """Return the columns with the commanded position of a joint.
+    def commands(self, joint: str, quantity: str = "position") -> list[str]:
+        """Return the columns with a commanded quantity of a joint.
 
         A name that says only "command" is one of the position if the measured position follows it.
         """
@@ -94,7 +94,8 @@ class Inference:
             for name, one in self.meanings.items()
             if one.is_command and name in self.data
             if one.joint.removesuffix("_joint") == joint.removesuffix("_joint")
-            if one.quantity == "position" or (not one.quantity and self._leads(name, joint))
+            if one.quantity == quantity
+            or (quantity == "position" and not one.quantity and self._leads(name, joint))
         ]
 
     def _leads(self, name: str, joint: str) -> bool:

@@ -62,6 +62,8 @@ _OF_TOPICS = {"controller", "status", "msg"}
 """Words of topics that say nothing; in the name of a field a status is a code."""
 _BEFORE_D = {*_WORDS, "j", "m", "l"}
 """Words after which d says that a value is desired."""
+_OF_DRIVES = {("motor", "state"), ("motor", "cmd"), ("motor", "command")}
+"""Words of messages about drives, as "motor_state[0].q" is: they tell no side of the gear."""
 _OUTSIDE = {"external", "ext"}
 """An external encoder is at the joint; an external torque is computed."""
 
@@ -198,6 +200,8 @@ def meaning_of(name: str, joints: Sequence[str] = ()) -> Meaning:
         # "/state/positions/elbow", "/effort_controller/commands/data[0]"
         quantity = next(filter(None, (_quantity(part.texts) for part in reversed(topic))), "")
     side = _side(words)
+    if _OF_DRIVES & {*pairwise(texts)} and any(map(str.isdigit, (label, *texts))):
+        side = ""
     if rate and quantity in ("", "velocity", "acceleration"):
         unit = rate
     if unit is None or not _fits(unit, quantity):

@@ -1,22 +1,23 @@
-"""The motor torque of drives of which only the commanded position is logged.
+"""The motor torque of drives of which commands are logged: position, velocity, feed-forward torque.
 
-The controller of the drive gives it, with the delay T of the command and within its limits,
-tau = (K_p (u(t - T) - q) + K_v u'(t - T) - K_d q' + F) / N. The estimate of T needs its slope,
-d tau / dT = -(K_p u' + K_v u'') / N.
+The controller of the drive gives it, with the delay T of the commands and within its limits,
+tau = (c(t - T) - K_p q - K_d q') / N with the commanded part c = K_p u + K_v w + F + f. The
+estimate of T needs its slope, d tau / dT = -c' / N.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.drives import Drive
+from seaid.drives import COMMANDS, Drive
 from seaid.errors import LogError
 from seaid.log.filtering import low_pass, spline_derivatives
+from seaid.log.log import column_name
 from seaid.robot import at_drives
 
 if TYPE_CHECKING:
@@ -25,8 +26,8 @@ if TYPE_CHECKING:
 
 
 def is_commanded(drive: Drive) -> bool:
-    """Return whether only the commanded position of a drive is logged."""
-    return drive.motor_input == "position_command"
+    """Return whether the torque of a drive is that of its controller for logged commands."""
+    return drive.motor_input in COMMANDS
 
 
 def with_commanded_torque(robot: Robot, log: Log) -> Log:
@@ -53,17 +54,11 @@ def commanded_torque(
     below `cutoff_hz`; it is zero where the torque is at its limit.
     """
     torque, slope = signals["motor_torque"].copy(), np.zeros_like(signals["motor_torque"])
-    commands = signals.get("position_command")
     for index, joint in enumerate(robot.joint_names):
         drive = robot.drives[joint]
         if not is_commanded(drive):
             continue
-        if commands is None or np.isnan(commands[0, index]):
-            unit = "m" if robot.is_prismatic[index] else "rad"
-            raise LogError(
-                f"the drive of '{joint}' has motor_input = \"position_command\", and the log has "
-                f"no column '{joint}.position_command_{unit}'"
-            )
+        commands = commanded_part(robot, time, signals, index)
         position = drive_position(robot, signals, index)
         velocity = spline_derivatives(time, position[:, None])[1][:, 0]
         law, rate_hz = drive.controller, (len(time) - 1) / (time[-1] - time[0])
@@ -73,18 +68,80 @@ def commanded_torque(
             late = late - 0.5 / rate_hz
         late = np.clip(late, time[0], time[-1])
         if cutoff_hz is None:
-            command = np.interp(late, time, commands[:, index])
+            command = np.interp(late, time, commands)
         else:
-            command = _below_nyquist(time, commands[:, index], 24 if law.is_held else 12)(late)
+            command = _below_nyquist(time, commands, 24 if law.is_held else 12)(late)
         smooth = command[:, None]
         if cutoff_hz is not None:
             smooth = low_pass(smooth, rate_hz, cutoff_hz)
-        _, rate, change = (one[:, 0] for one in spline_derivatives(time, smooth))
-        wanted_torque, is_limited = law.torque(command, position, velocity, rate)
+        rate = spline_derivatives(time, smooth)[1][:, 0]
+        supply = relative_supply(robot, time, signals, index)
+        wanted_torque, is_limited = law.torque(command, position, velocity, supply)
         torque[:, index] = wanted_torque / drive.ratio
-        own = law.position_gain_Nm_per_rad * rate + law.command_velocity_gain_Nms_per_rad * change
-        slope[:, index] = np.where(is_limited, 0.0, own / drive.ratio)
+        slope[:, index] = np.where(is_limited, 0.0, law.gain_factor(supply) * rate / drive.ratio)
     return torque, slope
+
+
+def commanded_part(
+    robot: Robot, time: Array, signals: Mapping[str, Array], index: int, is_scaled: bool = False
+) -> Array:
+    """Return the torque (T,) at a joint that the commands alone give, c = K_p u + K_v w + F + f.
+
+    In N m with `is_scaled`, otherwise in the units of the controller's gains. Without a column w is
+    u', and f is zero. Raises LogError naming the column of a command that is missing.
+    """
+    joint = robot.joint_names[index]
+    drive = robot.drives[joint]
+    law = drive.law if is_scaled else drive.controller
+    assert law is not None
+    commands = {
+        kind: signals[kind][:, index]
+        for kind in (*COMMANDS, "torque_command")
+        if kind in signals and not np.isnan(signals[kind][0, index])
+    }
+    if drive.motor_input not in commands:
+        raise _missing(robot, index, drive.motor_input)
+    found = np.full(len(time), law.feedforward_Nm)
+    position, velocity = (commands.get(kind) for kind in COMMANDS)
+    if position is not None and law.position_gain_Nm_per_rad:
+        found += law.position_gain_Nm_per_rad * position
+    if law.command_velocity_gain_Nms_per_rad:
+        if velocity is None:
+            velocity = spline_derivatives(time, commands["position_command"][:, None])[1][:, 0]
+        found += law.command_velocity_gain_Nms_per_rad * velocity
+    if "torque_command" in commands:
+        found += commands["torque_command"] * (drive.scale_of_gains if is_scaled else 1.0)
+    return found
+
+
+def relative_supply(robot: Robot, time: Array, signals: Mapping[str, Array], index: int) -> Array:
+    """Return the supply voltage (T,) of a drive over its nominal one, 1 if that is not given.
+
+    Raises LogError if the log does not have the voltage, or has one that is not positive.
+    """
+    law = robot.drives[robot.joint_names[index]].controller
+    if law is None or law.nominal_supply_V is None:
+        return np.ones(len(time))
+    found = signals.get("supply_voltage")
+    if found is None or np.isnan(found[0, index]):
+        raise _missing(robot, index, "supply_voltage")
+    if np.min(found[:, index]) <= 0:
+        row = int(np.argmin(found[:, index]))
+        raise LogError(
+            f"the supply voltage of '{robot.joint_names[index]}' is {found[row, index]:.4g} V at "
+            f"{time[row]:.6g} s: it must be more than zero; check its column and unit"
+        )
+    return np.asarray(found[:, index] / law.nominal_supply_V)
+
+
+def _missing(robot: Robot, index: int, field: str) -> LogError:
+    """Return the error of a log without a column that the controller of a drive needs."""
+    joint = robot.joint_names[index]
+    key = "nominal_supply_V" if field == "supply_voltage" else f'motor_input = "{field}"'
+    return LogError(
+        f"the drive of '{joint}' has {key}, and the log has no column "
+        f"'{column_name(joint, robot.is_prismatic[index], field)}'"
+    )
 
 
 def _below_nyquist(time: Array, command: Array, part: int) -> Callable[[Array], Array]:

@@ -14,7 +14,13 @@ from seaid._arrays import Array
 from seaid.errors import LogError, listed, unknown_name
 from seaid.log.base_columns import VectorSource, described_vectors, vector_channels
 from seaid.log.description import Clock, LogDescription, Servo, Source
-from seaid.log.log import TEMPERATURES, UNIT_FACTORS, column_name, column_names
+from seaid.log.log import (
+    TEMPERATURES,
+    UNIT_FACTORS,
+    column_name,
+    column_names,
+    unit_of_column,
+)
 from seaid.log.readers.table import Block, Table
 from seaid.log.repair.data import Channel
 from seaid.robot import Robot, coupled_names
@@ -194,7 +200,7 @@ def _name_of(robot: Robot, joint: str, quantity: str) -> tuple[str, str]:
         unit = drive.spring_units[1] if drive.is_elastic else "rad"
         return f"{joint}.deflection_{unit}", unit
     name = column_name(joint, is_prismatic, quantity)
-    return name, name.rsplit("_", 1)[1]
+    return name, unit_of_column(name)
 
 
 def _unit_factor(robot: Robot, one: _Described, unit: str) -> float:

@@ -128,8 +128,8 @@ class LogDescription(Display):
     ----------
     joints : mapping
         {joint: {quantity: Source}}, with the quantities motor_position, joint_position,
-        motor_torque, joint_torque, motor_current, motor_voltage, deflection, motor_temperature
-        and position_command.
+        motor_torque, joint_torque, motor_current, motor_voltage, deflection, motor_temperature,
+        position_command, velocity_command, torque_command and supply_voltage.
     time : Clock or None
         Clock of all sources without their own; None: that of the file (ROS bags and HEBI logs), or
         its column "time_s".
@@ -304,7 +304,7 @@ def _text(value: str) -> str:
 _UNITS = {
     "position": {*UNIT_FACTORS["rad"], *UNIT_FACTORS["m"], "counts"},
     "torque": {*UNIT_FACTORS["Nm"], *UNIT_FACTORS["N"], *UNIT_FACTORS["A"]},
-    "command": {*UNIT_FACTORS["rad"], *UNIT_FACTORS["m"], "counts"},
+    "velocity": {*UNIT_FACTORS["rad_per_s"], *UNIT_FACTORS["m_per_s"]},
     "deflection": {*UNIT_FACTORS["rad"], *UNIT_FACTORS["m"], "counts"},
     "current": {*UNIT_FACTORS["A"]},
     "voltage": {*UNIT_FACTORS["V"]},
@@ -464,6 +464,8 @@ def _with_column(value: Any) -> Any:
 def _check_source(where: str, quantity: str, source: Source) -> None:
     """Raise LogError for keys that do not fit together or do not fit the quantity."""
     kind, unit = quantity.rsplit("_", 1)[-1], source.unit
+    if kind == "command":
+        kind = quantity.removesuffix("_command")
     counts = (source.counts_per_turn, source.counts_per_m)
     is_current = kind == "torque" and unit in UNIT_FACTORS["A"]
     units, sides = sorted(_UNITS[kind]), get_args(Side)
@@ -482,7 +484,8 @@ def _check_source(where: str, quantity: str, source: Source) -> None:
         ),
         f"sign must be 1 or -1, found {source.sign}": source.sign not in (1, -1),
         "only positions and torques have a side of the gear": (
-            source.side is not None and kind not in ("position", "torque")
+            source.side is not None
+            and (quantity.endswith("_command") or kind not in ("position", "torque"))
         ),
         unknown_name("side", source.side, sides): source.side not in (None, *sides),
     }

@@ -10,7 +10,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid._progress import Display, counted
+from seaid.drives import COMMANDS
 from seaid.errors import LogError, abridged, checked, in_one_line, listed, shortened
 from seaid.log.base_columns import VectorSource
 from seaid.log.column_checks import (
@@ -225,23 +226,38 @@ def _add_torques(inference: Inference, joint: str, found: Sources) -> None:
 
 
 def _add_command(inference: Inference, joint: str, found: Sources) -> None:
-    """Add the commanded position of a joint without torque, in the unit of its position."""
-    names = inference.commands(joint)
-    if not names or not found:
+    """Add the commands of a joint without torque, its position in the unit of the measured one."""
+    kinds = ("position", "velocity", "torque")
+    names = {kind: inference.commands(joint, kind) for kind in kinds}
+    for kind in kinds[1:]:  # of many drives they are zero all the time
+        names[kind] = [name for name in names[kind] if np.any(inference.finite(name))]
+    leading = next((kind for kind in kinds[:2] if names[kind]), "")
+    if not leading or not found:
         inference.note(joint, "no torque, current or voltage found")
         return
     position = found.get("motor_position") or found["joint_position"]
-    source: dict[str, Any] = {"column": names[0]}
-    source |= {name: position[name] for name in ("unit", "counts_per_turn") if name in position}
-    source |= _unit(inference.meanings[names[0]], "")
-    found["position_command"] = source
+    for kind in kinds:
+        for column in names[kind][:1]:
+            source: dict[str, Any] = {"column": column}
+            if kind == "position":
+                shared = ("unit", "counts_per_turn")
+                source |= {name: position[name] for name in shared if name in position}
+            source |= _unit(inference.meanings[column], {"velocity": "rad/s"}.get(kind, "Nm"))
+            found[f"{kind}_command"] = source
+        if len(names[kind]) > 1:
+            text = f"selected from the commands {', '.join(names[kind])}"
+            inference.note(names[kind][0], text)
     inference.note(
-        names[0],
-        "a position command of a joint without a torque that has both signs: its drive needs "
-        'motor_input = "position_command" and the gains of its controller',
+        names[leading][0],
+        f"a {leading} command of a joint without a torque that has both signs: its drive needs "
+        f'motor_input = "{leading}_command" and the gains of its controller',
     )
-    if len(names) > 1:
-        inference.note(names[0], f"selected from the commands {', '.join(names)}")
+    if names["torque"]:
+        inference.note(
+            names["torque"][0],
+            "taken for a feed-forward torque that the drive adds to that of its gains; if it is "
+            'the whole torque, describe it as motor_torque with side = "joint"',
+        )
 
 
 def _unit(meaning: Meaning, usual: str) -> dict[str, str]:
@@ -335,12 +351,15 @@ class Description(Display):
         Columns of the file that are not used.
     assumed : tuple of str
         Usual choices that neither names nor samples contradict, as sentences.
+    gains : mapping {joint: (float, float)}
+        K_p and K_d of controllers, of columns "kp" and "kd" next to the command of the joint.
     """
 
     description: LogDescription
     unsure: tuple[str, ...]
     unused: tuple[str, ...]
     assumed: tuple[str, ...] = ()
+    gains: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def _in_short(self) -> str:
         more = f"{len(self.unsure)} unsure, {counted(len(self.unused), 'unused column')}"
@@ -456,6 +475,7 @@ def describe_log(
                 name: Source(**one, time=own or clocks.get(table.files.get(one["column"], joint)))
                 for name, one in sources.items()
             }
+    gains = _gains(samples, inference, joints)
     check_used(inference, found, robot, {one.column or "" for one in clocks.values()})
     clocks = clocks or ({"": Clock(rate_hz=rate_hz)} if rate_hz else {})
     is_own = bool(table.clocks) or not clocks.keys().isdisjoint(table.files.values())
@@ -468,7 +488,40 @@ def describe_log(
     )
     used = description.columns()
     unused = tuple(name for name in table.names if not used & {name, table.bare(name)})
-    return Description(description, inference.unsure(), unused, inference.assumptions())
+    return Description(description, inference.unsure(), unused, inference.assumptions(), gains)
+
+
+_GAIN = re.compile(r"(?<![a-z])k_?([pd])(?![a-z])", re.IGNORECASE)
+"""A gain in the name of a column: "motor_cmd[0].kp"."""
+
+
+def _gains(
+    samples: Block, inference: Inference, joints: Mapping[str, Mapping[str, Source]]
+) -> dict[str, tuple[float, float]]:
+    """Return {joint: K_p and K_d} of columns that have the command's name but for the quantity."""
+    columns = [(name, word) for name in samples if (word := _GAIN.search(name))]
+    found: dict[str, tuple[float, float]] = {}
+    for joint, sources in joints.items():
+        command = next((str(sources[x].column) for x in COMMANDS if x in sources), "")
+        own: dict[str, float] = {}
+        for name, word in columns:
+            head, tail = name[: word.start()], name[word.end() :]
+            middle = command.removeprefix(head).removesuffix(tail)
+            if head + middle + tail != command or not middle.replace("_", "").isalpha():
+                continue
+            values = samples[name][np.isfinite(samples[name])]
+            if len(values) == 0 or np.ptp(values) > 0 or values[0] < 0:
+                inference.note(
+                    name,
+                    "a gain that changes: give each part of the log with one gain set as a log of "
+                    "its own (between_s in the project)",
+                )
+                continue
+            own[word[1].lower()] = float(values[0])
+            inference.note(name, "taken for a gain of the controller, in N m at the joint")
+        if own:
+            found[joint] = own.get("p", 0.0), own.get("d", 0.0)
+    return found
 
 
 def _time_of(inference: Inference, clock: Clock | None) -> Array | None:

@@ -40,6 +40,11 @@ UNIT_FACTORS = {
     "V": {"V": 1.0, "mV": 1e-3, "uV": 1e-6, "kV": 1e3},
     "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
     "degC": {"degC": 1.0},
+    "rad_per_s": {
+        **{"rad/s": 1.0, "deg/s": np.pi / 180, "turn/s": 2 * np.pi},
+        **{"rpm": 2 * np.pi / 60, "turn/min": 2 * np.pi / 60},
+    },
+    "m_per_s": {"m/s": 1.0, "mm/s": 1e-3, "cm/s": 1e-2},
 }
 """{SI unit at the end of a column name: {unit: factor to the SI unit}}."""
 
@@ -56,26 +61,41 @@ LogField = Literal[
     "deflection",
     "motor_temperature",
     "position_command",
+    "velocity_command",
+    "torque_command",
+    "supply_voltage",
 ]
 """Fields of a `Log` with samples of sensors, each (T, n)."""
 
 SENSORS = get_args(LogField)
 
+OF_CONTROLLERS = ("position_command", "velocity_command", "torque_command", "supply_voltage")
+"""Fields that the controllers of drives need."""
+
 
 def column_names(joint: str, is_prismatic: bool) -> dict[str, str]:
     """Return {column name in a file: field of `Log`} of one joint."""
-    position, torque = ("m", "joint_force_N") if is_prismatic else ("rad", "joint_torque_Nm")
+    position, torque = ("m", "force_N") if is_prismatic else ("rad", "torque_Nm")
     return {
         f"{joint}.motor_position_rad": "motor_position",
         f"{joint}.joint_position_{position}": "joint_position",
         f"{joint}.motor_torque_Nm": "motor_torque",
-        f"{joint}.{torque}": "joint_torque",
+        f"{joint}.joint_{torque}": "joint_torque",
         f"{joint}.motor_current_A": "motor_current",
         f"{joint}.motor_voltage_V": "motor_voltage",
         f"{joint}.deflection_{position}": "deflection",
         f"{joint}.motor_temperature_degC": "motor_temperature",
         f"{joint}.position_command_{position}": "position_command",
+        f"{joint}.velocity_command_{position}_per_s": "velocity_command",
+        f"{joint}.{torque.replace('_', '_command_')}": "torque_command",
+        f"{joint}.supply_voltage_V": "supply_voltage",
     }
+
+
+def unit_of_column(name: str) -> str:
+    """Return the SI unit at the end of the name of a column: "rad_per_s" or "Nm"."""
+    end = -3 if name.endswith("_per_s") else -1
+    return "_".join(name.split("_")[end:])
 
 
 def column_name(joint: str, is_prismatic: bool, field: str) -> str:
@@ -162,7 +182,7 @@ def _custom(name: str, column: Column) -> tuple[str, float]:
         )
     custom, factor = column
     if isinstance(factor, str):
-        units = UNIT_FACTORS[name.rsplit("_", 1)[1]]
+        units = UNIT_FACTORS[unit_of_column(name)]
         if factor not in units:
             raise LogError(
                 f"columns= '{name}': " + unknown_name("unit of this quantity", factor, units)
@@ -202,6 +222,11 @@ class Log(Display):
         Temperature of the motor [degC], for friction that depends on it.
     position_command : array (T, n) or None
         Commanded position of a drive with a position controller, behind its gear [rad or m].
+    velocity_command, torque_command : array (T, n) or None
+        Commanded velocity [rad/s or m/s] and feed-forward torque [N m or N] behind the gear, which
+        the controller of the drive gets, too.
+    supply_voltage : array (T, n) or None
+        Supply voltage of the drive [V].
     is_prismatic : tuple of bool
         One entry per joint; default: all revolute.
     base : BaseLog or None
@@ -237,6 +262,9 @@ class Log(Display):
     deflection: Array | None = None
     motor_temperature: Array | None = None
     position_command: Array | None = None
+    velocity_command: Array | None = None
+    torque_command: Array | None = None
+    supply_voltage: Array | None = None
     base: BaseLog | None = None
     report: tuple[Repair, ...] = ()
     description: Mapping[str, Any] | None = None
@@ -393,10 +421,11 @@ def sorted_log(picked: dict[str, Array], robot: Robot, file_names: Sequence[str]
 
 
 _NO_TORQUES = {"motor_position", "joint_position", "deflection", "motor_temperature"}
+_NO_TORQUES |= {"torque_command", "supply_voltage"}
 
 
 _BOTH = "both positions and one torque, or at least motor position and motor torque"
-_ONE = "one position and one torque, current, voltage or position command"
+_ONE = "one position and one torque, current, voltage, position command or velocity command"
 
 
 def _check_sensors(

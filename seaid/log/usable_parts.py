@@ -12,7 +12,7 @@ from seaid._arrays import Array, BoolArray, resolution, runs, white_noise
 from seaid.errors import LogError
 from seaid.log.log import MINIMUM_SAMPLES, Log
 from seaid.log.repair.clocks import longest_bridge, typical_step
-from seaid.log.repair.data import Repair, is_command, is_position, is_temperature
+from seaid.log.repair.data import Repair, is_command, is_position, is_slow
 
 REST: Final = "rest at the ends"
 FROZEN: Final = "frozen values"
@@ -65,7 +65,7 @@ def _without_rest(log: Log, shortest_s: float) -> Log:
     time, before, after, moves = log.time, np.inf, np.inf, False
     window = max(1, round(_SMOOTHED_S / typical_step(time)))
     for name, values in log.columns().items():
-        if is_temperature(name):
+        if is_slow(name):
             continue
         share, count = (_SHARE, 1) if is_position(name) else (_TORQUE_SHARE, window)
         least = share * float(np.ptp(values))
@@ -114,7 +114,7 @@ def without_frozen(log: Log) -> Log:
     bad, found, columns = np.zeros(len(log.time), dtype=bool), [], log.columns()
     for name, values in columns.items():
         repeated = _long_repeats(log.time, values)
-        if is_temperature(name) or is_command(name) or not np.any(repeated):
+        if is_slow(name) or is_command(name) or not np.any(repeated):
             continue
         if is_position(name):
             own = _frozen_positions(values, repeated)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping, Sequence, Set
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
@@ -13,7 +13,14 @@ import numpy as np
 from seaid._arrays import Array, safely
 from seaid._files import write_whole
 from seaid._progress import Display
-from seaid.drives import Controller, MotorInput, drives_from_mapping, read_drives, write_drives
+from seaid.drives import (
+    COMMANDS,
+    Controller,
+    MotorInput,
+    drives_from_mapping,
+    read_drives,
+    write_drives,
+)
 from seaid.errors import LogError, SeaidError, abridged, checked, listed
 from seaid.identification import check, is_unsigned, no_measurements
 from seaid.log import Log, describe_log, logs_of_files, low_pass, open_tables, read_log
@@ -148,9 +155,12 @@ def write_first_project(
     tables: dict[str, dict[str, object]] = {}
     if known is None:
         tables, found = inferred_drives(robot, logs_read, commanded)
-        tables |= {joint: _controlled(robot, joint, controllers or {}) for joint in commanded}
-        asked = [joint for joint in commanded if joint not in (controllers or {})]
+        given = {**_logged_gains(read, doubts), **(controllers or {})}
+        tables |= {one: _controlled(robot, one, logs_read, given) for one in commanded}
+        asked = [one for one in commanded if str(_UNKNOWN_GAIN) in str(tables[one]["controller"])]
         found += [f"{listed(asked)}: {_GAINS}"] * bool(asked) + [_DELAY] * bool(commanded)
+        fast = [x for x in commanded if all(_has(one, "velocity_command", x) for one in logs_read)]
+        found += [f"{listed(fast)}: {_VELOCITY_COMMANDS}"] * bool(fast)
         doubts += found
         if tables:
             known = folder / f"{Path(urdf).stem}_drives.toml"
@@ -180,6 +190,7 @@ class _ReadLog:
     description_file: Path | None = None
     text: str = ""
     doubts: tuple[str, ...] = ()
+    gains: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
 def _known_drives(
@@ -222,7 +233,7 @@ def _read(files: tuple[Path, ...], robot: Robot, folder: Path, rate_hz: float | 
         return _ReadLog(files, read_log(files, robot, description=target), target)
     log = read_log(files, robot, description=guess.description)
     doubts = tuple(f"{path.name}: {one}" for one in guess.unsure)
-    return _ReadLog(files, log, target, guess.to_toml(), doubts)
+    return _ReadLog(files, log, target, guess.to_toml(), doubts, guess.gains)
 
 
 _GAINS = (
@@ -231,16 +242,22 @@ _GAINS = (
     "(kp and kd of a legged robot's low-level command, stiffness and damping of a simulated "
     "environment); or hang a known weight: gain = torque / (command - position)"
 )
+_VELOCITY_COMMANDS = (
+    "the logs have velocity commands, which count as sent to the drive: their gain, "
+    "command_velocity_gain_Nms_per_rad, is that of the measured velocity; delete the key if the "
+    "drive gets positions only"
+)
 _DELAY = (
-    "the delay of the commands counts as known, 0 within 5 ms, which the standard errors contain: "
-    "write yours; armature and delay are nearly one number in a log with one set of gains"
+    "where a log does not determine the delay of the commands, it counts as 0 within 5 ms, which "
+    "the standard errors contain: write yours; armature and delay are nearly one number in a log "
+    "with one set of gains"
 )
 _UNKNOWN_GAIN = 0.123456789
 """Stands for an unknown gain until the file is written, where the gain is a question mark."""
 
 
 def _commanded(robot: Robot, logs: Sequence[Log], untrue: Set[str]) -> tuple[str, ...]:
-    """Return the joints of which all logs have the position command, and none has a torque.
+    """Return the joints of which all logs have a command of one kind, and none has a torque.
 
     The torques and currents of the joints `untrue` are no measurements.
     """
@@ -252,9 +269,31 @@ def _commanded(robot: Robot, logs: Sequence[Log], untrue: Set[str]) -> tuple[str
             for log in logs
         ]
         measured = set() if joint in untrue else {*torques}
-        if all("position_command" in one and not one & measured for one in there):
+        is_sent = any(all(kind in one for one in there) for kind in COMMANDS)
+        if is_sent and not any(one & measured for one in there):
             found.append(joint)
     return tuple(found)
+
+
+def _logged_gains(read: Sequence[_ReadLog], doubts: list[str]) -> dict[str, Controller]:
+    """Return the controllers with the gains of the first log; a doubt if another log has others."""
+    first = read[0].gains
+    doubts += [
+        f"{one.files[0].name}: other gains than in {read[0].files[0].name}, which the drives have: "
+        "logs with several gain sets are for seaid.identify_conditions"
+        for one in read
+        if one.gains != first
+    ]
+    return {
+        joint: Controller(position_gain_Nm_per_rad=gains[0], velocity_gain_Nms_per_rad=gains[1])
+        for joint, gains in first.items()
+    }
+
+
+def _has(log: Log, field: str, joint: str) -> bool:
+    """Return whether a log has a quantity of a joint."""
+    values = log.sensors().get(field)
+    return values is not None and bool(np.isfinite(values[0, log.joint_names.index(joint)]))
 
 
 def _is_unsigned(logs: Sequence[Log], joint: str) -> bool:
@@ -263,28 +302,42 @@ def _is_unsigned(logs: Sequence[Log], joint: str) -> bool:
 
 
 def _controlled(
-    robot: Robot, joint: str, controllers: Mapping[str, Controller]
+    robot: Robot, joint: str, logs: Sequence[Log], controllers: Mapping[str, Controller]
 ) -> dict[str, object]:
-    """Return the drive table of a joint with a position controller."""
-    unknown = Controller(position_gain_Nm_per_rad=_UNKNOWN_GAIN)
+    """Return the drive table of a joint with a controller; one of velocity commands has K_v = K_d.
+
+    A controller without a position gain takes velocities alone. Gains that do not go with the
+    commands of the logs count as unknown.
+    """
+    has = {kind: all(_has(log, kind, joint) for log in logs) for kind in COMMANDS}
+    law = controllers.get(joint)
+    if law is not None and not law.position_gain_Nm_per_rad:
+        has["position_command"] &= not (has["velocity_command"] and law.velocity_gain_Nms_per_rad)
+        law = None if has["position_command"] else law
+    if law is None:
+        law = Controller(
+            position_gain_Nm_per_rad=_UNKNOWN_GAIN if has["position_command"] else 0.0,
+            velocity_gain_Nms_per_rad=_UNKNOWN_GAIN if has["velocity_command"] else 0.0,
+        )
+    if has["velocity_command"]:
+        law = replace(law, command_velocity_gain_Nms_per_rad=law.velocity_gain_Nms_per_rad)
     return {
         "type": "stiff",
         _ratio_key(robot, robot.index(joint)): 1.0,
         "friction": ["viscous", "coulomb", "offset"],
-        "motor_input": "position_command",
-        "controller": controllers.get(joint, unknown),
+        "motor_input": next(kind for kind in COMMANDS if has[kind]),
+        "controller": law,
         "command_delay_s": 0.0,
         "command_delay_s_std": 0.005,
-        "known": ["command_delay"],
     }
 
 
 def _with_gaps(text: str) -> str:
     """Return the TOML of drives with question marks for the gains that are unknown."""
-    return text.replace(
-        f"position_gain_Nm_per_rad = {_UNKNOWN_GAIN}",
-        'position_gain_Nm_per_rad = "?"\nvelocity_gain_Nms_per_rad = 0.0',
-    )
+    alone = f"position_gain_Nm_per_rad = {_UNKNOWN_GAIN}\n"
+    if f"{alone}velocity" not in text:
+        text = text.replace(alone, f"{alone}velocity_gain_Nms_per_rad = 0.0\n")
+    return text.replace(str(_UNKNOWN_GAIN), '"?"')
 
 
 def _known_bodies(robot: Robot) -> Iterator[str]:

@@ -14,7 +14,14 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from seaid._arrays import Array, BoolArray, IndexArray, frozen
-from seaid.drives import drive_regressor, is_dry, joint_equation, motor_equation, spring_equation
+from seaid.drives import (
+    COMMANDS,
+    drive_regressor,
+    is_dry,
+    joint_equation,
+    motor_equation,
+    spring_equation,
+)
 from seaid.errors import LogError
 from seaid.log import (
     PIECE_SAMPLES,
@@ -34,14 +41,14 @@ if TYPE_CHECKING:
     from seaid.robot import Robot
 
 
-INPUTS = {"torque": "tau_M", "current": "i_M", "voltage": "u_M", "position_command": "tau_M"}
+INPUTS = {"torque": "tau_M", "current": "i_M", "voltage": "u_M", **dict.fromkeys(COMMANDS, "tau_M")}
 """{motor input: its signal in the drive's equation}."""
 
 INPUT_FIELDS = {
     "torque": "motor_torque",
     "current": "motor_current",
     "voltage": "motor_voltage",
-    "position_command": "motor_torque",
+    **dict.fromkeys(COMMANDS, "motor_torque"),
 }
 """Field of a motion with a drive's logged input."""
 

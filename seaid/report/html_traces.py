@@ -15,7 +15,7 @@ import numpy as np
 from scipy import fft
 
 from seaid._arrays import Array, IndexArray
-from seaid.drives import IDEAL_DRIVE
+from seaid.drives import COMMANDS, IDEAL_DRIVE
 from seaid.log import low_pass
 
 if TYPE_CHECKING:
@@ -96,7 +96,7 @@ def _sources(found: Identification, side: str) -> list[str]:
 
 def _motor_source(found: Identification, joint: str) -> str:
     kind = found.known.drives[joint].motor_input
-    if kind == "position_command":
+    if kind in COMMANDS:
         return "the torque that the controller gives for the logged command"
     if kind != "torque":
         return f"the motor's {kind} times the identified constant"
@@ -111,7 +111,7 @@ def _load_source(found: Identification, joint: str) -> str:
         return "the torque of the identified spring at its measured deflection, (4b)"
     if joint in found.robot.elastic_joints:
         return "the torque of the sensor at the joint"
-    if drive.motor_input == "position_command":
+    if drive.motor_input in COMMANDS:
         return "the torque that the controller gives for the logged command, at the joint"
     if drive.motor_input != "torque":
         return f"the motor's {drive.motor_input} times the identified constant, at the joint"

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from seaid._arrays import Array
-from seaid.drives import DEAD_ZONES, Controller, key_of, spring_curve, stretch_of, unit_of
+from seaid.drives import COMMANDS, DEAD_ZONES, Controller, key_of, spring_curve, stretch_of, unit_of
 from seaid.errors import RobotError
-from seaid.log import Log, spline_derivatives
+from seaid.log import Log, commanded_part, relative_supply
 from seaid.robot import Robot
 from seaid.simulation.plant import Plant, inverse_dynamics, inverse_inertia
 
@@ -51,7 +50,7 @@ def motor_inputs(robot: Robot, torque: Array) -> MotorInputs:
 def input_gain(robot: Robot, joint: str) -> float:
     """Return the motor torque [N m] per unit of the drive's motor input, or raise RobotError."""
     drive = robot.drives[joint]
-    if drive.motor_input in ("torque", "position_command"):
+    if drive.motor_input in ("torque", *COMMANDS):
         return 1.0
     name = {"current": "torque_constant", "voltage": "voltage_constant"}[drive.motor_input]
     value = drive.values.get(name, 0.0)
@@ -181,14 +180,17 @@ _CLOCK_S = 1e-9
 
 @dataclass(eq=False)
 class PositionControllers:
-    """The controllers of drives that follow logged position commands, in a simulation.
+    """The controllers of drives that follow logged commands, in a simulation.
 
-    `index` (m,) are their places among the joints; `command` (T, m) are the commands at `time`.
+    `index` (m,) are their places among the joints; `commanded` (T, m) are the parts of their
+    torques [N m] that the commands at `time` give, and `supply` (T, m) the voltages of the supplies
+    over their nominal ones.
     """
 
     index: Array
     time: Array
-    command: Array
+    commanded: Array
+    supply: Array
     delay_s: Array
     ratio: Array
     position_gain: Array
@@ -198,30 +200,28 @@ class PositionControllers:
 
     def with_torque(self, torque: Array, at: float, position: Array, velocity: Array) -> Array:
         """Return motor torques (n,) with those of the controllers at a time and a motor state."""
-        wanted = self._forward(at) + self._feedback(position, velocity)
-        given, speed = torque.copy(), velocity[self.index] / self.ratio
-        one_by_one = zip(self.laws, wanted, speed, strict=True)
-        given[self.index] = [float(law.limited(x, v)[0]) for law, x, v in one_by_one] / self.ratio
+        given, turned = torque.copy(), [x[self.index] / self.ratio for x in (position, velocity)]
+        states = zip(self._forward(at), *turned, self._supply(at), strict=True)
+        one_by_one = zip(self.laws, states, strict=True)
+        given[self.index] = [float(law.torque(*now)[0]) for law, now in one_by_one] / self.ratio
         return given
 
-    @cached_property
-    def _rates(self) -> Array:
-        return spline_derivatives(self.time, self.command)[1]
+    def _supply(self, at: float) -> list[float]:
+        return [
+            1.0 if law.nominal_supply_V is None else float(np.interp(at, self.time, supply))
+            for law, supply in zip(self.laws, self.supply.T, strict=True)
+        ]
 
     def _forward(self, at: float) -> Array:
         """Return the torques (m,) at the joints that the commands alone give."""
         found = []
         for place, (law, delay) in enumerate(zip(self.laws, self.delay_s, strict=True)):
-            late, command = at - delay, self.command[:, place]
+            late, commanded = at - delay, self.commanded[:, place]
             if law.is_held:  # the last command before, with rounding of the clock
                 last = np.searchsorted(self.time, late + _CLOCK_S, side="right") - 1
-                torque = law.position_gain_Nm_per_rad * command[max(int(last), 0)]
+                found.append(commanded[max(int(last), 0)])
             else:
-                torque = law.position_gain_Nm_per_rad * np.interp(late, self.time, command)
-            if law.command_velocity_gain_Nms_per_rad:
-                rate = np.interp(late, self.time, self._rates[:, place])
-                torque += law.command_velocity_gain_Nms_per_rad * rate
-            found.append(torque + law.feedforward_Nm)
+                found.append(np.interp(late, self.time, commanded))
         return np.array(found)
 
     def rate(self, at: float, position: Array, velocity: Array, step: float) -> Array:
@@ -242,18 +242,17 @@ class PositionControllers:
 
 
 def position_controllers(robot: Robot, log: Log) -> PositionControllers | None:
-    """Return the controllers of the drives with a position command, None without one."""
+    """Return the controllers of the drives with logged commands, None without one.
+
+    Raises LogError naming a column that the log does not have.
+    """
     drives = [robot.drives[joint] for joint in robot.joint_names]
     own = [index for index, drive in enumerate(drives) if drive.controller is not None]
     if not own:
         return None
-    commands = np.full((len(log.time), robot.n), np.nan)
-    if log.position_command is not None:
-        columns = [log.joint_names.index(joint) for joint in robot.joint_names]
-        commands = log.position_command[:, columns]
-    for index in own:
-        if np.isnan(commands[0, index]):
-            raise RobotError(f"the log has no position command of '{robot.joint_names[index]}'")
+    columns = [log.joint_names.index(joint) for joint in robot.joint_names]
+    signals = {field: values[:, columns] for field, values in log.sensors().items()}
+    parts = [commanded_part(robot, log.time, signals, index, is_scaled=True) for index in own]
     chosen = [drives[index] for index in own]
     laws = [drive.law for drive in chosen if drive.law is not None]
 
@@ -263,7 +262,8 @@ def position_controllers(robot: Robot, log: Log) -> PositionControllers | None:
     return PositionControllers(
         index=np.array(own),
         time=log.time,
-        command=commands[:, own],
+        commanded=np.column_stack(parts),
+        supply=np.column_stack([relative_supply(robot, log.time, signals, index) for index in own]),
         delay_s=of_all(drive.command_delay_s or 0.0 for drive in chosen),
         ratio=of_all(drive.ratio for drive in chosen),
         position_gain=of_all(one.position_gain_Nm_per_rad for one in laws),

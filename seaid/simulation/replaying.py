@@ -15,7 +15,7 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid._progress import Result, sampled_text
-from seaid.drives import PARAMETERS_OF, Drive
+from seaid.drives import COMMANDS, PARAMETERS_OF, Drive
 from seaid.errors import Finding, LogError, RobotError, SeaidError, checked, listed
 from seaid.log import Log, check_whole, spline_derivatives
 from seaid.robot import Robot, at_drives, check_held
@@ -168,9 +168,7 @@ def _logged(robot: Robot, log: Log) -> Command:
     """Return the logged motor inputs as a function of time, interpolated linearly."""
     kinds = {joint: robot.drives[joint].motor_input for joint in robot.joint_names}
     inputs = [
-        np.zeros(len(log.time))
-        if kind == "position_command"
-        else _column(log, f"motor_{kind}", joint)
+        np.zeros(len(log.time)) if kind in COMMANDS else _column(log, f"motor_{kind}", joint)
         for joint, kind in kinds.items()
     ]
 

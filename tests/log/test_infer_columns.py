@@ -246,6 +246,56 @@ def test_a_command_that_the_position_follows_is_one_of_the_position(
     assert "position_command" not in plain(other)["joint_1"]
 
 
+def test_low_level_commands_are_all_taken(tmp_path: Path) -> None:
+    """Those that are zero all the time are not; a torque is said to be a feed-forward."""
+    late = wave(0.5)[np.maximum(np.arange(len(TIME)) - 5, 0)]
+    found = guess(
+        tmp_path,
+        **{
+            **{"t": TIME, "motor_state[0].q": late, "motor_cmd[0].q": wave(0.5)},
+            **{"motor_cmd[0].dq": np.gradient(wave(0.5), TIME), "motor_cmd[0].tau": wave(2.0)},
+        },
+    )
+    assert plain(found)["joint_0"] == {
+        "joint_position": "motor_state[0].q",
+        "position_command": "motor_cmd[0].q",
+        "velocity_command": "motor_cmd[0].dq",
+        "torque_command": "motor_cmd[0].tau",
+    }
+    assert any("taken for a feed-forward torque that the drive adds" in one for one in found.unsure)
+    quiet = guess(
+        tmp_path,
+        **{
+            **{"t": TIME, "q_1": late, "q_des_1": wave(0.5), "dq_des_1": np.zeros_like(TIME)},
+            "tau_ff_1": np.zeros_like(TIME),
+        },
+    )
+    assert set(plain(quiet)["joint_1"]) == {"joint_position", "position_command"}
+
+
+def test_gains_next_to_the_commands_are_those_of_the_controller(tmp_path: Path) -> None:
+    late, kp = wave(0.5)[np.maximum(np.arange(len(TIME)) - 5, 0)], np.full_like(TIME, 40.0)
+    columns = {"t": TIME, "motor_state[0].q": late, "motor_cmd[0].q": wave(0.5)}
+    columns |= {"motor_cmd[0].kp": kp, "motor_cmd[0].kd": kp / 20, "motor_cmd[1].kp": kp + 1}
+    found = guess(tmp_path, **columns)
+    assert found.gains == {"joint_0": (40.0, 2.0)}
+    assert any("taken for a gain of the controller" in one for one in found.unsure)
+    changing = columns | {"motor_cmd[0].kp": np.where(TIME[100] < TIME, 40.0, 20.0)}
+    found = guess(tmp_path, **changing)
+    assert found.gains == {"joint_0": (0.0, 2.0)}
+    assert any("a gain that changes" in one for one in found.unsure)
+    plain_names = {"t": TIME, "q_1": late, "q_des_1": wave(0.5), "kp_1": kp}
+    assert guess(tmp_path, **plain_names).gains == {"joint_1": (40.0, 0.0)}
+
+
+def test_velocity_commands_alone(tmp_path: Path) -> None:
+    rate = np.gradient(wave(0.5), TIME) * 60 / (2 * np.pi)
+    found = guess(tmp_path, t=TIME, pos_1=wave(0.5), vel_cmd_1_rpm=rate)
+    sources = found.description.joints["joint_1"]
+    assert sources["velocity_command"].unit == "rpm"
+    assert any('motor_input = "velocity_command"' in one for one in found.unsure)
+
+
 def test_elastic_joint_in_milliseconds_with_current(tmp_path: Path) -> None:
     motor = wave(0.7, 80.0)
     found = guess(

@@ -111,6 +111,7 @@ def test_csv_names_its_columns_as_the_design_says(tmp_path: Path) -> None:
     names = list(column_names("b", is_prismatic=True))
     more = ["b.motor_current_A", "b.motor_voltage_V", "b.deflection_m"]
     more += ["b.motor_temperature_degC", "b.position_command_m"]
+    more += ["b.velocity_command_m_per_s", "b.force_command_N", "b.supply_voltage_V"]
     assert names == [*header.split(",")[5:], *more]
 
 
@@ -442,7 +443,7 @@ def test_stiff_joint_needs_one_position_and_one_torque(
     for name in ("arm.motor_position_rad", "arm.joint_position_rad"):
         read_log(write_csv(*without(name)), arm)
     text = read_error(write_csv(*without("arm.motor_torque_Nm")), arm)
-    needs = "one position and one torque, current, voltage or position command"
+    needs = "one position and one torque, current, voltage, position command or velocity command"
     assert f"joint 'arm' needs {needs}, found motor_position, joint_" in text
     assert text.endswith(f"its columns are {', '.join(column_names('arm', is_prismatic=False))}")
 

@@ -145,9 +145,11 @@ def is_right(
     joint, quantity, unit = used
     if quantity == "supply" or truth.quantity == "duty":  # their product is a voltage
         return truth.kind == quantity or quantity == "motor_voltage"
-    if quantity == "position_command":  # of a joint without torque
-        is_command = (truth.quantity, truth.role) == ("position", "command")
-        return is_command and joint == truth.joint and (unit or "rad") == (truth.unit or "rad")
+    if quantity.endswith("_command"):  # of a joint without torque
+        kind = quantity.removesuffix("_command")
+        is_command = (truth.quantity, truth.role) == (kind, "command")
+        usual = {"position": "rad", "velocity": "rad/s", "torque": "Nm"}[kind]
+        return is_command and joint == truth.joint and (unit or usual) == (truth.unit or usual)
     side, kind = quantity.split("_") if "_" in quantity else ("", quantity)
     wanted_side = truth.side if kind in ("position", "torque") else ""
     return (

@@ -75,6 +75,65 @@ def test_gains_that_nobody_gave_are_asked_for(tmp_path: Path) -> None:
     assert robot.known_bodies == ("FL_hip", "FL_thigh", "FL_calf")
 
 
+def test_velocity_commands_have_the_gain_of_the_measured_velocity(tmp_path: Path) -> None:
+    """Alone, their drive has no gain of the position."""
+    time = np.arange(0, 6, 0.005)
+    position = 0.4 * np.sin(3 * time) + 0.1 * np.sin(7 * time)
+    columns = {
+        "time_s": time,
+        "pendulum.position_rad": position,
+        "pendulum.velocity_command_rad_per_s": np.gradient(position, time),
+        "pendulum.position_command_rad": position,
+    }
+    urdf = tmp_path / "servo.urdf"
+    urdf.write_bytes(Path("models/xl330_pendulum.urdf").read_bytes())
+    gains = ("--velocity-gain", "1.5")
+    found = {}
+    for name, count, more in (
+        ("both", 4, ("--position-gain", "20")),
+        ("alone", 3, ()),
+        ("unknown", 3, ("--velocity-gain", "0")),
+    ):
+        log, folder = tmp_path / f"{name}.csv", tmp_path / name
+        header = ",".join([*columns][:count])
+        table = np.column_stack([*columns.values()][:count])
+        np.savetxt(log, table, delimiter=",", header=header, comments="")
+        said = done("init", urdf, log, *gains, *more, "--folder", folder).out
+        assert "count as sent to the drive" in said
+        found[name] = (folder / "servo_drives.toml").read_text()
+    assert 'motor_input = "position_command"' in found["both"]
+    for name in ("both", "alone"):
+        assert "command_velocity_gain_Nms_per_rad = 1.5" in found[name]
+    for name in ("alone", "unknown"):
+        assert 'motor_input = "velocity_command"' in found[name]
+        assert "position_gain" not in found[name].split("[pendulum.controller]")[1]
+    assert 'velocity_gain_Nms_per_rad = "?"' in found["unknown"]
+
+
+def test_gains_in_the_log_are_those_of_the_drives(tmp_path: Path) -> None:
+    """Without a position gain the drive takes the velocities; another log may have other gains."""
+    time = np.arange(0, 6, 0.005)
+    position = 0.4 * np.sin(3 * time) + 0.1 * np.sin(7 * time)
+    urdf = tmp_path / "servo.urdf"
+    urdf.write_bytes(Path("models/xl330_pendulum.urdf").read_bytes())
+    sent = ",".join(f"motor_cmd[0].{name}" for name in ("q", "dq", "kp", "kd"))
+    for name, kp in (("first", 40.0), ("other", 20.0), ("rates", 0.0)):
+        columns = (time, position, position, np.gradient(position, time))
+        table = np.column_stack([*columns, np.full_like(time, kp), np.full_like(time, 1.5)])
+        path = tmp_path / f"{name}.csv"
+        header = f"time_s,motor_state[0].q,{sent}"
+        np.savetxt(path, table, delimiter=",", header=header, comments="")
+    made = seaid.write_first_project(
+        urdf, [tmp_path / "first.csv", tmp_path / "other.csv"], folder=tmp_path / "both"
+    )
+    assert "position_gain_Nm_per_rad = 40.0" in (tmp_path / "both/servo_drives.toml").read_text()
+    assert any("other gains than in first.csv" in one for one in made.doubts)
+    seaid.write_first_project(urdf, [tmp_path / "rates.csv"], folder=tmp_path / "rates")
+    drives = (tmp_path / "rates/servo_drives.toml").read_text()
+    assert 'motor_input = "velocity_command"' in drives
+    assert "command_velocity_gain_Nms_per_rad = 1.5" in drives
+
+
 def test_gains_may_be_those_of_each_joint(tmp_path: Path) -> None:
     gains = ("--position-gain", "FL_hip_joint=20,FL_thigh_joint=30", "--velocity-gain", "2")
     done("init", "go2", GO2, "--joints", LEG, *gains, "--folder", tmp_path)

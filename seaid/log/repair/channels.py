@@ -22,7 +22,7 @@ from seaid.log.repair.data import (
     is_command,
     is_contact,
     is_position,
-    is_temperature,
+    is_slow,
 )
 
 _CLOSE = 0.3
@@ -390,7 +390,7 @@ def repaired_channel(
         channel, time, values, zero_dropouts(values), "sudden zeros", found
     )
     missing += lost
-    if is_temperature(channel.name):  # it is slow, so that neither repeats nor gaps are faults
+    if is_slow(channel.name):  # it is slow, so that neither repeats nor gaps are faults
         return time, values
     if len(values) >= FEWEST:
         values = _without_wraps(channel, time, values, found)

@@ -142,7 +142,7 @@ def is_command(name: str) -> bool:
 
     Repeated values, zeros and jumps of a command are what the drive was asked for, and no faults.
     """
-    return name.rsplit(".", 1)[-1].startswith("position_command")
+    return "_command_" in name.rsplit(".", 1)[-1]
 
 
 Interpolation = Literal["spline", "akima", "linear"]
@@ -156,9 +156,10 @@ def interpolation_of(name: str) -> Interpolation:
     return "spline" if is_smooth else "akima"
 
 
-def is_temperature(name: str) -> bool:
-    """Return whether a column name of seaid is that of a temperature, which changes slowly."""
-    return "temperature" in name.rsplit(".", 1)[-1]
+def is_slow(name: str) -> bool:
+    """Return whether a column name of seaid is that of a temperature or a supply, which repeat."""
+    quantity = name.rsplit(".", 1)[-1]
+    return "temperature" in quantity or quantity.startswith("supply_voltage")
 
 
 def is_contact(name: str) -> bool:

@@ -202,7 +202,7 @@ def _driven_by(drive: Drive, motor_input: MotorInput) -> Drive:
     if motor_input == drive.motor_input:
         return drive
     if drive.controller is not None:
-        own = PARAMETERS_OF["motor_input"]["position_command"]
+        own = PARAMETERS_OF["motor_input"][drive.motor_input]
         nominal = {name: x for name, x in drive.nominal.items() if name not in own}
         known = tuple(name for name in drive.known if name not in own)
         drive = replace(drive, controller=None, motor_input="torque", nominal=nominal, known=known)
