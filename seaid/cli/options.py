@@ -513,7 +513,8 @@ def contacts_of(text: str) -> list[Contact]:
                 given["position_m"] = (x, y, z)
     except ValueError:
         raise typer.BadParameter(
-            f"'{text}' is not link:x,y,z:flat or link:radius=r, as FL_foot,FR_foot:radius=0.02",
+            f"'{text}' is not link:x,y,z:flat or link:radius=r, as FL_foot,FR_foot:radius=0.02 of "
+            "both; contacts of another shape have a --contact of their own",
             param_hint="--contact",
         ) from None
     return [Contact(link, **given) for link in names(links) or ()]

@@ -42,12 +42,15 @@ def run(
     seaid run --open
     seaid run leg/seaid.toml --fail-on wrong
     """
+    from seaid.log import FOUND_CONTACT
     from seaid.project import load_project, run_project
 
     check_fail_on(fail_on)
     given = load_project(project)
     done = run_project(given, command=command_line(), progress=is_terminal())
-    for text in done.notes:
+    logs = (log for run in done.runs.values() for log in run.identification.processing)
+    repairs = [one for log in logs for one in log.repairs]
+    for text in [*done.notes, *(str(one) for one in repairs if one.kind == FOUND_CONTACT)]:
         note(text)
     show(_text(done, verbose), _content(done), as_json, done.folder, **_facts(done))
     report = done.folder / "report.html"

@@ -23,7 +23,7 @@ from seaid._progress import Display
 from seaid.errors import Finding, IdentificationError, checked
 from seaid.identification.base_estimates import bodies_of_fit, whole_body
 from seaid.identification.gear import for_sensors
-from seaid.log import Log, Motion, in_band, low_pass, reconstruct_motion
+from seaid.log import FOUND_CONTACT, Log, Motion, Repair, in_band, low_pass, reconstruct_motion
 from seaid.regressor import (
     contact_equations,
     contact_force_columns,
@@ -438,7 +438,7 @@ class FoundContacts(Display):
     Attributes
     ----------
     log : Log
-        With the flags of all contacts.
+        With the flags of all contacts; its report names those that were found.
     certainty : mapping {link: float}
         The share of the samples in which the force of a foot is clearly that of a standing foot, or
         of one in the air.
@@ -495,12 +495,22 @@ def find_contacts(robot: Robot, log: Log) -> FoundContacts:
     flying = dict.fromkeys(missing, np.zeros(len(log.time)))
     unloaded = replace(log, base=replace(own, contacts={**own.contacts, **flying}))
     loads = _loads(robot, unloaded)
-    flags, certainty = dict(own.contacts), {}
+    flags, certainty, report = dict(own.contacts), {}, list(log.report)
     for link in missing:
         load = loads[:, base.contact_links.index(link)]
         flags[link] = _standing(load).astype(float)
-        certainty[link] = float(np.mean((load > 1.5 * _LOADED) | (load < 0.5 * _LOADED)))
-    return FoundContacts(replace(log, base=replace(own, contacts=flags)), certainty)
+        unclear = (load >= 0.5 * _LOADED) & (load <= 1.5 * _LOADED)
+        certainty[link] = float(np.mean(~unclear))
+        report.append(_as_repair(link, log.time, unclear))
+    base_log = replace(own, contacts=flags)
+    return FoundContacts(replace(log, base=base_log, report=tuple(report)), certainty)
+
+
+def _as_repair(link: str, time: Array, unclear: BoolArray) -> Repair:
+    """Return what the report of a log has about a contact that was found."""
+    first = float(time[np.argmax(unclear)])
+    action = f"found from torques and motion, {np.mean(~unclear):.1%} of the samples are clear"
+    return Repair(f"{link}.contact", FOUND_CONTACT, int(np.sum(unclear)), first, action)
 
 
 def _loads(robot: Robot, log: Log) -> Array:

@@ -174,6 +174,9 @@ def write_first_project(
     if known is not None:
         head.insert(1, f"drives = {_quoted(_relative(known, folder))}")
     shortest_s = _SHORTEST_COMMANDED_S if commanded else _SHORTEST_S
+    unflagged = [_unflagged(robot, one.log) for one in read]
+    doubts += dict.fromkeys(f"{listed(one)}: {_UNFLAGGED}" for one in unflagged if one)
+    read = [replace(one, unflagged=links) for one, links in zip(read, unflagged, strict=True)]
     lines = [*_payload_lines(payloads), *_log_lines(read, folder, shortest_s)]
     text = "\n".join([*head, *lines, _OPTIONS])
     for path, content in {**texts, file: f"{_as_comments(doubts)}{text}\n"}.items():
@@ -183,7 +186,10 @@ def write_first_project(
 
 @dataclass(frozen=True)
 class _ReadLog:
-    """A log with the description it needs, if any; `text` where that was inferred."""
+    """A log with the description it needs, if any; `text` where that was inferred.
+
+    `unflagged` are the contacts of which no column says when they touch the ground.
+    """
 
     files: tuple[Path, ...]
     log: Log
@@ -191,6 +197,7 @@ class _ReadLog:
     text: str = ""
     doubts: tuple[str, ...] = ()
     gains: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    unflagged: tuple[str, ...] = ()
 
 
 def _known_drives(
@@ -591,9 +598,25 @@ def _one_log(
     if one.description_file is not None:
         yield f"description = {_quoted(_relative(one.description_file, folder))}"
     yield f'use = "{use}"'
+    if one.unflagged:
+        yield "find_contacts = true  # from torques and motion"
     if part is not None:
         yield f"between_s = [{part[0]:g}, {part[1]:g}]"
     yield ""
+
+
+_UNFLAGGED = (
+    "no column says when they touch the ground: found from torques and motion, with the bodies of "
+    "the robot file; a flag of each is better"
+)
+
+
+def _unflagged(robot: Robot, log: Log) -> tuple[str, ...]:
+    """Return the contacts of a floating base of which a log has neither a flag nor a wrench."""
+    if robot.floating_base is None or log.base is None:
+        return ()
+    there = {**log.base.contacts, **log.base.wrenches}
+    return tuple(x for x in robot.floating_base.contact_links if x not in there)
 
 
 def _relative(path: str | Path, folder: Path) -> str:

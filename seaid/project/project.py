@@ -14,7 +14,7 @@ from seaid._files import read_toml
 from seaid._progress import Display, counted
 from seaid.errors import SEVERITIES, SeaidError, Severity, checked, listed, shown, unknown_name
 from seaid.estimation import EstimatorName
-from seaid.identification import Method
+from seaid.identification import Method, find_contacts
 from seaid.log import Log, Repairs, read_log
 from seaid.robot import BaseKind, Contact, Payload, Robot, load_robot
 
@@ -39,6 +39,8 @@ class ProjectLog:
         The description of its custom columns; None: the file of its name (run.toml for run.csv).
     repair : bool
         Whether faults are repaired within the usual limits.
+    find_contacts : bool
+        Whether contacts without a flag are found (`seaid.find_contacts`).
     condition : str
         The condition of the robot, such as "cold"; logs of one condition share all parameters.
     between_s : tuple (start, end) or None
@@ -49,6 +51,7 @@ class ProjectLog:
     use: Use = "identify"
     description: Path | None = None
     repair: bool = False
+    find_contacts: bool = False
     condition: str = ""
     between_s: tuple[float, float] | None = None
 
@@ -72,7 +75,8 @@ class ProjectLog:
         log = read_log(
             self.files, robot, description=description or self.description, repair=limits
         )
-        return log if self.between_s is None else log.between(*self.between_s)
+        log = log if self.between_s is None else log.between(*self.between_s)
+        return find_contacts(robot, log).log if self.find_contacts else log
 
 
 def log_at(path: Path) -> ProjectLog:
@@ -352,7 +356,8 @@ class _Table:
 
 
 def _log(table: _Table) -> ProjectLog:
-    table.check(("file", "files", "use", "description", "repair", "condition", "between_s"))
+    names = ("file", "files", "use", "description", "repair", "find_contacts", "condition")
+    table.check((*names, "between_s"))
     one, several = table.path("file"), table.texts("files")
     if (one is None) == (not several):
         raise SeaidError(f"{table.where}: give either 'file' or 'files' of one motion")
@@ -365,6 +370,7 @@ def _log(table: _Table) -> ProjectLog:
         use=table.choice("use", get_args(Use)) or "identify",
         description=table.path("description"),
         repair=table.flag("repair", False),
+        find_contacts=table.flag("find_contacts", False),
         condition=table.text("condition") or "",
         between_s=None if part is None else (part[0], part[1]),
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -58,6 +59,22 @@ def test_a_saved_run_and_its_report_have_the_floating_base(tmp_path: Path) -> No
     assert "base, identified: " in page.read_text(encoding="utf-8")
     done("export", "--run", run, "-o", tmp_path / "go2.xml")
     assert "freejoint" in (tmp_path / "go2.xml").read_text(encoding="utf-8")
+
+
+def test_a_log_without_flags_has_contacts_that_are_found(tmp_path: Path) -> None:
+    log = swayed()
+    assert log.base is not None
+    seaid.write_log(replace(log, base=replace(log.base, contacts={})), tmp_path / "sway.csv")
+    said = done("init", *GO2, tmp_path / "sway.csv", "--folder", tmp_path)
+    assert "no column says when they touch the ground: found from torques" in said.out
+    file = tmp_path / "seaid.toml"
+    text = file.read_text()
+    assert "find_contacts = true" in text
+    file.write_text(text.replace('["parameters", "report", "urdf"]', "[]"))
+    said = " ".join(done("run", file).err.split())
+    for foot in FEET.split(","):
+        assert f"{foot}.contact: samples of unclear load, " in said
+    assert said.count("found from torques and motion, ") == 4
 
 
 PROJECT = """

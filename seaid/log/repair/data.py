@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
-from typing import Literal
+from typing import Final, Literal
 
 import numpy as np
 
@@ -92,8 +92,12 @@ Fault = Literal[
     "excluded intervals",
     "rest at the ends",
     "frozen values",
+    "samples of unclear load",
 ]
 """Kinds of the faults of a log."""
+
+FOUND_CONTACT: Final = "samples of unclear load"
+"""The kind of what the report of a log has about a contact that was found from torques."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -119,10 +123,9 @@ class Repair(Display):
     action: str
 
     def __str__(self) -> str:
-        return (
-            f"{self.channel}: {self.kind}, {self.count} found, the first at t = "
-            f"{self.time_s:.6g} s: {self.action}"
-        )
+        time = f"{self.time_s:.6g}" if abs(self.time_s) < 1e5 else f"{self.time_s:.2f}"
+        found = f"{self.kind}, {self.count} found, the first at t = {time} s"
+        return f"{self.channel}: {found}: {self.action}"
 
 
 FEWEST = 4
