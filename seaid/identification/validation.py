@@ -19,7 +19,7 @@ from seaid.log import Motion, in_band, standstill
 from seaid.regressor import (
     INPUTS,
     actuator_columns,
-    load_columns,
+    load_torques,
     measured_contact_torques,
     signals,
     under_load,
@@ -208,24 +208,26 @@ def _load(identification: Identification, motion: Motion) -> tuple[Array, Array]
     For a logged current or voltage, and for gains that are known up to scale, the torque by the
     identified constant counts as measured.
     """
-    torque, payload, H, _ = load_columns(
-        identification.known, motion, identification.model, identification.springs
+    model = identification.model
+    theta, constants = identification.load_side.values, np.zeros(len(model.names))
+    for place, (_, name, _) in enumerate(model.drives, len(model.expressions)):
+        constants[place] = theta[place] if name in CONSTANTS else 0.0
+    torque, payload, found = load_torques(
+        identification.known,
+        motion,
+        model,
+        identification.springs,
+        np.column_stack([theta, constants]),
     )
-    theta, bodies = identification.load_side.values, len(identification.model.expressions)
-    constants = [
-        bodies + place
-        for place, (_, name, _) in enumerate(identification.model.drives)
-        if name in CONSTANTS
-    ]
-    given = H[:, :, constants] @ theta[constants]
+    made, given = found[:, :, 0], found[:, :, 1]
     if motion.base is not None and motion.base.wrenches:  # the torque of the joint alone
-        given += measured_contact_torques(identification.known, motion, identification.model)
+        given += measured_contact_torques(identification.known, motion, model)
     measured = np.full_like(motion.joint_position, np.nan)
     computed = measured.copy()
-    used = [identification.robot.index(joint) for joint in identification.model.torque_joints]
+    used = [identification.robot.index(joint) for joint in model.torque_joints]
     rows = slice(-len(used), None)  # those of a floating base come before them
     measured[:, used] = (torque - given)[:, rows]
-    computed[:, used] = (payload + H @ theta - given)[:, rows]
+    computed[:, used] = (payload + made - given)[:, rows]
     return measured, computed
 
 

@@ -23,12 +23,14 @@ from .load import accelerometer_rows as accelerometer_rows
 from .load import check_offset_std as check_offset_std
 from .load import contact_force_columns as contact_force_columns
 from .load import contact_force_rows as contact_force_rows
+from .load import drive_columns as drive_columns
 from .load import drive_torques as drive_torques
 from .load import load_columns as load_columns
 from .load import load_model as load_model
 from .load import load_model_of as load_model_of
 from .load import load_regression as load_regression
 from .load import load_signals as load_signals
+from .load import load_torques as load_torques
 from .load import measured_contact_torques as measured_contact_torques
 from .load import offset_sensitivity as offset_sensitivity
 from .load import radius_rows as radius_rows

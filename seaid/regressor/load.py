@@ -278,7 +278,7 @@ def load_columns(
     base = np.take(flat, places.ravel(), axis=1).reshape(len(Y), *places.shape)
     H = base
     if model.drives:
-        H = np.concatenate([base, _drive_columns(robot, motion, model)], axis=2)
+        H = np.concatenate([base, drive_columns(robot, motion, model)], axis=2)
     torque, propagated = _load_targets(robot, motion, model.torque_joints, springs)
     payload = np.zeros_like(torque)
     if np.any(robot.known_parameters):
@@ -299,10 +299,34 @@ _BLOCK_NUMBERS = 1_000_000
 """Numbers of the regressor of a floating base that are computed at a time: few megabytes."""
 
 
+def load_torques(
+    robot: Robot,
+    motion: Motion,
+    model: LoadModel,
+    springs: Mapping[str, Array],
+    thetas: Array,
+) -> tuple[Array, Array, Array]:
+    """Return torque and payload (T, rows) of `load_columns`, and H @ `thetas` (T, rows, k).
+
+    The columns H of a floating base, which are many, are not held in memory.
+    """
+    if robot.floating_base is not None:
+        return _floating_columns(robot, motion, model, springs, thetas)[:3]
+    torque, payload, H, _ = load_columns(robot, motion, model, springs)
+    return torque, payload, H @ thetas
+
+
 def _floating_columns(
-    robot: Robot, motion: Motion, model: LoadModel, springs: Mapping[str, Array]
+    robot: Robot,
+    motion: Motion,
+    model: LoadModel,
+    springs: Mapping[str, Array],
+    thetas: Array | None = None,
 ) -> tuple[Array, Array, Array, Array]:
-    """Return the `load_columns` of a floating base, without contact forces, block by block."""
+    """Return the `load_columns` of a floating base, without contact forces, block by block.
+
+    With `thetas` (p + p_d, k) its products with H are in place of H.
+    """
     base, q = motion.base, motion.joint_position
     assert base is not None
     joints = model.torque_joints
@@ -311,11 +335,12 @@ def _floating_columns(
     torque, propagated = _load_targets(robot, motion, joints, springs)
     torque = below_base(torque) + measured_wrenches(robot, q, base.wrenches, known, base.up)
     unknown = np.column_stack([unknown_friction(robot, motion, joint) for joint in joints])
-    columns = below_base(_drive_columns(robot, motion, model))
-    others = np.concatenate([columns, torque[:, :, None]], axis=2)
-    propagated = below_base(propagated)
-    found = np.zeros((*torque.shape, p + others.shape[2] + 1 + propagated.shape[2]))
-    step = max(_BLOCK_NUMBERS // found[0].size, 1)
+    drives, propagated = drive_columns(robot, motion, model), below_base(propagated)
+    if thetas is not None:
+        drives = drives @ thetas[p:]
+    drives, count = below_base(drives), len(model.names) if thetas is None else thetas.shape[1]
+    found = np.zeros((*torque.shape, count + 2 + propagated.shape[2]))
+    step = max(_BLOCK_NUMBERS // (torque.shape[1] * len(model.names)), 1)
     for start in range(0, len(q), step):
         part = slice(start, start + step)
         own = base.samples(part)
@@ -324,16 +349,18 @@ def _floating_columns(
         states = (q[part], motion.joint_velocity[part], motion.joint_acceleration[part])
         Y = floating_regressor(robot, *states, own.states, [*model.base.columns, *given])
         Y = floating_rows(robot, Y, known)
-        payload = Y[:, :, p:] @ robot.known_parameters[given]
-        rows = np.concatenate(
-            [Y[:, :, :p], others[part], payload[:, :, None], propagated[part]], axis=2
-        )
+        sides = (torque[part], Y[:, :, p:] @ robot.known_parameters[given])
+        if thetas is None:
+            H = np.concatenate([Y[:, :, :p], drives[part]], axis=2)
+        else:
+            H = Y[:, :, :p] @ thetas[:p] + drives[part]
+        rows = np.concatenate([H, *(x[:, :, None] for x in sides), propagated[part]], axis=2)
         rows = without_contact_forces(
             robot, states[0], own.contacts, known, rows, unknown[part], own.up
         )
         found[part] = rows * own.used[:, None, None]
-    end = p + others.shape[2]
-    return found[:, :, end - 1], found[:, :, end], found[:, :, : end - 1], found[:, :, end + 1 :]
+    H, (torque, payload) = found[:, :, :count], np.moveaxis(found[:, :, count : count + 2], 2, 0)
+    return torque, payload, H, found[:, :, count + 2 :]
 
 
 def drive_torques(
@@ -344,7 +371,7 @@ def drive_torques(
     Drive parameters that are identifiable only with base parameters belong to the bodies here.
     """
     torque, _ = _load_targets(robot, motion, model.torque_joints, springs)
-    return torque - _drive_columns(robot, motion, model) @ theta[len(model.expressions) :]
+    return torque - drive_columns(robot, motion, model) @ theta[len(model.expressions) :]
 
 
 def measured_contact_torques(robot: Robot, motion: Motion, model: LoadModel) -> Array:
@@ -409,7 +436,7 @@ def contact_force_columns(
     return found * is_unknown, grouping * is_unknown
 
 
-def _drive_columns(robot: Robot, motion: Motion, model: LoadModel) -> Array:
+def drive_columns(robot: Robot, motion: Motion, model: LoadModel) -> Array:
     """Return the columns (T, rows, p_d) of the drive parameters of a model."""
     signals_of = partial(load_signals, robot, motion)
     columns, drives = drive_parameters(robot, model.torque_joints, signals_of)

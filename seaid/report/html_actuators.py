@@ -26,7 +26,7 @@ from seaid.drives import (
 )
 from seaid.errors import SeaidError
 from seaid.log import Motion, in_band, standstill
-from seaid.regressor import actuator_columns, load_columns, signals
+from seaid.regressor import actuator_columns, drive_columns, load_torques, signals
 from seaid.report.html_charts import Axis, Layer, chart, fitted_motions
 
 if TYPE_CHECKING:
@@ -84,10 +84,17 @@ def actuator_figures(found: Identification, nominal: Robot) -> list[ActuatorFigu
     """Return the figures of every joint with friction or a spring, none for long logs."""
     motions = fitted_motions(found)
     most = max(60, min(_MOST_SAMPLES, _ROOM // max(2 * found.robot.n, 1)))
+    stiff = [_stiff_sides(found, motion) for motion in motions]
     figures = []
     for joint in found.known.joint_names if motions else ():
         drive = found.known.drives[joint]
-        parts = [one for motion in motions for one in _samples(found, motion, joint)]
+        sides = [
+            _elastic_side(found, motion, joint) if drive.is_elastic else of_motion.get(joint)
+            for motion, of_motion in zip(motions, stiff, strict=True)
+        ]
+        index = found.known.index(joint)
+        there = ((motion, own) for motion, own in zip(motions, sides, strict=True) if own)
+        parts = [_samples(motion, index, own) for motion, own in there]
         if not any(len(one.speed) for one in parts):
             continue
         samples = _thinned(parts, most)
@@ -127,13 +134,8 @@ def _thinned(parts: Sequence[_Samples], most: int) -> _Samples:
     return _Samples(*(one[kept] for one in whole))
 
 
-def _samples(found: Identification, motion: Motion, joint: str) -> Iterator[_Samples]:
-    """Yield the samples of a joint in a motion, if a torque of it was logged."""
-    index, drive = found.known.index(joint), found.known.drives[joint]
-    side = _elastic_side if drive.is_elastic else _stiff_side
-    sides = side(found, motion, joint)
-    if sides is None:
-        return
+def _samples(motion: Motion, index: int, sides: tuple[Array, Array, Array]) -> _Samples:
+    """Return the samples of a joint in a motion."""
     lost = round(motion.transient_s * motion.rate_hz)
     inside = np.zeros(len(motion.time), dtype=bool)
     inside[lost : len(inside) - lost] = True
@@ -141,7 +143,7 @@ def _samples(found: Identification, motion: Motion, joint: str) -> Iterator[_Sam
         inside &= ~motion.bridged
     kept = inside & ~standstill(motion, index)
     speed = motion.motor_velocity[:, index]
-    yield _Samples(*(one[kept] for one in (in_band(motion, speed), *sides)))
+    return _Samples(*(one[kept] for one in (in_band(motion, speed), *sides)))
 
 
 def _elastic_side(
@@ -179,29 +181,34 @@ def _spring_zero(drive: Drive, values: Mapping[str, float]) -> float:
     return -values.get("spring_offset", 0.0) / values["stiffness"]
 
 
-def _stiff_side(
-    found: Identification, motion: Motion, joint: str
-) -> tuple[Array, Array, Array] | None:
-    """Return the friction of a stiff drive at its motor (T,), by the load side (8)."""
-    model = found.model
-    if joint not in model.torque_joints:
-        return None
-    torque, payload, H, _ = load_columns(found.known, motion, model, found.springs)
-    row = model.torque_joints.index(joint)
-    bodies = len(model.expressions)
-    friction = [
-        bodies + place
-        for place, (of, name, _) in enumerate(model.drives)
-        if of == joint and name in _FRICTION
-    ]
-    if not friction:
-        return None
-    others = np.setdiff1d(np.arange(H.shape[2]), friction)
-    theta = found.load_side.values[: H.shape[2]]
-    left = torque[:, row] - payload[:, row] - H[:, row][:, others] @ theta[others]
-    left = in_band(motion, left) / found.known.drives[joint].ratio
-    nothing = np.full_like(left, np.nan)
-    return left, nothing, nothing
+def _stiff_sides(found: Identification, motion: Motion) -> dict[str, tuple[Array, Array, Array]]:
+    """Return the sides of `_elastic_side` by stiff joint: the friction at its motor, and nothing.
+
+    It is that of the fit with what the load side (8) leaves of the torque: of a robot on the ground
+    the contact forces are eliminated from that, and so a part of the friction.
+    """
+    model, theta = found.model, found.load_side.values[: len(found.model.names)]
+    rows = {
+        joint: [
+            place
+            for place, (of, name, _) in enumerate(model.drives)
+            if of == joint and name in _FRICTION and not found.known.drives[joint].is_elastic
+        ]
+        for joint in model.torque_joints
+    }
+    if not any(rows.values()):
+        return {}
+    torque, payload, made = load_torques(found.known, motion, model, found.springs, theta[:, None])
+    left = (torque - payload - made[:, :, 0])[:, -len(rows) :]
+    columns, own = drive_columns(found.known, motion, model), theta[len(model.expressions) :]
+    sides = {}
+    for row, (joint, places) in enumerate(rows.items()):
+        if places:
+            friction = left[:, row] + columns[:, row][:, places] @ own[places]
+            friction = in_band(motion, friction) / found.known.drives[joint].ratio
+            nothing = np.full_like(friction, np.nan)
+            sides[joint] = (friction, nothing, nothing)
+    return sides
 
 
 def _friction_figure(joint: str, samples: _Samples, identified: Drive, nominal: Drive) -> Any:

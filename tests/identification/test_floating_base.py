@@ -21,7 +21,7 @@ from seaid._arrays import Array
 from seaid.errors import SeaidError
 from seaid.identification import whole_body
 from seaid.log import BaseLog
-from seaid.regressor import rigid_body_regressor
+from seaid.regressor import load_columns, load_torques, rigid_body_regressor
 from seaid.regressor.floating import contact_map, floating_regressor
 from seaid.robot import Robot
 
@@ -85,6 +85,24 @@ def test_bodies_of_an_exact_log_are_recovered() -> None:
     assert np.max(np.abs(found.load.values - truth) / scale) < 2e-3
     # its feet move at random under the forces: only that contradicts the flags
     assert {one.code for one in found.warnings if one.severity != "note"} == {"contact-flags"}
+
+
+def test_torques_of_a_fit_are_the_products_with_its_columns() -> None:
+    found = found_standing()
+    (motion,), known, model = found.motions, found.known, found.model
+    thetas = np.random.default_rng(0).normal(size=(len(model.names), 2))
+    for robot in (known, with_known_trunk()):
+        torque, payload, H, _ = load_columns(robot, motion, model, found.springs)
+        made = load_torques(robot, motion, model, found.springs, thetas)
+        for one, other in zip(made, (torque, payload, H @ thetas), strict=True):
+            np.testing.assert_allclose(one, other, atol=1e-9)
+    assert np.max(np.abs(payload)) > 1.0
+
+
+def with_known_trunk() -> Robot:
+    return seaid.load_robot(
+        example_urdf("go2.urdf"), base="floating", contacts=GO2.feet, known_bodies=["base"]
+    )
 
 
 def test_bias_of_an_accelerometer_is_identified_with_the_bodies() -> None:

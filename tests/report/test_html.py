@@ -16,7 +16,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
+import seaid
+from scripts.example_robots import example_urdf
+from scripts.legged_plant import GO2
 from seaid._arrays import Array, FrozenMapping
 from seaid._files import plain
 from seaid.drives import JointParameter
@@ -43,6 +47,7 @@ from seaid.report.html_verdict import (
 )
 from seaid.robot.robot import Robot
 from tests.experiments import arm, arm_found, arm_result, leg
+from tests.identification.test_floating_base import swayed
 from tests.report_pages import HOSTILE, made_up, prediction
 from tests.terms import ELASTIC, STIFF, exact_motion, free_stretch, noisy_log, with_terms
 from tests.terms import arm as two_joints
@@ -526,6 +531,26 @@ def test_samples_of_friction_and_spring_lie_on_the_identified_lines() -> None:
         off = fast[:, 1] - np.interp(fast[:, 0], line[:, 0], line[:, 1])
         assert np.sqrt(np.mean(off**2)) < 8.0
         assert line_of(friction, "nominal").shape == line.shape  # the truth has values
+
+
+def test_samples_of_friction_lie_on_the_lines_of_a_robot_on_its_feet() -> None:
+    """Its rows have no contact forces, and so neither all of the torque nor all of the friction."""
+    log = swayed()
+    velocity = CubicSpline(log.time, log.joint_position).derivative()(log.time)
+    friction = 0.3 * velocity + 2.0 * np.sign(velocity)
+    table = {"type": "stiff", "gear_ratio": 1.0, "friction": ["viscous", "coulomb"]}
+    drives = dict.fromkeys(log.joint_names, table)
+    robot = seaid.load_robot(example_urdf("go2.urdf"), drives, base="floating", contacts=GO2.feet)
+    robot = robot.without_nominal()
+    found = identify(robot, replace(log, motor_torque=log.motor_torque + friction), cutoff_hz=4.0)
+    figures = actuator_figures(found, robot)
+    assert [one.joint for one in figures] == [*log.joint_names]
+    for one in figures:
+        drawn = str(one.friction)
+        points, line = samples_of(drawn, "sample"), line_of(drawn, "identified")
+        fast = points[np.abs(points[:, 0] - np.mean(line[:, 0])) > 60]
+        off = fast[:, 1] - np.interp(fast[:, 0], line[:, 0], line[:, 1])
+        assert np.sqrt(np.mean(off**2)) < 8.0  # of 246 high
 
 
 @pytest.mark.parametrize("term", ["dead_zone", "dahl"])
