@@ -117,6 +117,7 @@ CODES = {
     "torque-offset": "a constant error of a torque",
     "encoder-offsets-differ": "encoder offsets that differ between the logs",
     "weak-spring": "a spring that the motion hardly loads, or whose deflection is mostly noise",
+    "backlash": "a gear or spring with backlash, which looks like a weak spring",
     "nonlinear-spring": "a spring that is not linear",
     "gear-compliance": "a stiffness that includes the gear between the encoders",
     "transmission-error": "an error of the gear that is periodic in its angles",

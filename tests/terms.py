@@ -21,8 +21,7 @@ from seaid.drives.regressor import flat_names
 from seaid.drives.symbols import SYMBOLS, known_values
 from seaid.estimation.fitting import estimator_named
 from seaid.identification.identification import Identification, identification_of
-from seaid.identification.linearisation import linearised_robot
-from seaid.identification.nonlinear_terms import with_fixed_warnings
+from seaid.identification.nonlinear_terms import linearised_robot, with_fixed_warnings
 from seaid.identification.two_step import estimate_two_step, joints_with_torque
 from seaid.log.motion import Motion
 from seaid.log.reading import Log

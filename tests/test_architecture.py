@@ -122,7 +122,7 @@ ONE_IMPORTER = {
     ),
     "functions that users call": (
         "identification.static_calibration",
-        "identification.frequency",
+        *("identification.frequency", "identification.model_selection"),
         *("log.infer_columns", "log.long_log", "project.saved"),
         *("regressor.exact.base", "report.comparison", "symbolic.expression_text"),
         *("export.mjcf", "export.urdf"),

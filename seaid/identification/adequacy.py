@@ -116,16 +116,18 @@ _NEGLIGIBLE = 0.003
 def without_echoes(
     findings: Sequence[Finding], fits: Mapping[str, JointFit] = FrozenMapping({})
 ) -> list[Finding]:
-    """Return findings without those that follow from a weak spring of the same joint.
+    """Return findings without those that follow from a weak spring, or backlash, of their joint.
 
     What a model lacks is a note where its torque errors do not matter.
     """
     weak = {one.joint for one in findings if one.code == "weak-spring"}
+    loose = {one.joint for one in findings if one.code == "backlash"}
+    echoes = {**dict.fromkeys(_ECHOES, weak), "weak-spring": loose}
     exact = {name for name, one in fits.items() if not max(one.own, one.motor) > _NEGLIGIBLE}
     return [
         replace(one, severity="note") if one.code in _ECHOES and one.joint in exact else one
         for one in findings
-        if one.code not in _ECHOES or one.joint not in weak
+        if one.joint not in echoes.get(one.code, ())
     ]
 
 

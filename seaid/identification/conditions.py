@@ -47,8 +47,7 @@ from seaid.identification.datasets import (
 from seaid.identification.drive_estimates import merged_estimates, spring_of, with_warnings
 from seaid.identification.gear import deflection_joints, with_rigid_gears
 from seaid.identification.identification import Identification, identification_of
-from seaid.identification.linearisation import linearised_robot
-from seaid.identification.nonlinear_terms import with_fixed_warnings
+from seaid.identification.nonlinear_terms import linearised_robot, with_fixed_warnings
 from seaid.identification.torque_offsets import with_spring_torque
 from seaid.identification.two_step import (
     LOAD,

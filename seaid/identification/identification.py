@@ -82,7 +82,6 @@ from seaid.identification.known_constants import (
     exact_constants,
     with_known_std,
 )
-from seaid.identification.linearisation import linearised_robot
 from seaid.identification.method_limits import check_refinable
 from seaid.identification.missing_terms import (
     MOST_ROUNDS,
@@ -91,6 +90,7 @@ from seaid.identification.missing_terms import (
     supported_terms,
     with_default_terms,
 )
+from seaid.identification.model_selection import backlash_findings
 from seaid.identification.motor_side import (
     BANDS,
     cutoff_of,
@@ -99,7 +99,7 @@ from seaid.identification.motor_side import (
     start_by_regression,
     without_joint_encoder,
 )
-from seaid.identification.nonlinear_terms import with_fixed_warnings
+from seaid.identification.nonlinear_terms import linearised_robot, with_fixed_warnings
 from seaid.identification.output_error import FirstEstimate, first_estimate, refined_with_logs
 from seaid.identification.physical_consistency import FeasibleParameters, feasible_parameters
 from seaid.identification.sensitivity import sensitivity_findings
@@ -430,6 +430,7 @@ def _identify(
     of_fit = fit_findings(robot.joint_names, found, fits)
     of_fit = (with_brief_lifts(one, robot, moved) for one in of_fit)
     findings += consequences(findings, of_fit)
+    findings += consequences(findings, backlash_findings(given, sources, result.drives, used))
     exact = exact_constants(robot, known_std)
     setup = joint_checks(experiment, [first_motion(one) for one in datasets])
     findings += consequences(findings, radius_findings(result, datasets, found.fit, bias))

@@ -15,7 +15,7 @@ from functools import partial
 import numpy as np
 
 from seaid._arrays import white_noise
-from seaid.drives import DefaultTerms, Drive, key_of, unit_of
+from seaid.drives import DefaultTerms, Drive
 from seaid.errors import Finding, Severity
 from seaid.identification.datasets import Dataset
 from seaid.identification.term_columns import (
@@ -25,10 +25,12 @@ from seaid.identification.term_columns import (
     best_term,
     coarse_motions,
     compared_columns,
+    evidence_of,
     load_drive,
     possible_terms,
     promising_terms,
     reference_position,
+    toml_of,
     with_term,
 )
 from seaid.identification.two_step import RobotEstimate
@@ -213,7 +215,7 @@ def with_default_terms(
                     "residual; name the terms in friction = [...] to decide it"
                 )
                 notes.append(
-                    Finding("missing-term", message, joint, "note", _evidence(one), "", "certain")
+                    Finding("missing-term", message, joint, "note", evidence_of(one), "", "certain")
                 )
     if drives:
         robot, given = robot.with_drives(drives), given.with_drives(drives)
@@ -285,31 +287,6 @@ def missing_terms(
             message,
             joint,
             severity,
-            _evidence(best),
-            f"in the drives file:\n{_table(drive, best)}{middle}",
+            evidence_of(best),
+            f"in the drives file:\n{toml_of(drive, best)}{middle}",
         )
-
-
-def _evidence(one: TermComparison) -> dict[str, float]:
-    found = one.comparison
-    assert found is not None
-    return {
-        "explained": found.explained,
-        "F": found.F,
-        "BIC": found.bic,
-        "improvement": found.improvement,
-        "standard error": found.improvement_std,
-        **one.values,
-    }
-
-
-def _table(drive: Drive, one: TermComparison) -> str:
-    """Return the TOML of a drive's field with a further term, and where its search starts."""
-    larger = with_term(drive, one.field, one.term)
-    terms = ", ".join(f'"{term}"' for term in getattr(larger, one.field))
-    values = [
-        f"{key_of(name, unit_of(larger, name))} = {value:.3g}"
-        for name, value in one.values.items()
-        if name != "deflection_zero"  # that of these logs
-    ]
-    return "\n".join([f"[{one.joint}]", f"{one.field} = [{terms}]", *values])

@@ -21,8 +21,10 @@ from seaid.drives import (
     PARAMETERS,
     Drive,
     DriveRegressor,
+    key_of,
     parameter_of,
     term_fields,
+    unit_of,
 )
 from seaid.errors import IdentificationError, RobotError
 from seaid.estimation import (
@@ -481,6 +483,32 @@ def best_term(found: Sequence[TermComparison]) -> TermComparison | None:
     tested = [one for one in found if one.comparison is not None]
     place = best_supported([one.comparison for one in tested if one.comparison is not None])
     return None if place is None else tested[place]
+
+
+def evidence_of(one: TermComparison) -> dict[str, float]:
+    """Return the numbers of a comparison, as a finding has them."""
+    found = one.comparison
+    assert found is not None
+    return {
+        "explained": found.explained,
+        "F": found.F,
+        "BIC": found.bic,
+        "improvement": found.improvement,
+        "standard error": found.improvement_std,
+        **one.values,
+    }
+
+
+def toml_of(drive: Drive, one: TermComparison) -> str:
+    """Return the TOML of a drive's field with a further term, and where its search starts."""
+    larger = with_term(drive, one.field, one.term)
+    terms = ", ".join(f'"{term}"' for term in getattr(larger, one.field))
+    values = [
+        f"{key_of(name, unit_of(larger, name))} = {value:.3g}"
+        for name, value in one.values.items()
+        if name != "deflection_zero"  # that of these logs
+    ]
+    return "\n".join([f"[{one.joint}]", f"{one.field} = [{terms}]", *values])
 
 
 _NO_COLUMN = "it has no column: the log lacks its equation, or the fit the stiffness of the spring"

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import seaid
+from scripts.benchmarks import contact_backlash
 from seaid._arrays import Array, FrozenMapping
 from seaid.drives.drives import DefaultTerms
 from seaid.drives.terms import FrictionTerm
@@ -126,6 +127,35 @@ def test_missing_friction_is_named() -> None:
         *NAMED,
         "stribeck",
     ]
+
+
+def test_backlash_that_looks_like_a_weak_spring_is_named(tmp_path: Path) -> None:
+    """The lines of the remedy give the spring: 4000 N m/rad behind 5 mrad to each side."""
+    robot = contact_backlash.robot_of(tmp_path)
+    time, *states = contact_backlash.motions_of(robot, 4000.0, 0.005, 1, duration=6.0)
+    log = contact_backlash.log_of(time, [x[:, 0] for x in states], 0)
+    found = identify(robot, log)
+    assert not {"weak-spring", "nonlinear-spring"} & {one.code for one in found.warnings}
+    (finding,) = (one for one in found.warnings if one.code == "backlash")
+    assert finding.severity == "doubtful"
+    assert "arm has backlash, with a half width of about 0.005 rad" in finding.message
+    terms = tomllib.loads(finding.remedy.partition("\n")[2])["arm"]
+    tables = {"arm": {**drive_table(robot.drives["arm"]), **terms}}
+    again = identify(robot.with_drives(drives_from_mapping(tables)), log)
+    assert not {"weak-spring", "backlash", "no-fit"} & {one.code for one in again.warnings}
+    for name, truth in (("stiffness", 4000.0), ("dead_zone", 0.005)):
+        assert again.drives["arm"].value(name) == pytest.approx(truth, rel=0.02)
+
+
+def test_a_spring_whose_encoder_is_too_coarse_has_no_backlash(tmp_path: Path) -> None:
+    robot = contact_backlash.robot_of(tmp_path)
+    time, *states = contact_backlash.motions_of(robot, 10000.0, 0.0, 1, duration=6.0)
+    log = contact_backlash.log_of(time, [x[:, 0] for x in states], 0)
+    noise = 2e-3 * np.random.default_rng(0).normal(size=log.joint_position.shape)
+    found = identify(robot, replace(log, joint_position=log.joint_position + noise))
+    codes = {one.code for one in found.warnings}
+    assert "weak-spring" in codes
+    assert "backlash" not in codes
 
 
 def test_an_offset_is_added_where_nobody_named_terms_and_named_where_somebody_did() -> None:
