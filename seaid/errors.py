@@ -148,6 +148,7 @@ CODES = {
     "base-frames": "orientation, angular velocity and gravity of a base that contradict each other",
     "base-sensor": "an axis of an IMU that is missing",
     "base-bias": "a bias of an accelerometer",
+    "total-mass": "a total mass that is negative, or far from that of the robot file",
     "base-jumps": "jumps of the pose of a base",
     "contact": "bursts of torque that the model cannot explain: contact, or hands",
     "standstill": "a joint that hardly moves, or samples at rest that were excluded",

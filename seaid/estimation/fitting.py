@@ -251,10 +251,11 @@ class FittedRows:
         """The covariance (p, p) for white noise in every equation."""
         return estimate_of(self.qr_factor, self.weights, None, self.propagated).covariance
 
-    def checks(self, joints: Sequence[str], optional: Sequence[str]) -> ModelChecks:
-        """Return the checks of the model; `joints` are those of the robot."""
+    def checks(self, optional: Sequence[str]) -> ModelChecks:
+        """Return the checks of the model, with its `optional` parameters."""
         found = {} if self.rows is None else whiteness(self.rows, self.estimate.values)
-        named = {joints[index % len(joints)]: one for index, one in found.items()}
+        names = () if self.rows is None else self.rows.joint_names
+        named = {names[index % len(names)]: one for index, one in found.items()}
         return model_checks(self.qr_factor, self.estimate, optional, named, self.weights)
 
 

@@ -28,6 +28,7 @@ from seaid.estimation import (
     time_blocks,
 )
 from seaid.regressor import INPUT_FIELDS, motor_regressor
+from seaid.robot import BASE_ROWS
 
 if TYPE_CHECKING:
     from seaid.identification.experiment import Experiment
@@ -196,7 +197,8 @@ def joint_fits(
 ) -> FrozenMapping[JointFit]:
     """Return the errors of the torques of all joints with rows in memory; {} without any.
 
-    `bodies` (10n,) are the identified standard parameters with the payloads.
+    Where no joint has a torque they are those of the rows of a floating base. `bodies` (10n,) are
+    the identified standard parameters with the payloads.
     """
     rows = found.fit.rows
     if rows is None:
@@ -205,21 +207,22 @@ def joint_fits(
     theta = found.fit.estimate.values  # with those of torque offsets
     own, blocks = _errors(rows, rows.H @ theta), _block_errors(found.fit)
     motors = {joint: _motor_error(joint, found, own, n) for joint in joint_names}
-    identified = given.of_bodies(bodies)
-    return FrozenMapping(
-        {
-            joint: JointFit(
-                own=own[j],
-                blocks=blocks.get(j, float("nan")),
-                motor=motors[joint],
-                identified=float(identified[j]),
-                nominal=float(given.nominal[j]),
-            )
-            for j, joint in enumerate(joint_names)
-            if j in own
-        },
-        "joint",
-    )
+    identified, nothing = given.of_bodies(bodies), float("nan")
+    fits = {
+        joint: JointFit(
+            own=own[j],
+            blocks=blocks.get(j, nothing),
+            motor=motors[joint],
+            identified=float(identified[j]),
+            nominal=float(given.nominal[j]),
+        )
+        for j, joint in enumerate(joint_names)
+        if j in own
+    }
+    alone = {} if fits else {rows.joint_names[j]: j for j in own if j < n}
+    for row, j in alone.items():
+        fits[row] = JointFit(own[j], blocks.get(j, nothing), nothing, nothing, nothing)
+    return FrozenMapping(fits, "joint")
 
 
 def _motor_error(joint: str, found: RobotEstimate, own: Mapping[int, float], n: int) -> float:
@@ -262,6 +265,19 @@ def _block_errors(fit: FittedRows) -> dict[int, float]:
     return _errors(rows, computed)
 
 
+_OF_JOINT = (
+    "check signs, units and zeros of this joint, or exclude its torque: option: --torque-joints"
+)
+_OF_BASE = (
+    "check the signs, units, axes and links of the force sensors and of the IMU, and that nothing "
+    "else touches the robot"
+)
+_LACKS = (
+    "look at the residual of this joint in the report. What may lack: a spring, the gear ratio or "
+    "the rotor inertia in the drives file, a payload; or the torque is mostly noise"
+)
+
+
 def fit_findings(
     joint_names: Sequence[str], found: RobotEstimate, joints: Mapping[str, JointFit]
 ) -> Iterator[Finding]:
@@ -272,17 +288,19 @@ def fit_findings(
         error = one.blocks if np.isfinite(one.blocks) else one.own
         evidence = {"error": one.own, "error of excluded blocks": one.blocks}
         holds = f"; its motor equation holds, with an error of {one.motor:.1%}"
+        of, remedy = f"the torque on the load of {joint}", _OF_JOINT
+        if joint in BASE_ROWS:
+            of, remedy = f"the {joint}", _OF_BASE
         if error > NOTHING and one.own > PART:
             yield Finding(
                 "no-fit",
-                f"the model explains nothing of the torque on the load of {joint}: its error is "
-                f"{one.own:.0%} of the torque in the own logs and {error:.0%} in excluded blocks, "
-                f"that of a constant 100%{holds if one.motor < PART else ''}",
+                f"the model explains nothing of {of}: its error is {one.own:.0%} of it in the own "
+                f"logs and {error:.0%} in excluded blocks, that of a constant 100%"
+                f"{holds if one.motor < PART else ''}",
                 joint,
                 "wrong",
                 evidence,
-                "check signs, units and zeros of this joint, or exclude its torque: "
-                "option: --torque-joints",
+                remedy,
                 "certain",
             )
         elif error > NOTHING:
@@ -299,15 +317,13 @@ def fit_findings(
         elif error > PART and one.own > PART and joint not in weak:
             yield Finding(
                 "no-fit",
-                f"the model leaves much of the torque on the load of {joint} unexplained: "
-                f"{one.own:.0%} of it in the own logs and {error:.0%} in excluded blocks, a "
-                f"constant torque 100%{holds if one.motor < PART else ''}",
+                f"the model leaves much of {of} unexplained: {one.own:.0%} of it in the own logs "
+                f"and {error:.0%} in excluded blocks, a constant 100%"
+                f"{holds if one.motor < PART else ''}",
                 joint,
                 "doubtful",
                 evidence,
-                "look at the residual of this joint in the report. What may lack: a spring, the "
-                "gear ratio or the rotor inertia in the drives file, a payload; or the torque is "
-                "mostly noise",
+                remedy if joint in BASE_ROWS else _LACKS,
             )
         elif one.nominal < _BETTER * one.identified and one.identified > _MATTERS:
             yield Finding(

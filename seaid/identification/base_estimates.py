@@ -240,6 +240,53 @@ _LEAST_RADIUS_M = 0.0005
 """Error of the radius of feet from which it has a finding. 1 mm is 0.2 % of the mass of a Go2."""
 
 
+_SURE_MASS, _MASS_RATIO = 3.0, 2.0
+"""Standard errors from which a mass is below zero, or not that of the robot file, and the ratio of
+the two, or its inverse, above which that is said."""
+
+
+def mass_findings(found: Identification, given: Robot) -> Iterator[Finding]:
+    """Yield a total mass that no force of the ground can come from, or far from the nominal one."""
+    body = whole_body(found)
+    if not body or not np.isfinite(body[0].value):
+        return
+    mass, error = body[0].value, body[0].standard_error
+    nominal = float(np.sum((given.parameters + given.payload_parameters)[::10]))
+    sensors = sorted({link for one in found.motions if one.base for link in one.base.wrenches})
+    tables = "\n".join(f"[contacts.{link}]\nforce = {{ ..., scale = -1 }}" for link in sensors)
+    evidence = {"mass [kg]": mass, "standard error [kg]": error, "robot file [kg]": nominal}
+    if mass < -_SURE_MASS * error:
+        where = f"; in the description of the log, and so for each moment:\n{tables}" * bool(
+            sensors
+        )
+        yield Finding(
+            "total-mass",
+            f"the mass of the whole robot is negative, {mass:.3g} kg",
+            "",
+            "wrong",
+            evidence,
+            "force sensors have the force of the ground on the robot, and torques act on the "
+            f"robot along its joint angles: turn their signs round{where}",
+            "certain",
+        )
+    elif (
+        min(mass, nominal) > 0
+        and not 1 < _MASS_RATIO * mass / nominal < _MASS_RATIO**2
+        and abs(mass - nominal) > _SURE_MASS * error
+    ):
+        yield Finding(
+            "total-mass",
+            f"the mass of the whole robot is {mass:.3g} kg, {mass / nominal:.2g} of that of the "
+            f"robot file, {nominal:.3g} kg",
+            "",
+            "doubtful",
+            evidence,
+            "weigh the robot; is a force sensor or a torque in another unit (1 kgf is 9.81 N), or "
+            "does a force act that is not in the log?",
+            "likely",
+        )
+
+
 def radius_findings(
     found: Identification,
     datasets: Sequence[Dataset],

@@ -207,7 +207,7 @@ class ConditionFits:
                 joint: spring_of(robot, drives[joint], joint).values for joint in self.springs
             },
             excluded={name: side.rows[condition].excluded for name, side in sides.items()},
-            checks={name: side.fit.checks(robot.joint_names, ()) for name, side in sides.items()},
+            checks={name: side.fit.checks(()) for name, side in sides.items()},
             fit=self.load.fit,
         )
 

@@ -41,6 +41,7 @@ from seaid.identification.base_estimates import (
     AccelerometerBias,
     accelerometer_bias,
     bias_finding,
+    mass_findings,
     radius_findings,
 )
 from seaid.identification.checking import (
@@ -434,6 +435,7 @@ def _identify(
     exact = exact_constants(robot, known_std)
     setup = joint_checks(experiment, [first_motion(one) for one in datasets])
     findings += consequences(findings, radius_findings(result, datasets, found.fit, bias))
+    findings += mass_findings(result, declared)
     return replace(
         result, findings=tuple(findings), joint_fits=fits, exact_constants=exact, setup=setup
     )

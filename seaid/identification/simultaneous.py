@@ -288,7 +288,7 @@ def estimate_simultaneous(
         load_side=load_side,
         springs={joint: spring_of(robot, drives[joint], joint).values for joint in springs},
         excluded=start.excluded,
-        checks={"both": both.checks(robot.joint_names, optional)},
+        checks={"both": both.checks(optional)},
         fit=both,
         whole=whole,
     )

@@ -299,12 +299,10 @@ def estimate_two_step(
         excluded={joint: side.qr_factor.excluded for joint, side in actuators.items()}
         | {"load": load.qr_factor.excluded},
         checks={
-            joint: side.checks(
-                robot.joint_names, [name for name in side.estimate.names if name not in _NEEDED]
-            )
+            joint: side.checks([name for name in side.estimate.names if name not in _NEEDED])
             for joint, side in actuators.items()
         }
-        | {"load": load.checks(robot.joint_names, model.names[len(model.expressions) :])},
+        | {"load": load.checks(model.names[len(model.expressions) :])},
         fit=load,
         actuators=actuators,
     )
@@ -507,7 +505,7 @@ def joints_with_torque(robot: Robot, datasets: Sequence[Dataset]) -> tuple[str, 
         or _all_measured(robot, motions, joint, INPUT_FIELDS[robot.drives[joint].motor_input])
         or _all_measured(robot, motions, joint, "joint_torque")
     )
-    if not found:
+    if not found and robot.floating_base is None:
         raise IdentificationError(
             "no joint has a torque in the logs: describe a motor_torque (a current is one with "
             'unit = "A" and torque_constant_Nm_per_A), or write motor_input in the drives file'

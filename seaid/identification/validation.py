@@ -225,7 +225,7 @@ def _load(identification: Identification, motion: Motion) -> tuple[Array, Array]
     measured = np.full_like(motion.joint_position, np.nan)
     computed = measured.copy()
     used = [identification.robot.index(joint) for joint in model.torque_joints]
-    rows = slice(-len(used), None)  # those of a floating base come before them
+    rows = slice(torque.shape[1] - len(used), None)  # those of a floating base come before them
     measured[:, used] = (torque - given)[:, rows]
     computed[:, used] = (payload + made - given)[:, rows]
     return measured, computed

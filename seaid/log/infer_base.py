@@ -43,8 +43,11 @@ _ELSEWHERE = re.compile(
     r"(?<![a-z])(joint|motor|cmd|des\w*|ref|target|ee|tool|command\w*)(?![a-z])"
 )
 _CONTACT = re.compile(r"contact|touch|stance|foot[._/ ]?force|grf")
+_WRENCH = re.compile(r"(.*?)[._/ ]*(force|f|moment|torque|tau|t|m)", re.IGNORECASE)
 _ANGULAR_ACCELERATION = re.compile(r"ang.*acc|acc.*ang|domega")
-_COMPONENT = re.compile(r"(.+)[._/ ]([wxyz])(?:[._/ ](?:rad|deg|m|mps|s|per|g|N|s\^?2|s2|/|_)+)?")
+_COMPONENT = re.compile(
+    r"(.+)[._/ ]([wxyz])(?:[._/ ](?:rad|deg|mps|m|s|per|g|Nm|N|s\^?2|s2|/|_)+)?"
+)
 _SHORT_NAME = re.compile(r"(?:(.*)[._/ ])?([qpvwaf])([wxyz])")
 _TAKEN = Meaning("base", "", "", None, is_raw=False)
 
@@ -68,9 +71,10 @@ def infer_base(table: Table, inference: Inference, robot: Robot) -> BaseGuess:
     for stem, names in vectors.items():
         if not set(names) & set(found.meanings):
             _named(found, stem, names, inference)
+    _wrenches(found, vectors, inference, robot)
     _contacts(found, table, vectors, inference, robot)
     _decide_frames(found, inference)
-    used = [*found.base.values(), *(one["contact"] for one in found.contacts.values())]
+    used = [*found.base.values(), *(x for one in found.contacts.values() for x in one.values())]
     found.meanings |= {name: _TAKEN for one in used for name in one.columns}
     return found
 
@@ -166,6 +170,36 @@ def _named(found: BaseGuess, stem: str, names: list[str], inference: Inference) 
     found.base.setdefault(str(kind), VectorSource(tuple(names)))
 
 
+def _wrenches(
+    found: BaseGuess, vectors: Mapping[str, list[str]], inference: Inference, robot: Robot
+) -> None:
+    """Take force sensors for the contacts whose names share the most words with theirs."""
+    assert robot.floating_base is not None
+    sensors: dict[str, dict[str, list[str]]] = {}
+    for stem, names in vectors.items():
+        match = _WRENCH.fullmatch(stem)
+        if match and len(names) == 3:
+            quantity = "force" if match[2].lower().startswith("f") else "moment"
+            sensors.setdefault(match[1], {})[quantity] = names
+    places = [one for one, parts in sensors.items() if "force" in parts]
+    links = robot.floating_base.contact_links
+    common = [[len({*_words(one)} & {*_words(link)}) for link in links] for one in places]
+    for place, sensor in enumerate(places):
+        score = np.array(common[place])
+        best = int(np.argmax(score))
+        rivals = [
+            *np.delete(score, best),
+            *(row[best] for row in common if row is not common[place]),
+        ]
+        if score[best] <= max(rivals, default=0):
+            inference.note(sensor, "a force sensor whose name is not that of one contact: not used")
+            continue
+        parts = sensors[sensor]
+        found.contacts[links[best]] = {x: VectorSource(tuple(parts[x])) for x in parts}
+        text = f"taken for the force of the ground on {links[best]}, in the axes of that link"
+        inference.note(sensor, text)
+
+
 def _contacts(
     found: BaseGuess,
     table: Table,
@@ -175,7 +209,7 @@ def _contacts(
 ) -> None:
     """Take columns for contacts: of the name of a link, or an array with one column for each."""
     assert robot.floating_base is not None
-    links = robot.floating_base.contact_links
+    links = [x for x in robot.floating_base.contact_links if x not in found.contacts]
     for link in links:
         words = _words(link)
         for name in inference.data:

@@ -438,9 +438,9 @@ def _check_sensors(
     """Raise LogError if {column: field} of a joint are too few for its drive."""
     elastic = robot.drives[joint].is_elastic
     positions = sum(field.endswith("position") for field in found.values())
-    others = set(found.values()) - _NO_TORQUES
+    is_enough = robot.floating_base is not None or bool(set(found.values()) - _NO_TORQUES)
     motor_side = {"motor_position", "motor_torque"} <= set(found.values())
-    if positions < (2 if elastic and not motor_side else 1) or not others:
+    if positions < (2 if elastic and not motor_side else 1) or not is_enough:
         names = column_names(joint, robot.is_prismatic[robot.index(joint)])
         missing = [name for name in names if name not in found]
         raise LogError(

@@ -130,7 +130,7 @@ def base_parameters(
     """
     torques = robot.selected(torque_joints)
     known = [robot.index(joint) for joint in torques]
-    if not known:
+    if not known and robot.floating_base is None:
         raise ExcitationError(
             "torque_joints= names no joint: give those whose torque is known", "torque_joints="
         )

@@ -334,7 +334,7 @@ def _floating_columns(
     given = np.flatnonzero(robot.known_parameters)
     torque, propagated = _load_targets(robot, motion, joints, springs)
     torque = below_base(torque) + measured_wrenches(robot, q, base.wrenches, known, base.up)
-    unknown = np.column_stack([unknown_friction(robot, motion, joint) for joint in joints])
+    unknown = unknown_frictions(robot, motion, joints)
     drives, propagated = drive_columns(robot, motion, model), below_base(propagated)
     if thetas is not None:
         drives = drives @ thetas[p:]
@@ -379,7 +379,7 @@ def measured_contact_torques(robot: Robot, motion: Motion, model: LoadModel) -> 
     base, q = motion.base, motion.joint_position
     assert base is not None
     joints = [robot.index(joint) for joint in model.torque_joints]
-    unknown = np.column_stack([unknown_friction(robot, motion, one) for one in model.torque_joints])
+    unknown = unknown_frictions(robot, motion, model.torque_joints)
     rows = measured_wrenches(robot, q, base.wrenches, joints, base.up)[:, :, None]
     rows = without_contact_forces(robot, q, base.contacts, joints, rows, unknown, base.up)
     return np.asarray(rows[:, :, 0] * base.used[:, None])
@@ -407,8 +407,7 @@ def contact_force_rows(
         states = (q[part], motion.joint_velocity[part], motion.joint_acceleration[part])
         Y = floating_regressor(robot, *states, base.samples(part).states) @ bodies
         found[part] += floating_rows(robot, Y[:, :, None], joints)[:, :, 0]
-    unknown = [unknown_friction(robot, motion, joint) for joint in model.torque_joints]
-    return found, np.column_stack(unknown)
+    return found, unknown_frictions(robot, motion, model.torque_joints)
 
 
 def contact_force_columns(
@@ -545,9 +544,7 @@ def _further_rows(
     def regress(piece: Motion) -> Regression:
         base, q = piece.base, piece.joint_position
         assert base is not None
-        unknown = np.column_stack(
-            [unknown_friction(robot, piece, one) for one in model.torque_joints]
-        )
+        unknown = unknown_frictions(robot, piece, model.torque_joints)
         A = floating_rows(robot, columns_of(piece), known)
         A = without_contact_forces(robot, q, base.contacts, known, A, unknown, base.up)
         A *= base.used[:, None, None]
@@ -587,9 +584,7 @@ def _load_rows(
         in_band_at(motion, part, rows) for part in (torque - payload, H, propagated)
     )
     joints = [robot.index(joint) for joint in model.torque_joints]
-    usable = np.array(
-        [~unknown_friction(robot, motion, joint)[rows] for joint in model.torque_joints]
-    )
+    usable = ~unknown_frictions(robot, motion, model.torque_joints)[rows].T
     names = robot.joint_names
     if robot.floating_base is not None and motion.base is not None:
         names = (*names, *BASE_ROWS)
@@ -634,6 +629,14 @@ def with_gear_torque(
         payload + H[:, :, behind] @ theta[behind]
     )
     return replace(motion, gear_torque=torque)
+
+
+def unknown_frictions(robot: Robot, motion: Motion, joints: Sequence[str]) -> BoolArray:
+    """Return `unknown_friction` of several joints (T, k), which may be none."""
+    found = np.zeros((len(motion.time), len(joints)), dtype=bool)
+    for place, joint in enumerate(joints):
+        found[:, place] = unknown_friction(robot, motion, joint)
+    return found
 
 
 def unknown_friction(robot: Robot, motion: Motion, joint: str) -> BoolArray:

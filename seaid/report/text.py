@@ -307,7 +307,8 @@ def _whole_body_table(found: Identification) -> list[Text]:
 
 def _sources_text(found: Identification) -> str:
     joints, count = ", ".join(found.model.torque_joints), len(found.load.values)
-    bodies = f"{count} base parameters from the torques at {joints}" if count else "bodies as given"
+    source = f"the torques at {joints}" if joints else "the forces on the base"
+    bodies = f"{count} base parameters from {source}" if count else "bodies as given"
     return f"{found.robot.name}: {bodies}; cutoff {found.cutoff_hz:.3g} Hz"
 
 
@@ -467,7 +468,9 @@ def validation_table(result: Validation) -> Text:
         ]
         for index, joint in enumerate(result.joints)
     ]
-    tables = [table(title, header, rows), *_contact_tables(result)]
+    is_empty = all(np.all(np.isnan(one.measured)) for one in (result.actuator, result.load))
+    nothing = Text("Unseen motion: no joint has a torque that could be compared")
+    tables = [nothing if is_empty else table(title, header, rows), *_contact_tables(result)]
     return joined([*tables, *warning_lines(result.warnings)])
 
 

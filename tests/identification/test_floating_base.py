@@ -23,7 +23,7 @@ from seaid.identification import whole_body
 from seaid.log import BaseLog
 from seaid.regressor import load_columns, load_torques, rigid_body_regressor
 from seaid.regressor.floating import contact_map, floating_regressor
-from seaid.robot import Robot
+from seaid.robot import BASE_ROWS, Robot
 
 
 @cache
@@ -120,6 +120,25 @@ def test_bias_of_an_accelerometer_is_identified_with_the_bodies() -> None:
     assert "base-bias" not in {one.code for one in found_standing().warnings}
 
 
+@cache
+def felt() -> seaid.Log:
+    """The motion of `swayed` with force sensors at its feet, and without torques."""
+    log = swayed()
+    assert log.base is not None
+    assert STANDING.floating_base is not None
+    A = contact_map(STANDING, log.joint_position, STANDING.floating_base.contacts, own_frame=True)
+    motion = seaid.reconstruct_motion(STANDING, log, cutoff_hz=4.0)
+    assert motion.base is not None
+    rows = floating_regressor(STANDING, *motion.joint_states, motion.base.states)
+    held = (rows @ STANDING.parameters)[:, :6]
+    forces = np.einsum("tkr,tr->tk", np.linalg.pinv(A[:, :6]), held)
+    wrenches = {x: forces[:, 3 * k : 3 * k + 3] for k, x in enumerate(GO2.feet)}
+    nothing = np.full_like(log.motor_torque, np.nan)
+    return replace(
+        log, motor_torque=nothing, base=replace(log.base, contacts={}, wrenches=wrenches)
+    )
+
+
 def test_measured_wrenches_determine_what_flight_does() -> None:
     log = swayed()
     assert STANDING.floating_base is not None
@@ -145,6 +164,55 @@ def test_measured_wrenches_determine_what_flight_does() -> None:
         STANDING.without_nominal(), measured, cutoff_hz=4.0, torque_joints=["FL_hip_joint"]
     )
     assert len(alone.load.values) == 94
+
+
+def test_forces_on_the_base_determine_its_bodies_without_any_torque() -> None:
+    log = felt()
+    found = seaid.identify(STANDING, log, cutoff_hz=4.0)
+    assert found.model.torque_joints == ()
+    assert len(found.load.values) == 94
+    truth = found.base.project(STANDING.parameters)
+    assert np.max(np.abs(found.load.values - truth) / np.maximum(np.abs(truth), 0.01)) < 2e-3
+    assert [*found.joint_fits] == [*BASE_ROWS]
+    assert all(one.own < 0.01 for one in found.joint_fits.values())
+    assert found.verdict.level == "good"
+    assert {*found.checks["load"].whiteness} == {*BASE_ROWS}
+    assert "94 base parameters from the forces on the base" in found.summary()
+    again = seaid.validate(found, log)
+    assert "no joint has a torque that could be compared" in again.summary()
+
+
+@pytest.mark.parametrize(
+    ("factor", "severity", "message"),
+    [
+        (-1.0, "wrong", "the mass of the whole robot is negative, -16.1 kg"),
+        (1 / 9.81, "doubtful", "is 1.64 kg, 0.1 of that of the robot file, 16.1 kg"),
+    ],
+)
+def test_forces_with_another_sign_or_unit_show_in_the_total_mass(
+    factor: float, severity: str, message: str
+) -> None:
+    log = felt()
+    assert log.base is not None
+    wrenches = {link: factor * one for link, one in log.base.wrenches.items()}
+    wrong = replace(log, base=replace(log.base, wrenches=wrenches))
+    found = seaid.identify(STANDING, wrong, cutoff_hz=4.0)
+    (finding,) = (one for one in found.warnings if one.code == "total-mass")
+    assert finding.severity == severity
+    assert message in finding.message
+    assert ("[contacts.FL_foot]\nforce = { ..., scale = -1 }" in finding.remedy) == (factor < 0)
+
+
+def test_exchanged_force_sensors_leave_the_base_unexplained() -> None:
+    log = felt()
+    assert log.base is not None
+    feet = [*log.base.wrenches]
+    turned = dict(zip(feet, [log.base.wrenches[x] for x in reversed(feet)], strict=True))
+    wrong = replace(log, base=replace(log.base, wrenches=turned))
+    found = seaid.identify(STANDING, wrong, cutoff_hz=4.0)
+    findings = [one for one in found.warnings if one.code == "no-fit"]
+    assert any("of the base moment" in one.message for one in findings)
+    assert any("axes and links of the force sensors" in one.remedy for one in findings)
 
 
 def test_logs_of_a_robot_that_hangs_and_that_stands_are_one_fit() -> None:

@@ -159,6 +159,49 @@ def test_named_columns_of_the_base_are_found(tmp_path: Path, style: str) -> None
     check(described(path), *parts[:3], "angular_velocity", "specific_force")
 
 
+SENSORS = ("/{}_ft/wrench/force/{} /{}_ft/wrench/torque/{}", "{}_foot_F_{} {}_foot_M_{}")
+
+
+@pytest.mark.parametrize("style", SENSORS)
+def test_force_sensors_are_those_of_the_contacts_with_their_words(
+    tmp_path: Path, style: str
+) -> None:
+    """A log of joint positions, an IMU and force sensors needs no torque."""
+    one, rng = states(), np.random.default_rng(0)
+    columns = {"time_s": one["time"]}
+    for head, name in (
+        ("imu_gyro_", "w"),
+        ("imu_acc_", "specific_force"),
+        ("quat_", "orientation"),
+    ):
+        for x, values in zip("wxyz"[-one[name].shape[1] :], one[name].T, strict=True):
+            columns[f"{head}{x}"] = values
+    wrenches = {foot: rng.normal(size=(len(one["time"]), 6)) for foot in FEET}
+    for foot, wrench in wrenches.items():
+        for k, (name, x) in enumerate((name, x) for name in style.split() for x in "xyz"):
+            columns[name.format(foot.removesuffix("_foot"), x)] = wrench[:, k]
+    for x in "xyz":  # of a wrist, which is no contact
+        columns[f"/wrist_ft/wrench/force/{x}"] = rng.normal(size=len(one["time"]))
+    for k, joint in enumerate(go2().joint_names):
+        columns[f"{joint}_pos"] = one["joints"][:, k]
+    path = tmp_path / "walk.csv"
+    np.savetxt(
+        path,
+        np.column_stack([*columns.values()]),
+        **{"delimiter": ",", "header": ",".join(columns), "comments": "", "fmt": "%.12g"},
+    )
+    guess = seaid.describe_log(path, go2())
+    said = guess.to_toml()
+    assert "taken for the force of the ground on FL_foot, in the axes of that link" in said
+    assert "wrist_ft/wrench: a force sensor whose name is not that of one contact: not used" in said
+    log = seaid.read_log(path, go2(), description=guess.description)
+    assert np.all(np.isnan(log.motor_torque))
+    assert log.base is not None
+    assert not log.base.contacts
+    for foot, wrench in wrenches.items():
+        np.testing.assert_allclose(log.base.wrenches[foot], wrench, atol=1e-9)
+
+
 def test_an_acceleration_without_gravity_becomes_a_specific_force(tmp_path: Path) -> None:
     one = states()
     in_world = np.einsum("tij,tj->ti", one["R"], one["specific_force"]) - [0, 0, 9.81]
