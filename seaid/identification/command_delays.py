@@ -110,7 +110,43 @@ def with_shared_delays(
             rows.append(np.eye(p)[place])
             wanted.append(bus.nominal_s)
     estimate = _constrained(fitted.estimate, white, rows, wanted, stds) if stds else shared
-    return replace(fitted, estimate=estimate)
+    values = estimate.values.copy()
+    for bus in buses:  # the same but for rounding
+        is_nominal = any(rows[row][bus.places[0]] == 1 for row in stds)
+        values[list(bus.places)] = bus.nominal_s if is_nominal else values[bus.places[0]]
+    return replace(fitted, estimate=replace(estimate, values=values))
+
+
+_FREE = 1e-8
+"""Part of a variance that stays to a direction with a fixed value, so that matrices have roots."""
+
+
+def with_fixed_delays(
+    drives: Mapping[str, Drive], estimate: Estimate, white: Array, joint: str = ""
+) -> tuple[Estimate, Array]:
+    """Return an estimate and its covariance `white` (p, p) for delays that stay where they are.
+
+    A physically consistent robot is looked for near the estimate. Delays of one bus stay equal
+    then, and those that are as stated keep their value: both have a distance from no other value.
+    """
+    stated: list[int] = []
+    rows: list[Array] = []
+    unit = np.eye(len(white))
+    for bus in buses_of(drives, estimate.names, joint):
+        owner = str(estimate.names[bus.places[0]]).partition(" of ")[2].partition(" [")[0]
+        if is_stated(estimate, drives[owner or joint], bus.places[0]):
+            stated += bus.places
+            rows += [unit[place] for place in bus.places]
+        else:
+            rows += [unit[one] - unit[bus.places[0]] for one in bus.places[1:]]
+    if not rows:
+        return estimate, white
+    kept = _projection(white, rows)[0]
+    covariance, across = estimate.covariance, estimate.covariance[:, stated]
+    if stated:
+        inner = safely(np.linalg.pinv, across[stated], what="the delays of the commands")
+        covariance = covariance - across @ inner @ across.T
+    return replace(estimate, covariance=covariance), kept @ white @ kept.T + _FREE * white
 
 
 def _projection(white: Array, rows: list[Array]) -> tuple[Array, Array]:

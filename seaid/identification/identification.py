@@ -56,6 +56,7 @@ from seaid.identification.command_delays import (
     MOST_DELAY_ROUNDS,
     delay_findings,
     with_estimated_delays,
+    with_fixed_delays,
 )
 from seaid.identification.datasets import (
     Dataset,
@@ -576,11 +577,12 @@ def _feasible(robot: Robot, model: LoadModel, found: RobotEstimate) -> FeasibleP
     """Return the physically consistent parameters nearest to the estimate of both sides."""
     white = found.fit.white_covariance
     if found.whole is not None:
-        return feasible_parameters(robot, model, found.whole, white_covariance=white)
+        side, white = with_fixed_delays(robot.drives, found.whole, white)
+        return feasible_parameters(robot, model, side, white_covariance=white)
     columns = len(found.load_side.names)  # without those of torque offsets
     elastic = _own_drives(robot, found.load_side, found.drives)
-    white = white[:columns, :columns]
-    return feasible_parameters(robot, model, found.load_side, elastic, white_covariance=white)
+    side, white = with_fixed_delays(robot.drives, found.load_side, white[:columns, :columns])
+    return feasible_parameters(robot, model, side, elastic, white_covariance=white)
 
 
 def _own_drives(
@@ -593,7 +595,8 @@ def _own_drives(
         names = enumerate(drive.names)
         own = [i for i, name in names if f"{name} of {joint}" not in load_side.names]
         own = [i for i in own if drive.covariance[i, i] > 0]  # not what is zero by definition
-        elastic[joint] = drive.part(own, [drive.names[i] for i in own])
+        part = drive.part(own, [drive.names[i] for i in own])
+        elastic[joint] = with_fixed_delays(robot.drives, part, part.covariance, joint)[0]
     return elastic
 
 

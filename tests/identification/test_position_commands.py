@@ -186,15 +186,19 @@ ARM = """<link name="arm{0}"><inertial><origin xyz="0.2 0 0"/><mass value="1.5"/
 <limit lower="-3" upper="3" effort="50" velocity="20"/></joint>"""
 
 
-def two_joints(tmp_path: Path, nominal_s: tuple[float | None, float | None]) -> seaid.Robot:
-    """Return two arms side by side, with the soft gains and nominal delays."""
+def two_joints(
+    tmp_path: Path,
+    nominal_s: tuple[float | None, float | None],
+    gains: tuple[float, float] = SOFT,
+) -> seaid.Robot:
+    """Return two arms side by side, with their gains and nominal delays."""
     path = tmp_path / "two.urdf"
     path.write_text(TWO.format(ARM.format(0) + ARM.format(1)))
     drives = {
         f"j{k}": seaid.StiffDrive(
             motor_input="position_command",
             controller=seaid.Controller(
-                position_gain_Nm_per_rad=SOFT[0], velocity_gain_Nms_per_rad=SOFT[1]
+                position_gain_Nm_per_rad=gains[0], velocity_gain_Nms_per_rad=gains[1]
             ),
             command_delay_s=delay,
         )
@@ -203,10 +207,9 @@ def two_joints(tmp_path: Path, nominal_s: tuple[float | None, float | None]) -> 
     return seaid.load_robot(path, drives, known_bodies=["arm0", "arm1"])
 
 
-def test_drives_with_one_nominal_delay_share_their_delay(tmp_path: Path) -> None:
-    """The delay of two joints is between those of each alone, and its error less than either's."""
-    logs = [mujoco_log(SOFT, 0.008, 5e-4, seed) for seed in (1, 2)]
-    both = replace(
+def joined(logs: list[seaid.Log]) -> seaid.Log:
+    """Return one log of two joints."""
+    return replace(
         logs[0],
         joint_names=("j0", "j1"),
         joint_position=np.hstack([one.joint_position for one in logs]),
@@ -215,6 +218,12 @@ def test_drives_with_one_nominal_delay_share_their_delay(tmp_path: Path) -> None
         position_command=np.hstack([CHIRP[:, None], CHIRP[:, None]]),
         is_prismatic=(False, False),
     )
+
+
+def test_drives_with_one_nominal_delay_share_their_delay(tmp_path: Path) -> None:
+    """The delay of two joints is between those of each alone, and its error less than either's."""
+    logs = [mujoco_log(SOFT, 0.008, 5e-4, seed) for seed in (1, 2)]
+    both = joined(logs)
     shared = seaid.identify(two_joints(tmp_path, (None, None)), both).load_side
     own = seaid.identify(two_joints(tmp_path, (0.007, 0.0075)), both).load_side
     delays = [f"command_delay of j{k}" for k in (0, 1)]
@@ -275,6 +284,25 @@ def test_a_delay_that_the_log_does_not_determine_is_as_stated(urdf: Path) -> Non
     assert value == pytest.approx(values["motor_inertia"][0])
     narrow = seaid.identify(robot_of(urdf, HARD, None, 1e-3), log)
     assert values_of(narrow)["command_delay"][1] == pytest.approx(1e-3, rel=1e-3)
+
+
+def test_a_stated_delay_stays_in_a_physically_consistent_fit(tmp_path: Path) -> None:
+    """A friction that would be negative moves to zero, and no delay of the bus with it."""
+    logs = [mujoco_log(HARD, 0.0, 0.0, seed) for seed in (1, 2)]
+    errors = 3e-2 * np.sin(2 * np.pi * 1.3 * TIME)[:, None]
+    errors = errors + np.random.default_rng(3).normal(size=(len(TIME), 2)) * 2e-3
+    both = joined(logs)
+    both = replace(both, joint_position=both.joint_position + errors)
+    found = seaid.identify(two_joints(tmp_path, (0.015, 0.015), HARD), both, feasible=True)
+    side = found.load_side
+    assert side.value("viscous_friction of j0") < 0
+    for joint, drive in found.robot.drives.items():
+        assert drive.values["viscous_friction"] >= 0
+        assert drive.command_delay_s == pytest.approx(0.015, abs=1e-7)
+        assert side.value(f"command_delay of {joint}") == pytest.approx(0.015, abs=1e-9)
+        assert side.standard_error(f"command_delay of {joint}") == pytest.approx(
+            0.0125 / 1.96, rel=1e-3
+        )
 
 
 def test_an_unknown_delay_is_in_the_error_of_the_armature(urdf: Path) -> None:
