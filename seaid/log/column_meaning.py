@@ -42,10 +42,10 @@ _JOINT = {"joint", "link", "load", "out", "output", "l", "arm", "sensor", "exter
 _JOINT |= {"joints", "links", "j", "spring"}
 _ROLES = {
     "commanded": "cmd command commands commanded lowcmd goal target des desired ref reference "
-    "setpoint set stpt con demand soll action actions",
+    "setpoint set stpt con demand soll action actions ff feedforward",
     "estimated": "est estimate estimated",
-    "derived": "filt filtered fric friction model ff error err expected predicted "
-    "gravity gravite pred computed coriolis constraint nullspace limit limits max min threshold "
+    "derived": "filt filtered fric friction model error err expected predicted "
+    "gravity gravite grav pred computed coriolis constraint nullspace limit limits max min threshold "
     "hat",
     "elsewhere": "tcp ee eef tool cart cartesian task wrench imu gyro foot battery batt bms",
     "filler": "meas measured raw state states header actual act value data of the w bus actuator "

@@ -258,6 +258,19 @@ def _add_command(inference: Inference, joint: str, found: Sources) -> None:
             "taken for a feed-forward torque that the drive adds to that of its gains; if it is "
             'the whole torque, describe it as motor_torque with side = "joint"',
         )
+        return
+    for name, one in inference.meanings.items():
+        is_computed = not (one.is_raw or one.is_command or one.is_estimate)
+        if (
+            (one.quantity, one.joint) == ("torque", joint)
+            and is_computed
+            and name in inference.data
+        ):
+            inference.note(
+                name,
+                "computed, and not used: if the drive adds it to the torque of its gains, describe "
+                "it as torque_command",
+            )
 
 
 def _unit(meaning: Meaning, usual: str) -> dict[str, str]:

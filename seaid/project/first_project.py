@@ -161,6 +161,8 @@ def write_first_project(
         found += [f"{listed(asked)}: {_GAINS}"] * bool(asked) + [_DELAY] * bool(commanded)
         fast = [x for x in commanded if all(_has(one, "velocity_command", x) for one in logs_read)]
         found += [f"{listed(fast)}: {_VELOCITY_COMMANDS}"] * bool(fast)
+        held = [one for one in commanded if "is_held=True" in repr(tables[one]["controller"])]
+        found += [f"{listed(held)}: {_HELD}"] * bool(held)
         doubts += found
         if tables:
             known = folder / f"{Path(urdf).stem}_drives.toml"
@@ -247,8 +249,16 @@ _GAINS = (
     "write the gains of the position controller in place of the question mark: torque at the joint "
     "[N m] per rad of position error, and per rad/s. They are in the configuration of the driver "
     "(kp and kd of a legged robot's low-level command, stiffness and damping of a simulated "
-    "environment); or hang a known weight: gain = torque / (command - position)"
+    "environment); or hang a known weight: gain = torque / (command - position); or, if the masses "
+    "of the robot file are right, write 1.0, and is_up_to_scale = true below: their factor is then "
+    "estimated"
 )
+_HELD = (
+    "the commands stay the same for some samples: is_held = true, the drive holds each until the "
+    "next one; delete the key if it goes there on a line"
+)
+_LEAST_STEPS = 20
+"""Changes of a command below which nothing is said about how long it is held."""
 _VELOCITY_COMMANDS = (
     "the logs have velocity commands, which count as sent to the drive: their gain, "
     "command_velocity_gain_Nms_per_rad, is that of the measured velocity; delete the key if the "
@@ -326,17 +336,32 @@ def _controlled(
             position_gain_Nm_per_rad=_UNKNOWN_GAIN if has["position_command"] else 0.0,
             velocity_gain_Nms_per_rad=_UNKNOWN_GAIN if has["velocity_command"] else 0.0,
         )
+    kind = next(kind for kind in COMMANDS if has[kind])
+    law = replace(law, is_held=law.is_held or all(_is_held(log, kind, joint) for log in logs))
     if has["velocity_command"]:
         law = replace(law, command_velocity_gain_Nms_per_rad=law.velocity_gain_Nms_per_rad)
     return {
         "type": "stiff",
         _ratio_key(robot, robot.index(joint)): 1.0,
         "friction": ["viscous", "coulomb", "offset"],
-        "motor_input": next(kind for kind in COMMANDS if has[kind]),
+        "motor_input": kind,
         "controller": law,
         "command_delay_s": 0.0,
         "command_delay_s_std": 0.005,
     }
+
+
+def _is_held(log: Log, kind: str, joint: str) -> bool:
+    """Return whether a command is logged more often than it changes, and not by its rounding.
+
+    Steps of a rounded command that changes slowly are all alike: one unit of its last digit.
+    """
+    steps = np.diff(log.sensors()[kind][:, log.joint_names.index(joint)])
+    changes = np.flatnonzero(steps)
+    if len(changes) < _LEAST_STEPS:
+        return False
+    small, usual = np.percentile(np.abs(steps[changes]), (10, 50))
+    return bool(np.median(np.diff(changes)) > 1 and usual > 2 * small)
 
 
 def _with_gaps(text: str) -> str:

@@ -273,6 +273,25 @@ def test_low_level_commands_are_all_taken(tmp_path: Path) -> None:
     assert set(plain(quiet)["joint_1"]) == {"joint_position", "position_command"}
 
 
+@pytest.mark.parametrize(
+    ("name", "is_taken"),
+    [
+        *((f"{name}_1", True) for name in ("tau_ff", "t_ff", "effort_feedforward")),
+        *((f"{name}_1", False) for name in ("tau_grav", "tau_gravity", "model_torque")),
+    ],
+)
+def test_a_feed_forward_torque_is_not_left_out_without_a_word(
+    name: str, is_taken: bool, tmp_path: Path
+) -> None:
+    late = wave(0.5)[np.maximum(np.arange(len(TIME)) - 5, 0)]
+    found = guess(tmp_path, **{"t": TIME, "q_1": late, "q_des_1": wave(0.5), name: wave(2.0)})
+    assert (plain(found)["joint_1"].get("torque_command") == name) == is_taken
+    words = (
+        "taken for a feed-forward torque" if is_taken else "computed, and not used: if the drive"
+    )
+    assert any(name in one and words in one for one in found.unsure)
+
+
 def test_gains_next_to_the_commands_are_those_of_the_controller(tmp_path: Path) -> None:
     late, kp = wave(0.5)[np.maximum(np.arange(len(TIME)) - 5, 0)], np.full_like(TIME, 40.0)
     columns = {"t": TIME, "motor_state[0].q": late, "motor_cmd[0].q": wave(0.5)}

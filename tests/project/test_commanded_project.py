@@ -134,6 +134,29 @@ def test_gains_in_the_log_are_those_of_the_drives(tmp_path: Path) -> None:
     assert "command_velocity_gain_Nms_per_rad = 1.5" in drives
 
 
+@pytest.mark.parametrize(
+    ("period", "digits", "is_held"), [(5, 9, True), (2, 9, True), (1, 9, False), (1, 2, False)]
+)
+def test_commands_that_are_held_are_said(
+    tmp_path: Path, period: int, digits: int, is_held: bool
+) -> None:
+    """Every fifth or second sample has another command, or rounding repeats those of all."""
+    time = np.arange(0, 6, 0.005)
+    position = 0.1 * np.sin(3 * time) + 0.02 * np.sin(7 * time)
+    command = np.round(np.repeat(position[::period], period)[: len(time)], digits)
+    urdf = tmp_path / "servo.urdf"
+    urdf.write_bytes(Path("models/xl330_pendulum.urdf").read_bytes())
+    log = tmp_path / "log.csv"
+    table = np.column_stack([time, position, command])
+    header = "time_s,pendulum.position_rad,pendulum.position_command_rad"
+    np.savetxt(log, table, delimiter=",", header=header, comments="")
+    made = seaid.write_first_project(urdf, [log], folder=tmp_path / "made")
+    drives = (tmp_path / "made/servo_drives.toml").read_text()
+    assert ("is_held = true\n" in drives) == is_held
+    assert any("is_held = true" in one for one in made.doubts) == is_held
+    assert any("is_up_to_scale = true" in one for one in made.doubts)
+
+
 def test_gains_may_be_those_of_each_joint(tmp_path: Path) -> None:
     gains = ("--position-gain", "FL_hip_joint=20,FL_thigh_joint=30", "--velocity-gain", "2")
     done("init", "go2", GO2, "--joints", LEG, *gains, "--folder", tmp_path)
