@@ -45,8 +45,8 @@ _ROLES = {
     "setpoint set stpt con demand soll action actions ff feedforward",
     "estimated": "est estimate estimated",
     "derived": "filt filtered fric friction model error err expected predicted "
-    "gravity gravite grav pred computed coriolis constraint nullspace limit limits max min threshold "
-    "hat",
+    "gravity gravite grav pred computed coriolis constraint nullspace limit limits max min "
+    "threshold hat",
     "elsewhere": "tcp ee eef tool cart cartesian task wrench imu gyro foot battery batt bms",
     "filler": "meas measured raw state states header actual act value data of the w bus actuator "
     "actuators servo axis electric dof ist feedback low lowstate "
