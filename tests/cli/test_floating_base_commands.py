@@ -71,10 +71,10 @@ def test_a_log_without_flags_has_contacts_that_are_found(tmp_path: Path) -> None
     text = file.read_text()
     assert "find_contacts = true" in text
     file.write_text(text.replace('["parameters", "report", "urdf"]', "[]"))
-    said = " ".join(done("run", file).err.split())
+    told = " ".join(done("run", file).err.split())
     for foot in FEET.split(","):
-        assert f"{foot}.contact: samples of unclear load, " in said
-    assert said.count("found from torques and motion, ") == 4
+        assert f"{foot}.contact: samples of unclear load, " in told
+    assert told.count("found from torques and motion, ") == 4
 
 
 PROJECT = """
