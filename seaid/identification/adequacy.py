@@ -307,12 +307,14 @@ def fit_findings(
             yield Finding(
                 "no-fit",
                 f"the model of {joint} fits the own logs, with an error of {one.own:.0%} of the "
-                f"torque, and predicts excluded blocks of them with {error:.0%}: the motion of a "
-                "part of the log does not determine its parameters",
+                f"{'force' if joint in BASE_ROWS else 'torque'}, and predicts excluded blocks of "
+                f"them with {error:.0%}: the motion of a part of the log does not determine its "
+                "parameters",
                 joint,
                 "doubtful",
                 evidence,
-                "record a longer motion, or remove terms of this drive",
+                "record a longer motion"
+                + ("" if joint in BASE_ROWS else ", or remove terms of this drive"),
             )
         elif error > PART and one.own > PART and joint not in weak:
             yield Finding(

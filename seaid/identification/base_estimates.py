@@ -256,9 +256,7 @@ def mass_findings(found: Identification, given: Robot) -> Iterator[Finding]:
     tables = "\n".join(f"[contacts.{link}]\nforce = {{ ..., scale = -1 }}" for link in sensors)
     evidence = {"mass [kg]": mass, "standard error [kg]": error, "robot file [kg]": nominal}
     if mass < -_SURE_MASS * error:
-        where = f"; in the description of the log, and so for each moment:\n{tables}" * bool(
-            sensors
-        )
+        where = "; in the description of the log, and so for each moment:\n" if sensors else ""
         yield Finding(
             "total-mass",
             f"the mass of the whole robot is negative, {mass:.3g} kg",
@@ -266,7 +264,7 @@ def mass_findings(found: Identification, given: Robot) -> Iterator[Finding]:
             "wrong",
             evidence,
             "force sensors have the force of the ground on the robot, and torques act on the "
-            f"robot along its joint angles: turn their signs round{where}",
+            f"robot along its joint angles: turn their signs round{where}{tables}",
             "certain",
         )
     elif (

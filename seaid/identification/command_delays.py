@@ -69,9 +69,9 @@ def buses_of(drives: Mapping[str, Drive], names: tuple[str, ...], joint: str = "
     return [Bus(tuple(places[key]), key[0], stds[key]) for key in places]
 
 
-def is_stated(estimate: Estimate, drive: Drive, place: int) -> bool:
-    """Return whether an estimate has the stated delay of a drive in place of one of its own."""
-    return bool(np.isclose(estimate.standard_errors[place], delay_std_s(drive), rtol=1e-6))
+def is_stated(estimate: Estimate, place: int, std_s: float) -> bool:
+    """Return whether an estimate has a delay as stated, with `std_s`, and not one of its own."""
+    return bool(np.isclose(estimate.standard_errors[place], std_s, rtol=1e-6))
 
 
 def with_shared_delays(
@@ -133,8 +133,7 @@ def with_fixed_delays(
     rows: list[Array] = []
     unit = np.eye(len(white))
     for bus in buses_of(drives, estimate.names, joint):
-        owner = str(estimate.names[bus.places[0]]).partition(" of ")[2].partition(" [")[0]
-        if is_stated(estimate, drives[owner or joint], bus.places[0]):
+        if is_stated(estimate, bus.places[0], bus.std_s):
             stated += bus.places
             rows += [unit[place] for place in bus.places]
         else:
@@ -233,7 +232,7 @@ def delay_findings(robot: Robot, load_side: Estimate) -> tuple[Finding, ...]:
             continue
         drive, std = robot.drives[name.joint], load_side.standard_errors[place]
         inertia = JointParameter("motor_inertia", name.joint)
-        if not is_stated(load_side, drive, place) or inertia not in names:
+        if not is_stated(load_side, place, delay_std_s(drive)) or inertia not in names:
             continue
         own = names.index(inertia)
         slope = -load_side.covariance[own, place] / std**2  # K_d + F_v, over N^2

@@ -21,7 +21,7 @@ from seaid._progress import track
 from seaid.drives import PARAMETERS
 from seaid.errors import IdentificationError, SeaidError
 from seaid.estimation import Residuals, Step, gauss_newton_step
-from seaid.identification.command_delays import Bus, buses_of
+from seaid.identification.command_delays import Bus, buses_of, is_stated
 from seaid.identification.drive_estimates import with_estimate
 from seaid.identification.simulated_joints import response_to, torque_jacobians
 from seaid.identification.two_step import split_load_side
@@ -138,7 +138,7 @@ def _task(found: Identification, logs: Sequence[Log]) -> _Task:
         first, *others = bus.places
         free[others, first] = 1.0
         gone |= set(others)
-        if np.isclose(side.standard_errors[first], bus.std_s, rtol=1e-6):
+        if is_stated(side, first, bus.std_s):
             stated.append(bus)
             gone.add(first)
     kept = [place for place in range(len(names)) if place not in gone]

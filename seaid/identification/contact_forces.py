@@ -491,7 +491,7 @@ def find_contacts(robot: Robot, log: Log) -> FoundContacts:
             "the robot file, also if they are not exact"
         )
     own = log.base
-    missing = [x for x in base.contact_links if x not in {**own.contacts, **own.wrenches}]
+    missing = own.unflagged(base.contact_links)
     flying = dict.fromkeys(missing, np.zeros(len(log.time)))
     unloaded = replace(log, base=replace(own, contacts={**own.contacts, **flying}))
     loads = _loads(robot, unloaded)

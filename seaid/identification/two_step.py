@@ -513,6 +513,17 @@ def joints_with_torque(robot: Robot, datasets: Sequence[Dataset]) -> tuple[str, 
     return found
 
 
+def check_forces(datasets: Sequence[Dataset], torque_joints: Sequence[str]) -> None:
+    """Raise IdentificationError for logs without any torque or measured wrench."""
+    bases = [first_motion(dataset).base for dataset in datasets]
+    if not torque_joints and not any(base is not None and base.wrenches for base in bases):
+        raise IdentificationError(
+            "no joint has a torque and no contact a measured wrench, so nothing in the logs is a "
+            "force: add torques of joints, or the force of each foot (<link>.force_x_N and so on)",
+            "torque_joints=",
+        )
+
+
 def spring_torque_joints(
     robot: Robot, datasets: Sequence[Dataset], model: LoadModel
 ) -> tuple[str, ...]:

@@ -7,7 +7,7 @@ position nor orientation is needed; with a pose they give all three.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Any
 
@@ -101,6 +101,10 @@ class BaseLog(Display):
         own = [name.replace("_", " ") for name in CHANNELS if getattr(self, name) is not None]
         feet = [f"contacts of {link}" for link in self.contacts]
         return ", ".join([*own, *feet, *(f"wrenches of {link}" for link in self.wrenches)])
+
+    def unflagged(self, links: Sequence[str]) -> tuple[str, ...]:
+        """Return those of some links that have neither a contact flag nor a measured wrench."""
+        return tuple(x for x in links if x not in {**self.contacts, **self.wrenches})
 
     @classmethod
     def hanging(cls, robot: Robot, count: int) -> BaseLog:
@@ -379,7 +383,7 @@ def base_motion(
     for link in log.wrenches:
         if link not in base.frames:
             raise LogError(f"wrenches: {unknown_name('link', link, base.frames)}")
-    silent = [x for x in base.contact_links if x not in {**log.contacts, **log.wrenches}]
+    silent = log.unflagged(base.contact_links)
     if silent:
         raise LogError(
             f"the log does not say when {', '.join(silent)} of contacts= touch the ground: add the "

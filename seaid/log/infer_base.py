@@ -39,11 +39,11 @@ _KINDS = {
 }
 """{quantity: a pattern of the names of its vectors}, the first that fits."""
 
-_ELSEWHERE = re.compile(
-    r"(?<![a-z])(joint|motor|cmd|des\w*|ref|target|ee|tool|command\w*)(?![a-z])"
-)
+_COMMANDS = r"cmd|des\w*|ref|target|command\w*"
+_COMMANDED = re.compile(rf"(?<![a-z])({_COMMANDS})(?![a-z])")
+_ELSEWHERE = re.compile(rf"(?<![a-z])(joint|motor|ee|tool|{_COMMANDS})(?![a-z])")
 _CONTACT = re.compile(r"contact|touch|stance|foot[._/ ]?force|grf")
-_WRENCH = re.compile(r"(.*?)[._/ ]*(force|f|moment|torque|tau|t|m)", re.IGNORECASE)
+_WRENCH = re.compile(r"(.+?)[._/ ]+(force|f|moment|torque|tau|t|m)", re.IGNORECASE)
 _ANGULAR_ACCELERATION = re.compile(r"ang.*acc|acc.*ang|domega")
 _COMPONENT = re.compile(
     r"(.+)[._/ ]([wxyz])(?:[._/ ](?:rad|deg|mps|m|s|per|g|Nm|N|s\^?2|s2|/|_)+)?"
@@ -68,10 +68,15 @@ def infer_base(table: Table, inference: Inference, robot: Robot) -> BaseGuess:
     for stem, names in vectors.items():
         if len(names) in (robot.n, robot.n + 6, robot.n + 7) and _is_indexed(stem, names):
             _generalised(found, stem, names, inference, robot)
+    others = _wrenches(found, vectors, inference, robot)
+    felt = {x for parts in found.contacts.values() for one in parts.values() for x in one.columns}
     for stem, names in vectors.items():
-        if not set(names) & set(found.meanings):
+        if not set(names) & (set(found.meanings) | felt):
             _named(found, stem, names, inference)
-    _wrenches(found, vectors, inference, robot)
+    taken = {tuple(one.columns) for one in found.base.values()}
+    for sensor, names in others.items():
+        if tuple(names) not in taken:
+            inference.note(sensor, "a force sensor whose name is not that of one contact: not used")
     _contacts(found, table, vectors, inference, robot)
     _decide_frames(found, inference)
     used = [*found.base.values(), *(x for one in found.contacts.values() for x in one.values())]
@@ -172,17 +177,21 @@ def _named(found: BaseGuess, stem: str, names: list[str], inference: Inference) 
 
 def _wrenches(
     found: BaseGuess, vectors: Mapping[str, list[str]], inference: Inference, robot: Robot
-) -> None:
-    """Take force sensors for the contacts whose names share the most words with theirs."""
+) -> dict[str, list[str]]:
+    """Take force sensors for the contacts whose names share the most words with theirs.
+
+    Returns the forces {name: columns} that may be those of other sensors.
+    """
     assert robot.floating_base is not None
     sensors: dict[str, dict[str, list[str]]] = {}
     for stem, names in vectors.items():
         match = _WRENCH.fullmatch(stem)
-        if match and len(names) == 3:
+        if match and len(names) == 3 and not _COMMANDED.search(stem.lower()):
             quantity = "force" if match[2].lower().startswith("f") else "moment"
             sensors.setdefault(match[1], {})[quantity] = names
     places = [one for one, parts in sensors.items() if "force" in parts]
     links = robot.floating_base.contact_links
+    others = {}
     common = [[len({*_words(one)} & {*_words(link)}) for link in links] for one in places]
     for place, sensor in enumerate(places):
         score = np.array(common[place])
@@ -192,12 +201,13 @@ def _wrenches(
             *(row[best] for row in common if row is not common[place]),
         ]
         if score[best] <= max(rivals, default=0):
-            inference.note(sensor, "a force sensor whose name is not that of one contact: not used")
+            others[sensor] = sensors[sensor]["force"]
             continue
         parts = sensors[sensor]
         found.contacts[links[best]] = {x: VectorSource(tuple(parts[x])) for x in parts}
         text = f"taken for the force of the ground on {links[best]}, in the axes of that link"
         inference.note(sensor, text)
+    return others
 
 
 def _contacts(

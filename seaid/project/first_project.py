@@ -161,7 +161,8 @@ def write_first_project(
         found += [f"{listed(asked)}: {_GAINS}"] * bool(asked) + [_DELAY] * bool(commanded)
         fast = [x for x in commanded if all(_has(one, "velocity_command", x) for one in logs_read)]
         found += [f"{listed(fast)}: {_VELOCITY_COMMANDS}"] * bool(fast)
-        held = [one for one in commanded if "is_held=True" in repr(tables[one]["controller"])]
+        laws = {one: tables[one]["controller"] for one in commanded}
+        held = [x for x, law in laws.items() if isinstance(law, Controller) and law.is_held]
         found += [f"{listed(held)}: {_HELD}"] * bool(held)
         doubts += found
         if tables:
@@ -178,8 +179,7 @@ def write_first_project(
     shortest_s = _SHORTEST_COMMANDED_S if commanded else _SHORTEST_S
     unflagged = [_unflagged(robot, one.log) for one in read]
     doubts += dict.fromkeys(f"{listed(one)}: {_UNFLAGGED}" for one in unflagged if one)
-    read = [replace(one, unflagged=links) for one, links in zip(read, unflagged, strict=True)]
-    lines = [*_payload_lines(payloads), *_log_lines(read, folder, shortest_s)]
+    lines = [*_payload_lines(payloads), *_log_lines(robot, read, folder, shortest_s)]
     text = "\n".join([*head, *lines, _OPTIONS])
     for path, content in {**texts, file: f"{_as_comments(doubts)}{text}\n"}.items():
         write_whole(path, content)
@@ -188,10 +188,7 @@ def write_first_project(
 
 @dataclass(frozen=True)
 class _ReadLog:
-    """A log with the description it needs, if any; `text` where that was inferred.
-
-    `unflagged` are the contacts of which no column says when they touch the ground.
-    """
+    """A log with the description it needs, if any; `text` where that was inferred."""
 
     files: tuple[Path, ...]
     log: Log
@@ -199,7 +196,6 @@ class _ReadLog:
     text: str = ""
     doubts: tuple[str, ...] = ()
     gains: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    unflagged: tuple[str, ...] = ()
 
 
 def _known_drives(
@@ -596,26 +592,28 @@ write = ["parameters", "report", "urdf"]  # and "mjcf"
 # fail_on = "wrong"  # exit code 3 of seaid run"""
 
 
-def _log_lines(logs: Sequence[_ReadLog], folder: Path, shortest_s: float) -> Iterator[str]:
+def _log_lines(
+    robot: Robot, logs: Sequence[_ReadLog], folder: Path, shortest_s: float
+) -> Iterator[str]:
     """Yield the lines of the logs: the last validates, or the last part of the only one."""
     first = logs[0].log
     duration = float(first.time[-1] - first.time[0])
     if len(logs) == 1 and duration > shortest_s:
         start, end = float(np.floor(first.time[0])), float(np.ceil(first.time[-1] + 1))
         middle = float(np.round(first.time[0] + _OWN_PART * duration, 1))
-        yield from _one_log(logs[0], folder, "identify", (start, middle))
-        yield from _one_log(logs[0], folder, "validate", (middle, end))
+        yield from _one_log(robot, logs[0], folder, "identify", (start, middle))
+        yield from _one_log(robot, logs[0], folder, "validate", (middle, end))
         return
     for place, one in enumerate(logs):
         last = len(logs) > 1 and place == len(logs) - 1
-        yield from _one_log(one, folder, "validate" if last else "identify", None)
+        yield from _one_log(robot, one, folder, "validate" if last else "identify", None)
     if len(logs) == 1:
         yield '# Another motion, for the validation:\n# [[log]]\n# file = "other.csv"'
         yield '# use = "validate"\n'
 
 
 def _one_log(
-    one: _ReadLog, folder: Path, use: str, part: tuple[float, float] | None
+    robot: Robot, one: _ReadLog, folder: Path, use: str, part: tuple[float, float] | None
 ) -> Iterator[str]:
     files = [_quoted(_relative(each, folder)) for each in one.files]
     yield "[[log]]"
@@ -623,7 +621,7 @@ def _one_log(
     if one.description_file is not None:
         yield f"description = {_quoted(_relative(one.description_file, folder))}"
     yield f'use = "{use}"'
-    if one.unflagged:
+    if _unflagged(robot, one.log):
         yield "find_contacts = true  # from torques and motion"
     if part is not None:
         yield f"between_s = [{part[0]:g}, {part[1]:g}]"
@@ -640,8 +638,7 @@ def _unflagged(robot: Robot, log: Log) -> tuple[str, ...]:
     """Return the contacts of a floating base of which a log has neither a flag nor a wrench."""
     if robot.floating_base is None or log.base is None:
         return ()
-    there = {**log.base.contacts, **log.base.wrenches}
-    return tuple(x for x in robot.floating_base.contact_links if x not in there)
+    return log.base.unflagged(robot.floating_base.contact_links)
 
 
 def _relative(path: str | Path, folder: Path) -> str:

@@ -104,7 +104,8 @@ def base_parameters(
         A motion whose regressor is reduced. Default: random states, which excite every structurally
         identifiable combination.
     torque_joints : list of str, optional
-        Joints whose torque is known. Default: all.
+        Joints whose torque is known; of a floating base with measured wrenches also none. Default:
+        all.
     seed : int, default 0
         Seed of the random states.
     stances : list of lists of str
@@ -144,8 +145,8 @@ def base_parameters(
     columns, grouping, gap = _from_base_outward(robot, H)
     if not columns and not np.all(robot.is_known):
         raise ExcitationError(
-            f"no parameter of '{robot.name}' is identifiable from the torques at "
-            f"{', '.join(torques)}"
+            f"no parameter of '{robot.name}' is identifiable from "
+            + (f"the torques at {', '.join(torques)}" if torques else "the forces on its base")
         )
     return base_of_columns(robot, columns, grouping, gap)
 

@@ -18,7 +18,7 @@ from scripts.benchmarks.legged import noisy, quadruped
 from scripts.example_robots import example_urdf
 from scripts.legged_plant import GO2, changed_bodies, plan, plant, simulate
 from seaid._arrays import Array
-from seaid.errors import SeaidError
+from seaid.errors import IdentificationError, SeaidError
 from seaid.identification import whole_body
 from seaid.log import BaseLog
 from seaid.regressor import load_columns, load_torques, rigid_body_regressor
@@ -121,29 +121,12 @@ def test_bias_of_an_accelerometer_is_identified_with_the_bodies() -> None:
 
 
 @cache
-def felt() -> seaid.Log:
-    """The motion of `swayed` with force sensors at its feet, and without torques."""
+def measured() -> seaid.Log:
+    """The motion of `swayed` with force sensors at its feet, and torques that belong to them."""
     log = swayed()
     assert log.base is not None
     assert STANDING.floating_base is not None
     A = contact_map(STANDING, log.joint_position, STANDING.floating_base.contacts, own_frame=True)
-    motion = seaid.reconstruct_motion(STANDING, log, cutoff_hz=4.0)
-    assert motion.base is not None
-    rows = floating_regressor(STANDING, *motion.joint_states, motion.base.states)
-    held = (rows @ STANDING.parameters)[:, :6]
-    forces = np.einsum("tkr,tr->tk", np.linalg.pinv(A[:, :6]), held)
-    wrenches = {x: forces[:, 3 * k : 3 * k + 3] for k, x in enumerate(GO2.feet)}
-    nothing = np.full_like(log.motor_torque, np.nan)
-    return replace(
-        log, motor_torque=nothing, base=replace(log.base, contacts={}, wrenches=wrenches)
-    )
-
-
-def test_measured_wrenches_determine_what_flight_does() -> None:
-    log = swayed()
-    assert STANDING.floating_base is not None
-    A = contact_map(STANDING, log.joint_position, STANDING.floating_base.contacts, own_frame=True)
-    assert log.base is not None
     motion = seaid.reconstruct_motion(STANDING, log, cutoff_hz=4.0)
     assert motion.base is not None
     rows = floating_regressor(STANDING, *motion.joint_states, motion.base.states)
@@ -151,17 +134,25 @@ def test_measured_wrenches_determine_what_flight_does() -> None:
     forces = np.einsum("tkr,tr->tk", np.linalg.pinv(A[:, :6]), held)
     wrenches = {x: forces[:, 3 * k : 3 * k + 3] for k, x in enumerate(GO2.feet)}
     torque = rows @ STANDING.parameters - np.einsum("trk,tk->tr", A, forces)
-    measured = replace(
+    return replace(
         log, motor_torque=torque[:, 6:], base=replace(log.base, contacts={}, wrenches=wrenches)
     )
-    found = seaid.identify(STANDING.without_nominal(), measured, cutoff_hz=4.0)
+
+
+def felt() -> seaid.Log:
+    """The same without torques."""
+    return replace(measured(), motor_torque=np.full_like(measured().motor_torque, np.nan))
+
+
+def test_measured_wrenches_determine_what_flight_does() -> None:
+    found = seaid.identify(STANDING.without_nominal(), measured(), cutoff_hz=4.0)
     assert len(found.load.values) == 94
     truth = found.base.project(STANDING.parameters)
     mass = found.base.names.index("m_base")
     assert found.load.values[mass] == pytest.approx(truth[mass], rel=1e-3)
     # without any motor torque but one, the rows of the base alone determine all of them
     alone = seaid.identify(
-        STANDING.without_nominal(), measured, cutoff_hz=4.0, torque_joints=["FL_hip_joint"]
+        STANDING.without_nominal(), measured(), cutoff_hz=4.0, torque_joints=["FL_hip_joint"]
     )
     assert len(alone.load.values) == 94
 
@@ -180,6 +171,17 @@ def test_forces_on_the_base_determine_its_bodies_without_any_torque() -> None:
     assert "94 base parameters from the forces on the base" in found.summary()
     again = seaid.validate(found, log)
     assert "no joint has a torque that could be compared" in again.summary()
+
+
+@pytest.mark.parametrize("touching", [0.0, 1.0])
+@pytest.mark.parametrize("given", [None, []])
+def test_message_of_a_log_without_any_force(touching: float, given: list[str] | None) -> None:
+    log = felt()
+    assert log.base is not None
+    flags = dict.fromkeys(GO2.feet, np.full(len(log.time), touching))
+    silent = replace(log, base=replace(log.base, contacts=flags, wrenches={}))
+    with pytest.raises(IdentificationError, match="no joint has a torque and no contact a measur"):
+        seaid.identify(STANDING, silent, cutoff_hz=4.0, torque_joints=given)
 
 
 @pytest.mark.parametrize(

@@ -182,6 +182,8 @@ def test_force_sensors_are_those_of_the_contacts_with_their_words(
             columns[name.format(foot.removesuffix("_foot"), x)] = wrench[:, k]
     for x in "xyz":  # of a wrist, which is no contact
         columns[f"/wrist_ft/wrench/force/{x}"] = rng.normal(size=len(one["time"]))
+        columns[f"FL_foot_ref_{x}"] = rng.normal(size=len(one["time"]))  # a place, no force
+        columns[f"FL_foot_des_force_{x}"] = rng.normal(size=len(one["time"]))  # not measured
     for k, joint in enumerate(go2().joint_names):
         columns[f"{joint}_pos"] = one["joints"][:, k]
     path = tmp_path / "walk.csv"
@@ -194,6 +196,7 @@ def test_force_sensors_are_those_of_the_contacts_with_their_words(
     said = guess.to_toml()
     assert "taken for the force of the ground on FL_foot, in the axes of that link" in said
     assert "wrist_ft/wrench: a force sensor whose name is not that of one contact: not used" in said
+    assert said.count("a force sensor whose name") == 1
     log = seaid.read_log(path, go2(), description=guess.description)
     assert np.all(np.isnan(log.motor_torque))
     assert log.base is not None
