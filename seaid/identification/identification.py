@@ -109,6 +109,7 @@ from seaid.identification.simultaneous import estimate_simultaneous
 from seaid.identification.transmission_error import periodic_findings
 from seaid.identification.two_step import (
     RobotEstimate,
+    check_forces,
     estimate_two_step,
     joints_with_torque,
     scale_findings,
@@ -393,6 +394,7 @@ def _identify(
         findings += base_findings(robot, logs_in_memory, moved)
         findings += setup_findings(experiment, findings)
         used = joints_with_torque(robot, datasets) if torque_joints is None else selected
+        check_forces(datasets, used)
         declared, robot = robot, with_rigid_gears(robot, deflection_joints(robot, datasets))
         given = robot
         if not is_linear(robot, used):

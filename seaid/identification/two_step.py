@@ -496,10 +496,7 @@ def with_offset_columns(
 
 
 def joints_with_torque(robot: Robot, datasets: Sequence[Dataset]) -> tuple[str, ...]:
-    """Return the joints whose torque is measured, by a sensor or by a spring.
-
-    Raises IdentificationError where nothing in the logs is a force.
-    """
+    """Return the joints whose torque is measured, by a sensor or by a spring."""
     motions = [first_motion(dataset) for dataset in datasets]
     found = tuple(
         joint
@@ -513,13 +510,18 @@ def joints_with_torque(robot: Robot, datasets: Sequence[Dataset]) -> tuple[str, 
             "no joint has a torque in the logs: describe a motor_torque (a current is one with "
             'unit = "A" and torque_constant_Nm_per_A), or write motor_input in the drives file'
         )
-    if not found and not any(one.base is not None and one.base.wrenches for one in motions):
+    return found
+
+
+def check_forces(datasets: Sequence[Dataset], torque_joints: Sequence[str]) -> None:
+    """Raise IdentificationError for logs of a floating base without torque or measured wrench."""
+    bases = [first_motion(dataset).base for dataset in datasets]
+    if not torque_joints and all(base is not None and not base.wrenches for base in bases):
         raise IdentificationError(
             "no joint has a torque and no contact a measured wrench, so nothing in the logs is a "
             "force: add torques of joints, or the force of each foot (<link>.force_x_N and so on)",
             "torque_joints=",
         )
-    return found
 
 
 def spring_torque_joints(
