@@ -16,6 +16,7 @@ from seaid._arrays import Array, safely
 from seaid.drives import NORMAL_95, STATED_DELAY_S, Drive, JointParameter
 from seaid.errors import Finding, IdentificationError, listed
 from seaid.estimation import Estimate, FittedRows
+from seaid.regressor import Regression
 from seaid.robot import Robot
 
 DELAY = "command_delay"
@@ -146,6 +147,32 @@ def with_fixed_delays(
         inner = safely(np.linalg.pinv, across[stated], what="the delays of the commands")
         covariance = covariance - across @ inner @ across.T
     return replace(estimate, covariance=covariance), kept @ white @ kept.T + _FREE * white
+
+
+def with_merged_delays(
+    drives: Mapping[str, Drive], rows: Regression, estimate: Estimate, joint: str = ""
+) -> Regression:
+    """Return rows with one column for the delay of a bus, themselves without such columns.
+
+    Their fit is the constrained one of `with_shared_delays`. Delays that are as stated in an
+    estimate have no column: their torque is known.
+    """
+    buses = buses_of(drives, rows.names, joint)
+    if not buses:
+        return rows
+    H, y = rows.H.copy(), rows.y.copy()
+    gone: list[int] = []
+    for bus in buses:
+        first, *others = bus.places
+        if is_stated(estimate, first, bus.std_s):
+            y -= bus.nominal_s * H[:, list(bus.places)].sum(axis=1)
+            gone.append(first)
+        else:
+            H[:, first] = H[:, list(bus.places)].sum(axis=1)
+        gone += others
+    kept = np.setdiff1d(np.arange(len(rows.names)), gone)
+    names, units = (tuple(one[place] for place in kept) for one in (rows.names, rows.units))
+    return replace(rows, names=names, units=units, H=H[:, kept], y=y)
 
 
 def _projection(white: Array, rows: list[Array]) -> tuple[Array, Array]:

@@ -19,6 +19,7 @@ from seaid._arrays import Array
 from seaid.drives import readable
 from seaid.errors import ExcitationError, Finding, IdentificationError, listed
 from seaid.estimation import (
+    Estimate,
     FittedRows,
     QRFactor,
     at_slots,
@@ -30,6 +31,7 @@ from seaid.estimation import (
     slots,
     solve,
 )
+from seaid.identification.command_delays import with_merged_delays
 from seaid.identification.datasets import Dataset, first_motion
 from seaid.identification.drive_estimates import has_only_spring_torque
 from seaid.identification.two_step import LOAD, RobotEstimate, with_unit_constant
@@ -135,9 +137,11 @@ def _influences(fits: Sequence[Fit], run: float) -> Array:
     return found
 
 
-def _scores(fits: Sequence[Fit], stated: Array, propagated: Array | None) -> Array:
+def _scores(fits: Sequence[Fit], estimate: Estimate, propagated: Array | None) -> Array:
     """Return the standard errors (p,) by which two fits differ, zero where it does not matter."""
     change, errors = difference(fits, propagated)
+    names = list(estimate.names)
+    stated = estimate.standard_errors[[names.index(name) for name in fits[0].rows.names]]
     H, y = fits[0].rows.H, fits[0].rows.y
     torque = np.linalg.norm(y[:, None] * (H != 0), axis=0)
     matters = np.abs(change) > _MATERIAL * stated
@@ -186,7 +190,7 @@ def sensitivity_findings(
     ordinary, cutoff_hz = estimator == "ols", datasets[0].cutoff_hz
     findings = list(_homogeneous(found.fit, ordinary, cutoff_hz))
     with suppress(ExcitationError, IdentificationError):  # what only the other way cannot solve
-        findings += _of_estimators(found.fit, ordinary, cutoff_hz)
+        findings += _of_estimators(robot, found.fit, ordinary, cutoff_hz)
         findings += _of_cutoffs(robot, datasets, model, found, ordinary)
     return findings
 
@@ -219,21 +223,37 @@ def _homogeneous(fit: FittedRows, ordinary: bool, cutoff_hz: float) -> Iterator[
         )
 
 
-def _of_estimators(fit: FittedRows, ordinary: bool, cutoff_hz: float) -> Iterator[Finding]:
+def _fit_with_shared_delays(
+    robot: Robot,
+    estimate: Estimate,
+    rows: Regression,
+    weights: Array,
+    factor: QRFactor | None = None,
+    joint: str = "",
+) -> Fit:
+    """Fit rows, whose `factor` may be known, with the delays of commands as in an estimate."""
+    merged = with_merged_delays(robot.drives, rows, estimate, joint)
+    return fit_of(merged, weights, factor if merged is rows else None)
+
+
+def _of_estimators(
+    robot: Robot, fit: FittedRows, ordinary: bool, cutoff_hz: float
+) -> Iterator[Finding]:
     """Yield the parameters of the load side on which weighted and ordinary rows disagree."""
     if fit.rows is None or len(fit.qr_factor.equations) < 2:
         return
     weights = {"wls": fit.weights, "ols": equal_weights(fit.qr_factor)}
     ways = ("ols", "wls") if ordinary else ("wls", "ols")
-    fits = [fit_of(fit.rows, weights[name], fit.qr_factor) for name in ways]
-    scores = _scores(fits, fit.estimate.standard_errors, fit.propagated)
+    shared = partial(_fit_with_shared_delays, robot, fit.estimate, fit.rows, factor=fit.qr_factor)
+    fits = [shared(weights[name]) for name in ways]
+    scores = _scores(fits, fit.estimate, fit.propagated)
     yield from _finding(
         "estimator-disagrees",
         "",
         fits,
         scores,
         ways,
-        f"cutoff_hz={cutoff_hz / 2:.2g}, if the encoders are noisy; else a term that a joint lacks",
+        f"{_other_cutoff(robot, cutoff_hz)}; else a term that a joint lacks",
     )
 
 
@@ -261,21 +281,37 @@ def _of_cutoffs(
         weights = equal_weights(fit.qr_factor) if ordinary or joint != LOAD else fit.weights
         other = stacked(list(map(regress, wider)))
         # of long logs, the rows of the fit are those of more than the first pieces
-        if in_memory and fit.rows is not None and fit.rows.names == other.names:
-            own = fit_of(fit.rows, weights, fit.qr_factor)
-        else:
-            own = fit_of(stacked(list(map(regress, few))), weights)
-        fits = [own, fit_of(other, weights)]
-        springs = found.fit.propagated if joint == LOAD else None
         stated = found.load_side if joint == LOAD else fit.estimate
-        scores = _scores(fits, stated.standard_errors, springs)
+        owner = "" if joint == LOAD else joint
+        shared = partial(_fit_with_shared_delays, robot, stated, weights=weights, joint=owner)
+        if in_memory and fit.rows is not None and fit.rows.names == other.names:
+            own = shared(fit.rows, factor=fit.qr_factor)
+        else:
+            own = shared(stacked(list(map(regress, few))))
+        fits = [own, shared(other)]
+        springs = found.fit.propagated if joint == LOAD else None
+        scores = _scores(fits, stated, springs)
         rigid = joint == LOAD or any(
             score and "friction" not in name
             for score, name in zip(scores, fits[0].rows.names, strict=True)
         )  # noise biases these, while friction lacks the band of its reversals
-        better = cutoff_hz * (0.5 if rigid else WIDER)
-        remedy = f"cutoff_hz={better:.2g}; compare others with cutoff_sensitivity"
+        better = f"cutoff_hz={cutoff_hz * (0.5 if rigid else WIDER):.2g}"
+        if joint == LOAD and _has_commands(robot):
+            better = _other_cutoff(robot, cutoff_hz)
+        remedy = f"{better}; compare others with cutoff_sensitivity"
         yield from _finding("cutoff-sensitive", joint, fits, scores, ways, remedy)
+
+
+def _has_commands(robot: Robot) -> bool:
+    return any(drive.controller is not None for drive in robot.drives.values())
+
+
+def _other_cutoff(robot: Robot, cutoff_hz: float) -> str:
+    """Return the cutoff to try; with commands friction at rest biases a delay by the narrow one."""
+    narrower = f"cutoff_hz={cutoff_hz / 2:.2g}, if the encoders are noisy"
+    if _has_commands(robot):
+        return f"cutoff_hz={WIDER * cutoff_hz:.2g}, if joints stick at their reversals; {narrower}"
+    return narrower
 
 
 def _actuator_rows(robot: Robot, motion: Motion, joint: str, fit: FittedRows) -> Regression:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,9 @@ import seaid
 from scripts.benchmarks import command_delays
 from seaid._arrays import Array
 from seaid.errors import IdentificationError, LogError, RobotError
+from seaid.estimation import Estimate
 from seaid.identification.command_delays import with_estimated_delays
+from seaid.identification.sensitivity import Fit, _fit_with_shared_delays
 from seaid.log.commands import commanded_torque
 from seaid.regressor import motor_regressor, signals
 from seaid.robot import nominal_model
@@ -401,6 +404,30 @@ def test_refine_returns_its_start_where_the_positions_get_worse(
     (finding,) = (x for x in found.warnings if x.code == "worse-than-start")
     assert finding.evidence == {"error of the start": 1e-3, "error after": 2e-3}
     assert "its positions follow the commands more closely" in finding.message
+
+
+def test_refine_returns_its_start_where_the_search_stops_far_from_an_optimum(
+    urdf: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The covariance of a point that is no optimum would be that of the noise alone."""
+    log = mujoco_log(HARD, 0.01, 5e-4, 0).between(1.0, 5.0)
+    right = seaid.identify(robot_of(urdf, HARD), log)
+    side = replace(right.load_side, values=1.1 * right.load_side.values)
+    monkeypatch.setattr("seaid.identification.command_refinement._improved", lambda *_: None)
+    found = seaid.refine(replace(right, load_side=side), log)
+    np.testing.assert_array_equal(found.load_side.values, side.values)
+    np.testing.assert_array_equal(found.load_side.covariance, right.load_side.covariance)
+    (finding,) = (x for x in found.warnings if x.code == "worse-than-start")
+    assert (
+        "its search cannot improve the simulated positions, although its next step would cha"
+        in (finding.message)
+    )
+    assert re.search(r"would change [a-z ]+ of j by \d+ standard errors", finding.message)
+    assert finding.evidence["standard errors"] > 3.0
+    near = seaid.refine(
+        seaid.refine(right, log), log
+    )  # at its optimum, which a search may not leave
+    assert "worse-than-start" not in {x.code for x in near.warnings}
 
 
 def test_refine_takes_a_parallel_spring(urdf: Path) -> None:
@@ -899,6 +926,73 @@ def test_signs_and_zeros_are_found_by_gravity(
         assert f"[joints.{one.joint}]" in one.remedy
         assert one.remedy.count("sign = -1") == (2 if sign < 0 else 0)
         assert one.remedy.count("offset") == (2 if zero else 0)
+
+
+@pytest.mark.parametrize(("std_s", "delays"), [(0.005, 1), (1e-7, 0)], ids=["own", "stated"])
+def test_compared_cutoffs_share_the_delay_as_the_estimate_does(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, std_s: float, delays: int
+) -> None:
+    """With a delay for each joint both fits are so loose that no difference of them counts."""
+    both = joined([mujoco_log(SOFT, 0.008, 5e-4, seed) for seed in (1, 2)])
+    robot = two_joints(tmp_path, (0.008, 0.008))
+    drives = {
+        joint: replace(drive, std={"command_delay_s": std_s})
+        for joint, drive in robot.drives.items()
+    }
+    compared: list[tuple[Estimate, Fit]] = []
+
+    def recorded(robot: seaid.Robot, estimate: Estimate, *args: Any, **named: Any) -> Fit:
+        compared.append((estimate, _fit_with_shared_delays(robot, estimate, *args, **named)))
+        return compared[-1][1]
+
+    place = "seaid.identification.sensitivity._fit_with_shared_delays"
+    monkeypatch.setattr(place, recorded)
+    seaid.identify(robot.with_drives(drives), both)
+    estimate, fit = compared[0]
+    names = list(map(str, fit.rows.names))
+    assert sum(name.startswith("command_delay") for name in names) == delays
+    places = [list(map(str, estimate.names)).index(name) for name in names]
+    errors = estimate.standard_errors[places]
+    assert np.max(np.abs(fit.values - estimate.values[places]) / errors) < 1e-3
+
+
+@pytest.mark.slow  # a rollout of 40 s in which two joints stick
+def test_friction_that_holds_joints_at_reversals_is_told(tmp_path: Path) -> None:
+    """Its direction at rest is not known: a low cutoff spreads that over the rows beside it."""
+    path = tmp_path / "chain.urdf"
+    path.write_text(CHAIN)
+    rng = np.random.default_rng(1)
+    time = np.arange(0, 40, 0.004)
+    tones = rng.uniform([[0.1, 0.08, 0.0]], [[0.25, 0.9, 2 * np.pi]], (2, 4, 3))
+    commands = np.sum(
+        tones[:, :, 0] * np.sin(2 * np.pi * tones[:, :, 1] * time[:, None, None] + tones[:, :, 2]),
+        2,
+    )
+    gains = seaid.Controller(position_gain_Nm_per_rad=1500.0, velocity_gain_Nms_per_rad=60.0)
+    drive = seaid.StiffDrive(motor_input="position_command", controller=gains)
+    robot = seaid.load_robot(path, {"j0": drive, "j1": drive}, known_bodies=["a", "b"])
+    unknown = np.full_like(commands, np.nan)
+    plan = seaid.Log(time, ("j0", "j1"), unknown, commands, unknown, position_command=commands)
+
+    def found(coulomb_friction_Nm: float) -> list[str]:
+        true = replace(
+            drive,
+            motor_inertia_kg_m2=0.9,
+            viscous_friction_Nms_per_rad=6.0,
+            coulomb_friction_Nm=coulomb_friction_Nm,
+            command_delay_s=0.006,
+        )
+        moved = rollout(robot.with_drives({"j0": true, "j1": true}), plan, longest_closed_s=2e-3)
+        noise = rng.normal(scale=2e-5, size=commands.shape)
+        log = replace(plan, joint_position=moved.joint_position + noise)
+        findings = seaid.identify(robot, log, cutoff_hz=3.5).findings
+        return [one.remedy for one in findings if one.code == "cutoff-sensitive"]
+
+    assert found(8.0) == [
+        "cutoff_hz=5.6, if joints stick at their reversals; cutoff_hz=1.8, if the encoders are "
+        "noisy; compare others with cutoff_sensitivity"
+    ]
+    assert found(0.8) == []
 
 
 def test_drives_of_one_bus_stay_on_it(tmp_path: Path) -> None:
