@@ -957,7 +957,7 @@ def test_compared_cutoffs_share_the_delay_as_the_estimate_does(
 
 
 @pytest.mark.slow  # a rollout of 40 s in which two joints stick
-def test_friction_that_holds_joints_at_reversals_is_told(tmp_path: Path) -> None:
+def test_friction_that_holds_joints_at_reversals_is_named(tmp_path: Path) -> None:
     """Its direction at rest is not known: a low cutoff spreads that over the rows beside it."""
     path = tmp_path / "chain.urdf"
     path.write_text(CHAIN)
