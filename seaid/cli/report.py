@@ -56,7 +56,7 @@ def report(
     from seaid.identification import frequency_response
     from seaid.identification import validate as validated
     from seaid.project import facts_of as origin_facts
-    from seaid.project import has_commands, provenance_of
+    from seaid.project import provenance_of
     from seaid.report import warning_lines, write_report
     from seaid.simulation import compare_replays
 
@@ -77,7 +77,7 @@ def report(
         logs = given.logs(unseen, found.known)
         pairs = zip(unseen, logs, strict=True)
         results = {path.name: validated(found, log) for path, log in pairs}
-        if has_commands(found):
+        if found.robot.has_controllers:
             replays = [compare_replays(found.known, found.robot, log) for log in logs]
     response = None
     if multisine:

@@ -178,7 +178,7 @@ def setup_findings(given: Experiment, known: Sequence[Finding]) -> list[Finding]
     found = list(offset_findings(given))
     if found:
         return found
-    if any(drive.controller is not None for drive in given.robot.drives.values()):
+    if given.robot.has_controllers:
         # the channels of a torque are not there, and an unknown armature looks like another mistake
         is_explained = any(one.severity == "wrong" for one in known)
         return [] if is_explained else [*limit_findings(given), *pose_findings(given)]

@@ -683,7 +683,7 @@ def refine(
     )
     check_offset_std(encoder_offset_std)
     _check_start(identification, without_joint_encoder(identification.known, logs))
-    if any(drive.controller is not None for drive in identification.known.drives.values()):
+    if identification.known.has_controllers:
         refined, reason, evidence = refine_commanded(identification, logs, iterations, progress)
         return _unchanged(identification, reason, evidence) if reason else refined
     return refined_with_logs(identification, logs, encoder_offset_std, iterations, progress)[0]

@@ -140,8 +140,8 @@ def _influences(fits: Sequence[Fit], run: float) -> Array:
 def _scores(fits: Sequence[Fit], estimate: Estimate, propagated: Array | None) -> Array:
     """Return the standard errors (p,) by which two fits differ, zero where it does not matter."""
     change, errors = difference(fits, propagated)
-    names = list(estimate.names)
-    stated = estimate.standard_errors[[names.index(name) for name in fits[0].rows.names]]
+    own = dict(zip(estimate.names, estimate.standard_errors, strict=True))
+    stated = np.array([own[name] for name in fits[0].rows.names])
     H, y = fits[0].rows.H, fits[0].rows.y
     torque = np.linalg.norm(y[:, None] * (H != 0), axis=0)
     matters = np.abs(change) > _MATERIAL * stated
@@ -190,8 +190,9 @@ def sensitivity_findings(
     ordinary, cutoff_hz = estimator == "ols", datasets[0].cutoff_hz
     findings = list(_homogeneous(found.fit, ordinary, cutoff_hz))
     with suppress(ExcitationError, IdentificationError):  # what only the other way cannot solve
-        findings += _of_estimators(robot, found.fit, ordinary, cutoff_hz)
-        findings += _of_cutoffs(robot, datasets, model, found, ordinary)
+        load = _with_shared_delays(robot, found.fit)
+        findings += _of_estimators(robot, load, ordinary, cutoff_hz)
+        findings += _of_cutoffs(robot, datasets, model, found, load, ordinary)
     return findings
 
 
@@ -223,17 +224,12 @@ def _homogeneous(fit: FittedRows, ordinary: bool, cutoff_hz: float) -> Iterator[
         )
 
 
-def _fit_with_shared_delays(
-    robot: Robot,
-    estimate: Estimate,
-    rows: Regression,
-    weights: Array,
-    factor: QRFactor | None = None,
-    joint: str = "",
-) -> Fit:
-    """Fit rows, whose `factor` may be known, with the delays of commands as in an estimate."""
-    merged = with_merged_delays(robot.drives, rows, estimate, joint)
-    return fit_of(merged, weights, factor if merged is rows else None)
+def _with_shared_delays(robot: Robot, fit: FittedRows, joint: str = "") -> FittedRows:
+    """Return a fit whose rows and factor have one column for the delay of a bus, as its values."""
+    if fit.rows is None:
+        return fit
+    rows = with_merged_delays(robot.drives, fit.rows, fit.estimate, joint)
+    return fit if rows is fit.rows else replace(fit, rows=rows, qr_factor=qr_factor_of(rows))
 
 
 def _of_estimators(
@@ -244,8 +240,7 @@ def _of_estimators(
         return
     weights = {"wls": fit.weights, "ols": equal_weights(fit.qr_factor)}
     ways = ("ols", "wls") if ordinary else ("wls", "ols")
-    shared = partial(_fit_with_shared_delays, robot, fit.estimate, fit.rows, factor=fit.qr_factor)
-    fits = [shared(weights[name]) for name in ways]
+    fits = [fit_of(fit.rows, weights[name], fit.qr_factor) for name in ways]
     scores = _scores(fits, fit.estimate, fit.propagated)
     yield from _finding(
         "estimator-disagrees",
@@ -262,6 +257,7 @@ def _of_cutoffs(
     datasets: Sequence[Dataset],
     model: LoadModel,
     found: RobotEstimate,
+    load: FittedRows,
     ordinary: bool,
 ) -> Iterator[Finding]:
     """Yield the parameters that differ between the cutoff and a wider one, by fewer samples."""
@@ -270,46 +266,45 @@ def _of_cutoffs(
     cutoff_hz = few[0].cutoff_hz
     wider = [replace(motion, cutoff_hz=WIDER * cutoff_hz) for motion in few]
     ways = [f"a cutoff of {factor * cutoff_hz:.3g} Hz" for factor in (1.0, WIDER)]
-    load = partial(load_regression, robot, model=model, springs=found.springs)
+    regress_load = partial(load_regression, robot, model=model, springs=found.springs)
     equations: dict[str, tuple[Regress, FittedRows]] = {
-        joint: (partial(_actuator_rows, robot, joint=joint, fit=fit), fit)
+        joint: (
+            partial(_actuator_rows, robot, joint=joint, fit=fit),
+            _with_shared_delays(robot, fit, joint),
+        )
         for joint, fit in found.actuators.items()
         if not has_only_spring_torque(robot, motions, joint)
     }
     in_memory = all(isinstance(one, Motion) for one in datasets)
-    for joint, (regress, fit) in (equations | {LOAD: (load, found.fit)}).items():
+    for joint, (regress, fit) in (equations | {LOAD: (regress_load, load)}).items():
         weights = equal_weights(fit.qr_factor) if ordinary or joint != LOAD else fit.weights
-        other = stacked(list(map(regress, wider)))
-        # of long logs, the rows of the fit are those of more than the first pieces
-        stated = found.load_side if joint == LOAD else fit.estimate
         owner = "" if joint == LOAD else joint
-        shared = partial(_fit_with_shared_delays, robot, stated, weights=weights, joint=owner)
+        shared = partial(with_merged_delays, robot.drives, estimate=fit.estimate, joint=owner)
+        other = shared(stacked(list(map(regress, wider))))
+        # of long logs, the rows of the fit are those of more than the first pieces
         if in_memory and fit.rows is not None and fit.rows.names == other.names:
-            own = shared(fit.rows, factor=fit.qr_factor)
+            own = fit_of(fit.rows, weights, fit.qr_factor)
         else:
-            own = shared(stacked(list(map(regress, few))))
-        fits = [own, shared(other)]
-        springs = found.fit.propagated if joint == LOAD else None
+            own = fit_of(shared(stacked(list(map(regress, few)))), weights)
+        fits = [own, fit_of(other, weights)]
+        springs = fit.propagated if joint == LOAD else None
+        stated = found.load_side if joint == LOAD else fit.estimate
         scores = _scores(fits, stated, springs)
         rigid = joint == LOAD or any(
             score and "friction" not in name
             for score, name in zip(scores, fits[0].rows.names, strict=True)
         )  # noise biases these, while friction lacks the band of its reversals
         better = f"cutoff_hz={cutoff_hz * (0.5 if rigid else WIDER):.2g}"
-        if joint == LOAD and _has_commands(robot):
+        if joint == LOAD and robot.has_controllers:
             better = _other_cutoff(robot, cutoff_hz)
         remedy = f"{better}; compare others with cutoff_sensitivity"
         yield from _finding("cutoff-sensitive", joint, fits, scores, ways, remedy)
 
 
-def _has_commands(robot: Robot) -> bool:
-    return any(drive.controller is not None for drive in robot.drives.values())
-
-
 def _other_cutoff(robot: Robot, cutoff_hz: float) -> str:
     """Return the cutoff to try; with commands friction at rest biases a delay by the narrow one."""
     narrower = f"cutoff_hz={cutoff_hz / 2:.2g}, if the encoders are noisy"
-    if _has_commands(robot):
+    if robot.has_controllers:
         return f"cutoff_hz={WIDER * cutoff_hz:.2g}, if joints stick at their reversals; {narrower}"
     return narrower
 

@@ -36,7 +36,7 @@ def with_commanded_torque(robot: Robot, log: Log) -> Log:
     The torque of all other drives is that of the log. Raises LogError naming a joint without
     commands, or without position.
     """
-    if not any(is_commanded(robot.drives[joint]) for joint in robot.joint_names):
+    if not robot.has_controllers:
         return log
     columns = [log.joint_names.index(joint) for joint in robot.joint_names]
     given = {field: values[:, columns] for field, values in log.sensors().items()}

@@ -69,9 +69,8 @@ def infer_base(table: Table, inference: Inference, robot: Robot) -> BaseGuess:
         if len(names) in (robot.n, robot.n + 6, robot.n + 7) and _is_indexed(stem, names):
             _generalised(found, stem, names, inference, robot)
     others = _wrenches(found, vectors, inference, robot)
-    felt = {x for parts in found.contacts.values() for one in parts.values() for x in one.columns}
     for stem, names in vectors.items():
-        if not set(names) & (set(found.meanings) | felt):
+        if not set(names) & set(found.meanings):
             _named(found, stem, names, inference)
     taken = {tuple(one.columns) for one in found.base.values()}
     for sensor, names in others.items():
@@ -205,6 +204,7 @@ def _wrenches(
             continue
         parts = sensors[sensor]
         found.contacts[links[best]] = {x: VectorSource(tuple(parts[x])) for x in parts}
+        found.meanings |= {name: _TAKEN for names in parts.values() for name in names}
         text = f"taken for the force of the ground on {links[best]}, in the axes of that link"
         inference.note(sensor, text)
     return others

@@ -366,7 +366,6 @@ def _motion(
     if springs is not None:
         springs = low_pass(springs, rate_hz, POSITION_BAND * cutoff_hz)
     torque, slope = commanded_torque(robot, time, signals, POSITION_BAND * cutoff_hz)
-    is_any_commanded = any(is_commanded(robot.drives[joint]) for joint in robot.joint_names)
     delays = [robot.drives[joint].command_delay_s or 0.0 for joint in robot.joint_names]
     warmth = signals.get("motor_temperature")
     if warmth is not None:
@@ -392,8 +391,8 @@ def _motion(
         deflection=springs,
         deflection_rate=None if springs is None else spline_derivatives(time, springs)[1],
         motor_temperature=warmth,
-        command_slope=slope if is_any_commanded else None,
-        command_delay_s=tuple(delays) if is_any_commanded else (),
+        command_slope=slope if robot.has_controllers else None,
+        command_delay_s=tuple(delays) if robot.has_controllers else (),
         cutoff_hz=float(cutoff_hz),
         transient_s=1.0 / cutoff_hz,
         bridged=_bridged(log.time, time),
@@ -408,7 +407,7 @@ def _motion(
             description=log.description,
         ),
     )
-    if not is_any_commanded:
+    if not robot.has_controllers:
         return found
     ends = math.ceil(_ENDS * rate_hz / (POSITION_BAND * cutoff_hz))
     return _with_directions(robot, found.samples(slice(ends, len(time) - ends)))

@@ -7,7 +7,6 @@ from .project import load_project as load_project
 from .project import log_at as log_at
 from .run import LATEST as LATEST
 from .run import ProjectRun as ProjectRun
-from .run import has_commands as has_commands
 from .run import run_project as run_project
 from .run import summary_of as summary_of
 from .saved import FILE as FILE

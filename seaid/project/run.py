@@ -212,18 +212,13 @@ def _replayed(
 ) -> dict[str, ReplayComparison]:
     """Return {log: replay} of the logs that validate a robot with position commands."""
     robot, wanted, moved = project.robot(condition), {condition, ""}, {}
-    for one in project.logs_for("validate") if has_commands(found) else ():
+    for one in project.logs_for("validate") if found.robot.has_controllers else ():
         if one.condition in wanted:
             try:
                 moved[one.name] = compare_replays(found.known, found.robot, one.read(robot))
             except SeaidError as problem:
                 notes.append(f"{one.name} was not replayed: {problem}")
     return moved
-
-
-def has_commands(found: Identification) -> bool:
-    """Return whether the controllers of the drives give their torques from position commands."""
-    return any(drive.controller is not None for drive in found.robot.drives.values())
 
 
 def _options(project: Project) -> dict[str, Any]:

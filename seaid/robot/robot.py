@@ -120,6 +120,11 @@ class Robot(Display):
         return tuple(joint for joint in self.joint_names if self.drives[joint].is_elastic)
 
     @property
+    def has_controllers(self) -> bool:
+        """Whether the controller of any drive gives its torque from logged commands."""
+        return any(drive.controller is not None for drive in self.drives.values())
+
+    @property
     def transmission(self) -> Array:
         """C (n, n) of phi = C q, the identity if each drive moves its own joint only.
 
