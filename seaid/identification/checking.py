@@ -28,10 +28,11 @@ from seaid.identification.command_checks import (
     no_measurements,
     separation_findings,
 )
+from seaid.identification.command_hypotheses import gain_findings, pose_findings
 from seaid.identification.datasets import Source, datasets_by_log, first_motion, sources_of
 from seaid.identification.experiment import Experiment, experiment_of
 from seaid.identification.motor_side import with_regressed_angles, without_joint_encoder
-from seaid.identification.setup_hypotheses import encoder_slope, mistakes, pose_findings
+from seaid.identification.setup_hypotheses import encoder_slope, mistakes
 from seaid.log import Log, Motion, changed_source
 from seaid.regressor import INPUT_FIELDS
 from seaid.robot import Robot
@@ -146,7 +147,7 @@ def check(
     groups = datasets_by_log(robot, sources, cutoff_hz, None, False)
     motions = [[first_motion(one) for one in group] for group in groups]
     given = experiment_of(robot, motions)
-    found = [*first, *setup_findings(given, first)]
+    found = with_setup_findings(given, first)
     every = [one for own in motions for one in own]
     found += separation_findings(robot, every)
     return SetupCheck(by_severity(found), joint_checks(given, every))
@@ -171,8 +172,17 @@ def joint_checks(given: Experiment, motions: Sequence[Motion]) -> Mapping[str, J
     return FrozenMapping(found, "joint")
 
 
-def setup_findings(given: Experiment, known: Sequence[Finding]) -> list[Finding]:
-    """Return mistakes of the set-up, unless the `known` findings already explain the torques."""
+def with_setup_findings(given: Experiment, known: Sequence[Finding]) -> list[Finding]:
+    """Return the `known` findings and the mistakes of the set-up, unless those explain the torques.
+
+    Torques beyond their limits are no finding of joints whose gains are in another unit.
+    """
+    found = [*known, *_setup_findings(given, known)]
+    joints = {one.joint for one in found if one.code == "gain-scale"}
+    return [one for one in found if one.code != "saturation" or one.joint not in joints]
+
+
+def _setup_findings(given: Experiment, known: Sequence[Finding]) -> list[Finding]:
     if any(one.code in _EXPLAINING for one in known):
         return []
     found = list(offset_findings(given))
@@ -180,8 +190,10 @@ def setup_findings(given: Experiment, known: Sequence[Finding]) -> list[Finding]
         return found
     if given.robot.has_controllers:
         # the channels of a torque are not there, and an unknown armature looks like another mistake
-        is_explained = any(one.severity == "wrong" for one in known)
-        return [] if is_explained else [*limit_findings(given), *pose_findings(given)]
+        if any(one.severity == "wrong" for one in known):
+            return []
+        found, without = gain_findings(given)
+        return [*found, *limit_findings(without), *pose_findings(without)]
     found, without = mistakes(given)
     beyond = [] if found else list(limit_findings(given))
     return [*found, *beyond, *delay_findings(without)]

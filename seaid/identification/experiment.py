@@ -199,7 +199,7 @@ class Experiment:
             stretch = self.motor[0][:, j] / self.lever[j] - self.joint[0][:, j]
             columns = np.column_stack([self.torque_rate[:, j], self._any_friction(j), stretch])
             if np.sum(rows) > 3 * columns.shape[1]:
-                x, covariance = _fitted(columns[rows], y[rows])
+                x, covariance = fitted(columns[rows], y[rows])
                 found[j] = -float(x[0]), float(np.sqrt(covariance[0, 0]))
         stiff = [j for j in driven if j not in self._elastic]
         if not stiff:
@@ -239,7 +239,7 @@ class Experiment:
                 columns = np.column_stack([motor, joint, others, zeros])
                 if np.sum(rows) <= 3 * columns.shape[1]:
                     continue
-                (a, b, *_), covariance = _fitted(columns[rows], y[rows])
+                (a, b, *_), covariance = fitted(columns[rows], y[rows])
                 slope, slopes = -b / a, np.array([b / a**2, -1 / a])
                 error = float(np.sqrt(slopes @ covariance[:2, :2] @ slopes))
             elif not self.robot.drives[self.robot.joint_names[j]].is_elastic:
@@ -377,12 +377,12 @@ class Experiment:
 
 def _first(columns: Array, y: Array, count: int) -> list[tuple[float, float]]:
     """Return the first parameters of a fit, one per part of y, negative, with standard errors."""
-    x, covariance = _fitted(columns, y, count)
+    x, covariance = fitted(columns, y, count)
     errors = np.sqrt(np.diag(covariance)[:count])
     return list(zip((-x[:count]).tolist(), errors.tolist(), strict=True))
 
 
-def _fitted(columns: Array, y: Array, count: int = 1) -> tuple[Array, Array]:
+def fitted(columns: Array, y: Array, count: int = 1) -> tuple[Array, Array]:
     """Return the parameters of a fit and their covariance, from the residuals of each part of y."""
     svd = scaled_svd(columns)
     rank = svd.rank(RANK_TOLERANCE)

@@ -50,7 +50,7 @@ from seaid.identification.checking import (
     check_excitation,
     joint_checks,
     log_findings,
-    setup_findings,
+    with_setup_findings,
 )
 from seaid.identification.command_delays import (
     MOST_DELAY_ROUNDS,
@@ -392,7 +392,7 @@ def _identify(
         moved = [list(map(first_motion, group)) for group in groups]
         experiment = experiment_of(robot, moved)
         findings += base_findings(robot, logs_in_memory, moved)
-        findings += setup_findings(experiment, findings)
+        findings = with_setup_findings(experiment, findings)
         used = joints_with_torque(robot, datasets) if torque_joints is None else selected
         check_forces(datasets, used)
         declared, robot = robot, with_rigid_gears(robot, deflection_joints(robot, datasets))

@@ -31,24 +31,24 @@ from seaid.identification.experiment import Experiment, Hypothesis
 from seaid.log import changed_source
 from seaid.robot import Robot
 
-_GAIN = 2.0
+LEAST_GAIN = 2.0
 """Least decrease of the sum of log squared misfits: one that falls by a factor of e."""
 
 _MOST_MISTAKES = 5
 """Mistakes that are looked for one after the other."""
 
-_SUSPICIOUS, _BARELY, _TIMES = 0.12, 0.04, 3.0
+SUSPICIOUS, _BARELY, _TIMES = 0.12, 0.04, 3.0
 """The set-up is compared with others from this misfit on (rms over that of the torque), or from the
 second one if the nominal bodies have so many times the misfit of any bodies."""
 
 
-_SEVERE = 0.25
+SEVERE = 0.25
 """Misfit below which neither a sign, a unit of an angle, a clock nor an exchange can be wrong."""
 
 _WORSE = 1.5
 """Most that a hypothesis may increase the cost of one kind of misfit."""
 
-_TIE = 1.0
+TIE = 1.0
 """Hypotheses whose gains differ by less are not distinguishable."""
 
 _SHORTLIST = 12
@@ -78,7 +78,7 @@ def _is_suspicious(one: Experiment) -> bool:
     """Whether a misfit is larger than that of a right set-up."""
     beyond = (one.nominal > _BARELY) & (one.nominal > _TIMES * one.free)
     largest = max(np.nanmax(misfit, initial=0.0) for misfit in one.misfits.values())
-    return bool(largest > _SUSPICIOUS or np.any(beyond))
+    return bool(largest > SUSPICIOUS or np.any(beyond))
 
 
 def _best(given: Experiment) -> tuple[Finding, Experiment] | None:
@@ -92,13 +92,13 @@ def _best(given: Experiment) -> tuple[Finding, Experiment] | None:
         if _left(one, changed) < _EXPLAINED and _explains(given, changed)
     ]
     gains.sort(key=lambda entry: -entry[0])
-    if not gains or gains[0][0] < _GAIN:
+    if not gains or gains[0][0] < LEAST_GAIN:
         return None
     gain, one, changed = gains[0]
     close = [
-        other for value, other, _ in gains[1:] if value > gain - _TIE and other.code != one.code
+        other for value, other, _ in gains[1:] if value > gain - TIE and other.code != one.code
     ]
-    certainty: Certainty = "possible" if close else "likely" if gain < 3 * _GAIN else "certain"
+    certainty: Certainty = "possible" if close else "likely" if gain < 3 * LEAST_GAIN else "certain"
     what, joint, before, after = _fall(given, changed)
     evidence = {**one.evidence, "misfit as given": before, "misfit without it": after}
     instead = f"; or {close[0].message}" if close else ""
@@ -121,7 +121,7 @@ def _significant(given: Experiment) -> tuple[Finding, Experiment] | None:
     that is off by little from errors of nominal masses.
     """
     largest = float(np.nanmax(given.nominal, initial=0.0))
-    if not given.used or not np.all(np.isfinite(given.bodies)) or largest >= _SEVERE:
+    if not given.used or not np.all(np.isfinite(given.bodies)) or largest >= SEVERE:
         return None
     tried = [(one, one.undo(given)) for one in chain(_factors(given), _bodies(given))]
     scores = [(_score(given, changed) - one.penalty, one, changed) for one, changed in tried]
@@ -164,14 +164,14 @@ def _left(one: Hypothesis, changed: Experiment) -> float:
     return float(own if np.isfinite(own) else middle)
 
 
-_FALLS = 0.5
+FALLS = 0.5
 """A mistake is one only if some misfit that matters falls below this part of itself."""
 
 
 def _explains(given: Experiment, changed: Experiment) -> bool:
     """Whether a misfit of some joint that matters falls by much."""
     return any(
-        bool(np.any((before > _SUSPICIOUS) & (changed.misfits[kind] < _FALLS * before)))
+        bool(np.any((before > SUSPICIOUS) & (changed.misfits[kind] < FALLS * before)))
         for kind, before in given.misfits.items()
     )
 
@@ -195,7 +195,7 @@ def _fall(given: Experiment, changed: Experiment) -> tuple[str, str, float, floa
     ratios = {
         (kind, j): changed.misfits[kind][j] / before[j]
         for kind, before in given.misfits.items()
-        for j in np.flatnonzero(before > _SUSPICIOUS).tolist()
+        for j in np.flatnonzero(before > SUSPICIOUS).tolist()
     }
     kind, j = min(ratios, key=lambda key: float(np.nan_to_num(ratios[key], nan=np.inf)))
     before, after = (float(one.misfits[kind][j]) for one in (given, changed))
@@ -206,7 +206,7 @@ def hypotheses(given: Experiment) -> Iterator[Hypothesis]:
     """Yield the mistakes that are possible."""
     yield from _factors(given)
     yield from _bodies(given)
-    if max(np.nanmax(one, initial=0.0) for one in given.misfits.values()) < _SEVERE:
+    if max(np.nanmax(one, initial=0.0) for one in given.misfits.values()) < SEVERE:
         return
     yield from _whole(given)
     if not np.array_equal(given.robot.transmission, np.eye(given.robot.n)):
@@ -295,179 +295,6 @@ def _signs(given: Experiment, j: int) -> Iterator[Hypothesis]:
             _entry(given, j, _quantities(given, j, logged), -1.0),
             penalty=0.0 if channels in ("t", "qmt", "q", "m") else 1.0,
         )
-
-
-_GRID, _NEAREST = math.radians(30), math.radians(1)
-"""First and last step of the search for the zero of a joint [rad]."""
-
-_BEYOND = math.radians(10)
-"""Most that the zero of a joint may move its range beyond the limits of the robot file [rad]."""
-
-_PASSES, _POSE_INSTANTS = 3, 50
-"""Passes of the search over all joints, one after the other, and instants that it uses."""
-
-Poses = dict[int, tuple[float, float]]
-"""{joint: sign and offset [rad] of its position}."""
-
-
-def pose_findings(given: Experiment) -> list[Finding]:
-    """Return signs and zeros of joints with position commands that gravity contradicts.
-
-    By gravity on the known bodies. Command and position have one sign and one zero, and the torque
-    between them has that sign.
-    """
-    robot = given.robot
-    commanded = [
-        j
-        for j in given.used
-        if robot.drives[robot.joint_names[j]].controller is not None and not robot.is_prismatic[j]
-    ]
-    is_known = bool(robot.known_bodies) and bool(np.all(np.isfinite(given.bodies)))
-    if not (is_known and commanded and np.any(robot.model.gravity.linear)):
-        return []
-    given = _with_poses(_thinned(given), {})
-    found: list[Finding] = []
-    if np.nanmax(given.nominal) > _SUSPICIOUS:
-        pairs: list[Poses] = [
-            {i: (-1.0, 0.0), j: (-1.0, 0.0)} for i, j in combinations(commanded, 2)
-        ]
-        starts = [{}, *sorted(pairs, key=lambda one: _pose_cost(given, one))[:1]]
-        starts = [one for one in starts if _pose_cost(given, one) <= _pose_cost(given, {})]
-        poses = min(
-            (_searched(given, commanded, start) for start in starts),
-            key=lambda one: _pose_cost(given, one),
-        )
-        for j in sorted(poses):
-            finding = _pose_finding(given, poses, j)
-            found += [] if finding is None else [finding]
-    return found
-
-
-def _thinned(given: Experiment) -> Experiment:
-    """Return the experiment at fewer instants."""
-    part = slice(None, None, max(1, len(given.direction) // _POSE_INSTANTS))
-    return replace(
-        given,
-        log=given.log[part],
-        motor=given.motor[:, part],
-        joint=given.joint[:, part],
-        direction=given.direction[part],
-        torque=given.torque[part],
-        torque_rate=given.torque_rate[part],
-        sensed=given.sensed[part],
-    )
-
-
-def _with_poses(given: Experiment, poses: Poses) -> Experiment:
-    """Return the experiment with sign * position + offset of joints, at both encoders.
-
-    Unknown rotor inertias are those that explain the torques best.
-    """
-    for j, (sign, offset) in poses.items():
-        found = flipped(given, j, "qmt") if sign < 0 else given
-        joint, motor = found.joint.copy(), found.motor.copy()
-        joint[0, :, j] += offset
-        motor[0, :, j] += found.lever[j] * offset
-        given = replace(found, joint=joint, motor=motor)
-    inertia, left = given.inertia.copy(), given.lever * given.torque
-    left = left - given.regressor @ given.bodies
-    for j in given.used:
-        if given.robot.drives[given.robot.joint_names[j]].motor_inertia_kg_m2 is None:
-            rotor = given.lever[j] * given.motor[2][:, j]
-            columns = np.column_stack([given.friction[j], rotor])
-            inertia[j] = max(float(scaled_svd(columns).solve(left[:, j])[-1]), 0.0)
-    found = replace(given, inertia=inertia)
-    vars(found)["regressor"] = given.regressor  # of the same motion: not computed again
-    return found
-
-
-def _pose_cost(given: Experiment, poses: Poses) -> float:
-    """Return the cost of signs and zeros: that of the misfit, and one of each change."""
-    changes = sum(0.5 * (sign < 0) + 0.5 * (offset != 0) for sign, offset in poses.values())
-    return _with_poses(given, poses).cost("nominal") + float(changes)
-
-
-def _searched(given: Experiment, joints: Sequence[int], poses: Poses) -> Poses:
-    """Return the signs and zeros that explain most, found joint by joint from a start."""
-    cost = _pose_cost(given, poses)
-    for _ in range(_PASSES):
-        before = cost
-        for j in joints:
-            others = {i: pose for i, pose in poses.items() if i != j}
-            tried = [(_pose_cost(given, others), others)]
-            for sign in (1.0, -1.0):
-                best = _best_zero(given, others, j, sign, cost)
-                tried += [] if best is None else [best]
-            best_cost, best_poses = min(tried, key=lambda one: one[0])
-            if best_cost < cost:
-                cost, poses = best_cost, best_poses
-        if before - cost < _TIE:
-            break
-    return poses
-
-
-def _best_zero(
-    given: Experiment, others: Poses, j: int, sign: float, most_cost: float
-) -> tuple[float, Poses] | None:
-    """Return the best cost, and poses, with a sign of joint j, within its limits.
-
-    A grid that comes nowhere near `most_cost` has none.
-    """
-    robot, moved = given.robot, sign * given.joint[0][:, j]
-    least = max(float(robot.lower_limits[j] - moved.min()) - _BEYOND, -math.pi)
-    most = min(float(robot.upper_limits[j] - moved.max()) + _BEYOND, math.pi)
-
-    def at(offset: float) -> tuple[float, float]:
-        return _pose_cost(given, others | {j: (sign, offset)}), offset
-
-    grid = [float(x) for x in np.arange(-6, 7) * _GRID if least <= x <= most]
-    if not grid:
-        return None
-    best, step = min(map(at, grid)), 0.5 * _GRID
-    if best[0] > most_cost + _GAIN:
-        return None
-    while step > 0.5 * _NEAREST:
-        best, step = min([best, *(at(best[1] + x) for x in (-step, step))]), 0.5 * step
-    cost, offset = min(best, at(math.radians(round(math.degrees(best[1])))))
-    if sign > 0 and abs(offset) < 3 * _NEAREST:
-        return None
-    return cost, others | {j: (sign, offset)}
-
-
-def _pose_finding(given: Experiment, poses: Poses, j: int) -> Finding | None:
-    """Return the finding of one joint, None if the others explain the torques without it."""
-    sign, offset = poses[j]
-    others = {i: pose for i, pose in poses.items() if i != j}
-    gain = _pose_cost(given, others) - _pose_cost(given, poses)
-    before, after = (_with_poses(given, one).nominal for one in (others, poses))
-    falls = (before > _SUSPICIOUS) & (after < _FALLS * before)
-    if gain < _GAIN or not np.any(falls):
-        return None
-    names, joint = given.robot.joint_names, given.robot.joint_names[j]
-    worst = int(np.argmax(np.where(falls, before / np.maximum(after, 1e-9), 0.0)))
-    zero = f"its zero {math.degrees(offset):.0f} degrees from that of the robot file"
-    parts = [*(["the opposite sign"] if sign < 0 else []), *([zero] if offset else [])]
-    lines = [
-        f"{one} = {changed_source(given.source(j, one), factor=sign, offset=round(offset, 4))}"
-        for one in ("joint_position", "position_command")
-    ]
-    if sign < 0:
-        lines += ["# the same sign for velocity_command and torque_command, if the log has them"]
-    return Finding(
-        "sign" if sign < 0 else "encoder-offset",
-        f"the position of {joint} has {' and '.join(parts)}: the part of the torque of "
-        f"{names[worst]} that gravity on the known bodies leaves unexplained falls from "
-        f"{before[worst]:.0%} to {after[worst]:.0%}",
-        joint,
-        "wrong",
-        {
-            "offset [rad]": offset,
-            "misfit as given": float(before[worst]),
-            "misfit without it": float(after[worst]),
-        },
-        "\n".join(["in the description of the log:", f"[joints.{joint}]", *lines]),
-        "likely",
-    )
 
 
 def _with_ratio(given: Experiment, j: int, factor: float) -> Experiment:

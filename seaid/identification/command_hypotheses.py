@@ -1,0 +1,270 @@
+"""Mistakes of a set-up with commands in place of torques: gains in another unit, signs and zeros.
+
+Gravity and inertia of known bodies are compared with the torque of the controllers. The other
+hypotheses of `setup_hypotheses` need a measured torque.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+
+from seaid.errors import Finding
+from seaid.estimation import scaled_svd
+from seaid.identification.experiment import Experiment, fitted
+from seaid.identification.setup_hypotheses import (
+    FALLS,
+    LEAST_GAIN,
+    SEVERE,
+    SUSPICIOUS,
+    TIE,
+    flipped,
+    scaled,
+)
+from seaid.log import changed_source
+
+_OTHER_UNIT = 2.0
+"""Factor between the torques of controllers and of the bodies in the robot file from which gains
+are in another unit. Masses by CAD are nearer, and a measured Go2 with right gains has 1.1 to
+1.7."""
+
+_WELL_KNOWN = 0.1
+"""Relative standard error above which nothing is said of such a factor."""
+
+
+def gain_findings(given: Experiment) -> tuple[list[Finding], Experiment]:
+    """Return the joints whose gains are in another unit than N m, and the experiment with N m.
+
+    By the bodies of the robot file: one finding per joint.
+    """
+    factors = _gain_factors(given)
+    off = {j: one for j, one in factors.items() if not 1 / _OTHER_UNIT < one[0] < _OTHER_UNIT}
+    found = [_gain_finding(given, j, *one) for j, one in off.items()]
+    if len(off) == len(factors) > 0:  # what is so on each joint that shows it is so on the others
+        middle = float(np.median([factor for factor, _ in off.values()]))
+        for j in set(_commanded(given)) - set(off):
+            found.append(_gain_finding(given, j, middle, None))
+            off[j] = middle, 0.0
+    for j, (factor, _) in off.items():
+        given = scaled(given, j, {"t": 1 / factor})
+    return found, given
+
+
+def _commanded(given: Experiment) -> list[int]:
+    """Return the joints whose torque is that of a controller with gains in N m."""
+    drives, names = given.robot.drives, given.robot.joint_names
+    return [j for j in given.used if drives[names[j]].controller is not None]
+
+
+def _gain_factors(given: Experiment) -> dict[int, tuple[float, float]]:
+    """Return the torque of controllers over that of the bodies, and its standard error, by joint.
+
+    With any friction and any rotor inertia; of joints where it is well known, and where both
+    together explain the torque.
+    """
+    found: dict[int, tuple[float, float]] = {}
+    for j in _commanded(given) if np.all(np.isfinite(given.bodies)) else ():
+        of_bodies = given.regressor[:, j] @ given.bodies
+        H = np.column_stack([of_bodies, given.friction[j], given.lever[j] * given.motor[2][:, j]])
+        y = given.lever[j] * given.torque[:, j]
+        x, covariance = fitted(H, y)
+        factor, error = float(x[0]), float(np.sqrt(covariance[0, 0]))
+        is_explained = np.std(y - H @ x) < SEVERE * np.std(y)
+        if factor > 0 and error < _WELL_KNOWN * factor and is_explained:
+            found[j] = factor, error
+    return found
+
+
+def _gain_finding(given: Experiment, j: int, factor: float, error: float | None) -> Finding:
+    """Return the finding of joint j, of all other joints together without a standard error."""
+    robot, joint = given.robot, given.robot.joint_names[j]
+    size = f"{factor:.4g}" if factor > 1 else f"1/{1 / factor:.4g}"
+    off = "as that of all other joints" if error is None else f"+- {error / factor:.1%}"
+    bodies, scale = "known bodies", ""
+    if not robot.known_bodies:
+        bodies, scale = "bodies of the robot file", " with known bodies (known_bodies=)"
+    return Finding(
+        "gain-scale",
+        f"the controller of {joint} gives {size} ({off}) times the torque that moves and holds the "
+        f"{bodies}: its gains are in units of the drive (counts, 1/256, per degree) and not in "
+        "N m, or those bodies are wrong",
+        joint,
+        "wrong",
+        {"torque over that of the bodies": factor},
+        f"gains in N m/rad, or their scale as a parameter{scale}, in the drives file:\n"
+        f"[{joint}.controller]\nis_up_to_scale = true",
+        "likely",
+    )
+
+
+_GRID, _NEAREST = math.radians(30), math.radians(1)
+"""First and last step of the search for the zero of a joint [rad]."""
+
+_BEYOND = math.radians(10)
+"""Most that the zero of a joint may move its range beyond the limits of the robot file [rad]."""
+
+_PASSES, _POSE_INSTANTS = 3, 50
+"""Passes of the search over all joints, one after the other, and instants that it uses."""
+
+Poses = dict[int, tuple[float, float]]
+"""{joint: sign and offset [rad] of its position}."""
+
+
+def pose_findings(given: Experiment) -> list[Finding]:
+    """Return signs and zeros of joints with position commands that gravity contradicts.
+
+    By gravity on the known bodies. Command and position have one sign and one zero, and the torque
+    between them has that sign.
+    """
+    robot = given.robot
+    commanded = [j for j in _commanded(given) if not robot.is_prismatic[j]]
+    is_known = bool(robot.known_bodies) and bool(np.all(np.isfinite(given.bodies)))
+    if not (is_known and commanded and np.any(robot.model.gravity.linear)):
+        return []
+    given = _with_poses(_thinned(given), {})
+    found: list[Finding] = []
+    if np.nanmax(given.nominal) > SUSPICIOUS:
+        pairs: list[Poses] = [
+            {i: (-1.0, 0.0), j: (-1.0, 0.0)} for i, j in combinations(commanded, 2)
+        ]
+        starts = [{}, *sorted(pairs, key=lambda one: _pose_cost(given, one))[:1]]
+        starts = [one for one in starts if _pose_cost(given, one) <= _pose_cost(given, {})]
+        poses = min(
+            (_searched(given, commanded, start) for start in starts),
+            key=lambda one: _pose_cost(given, one),
+        )
+        for j in sorted(poses):
+            finding = _pose_finding(given, poses, j)
+            found += [] if finding is None else [finding]
+    return found
+
+
+def _thinned(given: Experiment) -> Experiment:
+    """Return the experiment at fewer instants."""
+    part = slice(None, None, max(1, len(given.direction) // _POSE_INSTANTS))
+    return replace(
+        given,
+        log=given.log[part],
+        motor=given.motor[:, part],
+        joint=given.joint[:, part],
+        direction=given.direction[part],
+        torque=given.torque[part],
+        torque_rate=given.torque_rate[part],
+        sensed=given.sensed[part],
+    )
+
+
+def _with_poses(given: Experiment, poses: Poses) -> Experiment:
+    """Return the experiment with sign * position + offset of joints, at both encoders.
+
+    Unknown rotor inertias are those that explain the torques best.
+    """
+    for j, (sign, offset) in poses.items():
+        found = flipped(given, j, "qmt") if sign < 0 else given
+        joint, motor = found.joint.copy(), found.motor.copy()
+        joint[0, :, j] += offset
+        motor[0, :, j] += found.lever[j] * offset
+        given = replace(found, joint=joint, motor=motor)
+    inertia, left = given.inertia.copy(), given.lever * given.torque
+    left = left - given.regressor @ given.bodies
+    for j in given.used:
+        if given.robot.drives[given.robot.joint_names[j]].motor_inertia_kg_m2 is None:
+            rotor = given.lever[j] * given.motor[2][:, j]
+            columns = np.column_stack([given.friction[j], rotor])
+            inertia[j] = max(float(scaled_svd(columns).solve(left[:, j])[-1]), 0.0)
+    found = replace(given, inertia=inertia)
+    vars(found)["regressor"] = given.regressor  # of the same motion: not computed again
+    return found
+
+
+def _pose_cost(given: Experiment, poses: Poses) -> float:
+    """Return the cost of signs and zeros: that of the misfit, and one of each change."""
+    changes = sum(0.5 * (sign < 0) + 0.5 * (offset != 0) for sign, offset in poses.values())
+    return _with_poses(given, poses).cost("nominal") + float(changes)
+
+
+def _searched(given: Experiment, joints: Sequence[int], poses: Poses) -> Poses:
+    """Return the signs and zeros that explain most, found joint by joint from a start."""
+    cost = _pose_cost(given, poses)
+    for _ in range(_PASSES):
+        before = cost
+        for j in joints:
+            others = {i: pose for i, pose in poses.items() if i != j}
+            tried = [(_pose_cost(given, others), others)]
+            for sign in (1.0, -1.0):
+                best = _best_zero(given, others, j, sign, cost)
+                tried += [] if best is None else [best]
+            best_cost, best_poses = min(tried, key=lambda one: one[0])
+            if best_cost < cost:
+                cost, poses = best_cost, best_poses
+        if before - cost < TIE:
+            break
+    return poses
+
+
+def _best_zero(
+    given: Experiment, others: Poses, j: int, sign: float, most_cost: float
+) -> tuple[float, Poses] | None:
+    """Return the best cost, and poses, with a sign of joint j, within its limits.
+
+    A grid that comes nowhere near `most_cost` has none.
+    """
+    robot, moved = given.robot, sign * given.joint[0][:, j]
+    least = max(float(robot.lower_limits[j] - moved.min()) - _BEYOND, -math.pi)
+    most = min(float(robot.upper_limits[j] - moved.max()) + _BEYOND, math.pi)
+
+    def at(offset: float) -> tuple[float, float]:
+        return _pose_cost(given, others | {j: (sign, offset)}), offset
+
+    grid = [float(x) for x in np.arange(-6, 7) * _GRID if least <= x <= most]
+    if not grid:
+        return None
+    best, step = min(map(at, grid)), 0.5 * _GRID
+    if best[0] > most_cost + LEAST_GAIN:
+        return None
+    while step > 0.5 * _NEAREST:
+        best, step = min([best, *(at(best[1] + x) for x in (-step, step))]), 0.5 * step
+    cost, offset = min(best, at(math.radians(round(math.degrees(best[1])))))
+    if sign > 0 and abs(offset) < 3 * _NEAREST:
+        return None
+    return cost, others | {j: (sign, offset)}
+
+
+def _pose_finding(given: Experiment, poses: Poses, j: int) -> Finding | None:
+    """Return the finding of one joint, None if the others explain the torques without it."""
+    sign, offset = poses[j]
+    others = {i: pose for i, pose in poses.items() if i != j}
+    gain = _pose_cost(given, others) - _pose_cost(given, poses)
+    before, after = (_with_poses(given, one).nominal for one in (others, poses))
+    falls = (before > SUSPICIOUS) & (after < FALLS * before)
+    if gain < LEAST_GAIN or not np.any(falls):
+        return None
+    names, joint = given.robot.joint_names, given.robot.joint_names[j]
+    worst = int(np.argmax(np.where(falls, before / np.maximum(after, 1e-9), 0.0)))
+    zero = f"its zero {math.degrees(offset):.0f} degrees from that of the robot file"
+    parts = [*(["the opposite sign"] if sign < 0 else []), *([zero] if offset else [])]
+    lines = [
+        f"{one} = {changed_source(given.source(j, one), factor=sign, offset=round(offset, 4))}"
+        for one in ("joint_position", "position_command")
+    ]
+    if sign < 0:
+        lines += ["# the same sign for velocity_command and torque_command, if the log has them"]
+    return Finding(
+        "sign" if sign < 0 else "encoder-offset",
+        f"the position of {joint} has {' and '.join(parts)}: the part of the torque of "
+        f"{names[worst]} that gravity on the known bodies leaves unexplained falls from "
+        f"{before[worst]:.0%} to {after[worst]:.0%}",
+        joint,
+        "wrong",
+        {
+            "offset [rad]": offset,
+            "misfit as given": float(before[worst]),
+            "misfit without it": float(after[worst]),
+        },
+        "\n".join(["in the description of the log:", f"[joints.{joint}]", *lines]),
+        "likely",
+    )
