@@ -235,6 +235,21 @@ _BARE = re.compile(r"[A-Za-z0-9_-]+", re.ASCII)
 _Place = tuple["_Place", str | int] | None
 
 
+def toml_text(value: str) -> str:
+    """Return a text as a TOML string: as in JSON, but with the delete character escaped."""
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def toml_table(*keys: str) -> str:
+    """Return the header of a table, [joints.elbow]; names that are no bare keys are quoted."""
+    return f"[{'.'.join(map(toml_key, keys))}]"
+
+
+def toml_key(name: str) -> str:
+    """Return a name as a TOML key, quoted if it has to be."""
+    return name if _BARE.fullmatch(name) else toml_text(name)
+
+
 def read_toml(path: str | Path, what: str, error: type[SeaidError]) -> dict[str, Any]:
     """Return the tables of a TOML file of at most `MOST_TOML_BYTES`.
 

@@ -111,7 +111,7 @@ CODES = {
     "command-delay": "a delay of commands that the log does not separate from the rotor inertia",
     "rotor-inertia": "a rotor inertia that the motion contradicts",
     "torque-scale": "a factor on the torques of a joint, such as a wrong torque constant",
-    "gain-scale": "gains in units of the drive, whose scale in N m nothing determines",
+    "gain-scale": "gains in units of the drive: not declared, or a scale that nothing determines",
     "unused-command": "velocity commands for which the controller of a drive has no gain",
     "no-measurement": "a torque without sign, or computed from the tracking error",
     "torque-offset": "a constant error of a torque",

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+from seaid._files import toml_table
 from seaid.cli.messages import show
 from seaid.cli.options import AsJson, LogOptions, Logs
 from seaid.errors import LogError
@@ -44,7 +45,7 @@ def gear_ratio(given: LogOptions, logs: Logs, *, as_json: AsJson = False) -> Non
     for joint, one in found.items():
         if "ratio" in one:
             key = "gear_ratio" if one["unit"] == "rad/rad" else "gear_ratio_rad_per_m"
-            text.append(f"[{joint}]\n{key} = {one['ratio']:.7g}")
+            text.append(f"{toml_table(joint)}\n{key} = {one['ratio']:.7g}")
             text.append(f"{key}_std = {one['standard_error']:.2g}")
     show("\n".join(text), {"joints": found}, as_json, robot=robot.name)
 

@@ -16,6 +16,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from seaid._arrays import Array, BoolArray, IndexArray, is_constant, runs
+from seaid._files import toml_table
 from seaid.errors import Finding, listed
 from seaid.log import (
     CHANNELS,
@@ -418,7 +419,7 @@ def _legs_finding(robot: Robot, logs: Sequence[Log], order: IndexArray) -> Findi
         columns = column_names(other, robot.is_prismatic[j]).items()
         own = {field: name for name, field in columns if any(name in log.columns() for log in logs)}
         sources = described.get(other, own)
-        tables += [f"[joints.{joint}]", *(f"{x} = {as_toml(sources[x])}" for x in sources)]
+        tables += [toml_table("joints", joint), *(f"{x} = {as_toml(sources[x])}" for x in sources)]
     return Finding(
         "swapped-joints",
         "legs are exchanged: standing feet rest if the channels of these joints are meant: "
@@ -436,7 +437,7 @@ def _exchange_finding(exchanged: Mapping[str, str], logs: Sequence[Log]) -> Find
     tables = []
     for link, other in exchanged.items():
         source = described.get(other, {}).get("contact", f"{other}.contact")
-        tables.append(f"[contacts.{link}]\ncontact = {as_toml(source)}")
+        tables.append(f"{toml_table('contacts', link)}\ncontact = {as_toml(source)}")
     pairs = ", ".join(f"{link} by that of {other}" for link, other in exchanged.items())
     return Finding(
         "contact-flags",

@@ -24,6 +24,7 @@ import pinocchio as pin
 from scipy.special import fdtri, stdtrit
 
 from seaid._arrays import Array, safely
+from seaid._files import toml_table
 from seaid.errors import ExcitationError, Finding
 from seaid.estimation import Estimate, FittedRows, estimate_of_rows, qr_factor_of
 from seaid.identification.datasets import Dataset, rows_in_memory
@@ -253,7 +254,9 @@ def mass_findings(found: Identification, given: Robot) -> Iterator[Finding]:
     mass, error = body[0].value, body[0].standard_error
     nominal = float(np.sum((given.parameters + given.payload_parameters)[::10]))
     sensors = sorted({link for one in found.motions if one.base for link in one.base.wrenches})
-    tables = "\n".join(f"[contacts.{link}]\nforce = {{ ..., scale = -1 }}" for link in sensors)
+    tables = "\n".join(
+        f"{toml_table('contacts', link)}\nforce = {{ ..., scale = -1 }}" for link in sensors
+    )
     evidence = {"mass [kg]": mass, "standard error [kg]": error, "robot file [kg]": nominal}
     if mass < -_SURE_MASS * error:
         where = "; in the description of the log, and so for each moment:\n" if sensors else ""

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from seaid._arrays import Array, FrozenMapping, is_constant, white_noise
+from seaid._files import toml_table
 from seaid._progress import Result, counted
 from seaid.errors import (
     ExcitationError,
@@ -262,7 +263,7 @@ def _missing_drives(robot: Robot, log: Log) -> Iterator[Finding]:
         kind = "series_elastic" if apart > _ELASTIC else "stiff"
         is_linear = robot.is_prismatic[robot.index(joint)] and kind == "stiff"
         key = "gear_ratio_rad_per_m" if is_linear else "gear_ratio"
-        tables.append(f'[{joint}]\ntype = "{kind}"\n{key} = {abs(ratio):.4g}')
+        tables.append(f'{toml_table(joint)}\ntype = "{kind}"\n{key} = {abs(ratio):.4g}')
         times.append((joint, abs(ratio)))
     if tables:
         yield Finding(
@@ -368,7 +369,7 @@ def _offset(given: Experiment, j: int, number: int, change: float, size: float) 
         joint,
         "wrong" if size else "doubtful",
         {"difference at the joint": change},
-        f"in the description of log {number}:\n[joints.{joint}]\n"
+        f"in the description of log {number}:\n{toml_table('joints', joint)}\n"
         f"{wanted} = {changed_source(given.source(j, wanted, number - 1), offset=offset)}",
         "certain" if size else "likely",
     )
@@ -444,7 +445,7 @@ def _delay(given: Experiment, joints: Sequence[int], delay: float, error: float)
     robot = given.robot
     lines = ["in the description of the log:"]
     for j in joints:
-        lines.append(f"[joints.{robot.joint_names[j]}]")
+        lines.append(toml_table("joints", robot.joint_names[j]))
         source = changed_source(given.source(j, "motor_torque"), delay_s=round(delay, 5))
         lines.append(f"motor_torque = {source}")
     names = ", ".join(robot.joint_names[j] for j in joints)

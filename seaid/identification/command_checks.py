@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from seaid._arrays import Array, is_constant, resolution
+from seaid._files import toml_table
 from seaid.drives import NORMAL_95, Controller, Drive, JointParameter, stated_delay_s
 from seaid.errors import Finding
 from seaid.estimation import scaled_svd
@@ -39,8 +40,9 @@ _REPEATED, _REST_S = 0.02, 0.25
 """Share of commands that repeat the one before, single steps being usual, from which commands are
 logged twice; longer runs of equal commands are rests."""
 
-_AT_LIMIT = 0.01
-"""Share of samples beyond the limit of a controller, from which it is said."""
+_AT_LIMIT, _MOSTLY = 0.01, 0.5
+"""Shares of samples beyond the limit of a controller, from which it is said, and from which its
+gains are in another unit than its limit."""
 
 _NOISY = 3.0
 """Tracking error (rms) over the noise of the encoder below which a third of the torque is noise."""
@@ -91,7 +93,7 @@ def _not_following(robot: Robot, log: Log, j: int, error: Array) -> Finding | No
         joint,
         "wrong",
         {"correlation": r, "ratio of the ranges": times},
-        f"in the description of the log:\n[joints.{joint}]\n"
+        f"in the description of the log:\n{toml_table('joints', joint)}\n"
         f"{quantity} = {changed_source(source, factor=factor)}",
         "certain",
     )
@@ -146,6 +148,9 @@ def _limited(robot: Robot, log: Log, j: int) -> Iterator[Finding]:
     if share < _AT_LIMIT:
         return
     largest = float(np.max(np.abs(asked)))
+    if share > _MOSTLY and (is_given or not np.any(robot.parameters)):  # bodies show it better
+        yield _other_unit(joint, largest, limit, share)
+        return
     text = f"asks for more than its torque limit, {limit:.4g} N m, in {share:.1%} of the samples"
     if is_given:
         text += ": the limit counts as its torque there"
@@ -154,16 +159,32 @@ def _limited(robot: Robot, log: Log, j: int) -> Iterator[Finding]:
             f"asks for up to {largest:.3g} N m, in {share:.1%} of the samples more than the effort "
             f"limit of the robot file ({limit:.4g} N m), and has no torque limit"
         )
+    table = toml_table(joint, "controller")
     yield Finding(
         "saturation",
         f"the controller of {joint} {text}",
         joint,
         "note" if is_given else "doubtful",
         {"share at the limit": share},
-        ""
-        if is_given
-        else f"in the drives file:\n[{joint}.controller]\ntorque_limit_Nm = {limit:.4g}",
+        "" if is_given else f"in the drives file:\n{table}\ntorque_limit_Nm = {limit:.4g}",
         "certain" if is_given else "likely",
+    )
+
+
+def _other_unit(joint: str, largest: float, limit: float, share: float) -> Finding:
+    """Return the finding of gains that ask for more than a limit most of the time."""
+    return Finding(
+        "gain-scale",
+        f"the controller of {joint} asks for more than its torque limit, {limit:.4g} N m, in "
+        f"{share:.0%} of the samples, and for up to {largest:.3g}: its gains are in another unit "
+        "than the limit, such as units of the drive (counts, 1/256, per degree)",
+        joint,
+        "doubtful",
+        {"share at the limit": share, "torque over its limit": largest / limit},
+        "gains in N m/rad, or gains and limit in units of the drive and their scale as a parameter "
+        "with known bodies, in the drives file:\n"
+        f"{toml_table(joint, 'controller')}\nis_up_to_scale = true",
+        "likely",
     )
 
 
@@ -183,7 +204,7 @@ def _ignored(log: Log, j: int, law: Controller) -> Iterator[Finding]:
             joint,
             "doubtful",
             {"largest velocity command": largest},
-            f"in the drives file, if the drive gets them:\n[{joint}.controller]\n"
+            f"in the drives file, if the drive gets them:\n{toml_table(joint, 'controller')}\n"
             f"command_velocity_gain_Nms_per_rad = {gain:g}",
             "possible",
         )
@@ -274,8 +295,8 @@ def _with_commands(joint: str, ratio: float, gain: float | None) -> str:
     """Return the drive table of a joint whose position commands replace its torque."""
     known = "20.0  # write the gain of your controller" if gain is None else f"{gain:.4g}"
     return (
-        f'in the drives file:\n[{joint}]\ntype = "stiff"\ngear_ratio = {ratio:.6g}\n'
-        f'motor_input = "position_command"\n[{joint}.controller]\n'
+        f'in the drives file:\n{toml_table(joint)}\ntype = "stiff"\ngear_ratio = {ratio:.6g}\n'
+        f'motor_input = "position_command"\n{toml_table(joint, "controller")}\n'
         f"position_gain_Nm_per_rad = {known}"
     )
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from seaid._arrays import Array, safely
+from seaid._files import toml_table
 from seaid.drives import NORMAL_95, STATED_DELAY_S, Drive, JointParameter
 from seaid.errors import Finding, IdentificationError, listed
 from seaid.estimation import Estimate, FittedRows
@@ -240,7 +241,7 @@ def with_estimated_delays(robot: Robot, found: Robot) -> Robot:
                 f"the command of {joint} seems delayed by {delay * 1e3:.3g} ms, more than "
                 f"{LARGEST_DELAY_S * 1e3:g} ms either way: check the gains of its controller and "
                 "the signs of commands and positions, or give the delay in the drives file:\n"
-                f'[{joint}]\ncommand_delay_s = 0.004\nknown = ["command_delay"]'
+                f'{toml_table(joint)}\ncommand_delay_s = 0.004\nknown = ["command_delay"]'
             )
         seen = of_buses.setdefault(near, [])
         delay = next((one for one in seen if abs(one - delay) < _ROUNDING_S), delay)

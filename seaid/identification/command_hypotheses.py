@@ -13,15 +13,17 @@ from itertools import combinations
 
 import numpy as np
 
+from seaid._files import toml_table
 from seaid.errors import Finding
 from seaid.estimation import scaled_svd
-from seaid.identification.experiment import Experiment, fitted
-from seaid.identification.setup_hypotheses import (
+from seaid.identification.experiment import (
     FALLS,
     LEAST_GAIN,
     SEVERE,
     SUSPICIOUS,
     TIE,
+    Experiment,
+    fitted,
     flipped,
     scaled,
 )
@@ -96,7 +98,7 @@ def _gain_finding(given: Experiment, j: int, factor: float, error: float | None)
         "wrong",
         {"torque over that of the bodies": factor},
         f"gains in N m/rad, or their scale as a parameter{scale}, in the drives file:\n"
-        f"[{joint}.controller]\nis_up_to_scale = true",
+        f"{toml_table(joint, 'controller')}\nis_up_to_scale = true",
         "likely",
     )
 
@@ -265,6 +267,6 @@ def _pose_finding(given: Experiment, poses: Poses, j: int) -> Finding | None:
             "misfit as given": float(before[worst]),
             "misfit without it": float(after[worst]),
         },
-        "\n".join(["in the description of the log:", f"[joints.{joint}]", *lines]),
+        "\n".join(["in the description of the log:", toml_table("joints", joint), *lines]),
         "likely",
     )

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any
 
@@ -32,6 +32,15 @@ _WINDOWS, _WINDOW_SAMPLES = 5, 4000
 _FLOORS = {"nominal": 0.05, "free": 0.03, "motor": 0.03, "encoders": 0.02}
 """Misfits that count as none: by bodies of the robot file, by any bodies, of the motor equation, of
 one encoder by the other."""
+
+SUSPICIOUS, SEVERE = 0.12, 0.25
+"""Misfits (rms over that of the torque) from which a set-up is compared with others, and below
+which neither a sign, a unit of an angle, a clock nor an exchange can be wrong."""
+
+LEAST_GAIN, TIE, FALLS = 2.0, 1.0, 0.5
+"""Least decrease of the sum of log squared misfits of a mistake: one that falls by a factor of e;
+difference of decreases that distinguishes nothing; and a mistake is one only if some misfit that
+matters falls below this part of itself."""
 
 _PROPERTIES = {
     "nominal": "nominal",
@@ -484,3 +493,23 @@ class Hypothesis:
     severity: Severity = "wrong"
     evidence: dict[str, float] = field(default_factory=dict)
     penalty: float = 0.0
+
+
+def flipped(given: Experiment, j: int, channels: str) -> Experiment:
+    """Return the experiment with the opposite sign of some channels of joint j."""
+    return scaled(given, j, dict.fromkeys(channels, -1.0))
+
+
+def scaled(given: Experiment, j: int, factors: dict[str, float]) -> Experiment:
+    """Return the experiment with channels (q, m, t) of joint j multiplied by factors."""
+    own = np.arange(given.robot.n) == j
+    factor = {one: np.where(own, factors.get(one, 1.0), 1.0) for one in "qmt"}
+    return replace(
+        given,
+        joint=given.joint * factor["q"],
+        motor=given.motor * factor["m"],
+        direction=given.direction * np.sign(factor["m"]),
+        torque=given.torque * factor["t"],
+        torque_rate=given.torque_rate * factor["t"],
+        sensed=given.sensed * factor["t"],
+    )

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from seaid._arrays import Array
+from seaid._files import toml_table
 from seaid.drives import total_ratio
 from seaid.errors import Finding
 from seaid.estimation import LEAST_STD, RANK_TOLERANCE, scaled_svd
@@ -134,7 +135,7 @@ def _undamped(joint: str, size: float, error: float) -> Finding:
         "friction may be wrong by more than their intervals",
         joint,
         evidence={"damping ratio": size / 2, "standard error": error / 2},
-        remedy=f'in the drives file:\n[{joint}]\nspring = ["linear", "damping"]',
+        remedy=f'in the drives file:\n{toml_table(joint)}\nspring = ["linear", "damping"]',
     )
 
 

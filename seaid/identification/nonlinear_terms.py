@@ -20,6 +20,7 @@ from itertools import product
 import numpy as np
 
 from seaid._arrays import Array, BoolArray, IndexArray
+from seaid._files import toml_table
 from seaid.drives import (
     COULOMB,
     DEAD_ZONES,
@@ -426,8 +427,8 @@ def _check_warm_up(robot: Robot, motions: Sequence[Motion], joints: Sequence[str
             raise IdentificationError(
                 f"joint '{joint}': its friction warms up over {found_s:.3g} s or more, longer than "
                 f"the log of {longest:.3g} s, which shows no warm motor. Log twice that time or "
-                f"longer, remove {terms}, or give the time in the drives file:\n[{joint}]\n"
-                f"warm_up_time_s = {found_s:.3g}\n"
+                f"longer, remove {terms}, or give the time in the drives file:\n"
+                f"{toml_table(joint)}\nwarm_up_time_s = {found_s:.3g}\n"
                 'known = ["warm_up_time"]'
             )
 

@@ -16,6 +16,7 @@ from itertools import chain, combinations
 import numpy as np
 
 from seaid._arrays import Array
+from seaid._files import toml_table
 from seaid.errors import Certainty, Finding, Severity
 from seaid.estimation import scaled_svd
 from seaid.identification.body_hypotheses import (
@@ -27,29 +28,29 @@ from seaid.identification.body_hypotheses import (
     penalty_of,
     with_bodies,
 )
-from seaid.identification.experiment import Experiment, Hypothesis
+from seaid.identification.experiment import (
+    FALLS,
+    LEAST_GAIN,
+    SEVERE,
+    SUSPICIOUS,
+    TIE,
+    Experiment,
+    Hypothesis,
+    flipped,
+    scaled,
+)
 from seaid.log import changed_source
 from seaid.robot import Robot
-
-LEAST_GAIN = 2.0
-"""Least decrease of the sum of log squared misfits: one that falls by a factor of e."""
 
 _MOST_MISTAKES = 5
 """Mistakes that are looked for one after the other."""
 
-SUSPICIOUS, _BARELY, _TIMES = 0.12, 0.04, 3.0
-"""The set-up is compared with others from this misfit on (rms over that of the torque), or from the
-second one if the nominal bodies have so many times the misfit of any bodies."""
-
-
-SEVERE = 0.25
-"""Misfit below which neither a sign, a unit of an angle, a clock nor an exchange can be wrong."""
+_BARELY, _TIMES = 0.04, 3.0
+"""The set-up is compared with others from this misfit on too, if the nominal bodies have so many
+times the misfit of any bodies."""
 
 _WORSE = 1.5
 """Most that a hypothesis may increase the cost of one kind of misfit."""
-
-TIE = 1.0
-"""Hypotheses whose gains differ by less are not distinguishable."""
 
 _SHORTLIST = 12
 """Hypotheses, best by the nominal bodies and the encoders, whose other misfits are computed too."""
@@ -164,10 +165,6 @@ def _left(one: Hypothesis, changed: Experiment) -> float:
     return float(own if np.isfinite(own) else middle)
 
 
-FALLS = 0.5
-"""A mistake is one only if some misfit that matters falls below this part of itself."""
-
-
 def _explains(given: Experiment, changed: Experiment) -> bool:
     """Whether a misfit of some joint that matters falls by much."""
     return any(
@@ -222,7 +219,7 @@ def _entry(given: Experiment, j: int, quantities: Sequence[str], factor: float) 
     """Return the lines of a description that multiply quantities of a joint by a factor."""
     lines = [f"{one} = {changed_source(given.source(j, one), factor=factor)}" for one in quantities]
     joint = given.robot.joint_names[j]
-    return "\n".join(["in the description of the log:", f"[joints.{joint}]", *lines])
+    return "\n".join(["in the description of the log:", toml_table("joints", joint), *lines])
 
 
 def _entries(given: Experiment, joints: Sequence[int], channels: str, factor: float) -> str:
@@ -244,26 +241,6 @@ def _quantities(given: Experiment, j: int, channels: str) -> list[str]:
     if np.all(np.isnan(given.torque[:, j])):
         found = ["joint_torque" if one == "motor_torque" else one for one in found]
     return found
-
-
-def flipped(given: Experiment, j: int, channels: str) -> Experiment:
-    """Return the experiment with the opposite sign of some channels of joint j."""
-    return scaled(given, j, dict.fromkeys(channels, -1.0))
-
-
-def scaled(given: Experiment, j: int, factors: dict[str, float]) -> Experiment:
-    """Return the experiment with channels (q, m, t) of joint j multiplied by factors."""
-    own = np.arange(given.robot.n) == j
-    factor = {one: np.where(own, factors.get(one, 1.0), 1.0) for one in "qmt"}
-    return replace(
-        given,
-        joint=given.joint * factor["q"],
-        motor=given.motor * factor["m"],
-        direction=given.direction * np.sign(factor["m"]),
-        torque=given.torque * factor["t"],
-        torque_rate=given.torque_rate * factor["t"],
-        sensed=given.sensed * factor["t"],
-    )
 
 
 def _signs(given: Experiment, j: int) -> Iterator[Hypothesis]:
@@ -310,7 +287,7 @@ def _with_ratio(given: Experiment, j: int, factor: float) -> Experiment:
 def _ratio_remedy(given: Experiment, j: int, factor: float) -> str:
     joint = given.robot.joint_names[j]
     key = "gear_ratio_rad_per_m" if _is_linear(given.robot, j) else "gear_ratio"
-    return f"in the drives file:\n[{joint}]\n{key} = {given.ratio[j] * factor:.6g}"
+    return f"in the drives file:\n{toml_table(joint)}\n{key} = {given.ratio[j] * factor:.6g}"
 
 
 def _is_linear(robot: Robot, j: int) -> bool:
@@ -443,7 +420,7 @@ def _torques(given: Experiment, j: int) -> Iterator[Hypothesis]:
             f"the rotor inertia of {joint} is {inertia[j]:.3g} kg m^2, not {given.inertia[j]:.3g}",
             partial(_with_inertia, inertia=inertia),
             joint,
-            f"in the drives file:\n[{joint}]\nmotor_inertia_kg_m2 = {inertia[j]:.4g}",
+            f"in the drives file:\n{toml_table(joint)}\nmotor_inertia_kg_m2 = {inertia[j]:.4g}",
             evidence={"ratio": factor},
             penalty=penalty_of(factor, rotor),
         )
@@ -532,7 +509,7 @@ def swapped(given: Experiment, pair: list[int], channels: str) -> Experiment:
 def _swap_remedy(given: Experiment, pair: tuple[int, int], channels: str) -> str:
     lines = ["in the description of the log:"]
     for own, other in (pair, pair[::-1]):
-        lines.append(f"[joints.{given.robot.joint_names[own]}]")
+        lines.append(toml_table("joints", given.robot.joint_names[own]))
         lines += [
             f"{one} = {changed_source(given.source(other, one))}"
             for one in _quantities(given, other, channels)

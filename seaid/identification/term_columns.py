@@ -14,6 +14,7 @@ from itertools import product
 import numpy as np
 
 from seaid._arrays import Array, BoolArray, FrozenMapping, IndexArray
+from seaid._files import toml_table
 from seaid.drives import (
     COULOMB,
     DEAD_ZONES,
@@ -508,7 +509,7 @@ def toml_of(drive: Drive, one: TermComparison) -> str:
         for name, value in one.values.items()
         if name != "deflection_zero"  # that of these logs
     ]
-    return "\n".join([f"[{one.joint}]", f"{one.field} = [{terms}]", *values])
+    return "\n".join([toml_table(one.joint), f"{one.field} = [{terms}]", *values])
 
 
 _NO_COLUMN = "it has no column: the log lacks its equation, or the fit the stiffness of the spring"

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from seaid._arrays import Array
+from seaid._files import toml_table
 from seaid.errors import Finding, IdentificationError
 from seaid.estimation import Alternative, best_supported, compare_models, scaled_svd
 from seaid.identification.term_columns import (
@@ -211,5 +212,5 @@ def _named(
         joint,
         "doubtful" if share >= _DOUBTFUL_SHARE else "note",
         evidence,
-        f"in the drives file:\n[{joint}]\n{field} = {{ {table} }}",
+        f"in the drives file:\n{toml_table(joint)}\n{field} = {{ {table} }}",
     )

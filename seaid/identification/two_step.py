@@ -15,6 +15,7 @@ import numpy as np
 from scipy import linalg
 
 from seaid._arrays import Array
+from seaid._files import toml_table
 from seaid.drives import PARAMETERS_OF, JointParameter, parameter_of, unit_of
 from seaid.errors import Finding, IdentificationError, listed
 from seaid.estimation import (
@@ -190,7 +191,7 @@ def scale_findings(robot: Robot, load_side: Estimate, joints: Sequence[str]) -> 
             "doubtful",
             ratios,
             "known bodies (known_bodies=), logs with and without a payload (identify_conditions), "
-            f"or the scale in the drives file:\n[{joints[0]}]\n"
+            f"or the scale in the drives file:\n{toml_table(joints[0])}\n"
             'gain_scale = 1.0  # write yours\nknown = ["gain_scale"]',
             "certain",
         ),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import os
 import sys
@@ -12,7 +11,7 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 from seaid._arrays import FrozenMapping
-from seaid._files import MOST_TOML_BYTES, read_toml
+from seaid._files import MOST_TOML_BYTES, read_toml, toml_key, toml_text
 from seaid._progress import MOST_NAMES, Display, counted
 from seaid.errors import LogError, listed, shortened, shown, unknown_name
 from seaid.log.base_columns import (
@@ -215,15 +214,15 @@ class LogDescription(Display):
         content = self.to_dict()
         keys = [key for key in ("files", "time", "where", "exclude_s") if key in content]
         lines = [f"{key} = {as_toml(content[key])}" for key in keys]
-        tables = {f"joints.{_key(joint)}": one for joint, one in content["joints"].items()}
+        tables = {f"joints.{toml_key(joint)}": one for joint, one in content["joints"].items()}
         tables |= {"base": content["base"]} if "base" in content else {}
         for link, one in content.get("contacts", {}).items():
-            tables[f"contacts.{_key(link)}"] = one
+            tables[f"contacts.{toml_key(link)}"] = one
         if "repair" in content:
             tables["repair"] = content["repair"]
         for name, table in tables.items():
             lines += ["", f"[{name}]"]
-            lines += [f"{_key(key)} = {as_toml(value)}" for key, value in table.items()]
+            lines += [f"{toml_key(key)} = {as_toml(value)}" for key, value in table.items()]
         return "\n".join(lines).lstrip("\n") + "\n"
 
 
@@ -280,25 +279,15 @@ def _rounded(value: float) -> float | int:
     return int(found) if found.is_integer() else found
 
 
-def _key(name: str) -> str:
-    bare = name.isascii() and name.replace("_", "").replace("-", "").isalnum()
-    return name if bare else _text(name)
-
-
 def as_toml(value: Any) -> str:
     """Return a value of a description as the text after `key =`."""
     if isinstance(value, Mapping):
         return "{ " + ", ".join(f"{key} = {as_toml(one)}" for key, one in value.items()) + " }"
     if isinstance(value, str):
-        return _text(value)
+        return toml_text(value)
     if isinstance(value, list):
         return f"[{', '.join(map(as_toml, value))}]"
     return repr(float(value) if isinstance(value, float) else value)  # repr of float64 is no TOML
-
-
-def _text(value: str) -> str:
-    """Return a text as a TOML string: as in JSON, but with the delete character escaped."""
-    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 _UNITS = {

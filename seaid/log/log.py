@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 import numpy as np
 
 from seaid._arrays import Array, BoolArray, frozen
-from seaid._files import write_csv, write_whole
+from seaid._files import toml_table, write_csv, write_whole
 from seaid._progress import Display, sampled_text
 from seaid.errors import LogError, checked, listed, shown, unknown_name
 from seaid.log.base_log import BaseLog, base_columns, base_log
@@ -167,7 +167,8 @@ def near_names(missing: list[str], picked: Iterable[str], file_names: Sequence[s
     for name, near in pairs[:1]:
         joint, _, quantity = name.rpartition(".")
         field = next((one for one in SENSORS if quantity.startswith(one)), "joint_torque")
-        text += f'; in the description of the log: [joints.{joint}] {field} = "{near}"'
+        text += f"; in the description of the log: {toml_table('joints', joint)} "
+        text += f'{field} = "{near}"'
     return text
 
 

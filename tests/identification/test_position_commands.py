@@ -696,7 +696,9 @@ def test_identifiability_says_what_a_gain_set_determines(urdf: Path) -> None:
     assert "within 3.92 ms" in known
 
 
-def test_commands_that_are_repeated_limited_or_followed_too_well_are_said(urdf: Path) -> None:
+def test_commands_that_are_repeated_limited_or_followed_too_well_are_said(
+    urdf: Path, tmp_path: Path
+) -> None:
     log, robot = mujoco_log(SOFT, 0.0, 0.0, 0), robot_of(urdf, SOFT)
     command = log.position_command
     assert command is not None
@@ -719,11 +721,12 @@ def test_commands_that_are_repeated_limited_or_followed_too_well_are_said(urdf: 
     asked = 40.0 * (command - log.joint_position) - np.gradient(log.joint_position, TIME, axis=0)
     share = float(np.mean(np.abs(asked) > 6.0))
     assert saturated.evidence["share at the limit"] == pytest.approx(share, abs=0.01)
-    stiff = replace(limited, position_gain_Nm_per_rad=400.0, torque_limit_Nm=np.inf)
-    drive = replace(robot.drives["j"], controller=stiff)
-    (beyond,) = wrong_of(robot.with_drives({"j": drive}), log)
+    weak = tmp_path / "weak.urdf"
+    weak.write_text(URDF.replace('effort="50"', 'effort="6"'))
+    (beyond,) = wrong_of(robot_of(weak, SOFT), log)
     assert beyond.code == "saturation"
-    assert "torque_limit_Nm = 50" in beyond.remedy
+    assert beyond.evidence == saturated.evidence
+    assert "torque_limit_Nm = 6" in beyond.remedy
     noise = rng.normal(size=command.shape) * 1e-3
     (close,) = wrong_of(robot, replace(log, joint_position=command + noise))
     assert close.code == "unidentifiable"
@@ -743,6 +746,66 @@ def test_a_commanded_go2_has_no_mistake() -> None:
     assert "does not separate" in found[0].message
     assert "FL_hip_joint armature + " in found[0].message
     assert 'known = ["command_delay"]' in found[0].remedy
+
+
+@pytest.mark.parametrize("units", [256.0, 4096 / (2 * np.pi), 0.01])
+def test_gains_in_another_unit_are_named_by_the_bodies(
+    urdf: Path, tmp_path: Path, units: float
+) -> None:
+    """The finding has the factor, and its line of TOML ends it; limits are no finding then."""
+    log, (kp, kd) = mujoco_log(SOFT, 0.006, 2e-4, 0), SOFT
+    robot = robot_of(urdf, (units * kp, units * kd))
+    (finding,) = wrong_of(robot, log)
+    assert (finding.code, finding.severity, finding.joint) == ("gain-scale", "wrong", "j")
+    assert finding.evidence["torque over that of the bodies"] == pytest.approx(units, rel=0.03)
+    assert "known bodies (known_bodies=)" not in finding.remedy
+    drives = tmp_path / "drives.toml"
+    seaid.write_drives(robot.drives, drives)
+    head, _, table = finding.remedy.partition("in the drives file:\n[j.controller]\n")
+    assert head
+    assert table == "is_up_to_scale = true"
+    text = drives.read_text().replace("[j.controller]", f"[j.controller]\n{table}")
+    drives.write_text(text)
+    declared = seaid.load_robot(urdf, drives, known_bodies=["arm"])
+    assert wrong_of(declared, log) == []
+    scale, error = values_of(seaid.identify(declared, log))["gain_scale"]
+    assert scale == pytest.approx(1 / units, rel=0.01)
+    assert error < 0.01 * scale
+    unknown = seaid.load_robot(urdf, robot.drives)
+    (same,) = wrong_of(unknown, log)
+    assert same.code == "gain-scale"
+    assert "known bodies (known_bodies=)" in same.remedy
+
+
+def test_gains_in_another_unit_are_named_by_a_limit(urdf: Path, tmp_path: Path) -> None:
+    """With limits of the drive or, of bodies without masses, of the robot file."""
+    log, (kp, kd) = mujoco_log(SOFT, 0.006, 2e-4, 0), SOFT
+    robot = robot_of(urdf, (256 * kp, 256 * kd))
+    drive = robot.drives["j"]
+    assert drive.controller is not None
+    limited = replace(drive, controller=replace(drive.controller, torque_limit_Nm=50.0))
+    empty = tmp_path / "empty.urdf"
+    start, _, end = URDF.partition("<inertial>")
+    empty.write_text(start + end.partition("</inertial>")[2])
+    for one in (robot.with_drives({"j": limited}), seaid.load_robot(empty, robot.drives)):
+        (finding,) = (x for x in wrong_of(one, log) if x.code == "gain-scale")
+        assert finding.severity == "doubtful"
+        assert finding.evidence["share at the limit"] > 0.5
+        assert "[j.controller]\nis_up_to_scale = true" in finding.remedy
+
+
+def test_a_wrong_gain_of_a_joint_whose_gravity_is_small_is_named_with_the_others() -> None:
+    """All hips and thighs of the measured Go2 show the factor; calves are too uncertain to."""
+    bare = seaid.load_robot("go2")
+    gains = seaid.Controller(position_gain_Nm_per_rad=20.0 * 256, velocity_gain_Nms_per_rad=384.0)
+    drive = seaid.StiffDrive(motor_input="position_command", controller=gains)
+    drives = dict.fromkeys(bare.joint_names, drive)
+    robot = seaid.load_robot("go2", drives, known_bodies=bare.body_names)
+    log = seaid.read_log("models/logs/go2_commands/go2_second_half.npz", robot)
+    found = wrong_of(robot, log)
+    assert {(one.code, one.severity) for one in found} == {("gain-scale", "wrong")}
+    assert sorted(one.joint for one in found) == sorted(bare.joint_names)
+    assert sum("as that of all other joints" in one.message for one in found) >= 3
 
 
 LAWS: dict[str, dict[str, Any]] = {
