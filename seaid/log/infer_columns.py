@@ -26,6 +26,7 @@ from seaid.log.column_checks import (
     Sources,
     check_used,
     correlation,
+    follows,
     is_far,
     is_state,
     is_within,
@@ -225,6 +226,20 @@ def _add_torques(inference: Inference, joint: str, found: Sources) -> None:
         found[f"{side}_torque"] = arguments
 
 
+def _no_torque(inference: Inference, joint: str) -> str:
+    """Return the note of a joint without torques and commands, with commands of unknown kind."""
+    other = [
+        name
+        for name, one in inference.meanings.items()
+        if one.is_command and one.joint == joint and not one.quantity
+    ]
+    what = (
+        f"; {listed(other)}: a command of what is unknown, as the position does not follow it: "
+        "name it position_command, velocity_command or torque_command in a description"
+    )
+    return f"no torque, current or voltage found{what if other else ''}"
+
+
 def _add_command(inference: Inference, joint: str, found: Sources) -> None:
     """Add the commands of a joint without torque, its position in the unit of the measured one."""
     kinds = ("position", "velocity", "torque")
@@ -233,7 +248,7 @@ def _add_command(inference: Inference, joint: str, found: Sources) -> None:
         names[kind] = [name for name in names[kind] if np.any(inference.finite(name))]
     leading = next((kind for kind in kinds[:2] if names[kind]), "")
     if not leading or not found:
-        inference.note(joint, "no torque, current or voltage found")
+        inference.note(joint, _no_torque(inference, joint))
         return
     position = found.get("motor_position") or found["joint_position"]
     for kind in kinds:
@@ -471,7 +486,7 @@ def describe_log(
     clocks = {} if table.clocks else _file_clocks(table, inference)
     _with_estimates(inference)
     inference.time = _time_of(inference, clocks.get(""))
-    tags = _with_motor(inference, _joints(inference))
+    tags = _with_motor(inference, _joints(inference) or _measured_next_to_commands(inference))
     if not tags:
         raise LogError(
             f"'{path}': no column looks like the position of a joint; columns are "
@@ -781,6 +796,22 @@ def _joints(inference: Inference) -> list[str]:
         if meaning.quantity == "position" and meaning.is_raw and name in inference.data
     )
     return sorted(tags, key=int) if all(_is_number(tag) for tag in tags) else list(tags)
+
+
+def _measured_next_to_commands(inference: Inference) -> list[str]:
+    """Return the labels of "actual_1" next to "target_1", which are taken for positions."""
+    commands = {
+        one.joint: name
+        for name, one in inference.meanings.items()
+        if one.is_command and not one.quantity and name in inference.data
+    }
+    for name, one in inference.meanings.items():
+        leads = commands.get(one.joint)
+        is_unnamed = one.is_raw and one.is_said and not one.quantity and name in inference.data
+        if is_unnamed and leads and follows(inference.data[name], inference.data[leads]):
+            inference.meanings[name] = replace(one, quantity="position")
+            inference.note(name, "measured, without a quantity: taken for the position")
+    return _joints(inference)
 
 
 def _is_number(tag: str) -> bool:

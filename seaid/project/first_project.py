@@ -128,7 +128,11 @@ def write_first_project(
     if not logs:
         raise SeaidError("a project needs a log: give the URDF and at least one log")
     doubts: list[str] = []
-    known = _known_drives(urdf, drives, doubts)
+    if drives is not None and controllers:
+        raise SeaidError(
+            f"'{drives}' has the controllers of its drives: write the gains there, or leave it out"
+        )
+    known = _known_drives(urdf, drives, doubts, bool(controllers))
     robot = load_robot(
         urdf,
         known,
@@ -199,15 +203,20 @@ class _ReadLog:
 
 
 def _known_drives(
-    urdf: str | Path, drives: str | Path | None, doubts: list[str]
+    urdf: str | Path, drives: str | Path | None, doubts: list[str], has_controllers: bool
 ) -> str | Path | None:
-    """Return the file of the drives: the given one, or the one next to the URDF."""
+    """Return the file of the drives: the given one, or without gains the one next to the URDF."""
     neighbour = Path(urdf).with_suffix(".toml")
     if drives is not None or not neighbour.is_file():
         return drives
     try:
         read_drives(neighbour)
     except SeaidError:
+        return None
+    if has_controllers:
+        doubts.append(
+            f"drives: '{neighbour.name}' next to the URDF is not used, as gains are given"
+        )
         return None
     doubts.append(f"drives: '{neighbour.name}' lies next to the URDF and is used")
     return neighbour
@@ -231,15 +240,26 @@ def _read(files: tuple[Path, ...], robot: Robot, folder: Path, rate_hz: float | 
         plain = problem
     try:
         guess = describe_log(files, robot, rate_hz=rate_hz)
-    except LogError:
-        raise plain from None
+    except LogError as problem:
+        raise plain if _has_own_names(files) else problem from None
     target = folder / f"{path.stem}_columns.toml"
     if target.exists():
         return _ReadLog(files, read_log(files, robot, description=target), target)
-    log = read_log(files, robot, description=guess.description)
+    try:
+        log = read_log(files, robot, description=guess.description)
+    except LogError as problem:
+        about = [one for one in guess.unsure if "no torque, current or voltage" in one]
+        raise LogError("; ".join([str(problem), *about])) from None
     doubts = tuple(f"{path.name}: {one}" for one in guess.unsure)
     return _ReadLog(files, log, target, guess.to_toml(), doubts, guess.gains)
 
+
+def _has_own_names(files: Sequence[Path]) -> bool:
+    """Return whether columns of files have names as seaid writes them."""
+    return any(name.endswith(_OWN_NAMES) for name in open_tables(files).names)
+
+
+_OWN_NAMES = ("_position_rad", "_position_m", "_torque_Nm", "_force_N")
 
 _GAINS = (
     "write the gains of the position controller in place of the question mark: torque at the joint "

@@ -246,6 +246,30 @@ def test_a_command_that_the_position_follows_is_one_of_the_position(
     assert "position_command" not in plain(other)["joint_1"]
 
 
+def test_a_command_that_a_soft_loop_hardly_follows_is_one_of_the_position(tmp_path: Path) -> None:
+    """Weight, friction and inertia over the gain are in u = 1.1 q + b q' + c q'' + d."""
+    q = wave(0.5) + wave(1.3, 0.6) + wave(2.1, 0.3)
+    rate = np.gradient(q, TIME)
+    rest = 0.12 * rate + 0.02 * np.gradient(rate, TIME) + 0.2 + 0.05 * np.sign(rate)
+    loop = 1.1 * q + rest
+    assert np.var(loop - q) > 0.5 * np.var(loop)
+    found = guess(tmp_path, t=TIME, q_1=q, cmd_1=loop)
+    assert plain(found)["joint_1"] == {"joint_position": "q_1", "position_command": "cmd_1"}
+    for other in (0.3 * q + rest, rest):  # a torque, and nearly a velocity
+        found = guess(tmp_path, t=TIME, q_1=q, cmd_1=other)
+        assert plain(found)["joint_1"] == {"joint_position": "q_1"}
+        assert any("cmd_1: a command of what is unknown" in one for one in found.unsure)
+
+
+def test_measured_next_to_a_command_that_it_follows_is_a_position(tmp_path: Path) -> None:
+    late = wave(0.5)[np.maximum(np.arange(len(TIME)) - 5, 0)]
+    found = guess(tmp_path, **{"t": TIME, "meas[0]": late, "cmd[0]": wave(0.5)})
+    assert plain(found)["joint_0"] == {"joint_position": "meas[0]", "position_command": "cmd[0]"}
+    assert "meas[0]: measured, without a quantity: taken for the position" in found.unsure
+    with pytest.raises(LogError, match="no column looks like the position of a joint"):
+        guess(tmp_path, **{"t": TIME, "meas[0]": wave(3.0), "cmd[0]": wave(0.5)})
+
+
 def test_low_level_commands_are_all_taken(tmp_path: Path) -> None:
     """Those that are zero all the time are not; a torque is said to be a feed-forward."""
     late = wave(0.5)[np.maximum(np.arange(len(TIME)) - 5, 0)]

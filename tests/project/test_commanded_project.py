@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import seaid
-from seaid.errors import RobotError
+from seaid.errors import LogError, RobotError, SeaidError
 from seaid.log.readers.opening import open_table
+from tests import experiments
 from tests.cli.test_cli import done, run
 from tests.measured import LOGS
 
 GO2 = LOGS / "go2_commands" / "go2_second_half.npz"
 LEG = "FL_hip_joint,FL_thigh_joint,FL_calf_joint"
+MODELS = experiments.MODELS
 
 
 @pytest.fixture(scope="module")
@@ -195,6 +198,42 @@ def test_custom_names_of_commands_are_recognised(heads: tuple[str, str], tmp_pat
     assert any("its drive needs motor_input" in one for one in guess.unsure)
     seaid.write_first_project("go2", [file], joints=joints, folder=tmp_path / "project")
     assert "position_command" in (tmp_path / "project" / "go2_drives.toml").read_text()
+
+
+def test_gains_replace_the_drives_next_to_the_robot_and_exclude_others(tmp_path: Path) -> None:
+    """A file of drives was used in place of the gains that were given, without a word."""
+    urdf = tmp_path / "arm.urdf"
+    shutil.copy(MODELS / "xl330_pendulum.urdf", urdf)
+    shutil.copy(MODELS / "xl330_pendulum.toml", tmp_path / "arm.toml")
+    time = np.arange(0, 8, 0.01)
+    command = 0.4 * np.sin(2 * time) + 0.2 * np.sin(5 * time)
+    rows = np.column_stack([time, np.interp(time - 0.03, time, command), command])
+    log = tmp_path / "log.csv"
+    np.savetxt(log, rows, delimiter=",", header="t,pendulum_pos,pendulum_cmd", comments="")
+    laws = {"pendulum": seaid.Controller(position_gain_Nm_per_rad=2.0)}
+    made = seaid.write_first_project(urdf, [log], folder=tmp_path / "one", controllers=laws)
+    assert "drives: 'arm.toml' next to the URDF is not used, as gains are given" in made.doubts
+    assert "position_gain_Nm_per_rad = 2.0" in (tmp_path / "one" / "arm_drives.toml").read_text()
+    with pytest.raises(SeaidError, match=r"arm\.toml' has the controllers of its drives: write"):
+        seaid.write_first_project(
+            urdf, [log], drives=tmp_path / "arm.toml", folder=tmp_path / "two", controllers=laws
+        )
+
+
+def test_a_refused_log_says_what_its_columns_were_taken_for(tmp_path: Path) -> None:
+    """Not what seaid's own names are, if it has none of them."""
+    time = np.arange(0, 8, 0.01)
+    position = 0.4 * np.sin(2 * time) + 0.2 * np.sin(5 * time)
+    urdf = MODELS / "xl330_pendulum.urdf"
+    log = tmp_path / "log.csv"
+    for head, command, words in (
+        ("t,pendulum_pos,pendulum_cmd", np.cos(9 * time), "pendulum_cmd: a command of what is unk"),
+        ("t,obs_0,action_0", position, "no column looks like the position of a joint; columns are"),
+    ):
+        rows = np.column_stack([time, position, command])
+        np.savetxt(log, rows, delimiter=",", header=head, comments="")
+        with pytest.raises(LogError, match=words):
+            seaid.write_first_project(urdf, [log], folder=tmp_path / "project")
 
 
 def test_a_log_with_a_torque_gets_no_controller(tmp_path: Path) -> None:
