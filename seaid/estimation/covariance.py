@@ -118,7 +118,7 @@ def left_by_fit(x: Array, Q: Array, time: Array, run: Array) -> Array:
     lags = automatic_lags(sum(int(np.max(slot)) + 1 for _, slot in logs))
     for rows, slot in logs:
         own, fitted = (_by_slot(values[rows], slot) for values in (x, Q))
-        step = max(_NUMBERS // (len(own) * x.shape[1]), 1)
+        step = max(_NUMBERS // max(len(own) * x.shape[1], 1), 1)
         for start in range(0, Q.shape[1], step):
             summed = own.swapaxes(1, 2) @ fitted[:, :, start : start + step]
             squares = np.sum(_windows(summed.reshape(len(own), -1), lags) ** 2, axis=0)

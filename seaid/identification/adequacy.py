@@ -178,18 +178,33 @@ _MOST_NAMED = 6
 
 
 def _load_sides(warnings: Sequence[Finding], joints: Mapping[str, JointFit]) -> str:
-    """Return the sentence if only load sides of spring joints are wrong, "" otherwise."""
+    """Return the sentence if only the torques of some joints are wrong, "" otherwise.
+
+    It names load sides of springs, and less than half of the joints otherwise.
+    """
     wrong = [one for one in warnings if one.severity == "wrong"]
     motors = {one.joint: joints[one.joint].motor for one in wrong if one.joint in joints}
-    if any(one.code != "no-fit" or np.isnan(motors.get(one.joint, np.nan)) for one in wrong):
+    if len(motors) < len({one.joint for one in wrong}) or any(x.code != "no-fit" for x in wrong):
         return ""
-    drives = []
-    for joint in (one for one, error in motors.items() if error < PART):
-        care = [one.code for one in warnings if (one.joint, one.severity) == (joint, "doubtful")]
-        reasons = f"usable with care: {', '.join(dict.fromkeys(care))}" if care else "good"
-        drives.append(f"the drive of {joint} is {reasons}")
-    loads = f"do not use the load side of {listed(motors)}: no-fit"
-    return "; ".join([loads, *drives]) if motors else ""
+    stiff = [joint for joint, error in motors.items() if np.isnan(error)]
+    if not motors or 2 * len(stiff) >= len(joints):
+        return ""
+    springs = [joint for joint in motors if joint not in stiff]
+    found = [f"do not use the load side of {listed(springs)}: no-fit"] if springs else []
+    found += [f"do not use the torque of {listed(stiff)}: no-fit"] if stiff else []
+    doubtful = [one for one in warnings if one.severity == "doubtful"]
+    for joint in (one for one in springs if motors[one] < PART):
+        care = _care(one for one in doubtful if one.joint == joint)
+        found.append(f"the drive of {joint} is {care}")
+    if stiff:
+        care = _care(one for one in doubtful if one.joint not in motors)
+        found.append(f"the rest is {care}")
+    return "; ".join(found)
+
+
+def _care(doubts: Iterable[Finding]) -> str:
+    codes = dict.fromkeys(one.code for one in doubts)
+    return f"usable with care: {', '.join(codes)}" if codes else "good"
 
 
 def joint_fits(
@@ -205,7 +220,8 @@ def joint_fits(
         return FrozenMapping({}, "joint")
     n = len(rows.joint_names)
     theta = found.fit.estimate.values  # with those of torque offsets
-    own, blocks = _errors(rows, rows.H @ theta), _block_errors(found.fit)
+    sizes = _load_sizes(rows, given, bodies)
+    own, blocks = _errors(rows, rows.H @ theta, sizes), _block_errors(found.fit, sizes)
     motors = {joint: _motor_error(joint, found, own, n) for joint in joint_names}
     identified, nothing = given.of_bodies(bodies), float("nan")
     fits = {
@@ -235,17 +251,42 @@ def _motor_error(joint: str, found: RobotEstimate, own: Mapping[int, float], n: 
     return own[places[0]] if places else float("nan")
 
 
-def _errors(rows: Regression, computed: Array) -> dict[int, float]:
-    """Return {equation: rms of the error over that of the torque without its mean}."""
-    found = {}
+def _load_sizes(rows: Regression, given: Experiment, bodies: Array) -> dict[int, float]:
+    """Return {equation: rms of the torque of all bodies without its mean}, with known bodies only.
+
+    The torque of known bodies and payloads is not in the y of the rows, (8).
+    """
+    robot = given.robot
+    is_free = robot.floating_base is not None
+    if is_free or not np.any(robot.known_parameters) or not np.all(np.isfinite(bodies)):
+        return {}
+    return dict(enumerate(np.std(given.regressor @ bodies, axis=0).tolist()))
+
+
+def _errors(
+    rows: Regression, computed: Array, sizes: Mapping[int, float] | None = None
+) -> dict[int, float]:
+    """Return {equation: rms of the error over that of the torque without its mean}.
+
+    The latter is not below that in `sizes`.
+    """
+    found, least = {}, sizes or {}
     for equation in np.unique(rows.joint).tolist():
         mine = rows.joint == equation
-        size = max(float(np.std(rows.y[mine])), 1e-300)
+        size = max(float(np.std(rows.y[mine])), least.get(equation, 0.0), 1e-300)
         found[int(equation)] = float(np.sqrt(np.mean((rows.y[mine] - computed[mine]) ** 2))) / size
     return found
 
 
-def _block_errors(fit: FittedRows) -> dict[int, float]:
+def _percent(part: float) -> str:
+    return f"{part:.0%}" if part < _ABSURD else f"over {_ABSURD:.0%}"
+
+
+_ABSURD = 10.0
+"""Error of a torque, over that of a constant, whose size says nothing more."""
+
+
+def _block_errors(fit: FittedRows, sizes: Mapping[int, float]) -> dict[int, float]:
     """Return the errors of blocks of the rows, each predicted by the fit of the others."""
     rows = fit.rows
     assert rows is not None
@@ -262,7 +303,7 @@ def _block_errors(fit: FittedRows) -> dict[int, float]:
     for place, mask in enumerate(masks):
         R = np.concatenate([one for other, one in enumerate(factors) if other != place])
         computed[mask] = rows.H[mask] @ scaled_svd(R[:, :-1]).solve(R[:, -1])
-    return _errors(rows, computed)
+    return _errors(rows, computed, sizes)
 
 
 _OF_JOINT = (
@@ -294,8 +335,8 @@ def fit_findings(
         if error > NOTHING and one.own > PART:
             yield Finding(
                 "no-fit",
-                f"the model explains nothing of {of}: its error is {one.own:.0%} of it in the own "
-                f"logs and {error:.0%} in excluded blocks, that of a constant 100%"
+                f"the model explains nothing of {of}: its error is {_percent(one.own)} of it in "
+                f"the own logs and {_percent(error)} in excluded blocks, that of a constant 100%"
                 f"{holds if one.motor < PART else ''}",
                 joint,
                 "wrong",

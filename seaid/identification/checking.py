@@ -255,7 +255,13 @@ def _missing_drives(robot: Robot, log: Log) -> Iterator[Finding]:
         if moved == 0 or np.std(motor) < _GEARED * moved:
             continue
         columns = [position, np.ones(len(position))]
-        torque = log.motor_torque[:, j]
+        torque, sensed = log.motor_torque[:, j], log.joint_torque
+        if (
+            not np.any(np.isfinite(torque))
+            and sensed is not None
+            and np.any(np.isfinite(sensed[:, j]))
+        ):
+            continue  # measured behind the gear: neither friction nor rotor is in it
         if np.all(np.isfinite(torque)):  # a deflection is in proportion to it
             columns.append(torque)
         ratio, zero, *_ = scaled_svd(np.column_stack(columns)).solve(motor).tolist()

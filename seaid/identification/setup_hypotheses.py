@@ -542,6 +542,7 @@ def _bodies(given: Experiment) -> Iterator[Hypothesis]:
             of_masses = rotor > 0 and abs(math.log(rotor)) < 0.5 * abs(math.log(middle))
             every = _factor(given, given.used, middle, "the torques of all joints", "")
             yield replace(every, penalty=1.0 if of_masses else 0.0)
+            yield from _behind_gears(given, slopes)
             yield Hypothesis(
                 "nominal-values",
                 f"the torques are {middle:.3g} times those of the masses in the robot file: wrong "
@@ -555,6 +556,47 @@ def _bodies(given: Experiment) -> Iterator[Hypothesis]:
     yield from gravities(given)
     yield from lengths(given)
     yield from payloads(given)
+
+
+_SAME_AS_GEAR = 1.5
+"""Torques of the motors over those of the nominal bodies, over the gear, that say that they are
+behind it: as far from one as errors of nominal bodies are."""
+
+
+def _behind_gears(given: Experiment, slopes: Array) -> Iterator[Hypothesis]:
+    """Yield that the torques of the motors are those behind the gears, from `slopes` of `used`."""
+    joints = [j for j in given.used if np.all(np.isfinite(given.torque[:, j]))]
+    levers = given.lever[joints]
+    if joints != given.used or np.min(levers) < _FAR_FACTOR:
+        return
+    if not 1 / _SAME_AS_GEAR < float(np.median(slopes / levers)) < _SAME_AS_GEAR:
+        return
+    names = [given.robot.joint_names[j] for j in joints]
+    lines = (
+        f"[joints.{name}]\njoint_torque = {changed_source(given.source(j, 'motor_torque'))}"
+        for name, j in zip(names, joints, strict=True)
+    )
+    yield Hypothesis(
+        "unit",
+        "the torques of all joints are those behind the gears, not those of the motors",
+        partial(_as_sensed, joints=joints),
+        remedy="\n".join(
+            [
+                "in the description of the log:",
+                *lines,
+                '# or, if they are computed from currents: motor_torque = {..., side = "joint"}',
+            ]
+        ),
+        evidence={"factor": float(np.median(slopes))},
+    )
+
+
+def _as_sensed(given: Experiment, joints: Sequence[int]) -> Experiment:
+    """Return the experiment with the torques of some motors as those of sensors at the joints."""
+    torque, sensed = given.torque.copy(), given.sensed.copy()
+    sensed[:, joints] = torque[:, joints]
+    torque[:, joints] = np.nan
+    return replace(given, torque=torque, sensed=sensed)
 
 
 def _median(values: Array) -> float:

@@ -57,7 +57,9 @@ from seaid.regressor import (
     Regression,
     actuator_regression,
     load_regression,
+    motor_regressor,
     offset_sensitivity,
+    spring_regression,
     spring_regressor,
 )
 from seaid.robot import Robot, group_of
@@ -79,8 +81,8 @@ _PART = 0.01
 
 _LOAD_SIDE = "known bodies (known_bodies=), logs with and without a payload (identify_conditions), "
 _SPRING = (
-    "the stiffness of its spring (known = ['stiffness']), known bodies (known_bodies=), its rotor "
-    "inertia, "
+    "the stiffness of its spring (known = ['stiffness']), known bodies (known_bodies=), a torque "
+    "sensor behind the gear (joint_torque), its rotor inertia, "
 )
 
 
@@ -201,7 +203,8 @@ def scale_findings(robot: Robot, load_side: Estimate, joints: Sequence[str]) -> 
 LOAD = ""
 """Key of the load side among equations named by joint."""
 
-_NEEDED = ("stiffness", "spring_offset", "deflection_zero")
+_STIFFNESS = "stiffness"
+_NEEDED = (_STIFFNESS, "spring_offset", "deflection_zero")
 
 
 @dataclass(frozen=True, eq=False)
@@ -246,7 +249,9 @@ def estimate_two_step(
     """
     joints = spring_torque_joints(robot, datasets, model)
     free, cutoff_hz = equations is None, datasets[0].cutoff_hz
+    sensed = _joints_scaled_by_sensors(robot, datasets) if equations is None else ()
     equations = equations or two_step_equations(robot, model, joints)
+    equations = {**equations, **_sensed_springs(robot, sensed)}
     stored = estimator.weigh is not None
     with rows_of_equations(datasets, equations, stored, executor, progress) as rows:
         actuators, unscaled = {}, {}
@@ -254,13 +259,17 @@ def estimate_two_step(
             try:
                 actuators[joint] = fit_actuator(robot, datasets, joint, rows[joint], estimator)
             except UnknownScaleError as problem:
-                if joint not in joints:
+                if joint not in (*joints, *sensed):
                     raise
                 unscaled[joint] = problem
                 actuators[joint] = fit(
                     rows[joint], estimator, change=with_unit_constant, cutoff_hz=cutoff_hz
                 )
         found = {joint: side.estimate for joint, side in actuators.items()}
+        for joint in [one for one in unscaled if one in sensed]:
+            spring = _fit_spring(robot, datasets, joint, rows[_sensed_spring(joint)], estimator)
+            constant = unscaled.pop(joint).parameter
+            found[joint] = scaled_by_sensor(robot, found[joint], joint, constant, spring)
         if unscaled:
             found |= scaled_by_load(robot, found, joints, rows[LOAD], estimator, unscaled)
         drives = {}
@@ -338,14 +347,56 @@ def fit_actuator(
     """Fit (10) of an elastic joint, by errors in variables if the spring torque was measured."""
     found = fit_inputs(rows, estimator, None, None, datasets[0].cutoff_hz)
     found = with_shared_delays(robot.drives, found, joint)
-    plain = found.estimate.names == ("stiffness", "spring_offset")
-    if not plain or not estimator.weigh or found.rows is None:
-        return found
     motions = [first_motion(one) for one in datasets]
     if not has_only_spring_torque(robot, motions, joint):
         return found
+    return _with_noisy_deflection(robot, motions, joint, found, estimator)
+
+
+def _with_noisy_deflection(
+    robot: Robot,
+    motions: Sequence[Motion],
+    joint: str,
+    found: FittedRows,
+    estimator: Estimator,
+) -> FittedRows:
+    """Return the fit of (4b) by errors in variables, if its spring is linear and has an offset."""
+    plain = found.estimate.names == ("stiffness", "spring_offset")
+    if not plain or not estimator.weigh or found.rows is None:
+        return found
     ratio = noise_ratio(robot, motions, joint)
     return replace(found, estimate=errors_in_variables(found.rows, ratio))
+
+
+def _joints_scaled_by_sensors(robot: Robot, datasets: Sequence[Dataset]) -> tuple[str, ...]:
+    """Return the elastic joints with an unknown motor constant and a measured spring torque."""
+    motions = [first_motion(dataset) for dataset in datasets]
+    return tuple(
+        joint
+        for joint in robot.elastic_joints
+        if set(CONSTANTS) & set(motor_regressor(robot, joint).names)
+        and _STIFFNESS in spring_regressor(robot, joint).names
+        and _all_measured(robot, motions, joint, INPUT_FIELDS[robot.drives[joint].motor_input])
+        and _all_measured(robot, motions, joint, "joint_torque")
+    )
+
+
+def _sensed_spring(joint: str) -> str:
+    """Return the key of (4b) of a joint among equations named by joint."""
+    return f"spring of {joint}"
+
+
+def _sensed_springs(robot: Robot, joints: Sequence[str]) -> dict[str, Regress]:
+    return {_sensed_spring(one): partial(spring_regression, robot, joint=one) for one in joints}
+
+
+def _fit_spring(
+    robot: Robot, datasets: Sequence[Dataset], joint: str, rows: Rows, estimator: Estimator
+) -> Estimate:
+    """Fit (4b) of a spring whose torque was measured."""
+    motions = [first_motion(one) for one in datasets]
+    found = fit(rows, estimator, cutoff_hz=datasets[0].cutoff_hz)
+    return _with_noisy_deflection(robot, motions, joint, found, estimator).estimate
 
 
 def with_unit_constant(rows: Regression) -> Regression:
@@ -413,16 +464,40 @@ def scaled_by_load(
     }
 
 
-def _scaled(
-    robot: Robot, unit: Estimate, joint: str, name: str, constant: float, error: float
+def scaled_by_sensor(
+    robot: Robot, unit: Estimate, joint: str, name: str, spring: Estimate
 ) -> Estimate:
-    """Return the estimate for a motor constant with an error, from that for a constant of 1."""
+    """Return the estimate `unit` for a motor constant of 1 with the constant that a sensor gives.
+
+    It is K = k / k_1: the stiffness by the torque sensor in (4b) over that of (7) for a constant of
+    1. The errors of both count, so that K k_1 has that of k.
+    """
+    of_unit, of_sensor = unit.value(_STIFFNESS), spring.value(_STIFFNESS)
+    slopes = np.where(np.array(unit.names) == _STIFFNESS, -of_sensor / of_unit**2, 0.0)
+    error = spring.standard_error(_STIFFNESS) / abs(of_unit)
+    return _scaled(robot, unit, joint, name, of_sensor / of_unit, error, slopes)
+
+
+def _scaled(
+    robot: Robot,
+    unit: Estimate,
+    joint: str,
+    name: str,
+    constant: float,
+    error: float,
+    by_unit: Array | float = 0.0,
+) -> Estimate:
+    """Return the estimate for a motor constant with an error, from that for a constant of 1.
+
+    The constant has the derivative `by_unit` by the values of the latter.
+    """
     is_scaled = np.array([one != "command_delay" for one in unit.names])
     factors = np.where(is_scaled, constant, 1.0)
     values = np.append(factors * unit.values, constant)
-    slopes = np.append(np.where(is_scaled, unit.values, 0.0), 1.0)  # of the values by the constant
-    covariance = linalg.block_diag(factors[:, None] * unit.covariance * factors, 0.0)
-    covariance += error**2 * np.outer(slopes, slopes)
+    by_constant = np.append(np.where(is_scaled, unit.values, 0.0), 1.0)
+    change = np.vstack([np.diag(factors), np.zeros(len(factors))])
+    change += np.outer(by_constant, np.broadcast_to(by_unit, len(factors)))
+    covariance = change @ unit.covariance @ change.T + error**2 * np.outer(by_constant, by_constant)
     white, freedom = unit.white_standard_errors, unit.degrees_of_freedom
     return replace(
         unit,

@@ -176,7 +176,7 @@ def write_first_project(
             write_drives(drives_from_mapping(tables), known)
             texts[known] = _as_comments(found) + _with_gaps(known.read_text(encoding="utf-8"))
     head = _robot_lines(_relative(urdf, folder), robot, joints)
-    if commanded or any(one.get("motor_input") for one in tables.values()):
+    if commanded or _unscaled(robot, logs_read, tables):
         head += _known_bodies(robot)
     if known is not None:
         head.insert(1, f"drives = {_quoted(_relative(known, folder))}")
@@ -410,16 +410,26 @@ _UNSCALED = (
 )
 
 
-def _input(sensors: Sequence[Mapping[str, Array]]) -> MotorInput | Literal[""]:
-    """Return by what a motor is logged, the most direct one; "" by nothing that is needed.
+_INPUTS: tuple[MotorInput, ...] = ("torque", "current", "voltage")
+"""Kinds of a motor's input, the most direct one first."""
 
-    Next to a measured torque of the joint, which has a scale, a current is not.
-    """
+
+def _input(sensors: Sequence[Mapping[str, Array]]) -> MotorInput | Literal[""]:
+    """Return by what a motor is logged, the most direct one; "" by nothing."""
     there = {name for one in sensors for name in one}
-    if "motor_torque" in there or "joint_torque" in there:
-        return "torque" if "motor_torque" in there else ""
-    kinds: tuple[MotorInput, ...] = ("current", "voltage")
-    return next((kind for kind in kinds if f"motor_{kind}" in there), "")
+    return next((kind for kind in _INPUTS if f"motor_{kind}" in there), "")
+
+
+def _unscaled(
+    robot: Robot, logs: Sequence[Log], tables: Mapping[str, Mapping[str, object]]
+) -> list[str]:
+    """Return the joints whose motor has an unknown constant, without a sensor of their torque."""
+    indices = [robot.index(joint) for joint, table in tables.items() if "motor_input" in table]
+    return [
+        robot.joint_names[index]
+        for index in indices
+        if not any("joint_torque" in _sensors(log, index) for log in logs)
+    ]
 
 
 def _ratio_key(robot: Robot, index: int) -> str:
@@ -435,35 +445,37 @@ def inferred_drives(
     Nothing is said of the joints `without`.
     """
     tables: dict[str, dict[str, object]] = {}
-    doubts, alone, sensed, unscaled = list[str](), list[str](), list[str](), list[str]()
+    doubts, alone, sensed = list[str](), list[str](), list[str]()
     for index, joint in enumerate(robot.joint_names):
         if joint in without:
             continue
         own = [_sensors(log, index) for log in logs]
         places = [place for place, one in enumerate(own) if "motor_position" in one]
-        kind = _input(own)
+        kind, is_sensed = _input(own), any("joint_torque" in one for one in own)
         fed: dict[str, object] = {"motor_input": kind} if kind not in ("", "torque") else {}
-        unscaled += [joint] if fed else []
-        if not places and kind:
-            tables[joint] = {"type": "stiff", _ratio_key(robot, index): 1.0, **fed}
-            alone.append(joint)
+        found = own[places[0]] if places else {}
+        if places and "joint_position" in found:
+            table, doubt = _of_both_encoders(robot, index, logs[places[0]].time, found)
+            doubts.append(f"{joint}: {doubt}")
+            if table is not None:
+                tables[joint] = {**table, **fed}
             continue
-        if not places:
+        if is_sensed and kind != "torque":  # has a scale, and neither friction nor a rotor
             sensed.append(joint)
             continue
-        found = own[places[0]]
-        if "joint_position" not in found:
-            key = _ratio_key(robot, index)
-            tables[joint] = {"type": "stiff", key: 1.0, **fed}
+        key = _ratio_key(robot, index)
+        if places:
             doubts.append(f"{joint}: {key} = 1.0 is a placeholder: no joint encoder shows it")
+        elif kind:
+            alone.append(joint)
+        else:
+            sensed.append(joint)
             continue
-        table, doubt = _of_both_encoders(robot, index, logs[places[0]].time, found)
-        if table is not None:
-            tables[joint] = {**table, **fed}
-        doubts.append(f"{joint}: {doubt}")
+        tables[joint] = {"type": "stiff", key: 1.0, **fed}
     doubts += [f"{listed(alone)}: {_NO_ENCODER}"] if alone else []
     known = "no motor encoder or torque in the logs: torques at the joints count as known"
     doubts += [f"{listed(sensed)}: {known}"] if sensed else []
+    unscaled = _unscaled(robot, logs, tables)
     doubts += [f"{listed(unscaled)}: {_UNSCALED}"] if unscaled else []
     return _with_standard_errors(robot, logs, tables, doubts)
 
@@ -517,7 +529,8 @@ def _of_both_encoders(
 ) -> tuple[dict[str, object] | None, str]:
     """Return the drive of a joint with two encoders, and the doubt about it."""
     motor, joint = sensors["motor_position"], sensors["joint_position"]
-    torque = sensors.get("joint_torque", sensors.get("motor_torque"))
+    inputs = [f"motor_{kind}" for kind in _INPUTS if f"motor_{kind}" in sensors]
+    torque = sensors.get("joint_torque", sensors[inputs[0]] if inputs else None)
     if np.array_equal(motor, joint):
         return None, "both encoders have the same values: its torque counts as known"
     if np.ptp(joint) < _MOVES_RAD:
@@ -528,6 +541,8 @@ def _of_both_encoders(
     spread = float(np.std(motor / ratio - joint))
     text = f"{key} = {ratio:.5g} from both encoders, which differ by {spread:.2g} rad (rms)"
     is_spring = explained > _SPRING or "deflection" in sensors
+    if not is_spring and "joint_torque" in sensors and "motor_torque" not in sensors:
+        return None, f"{text}; taken for stiff: its torque sensor counts as known at the joint"
     if robot.is_prismatic[index] or not is_spring:
         return table, f"{text}; taken for stiff: compare with the data sheet"
     more = f"{explained:.0%} of that follows the torque: taken for a spring"
@@ -539,7 +554,7 @@ def _ratio(time: Array, motor: Array, joint: Array, torque: Array | None) -> tup
 
     motor / N - joint is the torque on the spring over its stiffness, and that is the torque of the
     motor less its inertia and friction, (7): motor = N joint + c_1 torque + c_2 w + c_3 sign(w) +
-    c_4 w' + c_5.
+    c_4 w' + c_5. A current or voltage does as well, since c_1 is free.
     """
     rate_hz = (len(time) - 1) / float(time[-1] - time[0])
     logged = [motor, joint, *([] if torque is None else [torque])]

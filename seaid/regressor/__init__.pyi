@@ -53,6 +53,7 @@ from .regression import motor_regressor as motor_regressor
 from .regression import regressions_of_parts as regressions_of_parts
 from .regression import sensed_torque as sensed_torque
 from .regression import signals as signals
+from .regression import spring_regression as spring_regression
 from .regression import spring_regressor as spring_regressor
 from .regression import stacked as stacked
 from .regression import under_load as under_load

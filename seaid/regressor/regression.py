@@ -248,8 +248,27 @@ def actuator_regression(robot: Robot, motion: Motion, joint: str) -> Regression:
 
     Instants near standstill are excluded if the drive has dry friction.
     """
+    return _drive_rows(robot, motion, joint, *actuator_equation(robot, motion, joint))
+
+
+def spring_regression(robot: Robot, motion: Motion, joint: str) -> Regression:
+    """Return (4b) of an elastic joint over time, with its measured torque: spring parameters."""
+    return _drive_rows(
+        robot, motion, joint, spring_regressor(robot, joint), _sensed_signals(robot, motion, joint)
+    )
+
+
+def _sensed_signals(robot: Robot, motion: Motion, joint: str) -> dict[str, Array]:
     index = robot.index(joint)
-    regressor, y, H = actuator_columns(robot, motion, joint)
+    return signals(robot, motion, index) | {"tau_L": sensed_torque(robot, motion, index)}
+
+
+def _drive_rows(
+    robot: Robot, motion: Motion, joint: str, regressor: DriveRegressor, by_name: dict[str, Array]
+) -> Regression:
+    """Return the rows of a drive's equation at the given signals."""
+    index = robot.index(joint)
+    y, H = regressor.evaluate(by_name)
     kept, excluded = actuator_rows(robot, motion, joint, regressor)
     return Regression(
         names=regressor.names,

@@ -578,6 +578,8 @@ def percent(value: float) -> str:
     """Return a ratio in percent with two digits, a dash for NaN."""
     if not np.isfinite(value):
         return "-"
+    if abs(value) >= 1e4:
+        return f"{100 * value:.0e} %"
     return f"{100 * value:.2g} %" if abs(value) < 0.995 else f"{100 * value:.0f} %"
 
 

@@ -40,7 +40,7 @@ from tests.experiments import (
 )
 from tests.measured import LOGS
 
-SO101 = Path("/work/shared/data/so101_commands")
+SO101 = Path(__file__).parents[3] / "shared" / "data" / "so101_commands"
 """Measured logs that are not shipped."""
 
 CASES: dict[str, tuple[Callable[[], Robot], Callable[..., Log]]] = {
@@ -128,6 +128,21 @@ def test_torques_in_another_unit(case: str, unit: str, factor: float) -> None:
         assert unit in finding.message
         assert f"scale = {1 / factor:g} }}" in finding.remedy
         assert seaid.check(robot, described(wrong, finding.remedy)).warnings == ()
+
+
+def test_torques_behind_the_gears_under_the_name_of_the_motors() -> None:
+    robot, sensed = leg(TEST_MASS), leg_motion(TEST_MASS).joint_torque
+    finding = worst(robot, replace(leg_log(), motor_torque=sensed))
+    assert (finding.code, finding.severity) == ("unit", "wrong")
+    assert "are those behind the gears, not those of the motors" in finding.message
+    joints = tomllib.loads(finding.remedy.split("\n", 1)[1])["joints"]
+    assert joints == {
+        joint: {"joint_torque": {"column": f"{joint}.motor_torque_Nm"}}
+        for joint in robot.elastic_joints
+    }
+    unknown = np.full_like(sensed, np.nan)
+    right = replace(leg_log(), motor_torque=unknown, joint_torque=sensed)
+    assert seaid.check(robot, right).warnings == ()
 
 
 @pytest.mark.parametrize("channels", ["q", "m", "qm"])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ import pytest
 
 import seaid
 from seaid.errors import SeaidError
-from seaid.project.first_project import write_first_project
+from seaid.project.first_project import inferred_drives, write_first_project
 from seaid.project.project import load_project
 from seaid.project.run import run_project
 from tests import experiments
@@ -53,6 +54,30 @@ def test_gear_ratios_and_springs_come_from_both_encoders(leg_folder: Path) -> No
     assert "gear_ratio_std = " in (leg_folder / "leg_drives.toml").read_text()
     text = (leg_folder / "seaid.toml").read_text()
     assert text.count("# unsure: ") == len(made.doubts)
+
+
+@pytest.mark.parametrize("is_sensed", [False, True])
+def test_springs_are_recognised_by_currents(is_sensed: bool) -> None:
+    """Without a torque the current is that of the spring, and a torque sensor gives the scale."""
+    robot, motion = (
+        experiments.leg(experiments.TEST_MASS),
+        experiments.leg_motion(experiments.TEST_MASS),
+    )
+    log = seaid.simulation.simulation.measure(robot, motion, experiments.LEG_SENSORS, 1)
+    given = replace(
+        log,
+        motor_torque=np.full_like(log.motor_torque, np.nan),
+        motor_current=log.motor_torque / 0.03,
+        joint_torque=motion.joint_torque if is_sensed else None,
+    )
+    plain = seaid.load_robot(MODELS / "tulip_leg.urdf")
+    tables, doubts = inferred_drives(plain, [given])
+    kinds = {joint: table["type"] for joint, table in tables.items()}
+    elastic = dict.fromkeys(experiments.ELASTIC, "series_elastic")
+    assert kinds == elastic | dict.fromkeys(("hip_yaw", "hip_roll"), "stiff")
+    assert {table["motor_input"] for table in tables.values()} == {"current"}
+    (unscaled,) = [one for one in doubts if "known bodies" in one]
+    assert ("knee_pitch" in unscaled) == (not is_sensed)
 
 
 @pytest.mark.slow  # an identification of a measured log

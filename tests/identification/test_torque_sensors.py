@@ -1,0 +1,92 @@
+"""Unknown motor constants of elastic joints whose spring torque is measured by a sensor."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from seaid.errors import IdentificationError
+from seaid.identification.identification import identify
+from seaid.log.log import Log
+from seaid.robot.robot import Robot
+from seaid.simulation.simulation import measure
+from tests.experiments import (
+    ELASTIC,
+    LEG_SENSORS,
+    TEST_MASS,
+    leg,
+    leg_motion,
+    perfect_log,
+    true_value,
+)
+
+CONSTANTS = {"hip_pitch": 0.03, "knee_pitch": 0.026, "ankle_pitch": 0.04}
+SENSOR_STD_NM = 0.02
+BOUNDS = {
+    "stiffness": 6.4e-6,
+    "viscous_friction": 2.6e-3,
+    "coulomb_friction": 7e-3,
+    "motor_inertia": 4.8e-3,
+}
+"""Relative errors without noise: those of friction near standstill, at 6 Hz."""
+
+
+@cache
+def truth() -> Robot:
+    return leg(TEST_MASS)
+
+
+@cache
+def by_current() -> Robot:
+    robot = truth().without_nominal()
+    unknown = {"motor_input": "current", "motor_inertia_kg_m2": None}
+    drives = {joint: replace(robot.drives[joint], **unknown) for joint in ELASTIC}
+    return robot.with_drives(drives)
+
+
+def with_sensors(log: Log, std_Nm: float = 0.0, seed: int = 0) -> Log:
+    """Return a log with currents and torque sensors at the elastic joints."""
+    places = [log.joint_names.index(joint) for joint in ELASTIC]
+    torque, unknown = log.motor_torque.copy(), np.full_like(log.motor_torque, np.nan)
+    current, sensed = unknown.copy(), unknown.copy()
+    current[:, places] = torque[:, places] / [CONSTANTS[joint] for joint in ELASTIC]
+    noise = std_Nm * np.random.default_rng(seed).normal(size=(len(log.time), len(places)))
+    sensed[:, places] = leg_motion(TEST_MASS).joint_torque[:, places] + noise
+    torque[:, places] = np.nan
+    return replace(log, motor_torque=torque, motor_current=current, joint_torque=sensed)
+
+
+def test_without_noise_all_parameters_of_the_drives_are_exact() -> None:
+    log = with_sensors(perfect_log(truth(), leg_motion(TEST_MASS)))
+    result = identify(by_current(), log, cutoff_hz=6.0)
+    for joint in ELASTIC:
+        found = result.drives[joint]
+        assert found.value("torque_constant") == pytest.approx(CONSTANTS[joint], rel=3.3e-3)
+        for name, error in BOUNDS.items():
+            true = true_value(truth(), joint, name)
+            assert found.value(name) == pytest.approx(true, rel=error), (joint, name)
+    assert not {"unused-channel"} & {one.code for one in result.warnings}
+
+
+@pytest.mark.slow  # ten identifications of the leg
+def test_standard_errors_contain_those_of_the_sensor() -> None:
+    """Without a sensor and with the torques their root mean square is 1.1 in these short logs."""
+    scores = []
+    for seed in range(10):
+        log = measure(truth(), leg_motion(TEST_MASS), LEG_SENSORS, seed)
+        result = identify(by_current(), with_sensors(log, SENSOR_STD_NM, seed), cutoff_hz=6.0)
+        for joint, constant in CONSTANTS.items():
+            found, true = result.drives[joint], {"torque_constant": constant}
+            for name in ("stiffness", "viscous_friction", "coulomb_friction"):
+                true[name] = true_value(truth(), joint, name)
+            scores += [(found.value(x) - true[x]) / found.standard_error(x) for x in true]
+    assert 0.88 < np.sqrt(np.mean(np.square(scores))) < 1.3
+
+
+def test_without_the_sensor_the_error_names_it() -> None:
+    log = replace(with_sensors(perfect_log(truth(), leg_motion(TEST_MASS))), joint_torque=None)
+    with pytest.raises(IdentificationError, match="a torque sensor behind the gear"):
+        identify(by_current(), log, cutoff_hz=6.0, torque_joints=["hip_yaw", "hip_roll"])
