@@ -254,11 +254,11 @@ def _motor_error(joint: str, found: RobotEstimate, own: Mapping[int, float], n: 
 def _load_sizes(rows: Regression, given: Experiment, bodies: Array) -> dict[int, float]:
     """Return {equation: rms of the torque of all bodies without its mean}, with known bodies only.
 
-    The torque of known bodies and payloads is not in the y of the rows, (8).
+    The torque of known bodies is not in the y of the rows, (8).
     """
     robot = given.robot
     is_free = robot.floating_base is not None
-    if is_free or not np.any(robot.known_parameters) or not np.all(np.isfinite(bodies)):
+    if is_free or not robot.known_bodies or not np.all(np.isfinite(bodies)):
         return {}
     return dict(enumerate(np.std(given.regressor @ bodies, axis=0).tolist()))
 

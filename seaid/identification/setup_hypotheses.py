@@ -571,10 +571,10 @@ def _behind_gears(given: Experiment, slopes: Array) -> Iterator[Hypothesis]:
         return
     if not 1 / _SAME_AS_GEAR < float(np.median(slopes / levers)) < _SAME_AS_GEAR:
         return
-    names = [given.robot.joint_names[j] for j in joints]
     lines = (
-        f"[joints.{name}]\njoint_torque = {changed_source(given.source(j, 'motor_torque'))}"
-        for name, j in zip(names, joints, strict=True)
+        f"{toml_table('joints', given.robot.joint_names[j])}\n"
+        f"joint_torque = {changed_source(given.source(j, 'motor_torque'))}"
+        for j in joints
     )
     yield Hypothesis(
         "unit",

@@ -11,11 +11,12 @@ import pytest
 from seaid.errors import IdentificationError
 from seaid.identification.identification import identify
 from seaid.log.log import Log
-from seaid.robot.robot import Robot
+from seaid.robot.robot import Robot, load_robot
 from seaid.simulation.simulation import measure
 from tests.experiments import (
     ELASTIC,
     LEG_SENSORS,
+    MODELS,
     TEST_MASS,
     leg,
     leg_motion,
@@ -42,9 +43,12 @@ def truth() -> Robot:
 @cache
 def by_current() -> Robot:
     robot = truth().without_nominal()
-    unknown = {"motor_input": "current", "motor_inertia_kg_m2": None}
-    drives = {joint: replace(robot.drives[joint], **unknown) for joint in ELASTIC}
-    return robot.with_drives(drives)
+    return robot.with_drives(
+        {
+            joint: replace(robot.drives[joint], motor_input="current", motor_inertia_kg_m2=None)
+            for joint in ELASTIC
+        }
+    )
 
 
 def with_sensors(log: Log, std_Nm: float = 0.0, seed: int = 0) -> Log:
@@ -84,6 +88,31 @@ def test_standard_errors_contain_those_of_the_sensor() -> None:
                 true[name] = true_value(truth(), joint, name)
             scores += [(found.value(x) - true[x]) / found.standard_error(x) for x in true]
     assert 0.88 < np.sqrt(np.mean(np.square(scores))) < 1.3
+
+
+def with_known_bodies() -> Robot:
+    return load_robot(
+        MODELS / "tulip_leg.urdf",
+        dict(by_current().drives),
+        payloads=[TEST_MASS],
+        known_bodies=truth().body_names,
+    )
+
+
+@pytest.mark.parametrize("is_sensed", [False, True])
+def test_known_bodies_count_in_the_torque_that_is_explained(is_sensed: bool) -> None:
+    """The load side has no parameter then; what it explains is the torque of the known bodies."""
+    log = with_sensors(perfect_log(truth(), leg_motion(TEST_MASS)))
+    given = log if is_sensed else replace(log, joint_torque=None)
+    result = identify(with_known_bodies(), given, cutoff_hz=6.0, torque_joints=ELASTIC)
+    assert len(result.load.values) == 0
+    for joint in ELASTIC:
+        fit = result.joint_fits[joint]
+        assert fit.own < 0.01, joint
+        assert result.drives[joint].value("torque_constant") == pytest.approx(
+            CONSTANTS[joint], rel=6e-3
+        )
+    assert not [one for one in result.warnings if one.code == "no-fit"]
 
 
 def test_without_the_sensor_the_error_names_it() -> None:
