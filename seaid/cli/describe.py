@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
@@ -49,13 +50,20 @@ def describe(
     seaid describe walk.npz --urdf go2 --base floating --contact FL_foot,FR_foot --rate-hz 500
     """
     from seaid._files import write_whole
-    from seaid.log import describe_log
+    from seaid.errors import LogError
+    from seaid.identification import with_leg_order
+    from seaid.log import describe_log, read_log
 
     result.check(output, read=(*logs, urdf, drives))
     robot = None
     if urdf is not None:
         robot = RobotOptions(urdf, drives, joints, base=base, contact=contact).robot()
     guess = describe_log(logs, robot, rate_hz=rate_hz)
+    if robot is not None and robot.floating_base is not None:
+        with suppress(LogError):  # what cannot be read yet is for the user to correct
+            guess = with_leg_order(
+                guess, robot, read_log(logs, robot, description=guess.description)
+            )
     content = {
         "description": guess.description.to_dict(),
         "unsure": guess.unsure,

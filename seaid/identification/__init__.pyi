@@ -11,6 +11,7 @@ from .command_checks import no_measurements as no_measurements
 from .conditions import CONDITION_SPECIFIC as CONDITION_SPECIFIC
 from .conditions import Conditions as Conditions
 from .conditions import identify_conditions as identify_conditions
+from .contact_checks import with_leg_order as with_leg_order
 from .contact_forces import ContactForces as ContactForces
 from .contact_forces import FoundContacts as FoundContacts
 from .contact_forces import find_contacts as find_contacts

@@ -36,7 +36,7 @@ from seaid.identification.adequacy import (
     verdict_of,
     without_echoes,
 )
-from seaid.identification.base_checks import base_findings, with_brief_lifts
+from seaid.identification.base_checks import base_findings
 from seaid.identification.base_estimates import (
     AccelerometerBias,
     accelerometer_bias,
@@ -58,6 +58,7 @@ from seaid.identification.command_delays import (
     with_estimated_delays,
     with_fixed_delays,
 )
+from seaid.identification.contact_checks import with_brief_lifts
 from seaid.identification.datasets import (
     Dataset,
     Source,

@@ -6,6 +6,7 @@ from .base_log import base_jumps as base_jumps
 from .base_log import needed_columns as needed_columns
 from .base_log import quaternion_rates as quaternion_rates
 from .base_log import turned_to_world as turned_to_world
+from .column_meaning import meaning_of as meaning_of
 from .commands import commanded_part as commanded_part
 from .commands import relative_supply as relative_supply
 from .commands import with_commanded_torque as with_commanded_torque

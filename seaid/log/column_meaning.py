@@ -15,7 +15,8 @@ from itertools import pairwise
 from pathlib import Path
 
 _QUANTITIES = {
-    "time": "t time stamp timestamp ts clock seconds sec nanosec elapsed times zeit",
+    "time": "t time stamp timestamp ts clock seconds sec nanosec nsec nanoseconds elapsed times "
+    "stamps tstamp tstamps timestamps zeit",
     "position": "pos position angle q theta phi ang enc encoder positions qpos winkel",
     "velocity": "vel velocity speed dq qd qdot omega dtheta velocities rpm erpm qvel rate "
     "geschwindigkeit vitesse",
@@ -368,7 +369,11 @@ def _split(word: str) -> list[str]:
 
 
 def _quantity(texts: Sequence[str]) -> str:
-    """Return the quantity; "current" before another one means the present: current_position."""
+    """Return the quantity; "current" before another one means the present: current_position.
+
+    Words behind "from" say what it was computed from: "torques_from_current".
+    """
+    texts = texts[: texts.index("from")] if "from" in texts[1:] else texts
     said = [
         one
         for one, following in pairwise([*texts, ""])

@@ -46,13 +46,13 @@ def channels_of(
     wanted: dict[str, None] = {}
     where = description.where and table.in_file_of(description.where, described[0].source.columns())
     for one in described:
-        for name in (where, *one.source.columns(), one.clock.column):
+        for name in (where, *one.source.columns(), *one.clock.columns()):
             if name is not None and name not in table.names:
                 raise LogError(f"{one.where}: {table.missing(name)}")
             wanted |= {} if name is None else {name: None}
     clocks = [_clock_of(one.where, table, description, one.source) for one in vectors]
     for vector, clock in zip(vectors, clocks, strict=True):
-        for name in (*vector.source.columns, clock.column):
+        for name in (*vector.source.columns, *clock.columns()):
             if name is not None and name not in table.names:
                 raise LogError(f"{vector.where}: {table.missing(name)}")
             wanted |= {} if name is None else {name: None}
@@ -60,7 +60,7 @@ def channels_of(
     kept = data[where] != 0 if where else None
     found = [(one.where, _channel(data, robot, one)) for one in described]
     for vector, clock in zip(vectors, clocks, strict=True):
-        time = _time(data, clock, len(data[vector.source.columns[0]]))
+        time = clock.seconds(data, len(data[vector.source.columns[0]]))
         found += [(vector.where, one) for one in vector_channels(vector, data, time)]
     return [_selected(place, one, kept, table.sparse) for place, one in found]
 
@@ -151,7 +151,8 @@ def _clock_of(
     own = own or (time_s if time_s in table.names else None)
     clock = source.time or description.time or (Clock(column=own) if own else None)
     if clock is not None and clock.column is not None:
-        clock = replace(clock, column=table.in_file_of(clock.column, columns))
+        rest = clock.nanoseconds and table.in_file_of(clock.nanoseconds, columns)
+        clock = replace(clock, column=table.in_file_of(clock.column, columns), nanoseconds=rest)
     if clock is None:
         for name in columns:
             if name not in table.names:
@@ -177,19 +178,12 @@ def _channel(data: Block, robot: Robot, one: _Described) -> Channel:
             else:
                 factor *= _unit_factor(robot, one, unit)
             values = data[str(source.column)] * _number(data, source.times)
-        time = _time(data, clock, len(values))
+        time = clock.seconds(data, len(values))
         period = None if source.wraps is None else abs(factor) * source.wraps
         return Channel(name, time, factor * values + offset, period, source.delay_s)
     except (LogError, ValueError) as problem:
         text = str(problem)
         raise LogError(text if text.startswith(where) else f"{where}: {text}") from None
-
-
-def _time(data: Block, clock: Clock, count: int) -> Array:
-    """Return the stamps [s] of `count` samples."""
-    if clock.column is None:
-        return np.arange(count) / float(clock.rate_hz or 1.0)
-    return data[clock.column] * UNIT_FACTORS["s"][clock.unit]
 
 
 def _name_of(robot: Robot, joint: str, quantity: str) -> tuple[str, str]:

@@ -10,7 +10,9 @@ from dataclasses import MISSING, asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any, Literal, get_args
 
-from seaid._arrays import FrozenMapping
+import numpy as np
+
+from seaid._arrays import Array, FrozenMapping
 from seaid._files import MOST_TOML_BYTES, read_toml, toml_key, toml_text
 from seaid._progress import MOST_NAMES, Display, counted
 from seaid.errors import LogError, listed, shortened, shown, unknown_name
@@ -21,6 +23,7 @@ from seaid.log.base_columns import (
     vector_source,
 )
 from seaid.log.log import SENSORS, TEMPERATURES, UNIT_FACTORS
+from seaid.log.readers.table import Block
 from seaid.log.repair.data import Repairs
 
 QUANTITIES = SENSORS
@@ -29,11 +32,15 @@ QUANTITIES = SENSORS
 
 @dataclass(frozen=True)
 class Clock:
-    """The time of samples: a column and its unit (s, ms, us, ns), or a constant rate [Hz]."""
+    """The time of samples: a column and its unit (s, ms, us, ns), or a constant rate [Hz].
+
+    `nanoseconds` is a second column, of what is added to whole seconds.
+    """
 
     column: str | None = None
     unit: str = "s"
     rate_hz: float | None = None
+    nanoseconds: str | None = None
 
     def __post_init__(self) -> None:
         if (self.column is None) == (self.rate_hz is None):
@@ -42,6 +49,19 @@ class Clock:
             raise LogError(f"rate_hz must be above zero and finite, found {self.rate_hz}")
         if self.unit not in UNIT_FACTORS["s"]:
             raise LogError(unknown_name("unit of time", self.unit, UNIT_FACTORS["s"]))
+        if self.nanoseconds is not None and (self.column is None or self.unit != "s"):
+            raise LogError("nanoseconds are added to a column of seconds")
+
+    def columns(self) -> list[str]:
+        """Return the columns of the time."""
+        return [one for one in (self.column, self.nanoseconds) if one is not None]
+
+    def seconds(self, data: Block, count: int) -> Array:
+        """Return the stamps [s] of `count` samples."""
+        if self.column is None:
+            return np.arange(count) / float(self.rate_hz or 1.0)
+        time = data[self.column] * UNIT_FACTORS["s"][self.unit]
+        return time if self.nanoseconds is None else time + 1e-9 * data[self.nanoseconds]
 
 
 @dataclass(frozen=True)
@@ -178,14 +198,14 @@ class LogDescription(Display):
         """Return the columns that the description uses, those of clocks too."""
         sources = [one for sources in self.joints.values() for one in sources.values()]
         clocks = [self.time, *(one.time for one in sources)]
-        found = [self.where, *(clock.column for clock in clocks if clock)]
+        found = [self.where, *(name for clock in clocks if clock for name in clock.columns())]
         found += [name for one in sources for name in one.columns()]
         vectors = [
             *self.base.values(),
             *(x for one in self.contacts.values() for x in one.values()),
         ]
         found += [name for one in vectors for name in one.columns]
-        found += [one.time.column for one in vectors if one.time]
+        found += [name for one in vectors if one.time for name in one.time.columns()]
         return {name for name in found if name is not None}
 
     def to_dict(self) -> dict[str, Any]:

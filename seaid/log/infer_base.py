@@ -2,14 +2,15 @@
 
 Vectors are found by their names and by their samples: a quaternion has unit length, the angular
 velocity is its derivative, an accelerometer feels gravity, a contact is 0 or 1. Arrays of n + 7 and
-n + 6 columns are generalised positions and velocities, of the base and then of the joints.
+n + 6 columns are generalised positions and velocities, of the base and then of the joints; which of
+them is a derivative of which, and where they lie in one table without names, the samples show.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -64,10 +65,11 @@ class BaseGuess:
 def infer_base(table: Table, inference: Inference, robot: Robot) -> BaseGuess:
     """Return the columns of the base and of contacts of a log; `inference` has all samples."""
     found = BaseGuess()
-    vectors = _vectors(table, inference)
+    vectors = _vectors(table, inference, robot) or _in_one_table(table, inference, robot)
+    derivatives = _derivatives(vectors, inference, robot)
     for stem, names in vectors.items():
         if len(names) in (robot.n, robot.n + 6, robot.n + 7) and _is_indexed(stem, names):
-            _generalised(found, stem, names, inference, robot)
+            _generalised(found, stem, names, inference, robot, derivatives.get(stem, ""))
     others = _wrenches(found, vectors, inference, robot)
     for stem, names in vectors.items():
         if not set(names) & set(found.meanings):
@@ -77,18 +79,25 @@ def infer_base(table: Table, inference: Inference, robot: Robot) -> BaseGuess:
         if tuple(names) not in taken:
             inference.note(sensor, "a force sensor whose name is not that of one contact: not used")
     _contacts(found, table, vectors, inference, robot)
+    _add_loads(found, inference, robot)
     _decide_frames(found, inference)
     used = [*found.base.values(), *(x for one in found.contacts.values() for x in one.values())]
     found.meanings |= {name: _TAKEN for one in used for name in one.columns}
     return found
 
 
-def _vectors(table: Table, inference: Inference) -> dict[str, list[str]]:
-    """Return {stem: its columns}: parts of arrays and files without names, and components."""
+def _vectors(table: Table, inference: Inference, robot: Robot) -> dict[str, list[str]]:
+    """Return {stem: its columns}: parts of arrays and files without names, and components.
+
+    Columns that differ in their last number, as "gyro_0", are a vector if there are as many as of a
+    vector of the base, or of its contacts.
+    """
+    assert robot.floating_base is not None
     found: dict[str, dict[str, str]] = {}
+    numbered: dict[str, dict[str, str]] = {}
     for name in inference.data:
         bare, file = table.bare(name), table.files.get(name, "")
-        part = re.fullmatch(r"(.*)\[(\d+)\]", bare)
+        part, number = re.fullmatch(r"(.*)\[(\d+)\]", bare), _NUMBERED.fullmatch(bare)
         component, short = _COMPONENT.fullmatch(bare), _SHORT_NAME.fullmatch(bare)
         if part:
             found.setdefault(f"{part[1]}[", {})[part[2]] = name
@@ -99,6 +108,10 @@ def _vectors(table: Table, inference: Inference) -> dict[str, list[str]]:
         elif short:
             stem = f"{short[1] or ''}_{short[2]}"
             found.setdefault(stem, {}).setdefault(short[3], name)
+        elif number:
+            numbered.setdefault(f"{number[1]}[", {})[number[2]] = name
+    sizes = {3, 4, 7, robot.n + 6, robot.n + 7, len(robot.floating_base.contacts)}
+    found |= {x: own for x, own in numbered.items() if x not in found and len(own) in sizes}
     vectors = {}
     for stem, parts in found.items():
         if stem.endswith("["):
@@ -106,6 +119,84 @@ def _vectors(table: Table, inference: Inference) -> dict[str, list[str]]:
         elif set("xyz") <= set(parts):
             vectors[stem] = [parts[x] for x in "wxyz" if x in parts]
     return vectors
+
+
+_NUMBERED = re.compile(r"(.*[A-Za-z])_?(\d+)")
+"""A name that ends in a number."""
+
+
+def _in_one_table(table: Table, inference: Inference, robot: Robot) -> dict[str, list[str]]:
+    """Return the vectors of one table of numbers: positions with a quaternion, and what follows.
+
+    Behind the n + 7 positions come arrays of n + 6, those of n torques, and flags of the contacts.
+    """
+    assert robot.floating_base is not None
+    names = list(inference.data)
+    if table.files or not all(map(str.isdecimal, names)):
+        return {}
+    n, feet = robot.n, len(robot.floating_base.contacts)
+    windows = ((place, names[place : place + 4]) for place in range(3, len(names) - n - 3))
+    place = next((x for x, four in windows if _is_quaternion(_samples(four, inference))), None)
+    if place is None:
+        return {}
+    start, place = place - 3, place + 4 + n
+    found = {"q[": names[start:place]}
+    rate = _samples(names[place - n : place], inference)
+    widths = {"velocity[": n + 6, "acceleration[": n + 6, "torque[": n, "contact[": feet}
+    for stem, width in widths.items():
+        there = names[place : place + width]
+        if len(there) < width:
+            continue
+        if width == n + 6:
+            own, derivative = _samples(there[-n:], inference), np.diff(rate, axis=0)
+            if _alike(derivative, own[: len(derivative)]) < _DERIVED:
+                continue
+            rate = own
+        found[stem] = there
+        place += width
+    text = ", ".join(f"{stem[:-1]} ({len(own)})" for stem, own in found.items())
+    inference.note(f"columns {names[start]} to {names[place - 1]}", f"taken for {text}")
+    return found
+
+
+_DERIVED = 0.6
+"""Cosine of a derivative of the joints and an array of the same length from which it is that."""
+
+
+def _derivatives(
+    vectors: Mapping[str, Sequence[str]], inference: Inference, robot: Robot
+) -> dict[str, str]:
+    """Return {stem: "velocity" or "acceleration"} of arrays whose names say nothing."""
+    n = robot.n
+    words = {stem: meaning_of(stem.removesuffix("[")) for stem in vectors}
+    arrays = {
+        stem: _samples(names[-n:], inference)
+        for stem, names in vectors.items()
+        if len(names) in (n, n + 6, n + 7) and _is_indexed(stem, names)
+    }
+    positions = [
+        stem
+        for stem in arrays
+        if len(vectors[stem]) == n + 7
+        or (len(vectors[stem]) == n and words[stem].quantity == "position" and words[stem].is_raw)
+    ]
+    if not positions:
+        return {}
+    found: dict[str, str] = {}
+    rate = arrays[max(positions, key=lambda stem: len(vectors[stem]))]
+    for quantity in ("velocity", "acceleration"):
+        rate = np.diff(rate, axis=0)
+        others = {
+            stem: _alike(rate, values[: len(rate)])
+            for stem, values in arrays.items()
+            if not words[stem].quantity and stem not in {*positions, *found}
+        }
+        best = max(others, key=others.__getitem__, default="")
+        if best and others[best] > _DERIVED:
+            found[best] = quantity
+            rate = arrays[best]
+            inference.note(best[:-1], f"the {quantity} by its samples")
+    return found
 
 
 def _is_indexed(stem: str, names: Sequence[str]) -> bool:
@@ -122,12 +213,17 @@ def _is_quaternion(values: Array) -> bool:
 
 
 def _generalised(
-    found: BaseGuess, stem: str, names: list[str], inference: Inference, robot: Robot
+    found: BaseGuess,
+    stem: str,
+    names: list[str],
+    inference: Inference,
+    robot: Robot,
+    derivative: str,
 ) -> None:
     """Take an array of n, n + 6 or n + 7 columns for states of the base and of the joints."""
     base, joints = names[: -robot.n], names[-robot.n :]
     meaning = meaning_of(stem.removesuffix("["))
-    quantity = meaning.quantity
+    quantity = meaning.quantity or derivative
     if len(base) == 7:
         if not _is_quaternion(_samples(base[3:], inference)):
             return
@@ -234,6 +330,17 @@ def _contacts(
             inference.note(stem.removesuffix("["), text)
 
 
+def _add_loads(found: BaseGuess, inference: Inference, robot: Robot) -> None:
+    """Take "hip.load" for the torque of a joint, as Spot names it, if no other column has one."""
+    meanings = {**inference.meanings, **found.meanings}
+    if any(one.quantity in ("torque", "current") for one in meanings.values()):
+        return
+    for name, one in inference.meanings.items():
+        if not one.quantity and one.joint in robot.joint_names and _words(name)[-1] == "load":
+            found.meanings[name] = replace(one, quantity="torque", side="")
+            inference.note(name, "taken for the torque of the joint")
+
+
 def _words(name: str) -> list[str]:
     return re.findall(r"[a-z]+|\d+", name.lower())
 
@@ -242,11 +349,17 @@ def _add_contact(found: BaseGuess, link: str, name: str, inference: Inference) -
     """Take a column for a flag, or for a force with a threshold in the middle of its range."""
     values = inference.finite(name)
     above = None
-    if not set(np.unique(values)) <= {0.0, 1.0}:
+    kinds, scale = set(np.unique(values)), 1.0
+    if kinds <= {0.0, 1.0, 2.0} and 2.0 in kinds:
+        above, scale = -1.5, -1.0
+        inference.note(name, "codes: 1 is taken for contact, 2 for its loss, as Spot has them")
+    elif not kinds <= {0.0, 1.0}:
         low, high = np.quantile(values, [0.05, 0.95])
         above = float(f"{low + 0.2 * (high - low):.3g}")
         inference.note(name, f"a force: above {above:g} it is taken for contact")
-    found.contacts.setdefault(link, {}).setdefault("contact", VectorSource((name,), above=above))
+    found.contacts.setdefault(link, {}).setdefault(
+        "contact", VectorSource((name,), scale=scale, above=above)
+    )
 
 
 def _decide_frames(found: BaseGuess, inference: Inference) -> None:

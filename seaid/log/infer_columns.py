@@ -11,6 +11,7 @@ import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import permutations
 from pathlib import Path
 from typing import Any
 
@@ -360,7 +361,7 @@ that cannot be read."""
 _SHOWN = 100
 """Most unused columns that are shown."""
 
-_SECONDS = {None: 1.0, "s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+
 _STEPS_S = {"s": 5e-5, "ms": 5e-2, "us": 50.0, "ns": 5e4}
 """Smallest step of a clock in this unit (20 kHz); the largest is a thousand times that."""
 
@@ -504,7 +505,7 @@ def describe_log(
                 for name, one in sources.items()
             }
     gains = _gains(samples, inference, joints)
-    check_used(inference, found, robot, {one.column or "" for one in clocks.values()})
+    check_used(inference, found, robot, {x for one in clocks.values() for x in one.columns()})
     clocks = clocks or ({"": Clock(rate_hz=rate_hz)} if rate_hz else {})
     is_own = bool(table.clocks) or not clocks.keys().isdisjoint(table.files.values())
     common = None if is_own else _common_clock(inference, clocks, tags)
@@ -550,14 +551,6 @@ def _gains(
         if own:
             found[joint] = own.get("p", 0.0), own.get("d", 0.0)
     return found
-
-
-def _time_of(inference: Inference, clock: Clock | None) -> Array | None:
-    """Return the samples of a clock in seconds since the first."""
-    if clock is None or clock.column not in inference.data:
-        return None
-    values = inference.data[str(clock.column)]
-    return np.asarray((values - values[0]) * _SECONDS[clock.unit], dtype=float)
 
 
 def _with_estimates(inference: Inference) -> None:
@@ -676,10 +669,10 @@ def _file_of(path: Path, robot: Robot) -> _File:
         clock = None if table.clocks else _clocks(inference).get("")
         if clock is None or clock.column is None:
             return nothing
-        time = table.load([clock.column])[clock.column] * UNIT_FACTORS["s"][clock.unit]
+        time = clock.seconds(table.load(clock.columns()), 0)
     except LogError:
         return nothing
-    columns = frozenset(table.names) - {clock.column}
+    columns = frozenset(table.names) - {*clock.columns()}
     quantities = frozenset(meanings[name].quantity for name in columns)
     return _File(path, columns, quantities, float(np.nanmin(time)), float(np.nanmax(time)))
 
@@ -733,6 +726,14 @@ def _with_signal(data: Block, inference: Inference) -> Block:
     return found
 
 
+def _time_of(inference: Inference, clock: Clock | None) -> Array | None:
+    """Return the samples of a clock in seconds since the first."""
+    if clock is None or not clock.columns() or not inference.data.keys() >= {*clock.columns()}:
+        return None
+    seconds = clock.seconds(inference.data, 0)
+    return np.asarray(seconds - seconds[0], dtype=float)
+
+
 def _file_clocks(table: Table, inference: Inference) -> dict[str, Clock]:
     """Return {joint, or "" for all: clock}; {file: clock} if names differ in several files."""
     if not table.files:
@@ -752,6 +753,8 @@ def _file_clocks(table: Table, inference: Inference) -> dict[str, Clock]:
 def _clocks(inference: Inference) -> dict[str, Clock]:
     """Return {joint, or "" for all joints: clock}."""
     found: dict[str, Clock] = {}
+    if split := _of_two_columns(inference):
+        return {"": split}
     for name, values in inference.data.items():
         meaning, steps = inference.meanings[name], np.diff(values[np.isfinite(values)])
         grows = len(steps) > 0 and np.mean(steps >= 0) > 0.95 and np.median(steps) > 0
@@ -764,6 +767,24 @@ def _clocks(inference: Inference) -> dict[str, Clock]:
             continue
         found[tag] = Clock(name, _time_unit(name, meaning, steps, inference))
     return found or _nameless_clock(inference)
+
+
+_WHOLE = 1e9
+"""Nanoseconds of a second."""
+
+
+def _of_two_columns(inference: Inference) -> Clock | None:
+    """Return the clock of whole seconds and nanoseconds, as in the header of a ROS message."""
+    named = [name for name in inference.data if inference.meanings[name].quantity == "time"]
+    for seconds, rest in permutations(named, 2):
+        s, ns = inference.data[seconds], inference.data[rest]
+        is_split = np.all(s == np.round(s)) and np.all((ns >= 0) & (ns < _WHOLE))
+        if not is_split or not np.any(np.diff(ns) < 0) or np.max(ns) < _WHOLE / 2:
+            continue
+        steps = np.diff(s) + np.diff(ns) / _WHOLE
+        if np.all(steps >= 0) and np.max(steps) < 1.0 + np.median(steps):
+            return Clock(seconds, nanoseconds=rest)
+    return None
 
 
 def _nameless_clock(inference: Inference) -> dict[str, Clock]:

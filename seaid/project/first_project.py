@@ -22,7 +22,7 @@ from seaid.drives import (
     write_drives,
 )
 from seaid.errors import LogError, SeaidError, abridged, checked, listed
-from seaid.identification import check, is_unsigned, no_measurements
+from seaid.identification import check, is_unsigned, no_measurements, with_leg_order
 from seaid.log import Log, describe_log, logs_of_files, low_pass, open_tables, read_log
 from seaid.project.project import FILE_NAME
 from seaid.robot import BaseKind, Contact, FloatingBase, Payload, Robot, load_robot
@@ -250,6 +250,9 @@ def _read(files: tuple[Path, ...], robot: Robot, folder: Path, rate_hz: float | 
     except LogError as problem:
         about = [one for one in guess.unsure if "no torque, current or voltage" in one]
         raise LogError("; ".join([str(problem), *about])) from None
+    ordered = with_leg_order(guess, robot, log)
+    if ordered is not guess:
+        guess, log = ordered, read_log(files, robot, description=ordered.description)
     doubts = tuple(f"{path.name}: {one}" for one in guess.unsure)
     return _ReadLog(files, log, target, guess.to_toml(), doubts, guess.gains)
 

@@ -16,8 +16,16 @@ from scripts.legged_plant import GO2_FEET, foot_positions, plant, simulate
 from seaid._arrays import Array
 from seaid.errors import Finding, IdentificationError, LogError
 from seaid.identification import whole_body
-from seaid.identification.base_checks import base_findings, foot_places, with_brief_lifts
-from seaid.log import BaseLog, turned_to_world
+from seaid.identification.base_checks import base_findings
+from seaid.identification.contact_checks import (
+    _moving,
+    foot_places,
+    with_brief_lifts,
+    with_leg_order,
+)
+from seaid.log import BaseLog, Description, LogDescription, turned_to_world
+from seaid.log.base_columns import VectorSource
+from seaid.log.description import Source
 from tests.identification.test_floating_base import STANDING, found_standing, go2
 
 
@@ -300,3 +308,52 @@ def test_exchanged_legs_are_named_with_their_columns(
     assert [one.code for one in flags_found] == ["contact-flags"] * flags_too
     if flags_too:
         assert flags_found[0].remedy.count("[contacts.") == len(moved)
+
+
+def test_joints_in_groups_and_exchanged_flags_are_put_in_order() -> None:
+    """Logs of simulators have the hips of all legs first; those of Unitree the right legs."""
+    log, robot = walked(), go2()
+    base = log.base
+    assert base is not None
+    grouped = np.arange(12).reshape(4, 3)[[1, 0, 3, 2]].T.ravel()
+    flags_of = dict(zip(GO2_FEET, (GO2_FEET[k] for k in (1, 0, 3, 2)), strict=True))
+    own = {foot: base.contacts[source] for foot, source in flags_of.items()}
+    given = replace(
+        log,
+        joint_position=log.joint_position[:, grouped],
+        motor_torque=log.motor_torque[:, grouped],
+        base=replace(base, contacts=own),
+    )
+    joints = {
+        name: {
+            "joint_position": Source(f"q[{k}]"),
+            "motor_torque": Source(f"tau[{k}]", side="joint"),
+        }
+        for k, name in enumerate(robot.joint_names)
+    }
+    contacts = {
+        foot: {"contact": VectorSource((f"contact[{k}]",))} for k, foot in enumerate(GO2_FEET)
+    }
+    plain = Description(LogDescription(joints, None, contacts=contacts), ("q: a guess",), ())
+    found = with_leg_order(plain, robot, given)
+    for k, name in enumerate(robot.joint_names):
+        column = f"q[{grouped.tolist().index(k)}]"
+        assert found.description.joints[name]["joint_position"].column == column
+    for foot, source in flags_of.items():
+        place = GO2_FEET.index(source)
+        assert found.description.contacts[foot]["contact"].columns == (f"contact[{place}]",)
+    assert "in the order in which standing feet rest" in found.unsure[0]
+    assert with_leg_order(plain, robot, log) is plain
+
+
+def test_a_soft_foot_that_sinks_in_is_not_in_the_air() -> None:
+    """Fast, but by less than a foot that is lifted."""
+    log, robot = walked(), go2()
+    motion = seaid.reconstruct_motion(robot, log, cutoff_hz=10.0)
+    assert motion.base is not None
+    shape = (len(motion.time),)
+    standing = np.ones(shape, dtype=bool)
+    for seconds, codes in ((0.1, []), (0.3, ["contact-flags"])):
+        vertical = np.where(motion.time % 1.0 < seconds, 0.1, 0.0)  # by 10 and by 30 mm
+        found = list(_moving("FL_foot", motion, vertical, np.zeros(shape), standing))
+        assert [one.code for one in found] == codes

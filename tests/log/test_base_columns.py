@@ -16,6 +16,7 @@ from seaid._arrays import Array
 from seaid.errors import LogError
 from seaid.log import BaseLog
 from seaid.log.base_log import matrices
+from seaid.log.description import Clock
 
 FEET = ("FL_foot", "FR_foot", "RL_foot", "RR_foot")
 RATE_HZ = 100.0
@@ -332,3 +333,75 @@ def test_a_first_project_has_the_base_and_the_logs_without_time(tmp_path: Path) 
         log = project.logs[0].read(project.robot())
         assert log.base is not None
         check(log.base, "position", "orientation")
+
+
+def generalised() -> dict[str, Array]:
+    """Positions, velocities and accelerations of base and joints, as Pinocchio has them."""
+    one = states()
+    rates = np.gradient(one["joints"], 1 / RATE_HZ, axis=0)
+    slower = np.gradient(rates, 1 / RATE_HZ, axis=0)
+    in_base = np.einsum("tji,tj->ti", one["R"], one["velocity"])
+    return {
+        "q": np.hstack([one["position"], one["orientation"][:, [1, 2, 3, 0]], one["joints"]]),
+        "v": np.hstack([in_base, one["w"], rates]),
+        "a": np.hstack([0 * one["w"], 0 * one["w"], slower]),
+        "tau": one["torque"],
+        "contact": one["flags"],
+    }
+
+
+@pytest.mark.parametrize("suffix", ["dat", "npy", "npz"])
+def test_arrays_whose_rows_are_the_channels_are_found(tmp_path: Path, suffix: str) -> None:
+    arrays = generalised()
+    if suffix == "npz":
+        turned: dict[str, Any] = {name: values.T for name, values in arrays.items()}
+        np.savez(tmp_path / "walk.npz", **turned)
+        paths = [tmp_path / "walk.npz"]
+    else:
+        paths = [tmp_path / f"robot_{name}.{suffix}" for name in arrays]
+        for path, values in zip(paths, arrays.values(), strict=True):
+            if suffix == "npy":
+                np.save(path, values.T)
+            else:
+                np.savetxt(path, values.T, fmt="%.12g", delimiter="\t")
+    guess = seaid.describe_log(paths, go2(), rate_hz=RATE_HZ)
+    log = seaid.read_log(paths, go2(), description=guess.description)
+    assert log.base is not None
+    check(log.base, "position", "orientation", "velocity", "angular_velocity")
+    np.testing.assert_allclose(log.motor_torque, states()["torque"], atol=1e-9)
+
+
+def test_one_table_without_names_is_divided_by_its_samples(tmp_path: Path) -> None:
+    arrays = generalised()
+    table = np.column_stack([states()["time"], *arrays.values()])
+    np.savetxt(tmp_path / "walk.csv", table, fmt="%.12g", delimiter=",")
+    base = described(tmp_path / "walk.csv")
+    check(base, "position", "orientation", "velocity", "angular_velocity")
+
+
+def test_columns_with_numbers_codes_of_contacts_and_loads_are_found(tmp_path: Path) -> None:
+    """An IMU and motors with numbers; flags 1 and 2, loads and two-column clocks as Spot has."""
+    one, time = states(), 1_700_000_000.6 + states()["time"]
+    columns = {"stamp_sec": np.floor(time), "stamp_nsec": np.round(time % 1 * 1e9)}
+    vectors = {"quat": one["orientation"], "gyro": one["w"], "acc": one["specific_force"]}
+    columns |= {f"imu_{x}_{k}": y[:, k] for x, y in vectors.items() for k in range(y.shape[1])}
+    names = go2().joint_names
+    for k, joint in enumerate(names):
+        columns |= {f"{joint}.position": one["joints"][:, k], f"{joint}.load": one["torque"][:, k]}
+    columns |= {f"{foot}.contact": 2 - one["flags"][:, k] for k, foot in enumerate(FEET)}
+    table = np.column_stack(list(columns.values()))
+    header = ",".join(columns)
+    np.savetxt(tmp_path / "walk.csv", table, fmt="%.17g", delimiter=",", header=header, comments="")
+    base = described(tmp_path / "walk.csv")
+    check(base, "orientation", "angular_velocity", "specific_force")
+    guess = seaid.describe_log(tmp_path / "walk.csv", go2())
+    assert guess.description.to_dict()["time"] == {
+        "column": "stamp_sec",
+        "nanoseconds": "stamp_nsec",
+    }
+    assert any("codes: 1 is taken for contact" in one for one in guess.unsure)
+
+
+def test_a_clock_adds_nanoseconds_to_seconds_only() -> None:
+    with pytest.raises(LogError, match="nanoseconds are added to a column of seconds"):
+        Clock("t", unit="ms", nanoseconds="ns")

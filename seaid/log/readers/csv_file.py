@@ -18,7 +18,15 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid.errors import LogError, listed, shortened
-from seaid.log.readers.table import Block, Blocks, Table, check_memory
+from seaid.log.readers.table import (
+    FEWEST_SAMPLES,
+    Block,
+    Blocks,
+    Table,
+    check_memory,
+    damaged,
+    has_samples_in_columns,
+)
 
 LONGEST_LINE = 1_000_000
 """Most characters of a line of a CSV file: 100 for each of the most columns."""
@@ -92,9 +100,12 @@ def open_csv(path: Path) -> Table:
 
     Numbers may have decimal commas where commas do not delimit. Comments behind # or % may come
     first; the last one is the header if it has as many names as the samples. Without a header the
-    columns are 1, 2, 3, ... Raises LogError for an invalid file, and for one too large to be loaded
-    at once.
+    columns are 1, 2, 3, ..., which are its rows if these are far longer. Raises LogError for an
+    invalid file, and for one too large to be loaded at once.
     """
+    delimiter = _delimiter_of_rows(path)
+    if delimiter:
+        return _in_rows(path, delimiter)
     with _opened(path) as file:
         header = _header(path, _lines(path, file))
 
@@ -112,13 +123,40 @@ def open_csv(path: Path) -> Table:
                 if found:
                     yield {name: np.concatenate([one[name] for one in found]) for name in wanted}
 
-    notice = (
-        ""
-        if header.has_names
-        else f"{NO_HEADER} Name the columns by their numbers, from 1 on, in the description of the "
-        "log (time = 1, joint_position = 2, ...), or write a line of names on top"
-    )
-    return Table(header.names, load, blocks, notice=notice)
+    return Table(header.names, load, blocks, notice="" if header.has_names else _NUMBERED)
+
+
+_NUMBERED = (
+    f"{NO_HEADER} Name the columns by their numbers, from 1 on, in the description of the "
+    "log (time = 1, joint_position = 2, ...), or write a line of names on top"
+)
+
+
+def _delimiter_of_rows(path: Path) -> str:
+    """Return the delimiter of a table of numbers with a channel per row, "" for any other file."""
+    with path.open("rb") as file:
+        start = file.readline(2 * FEWEST_SAMPLES)
+        if len(start) < 2 * FEWEST_SAMPLES:
+            return ""  # a digit and a delimiter per number
+        check_memory(path, path.stat().st_size)
+        first = (start + file.readline()).decode("utf-8", "replace")
+        count = 1 + sum(not line.isspace() for line in file)
+    form = _format_of(first.rstrip())
+    return form.delimiter if form and has_samples_in_columns((count, form.cells)) else ""
+
+
+def _in_rows(path: Path, delimiter: str) -> Table:
+    """Return the columns of a table of numbers whose rows are the channels."""
+
+    def load(wanted: list[str]) -> Block:
+        check_memory(path, path.stat().st_size)
+        with damaged(path, "a table of numbers with a channel per line"):
+            rows = np.loadtxt(path, delimiter=None if delimiter == " " else delimiter, ndmin=2)
+        return {name: rows[int(name) - 1] for name in wanted}
+
+    with path.open("rb") as file:
+        count = sum(not line.isspace() for line in file)
+    return Table([str(place) for place in range(1, count + 1)], load, notice=_NUMBERED)
 
 
 @contextmanager

@@ -24,6 +24,7 @@ from seaid.log.readers.table import (
     check_memory,
     damaged,
     damaged_column,
+    has_samples_in_columns,
     is_number,
     no_numbers,
     part_of,
@@ -37,7 +38,7 @@ _COMPRESSIONS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 
 @dataclass(frozen=True)
 class _Header:
-    """The header of an array: type, shape and order of its numbers."""
+    """The header of an array: type, shape and order of its numbers, with the samples in rows."""
 
     kind: np.dtype[Any]
     shape: tuple[int, ...]
@@ -187,6 +188,8 @@ def _header(file: IO[bytes]) -> _Header:
         shape, by_columns, kind = reader(file)
     if any(length < 0 for length in shape):
         raise ValueError(f"its shape is {shape}")
+    if has_samples_in_columns(shape):
+        return _Header(kind, shape[::-1], not by_columns)
     return _Header(kind, shape, by_columns)
 
 

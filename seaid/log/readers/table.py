@@ -244,6 +244,16 @@ def check_lengths(path: Path, lengths: Mapping[str, int]) -> None:
         raise LogError(f"'{path}': columns have different lengths: {found}")
 
 
+FEWEST_SAMPLES, _LONGER = 1000, 4
+"""A matrix of numbers with so many columns, and so many times more than it has rows, has its
+samples in columns: shorter logs of so many channels without names are not known."""
+
+
+def has_samples_in_columns(shape: Sequence[int]) -> bool:
+    """Return whether the rows of a matrix without names are channels, not samples."""
+    return len(shape) == 2 and shape[1] >= max(FEWEST_SAMPLES, _LONGER * shape[0])
+
+
 def with_parts(name: str, shape: Sequence[int] | None) -> list[str]:
     """Return an array's name; of two dimensions "name[0]", "name[1]", ..., up to a limit."""
     many = shape is not None and len(shape) == 2 and shape[1] <= MOST_COLUMNS
