@@ -179,7 +179,8 @@ def with_setup_findings(given: Experiment, known: Sequence[Finding]) -> list[Fin
     Torques beyond their limits are no finding of joints whose gains are in another unit.
     """
     found = [*known, *_setup_findings(given, known)]
-    joints = {one.joint for one in found if one.code == "gain-scale"}
+    headers = [line for one in found if one.code == "gain-scale" for line in one.remedy.split("\n")]
+    joints = [x for x in given.robot.joint_names if toml_table(x, "controller") in headers]
     return [one for one in found if one.code != "saturation" or one.joint not in joints]
 
 

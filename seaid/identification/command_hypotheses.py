@@ -7,14 +7,14 @@ hypotheses of `setup_hypotheses` need a measured torque.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 
 from seaid._files import toml_table
-from seaid.errors import Finding
+from seaid.errors import Finding, listed
 from seaid.estimation import scaled_svd
 from seaid.identification.experiment import (
     FALLS,
@@ -39,21 +39,22 @@ _WELL_KNOWN = 0.1
 
 
 def gain_findings(given: Experiment) -> tuple[list[Finding], Experiment]:
-    """Return the joints whose gains are in another unit than N m, and the experiment with N m.
+    """Return gains in another unit than N m by the bodies of the robot file, and it with N m.
 
-    By the bodies of the robot file: one finding per joint.
+    What is so on each joint that shows it counts as so on the others.
     """
-    factors = _gain_factors(given)
-    off = {j: one for j, one in factors.items() if not 1 / _OTHER_UNIT < one[0] < _OTHER_UNIT}
-    found = [_gain_finding(given, j, *one) for j, one in off.items()]
-    if len(off) == len(factors) > 0:  # what is so on each joint that shows it is so on the others
-        middle = float(np.median([factor for factor, _ in off.values()]))
-        for j in set(_commanded(given)) - set(off):
-            found.append(_gain_finding(given, j, middle, None))
-            off[j] = middle, 0.0
-    for j, (factor, _) in off.items():
+    shown = _gain_factors(given)
+    off = {j: one for j, one in shown.items() if not 1 / _OTHER_UNIT < one[0] < _OTHER_UNIT}
+    if not off:
+        return [], given
+    factors = {j: factor for j, (factor, _) in off.items()}
+    if len(off) == len(shown):
+        middle = float(np.median([*factors.values()]))
+        factors = {j: factors.get(j, middle) for j in _commanded(given)}
+    found = _gain_finding(given, off, sorted(factors))
+    for j, factor in factors.items():
         given = scaled(given, j, {"t": 1 / factor})
-    return found, given
+    return [found], given
 
 
 def _commanded(given: Experiment) -> list[int]:
@@ -81,26 +82,41 @@ def _gain_factors(given: Experiment) -> dict[int, tuple[float, float]]:
     return found
 
 
-def _gain_finding(given: Experiment, j: int, factor: float, error: float | None) -> Finding:
-    """Return the finding of joint j, of all other joints together without a standard error."""
-    robot, joint = given.robot, given.robot.joint_names[j]
-    size = f"{factor:.4g}" if factor > 1 else f"1/{1 / factor:.4g}"
-    off = "as that of all other joints" if error is None else f"+- {error / factor:.1%}"
+def _gain_finding(
+    given: Experiment, shown: Mapping[int, tuple[float, float]], joints: Sequence[int]
+) -> Finding:
+    """Return the finding for the factors and standard errors `shown`, and all joints concerned."""
+    robot, names = given.robot, given.robot.joint_names
+    each = [
+        f"{names[j]} {factor:.3g}" if factor > 1 else f"{names[j]} 1/{1 / factor:.3g}"
+        for j, (factor, _) in shown.items()
+    ]
+    error = float(np.median([error / factor for factor, error in shown.values()]))
+    others = [names[j] for j in joints if j not in shown]
+    more = f"; {listed(others, _MOST_JOINTS)} as the others" if others else ""
     bodies, scale = "known bodies", ""
     if not robot.known_bodies:
         bodies, scale = "bodies of the robot file", " with known bodies (known_bodies=)"
+    tables = [f"{toml_table(names[j], 'controller')}\nis_up_to_scale = true" for j in joints]
     return Finding(
         "gain-scale",
-        f"the controller of {joint} gives {size} ({off}) times the torque that moves and holds the "
-        f"{bodies}: its gains are in units of the drive (counts, 1/256, per degree) and not in "
-        "N m, or those bodies are wrong",
-        joint,
+        f"the controllers give many times or a fraction of the torque that moves and holds the "
+        f"{bodies} ({listed(each, _MOST_JOINTS)}, +- {error:.1%}{more}): their gains are in units "
+        "of the drive (counts, 1/256, per degree) and not in N m, or those bodies are wrong",
+        names[joints[0]] if len(joints) == 1 else "",
         "wrong",
-        {"torque over that of the bodies": factor},
+        {
+            f"torque of {names[j]} over that of the bodies": factor
+            for j, (factor, _) in shown.items()
+        },
         f"gains in N m/rad, or their scale as a parameter{scale}, in the drives file:\n"
-        f"{toml_table(joint, 'controller')}\nis_up_to_scale = true",
+        + "\n".join(tables),
         "likely",
     )
+
+
+_MOST_JOINTS = 12
+"""Most joints in a message."""
 
 
 _GRID, _NEAREST = math.radians(30), math.radians(1)

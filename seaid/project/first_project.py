@@ -276,8 +276,9 @@ _HELD = (
     "the commands stay the same for some samples: is_held = true, the drive holds each until the "
     "next one; delete the key if it goes there on a line"
 )
-_LEAST_STEPS = 20
-"""Changes of a command below which nothing is said about how long it is held."""
+_LEAST_STEPS, _PART_OF_STEP = 20, 0.03
+"""Changes of a command below which nothing is said about how long it is held; part of the
+mean step that is no change, where larger steps count more."""
 _VELOCITY_COMMANDS = (
     "the logs have velocity commands, which count as sent to the drive: their gain, "
     "command_velocity_gain_Nms_per_rad, is that of the measured velocity; delete the key if the "
@@ -373,13 +374,15 @@ def _controlled(
 def _is_held(log: Log, kind: str, joint: str) -> bool:
     """Return whether a command is logged more often than it changes, and not by its rounding.
 
-    Steps of a rounded command that changes slowly are all alike: one unit of its last digit.
+    Steps of a rounded command that changes slowly are all alike: one unit of its last digit. Stamps
+    that are rounded leave a small part of a step in the next sample.
     """
-    steps = np.diff(log.sensors()[kind][:, log.joint_names.index(joint)])
-    changes = np.flatnonzero(steps)
+    steps = np.abs(np.diff(log.sensors()[kind][:, log.joint_names.index(joint)]))
+    size = float(steps @ steps) / max(float(np.sum(steps)), np.finfo(float).tiny)
+    changes = np.flatnonzero(steps > _PART_OF_STEP * size)
     if len(changes) < _LEAST_STEPS:
         return False
-    small, usual = np.percentile(np.abs(steps[changes]), (10, 50))
+    small, usual = np.percentile(steps[changes], (10, 50))
     return bool(np.median(np.diff(changes)) > 1 and usual > 2 * small)
 
 
@@ -662,7 +665,7 @@ def _one_log(
     if _unflagged(robot, one.log):
         yield "find_contacts = true  # from torques and motion"
     if part is not None:
-        yield f"between_s = [{part[0]:g}, {part[1]:g}]"
+        yield f"between_s = [{part[0]:.12g}, {part[1]:.12g}]"
     yield ""
 
 

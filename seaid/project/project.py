@@ -67,7 +67,7 @@ class ProjectLog:
 
     @property
     def _part(self) -> str:
-        return "" if self.between_s is None else "@{:g}:{:g}".format(*self.between_s)
+        return "" if self.between_s is None else "@{:.12g}:{:.12g}".format(*self.between_s)
 
     def read(self, robot: Robot, description: Path | None = None, repair: bool = False) -> Log:
         """Read the log; a `description` that is given takes precedence."""

@@ -160,6 +160,31 @@ def test_commands_that_are_held_are_said(
     assert any("is_up_to_scale = true" in one for one in made.doubts)
 
 
+def test_a_log_with_stamps_of_the_unix_time_in_rounded_milliseconds(tmp_path: Path) -> None:
+    """Its parts had the same start and end, and held commands two steps."""
+    time = np.arange(1800) / 120
+    position = 0.3 * np.sin(3 * time) + 0.1 * np.sin(7 * time)
+    command = np.repeat(position[::2], 2)
+    urdf = tmp_path / "servo.urdf"
+    shutil.copy(MODELS / "xl330_pendulum.urdf", urdf)
+    log = tmp_path / "log.csv"
+    rows = zip(1.7e12 + 1e3 * time, position, command, strict=True)
+    lines = [f"{t:.3f},{q:.6f},{u:.6f}" for t, q, u in rows]
+    log.write_text("\n".join(["stamp_ms,pendulum_pos,pendulum_cmd", *lines]) + "\n")
+    seaid.write_first_project(urdf, [log], folder=tmp_path / "made")
+    assert "is_held = true\n" in (tmp_path / "made/servo_drives.toml").read_text()
+    text = (tmp_path / "made/seaid.toml").read_text()
+    assert "between_s = [1700000000, 1700000010.5]\n" in text
+    assert "between_s = [1700000010.5, 1700000016]\n" in text
+    drives = tmp_path / "made/servo_drives.toml"
+    drives.write_text(drives.read_text().replace('"?"', "2.0"))
+    parts = [one.name for one in seaid.load_project(tmp_path / "made").logs]
+    assert [part.partition("@")[2] for part in parts] == [
+        "1700000000:1700000010.5",
+        "1700000010.5:1700000016",
+    ]
+
+
 def test_gains_may_be_those_of_each_joint(tmp_path: Path) -> None:
     gains = ("--position-gain", "FL_hip_joint=20,FL_thigh_joint=30", "--velocity-gain", "2")
     done("init", "go2", GO2, "--joints", LEG, *gains, "--folder", tmp_path)

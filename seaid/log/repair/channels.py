@@ -34,6 +34,10 @@ _WINDOWS, _FEWEST_WINDOWS = 60, 5
 _RARELY = 0.7
 """Share of the rate of the grid below which commands come more rarely than its samples."""
 
+_ROUNDED = 0.01
+"""Distance of a stamp over the typical step that is rounding: steps of commands that are held would
+become two, and repeated ones none."""
+
 _NOISES = 2.0
 """Multiple of the noise that is subtracted from the error of gaps."""
 
@@ -45,12 +49,17 @@ def interpolated(time: Array, values: Array, wanted: Array, how: Interpolation) 
     interpolation would bias the derivatives. Torques, which jump and are noisy: the modified Akima
     spline, which does not overshoot (Akima 1970). Torques over gaps and positions over holes are
     interpolated linearly, because a slope there would be that of the noise at the ends, and so are
-    commands. Samples closer than 0.3 of the typical step are merged first.
+    commands, which stay what they are next to their stamps. Samples closer than 0.3 of the typical
+    step are merged first.
     """
     from scipy.interpolate import Akima1DInterpolator, CubicSpline
 
     if how == "linear":
-        return np.interp(wanted, time, values)
+        found = np.interp(wanted, time, values)
+        after = np.clip(np.searchsorted(time, wanted), 1, len(time) - 1)
+        nearest = np.where(wanted - time[after - 1] < time[after] - wanted, after - 1, after)
+        is_there = np.abs(time[nearest] - wanted) < _ROUNDED * typical_step(time)
+        return np.asarray(np.where(is_there, values[nearest], found))
     origin = time[0]
     time, values = _merged(time - origin, values)
     if how == "spline":
