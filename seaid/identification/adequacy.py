@@ -8,7 +8,7 @@ excluded from the fit.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import chain
@@ -239,6 +239,16 @@ def joint_fits(
     for row, j in alone.items():
         fits[row] = JointFit(own[j], blocks.get(j, nothing), nothing, nothing, nothing)
     return FrozenMapping(fits, "joint")
+
+
+def without_loads(fits: Mapping[str, JointFit], joints: Collection[str]) -> FrozenMapping[JointFit]:
+    """Return the errors without those of the load sides of some joints, which are NaN then."""
+    names, nothing = ("own", "blocks", "identified", "nominal"), float("nan")
+    unknown = dict.fromkeys(names, nothing)
+    changed = {
+        joint: replace(one, **unknown) if joint in joints else one for joint, one in fits.items()
+    }
+    return FrozenMapping(changed, "joint")
 
 
 def _motor_error(joint: str, found: RobotEstimate, own: Mapping[int, float], n: int) -> float:

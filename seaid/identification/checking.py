@@ -7,7 +7,7 @@ use, a robot at rest or a dead channel, is an error.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,6 +32,7 @@ from seaid.identification.command_checks import (
 from seaid.identification.command_hypotheses import gain_findings, pose_findings
 from seaid.identification.datasets import Source, datasets_by_log, first_motion, sources_of
 from seaid.identification.experiment import Experiment, experiment_of
+from seaid.identification.locked_outputs import locked_findings, locked_outputs
 from seaid.identification.motor_side import with_regressed_angles, without_joint_encoder
 from seaid.identification.setup_hypotheses import encoder_slope, mistakes
 from seaid.log import Log, Motion, changed_source
@@ -211,7 +212,9 @@ def log_findings(robot: Robot, logs: Sequence[Log]) -> list[Finding]:
     for log in logs:
         own += [*_time(log), *_missing_drives(robot, log)]
         own += [*no_measurements(robot, log), *command_findings(robot, log)]
-    return [*own, *_saturated(logs), *_standing(logs)]
+    locked = locked_outputs(robot, logs)
+    standing = locked_findings(locked) if locked else _standing(logs)
+    return [*own, *_saturated(logs), *standing]
 
 
 def _time(log: Log) -> Iterator[Finding]:
@@ -498,15 +501,19 @@ def check_excitation(robot: Robot, logs: Sequence[Log]) -> None:
         raise ExcitationError("no joint moves in the log: the motion does not excite the robot")
 
 
-def check_channels(logs: Sequence[Log]) -> None:
-    """Raise LogError if a sensor is constant while another sensor of its joint moves."""
+def check_channels(logs: Sequence[Log], locked: Collection[str] = ()) -> None:
+    """Raise LogError if a sensor is constant while another sensor of its joint moves.
+
+    The outputs of joints that are `locked` are constant.
+    """
     for log in logs:
         for index, joint in enumerate(log.joint_names):
             sides = {
                 "motor position": log.motor_position[:, index],
                 "joint position": log.joint_position[:, index],
             }
-            for dead, other in (tuple(sides), tuple(sides)[::-1]):
+            pairs = [tuple(sides)] if joint in locked else [tuple(sides), tuple(sides)[::-1]]
+            for dead, other in pairs:
                 _check_alive(joint, dead, sides[dead], other, sides[other])
             torques = {"motor torque": log.motor_torque[:, index]}
             if log.joint_torque is not None:

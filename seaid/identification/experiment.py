@@ -206,7 +206,8 @@ class Experiment:
         for j in (one for one in driven if one in self._elastic):
             rows, y = self._moving[:, j], self._spring_torque(j)
             stretch = self.motor[0][:, j] / self.lever[j] - self.joint[0][:, j]
-            columns = np.column_stack([self.torque_rate[:, j], self._any_friction(j), stretch])
+            others = [self._any_friction(j), *self._open_rotor(j), stretch]
+            columns = np.column_stack([self.torque_rate[:, j], *others])
             if np.sum(rows) > 3 * columns.shape[1]:
                 x, covariance = fitted(columns[rows], y[rows])
                 found[j] = -float(x[0]), float(np.sqrt(covariance[0, 0]))
@@ -243,6 +244,8 @@ class Experiment:
         for j in np.flatnonzero(self.both).tolist():
             motor, joint = self.motor[0][:, j], self.joint[0][:, j]
             per_ratio = self.ratio[j] / self.lever[j]
+            if self.lever[j] * np.ptp(joint) < _LOCKED * np.ptp(motor):
+                continue
             if j in self._elastic:
                 rows, y, others = self._of_spring(j)
                 columns = np.column_stack([motor, joint, others, zeros])
@@ -266,9 +269,7 @@ class Experiment:
         if not np.all(np.isfinite(self.torque[:, j])):
             ones = np.ones((len(self.sensed), 1))
             return np.isfinite(self.sensed[:, j]), np.nan_to_num(self.sensed[:, j]), ones
-        columns = self._any_friction(j)
-        if not self.inertia[j]:
-            columns = np.column_stack([columns, self.motor[2][:, j]])
+        columns = np.column_stack([self._any_friction(j), *self._open_rotor(j)])
         return self._moving[:, j], self._spring_torque(j), columns
 
     @cached_property
@@ -277,6 +278,10 @@ class Experiment:
 
     def _spring_torque(self, j: int) -> Array:
         return np.asarray(self.torque[:, j] - self.inertia[j] * self.motor[2][:, j])
+
+    def _open_rotor(self, j: int) -> list[Array]:
+        """Return the column (R,) of a rotor whose inertia is unknown, if it is."""
+        return [] if self.inertia[j] else [self.motor[2][:, j]]
 
     def _any_friction(self, j: int) -> Array:
         """Return columns (R, 4) of friction, with one that changes gradually near reversals."""
@@ -414,6 +419,9 @@ _WIDTH = 0.1
 """Speed over the largest one at which friction may have another shape than Coulomb's."""
 
 _TINY, _LEAST = 1e-9, 1e-300
+
+_LOCKED = 0.02
+"""Motion of a joint over that of its motor, behind the gear, that shows no gear ratio."""
 
 _MOVING = 0.99
 """Mean sign of the speed behind the low pass below which a motor may have stuck: friction then

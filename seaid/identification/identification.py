@@ -35,6 +35,7 @@ from seaid.identification.adequacy import (
     unused_findings,
     verdict_of,
     without_echoes,
+    without_loads,
 )
 from seaid.identification.base_checks import base_findings
 from seaid.identification.base_estimates import (
@@ -85,6 +86,7 @@ from seaid.identification.known_constants import (
     exact_constants,
     with_known_std,
 )
+from seaid.identification.locked_outputs import locked_outputs, without_locked_loads
 from seaid.identification.method_limits import check_refinable
 from seaid.identification.missing_terms import (
     MOST_ROUNDS,
@@ -111,6 +113,7 @@ from seaid.identification.transmission_error import periodic_findings
 from seaid.identification.two_step import (
     RobotEstimate,
     check_forces,
+    check_scale_of_locked,
     estimate_two_step,
     joints_with_torque,
     scale_findings,
@@ -386,9 +389,10 @@ def _identify(
         groups = datasets_by_log(robot, sources, cutoff_hz, executor, progress)
         datasets = [one for group in groups for one in group]
         in_memory = [part for log in logs_in_memory for part in stretches(log)]
+        locked = locked_outputs(robot, logs_in_memory)
         if len(logs_in_memory) == len(sources):
             check_excitation(robot, in_memory)
-        check_channels(logs_in_memory)
+        check_channels(logs_in_memory, locked)
         check_temperatures(robot, datasets)
         moved = [list(map(first_motion, group)) for group in groups]
         experiment = experiment_of(robot, moved)
@@ -396,6 +400,8 @@ def _identify(
         findings = with_setup_findings(experiment, findings)
         used = joints_with_torque(robot, datasets) if torque_joints is None else selected
         check_forces(datasets, used)
+        check_scale_of_locked(robot, datasets, locked)
+        robot, used = without_locked_loads(robot, used, locked)
         declared, robot = robot, with_rigid_gears(robot, deflection_joints(robot, datasets))
         given = robot
         if not is_linear(robot, used):
@@ -432,6 +438,7 @@ def _identify(
     result = identification_of(robot, model, found, datasets, consistent, declared)
     bodies = result.robot.parameters + robot.payload_parameters
     fits = joint_fits(robot.joint_names, found, experiment, bodies)
+    fits = without_loads(fits, locked)
     of_fit = fit_findings(robot.joint_names, found, fits)
     of_fit = (with_brief_lifts(one, robot, moved) for one in of_fit)
     findings += consequences(findings, of_fit)

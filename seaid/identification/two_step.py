@@ -381,6 +381,24 @@ def _joints_scaled_by_sensors(robot: Robot, datasets: Sequence[Dataset]) -> tupl
     )
 
 
+def check_scale_of_locked(robot: Robot, datasets: Sequence[Dataset], locked: Sequence[str]) -> None:
+    """Raise IdentificationError for locked outputs whose motor constant nothing determines.
+
+    What holds them could have any torque, so that bodies give no scale.
+    """
+    sensed = _joints_scaled_by_sensors(robot, datasets)
+    for joint in (one for one in locked if one not in sensed):
+        names = set(motor_regressor(robot, joint).names)
+        if names & set(CONSTANTS) and {_STIFFNESS, "motor_inertia"} <= names:
+            (name,) = names & set(CONSTANTS)
+            raise IdentificationError(
+                f"the {name.replace('_', ' ')} of {joint} is unidentifiable: {CONSTANTS[name]}, "
+                "and its output is locked. Give one of: the torque of a sensor behind the gear "
+                f"(joint_torque), the stiffness of its spring (known = ['{_STIFFNESS}']), its "
+                f"rotor inertia, or the constant itself (known = ['{name}'])"
+            )
+
+
 def _sensed_spring(joint: str) -> str:
     """Return the key of (4b) of a joint among equations named by joint."""
     return f"spring of {joint}"

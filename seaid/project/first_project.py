@@ -426,6 +426,23 @@ def _input(sensors: Sequence[Mapping[str, Array]]) -> MotorInput | Literal[""]:
     return next((kind for kind in _INPUTS if f"motor_{kind}" in there), "")
 
 
+_LOCKED = (
+    "its position does not change while its motor moves: taken for a spring behind a locked "
+    "output; {key} = 1.0 is a placeholder: write that of the data sheet"
+)
+
+
+def _has_locked_output(log: Log, index: int) -> bool:
+    """Return whether the position of a joint is logged and hardly changes while its motor moves."""
+    motor, joint = log.motor_position[:, index], log.joint_position[:, index]
+    there = bool(np.all(np.isfinite(joint)) and np.all(np.isfinite(motor)))
+    return there and float(np.ptp(joint)) < min(_MOVES_RAD, _STANDS * float(np.ptp(motor)))
+
+
+_STANDS = 1e-3
+"""Motion of a locked output over that of its motor before the gear."""
+
+
 def _unscaled(
     robot: Robot, logs: Sequence[Log], tables: Mapping[str, Mapping[str, object]]
 ) -> list[str]:
@@ -460,6 +477,11 @@ def inferred_drives(
         kind, is_sensed = _input(own), any("joint_torque" in one for one in own)
         fed: dict[str, object] = {"motor_input": kind} if kind not in ("", "torque") else {}
         found = own[places[0]] if places else {}
+        if places and _has_locked_output(logs[places[0]], index):
+            key = _ratio_key(robot, index)
+            tables[joint] = {"type": "series_elastic", key: 1.0, **fed}
+            doubts.append(f"{joint}: {_LOCKED.format(key=key)}")
+            continue
         if places and "joint_position" in found:
             table, doubt = _of_both_encoders(robot, index, logs[places[0]].time, found)
             doubts.append(f"{joint}: {doubt}")
