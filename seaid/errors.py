@@ -151,7 +151,7 @@ CODES = {
     "total-mass": "a total mass that is negative, or far from that of the robot file",
     "base-jumps": "jumps of the pose of a base",
     "contact": "bursts of torque that the model cannot explain: contact, or hands",
-    "locked-output": "a spring whose load is held from outside, as on a test bench",
+    "locked-output": "a spring whose load is held from outside",
     "standstill": "a joint that hardly moves, or samples at rest that were excluded",
     "saturation": "a channel at its limit",
     "holes": "samples excluded because of gaps in time",

@@ -8,7 +8,7 @@ use, a robot at rest or a dead channel, is an error.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -32,7 +32,6 @@ from seaid.identification.command_checks import (
 from seaid.identification.command_hypotheses import gain_findings, pose_findings
 from seaid.identification.datasets import Source, datasets_by_log, first_motion, sources_of
 from seaid.identification.experiment import Experiment, experiment_of
-from seaid.identification.locked_outputs import locked_findings, locked_outputs
 from seaid.identification.motor_side import with_regressed_angles, without_joint_encoder
 from seaid.identification.setup_hypotheses import encoder_slope, mistakes
 from seaid.log import Log, Motion, changed_source
@@ -341,6 +340,66 @@ def _standing(logs: Sequence[Log]) -> Iterator[Finding]:
             remedy="record a wider motion: seaid excite plans one",
             certainty="certain",
         )
+
+
+_LARGEST_DEFLECTION_RAD = 0.5
+"""Motion of the motor at the joint that may be the deflection of a spring. An encoder that does not
+change while the motor moves further is a dead channel."""
+
+_HELD = 0.02
+"""Motion of a locked output over that of its motor at the joint: what holds it yields too."""
+
+
+def locked_outputs(robot: Robot, logs: Sequence[Log]) -> tuple[str, ...]:
+    """Return the elastic joints whose output does not move in any log while their motor does.
+
+    What holds it is outside, as on a test bench. The motor equation (7), and (4b) of a torque
+    sensor, hold as always; the load side (8) has an unknown torque.
+    """
+    if not logs or not np.array_equal(robot.transmission, np.eye(robot.n)):
+        return ()
+    joints = [joint for joint in robot.elastic_joints if not robot.is_prismatic[robot.index(joint)]]
+    return tuple(joint for joint in joints if all(_is_locked(robot, log, joint) for log in logs))
+
+
+def _is_locked(robot: Robot, log: Log, joint: str) -> bool:
+    if joint not in log.joint_names:
+        return False
+    index, drive = log.joint_names.index(joint), robot.drives[joint]
+    motor, output = log.motor_position[:, index], log.joint_position[:, index]
+    if not (np.all(np.isfinite(motor)) and np.all(np.isfinite(output))) or is_constant(motor):
+        return False
+    moved = float(np.ptp(motor)) * drive.motor_radius / (drive.ratio * drive.load_radius)
+    return moved < _LARGEST_DEFLECTION_RAD and float(np.ptp(output)) < _HELD * moved
+
+
+def locked_findings(joints: Collection[str]) -> Iterator[Finding]:
+    """Yield a note for each joint with a locked output."""
+    for joint in joints:
+        yield Finding(
+            "locked-output",
+            f"the output of {joint} does not move while its motor deflects the spring: it counts "
+            "as locked, so that its motor, friction and spring are identified and the torque on "
+            "its load is not used. If it did move, its encoder is dead: exclude its column",
+            joint,
+            "note",
+            certainty="likely",
+        )
+
+
+def without_locked_loads(
+    robot: Robot, used: Sequence[str], locked: Collection[str]
+) -> tuple[Robot, tuple[str, ...]]:
+    """Return the robot and the joints whose load side is used, those that are not locked.
+
+    If all are locked, nothing is known of the bodies, which then count as given.
+    """
+    free = tuple(joint for joint in used if joint not in locked)
+    if free or not used:
+        return robot, free
+    bodies = np.nan_to_num(robot.parameters)
+    given = robot.with_values(bodies, robot.drives)
+    return replace(given, known_bodies=robot.body_names), tuple(used)
 
 
 def offset_findings(given: Experiment) -> Iterator[Finding]:

@@ -50,8 +50,10 @@ from seaid.identification.checking import (
     check_channels,
     check_excitation,
     joint_checks,
+    locked_outputs,
     log_findings,
     with_setup_findings,
+    without_locked_loads,
 )
 from seaid.identification.command_delays import (
     MOST_DELAY_ROUNDS,
@@ -86,7 +88,6 @@ from seaid.identification.known_constants import (
     exact_constants,
     with_known_std,
 )
-from seaid.identification.locked_outputs import locked_outputs, without_locked_loads
 from seaid.identification.method_limits import check_refinable
 from seaid.identification.missing_terms import (
     MOST_ROUNDS,
