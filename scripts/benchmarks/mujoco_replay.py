@@ -39,12 +39,18 @@ def in_mujoco(robot: seaid.Robot, log: seaid.Log, folder: Path, ours: Array) -> 
     commands = log.position_command
     assert commands is not None
     order = [log.joint_names.index(joint) for joint in robot.joint_names]
+    period = float(log.time[-1] - log.time[0]) / (len(log.time) - 1)
+    steps = int(np.ceil(period / model.opt.timestep - 1e-6))
+    model.opt.timestep = period / steps  # samples are taken at the end of a step
     for tick in range(len(log.time)):
         found[tick] = [data.joint(joint).qpos[0] for joint in robot.joint_names]
-        while tick + 1 < len(log.time) and data.time < log.time[tick + 1] - log.time[0] - 1e-9:
-            now = log.time[0] + data.time
+        for step in range(steps):
             for joint, column in zip(robot.joint_names, order, strict=True):
-                data.actuator(joint).ctrl = np.interp(now, log.time, commands[:, column])
+                actuator = data.actuator(joint)
+                # a control is held for the step; that of a delay is a line through its samples
+                held = 0.0 if model.actuator_delay[actuator.id] else 0.5
+                now = log.time[tick] + (step + held) * model.opt.timestep
+                actuator.ctrl = np.interp(now, log.time, commands[:, column])
             mujoco.mj_step(model, data)
     return found
 

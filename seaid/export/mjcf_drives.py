@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from seaid._arrays import spaced
 from seaid.drives import COULOMB, DEAD_ZONES, MEMORY, PARAMETERS_OF, WARM_UP, Drive, key_of, unit_of
-from seaid.errors import RobotError
+from seaid.errors import RobotError, listed
 from seaid.export.mjcf_bodies import TINY
 from seaid.robot import Robot
 
@@ -67,27 +67,20 @@ def note_drive(joint: str, drive: Drive, notes: list[str]) -> None:
             f"over the position gain ({law.position_gain_Nm_per_rad:.6g}) to the command"
         )
     if law is not None and np.isfinite(law.no_load_speed_rad_per_s):
+        falls = (
+            f"its torque limit falls with the speed, to zero at {law.no_load_speed_rad_per_s:.6g}"
+        )
         notes.append(
-            f"joint '{joint}': excluded: its torque limit falls with the speed, to zero at "
-            f"{law.no_load_speed_rad_per_s:.6g}, and is constant in the model"
+            f"joint '{joint}': {falls}: a dcmotor, as MuJoCo has it since 3.12, which brakes beyond"
+            if _is_dc_motor(drive)
+            else f"joint '{joint}': excluded: {falls}, and is constant in the model"
         )
     if law is not None and law.nominal_supply_V is not None:
         notes.append(
             f"joint '{joint}': excluded: the supply voltage; limit"
             f"{' and gains are' if law.is_duty else ' is'} that at {law.nominal_supply_V:.4g} V"
         )
-    if drive.controller is not None:
-        delay = drive.command_delay_s or 0.0
-        late = (
-            f", with a delay of {delay * 1e3:.3g} ms, which MuJoCo has since 3.5"
-            if delay > 0
-            else ""
-        )
-        if delay < 0:
-            late = f"; its command would act {-delay * 1e3:.3g} ms early, which no model can"
-        kind = "position" if is_of_position else "velocity"
-        notes.append(f"joint '{joint}': its control is the commanded {kind}{late}")
-    elif drive.motor_input != "torque":
+    if drive.controller is None and drive.motor_input != "torque":
         constant = f"{drive.motor_input.replace('current', 'torque')}_constant"
         value = drive.values.get(constant)
         size = "unknown" if value is None else f"{value:.6g} {unit_of(drive, constant)}"
@@ -95,6 +88,30 @@ def note_drive(joint: str, drive: Drive, notes: list[str]) -> None:
             f"joint '{joint}': its control is the motor torque, {constant} ({size}) times the "
             f"{drive.motor_input}"
         )
+
+
+def note_commands(robot: Robot, step: float, notes: list[str]) -> None:
+    """Add notes on the controls of controllers, those of joints with one delay together."""
+    joints: dict[tuple[str, float], list[str]] = {}
+    for joint, drive in robot.drives.items():
+        if drive.controller is not None:
+            kind = "position" if drive.motor_input == "position_command" else "velocity"
+            delay_s = drive.command_delay_s or 0.0
+            delay_s = delay_s if abs(delay_s) >= _ROUNDED_S else 0.0
+            joints.setdefault((kind, delay_s), []).append(joint)
+    for (kind, delay_s), names in joints.items():
+        ms = f"{1e3 * abs(delay_s):.3g} ms"
+        late = f", with a delay of {ms}, which MuJoCo has since 3.5" if delay_s > 0 else ""
+        late = f"; it would act {ms} early, which no model can" if delay_s < 0 else late
+        if delay_s <= 0:
+            late += (
+                f"; MuJoCo holds it for a step: give that of the middle, {500 * step:.3g} ms later"
+            )
+        notes.append(f"the control of {listed(names)} is the commanded {kind}{late}")
+
+
+_ROUNDED_S = 1e-7
+"""Delay of a command below which it is rounding."""
 
 
 def note_drives(robot: Robot, step: float, notes: list[str]) -> None:
@@ -110,7 +127,7 @@ def note_drives(robot: Robot, step: float, notes: list[str]) -> None:
     if any(drive.values.get(name) for drive in robot.drives.values() for name in dry):
         notes.append(
             f"MuJoCo's friction loss is soft: it brakes within a step ({step:g} s), and a joint at "
-            "standstill creeps a little"
+            "standstill creeps a little; its solreffriction is -2 over the step, so change both"
         )
 
 
@@ -140,6 +157,7 @@ def add_drives(
     """Add all drives to the joints, to the world, and to <tendon> and <actuator>."""
     tendons, actuators = parts
     taken = {*robot.joint_names, *robot.body_names, "world"}
+    offsets: list[dict[str, str]] = []
     for index, joint in enumerate(robot.joint_names):
         drive, C = robot.drives[joint], robot.transmission[index]
         note_drive(joint, drive, notes)
@@ -168,6 +186,12 @@ def add_drives(
             _add_tendon(tendons, _free(f"{joint}_spring", taken), lever, spring, step)
         kind, attributes = _actuator(joint, drive, step)
         actuators.append(actuators.makeelement(kind, name=joint, **attributes, **where))
+        if kind == "dcmotor" and "offset" in drive.friction:
+            constant = _constant(joint, drive)
+            offsets.append({"name": _free(f"{joint}_offset", taken), **constant, **where})
+    for attributes in offsets:  # behind the others, and without a control
+        actuators.append(actuators.makeelement("dcmotor", **attributes))
+    note_commands(robot, step, notes)
     note_drives(robot, step, notes)
 
 
@@ -193,6 +217,9 @@ def _actuator(joint: str, drive: Drive, step: float) -> tuple[str, dict[str, str
             return "motor", attributes
         return "general", attributes | {"biastype": "affine", "biasprm": spaced([-offset, 0, 0])}
     turns = drive.ratio if drive.is_elastic else 1.0  # of the actuator's coordinate per q
+    late = _delay(drive, step)
+    if _is_dc_motor(drive):
+        return "dcmotor", _dc_motor(drive, turns) | late
     bias = law.feedforward_Nm / turns - offset * gear
     gains = (law.position_gain_Nm_per_rad, law.velocity_gain_Nms_per_rad)
     own, rate = (gain / turns**2 for gain in gains)
@@ -207,11 +234,63 @@ def _actuator(joint: str, drive: Drive, step: float) -> tuple[str, dict[str, str
     if np.isfinite(limit):
         shifted = [-limit - offset * gear, limit - offset * gear]
         attributes |= {"forcelimited": "true", "forcerange": spaced(shifted)}
+    return "general", attributes | late
+
+
+def _delay(drive: Drive, step: float) -> dict[str, str]:
+    """Return the attributes of the delay of the command, none without one."""
     delay = drive.command_delay_s or 0.0
-    if delay > 0:
-        samples = int(np.ceil(_SHORTER_STEP * delay / step)) + 1
-        attributes |= {"delay": spaced([delay]), "nsample": str(samples), "interp": "linear"}
-    return "general", attributes
+    if delay < _ROUNDED_S:
+        return {}
+    samples = int(np.ceil(_SHORTER_STEP * delay / step)) + 1
+    return {"delay": spaced([delay]), "nsample": str(samples), "interp": "linear"}
+
+
+def _is_dc_motor(drive: Drive) -> bool:
+    """Return whether a drive has a torque limit that falls with the speed, as a dcmotor's.
+
+    Its controller has one velocity gain, and no constant torque.
+    """
+    law = drive.law
+    if law is None or not np.all(np.isfinite([law.torque_limit_Nm, law.no_load_speed_rad_per_s])):
+        return False
+    gains = law.velocity_gain_Nms_per_rad, law.command_velocity_gain_Nms_per_rad
+    is_of_position = drive.motor_input == "position_command"
+    return not law.feedforward_Nm and (is_of_position or gains[0] == gains[1])
+
+
+def _dc_motor(drive: Drive, turns: float) -> dict[str, str]:
+    """Return the attributes of a dcmotor at q, whose voltage and torque are limited.
+
+    By the voltage V that stalls at the limit and runs at v_0, the torque is within
+    -limit (1 + q'/v_0) and limit (1 - q'/v_0), and by the saturation within -limit and limit.
+    """
+    law = drive.law
+    assert law is not None
+    volts, limit = law.nominal_supply_V or 1.0, law.torque_limit_Nm
+    is_of_position = drive.motor_input == "position_command"
+    own = law.position_gain_Nm_per_rad if is_of_position else 0.0
+    return {
+        "gear": spaced([1 / turns]),
+        "input": "pos" if is_of_position else "vel",
+        "nominal": spaced([volts, limit, law.no_load_speed_rad_per_s]),
+        "saturation": spaced([limit, 0, 0]),
+        "controller": spaced([own, 0, law.velocity_gain_Nms_per_rad, 0, 0, volts]),
+    }
+
+
+def _constant(joint: str, drive: Drive) -> dict[str, str]:
+    """Return the attributes of a dcmotor without control that gives the friction offset.
+
+    Its cogging torque has no poles, a sin(pi/2), and its winding is as good as none.
+    """
+    torque = value_of(joint, drive, "friction_offset") * (1.0 if drive.is_elastic else drive.ratio)
+    return {
+        "input": "none",
+        "motorconst": spaced([1e-9, 0]),
+        "resistance": "1",
+        "cogging": spaced([-torque, 0, np.pi / 2]),
+    }
 
 
 def _behind_gear(joint: str, drive: Drive) -> _Coordinate:
@@ -325,7 +404,8 @@ def _set_numbers(element: Any, values: _Coordinate, step: float) -> None:
         if number:
             element.set(name, spaced([number]))
     if values.friction:
-        element.set("solreffriction", spaced([2 * step, 1.0]))
+        # direct: v' = -2/step v at reversals, the most that a step of RK4 damps
+        element.set("solreffriction", spaced([-1.0, -2 / step]))
         element.set("solimpfriction", spaced([_FIRM, _FIRM, 0.001]))
 
 

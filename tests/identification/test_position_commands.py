@@ -586,19 +586,27 @@ def test_gains_are_checked(changes: dict[str, Any], words: str) -> None:
         seaid.Controller(**{"position_gain_Nm_per_rad": 1.0, **changes})
 
 
+LIMIT = 3.3
+"""Torque limit of the models in MuJoCo [N m], which their motion hits; the arm weighs 2.9 N m."""
+
+
+@pytest.mark.parametrize(("speed", "delay_s"), [(np.inf, 0.01), (np.inf, 0.0), (4.0, 0.01)])
 @pytest.mark.parametrize("is_elastic", [False, True])
 def test_mujoco_moves_the_exported_model_as_the_replay(
-    urdf: Path, tmp_path: Path, is_elastic: bool
+    urdf: Path, tmp_path: Path, is_elastic: bool, speed: float, delay_s: float
 ) -> None:
-    """Controller, torque limit, delay and friction offset are in the model."""
+    """Controller, torque limit, that of a motor too, delay and friction offset are in the model."""
     values = {
         "motor_inertia_kg_m2": 3e-4,
         "viscous_friction_Nms_per_rad": 1.5e-3,
         "coulomb_friction_Nm": 1e-4,
         "motor_input": "position_command",
-        "command_delay_s": 0.01,
+        "command_delay_s": delay_s,
         "controller": seaid.Controller(
-            position_gain_Nm_per_rad=40.0, velocity_gain_Nms_per_rad=1.0, torque_limit_Nm=6.0
+            position_gain_Nm_per_rad=40.0,
+            velocity_gain_Nms_per_rad=1.0,
+            torque_limit_Nm=LIMIT,
+            no_load_speed_rad_per_s=speed,
         ),
     }
     drive: seaid.StiffDrive | seaid.SeriesElasticDrive = seaid.StiffDrive(
@@ -614,20 +622,55 @@ def test_mujoco_moves_the_exported_model_as_the_replay(
     log = replace(log, motor_position=np.zeros((len(log.time), 1)))
     expected = seaid.replay(robot, log).joint_position[:, 0]
     written = seaid.write_mjcf(robot, tmp_path / "one.xml")
-    assert any(
-        "its control is the commanded position, with a delay of 10 ms" in x for x in written.notes
-    )
-    model = mujoco.MjModel.from_xml_path(str(tmp_path / "one.xml"))
+    late = ", with a delay of 10 ms" if delay_s else "; MuJoCo holds it for a step: give that of "
+    assert any(f"the control of j is the commanded position{late}" in x for x in written.notes)
+    text = (tmp_path / "one.xml").read_text()
+    assert ("<dcmotor" in text) == np.isfinite(speed)
+    assert ("a dcmotor, as MuJoCo has it since 3.12" in text) == np.isfinite(speed)
+    model = mujoco.MjModel.from_xml_string(text)
+    assert model.nu == 1
     data, found = mujoco.MjData(model), np.empty(len(log.time))
     parts = round(0.005 / model.opt.timestep)
     assert parts * model.opt.timestep == pytest.approx(0.005)
-    ticks = np.arange(parts * len(found)) * model.opt.timestep
+    ticks = (np.arange(parts * len(found)) + 0.5 * (delay_s == 0)) * model.opt.timestep
+    limited = 0
     for tick, command in enumerate(np.interp(ticks, log.time, CHIRP[: len(found)])):
         if tick % parts == 0:
             found[tick // parts] = data.joint("j").qpos[0]
         data.actuator("j").ctrl = command
         mujoco.mj_step(model, data)
+        v = data.joint("j").qvel[0]
+        most = LIMIT * min(1.0, 1 - np.sign(data.actuator("j").force[0]) * v / speed)
+        is_at_motor = is_elastic and np.isinf(speed)
+        size = abs(data.actuator("j").force[0]) * (9.0 if is_at_motor else 1.0)
+        limited += size > 0.95 * most
+    assert limited > 0.02 * len(ticks)
     assert np.max(np.abs(found - expected)) < 5e-3 * np.ptp(expected)
+
+
+def test_what_a_motor_of_mujoco_cannot_be_is_said(urdf: Path, tmp_path: Path) -> None:
+    """It has no constant torque, and an early command is none; 1e-13 s are rounding."""
+    law = seaid.Controller(
+        position_gain_Nm_per_rad=40.0,
+        torque_limit_Nm=6.0,
+        no_load_speed_rad_per_s=5.0,
+        feedforward_Nm=1.0,
+    )
+    for delay_s, words in ((-0.002, "it would act 2 ms early, which no model can"), (1e-13, "")):
+        drive = seaid.StiffDrive(
+            motor_inertia_kg_m2=0.01,
+            viscous_friction_Nms_per_rad=0.1,
+            coulomb_friction_Nm=0.1,
+            motor_input="position_command",
+            command_delay_s=delay_s,
+            controller=law,
+        )
+        robot = seaid.load_robot(urdf, {"j": drive})
+        notes = " ".join(seaid.write_mjcf(robot, tmp_path / "one.xml").notes)
+        assert "excluded: its torque limit falls with the speed, to zero at 5, and is con" in notes
+        assert ("early" in notes) == bool(words)
+        assert words in notes
+        assert "dcmotor" not in (tmp_path / "one.xml").read_text().partition("<mujoco")[2]
 
 
 def test_short_names_of_positions_and_commands_are_read(urdf: Path, tmp_path: Path) -> None:
