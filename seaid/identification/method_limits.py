@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from seaid.drives import MEMORY, Drive
+from seaid.drives import Drive
 from seaid.errors import IdentificationError
 from seaid.regressor import motor_regressor, spring_regressor
 from seaid.robot import Robot
@@ -86,8 +86,6 @@ def _not_refinable(robot: Robot, joint: str, drive: Drive) -> str:
         return "whose friction grows with the load"
     if drive.is_elastic and "coulomb" in drive.joint_friction:
         return "which has dry friction behind its spring"
-    if drive.is_elastic and {*drive.spring} & {*MEMORY}:
-        return "whose spring has hysteresis"
     return ""
 
 

@@ -9,7 +9,7 @@ controller. Each window of the log has its own initial state.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -63,6 +63,12 @@ from seaid.identification.simulated_joints import (
     response_to,
     smoothed,
     torque_jacobians,
+)
+from seaid.identification.spring_memory import (
+    corrections,
+    deflections,
+    with_hysteresis,
+    with_noise,
 )
 from seaid.identification.torque_offsets import TORQUE_OFFSET
 from seaid.identification.two_step import split_load_side, without_torque
@@ -208,7 +214,8 @@ class Run:
 
     `reading` (T, simulated) is the measured position of these joints, `still` (T, simulated and
     followed) masks samples at which the friction of their motors is unknown; `block` samples make a
-    row; `log` is the number of the log.
+    row; `log` is the number of the log. `deflections` {joint: (>= T,)} of springs with hysteresis
+    are measured ones, from the start of the log.
     """
 
     motion: Motion
@@ -217,6 +224,7 @@ class Run:
     windows: int
     block: int
     log: int
+    deflections: Mapping[str, Array]
 
 
 _EXACT_RAD = 1e-7
@@ -295,7 +303,8 @@ def runs_of(layout: Layout, log: Log, number: int = 0, window_s: float = WINDOW_
         return []
     known = layout.found.known
     rate_hz = (len(log.time) - 1) / (log.time[-1] - log.time[0])
-    band = min(WIDER * layout.found.cutoff_hz, rate_hz / 8)
+    has_memory = bool(with_hysteresis(known, layout.simulated))
+    band = min((1.0 if has_memory else WIDER) * layout.found.cutoff_hz, rate_hz / 8)
     motion = finer_side(known, reconstruct_motion(known, log, band))
     behind = (*layout.unseen, *layout.followed)
     if any(np.less(*_motor_noise(known, joint, log, motion)) for joint in behind):
@@ -313,13 +322,15 @@ def runs_of(layout: Layout, log: Log, number: int = 0, window_s: float = WINDOW_
     still = np.column_stack([_turning(known, motion, joint) for joint in compared])
     per_window = window * len(simulated) * (1 + len(layout.names) + 2 * len(simulated))
     most = max(1, _MOST_ENTRIES // max(per_window, 1))
+    stretch = deflections(known, motion, layout.simulated)
     runs = []
     for start in range(0, windows, most):
         count = min(most, windows - start)
         first = transient + start * window
         own = slice(first, first + count * window)
         reading = motion.joint_position[own, simulated]
-        runs.append(Run(motion.samples(own), reading, still[own], count, block, number))
+        before = {joint: values[: own.stop] for joint, values in stretch.items()}
+        runs.append(Run(motion.samples(own), reading, still[own], count, block, number, before))
     return runs
 
 
@@ -405,7 +416,9 @@ def linearised(layout: Layout, run: Run, x: Array) -> tuple[Residuals, Pull]:
     Channels: positions of the simulated joints, torques of their drives, those of followed joints.
     """
     known, motion = layout.known_at(x), run.motion
-    load = _load_error(layout, known, run, x)
+    places = {name: place for place, name in enumerate(layout.names)}
+    memory = corrections(known, motion, run.deflections, places, x)
+    load = _load_error(layout, known, run, x, memory)
     pull = _pull(layout, known, run, x, load)
     response = pull.response(pull.force)
     joints = [known.index(joint) for joint in layout.simulated]
@@ -416,6 +429,9 @@ def linearised(layout: Layout, run: Run, x: Array) -> tuple[Residuals, Pull]:
         encoder[:, :, 0] -= x[layout.zeros][joints]
         encoder[:, range(len(joints)), zeros] -= 1.0
     drives = _drive_error(layout, known, run, x, response)
+    for joint, torque in memory.items():
+        ratio = total_ratio(known.drives[joint])
+        drives[:, layout.simulated.index(joint), : torque.shape[1]] -= torque / ratio
     columns = np.concatenate([encoder, drives, _followed(layout, load, response)], axis=1)
     seen = np.isin(layout.simulated, layout.unseen)
     still = np.hstack([np.broadcast_to(seen, (len(columns), len(joints))), run.still])
@@ -495,7 +511,9 @@ class LoadError:
         return np.asarray(self.columns[:, [self.joints.index(one) for one in joints]])
 
 
-def _load_error(layout: Layout, known: Robot, run: Run, x: Array) -> LoadError:
+def _load_error(
+    layout: Layout, known: Robot, run: Run, x: Array, memory: Mapping[str, Array]
+) -> LoadError:
     """Return the residuals of (8) of all joints with a torque, and their derivatives."""
     found, motion = layout.found, run.motion
     springs = {joint: x[layout.spring(joint)] for joint in found.springs}
@@ -516,6 +534,8 @@ def _load_error(layout: Layout, known: Robot, run: Run, x: Array) -> LoadError:
         by_x[:, found.model.torque_joints.index(joint), column] = unit
     error = torque - payload - H @ x[layout.load]
     whole = np.concatenate([error[:, :, None], by_x], axis=2)
+    for joint, correction in memory.items():
+        whole[:, found.model.torque_joints.index(joint)] += correction
     return LoadError(found.model.torque_joints, whole, jacobians)
 
 
@@ -723,6 +743,7 @@ def refined_with_logs(
             _refined(layout, here, noise[:p, :p]), terms, here.runs[0].motion
         )
         return refined, [_simulated_log(layout, log, here.runs) for log in logs]
+    here = _with_noisy_deflections(layout, here, logs)
     refined = _refined(layout, here)
     reason, evidence = _worse(identification, refined, logs, _zeros(layout, here.x))
     if here.step.merit > start.step.merit + _ALIKE:
@@ -1069,6 +1090,27 @@ def _noise_of_states(layout: Layout, here: Point) -> Array:
         ]
         noise += information(parts, step.stds) / _STATE_DRAWS
     return noise
+
+
+def _with_noisy_deflections(layout: Layout, here: Point, logs: list[Log]) -> Point:
+    """Return the point with the effect of noisy deflections on hysteresis in its covariance.
+
+    As much noise as the deflections have is added to them: the mean square of the changes of the
+    estimate is that of its error by the noise that they have (Cook and Stefanski 1994).
+    """
+    known = layout.found.known
+    if not with_hysteresis(known, layout.simulated):
+        return here
+    rng, total = np.random.default_rng(0), np.zeros((len(here.x), len(here.x)))
+    for _ in range(_STATE_DRAWS):
+        runs = [
+            replace(run, deflections=with_noise(known, logs, run.motion, run.deflections, rng))
+            for run in here.runs
+        ]
+        change = _point(layout, runs, here.measured, here.x).step.change - here.step.change
+        total += np.outer(change, change) / _STATE_DRAWS
+    step = replace(here.step, covariance=here.step.covariance + total)
+    return replace(here, step=step)
 
 
 def _with_tests(layout: Layout, here: Point) -> tuple[Layout, Point]:
