@@ -2,7 +2,8 @@
 
 The two-joint arm of the tests follows random motions: "one" has a stiff drive, "two" a spring.
 Every draw has new noise. The area of a loop is that of the torque over a cycle of the deflection
-(or of the motor angle) of three widths of the law, as identified over the true one.
+(or of the motor angle) of three widths of the law, as identified over the true one. With --refine
+it is that of `refine`, and only springs with a law are tried.
 """
 
 from __future__ import annotations
@@ -109,10 +110,11 @@ def loop_area(law: str, values: Mapping[str, float], width: float) -> float:
     return float(abs(np.trapezoid(values[names[0]] * z, x[-len(up) * 2 :])))
 
 
-def recovered(draws: int, motions: int) -> None:
+def recovered(draws: int, motions: int, refined: bool) -> None:
     """Print the errors of backlash and of the areas of loops."""
     rows = []
-    for name, (joint, plain, terms, values) in CASES.items():
+    cases = {name: case for name, case in CASES.items() if not refined or case[3] == _SPRING}
+    for name, (joint, plain, terms, values) in cases.items():
         drive = with_terms(plain, terms, values)
         errors, inside = [], []
         with TemporaryDirectory() as folder:
@@ -121,6 +123,7 @@ def recovered(draws: int, motions: int) -> None:
             for seed in track(range(draws), name, True):
                 log = measure(truth, runs[seed % motions], SENSORS, seed)
                 found = seaid.identify(truth.without_nominal(), log)
+                found = seaid.refine(found, log) if refined else found
                 estimate = found.drives[joint]
                 law = next((x for of in terms.values() for x in of if x in CHOICES["friction"]), "")
                 values_of = dict(zip(estimate.names, estimate.values.tolist(), strict=True))
@@ -191,5 +194,9 @@ if __name__ == "__main__":
     parser.add_argument("--draws", type=int, default=12)
     parser.add_argument("--motions", type=int, default=2)
     parser.add_argument("--selection", action="store_true", help="the selection of laws instead")
+    parser.add_argument("--refine", action="store_true", help="refine springs with a law")
     given = parser.parse_args()
-    (selected if given.selection else recovered)(given.draws, given.motions)
+    if given.selection:
+        selected(given.draws, given.motions)
+    else:
+        recovered(given.draws, given.motions, given.refine)

@@ -84,8 +84,6 @@ def _not_refinable(robot: Robot, joint: str, drive: Drive) -> str:
         return f"of which the {drive.motor_input} was logged, not the torque"
     if "load" in drive.friction and not drive.is_elastic:
         return "whose friction grows with the load"
-    if drive.is_elastic and "coulomb" in drive.joint_friction:
-        return "which has dry friction behind its spring"
     return ""
 
 

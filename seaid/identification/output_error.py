@@ -9,7 +9,7 @@ controller. Each window of the log has its own initial state.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -56,6 +56,12 @@ from seaid.identification.motor_side import (
     with_rigid_angles,
     without_joint_encoder,
 )
+from seaid.identification.sharp_terms import (
+    friction_corrections,
+    hysteresis_corrections,
+    with_encoder_noise,
+    with_hysteresis,
+)
 from seaid.identification.simulated_joints import (
     Response,
     TorqueJacobians,
@@ -63,12 +69,6 @@ from seaid.identification.simulated_joints import (
     response_to,
     smoothed,
     torque_jacobians,
-)
-from seaid.identification.spring_memory import (
-    corrections,
-    deflections,
-    with_hysteresis,
-    with_noise,
 )
 from seaid.identification.torque_offsets import TORQUE_OFFSET
 from seaid.identification.two_step import split_load_side, without_torque
@@ -108,7 +108,8 @@ if TYPE_CHECKING:
 WIDER = 3.0
 """Cutoff of the refinement over that of the identification, to keep the steps of dry friction.
 It is that of the identification where no encoder is behind a spring and the noise of the motor's,
-twice differentiated, would exceed that of the torque."""
+twice differentiated, would exceed that of the torque; and where a spring has hysteresis, whose
+states add up the travel of the noise: at three times that cutoff widths were 12 to 23 % large."""
 
 WINDOW_S = 1.0
 """Length [s] of the simulated windows, over which model errors accumulate."""
@@ -214,8 +215,8 @@ class Run:
 
     `reading` (T, simulated) is the measured position of these joints, `still` (T, simulated and
     followed) masks samples at which the friction of their motors is unknown; `block` samples make a
-    row; `log` is the number of the log. `deflections` {joint: (>= T,)} of springs with hysteresis
-    are measured ones, from the start of the log.
+    row; `log` is the number of the log. `measured` is the motion by the encoders, from the start of
+    the log to the end of the windows.
     """
 
     motion: Motion
@@ -224,7 +225,7 @@ class Run:
     windows: int
     block: int
     log: int
-    deflections: Mapping[str, Array]
+    measured: Motion
 
 
 _EXACT_RAD = 1e-7
@@ -303,8 +304,8 @@ def runs_of(layout: Layout, log: Log, number: int = 0, window_s: float = WINDOW_
         return []
     known = layout.found.known
     rate_hz = (len(log.time) - 1) / (log.time[-1] - log.time[0])
-    has_memory = bool(with_hysteresis(known, layout.simulated))
-    band = min((1.0 if has_memory else WIDER) * layout.found.cutoff_hz, rate_hz / 8)
+    wider = 1.0 if with_hysteresis(known, layout.simulated) else WIDER
+    band = min(wider * layout.found.cutoff_hz, rate_hz / 8)
     motion = finer_side(known, reconstruct_motion(known, log, band))
     behind = (*layout.unseen, *layout.followed)
     if any(np.less(*_motor_noise(known, joint, log, motion)) for joint in behind):
@@ -322,14 +323,13 @@ def runs_of(layout: Layout, log: Log, number: int = 0, window_s: float = WINDOW_
     still = np.column_stack([_turning(known, motion, joint) for joint in compared])
     per_window = window * len(simulated) * (1 + len(layout.names) + 2 * len(simulated))
     most = max(1, _MOST_ENTRIES // max(per_window, 1))
-    stretch = deflections(known, motion, layout.simulated)
     runs = []
     for start in range(0, windows, most):
         count = min(most, windows - start)
         first = transient + start * window
         own = slice(first, first + count * window)
         reading = motion.joint_position[own, simulated]
-        before = {joint: values[: own.stop] for joint, values in stretch.items()}
+        before = motion.samples(slice(own.stop))
         runs.append(Run(motion.samples(own), reading, still[own], count, block, number, before))
     return runs
 
@@ -417,9 +417,12 @@ def linearised(layout: Layout, run: Run, x: Array) -> tuple[Residuals, Pull]:
     """
     known, motion = layout.known_at(x), run.motion
     places = {name: place for place, name in enumerate(layout.names)}
-    memory = corrections(known, motion, run.deflections, places, x)
-    load = _load_error(layout, known, run, x, memory)
-    pull = _pull(layout, known, run, x, load)
+    springs = hysteresis_corrections(known, layout.simulated, motion, run.measured, places, x)
+    frictions, slopes = friction_corrections(known, layout.simulated, motion, places, x)
+    load = _load_error(layout, known, run, x)
+    for joint, torque in (*springs.items(), *frictions.items()):
+        load.columns[:, load.joints.index(joint)] += torque
+    pull = _pull(layout, known, run, x, load, slopes)
     response = pull.response(pull.force)
     joints = [known.index(joint) for joint in layout.simulated]
     encoder = -response.position
@@ -429,7 +432,7 @@ def linearised(layout: Layout, run: Run, x: Array) -> tuple[Residuals, Pull]:
         encoder[:, :, 0] -= x[layout.zeros][joints]
         encoder[:, range(len(joints)), zeros] -= 1.0
     drives = _drive_error(layout, known, run, x, response)
-    for joint, torque in memory.items():
+    for joint, torque in springs.items():
         ratio = total_ratio(known.drives[joint])
         drives[:, layout.simulated.index(joint), : torque.shape[1]] -= torque / ratio
     columns = np.concatenate([encoder, drives, _followed(layout, load, response)], axis=1)
@@ -460,9 +463,11 @@ _NUDGE = 1e-6
 """Change of a joint's position [rad or m] and speed for the slopes of its drive's torques."""
 
 
-def _pull(layout: Layout, known: Robot, run: Run, x: Array, load: LoadError) -> Pull:
+def _pull(layout: Layout, known: Robot, run: Run, x: Array, load: LoadError, dry: Array) -> Pull:
+    """Return what pulls at the joints, with the slopes `dry` (T, simulated) of dry friction."""
     joints = [known.index(joint) for joint in layout.simulated]
     stiffness, damping = _drive_slopes(layout, known, run.motion, x)
+    damping = damping + dry[:, :, None] * np.eye(len(joints))
     inside = load.jacobians.part(joints, joints).plus(stiffness, damping)
     return Pull(inside, load.rows(layout.simulated), 1 / run.motion.rate_hz, run.windows)
 
@@ -511,9 +516,7 @@ class LoadError:
         return np.asarray(self.columns[:, [self.joints.index(one) for one in joints]])
 
 
-def _load_error(
-    layout: Layout, known: Robot, run: Run, x: Array, memory: Mapping[str, Array]
-) -> LoadError:
+def _load_error(layout: Layout, known: Robot, run: Run, x: Array) -> LoadError:
     """Return the residuals of (8) of all joints with a torque, and their derivatives."""
     found, motion = layout.found, run.motion
     springs = {joint: x[layout.spring(joint)] for joint in found.springs}
@@ -534,8 +537,6 @@ def _load_error(
         by_x[:, found.model.torque_joints.index(joint), column] = unit
     error = torque - payload - H @ x[layout.load]
     whole = np.concatenate([error[:, :, None], by_x], axis=2)
-    for joint, correction in memory.items():
-        whole[:, found.model.torque_joints.index(joint)] += correction
     return LoadError(found.model.torque_joints, whole, jacobians)
 
 
@@ -732,8 +733,8 @@ def refined_with_logs(
     if not _size(here.step) < _CLOSE:
         raise IdentificationError(
             f"the refinement did not converge in {iterations} iterations: its next step would be "
-            f"{_size(here.step):.2g} standard errors; do the logs and the identification belong "
-            "together?"
+            f"{_size(here.step):.2g} standard errors; use the result of identify, if the logs and "
+            "the identification belong together"
         )
     if unseen:
         wider, point = _with_tests(layout, here)
@@ -1104,7 +1105,7 @@ def _with_noisy_deflections(layout: Layout, here: Point, logs: list[Log]) -> Poi
     rng, total = np.random.default_rng(0), np.zeros((len(here.x), len(here.x)))
     for _ in range(_STATE_DRAWS):
         runs = [
-            replace(run, deflections=with_noise(known, logs, run.motion, run.deflections, rng))
+            replace(run, measured=with_encoder_noise(known, run.measured, logs, rng))
             for run in here.runs
         ]
         change = _point(layout, runs, here.measured, here.x).step.change - here.step.change

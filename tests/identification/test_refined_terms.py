@@ -11,6 +11,7 @@ import pytest
 
 from seaid._arrays import Array
 from seaid.drives.drives import Drive
+from seaid.drives.hysteresis import states
 from seaid.errors import IdentificationError
 from seaid.identification.identification import Identification, identify
 from seaid.identification.output_error import refine
@@ -40,6 +41,15 @@ CASES: dict[str, Case] = {
         {"joint_friction": ("viscous",), "parallel_spring": ("linear", "preload")},
         {"joint_viscous_friction": 0.3, "parallel_stiffness": 5.0, "parallel_preload": 1.0},
     ),
+    "spring, dahl": (
+        {"spring": ("linear", "dahl")},
+        {"hysteresis_force": 1.0, "hysteresis_deflection": 4e-3},
+    ),
+    "spring, slip": (
+        {"spring": ("linear", "maxwell_slip")},
+        {"hysteresis_force": 1.0, "hysteresis_deflection": 4e-3},
+    ),
+    "dry joint": ({"joint_friction": ("coulomb",)}, {"joint_coulomb_friction": 0.3}),
 }
 """{case: terms of the shoulder's drive, and the values that they bring}."""
 
@@ -107,21 +117,29 @@ def test_perfect_sensors_lead_to_the_truth(case: str) -> None:
     assert np.linalg.norm(refined.load.values - true) < 2e-4 * np.linalg.norm(true)
 
 
-@pytest.mark.slow  # 48 refinements
+@pytest.mark.slow  # 66 refinements
 def test_errors_are_as_large_as_the_standard_errors_say() -> None:
-    """A load that does not cross a dead zone shows one of its ends: that is said, and left out."""
-    found, one_sided = [], 0
+    """A load that does not cross a dead zone shows one of its ends: that is said, and left out.
+
+    One of these logs has a joint with dry friction that comes to rest, and is refused.
+    """
+    found, one_sided, refused = [], 0, 0
     for case in CASES:
         truth = robot(case)
         for seed in range(6):
             log = log_of(truth, seed)
-            refined = refine(identify(truth.without_nominal(), log), log)
+            try:
+                refined = refine(identify(truth.without_nominal(), log), log)
+            except IdentificationError:
+                refused += 1
+                continue
             codes = {one.code for one in refined.warnings}
             if case == "dead zone" and "unidentifiable" in codes:
                 one_sided += 1
                 continue
             found.append(scores(refined, truth))
     assert one_sided <= 2
+    assert refused <= 1  # of "dry joint"
     check_scores(found, band=1.2)
 
 
@@ -181,17 +199,32 @@ def test_a_speed_without_its_friction_is_fixed() -> None:
     assert np.isfinite(refined.drives["shoulder"].standard_errors).all()
 
 
-@pytest.mark.parametrize(
-    ("terms", "message"),
-    [
-        ({"spring": ("linear", "dahl")}, "whose spring has hysteresis"),
-        ({"joint_friction": ("coulomb",)}, "has dry friction behind its spring"),
-    ],
-)
-def test_what_is_not_simulated_is_refused(terms: dict[str, object], message: str) -> None:
-    drive = with_terms(SPRINGS.drives["shoulder"], terms, {})
-    log = log_of(SPRINGS, None)
-    found = identify(SPRINGS.without_nominal(), log)
-    known = found.known.with_drives({"shoulder": drive})
-    with pytest.raises(IdentificationError, match=message):
-        refine(replace(found, known=known), log)
+@pytest.mark.slow  # three logs of six seconds, refined
+@pytest.mark.parametrize("case", ["spring, dahl", "spring, slip"])
+def test_the_loop_of_a_spring_is_better_than_that_of_the_regression(case: str) -> None:
+    """And its standard errors have the noise of the deflections, which the states add up."""
+    truth = robot(case)
+    fine = replace(ENCODERS, joint_resolution_rad=2 * np.pi / 2**17)
+    law, found = truth.drives["shoulder"].spring[1], []
+    for seed in range(3):
+        plan = wiggle(truth, 6.0, (0.0, 0.0), (0.8, 0.8), seed=seed)
+        log = measure(truth, simulate_motion(truth, plan, rate_hz=500.0), fine, seed)
+        start = identify(truth.without_nominal(), log)
+        refined = refine(start, log)
+        found.append([loop_error(one, truth, law) for one in (start, refined)])
+        assert np.max(np.abs(scores(refined, truth))) < 4
+    first, then = np.sqrt(np.mean(np.square(found), axis=0))
+    assert then < 0.02
+    assert then < first
+
+
+def loop_error(found: Identification, truth: Robot, law: str) -> float:
+    """Return the relative error of the area of a loop over three widths of the law."""
+    true = truth.drives["shoulder"].values
+    estimate, names = found.drives["shoulder"], ("hysteresis_force", "hysteresis_deflection")
+    areas = []
+    for force, width in (map(estimate.value, names), (true[name] for name in names)):
+        up = 3 * true[names[1]] * np.linspace(-1, 1, 1001)
+        x = np.concatenate([up, up[::-1], up, up[::-1]])
+        areas.append(force * np.trapezoid(states(law, x, width)[0][2002:], x[2002:]))
+    return float(areas[0] / areas[1] - 1)
