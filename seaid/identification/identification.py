@@ -98,11 +98,10 @@ from seaid.identification.missing_terms import (
 )
 from seaid.identification.model_selection import backlash_findings
 from seaid.identification.motor_side import (
-    BANDS,
     cutoff_of,
     noisy_findings,
     resonance_findings,
-    start_by_regression,
+    starts_by_regression,
     without_joint_encoder,
 )
 from seaid.identification.nonlinear_terms import linearised_robot, with_fixed_warnings
@@ -474,11 +473,10 @@ def _from_motors(
     check_refinable(robot, joints)
     cutoff_hz, problem = cutoff_of(robot, logs, joints, cutoff_hz), None
     tried: list[FirstEstimate] = []
-    for part in BANDS:
+    for one in starts_by_regression(robot, logs, joints, cutoff_hz):
         for consistent in (False, True):  # an inertia as estimated may not be one to simulate
             try:
-                filled = start_by_regression(robot, logs, joints, part * cutoff_hz).logs
-                start = fit(filled, cutoff_hz=cutoff_hz, feasible=consistent)
+                start = fit(one.logs, cutoff_hz=cutoff_hz, feasible=consistent)
                 tried.append(first_estimate(start, logs))
                 break
             except (IdentificationError, ExcitationError, LogError) as reason:

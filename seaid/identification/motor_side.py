@@ -21,7 +21,7 @@ import numpy as np
 from seaid._arrays import Array
 from seaid._files import toml_table
 from seaid.drives import total_ratio
-from seaid.errors import Finding
+from seaid.errors import ExcitationError, Finding, IdentificationError, LogError
 from seaid.estimation import LEAST_STD, RANK_TOLERANCE, scaled_svd
 from seaid.identification.simulated_joints import torque_jacobians, with_joints
 from seaid.identification.torque_offsets import TORQUE_OFFSET
@@ -49,7 +49,7 @@ from seaid.robot import Robot
 if TYPE_CHECKING:
     from seaid.identification.identification import Identification
 
-BANDS = (0.25, 0.5, 0.125)
+_BANDS = (0.25, 0.5, 0.125)
 """Parts of the cutoff below which a regression starts the fit. It is a good start where the motion
 fills the band, a quarter of the proposed cutoff for a multisine; above are derivatives of noise."""
 
@@ -312,7 +312,26 @@ class Start:
     logs: list[Log]
 
 
-def start_by_regression(
+def starts_by_regression(
+    robot: Robot, logs: Sequence[Log], joints: Sequence[str], cutoff_hz: float
+) -> list[Start]:
+    """Return the starts in bands below the cutoff, that which explains the torques best first.
+
+    In this order, since one that ends in a wrong minimum may come near to the noise: that of the
+    torque of the rotor is large below a high cutoff.
+    """
+    starts, problem = [], None
+    for part in _BANDS:
+        try:
+            starts.append(_start_by_regression(robot, logs, joints, part * cutoff_hz))
+        except (IdentificationError, ExcitationError, LogError) as reason:
+            problem = problem or reason
+    if not starts and problem is not None:
+        raise problem
+    return sorted(starts, key=lambda one: one.misfit)
+
+
+def _start_by_regression(
     robot: Robot, logs: Sequence[Log], joints: Sequence[str], band_hz: float
 ) -> Start:
     """Return the logs with joint positions by the springs that best explain the motor torques.
@@ -360,8 +379,7 @@ def with_regressed_angles(
 ) -> list[Log]:
     """Return the logs with the joint positions of the regression that explains them best."""
     cutoff_hz = cutoff_of(robot, logs, joints, cutoff_hz)
-    starts = [start_by_regression(robot, logs, joints, part * cutoff_hz) for part in BANDS]
-    return min(starts, key=lambda one: one.misfit).logs
+    return starts_by_regression(robot, logs, joints, cutoff_hz)[0].logs
 
 
 def _regressed(

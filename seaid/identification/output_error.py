@@ -1004,6 +1004,10 @@ def _point(
     return Point(x, runs, pulls, step, fixed)
 
 
+_LARGEST = 1e100
+"""Size from which a simulation diverges: squares of what is larger overflow."""
+
+
 def _around(layout: Layout, runs: list[Run], x: Array) -> tuple[list[Residuals], list[Pull]]:
     """Return the residuals of the simulated joints of each log, and the pull in each run."""
     diverges = "the simulation diverges at this estimate: check the identification it starts from"
@@ -1012,7 +1016,8 @@ def _around(layout: Layout, runs: list[Run], x: Array) -> tuple[list[Residuals],
             around = [linearised(layout, run, x) for run in runs]
     except IdentificationError as problem:
         raise IdentificationError(f"{diverges}; {problem}") from None
-    if not all(np.all(np.isfinite(one.jacobian)) for one, _ in around):
+    sizes = [part for one, _ in around for part in (one.residual, one.jacobian, one.nuisance)]
+    if not all(np.all(np.abs(size) < _LARGEST) for size in sizes):
         raise IdentificationError(diverges)
     numbers = [run.log for run in runs]
     residuals = [
