@@ -457,6 +457,11 @@ _MOST_STEPS = 60
 the torque noise hides, a step goes only part of the way."""
 
 
+_LOWER = (1.0, 0.5, 0.25)
+"""Parts of the proposed cutoff that are tried in turn without joint encoders. That of a motion far
+above the antiresonance lets in derivatives of noise, which hide where a search has to start."""
+
+
 def _from_motors(
     robot: Robot,
     logs: list[Log],
@@ -467,11 +472,35 @@ def _from_motors(
 ) -> Identification:
     """Return the identification of logs without a sensor behind the springs of some joints.
 
-    A search of the stiffness gives their angles for a first regression, and its refinement the
-    simulated ones for a second, from which the terms of the drives and all findings come.
+    Raises the error of the proposed cutoff if the fit ends below none of the lower ones.
     """
     check_refinable(robot, joints)
-    cutoff_hz, problem = cutoff_of(robot, logs, joints, cutoff_hz), None
+    proposed_hz, problem = cutoff_of(robot, logs, joints, cutoff_hz), None
+    for part in _LOWER if cutoff_hz is None else (1.0,):
+        try:
+            return _from_motors_below(
+                robot, logs, joints, part * proposed_hz, fit, encoder_offset_std
+            )
+        except IdentificationError as reason:
+            problem = problem or reason
+    assert problem is not None
+    raise problem
+
+
+def _from_motors_below(
+    robot: Robot,
+    logs: list[Log],
+    joints: Sequence[str],
+    cutoff_hz: float,
+    fit: Callable[..., Identification],
+    encoder_offset_std: float,
+) -> Identification:
+    """Return the identification below a cutoff.
+
+    A search of the stiffness gives the joints' angles for a first regression, and its refinement
+    the simulated ones for a second, from which the terms of the drives and all findings come.
+    """
+    problem = None
     tried: list[FirstEstimate] = []
     for one in starts_by_regression(robot, logs, joints, cutoff_hz):
         for consistent in (False, True):  # an inertia as estimated may not be one to simulate
