@@ -40,9 +40,9 @@ _REPEATED, _REST_S = 0.02, 0.25
 """Share of commands that repeat the one before, single steps being usual, from which commands are
 logged twice; longer runs of equal commands are rests."""
 
-_AT_LIMIT, _MOSTLY = 0.01, 0.5
-"""Shares of samples beyond the limit of a controller, from which it is said, and from which its
-gains are in another unit than its limit."""
+_AT_LIMIT, _TIMES_LIMIT = 0.01, 5.0
+"""Share of samples beyond the limit of a controller, from which it is said, and median torque over
+the limit from which gains are in another unit: a saturated one was 1.5 times beyond."""
 
 _NOISY = 3.0
 """Tracking error (rms) over the noise of the encoder below which a third of the torque is noise."""
@@ -148,8 +148,9 @@ def _limited(robot: Robot, log: Log, j: int) -> Iterator[Finding]:
     if share < _AT_LIMIT:
         return
     largest = float(np.max(np.abs(asked)))
-    if share > _MOSTLY and (is_given or not np.any(robot.parameters)):  # bodies show it better
-        yield _other_unit(joint, largest, limit, share)
+    times = float(np.median(np.abs(asked))) / limit
+    if times > _TIMES_LIMIT and (is_given or not np.any(robot.parameters)):  # bodies show it better
+        yield _other_unit(joint, limit, share, times)
         return
     text = f"asks for more than its torque limit, {limit:.4g} N m, in {share:.1%} of the samples"
     if is_given:
@@ -171,16 +172,16 @@ def _limited(robot: Robot, log: Log, j: int) -> Iterator[Finding]:
     )
 
 
-def _other_unit(joint: str, largest: float, limit: float, share: float) -> Finding:
+def _other_unit(joint: str, limit: float, share: float, times: float) -> Finding:
     """Return the finding of gains that ask for more than a limit most of the time."""
     return Finding(
         "gain-scale",
         f"the controller of {joint} asks for more than its torque limit, {limit:.4g} N m, in "
-        f"{share:.0%} of the samples, and for up to {largest:.3g}: its gains are in another unit "
-        "than the limit, such as units of the drive (counts, 1/256, per degree)",
+        f"{share:.0%} of the samples, and for {times:.3g} times as much on average: its gains are "
+        "in another unit than the limit, such as units of the drive (counts, 1/256, per degree)",
         joint,
         "doubtful",
-        {"share at the limit": share, "torque over its limit": largest / limit},
+        {"share at the limit": share, "median torque over its limit": times},
         "gains in N m/rad, or gains and limit in units of the drive and their scale as a parameter "
         "with known bodies, in the drives file:\n"
         f"{toml_table(joint, 'controller')}\nis_up_to_scale = true",

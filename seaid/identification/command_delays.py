@@ -7,7 +7,7 @@ the model; the delay is then as stated, and its uncertainty in all intervals.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -34,7 +34,7 @@ _ROUNDING_S = 1e-7
 _SCALE = 0.01
 """Relative change of the scale of gains below which the slope by the delay has converged."""
 
-LARGEST_DELAY_S = 0.05
+LARGEST_DELAY_S = 0.25
 """Largest delay of a command [s] for which the linearisation is tried."""
 
 
@@ -241,7 +241,7 @@ def with_estimated_delays(robot: Robot, found: Robot) -> Robot:
                 f"the command of {joint} seems delayed by {delay * 1e3:.3g} ms, more than "
                 f"{LARGEST_DELAY_S * 1e3:g} ms either way: check the gains of its controller and "
                 "the signs of commands and positions, or give the delay in the drives file:\n"
-                f'{toml_table(joint)}\ncommand_delay_s = 0.004\nknown = ["command_delay"]'
+                f'{toml_table(joint)}\ncommand_delay_s = {delay:.3g}\nknown = ["command_delay"]'
             )
         seen = of_buses.setdefault(near, [])
         delay = next((one for one in seen if abs(one - delay) < _ROUNDING_S), delay)
@@ -252,6 +252,45 @@ def with_estimated_delays(robot: Robot, found: Robot) -> Robot:
 
 
 def delay_findings(robot: Robot, load_side: Estimate) -> tuple[Finding, ...]:
+    """Return what the log determines in place of a delay that it does not, and unusual delays."""
+    return (*_sums_with_delays(robot, load_side), *_unusual_delays(robot, load_side))
+
+
+def _unusual_delays(robot: Robot, load_side: Estimate) -> Iterator[Finding]:
+    """Yield delays that no bus has: commands logged after they acted, or very late ones."""
+    joints: dict[float, list[str]] = {}
+    for name, value, error in zip(
+        load_side.names, load_side.values, load_side.standard_errors, strict=True
+    ):
+        if isinstance(name, JointParameter) and name.parameter == DELAY:
+            is_sure = abs(value) > _SURE * error and DELAY not in robot.drives[name.joint].known
+            if is_sure and not -_EARLY_S < value < _LATE_S:
+                joints.setdefault(round(float(value), 4), []).append(name.joint)
+    for value, own in joints.items():
+        cause = (
+            "they are logged late, or the positions early"
+            if value < 0
+            else "no bus is so slow: positions or commands have another clock, or the drive "
+            "filters or interpolates commands"
+        )
+        yield Finding(
+            "delay",
+            f"the commands of {listed(own, 12)} act {1e3 * abs(value):.3g} ms "
+            f"{'before' if value < 0 else 'after'} their time in the log: {cause}",
+            own[0] if len(own) == 1 else "",
+            "note" if value < 0 else "doubtful",
+            {"delay [s]": value},
+            "log command and position with one clock, each with the time at which it is sent or "
+            "measured; the other parameters do not depend on it",
+            "likely",
+        )
+
+
+_SURE, _EARLY_S, _LATE_S = 5.0, 2e-3, 0.05
+"""Multiple of the standard error of a delay, and delays from which one is unusual."""
+
+
+def _sums_with_delays(robot: Robot, load_side: Estimate) -> tuple[Finding, ...]:
     """Return the note of what the log determines in place of a delay that it does not."""
     names = load_side.names
     sums, evidence, stds = [], {}, []
