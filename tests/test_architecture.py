@@ -138,7 +138,6 @@ ONE_IMPORTER = {
         "identification.setup_hypotheses",
         "identification.base_checks",
         *("identification.command_refinement", "identification.sensitivity"),
-        "identification.sharp_terms",
         "identification.consistency_program",
         "identification.known_constants",
         *("export.joint_actuators", "regressor.structural.equations"),

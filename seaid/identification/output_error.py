@@ -56,19 +56,17 @@ from seaid.identification.motor_side import (
     with_rigid_angles,
     without_joint_encoder,
 )
-from seaid.identification.sharp_terms import (
-    friction_corrections,
-    hysteresis_corrections,
-    with_encoder_noise,
-    with_hysteresis,
-)
 from seaid.identification.simulated_joints import (
     Response,
     TorqueJacobians,
     finer_side,
+    friction_corrections,
+    hysteresis_corrections,
     response_to,
     smoothed,
     torque_jacobians,
+    with_encoder_noise,
+    with_hysteresis,
 )
 from seaid.identification.torque_offsets import TORQUE_OFFSET
 from seaid.identification.two_step import split_load_side, without_torque
