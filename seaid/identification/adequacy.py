@@ -209,21 +209,26 @@ def _care(doubts: Iterable[Finding]) -> str:
 
 def joint_fits(
     joint_names: Sequence[str], found: RobotEstimate, given: Experiment, bodies: Array
-) -> FrozenMapping[JointFit]:
+) -> tuple[FrozenMapping[JointFit], tuple[float, float]]:
     """Return the errors of the torques of all joints with rows in memory; {} without any.
+
+    Of a floating base the second result is the norm of the residual of all joints over that of
+    their torques without contact forces, in the own logs and in excluded blocks; else it is NaN.
 
     Where no joint has a torque they are those of the rows of a floating base. `bodies` (10n,) are
     the identified standard parameters with the payloads.
     """
-    rows = found.fit.rows
+    rows, nothing = found.fit.rows, float("nan")
     if rows is None:
-        return FrozenMapping({}, "joint")
+        return FrozenMapping({}, "joint"), (nothing, nothing)
     n = len(rows.joint_names)
     theta = found.fit.estimate.values  # with those of torque offsets
     sizes = _load_sizes(rows, given, bodies)
-    own, blocks = _errors(rows, rows.H @ theta, sizes), _block_errors(found.fit, sizes)
+    computed, predicted = rows.H @ theta, _block_predictions(found.fit)
+    own = _errors(rows, computed, sizes)
+    blocks = {} if predicted is None else _errors(rows, predicted, sizes)
     motors = {joint: _motor_error(joint, found, own, n) for joint in joint_names}
-    identified, nothing = given.of_bodies(bodies), float("nan")
+    identified = given.of_bodies(bodies)
     fits = {
         joint: JointFit(
             own=own[j],
@@ -238,7 +243,21 @@ def joint_fits(
     alone = {} if fits else {rows.joint_names[j]: j for j in own if j < n}
     for row, j in alone.items():
         fits[row] = JointFit(own[j], blocks.get(j, nothing), nothing, nothing, nothing)
-    return FrozenMapping(fits, "joint")
+    whole = (nothing, nothing)
+    if given.robot.floating_base is not None:
+        of_fits = np.isin(
+            rows.joint, [j for j, name in enumerate(rows.joint_names) if name in fits]
+        )
+        whole = _whole(rows, computed, of_fits), _whole(rows, predicted, of_fits)
+    return FrozenMapping(fits, "joint"), whole
+
+
+def _whole(rows: Regression, computed: Array | None, some: BoolArray) -> float:
+    """Return the norm of the error of some rows over that of what is computed; NaN without."""
+    size = float(np.linalg.norm(rows.y[some]))
+    if computed is None or size == 0.0:
+        return float("nan")
+    return float(np.linalg.norm((rows.y - computed)[some])) / size
 
 
 def without_loads(fits: Mapping[str, JointFit], joints: Collection[str]) -> FrozenMapping[JointFit]:
@@ -296,14 +315,14 @@ _ABSURD = 10.0
 """Error of a torque, over that of a constant, whose size says nothing more."""
 
 
-def _block_errors(fit: FittedRows, sizes: Mapping[int, float]) -> dict[int, float]:
-    """Return the errors of blocks of the rows, each predicted by the fit of the others."""
+def _block_predictions(fit: FittedRows) -> Array | None:
+    """Return the torques of blocks of the rows, each predicted by the fit of the others."""
     rows = fit.rows
     assert rows is not None
     try:
         masks = time_blocks(rows)
     except IdentificationError:  # too few rows
-        return {}
+        return None
     parts = [qr_factor_of(rows.at(mask)) for mask in masks]
     weights = [
         fit.weights[np.searchsorted(fit.qr_factor.equations, one.equations)] for one in parts
@@ -313,7 +332,7 @@ def _block_errors(fit: FittedRows, sizes: Mapping[int, float]) -> dict[int, floa
     for place, mask in enumerate(masks):
         R = np.concatenate([one for other, one in enumerate(factors) if other != place])
         computed[mask] = rows.H[mask] @ scaled_svd(R[:, :-1]).solve(R[:, -1])
-    return _errors(rows, computed, sizes)
+    return computed
 
 
 _OF_JOINT = (

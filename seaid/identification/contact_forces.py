@@ -23,7 +23,17 @@ from seaid._progress import Display
 from seaid.errors import Finding, IdentificationError, checked
 from seaid.identification.base_estimates import bodies_of_fit, whole_body
 from seaid.identification.gear import for_sensors
-from seaid.log import FOUND_CONTACT, Log, Motion, Repair, in_band, low_pass, reconstruct_motion
+from seaid.log import (
+    FOUND_CONTACT,
+    Log,
+    Motion,
+    Repair,
+    in_band,
+    inside_transients,
+    low_pass,
+    reconstruct_motion,
+    smoothed_where,
+)
 from seaid.regressor import (
     contact_equations,
     contact_force_columns,
@@ -208,40 +218,20 @@ def _instants(
     left = in_band(motion, left * base.used[:, None])
     split = forces[:, own]
     return _Instants(
-        forces=_smooth(motion, split, counts),
-        measured=_smooth(motion, measured, counts),
+        forces=smoothed_where(motion, split, counts),
+        measured=smoothed_where(motion, measured, counts),
         up=up,
         counts=counts,
         spread=np.sum(spread**2, axis=2),
         squares=np.sum(left**2, axis=1),
         freedom=free.sum(axis=1) - rank,
-        used=base.used & _inside(motion),
+        used=base.used & inside_transients(motion),
         stands=stands,
     )
 
 
 _DETERMINED = 1e-6
 """Part of a force outside of what the equations, or the parameters, determine that is rounding."""
-
-
-def _inside(motion: Motion) -> BoolArray:
-    """Return the samples (T,) that are no filter transients."""
-    samples, transient = np.arange(len(motion.time)), round(motion.transient_s * motion.rate_hz)
-    return np.asarray((samples >= transient) & (samples < len(samples) - transient))
-
-
-def _smooth(motion: Motion, values: Array, counts: BoolArray) -> Array:
-    """Return the low-passed values (T, k, 3) over the samples that count, NaN at the others."""
-    weight = in_band(motion, counts.astype(float))[:, :, None]
-    there = np.where(counts[:, :, None] & np.isfinite(values), values, 0.0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        smooth = in_band(motion, there) / weight
-    kept = counts & _inside(motion)[:, None] & (weight[:, :, 0] > _WEIGHT)
-    return np.where(kept[:, :, None] & np.isfinite(values), smooth, np.nan)
-
-
-_WEIGHT = 0.25
-"""Least part of the low pass of a sample that counting samples have: at a boundary it is a half."""
 
 
 def _verticals(

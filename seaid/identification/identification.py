@@ -176,6 +176,9 @@ class Identification(Result):
         Findings about the set-up, and about the fit of the whole robot.
     joint_fits : mapping {joint: JointFit}
         How much of the torque of each joint the model explains.
+    residual : tuple of 2 floats
+        Of a floating base, the norm of the residual of all joints over that of their torques
+        without contact forces: in the own logs, and in blocks of them excluded from the fit.
     exact_constants : mapping {constant: float}
         Constants that were taken as exact, by their names in `known_std`, with typical tolerances.
     setup : mapping {joint: JointCheck}
@@ -201,6 +204,7 @@ class Identification(Result):
     motions: tuple[Motion, ...] = ()
     findings: tuple[Finding, ...] = ()
     joint_fits: Mapping[str, JointFit] = field(default_factory=dict)
+    residual: tuple[float, float] = (float("nan"), float("nan"))
     exact_constants: Mapping[str, float] = field(default_factory=dict)
     setup: Mapping[str, JointCheck] = field(default_factory=dict)
 
@@ -437,7 +441,7 @@ def _identify(
     consistent = _feasible(robot, model, found) if feasible else None
     result = identification_of(robot, model, found, datasets, consistent, declared)
     bodies = result.robot.parameters + robot.payload_parameters
-    fits = joint_fits(robot.joint_names, found, experiment, bodies)
+    fits, residual = joint_fits(robot.joint_names, found, experiment, bodies)
     fits = without_loads(fits, locked)
     of_fit = fit_findings(robot.joint_names, found, fits)
     of_fit = (with_brief_lifts(one, robot, moved) for one in of_fit)
@@ -448,7 +452,12 @@ def _identify(
     findings += consequences(findings, radius_findings(result, datasets, found.fit, bias))
     findings += mass_findings(result, declared)
     return replace(
-        result, findings=tuple(findings), joint_fits=fits, exact_constants=exact, setup=setup
+        result,
+        findings=tuple(findings),
+        joint_fits=fits,
+        residual=residual,
+        exact_constants=exact,
+        setup=setup,
     )
 
 

@@ -26,6 +26,7 @@ from seaid.identification.motor_side import without_joint_encoder
 from seaid.identification.output_error import simulated_from_motors
 from seaid.identification.validation import Fit, Validation, compared
 from seaid.log import Log, reconstruct_motions
+from seaid.regressor import row_scale
 from seaid.robot import Robot
 
 
@@ -64,6 +65,7 @@ def validate(identification: Identification, log: Log) -> Validation:
     result = replace(result, load=_without(result.load, places))
     contacts = contact_forces(identification, *motions)
     found = [*_contradictions(identification, result, places), *_not_measured(unseen)]
+    found += list(_base_contradictions(identification, result))
     found += [] if contacts is None else contact_findings(contacts)
     return replace(result, warnings=tuple(found), contacts=contacts)
 
@@ -126,6 +128,42 @@ def _contradictions(
                 {"error": float(error), "over that in the own logs": float(ratio)},
                 "check that payload, mounting, encoder zeros and columns of both logs are the same "
                 "and that nothing touched the robot; if so, identify from both logs",
+            )
+
+
+_LEAST_OF_WEIGHT = 0.05
+"""Part of the weight, or of its moment at the lever of the contacts, that counts as the force on
+the base where the ground acts less: in flight it does not act at all."""
+
+
+def _base_contradictions(identification: Identification, result: Validation) -> Iterator[Finding]:
+    """Yield that the force or moment on a floating base is not predicted, worse than in own logs.
+
+    The error is that of the vector of the three forces, or moments, over its deviation from the
+    mean.
+    """
+    if result.base is None:
+        return
+    robot = identification.robot
+    weight = float(np.linalg.norm(robot.model.gravity.linear) * robot.parameters[::10].sum())
+    lever = float(row_scale(robot, 6)[0, 0])
+    own = [compared(identification, one).base for one in identification.motions]
+    for kind, rows, least in (("force", slice(3), weight), ("moment", slice(3, 6), weight * lever)):
+        measured = result.base.measured[:, rows]
+        size = float(np.linalg.norm(np.nanstd(measured, axis=0)))
+        rms = float(np.linalg.norm(result.base.rms_error[rows]))
+        error = rms / max(size, _LEAST_OF_WEIGHT * least)
+        known = [float(np.linalg.norm(one.rms_error[rows])) for one in own if one is not None]
+        ratio = rms / max(known) if known else np.inf
+        if error > PART and ratio > _ABOVE_OWN:
+            yield Finding(
+                "unseen-motion",
+                f"the model does not predict the {kind} on the base in another motion: its error "
+                f"is {error:.0%} of it, that of a constant 100%",
+                severity="wrong" if error > NOTHING else "doubtful",
+                evidence={"error": error, "over that in the own logs": ratio},
+                remedy="check that payload, force sensors and IMU of both logs are the same, and "
+                "that nothing else touched the robot; if so, identify from both logs",
             )
 
 

@@ -15,7 +15,7 @@ from seaid.identification.adequacy import Verdict, verdict_of
 from seaid.identification.gear import for_sensors
 from seaid.identification.torque_offsets import TORQUE_OFFSET
 from seaid.identification.two_step import CONSTANTS
-from seaid.log import Motion, in_band, standstill
+from seaid.log import Motion, in_band, smoothed_where, standstill
 from seaid.regressor import (
     INPUTS,
     actuator_columns,
@@ -26,6 +26,7 @@ from seaid.regressor import (
     unknown_friction,
     with_gear_torque,
 )
+from seaid.robot import BASE_ROWS
 
 if TYPE_CHECKING:
     from seaid.identification.contact_forces import ContactForces
@@ -61,6 +62,14 @@ class Fit(Display):
     raw_relative_error: Array
     moving_relative_error: Array
 
+    @property
+    def whole_relative_error(self) -> float:
+        """The norm of the errors of all joints over that of their torques."""
+        there = np.isfinite(self.measured)
+        size = float(np.linalg.norm(self.measured[there]))
+        error = float(np.linalg.norm((self.measured - self.computed)[there]))
+        return error / size if size > 0 else float("nan")
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Validation(Result):
@@ -84,6 +93,10 @@ class Validation(Result):
         and contacts whose force it does not.
     contacts : ContactForces or None
         Contact forces of a robot with a floating base.
+    base : Fit or None
+        Force [N] and moment [N m] of the ground on a floating base, in its frame, as `BASE_ROWS`:
+        by the measured wrenches, zero in flight, and by the model. NaN while a contact has an
+        unknown force; None without an instant at which all are known.
     """
 
     table_name = "validation_table"
@@ -96,6 +109,7 @@ class Validation(Result):
     motions: tuple[Motion, ...] = ()
     warnings: tuple[Finding, ...] = ()
     contacts: ContactForces | None = None
+    base: Fit | None = None
 
     def _in_short(self) -> str:
         sides = {"motor": self.actuator.relative_error, "load": self.load.relative_error}
@@ -113,6 +127,11 @@ class Validation(Result):
             }
             for side, fit in (("actuator", self.actuator), ("load", self.load))
         }
+        if self.base is not None:
+            found["base"] = {
+                row: {name: _number(getattr(self.base, name)[place]) for name in NUMBERS}
+                for place, row in enumerate(BASE_ROWS)
+            }
         return found if self.contacts is None else found | {"contacts": self.contacts.to_dict()}
 
 
@@ -144,13 +163,14 @@ def compared(identification: Identification, *given: Motion) -> Validation:
         _traces(one, *_actuator(identification, one), [standstill(one, i) for i in range(robot.n)])
         for one in motions
     ]
+    sides = [_load(identification, one) for one in motions]
     load = [
         _traces(
             one,
-            *_load(identification, one),
+            *side[:2],
             [unknown_friction(robot, one, joint) for joint in robot.joint_names],
         )
-        for one in motions
+        for one, side in zip(motions, sides, strict=True)
     ]
     return Validation(
         joints=robot.joint_names,
@@ -159,7 +179,24 @@ def compared(identification: Identification, *given: Motion) -> Validation:
         actuator=_fit(actuator),
         load=_fit(load),
         motions=given,
+        base=_base_fit(motions, [side[2] for side in sides]),
     )
+
+
+def _base_fit(motions: Sequence[Motion], rows: Sequence[Array]) -> Fit | None:
+    """Return the fit of the rows (T, 6, 2) of the base at instants without unknown forces."""
+    parts = []
+    for motion, own in zip(motions, rows, strict=True):
+        base = motion.base
+        if base is None:
+            return None
+        known = base.used & ~np.any([*base.contacts.values(), ~base.used], axis=0)
+        still = np.zeros((len(known), 6), dtype=bool)
+        raw = np.where(known[:, None, None], own, np.nan)
+        smooth = smoothed_where(motion, own.swapaxes(1, 2), np.column_stack([known] * 2))
+        inside = np.isfinite(smooth[:, 0, 0])
+        parts.append(_Traces(raw[:, :, 0], raw[:, :, 1], smooth[:, 0], smooth[:, 1], still, inside))
+    return _fit(parts) if any(np.any(one.inside) for one in parts) else None
 
 
 def _actuator(identification: Identification, motion: Motion) -> tuple[Array, Array]:
@@ -202,8 +239,10 @@ def _input_torque(identification: Identification, motion: Motion, joint: str) ->
     return np.asarray(factor * signal)
 
 
-def _load(identification: Identification, motion: Motion) -> tuple[Array, Array]:
+def _load(identification: Identification, motion: Motion) -> tuple[Array, Array, Array]:
     """Return measured and computed load torque (T, n) by (8), NaN where it was not used.
+
+    The third array has both (T, 6, 2) for the rows of a floating base.
 
     For a logged current or voltage, and for gains that are known up to scale, the torque by the
     identified constant counts as measured.
@@ -220,6 +259,7 @@ def _load(identification: Identification, motion: Motion) -> tuple[Array, Array]
         np.column_stack([theta, constants]),
     )
     made, given = found[:, :, 0], found[:, :, 1]
+    of_base = np.stack([torque, payload + made], axis=2)[:, :6]
     if motion.base is not None and motion.base.wrenches:  # the torque of the joint alone
         given += measured_contact_torques(identification.known, motion, model)
     measured = np.full_like(motion.joint_position, np.nan)
@@ -228,7 +268,7 @@ def _load(identification: Identification, motion: Motion) -> tuple[Array, Array]
     rows = slice(torque.shape[1] - len(used), None)  # those of a floating base come before them
     measured[:, used] = (torque - given)[:, rows]
     computed[:, used] = (payload + made - given)[:, rows]
-    return measured, computed
+    return measured, computed, of_base
 
 
 @dataclass(frozen=True, eq=False)

@@ -49,8 +49,10 @@ from .motion import Motion as Motion
 from .motion import Processing as Processing
 from .motion import decimated as decimated
 from .motion import has_holes as has_holes
+from .motion import inside_transients as inside_transients
 from .motion import reconstruct_motion as reconstruct_motion
 from .motion import reconstruct_motions as reconstruct_motions
+from .motion import smoothed_where as smoothed_where
 from .readers.child_process import Answer as Answer
 from .readers.child_process import ChildError as ChildError
 from .readers.child_process import doing as doing

@@ -15,6 +15,7 @@ import numpy as np
 from seaid._progress import counted, field_texts
 from seaid.drives import JointParameter
 from seaid.log import has_holes
+from seaid.robot import BASE_ROWS
 
 if TYPE_CHECKING:
     from seaid.errors import Finding
@@ -362,7 +363,17 @@ def _fit_tables(found: Identification) -> list[Text]:
         for joint, one in found.joint_fits.items()
     ]
     title = "Unexplained torque, of that without its mean (rms)"
-    return [table(title, header, rows)] * bool(rows)
+    return [table(title, header, rows), *_residual_text(found)] if rows else []
+
+
+def _residual_text(found: Identification) -> list[Text]:
+    """Return the residual of all joints together, if it is known."""
+    own, blocks = found.residual
+    if np.isnan(own):
+        return []
+    more = "" if np.isnan(blocks) else f", {percent(blocks)} in excluded blocks"
+    of = "torques of all joints" if found.model.torque_joints else "forces and moments of the base"
+    return [Text(f"Residual over the {of} (norms): {percent(own)} in the own logs{more}")]
 
 
 def setup_table(found: SetupCheck) -> Text:
@@ -468,6 +479,14 @@ def validation_table(result: Validation) -> Text:
         ]
         for index, joint in enumerate(result.joints)
     ]
+    whole = [percent(one.whole_relative_error) for one in (result.actuator, result.load)]
+    rows += [["all joints", whole[0], "-", "-", whole[1], "-", "-"]] * (len(rows) > 1)
+    if result.base is not None:
+        columns = [getattr(result.base, kind) for kind in kinds]
+        rows += [
+            [row, "-", "-", "-", *(percent(one[place]) for one in columns)]
+            for place, row in enumerate(BASE_ROWS)
+        ]
     is_empty = all(np.all(np.isnan(one.measured)) for one in (result.actuator, result.load))
     nothing = Text("Unseen motion: no joint has a torque that could be compared")
     tables = [nothing if is_empty else table(title, header, rows), *_contact_tables(result)]

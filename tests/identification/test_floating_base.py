@@ -440,3 +440,32 @@ def test_a_short_log_without_a_bias_has_none(tmp_path: Path, seed: int) -> None:
     biased = replace(log.base, specific_force=log.base.specific_force + np.array([0.2, -0.14, 0.1]))
     found = seaid.identify(go2().without_nominal(), replace(log, base=biased))
     assert "base-bias" in {one.code for one in found.warnings}
+
+
+def test_force_and_moment_on_the_base_are_validated_on_another_motion() -> None:
+    """By measured wrenches of another sway; sensors with exchanged axes contradict the model."""
+    robot, model = go2(), plant(go2(), 0.001)
+    own, other = (
+        noisy(simulate(robot, model, seconds, seed=seed, has_forces=True), seed)
+        for seconds, seed in ((12.0, 1), (6.0, 2))
+    )
+    found = seaid.identify(robot.without_nominal(), own)
+    result = seaid.validate(found, other)
+    assert result.base is not None
+    assert result.base.relative_error[:3].max() < 0.02
+    assert result.warnings == ()
+    assert result.load.whole_relative_error < 0.01
+    text = str(result)
+    assert "base force z" in text
+    assert "all joints" in text
+    own_residual, of_blocks = found.residual
+    assert own_residual < of_blocks < 1.2 * own_residual
+    assert "Residual over the torques of all joints (norms): " in str(found)
+    assert other.base is not None
+    turned = {link: values[:, [1, 0, 2]] for link, values in other.base.wrenches.items()}
+    wrong = seaid.validate(found, replace(other, base=replace(other.base, wrenches=turned)))
+    texts = [one.message for one in wrong.warnings if one.code == "unseen-motion"]
+    for kind in ("force", "moment"):
+        assert any(f"does not predict the {kind} on the base" in text for text in texts)
+    flagged = noisy(simulate(robot, model, 4.0, seed=3), 3)
+    assert seaid.validate(found, flagged).base is None
