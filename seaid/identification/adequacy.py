@@ -139,14 +139,14 @@ def is_wrong(setup: Iterable[Finding]) -> bool:
 
 @contextmanager
 def explained(findings: Sequence[Finding]) -> Iterator[None]:
-    """Add to an error of seaid the finding that explains it: a wrong set-up, and its remedy."""
+    """Put before an error of seaid the finding that explains it: a wrong set-up, and its remedy."""
     try:
         yield
     except SeaidError as problem:
         wrong = [one for one in findings if one.severity == "wrong"]
         if not wrong:
             raise
-        text = f"{problem}; {wrong[0].code}: {wrong[0].message}\n{wrong[0].remedy}"
+        text = f"{wrong[0].code}: {wrong[0].message}; {wrong[0].remedy}\nand so: {problem}"
         problem.args = SeaidError(text).args
         raise
 

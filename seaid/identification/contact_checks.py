@@ -142,6 +142,10 @@ def contact_findings(robot: Robot, motion: Motion, logs: Sequence[Log]) -> Itera
         return
     flags = np.column_stack([base.contacts[link] for link in links])
     own = _foot_velocities(robot, motion, links)
+    late_s = _lateness(motion, own, flags)
+    if late_s is not None:
+        yield _late_finding(late_s, links, logs)
+        return
     known = base.velocity is not None
     velocity = _relative(own, base.velocity, flags)
     vertical, along = _parts(velocity, base.up)
@@ -172,6 +176,59 @@ def _foot_velocities(
     J = contact_map(robot, q, points, up).swapaxes(1, 2)[:, :, 3:]
     rates = np.hstack([base.angular_velocity[some], v])
     return np.asarray(np.einsum("tij,tj->ti", J, rates).reshape(len(rates), -1, 3))
+
+
+def _lateness(motion: Motion, own: Array, flags: BoolArray) -> tuple[float, float, float] | None:
+    """Return by how much [s] all flags are late, and the speeds of standing feet now and without.
+
+    None unless other times are clearly better; `own` are the velocities of the feet.
+    """
+    base = motion.base
+    assert base is not None
+    rate_hz, most = motion.rate_hz, int(_LATEST_S * motion.rate_hz)
+    inside = np.arange(most, len(flags) - most)
+    if len(inside) < _FEWEST_JUDGED or np.all(flags == flags[0]):
+        return None
+    some = inside[np.linspace(0, len(inside) - 1, min(len(inside), 4 * _JUDGED)).astype(int)]
+    step = max(round(_LATE_STEP_S * rate_hz), 1)
+    squares = {
+        shift: _mean_squares(own[some], base, some, flags[some + shift])
+        for shift in range(-(most // step) * step, most + 1, step)
+    }
+    best = min(squares, key=lambda one: float(np.mean(squares[one])))
+    speed, now = (float(np.sqrt(np.mean(squares[one]))) for one in (best, 0))
+    wins = float(np.mean(squares[best] < squares[0]))
+    if abs(best) < 2 * step or now < _MOVES_RMS_M_S or speed > _EXCHANGED * now or wins < _WINS:
+        return None
+    return best / rate_hz, now, speed
+
+
+_LATEST_S, _LATE_STEP_S = 0.2, 0.01
+"""Largest delay of flags that is sought, and its step; from two steps on it is said."""
+
+
+def _late_finding(
+    found: tuple[float, float, float], links: Sequence[str], logs: Sequence[Log]
+) -> Finding:
+    late_s, now, speed = found
+    described: Mapping[str, Mapping[str, Any]] = {}
+    for log in logs:
+        described = (log.description or {}).get("contacts", described)
+    tables = []
+    for link in links:
+        source = described.get(link, {}).get("contact", f"{link}.contact")
+        whole = dict(source) if isinstance(source, Mapping) else {"columns": source}
+        whole["delay_s"] = round(float(whole.get("delay_s", 0.0)) + late_s, 3)
+        tables.append(f"{toml_table('contacts', link)}\ncontact = {as_toml(whole)}")
+    return Finding(
+        "contact-flags",
+        f"the flags of the contacts are {'late' if late_s > 0 else 'early'} by about "
+        f"{abs(late_s):.2g} s: standing feet move with {now:.2g} m/s (rms), and with {speed:.2g} "
+        "m/s without this delay",
+        severity="wrong",
+        evidence={"delay [s]": late_s, "speed [m/s]": now},
+        remedy="\n".join(["in the description of the log:", *tables]),
+    )
 
 
 def _relative(own: Array, velocity: Array | None, flags: BoolArray) -> Array:
@@ -329,8 +386,9 @@ def _orders(legs: Sequence[IndexArray], n: int) -> Iterator[list[int]]:
 def _mean_squares(own: Array, base: BaseMotion, some: IndexArray, flags: BoolArray) -> Array:
     """Return the mean squared speeds of contacts that stand, in successive parts of the time."""
     velocity = None if base.velocity is None else base.velocity[some]
-    square = np.sum(_relative(own, velocity, flags) ** 2, axis=2).mean(axis=1, where=flags)
-    return np.array([np.mean(part) for part in np.array_split(square, _PARTS)])
+    squares = flags * np.sum(_relative(own, velocity, flags) ** 2, axis=2)
+    parts = zip(np.array_split(squares, _PARTS), np.array_split(flags, _PARTS), strict=True)
+    return np.array([np.sum(one) / max(np.sum(stand), 1) for one, stand in parts])
 
 
 def _legs(robot: Robot, motion: Motion, links: Sequence[str]) -> list[IndexArray]:
@@ -453,19 +511,29 @@ def _resting(
     for k, link in enumerate(links):
         rests = judged & ~flags[:, k] & (vertical[:, k] < _RESTS_M_S)
         rests &= np.abs(height[:, k] - ground) < _LEVEL_M
-        longest = max((int(end - start) for start, end in runs(rests)), default=0)
-        if longest > _RESTS_S * motion.rate_hz:
-            duration = longest / motion.rate_hz
-            yield Finding(
-                "contact-flags",
-                f"{link} is flagged as in the air and rests on the level of the others for "
-                f"{duration:.2g} s: forces on it would go into the bodies",
-                link,
-                "doubtful",
-                {"longest rest [s]": duration},
-                "check the threshold and the delay of its flag",
-                "likely",
-            )
+        lasting = [
+            (int(end - start)) / motion.rate_hz
+            for start, end in runs(rests)
+            if end - start > _RESTS_S * motion.rate_hz
+        ]
+        if not lasting:
+            continue
+        share = float(np.sum(rests)) / float(np.sum(judged & ~flags[:, k]))
+        yield Finding(
+            "contact-flags",
+            f"{link} is flagged as in the air and rests on the level of the others for "
+            f"{max(lasting):.2g} s, {share:.0%} of that time in all: forces on it would go into "
+            "the bodies",
+            link,
+            "wrong" if share > _RESTS_OFTEN else "doubtful",
+            {"longest rest [s]": max(lasting), "share": share},
+            "check the sign, the threshold and the delay of its flag",
+            "likely",
+        )
+
+
+_RESTS_OFTEN = 0.1
+"""Share of its time in the air in which a foot rests, from which its flag is wrong."""
 
 
 def foot_places(robot: Robot, q: Array, links: Sequence[str]) -> Array:

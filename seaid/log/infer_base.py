@@ -28,6 +28,10 @@ _UNIT = 0.02
 _GRAVITY = (8.0, 12.0)
 """Median length [m/s^2] of a specific force; without gravity it is far less."""
 
+_IN_G = 0.1
+"""Deviation of the median vector of an accelerometer from one, for one in g: without gravity the
+vector is near zero."""
+
 _CLEARER = 0.05
 """Difference of two correlations from which the larger one decides."""
 
@@ -112,12 +116,22 @@ def _vectors(table: Table, inference: Inference, robot: Robot) -> dict[str, list
             numbered.setdefault(f"{number[1]}[", {})[number[2]] = name
     sizes = {3, 4, 7, robot.n + 6, robot.n + 7, len(robot.floating_base.contacts)}
     found |= {x: own for x, own in numbered.items() if x not in found and len(own) in sizes}
+    return _whole_vectors(found, inference)
+
+
+def _whole_vectors(
+    found: Mapping[str, Mapping[str, str]], inference: Inference
+) -> dict[str, list[str]]:
+    """Return the columns in order of the stems with all parts; note a vector that lacks one."""
     vectors = {}
     for stem, parts in found.items():
+        lacking = [x for x in "xyz" if x not in parts]
         if stem.endswith("["):
             vectors[stem] = [parts[place] for place in sorted(parts, key=int)]
-        elif set("xyz") <= set(parts):
+        elif not lacking:
             vectors[stem] = [parts[x] for x in "wxyz" if x in parts]
+        elif len(lacking) == 1 and _kind_of(stem) and not _ELSEWHERE.search(stem.lower()):
+            inference.note(stem, f"has no {lacking[0]}: a vector of the base needs x, y and z")
     return vectors
 
 
@@ -258,16 +272,26 @@ def _named(found: BaseGuess, stem: str, names: list[str], inference: Inference) 
         source = VectorSource(tuple(names), order=None if stem.endswith("[") else "wxyz")
         found.base.setdefault("orientation", source)
         return
-    kind = next((kind for kind, words in _KINDS.items() if re.search(words, text)), None)
+    kind = _kind_of(text)
     if len(names) == 4 or kind in (None, "orientation"):
         return
+    frame: Frame | None = None
+    scale = 1.0
     if kind == "specific_force":
         typical = float(np.median(np.linalg.norm(values, axis=1)))
-        if not _GRAVITY[0] < typical < _GRAVITY[1]:
+        if abs(float(np.linalg.norm(np.median(values, axis=0))) - 1.0) < _IN_G:
+            scale = 9.80665
+            inference.note(stem.removesuffix("["), "points up with 1 at rest: taken for g")
+        elif not _GRAVITY[0] < typical < _GRAVITY[1]:
             text = f"its median is {typical:.2g} m/s^2, without gravity: used if nothing else is"
             inference.note(stem.removesuffix("["), text)
-            kind = "acceleration"
-    found.base.setdefault(str(kind), VectorSource(tuple(names)))
+            kind, frame = "acceleration", "base"
+    found.base.setdefault(str(kind), VectorSource(tuple(names), frame=frame, scale=scale))
+
+
+def _kind_of(text: str) -> str | None:
+    """Return the quantity of the base that a name says."""
+    return next((kind for kind, words in _KINDS.items() if re.search(words, text.lower())), None)
 
 
 def _wrenches(
@@ -380,7 +404,7 @@ def _decide_frames(found: BaseGuess, inference: Inference) -> None:
     if {"velocity", "position", "specific_force"} & set(found.base):
         found.base.pop("acceleration", None)
     elif "acceleration" in found.base:
-        inference.note("acceleration", "taken for that of the base in the axes of the world")
+        inference.note("acceleration", "taken for that of the base in its own axes, as of an IMU")
 
 
 def _in_order(values: Array, order: Order) -> Array:

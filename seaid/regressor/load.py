@@ -546,10 +546,12 @@ def _further_rows(
         assert base is not None
         unknown = unknown_frictions(robot, piece, model.torque_joints)
         A = floating_rows(robot, columns_of(piece), known)
+        # in the place of y: zero in rows without an equation only, so that the rows are the same
+        any_y = np.broadcast_to(np.cos(np.arange(A.shape[1])), A.shape[:2])
+        A = np.concatenate([A, any_y[:, :, None]], axis=2)
         A = without_contact_forces(robot, q, base.contacts, known, A, unknown, base.up)
         A *= base.used[:, None, None]
-        nothing = A[:, :, 0] * 0.0
-        columns = (nothing, nothing, A, A[:, :, :0])
+        columns = (A[:, :, -1], A[:, :, -1] * 0.0, A[:, :, :-1], A[:, :, :0])
         return _load_rows(robot, piece, model, columns, (names, (unit,) * len(names)))
 
     return rows_by_pieces(motion, regress)

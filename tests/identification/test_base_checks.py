@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
@@ -14,10 +15,12 @@ import seaid
 from scripts.benchmarks.legged import noisy
 from scripts.legged_plant import GO2_FEET, foot_positions, plant, simulate
 from seaid._arrays import Array
-from seaid.errors import Finding, IdentificationError, LogError
+from seaid.errors import Finding, IdentificationError, LogError, SeaidError
 from seaid.identification import whole_body
 from seaid.identification.base_checks import base_findings
 from seaid.identification.contact_checks import (
+    _late_finding,
+    _lateness,
     _moving,
     foot_places,
     with_brief_lifts,
@@ -26,6 +29,7 @@ from seaid.identification.contact_checks import (
 from seaid.log import BaseLog, Description, LogDescription, turned_to_world
 from seaid.log.base_columns import VectorSource
 from seaid.log.description import Source
+from seaid.regressor import load_model_of, load_regression, radius_rows
 from tests.identification.test_floating_base import STANDING, found_standing, go2
 
 
@@ -357,3 +361,62 @@ def test_a_soft_foot_that_sinks_in_is_not_in_the_air() -> None:
         vertical = np.where(motion.time % 1.0 < seconds, 0.1, 0.0)  # by 10 and by 30 mm
         found = list(_moving("FL_foot", motion, vertical, np.zeros(shape), standing))
         assert [one.code for one in found] == codes
+
+
+@pytest.mark.parametrize(("late_s", "word"), [(0.08, "late"), (-0.06, "early"), (0.0, "")])
+def test_flags_that_are_late_are_named_with_their_delay(late_s: float, word: str) -> None:
+    """Feet that trot: they stand for 60 % of each period, and move with 0.5 m/s else."""
+    motion = seaid.reconstruct_motion(go2(), walked(), cutoff_hz=10.0)
+    assert motion.base is not None
+    time, size = motion.time, (len(motion.time), 4)
+    phase = (time[:, None] / 0.6 + [0.0, 0.5, 0.5, 0.0]) % 1
+    own = np.zeros((*size, 3))
+    own[:, :, 0] = 0.5 * (phase > 0.6) + 0.01 * np.random.default_rng(0).normal(size=size)
+    flags = np.roll(phase <= 0.6, round(late_s * motion.rate_hz), axis=0)
+    still = replace(motion, base=replace(motion.base, velocity=np.zeros((size[0], 3))))
+    late = _lateness(still, own, flags)
+    if not word:
+        assert late is None
+        return
+    assert late is not None
+    assert late[0] == pytest.approx(late_s, abs=0.011)
+    described = {foot: {"contact": {"columns": f"flag[{k}]"}} for k, foot in enumerate(GO2_FEET)}
+    log = replace(walked(), description={"contacts": described})
+    finding = _late_finding(late, GO2_FEET, [log])
+    assert (finding.code, finding.severity) == ("contact-flags", "wrong")
+    assert f"the flags of the contacts are {word} by about" in finding.message
+    assert f'contact = {{ columns = "flag[0]", delay_s = {round(late[0], 3)} }}' in finding.remedy
+
+
+def test_a_foot_that_is_never_flagged_is_wrong() -> None:
+    (finding,) = found(contacts={**flags(), "FR_foot": 0 * walked().time})
+    assert (finding.code, finding.joint, finding.severity) == ("contact-flags", "FR_foot", "wrong")
+    assert finding.evidence["share"] > 0.5
+
+
+def test_columns_of_the_radius_and_the_bias_have_the_rows_of_the_fit_in_flight() -> None:
+    """Instants at which nothing touches the ground have no moment of contact forces."""
+    robot, log = go2(), walked()
+    assert log.base is not None
+    touching = {foot: np.where(log.time < 8.0, x[:, 0], 0.0) for foot, x in flags().items()}
+    given = replace(log, base=replace(log.base, contacts=touching))
+    motion = seaid.reconstruct_motion(robot, given, cutoff_hz=5.0)
+    model = load_model_of(robot, [motion], robot.joint_names)
+    rows = load_regression(robot, motion, model, {})
+    theta = np.zeros(len(model.names))
+    radius = radius_rows(robot, motion, model, {}, theta, robot.parameters)
+    np.testing.assert_array_equal(radius.joint, rows.joint)
+    np.testing.assert_array_equal(radius.time, rows.time)
+    standing, flying = (np.abs(radius.H[some]).max() for some in (rows.time < 7, rows.time > 9))
+    assert flying < 1e-9 * standing
+
+
+def test_a_missing_axis_stands_before_the_error_that_follows_from_it() -> None:
+    log = walked()
+    assert log.base is not None
+    w, f = (np.array(x) for x in (log.base.angular_velocity, log.base.specific_force))
+    w[:, 2] = f[:, 1] = 0.0
+    given = replace(log, base=replace(log.base, angular_velocity=w, specific_force=f))
+    start = re.escape("base-sensor: the z axis of the angular velocity of the base is 0 all the")
+    with pytest.raises(SeaidError, match=start):
+        seaid.identify(go2(), given, cutoff_hz=5.0)

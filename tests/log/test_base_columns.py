@@ -405,3 +405,32 @@ def test_columns_with_numbers_codes_of_contacts_and_loads_are_found(tmp_path: Pa
 def test_a_clock_adds_nanoseconds_to_seconds_only() -> None:
     with pytest.raises(LogError, match="nanoseconds are added to a column of seconds"):
         Clock("t", unit="ms", nanoseconds="ns")
+
+
+@pytest.mark.parametrize("kind", ["in g", "without gravity"])
+def test_an_accelerometer_in_g_or_without_gravity_is_found(tmp_path: Path, kind: str) -> None:
+    one = states()
+    up = np.einsum("tji,j->ti", one["R"], [0.0, 0.0, 9.81])
+    acc = one["specific_force"] / 9.80665 if kind == "in g" else one["specific_force"] - up
+    arrays: dict[str, Any] = {"imu_quat": one["orientation"], "imu_gyro": one["w"], "imu_acc": acc}
+    arrays |= {"joint_pos": one["joints"], "joint_torque": one["torque"], "contact": one["flags"]}
+    np.savez(tmp_path / "walk.npz", **arrays)
+    base = described(tmp_path / "walk.npz", rate_hz=RATE_HZ)
+    check(base, "orientation", "angular_velocity", "specific_force", atol=1e-6)
+
+
+def test_a_vector_that_lacks_an_axis_is_said(tmp_path: Path) -> None:
+    one = states()
+    columns = {"time": one["time"], "imu_acc_x": one["w"][:, 0], "imu_acc_z": one["w"][:, 2]}
+    columns |= {f"q_{x}": one["joints"][:, k] for k, x in enumerate(go2().joint_names)}
+    columns |= {"odom_x": one["w"][:, 0], "odom_y": one["w"][:, 1]}  # a robot on wheels
+    text = "\n".join(
+        [
+            ",".join(columns),
+            *(",".join(map(repr, row)) for row in np.column_stack(list(columns.values())).tolist()),
+        ]
+    )
+    (tmp_path / "walk.csv").write_text(text)
+    unsure = seaid.describe_log(tmp_path / "walk.csv", go2()).unsure
+    lacking = [one for one in unsure if "a vector of the base needs x, y and z" in one]
+    assert lacking == ["imu_acc: has no y: a vector of the base needs x, y and z"]
