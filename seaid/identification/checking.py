@@ -412,6 +412,8 @@ def offset_findings(given: Experiment) -> Iterator[Finding]:
     for j in np.flatnonzero(given.both).tolist() if len(logs) > 1 else ():
         joint = robot.joint_names[j]
         is_elastic = robot.drives[joint].is_elastic
+        if is_elastic and robot.floating_base is not None and j not in given.used:
+            continue  # its load is unknown, and is another one hanging than standing
         y = given.motor[0][:, j] / given.lever[j] - given.joint[0][:, j]
         H = np.equal.outer(given.log, logs).astype(float)
         if is_elastic and j in given.used:
