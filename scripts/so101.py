@@ -103,7 +103,9 @@ def main(folder: Path) -> None:
 if __name__ == "__main__":
     warnings.simplefilter("ignore", seaid.SeaidWarning)
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--logs", type=Path, default=Path("/work/shared/data/so101_commands"))
+    parser.add_argument(
+        "--logs", type=Path, default=Path(__file__).parents[2] / "shared/data/so101_commands"
+    )
     try:
         main(parser.parse_args().logs)
     except seaid.SeaidError as error:

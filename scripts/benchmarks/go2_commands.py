@@ -1,6 +1,6 @@
 """The Unitree Go2 from position commands: regression, refinement, and a search as PACE does it.
 
-The first two thirds of /work/shared/data/go2_commands identify, and the last third is replayed by
+The first two thirds of ../shared/data/go2_commands identify, and the last third is replayed by
 `seaid.replay`; with the terms of the drives as given, and with those that `compare_terms` adds.
 CMA-ES searches the same parameters over rollouts of MuJoCo in the same log:
 
@@ -24,7 +24,7 @@ import seaid
 from scripts.example_robots import example_urdf
 from seaid._arrays import Array
 
-DATA = Path("/work/shared/data/go2_commands/go2_second_half.csv")
+DATA = Path(__file__).parents[3] / "shared/data/go2_commands/go2_second_half.csv"
 CUTOFF_HZ = 9.0
 """Chosen with the first third against the second: 3.8 (default), 6, 9 and 14 Hz were tried."""
 

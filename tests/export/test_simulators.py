@@ -250,7 +250,7 @@ def test_bam_has_the_keys_that_it_reads(tmp_path: Path) -> None:
     )
 
 
-PUBLISHED = Path("/work/shared/data/xl330_pendulum/published/published_m1.json")
+PUBLISHED = Path(__file__).parents[3] / "shared/data/xl330_pendulum/published/published_m1.json"
 VOLTAGE = StiffDrive(
     motor_inertia_kg_m2=0.0016,
     viscous_friction_Nms_per_rad=0.0324,  # with the back-EMF
