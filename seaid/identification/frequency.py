@@ -50,6 +50,10 @@ _POOR = 0.25
 _BEYOND = 10.0
 """An antiresonance above this multiple of the highest frequency is that of a rigid joint."""
 
+_NEGATIVE = -0.05
+"""Damping ratio of an antiresonance below which noise or images of the sampling were fitted: a
+spring takes energy, and those of drives have ratios of 0.005 to 0.1."""
+
 _STICK_ROUNDS = 3
 """Fits with the friction of motors at standstill that the fit before has."""
 
@@ -348,6 +352,7 @@ def _unseen(found: FrequencyResponse, nominal: LinearJoints, rate: float) -> lis
         size = one.value("stiffness")
         top = float(found.frequency_hz[-1])
         beyond = not one.value("antiresonance") <= _BEYOND * top  # or none at all, NaN
+        beyond = beyond or one.value("antiresonance_damping") < _NEGATIVE
         error = math.inf if beyond else one.standard_error("stiffness") / size
         # no slope at all is no information; without noise it would be small, not zero
         error = error if math.isfinite(error) and error > 0 else math.inf

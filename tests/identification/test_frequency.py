@@ -432,3 +432,20 @@ def test_springs_of_coupled_joints_are_found_without_nominal_values(
     springs = [found.drives[joint].value("stiffness") for joint in ("one", "two")]
     assert springs == pytest.approx(plant.stiffness, rel=5e-3)
     assert found.warnings == ()
+
+
+def test_a_spring_with_negative_damping_is_not_determined(tmp_path: Path) -> None:
+    """A log at 12.5 Hz of a resonance of 7.6 Hz: the fit follows images of the sampling."""
+    from scripts.benchmarks.motor_side import ANYDRIVE, robot_of, simulated
+
+    log = simulated(replace(ANYDRIVE, highest_hz=2.0))
+    rare = seaid.Log(
+        time=log.time[::80],
+        joint_names=log.joint_names,
+        motor_position=log.motor_position[::80],
+        joint_position=log.joint_position[::80],
+        motor_torque=log.motor_torque[::80],
+    )
+    found = seaid.frequency_response(robot_of(ANYDRIVE, tmp_path), rare, period_s=10.0)
+    assert found.drives["arm"].value("antiresonance_damping") < -0.05
+    assert [one.code for one in found.warnings] == ["hidden-resonance"]
