@@ -46,8 +46,13 @@ from seaid.identification.datasets import (
 )
 from seaid.identification.drive_estimates import merged_estimates, spring_of, with_warnings
 from seaid.identification.gear import deflection_joints, with_rigid_gears
-from seaid.identification.identification import Identification, identification_of
+from seaid.identification.identification import (
+    Identification,
+    identification_of,
+    identified_robot,
+)
 from seaid.identification.nonlinear_terms import linearised_robot, with_fixed_warnings
+from seaid.identification.reversals import with_passed_reversals
 from seaid.identification.torque_offsets import with_spring_torque
 from seaid.identification.two_step import (
     LOAD,
@@ -412,9 +417,19 @@ def _identify_conditions(
         for name, robot in robots.items()
     }
     _check_models(models)
-    sides = estimate_conditions(
-        robots, datasets, models, condition_specific, estimator_named(estimator)
+    fit = partial(
+        estimate_conditions,
+        robots,
+        models=models,
+        specific=condition_specific,
+        solver=estimator_named(estimator),
     )
+    sides = fit(datasets)
+    if first.has_controllers:
+        for name, robot in robots.items():
+            known = identified_robot(robot, models[name].base, sides.of(name))
+            datasets[name] = with_passed_reversals(robot, datasets[name], known)
+        sides = fit(datasets)
     found = {}
     for name, robot in robots.items():
         part = sides.of(name)

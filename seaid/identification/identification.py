@@ -107,6 +107,7 @@ from seaid.identification.motor_side import (
 from seaid.identification.nonlinear_terms import linearised_robot, with_fixed_warnings
 from seaid.identification.output_error import FirstEstimate, first_estimate, refined_with_logs
 from seaid.identification.physical_consistency import FeasibleParameters, feasible_parameters
+from seaid.identification.reversals import with_passed_reversals
 from seaid.identification.sensitivity import sensitivity_findings
 from seaid.identification.simultaneous import estimate_simultaneous
 from seaid.identification.transmission_error import periodic_findings
@@ -412,6 +413,10 @@ def _identify(
             robot, datasets = linearised_robot(robot, datasets, used)
         options = solver, encoder_offset_std, executor, progress
         model, found = _two_step(robot, datasets, used, options)
+        if robot.has_controllers:
+            first = identified_robot(robot, model.base, found)
+            datasets = with_passed_reversals(robot, datasets, first)
+            model, found = _two_step(robot, datasets, used, options)
         bias = _accelerometer_bias(robot, datasets, model, found)
         if bias is not None:
             findings.append(bias_finding(bias, moved[0]))
@@ -559,7 +564,7 @@ def _accelerometer_bias(
     """Return the bias of the accelerometer of a floating base, next to the estimated bodies."""
     if robot.floating_base is None:
         return None
-    bodies = _identified_robot(robot, model.base, found)
+    bodies = identified_robot(robot, model.base, found)
     return accelerometer_bias(bodies, datasets, model, found.fit)
 
 
@@ -600,7 +605,7 @@ def identification_of(
     `declared` has the gears as given where the deflection of the spring was measured.
     """
     gears = gear_estimates(robot, datasets, found.drives, estimator_named("wls"))
-    identified = _identified_robot(robot, model.base, found) if feasible is None else feasible.robot
+    identified = identified_robot(robot, model.base, found) if feasible is None else feasible.robot
     return Identification(
         drive_side=FrozenMapping(found.drives),
         load=found.load,
@@ -654,7 +659,7 @@ def consistent_bodies(found: Identification) -> Identification:
     return replace(found, feasible=nearest, robot=nearest.robot)
 
 
-def _identified_robot(robot: Robot, base: BaseParameters, sides: RobotEstimate) -> Robot:
+def identified_robot(robot: Robot, base: BaseParameters, sides: RobotEstimate) -> Robot:
     """Return the robot with the identified values, its standard parameters nearest to the file's.
 
     Nearest in the Euclidean norm, from 1 kg per body if the robot has no masses: they have the

@@ -43,6 +43,7 @@ from seaid.regressor import (
     actuator_regression,
     load_columns,
     load_regression,
+    with_known_friction,
 )
 from seaid.robot import Robot, at_drives, check_held
 
@@ -134,7 +135,9 @@ def load_with_instruments(
     """Return `load_regression` with instruments from the motion by `make` as further columns."""
     rows = load_regression(robot, motion, model, springs)
     made = make(robot, motion, fitted)
-    Z = in_band(made, load_columns(robot, made, model, springs)[2])
+    joints = [robot.index(joint) for joint in model.torque_joints]
+    Z = load_columns(robot, made, model, springs)[2]
+    Z = in_band(made, with_known_friction(motion, joints, Z))
     check_held(
         robot,
         'estimator="iv"',

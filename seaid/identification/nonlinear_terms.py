@@ -227,7 +227,8 @@ class _Search:
     `signals` and `samples` are those of the drive's rows in each motion, `mine` (R_j,) these rows
     among the R rows of the side, `factor` their weight. `zeta` (T,) is the part of each motion's
     target that is in `y` (R,) already. `others` (R, rank) spans the weighted columns of all other
-    parameters, which are projected out. `linear` are the linear parameters with a column.
+    parameters, which are projected out. `linear` are the linear parameters with a column. `index`
+    is the joint of an equation of the load side.
     """
 
     regressor: DriveRegressor
@@ -240,6 +241,7 @@ class _Search:
     zeta: Sequence[Array]
     y: Array
     others: Array
+    index: int | None = None
 
     @property
     def nonlinear(self) -> tuple[str, ...]:
@@ -297,6 +299,9 @@ class _Search:
         return columns
 
     def _banded(self, parts: Sequence[Array]) -> Array:
+        if self.index is not None:
+            both = zip(self.motions, parts, strict=True)
+            parts = [motion.where_known(self.index, part) for motion, part in both]
         triples = zip(self.motions, parts, self.samples, strict=True)
         banded = [in_band_at(motion, part, samples) for motion, part, samples in triples]
         return self.factor * np.concatenate(banded)
@@ -571,6 +576,7 @@ def _load_search(robot: Robot, motions: Sequence[Motion], joint: str, fit: LoadF
         zeta=[regressor.evaluate(one)[0] for one in by_motion],
         y=of_row * rows.y,
         others=scaled_svd(H, "the columns of the load side").span(),
+        index=index,
     )
 
 

@@ -45,7 +45,7 @@ from seaid.regressor import (
     load_signals,
     motor_regressor,
     spring_regressor,
-    unknown_friction,
+    usable_rows,
 )
 from seaid.robot import Robot, torques_at_drives
 
@@ -208,9 +208,18 @@ class DriveRows:
         ]
         found = np.zeros((len(self.rows.y), parts[0].shape[1]))
         for mine, samples, factor in self.placed:
-            banded = map(in_band_at, self.motions, parts, samples)
+            known = self._where_known(mine, parts)
+            banded = map(in_band_at, self.motions, known, samples)
             found[mine] = factor * np.concatenate(list(banded))
         return np.split(found, np.cumsum([len(names) for _, _, names in wanted])[:-1], axis=1)
+
+
+    def _where_known(self, mine: BoolArray, parts: Sequence[Array]) -> Sequence[Array]:
+        """Return columns of the load side, zero where friction in the equation is not known."""
+        if self.robot.drives[self.joint].is_elastic:
+            return parts
+        index = int(self.rows.joint[mine][0])
+        return [one.where_known(index, part) for one, part in zip(self.motions, parts, strict=True)]
 
 
 def _dense(starts: Sequence[float]) -> list[float]:
@@ -450,7 +459,7 @@ def size_of(name: str, scale: Scale) -> float:
 def load_samples(robot: Robot, motion: Motion, joint: str) -> IndexArray:
     """Return the samples that are rows of a joint on the load side."""
     rows = row_samples(motion)
-    return np.asarray(rows[~unknown_friction(robot, motion, joint)[rows]])
+    return np.asarray(rows[usable_rows(robot, motion, joint, rows)])
 
 
 @dataclass(frozen=True, eq=False)

@@ -53,6 +53,7 @@ from .motion import inside_transients as inside_transients
 from .motion import reconstruct_motion as reconstruct_motion
 from .motion import reconstruct_motions as reconstruct_motions
 from .motion import smoothed_where as smoothed_where
+from .motion import with_directions as with_directions
 from .readers.child_process import Answer as Answer
 from .readers.child_process import ChildError as ChildError
 from .readers.child_process import doing as doing

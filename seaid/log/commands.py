@@ -50,8 +50,8 @@ def commanded_torque(
 ) -> tuple[Array, Array]:
     """Return the motor torques (T, n) and -d tau / dT (T, n), zero for drives with another input.
 
-    `signals` {sensor: samples (T, n)} are of the robot's joints. The slope is that of commands
-    below `cutoff_hz`; it is zero where the torque is at its limit.
+    `signals` {sensor: samples (T, n)} are of the robot's joints. Both are those below `cutoff_hz`;
+    the slope is zero where the torque is at its limit.
     """
     torque, slope = signals["motor_torque"].copy(), np.zeros_like(signals["motor_torque"])
     for index, joint in enumerate(robot.joint_names):
@@ -78,6 +78,8 @@ def commanded_torque(
         supply = relative_supply(robot, time, signals, index)
         wanted_torque, is_limited = law.torque(command, position, velocity, supply)
         torque[:, index] = wanted_torque / drive.ratio
+        if cutoff_hz is not None:  # that of the accelerations, also where rests are excluded
+            torque[:, index] = low_pass(torque[:, index : index + 1], rate_hz, cutoff_hz)[:, 0]
         slope[:, index] = np.where(is_limited, 0.0, law.gain_factor(supply) * rate / drive.ratio)
     return torque, slope
 

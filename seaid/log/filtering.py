@@ -107,33 +107,62 @@ def moving(speed: Array) -> Array:
     return np.where(np.abs(speed) < STILL_RAD_S, 0.0, speed)
 
 
-_PASSES = 2.0
-"""Acceleration at a reversal, over that of dry friction g, from which a joint passes through it.
-With less than g it sticks, and with little more it may: then the speed has no kink to correct."""
+_PASSES = 3.0
+"""Acceleration at a reversal, over that of dry friction alone, from which a joint passes through
+it. With less than that of friction it sticks, and with little more it is slow on one side: with 2
+delays of four simulated arms were up to twice as far off as with 3, and with 3 as without any."""
 
 
-def mean_directions(
-    velocity: Array, acceleration: Array, rate_hz: float, band_hz: float, cutoff_hz: float
-) -> Array:
-    """Return the mean of sign(speed) over the interval about each sample (T,).
+def mean_directions(velocity: Array, rate_hz: float, band_hz: float, dry: float) -> Array:
+    """Return the mean of sign(speed) over the interval about each sample (T,), below `band_hz`.
 
     The sign at the samples is up to half an interval wrong at each reversal. A reversal is at the
     zero of the line between two samples, less the time by which the low pass of the positions at
-    `band_hz` made it late: dry friction changes the acceleration there by 2 g, and the low pass of
-    that kink has the speed g E|tau|, with E|tau| = 1 / (2 sqrt(2) pi f) of the kernel of
-    1 / (1 + (f' / f)^4). The accelerations above `cutoff_hz`, mostly those of reversals, give g.
+    `band_hz` made it late: dry friction changes the acceleration there by twice its own, `dry` = g,
+    and the low pass of that kink has the speed g E|tau|, with E|tau| = 1 / (2 sqrt(2) pi f) of the
+    kernel of 1 / (1 + (f' / f)^4). Where the joint may stick there is no kink to correct.
     """
     velocity = moving(velocity)
-    plain = _mean_signs(velocity, rate_hz, np.zeros(len(velocity)))
-    if band_hz >= _UNFILTERED * rate_hz:
-        return plain
-    both = np.column_stack([low_pass(plain[:, None], rate_hz, band_hz)[:, 0], acceleration])
-    edge = round(rate_hz / cutoff_hz)
-    sign, change = (both - low_pass(both, rate_hz, cutoff_hz))[edge:-edge].T
-    jump = max(0.0, -float(sign @ change) / max(float(sign @ sign), 1e-300))
-    slope = np.append(np.abs(np.diff(velocity)), 0.0) * rate_hz
-    late_s = jump / (2 * np.sqrt(2) * np.pi * band_hz) / np.maximum(slope, 1e-300)
-    return _mean_signs(velocity, rate_hz, np.where(slope > _PASSES * jump, late_s, 0.0))
+    slope = _slopes(velocity, rate_hz)
+    passes = (slope > _PASSES * dry) & (band_hz < _UNFILTERED * rate_hz)
+    late_s = np.zeros(len(velocity))
+    late_s[passes] = dry / (2 * np.sqrt(2) * np.pi * band_hz) / slope[passes]
+    found = _mean_signs(velocity, rate_hz, late_s)
+    return low_pass(found[:, None], rate_hz, band_hz)[:, 0]  # as torques and accelerations are
+
+
+_BLUR = 3.5
+"""Time constants 1 / (2 pi f) of the low pass of the positions by which a rest is longer in them:
+behind them the acceleration of a joint that stops is known to 3 % of its step."""
+
+
+def is_friction_known(
+    velocity: Array, fastest: float, rate_hz: float, band_hz: float, dry: float
+) -> BoolArray:
+    """Return the mask (T,) of samples at which the direction of dry friction is known.
+
+    It is not where a joint stands, nor at a reversal at which it may stick, with little more than
+    the acceleration `dry` of dry friction alone (inf: not known). The low pass of the positions at
+    `band_hz` spreads both.
+    """
+    velocity = moving(velocity)
+    turns = np.append(np.diff(np.sign(velocity)) != 0, False)
+    passes = turns & (_slopes(velocity, rate_hz) > _PASSES * dry)
+    rest = np.abs(velocity) < max(STANDSTILL * fastest, REST_RAD_S)
+    rest |= turns | np.roll(turns, 1)
+    edges = np.flatnonzero(np.diff(rest, prepend=False, append=False))
+    for first, end in zip(edges[::2], edges[1::2], strict=True):
+        # one reversal, through which the joint passes, is no rest
+        if np.sum(turns[first:end]) == 1 and np.any(passes[first:end]):
+            rest[first:end] = False
+    reach = round(_BLUR * rate_hz / (2 * np.pi * band_hz))
+    count = np.convolve(rest, np.ones(2 * reach + 1))[reach : reach + len(rest)]
+    return np.asarray(count < 0.5)
+
+
+def _slopes(velocity: Array, rate_hz: float) -> Array:
+    """Return the size of the acceleration between each sample and the next one (T,)."""
+    return np.append(np.abs(np.diff(velocity)), 0.0) * rate_hz
 
 
 def _mean_signs(velocity: Array, rate_hz: float, early_s: Array) -> Array:
@@ -156,15 +185,20 @@ _FEWEST_PERIODS = 15.0
 _WIDENED_HZ = 12.0
 """The cutoff is raised for a short log up to this frequency only."""
 
-_ALLOWED = 0.01
-"""Largest ratio of noise to signal (rms)."""
+_ALLOWED, _ALLOWED_OF_COMMANDS = 0.01, 0.1
+"""Largest ratio of noise to signal (rms).
 
-_VELOCITY_SHARE, _WIDE = 0.98, 4.0
+With commands the noise of the encoder is in the torque too: a joint of the closed loop with natural
+frequency f0 has the error (f0^2 - f^2) S of its inertia in place of -f^2 S, which is within 1 % of
+it at a tenth."""
+
+_VELOCITY_SHARE, _WIDE, _WIDE_OF_COMMANDS = 0.98, 4.0, 8.0
 _POSITION_SHARE, _NARROW = 0.995, 2.0
 """Share of the power within the bandwidth, and the cutoff as a multiple of the bandwidth.
 
 `scripts/benchmarks/cutoff.py`: friction is best determined with four times the bandwidth or more,
-bodies with three to four times."""
+bodies with three to four times. `scripts/benchmarks/commanded_arms.py`: a delay of commands, which
+is told from inertia and friction by what is fast, with twice as much."""
 
 _CLOSEST = 1.5
 """Coloured noise does not lower the cutoff below this multiple of the bandwidth of the velocity,
@@ -230,9 +264,17 @@ class _Spectrum:
 
 
 def select_cutoff(
-    joint: Array, motor: Array, rate_hz: float, names: Sequence[str]
+    joint: Array,
+    motor: Array,
+    rate_hz: float,
+    names: Sequence[str],
+    *,
+    of_commands: bool = False,
 ) -> CutoffSelection:
     """Return the cutoff for positions (T, n) of both sides; columns without an encoder are NaN.
+
+    `of_commands`: the torque is that of commands, with the same noise, so that ten percent of white
+    noise and eight times the bandwidth are in place of one percent and four times below.
 
     The cutoff is the highest frequency at which noise is at most one percent (rms) of the
     acceleration of each joint, and of the velocity of each motor (of its acceleration, if the joint
@@ -247,19 +289,22 @@ def select_cutoff(
     """
     highest = rate_hz / _RATES
     shortest = min(_FEWEST_PERIODS * rate_hz / len(joint), highest, _WIDENED_HZ)
-    moving = _moving_spectra(joint, motor, rate_hz, names)
+    allowed, wide = (
+        (_ALLOWED_OF_COMMANDS, _WIDE_OF_COMMANDS) if of_commands else (_ALLOWED, _WIDE)
+    )
+    moving = _moving_spectra(joint, motor, rate_hz, names, of_commands)
     if not moving:
         return CutoffSelection(
             highest, "an eighth of the rate: nothing moves", (np.nan, np.nan), rate_limit_hz=highest
         )
     narrowest = _NARROW * max(one.position_hz for one in moving.values())
     fastest = max(one.speed_hz for one in moving.values())
-    widest = max(_WIDE * fastest, narrowest)
+    widest = max(wide * fastest, narrowest)
     channel = min(moving, key=lambda name: moving[name].limit_hz(fastest))
     noise_hz = moving[channel].limit_hz(fastest)
     limits = (
-        (noise_hz, f"where noise is 1 % of the motion of the {channel}"),
-        (widest, "four times the bandwidth of the velocity"),
+        (noise_hz, f"where noise is {100 * allowed:.0f} % of the motion of the {channel}"),
+        (widest, f"{'eight' if of_commands else 'four'} times the bandwidth of the velocity"),
         (highest, "an eighth of the rate"),
     )
     cutoff, reason = min(limits, key=lambda limit: limit[0])
@@ -281,7 +326,7 @@ def select_cutoff(
 
 
 def _moving_spectra(
-    joint: Array, motor: Array, rate_hz: float, names: Sequence[str]
+    joint: Array, motor: Array, rate_hz: float, names: Sequence[str], of_commands: bool
 ) -> dict[str, _Spectrum]:
     """Return {channel: spectrum} of the encoders that move."""
     found: dict[str, _Spectrum] = {}
@@ -290,11 +335,12 @@ def _moving_spectra(
             samples = positions[:, index]
             if np.isfinite(samples[0]) and np.ptp(samples) > 0:
                 order = 1 if side == "motor" and np.isfinite(joint[0, index]) else 2
-                found[f"{side} side of {name}"] = _spectrum(samples, rate_hz, order)
+                found[f"{side} side of {name}"] = _spectrum(samples, rate_hz, order, of_commands)
     return {name: one for name, one in found.items() if one.moves}
 
 
-def _spectrum(samples: Array, rate_hz: float, order: int) -> _Spectrum:
+def _spectrum(samples: Array, rate_hz: float, order: int, of_commands: bool) -> _Spectrum:
+    allowed = _ALLOWED_OF_COMMANDS if of_commands else _ALLOWED
     placed = samples - np.mean(samples)
     ramp = np.arange(len(samples)) - 0.5 * (len(samples) - 1)
     frequency, power = _periodogram(placed - (placed @ ramp) / (ramp @ ramp) * ramp, rate_hz)
@@ -313,10 +359,10 @@ def _spectrum(samples: Array, rate_hz: float, order: int) -> _Spectrum:
     noise = floor * frequency ** (exponent + 1) / (exponent + 1)
     moved = np.cumsum(signal * frequency**exponent) * frequency[1]
     speed_hz = _edge(frequency, signal * frequency**2, _VELOCITY_SHARE)
-    limit = coloured = _limit(frequency, noise, moved)
-    if order == 2 and not of_steps:
+    limit = coloured = _limit(frequency, noise, moved, allowed)
+    if order == 2 and not of_steps and not of_commands:
         noise = np.maximum(noise, _coloured_noise(frequency, power, rate_hz))
-        coloured = _limit(frequency, noise, moved)
+        coloured = _limit(frequency, noise, moved, allowed)
     return _Spectrum(
         position_hz=_edge(frequency, place, _POSITION_SHARE),
         speed_hz=speed_hz,
@@ -336,9 +382,9 @@ def _periodogram(samples: Array, rate_hz: float) -> tuple[Array, Array]:
     return np.asarray(np.fft.rfftfreq(count, 1 / rate_hz)), power
 
 
-def _limit(frequency: Array, noise: Array, moved: Array) -> float:
+def _limit(frequency: Array, noise: Array, moved: Array, allowed: float) -> float:
     """Return the highest frequency below which the power of noise is small against the motion's."""
-    clean = np.flatnonzero((noise <= _ALLOWED**2 * moved) & (moved > 0))
+    clean = np.flatnonzero((noise <= allowed**2 * moved) & (moved > 0))
     return float(frequency[clean[-1]]) if len(clean) else 0.0
 
 

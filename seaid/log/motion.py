@@ -11,13 +11,14 @@ import numpy as np
 
 from seaid._arrays import Array, BoolArray
 from seaid._progress import Display, sampled_text
-from seaid.drives import DEAD_ZONES, MEMORY
+from seaid.drives import DEAD_ZONES, MEMORY, is_dry
 from seaid.errors import Finding, LogError, checked
 from seaid.log.base_log import BaseLog, BaseMotion, base_motion
 from seaid.log.commands import commanded_torque, is_commanded
 from seaid.log.filtering import (
     CutoffSelection,
     in_band,
+    is_friction_known,
     low_pass,
     mean_directions,
     select_cutoff,
@@ -149,6 +150,9 @@ class Motion(Display):
     motor_direction : array (T, n) or None
         Mean of sign(motor speed) over the interval about each sample, of drives with position
         commands, NaN for others; None: the sign at the samples.
+    friction_known : array (T, n) or None
+        1 where the direction of dry friction is known, and 0 where it is not, of stiff drives with
+        position commands, NaN for others: factor of their equations before the low pass.
     gear_torque : array (T, n) or None
         Estimated torque of rigid drives on their load [N m or N], if their friction depends on it.
     base : BaseMotion or None
@@ -182,6 +186,7 @@ class Motion(Display):
     command_slope: Array | None = None
     command_delay_s: tuple[float, ...] = ()
     motor_direction: Array | None = None
+    friction_known: Array | None = None
     gear_torque: Array | None = None
     base: BaseMotion | None = None
     bridged: BoolArray | None = None
@@ -195,6 +200,18 @@ class Motion(Display):
     def joint_states(self) -> tuple[Array, Array, Array]:
         """Joint position, velocity and acceleration, each (T, n), as arguments of a regressor."""
         return self.joint_position, self.joint_velocity, self.joint_acceleration
+
+    def has_known_friction(self, index: int) -> bool:
+        """Return whether the equation of a joint has the factor `friction_known`."""
+        known = self.friction_known
+        return known is not None and not np.isnan(known[0, index])
+
+    def where_known(self, index: int, columns: Array) -> Array:
+        """Return columns (T, ...) of a joint's equation, zero where its friction is not known."""
+        if self.friction_known is None or not self.has_known_friction(index):
+            return columns
+        factor = self.friction_known[:, index]
+        return np.asarray(columns * factor.reshape(-1, *(1,) * (columns.ndim - 1)))
 
     @property
     def rate_hz(self) -> float:
@@ -336,7 +353,9 @@ def _sampled(robot: Robot, log: Log) -> tuple[Array, dict[str, Array]]:
 
 def _selected(robot: Robot, time: Array, signals: dict[str, Array]) -> CutoffSelection:
     joint, motor = signals["joint_position"], signals["motor_position"]
-    found = select_cutoff(joint, motor, _rate_hz(time), robot.joint_names)
+    found = select_cutoff(
+        joint, motor, _rate_hz(time), robot.joint_names, of_commands=robot.has_controllers
+    )
     corners = {*DEAD_ZONES, *MEMORY}
     elastic = [(joint, drive) for joint, drive in robot.drives.items() if drive.is_elastic]
     sharp = [joint for joint, drive in elastic if corners & {*drive.spring, *drive.friction}]
@@ -411,22 +430,28 @@ def _motion(
     if not robot.has_controllers:
         return found
     ends = math.ceil(_ENDS * rate_hz / (POSITION_BAND * cutoff_hz))
-    return _with_directions(robot, found.samples(slice(ends, len(time) - ends)))
+    return with_directions(robot, found.samples(slice(ends, len(time) - ends)), {})
 
 
-def _with_directions(robot: Robot, motion: Motion) -> Motion:
-    """Return a motion with the directions of drives with position commands."""
-    found = np.full_like(motion.motor_velocity, np.nan)
+def with_directions(robot: Robot, motion: Motion, dry: Mapping[str, float]) -> Motion:
+    """Return a motion with the directions of dry friction of drives with position commands.
+
+    `dry` {joint: acceleration of dry friction alone} says at which reversals a joint may stick;
+    without it a joint may at all of them.
+    """
+    direction, known = (np.full_like(motion.motor_velocity, np.nan) for _ in range(2))
+    fastest, band_hz = motion.largest_speeds[0], POSITION_BAND * motion.cutoff_hz
     for index, joint in enumerate(robot.joint_names):
-        if is_commanded(robot.drives[joint]):
-            found[:, index] = mean_directions(
-                motion.motor_velocity[:, index],
-                motion.motor_acceleration[:, index],
-                motion.rate_hz,
-                POSITION_BAND * motion.cutoff_hz,
-                motion.cutoff_hz,
+        drive, velocity = robot.drives[joint], motion.motor_velocity[:, index]
+        if not is_commanded(drive):
+            continue
+        own = dry.get(joint, np.inf) if is_dry(drive) else 0.0
+        direction[:, index] = mean_directions(velocity, motion.rate_hz, band_hz, own)
+        if not drive.is_elastic and robot.floating_base is None:
+            known[:, index] = not is_dry(drive) or is_friction_known(
+                velocity, float(fastest[index]), motion.rate_hz, band_hz, own
             )
-    return replace(motion, motor_direction=found)
+    return replace(motion, motor_direction=direction, friction_known=known)
 
 
 _ENDS = 2.0

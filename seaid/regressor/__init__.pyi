@@ -35,7 +35,9 @@ from .load import measured_contact_torques as measured_contact_torques
 from .load import offset_sensitivity as offset_sensitivity
 from .load import radius_rows as radius_rows
 from .load import unknown_friction as unknown_friction
+from .load import usable_rows as usable_rows
 from .load import with_gear_torque as with_gear_torque
+from .load import with_known_friction as with_known_friction
 from .regression import INPUT_FIELDS as INPUT_FIELDS
 from .regression import INPUTS as INPUTS
 from .regression import Regress as Regress

@@ -582,11 +582,13 @@ def _load_rows(
     """
     torque, payload, H, propagated = columns
     rows = row_samples(motion)
-    y, H, propagated = (
-        in_band_at(motion, part, rows) for part in (torque - payload, H, propagated)
-    )
     joints = [robot.index(joint) for joint in model.torque_joints]
-    usable = ~unknown_frictions(robot, motion, model.torque_joints)[rows].T
+    # a combination of equations that are all valid, whatever friction does at rest
+    y, H, propagated = (
+        in_band_at(motion, with_known_friction(motion, joints, part), rows)
+        for part in (torque - payload, H, propagated)
+    )
+    usable = np.array([usable_rows(robot, motion, joint, rows) for joint in model.torque_joints])
     names = robot.joint_names
     if robot.floating_base is not None and motion.base is not None:
         names = (*names, *BASE_ROWS)
@@ -641,6 +643,28 @@ def unknown_frictions(robot: Robot, motion: Motion, joints: Sequence[str]) -> Bo
     return found
 
 
+def with_known_friction(motion: Motion, joints: Sequence[int], columns: Array) -> Array:
+    """Return columns (T, k, ...) of the equations of joints, zero where friction is not known."""
+    if not any(motion.has_known_friction(joint) for joint in joints):
+        return columns
+    each = [motion.where_known(joint, columns[:, row]) for row, joint in enumerate(joints)]
+    return np.stack(each, axis=1)
+
+
+_LEAST_KNOWN = 0.2
+"""Part of the window of the low pass in which friction is known, at least, for a row."""
+
+
+def usable_rows(robot: Robot, motion: Motion, joint: str, rows: IndexArray) -> BoolArray:
+    """Return which of some samples give an equation of a joint on the load side."""
+    index = robot.index(joint)
+    if not motion.has_known_friction(index):
+        return ~unknown_friction(robot, motion, joint)[rows]
+    assert motion.friction_known is not None
+    share = in_band_at(motion, motion.friction_known[:, [index]], rows)[:, 0]
+    return np.asarray((share >= _LEAST_KNOWN) & ~_other_rests(robot, motion, joint)[rows])
+
+
 def unknown_friction(robot: Robot, motion: Motion, joint: str) -> BoolArray:
     """Return the samples (T,) at which the load side of a joint has unknown friction.
 
@@ -648,9 +672,17 @@ def unknown_friction(robot: Robot, motion: Motion, joint: str) -> BoolArray:
     of their own.
     """
     drive, index = robot.drives[joint], robot.index(joint)
-    unknown = np.zeros(len(motion.time), dtype=bool)
-    if not drive.is_elastic and is_dry(drive):
+    unknown = _other_rests(robot, motion, joint)
+    if motion.friction_known is not None and motion.has_known_friction(index):
+        unknown |= motion.friction_known[:, index] == 0
+    elif not drive.is_elastic and is_dry(drive):
         unknown |= standstill(motion, index, still_share(drive))
+    return unknown
+
+
+def _other_rests(robot: Robot, motion: Motion, joint: str) -> BoolArray:
+    """Return the samples (T,) at which joints that a drive moves rest with dry friction."""
+    unknown, index = np.zeros(len(motion.time), dtype=bool), robot.index(joint)
     for other in group_of(robot.transmission, index):
         if "coulomb" in robot.drives[robot.joint_names[other]].joint_friction:
             unknown |= joint_standstill(motion, other)

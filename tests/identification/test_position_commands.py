@@ -254,10 +254,12 @@ def test_directions_are_those_of_drives_with_position_commands(tmp_path: Path) -
     motion = seaid.reconstruct_motion(robot, log)
     own, other = (signals(robot, motion, index)["theta_M_sign"] for index in (0, 1))
     np.testing.assert_array_equal(other, np.sign(motion.motor_velocity[:, 1]))
-    between = np.abs(own) < 1 - 1e-9  # the means of whole intervals are rounded
-    np.testing.assert_allclose(own[~between], other[~between], rtol=1e-9)
+    assert motion.friction_known is not None
+    known = motion.friction_known[:, 0] == 1
+    assert np.all(np.isnan(motion.friction_known[:, 1]))
     reversals = np.sum(np.diff(other) != 0)
-    assert reversals / 2 < np.sum(between) <= reversals
+    assert 0 < np.sum(~known) < 20 * reversals
+    np.testing.assert_allclose(own[known], other[known], atol=0.05)
     by_name = signals(robot, motion, 0)
     regressor = motor_regressor(robot, "j0")
     column = regressor.names.index("coulomb_friction")
@@ -449,7 +451,7 @@ def test_commands_between_samples_are_those_of_straight_lines(urdf: Path, delay_
     robot, frequency_hz = robot_of(urdf, SOFT, delay_s), 4.0
     wave = np.sin(2 * np.pi * frequency_hz * TIME)
     log = replace(log_of(np.zeros(len(TIME))), position_command=wave[:, None])
-    torque, _ = commanded_torque(robot, log.time, dict(log.sensors()), 40.0)
+    torque, _ = commanded_torque(robot, log.time, dict(log.sensors()), 80.0)
     inner = slice(1000, 3000)  # 40 periods
     turning = np.exp(-2j * np.pi * frequency_hz * (TIME[inner] - delay_s))
     gain = 2j * np.mean(torque[inner, 0] * turning) / SOFT[0]
@@ -1083,8 +1085,14 @@ def test_compared_cutoffs_share_the_delay_as_the_estimate_does(
 
 
 @pytest.mark.slow  # a rollout of 40 s in which two joints stick
-def test_friction_that_holds_joints_at_reversals_is_named(tmp_path: Path) -> None:
-    """Its direction at rest is not known: a low cutoff spreads that over the rows beside it."""
+@pytest.mark.parametrize("coulomb_friction_Nm", [0.8, 8.0])
+def test_friction_that_holds_joints_at_reversals_does_not_bias_a_delay(
+    tmp_path: Path, coulomb_friction_Nm: float
+) -> None:
+    """Its direction at rest is not known: equations there are not in any row.
+
+    With the sign of the speed the delay was 9.5 ms, and the viscous friction a sixth of the truth.
+    """
     path = tmp_path / "chain.urdf"
     path.write_text(CHAIN)
     rng = np.random.default_rng(1)
@@ -1100,25 +1108,23 @@ def test_friction_that_holds_joints_at_reversals_is_named(tmp_path: Path) -> Non
     unknown = np.full_like(commands, np.nan)
     plan = seaid.Log(time, ("j0", "j1"), unknown, commands, unknown, position_command=commands)
 
-    def found(coulomb_friction_Nm: float) -> list[str]:
-        true = replace(
-            drive,
-            motor_inertia_kg_m2=0.9,
-            viscous_friction_Nms_per_rad=6.0,
-            coulomb_friction_Nm=coulomb_friction_Nm,
-            command_delay_s=0.006,
-        )
-        moved = rollout(robot.with_drives({"j0": true, "j1": true}), plan, longest_closed_s=2e-3)
-        noise = rng.normal(scale=2e-5, size=commands.shape)
-        log = replace(plan, joint_position=moved.joint_position + noise)
-        findings = seaid.identify(robot, log, cutoff_hz=3.5).findings
-        return [one.remedy for one in findings if one.code == "cutoff-sensitive"]
-
-    assert found(8.0) == [
-        "cutoff_hz=5.6, if joints stick at their reversals; cutoff_hz=1.8, if the encoders are "
-        "noisy; compare others with cutoff_sensitivity"
-    ]
-    assert found(0.8) == []
+    true = replace(
+        drive,
+        motor_inertia_kg_m2=0.9,
+        viscous_friction_Nms_per_rad=6.0,
+        coulomb_friction_Nm=coulomb_friction_Nm,
+        command_delay_s=0.006,
+    )
+    moved = rollout(robot.with_drives({"j0": true, "j1": true}), plan, longest_closed_s=5e-4)
+    noise = rng.normal(scale=2e-5, size=commands.shape)
+    log = replace(plan, joint_position=moved.joint_position + noise)
+    found = seaid.identify(robot, log, cutoff_hz=3.5)
+    for joint in robot.joint_names:
+        values = found.robot.drives[joint].values
+        assert values["command_delay"] == pytest.approx(0.006, abs=2e-4)
+        assert values["motor_inertia"] == pytest.approx(0.9, rel=0.03)
+        assert values["viscous_friction"] == pytest.approx(6.0, rel=0.05)
+        assert values["coulomb_friction"] == pytest.approx(coulomb_friction_Nm, rel=0.01)
 
 
 def test_drives_of_one_bus_stay_on_it(tmp_path: Path) -> None:

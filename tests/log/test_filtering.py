@@ -8,7 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from seaid._arrays import Array
-from seaid.log.filtering import decimation, low_pass, mean_directions, spline_derivatives
+from seaid.log.filtering import (
+    decimation,
+    is_friction_known,
+    low_pass,
+    mean_directions,
+    spline_derivatives,
+)
 
 RATE_HZ = 1000.0
 TIME = np.arange(10_000) / RATE_HZ
@@ -96,8 +102,8 @@ def test_four_rows_a_period_of_the_cutoff(cutoff_hz: float, step: int) -> None:
     assert decimation(RATE_HZ, cutoff_hz) == step
 
 
-def passing(friction: float, rate_hz: float, band_hz: float) -> tuple[Array, Array, Array]:
-    """Return speed and acceleration behind the low pass, and the true means of the direction.
+def passing(friction: float, rate_hz: float, band_hz: float) -> tuple[Array, Array]:
+    """Return the speed behind the low pass, and the true means of the direction.
 
     A joint of 1 kg m^2 follows two sines, which are much stronger than its Coulomb friction.
     """
@@ -113,30 +119,55 @@ def passing(friction: float, rate_hz: float, band_hz: float) -> tuple[Array, Arr
         q[tick], v = q[tick - 1] + step * (v + change / 2), v + change
     direction[-1] = np.sign(v)
     position = low_pass(q[::parts, None], rate_hz, band_hz)
-    _, speed, acceleration = spline_derivatives(time[::parts], position)
+    _, speed, _ = spline_derivatives(time[::parts], position)
     means = np.convolve(direction, np.ones(parts) / parts, mode="same")[::parts]
-    return speed[:, 0], acceleration[:, 0], means
+    return speed[:, 0], means
 
 
-@pytest.mark.parametrize("friction", [0.0, 1.0, 3.0, 6.0])
+@pytest.mark.parametrize("friction", [0.0, 1.0, 3.0])
 def test_directions_are_the_means_of_the_true_ones(friction: float) -> None:
     """The area between them is a twentieth of that of the signs at the samples, or less."""
     rate_hz, band_hz = 200.0, 25.0
-    speed, acceleration, true = passing(friction, rate_hz, band_hz)
+    speed, true = passing(friction, rate_hz, band_hz)
     inside = slice(100, -100)
 
     def area_ms(directions: Array) -> float:  # per reversal, from one side to the other
         reversals = np.sum(np.diff(np.sign(speed[inside])) != 0)
         return float(1e3 * np.sum(np.abs(directions - true)[inside]) / rate_hz / reversals)
 
-    found = mean_directions(speed, acceleration, rate_hz, band_hz, 5.0)
+    found = mean_directions(speed, rate_hz, band_hz, friction)
+    true = low_pass(true[:, None], rate_hz, band_hz)[:, 0]
     assert area_ms(np.sign(speed)) > 20 * area_ms(found)
-    late = mean_directions(speed, acceleration, rate_hz, rate_hz, 5.0)  # as without a low pass
+    late = mean_directions(speed, rate_hz, band_hz, 0.0)
     assert friction == 0 or area_ms(late) > 4 * area_ms(found)
+
+
+def test_friction_is_not_known_at_rest_nor_where_a_joint_may_stick() -> None:
+    """A reversal with thrice the acceleration of dry friction is passed; a stop is none."""
+    rate_hz, band_hz = 100.0, 20.0
+    time = np.arange(0, 6, 1 / rate_hz)
+    speed = np.where(time < 2.005, 2.005 - time, np.where(time < 4.005, 0.0, 4.005 - time))
+
+    def unknown_s(dry: float) -> tuple[float, float]:
+        known = is_friction_known(speed, 2.0, rate_hz, band_hz, dry)
+        return float(np.sum(~known)) / rate_hz, float(time[~known][-1])
+
+    blur_s = 3.5 / (2 * np.pi * band_hz)
+    length, end = unknown_s(np.inf)
+    assert length == pytest.approx(2.04 + 2 * blur_s, abs=0.03)
+    assert end == pytest.approx(4.02 + blur_s, abs=0.02)
+
+    line = 1.5025 - time
+    for dry, sticks in ((0.3, False), (0.4, True), (np.inf, True)):
+        known = is_friction_known(line, 1.5, rate_hz, band_hz, dry)
+        assert np.all(known) != sticks
+        if sticks:
+            assert np.sum(~known) / rate_hz == pytest.approx(0.03 + 2 * blur_s, abs=0.03)
+            assert np.mean(time[~known]) == pytest.approx(1.5025, abs=0.01)
 
 
 def test_a_joint_at_rest_has_no_direction() -> None:
     """Rounding decides no direction, and a stop begins and ends at the zeros of the lines."""
     speed = np.array([0.2, 0.1, 0.0, 1e-9, -1e-9, 0.0, -0.1, -0.2, -0.3] * 4)
-    found = mean_directions(speed, np.zeros(len(speed)), 100.0, 100.0, 10.0)
+    found = mean_directions(speed, 100.0, 100.0, 0.0)
     np.testing.assert_allclose(found[:7], [1, 1, 0.5, 0, 0, -0.5, -1])
