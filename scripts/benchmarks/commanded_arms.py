@@ -53,7 +53,7 @@ def robots_of(folder: Path, friction: float) -> dict[str, tuple[seaid.Robot, sea
         ),
         path: tuple(np.full(2, x) for x in (0.9, 6.0, 8.0, 1500.0)),
     }
-    found = {}
+    found: dict[str, tuple[seaid.Robot, seaid.Robot]] = {}
     for title, one in (("UR5", ur5), ("two arms", path)):
         joints = seaid.load_robot(one).joint_names
         true, wanted = {}, {}
@@ -73,22 +73,21 @@ def robots_of(folder: Path, friction: float) -> dict[str, tuple[seaid.Robot, sea
                 coulomb_friction_Nm=friction * coulomb,
                 command_delay_s=DELAY_S,
             )
-        found[title] = tuple(
-            seaid.load_robot(one, drives, known_bodies="all") for drives in (true, wanted)
-        )
+        plant, robot = (seaid.load_robot(one, x, known_bodies="all") for x in (true, wanted))
+        found[title] = plant, robot
     return found
 
 
 def log_of(true: seaid.Robot, seconds: float, seed: int, folder: Path) -> seaid.Log:
     """Return the log of MuJoCo's plant, whose commands are sums of four tones a joint."""
     rng = np.random.default_rng(seed)
-    time = np.arange(round(seconds * RATE_HZ)) / RATE_HZ
+    time: Array = np.arange(float(round(seconds * RATE_HZ))) / RATE_HZ
     amplitude = rng.uniform(0.1, 0.25, (true.n, 4))
     frequency = rng.uniform(0.08, 0.8, (true.n, 4))
     phase = rng.uniform(0, 2 * np.pi, (true.n, 4))
 
     def command(at: Array) -> Array:
-        sent = np.arange(-1, seconds * COMMAND_HZ + 2) / COMMAND_HZ
+        sent = np.arange(-1.0, seconds * COMMAND_HZ + 2) / COMMAND_HZ
         angle = 2 * np.pi * frequency * sent[:, None, None] + phase
         values = np.sum(amplitude * np.sin(angle), axis=2)
         return np.column_stack([np.interp(at, sent, one) for one in values.T])
@@ -97,7 +96,7 @@ def log_of(true: seaid.Robot, seconds: float, seed: int, folder: Path) -> seaid.
         return joint_torques(true, q, np.zeros_like(q), np.zeros_like(q))
 
     has_feedforward = true.n > 2
-    middle = (np.arange(round(seconds / STEP_S)) + 0.5) * STEP_S - DELAY_S
+    middle: Array = (np.arange(float(round(seconds / STEP_S))) + 0.5) * STEP_S - DELAY_S
     sent = command(middle)
     parts = round(1 / (RATE_HZ * STEP_S))
     feed = weight(command(time))
@@ -149,3 +148,38 @@ def _plant(true: seaid.Robot, folder: Path) -> mujoco.MjModel:
         model.dof_frictionloss[place] = values[PARAMETERS[2]]
         model.dof_solref[place] = REST
     return model
+
+
+def main(seconds: float, seeds: int, cutoffs: list[float]) -> None:
+    """Print the table."""
+    print("| arm | friction | seed | cutoff | delay [ms] | armature | viscous | Coulomb |")
+    with tempfile.TemporaryDirectory() as name:
+        for friction in (1.0, 0.1):
+            for title, (true, robot) in robots_of(Path(name), friction).items():
+                for seed in range(1, seeds + 1):
+                    log = log_of(true, seconds, seed, Path(name))
+                    for cutoff_hz in (None, *cutoffs):
+                        found = seaid.identify(robot, log, cutoff_hz=cutoff_hz)
+                        print(f"{title} | {friction:g} | {seed} | {_row(found, true)}", flush=True)
+
+
+def _row(found: seaid.Identification, true: seaid.Robot) -> str:
+    """Return cutoff, delay and the largest relative errors of all joints."""
+    side = found.load_side
+    delay = next(k for k, one in enumerate(side.names) if str(one).startswith("command_delay"))
+    values = found.robot.drives
+    worst = [
+        max(abs(values[x].values[name] / true.drives[x].values[name] - 1) for x in true.joint_names)
+        for name in PARAMETERS
+    ]
+    return (
+        f"{found.cutoff_hz:.1f} Hz | {1e3 * side.values[delay]:.3f} +- "
+        f"{1e3 * side.standard_errors[delay]:.3f} | " + " | ".join(f"{x:.1%}" for x in worst)
+    )
+
+
+if __name__ == "__main__":
+    numbers = [float(one) for one in sys.argv[1:]]
+    seconds, seeds = numbers[0] if numbers else 20.0, numbers[1] if len(numbers) > 1 else 1
+    warnings.simplefilter("ignore", seaid.SeaidWarning)
+    main(seconds, int(seeds), numbers[2:])

@@ -412,11 +412,7 @@ def _identify(
         if not is_linear(robot, used):
             robot, datasets = linearised_robot(robot, datasets, used)
         options = solver, encoder_offset_std, executor, progress
-        model, found = _two_step(robot, datasets, used, options)
-        if robot.has_controllers:
-            first = identified_robot(robot, model.base, found)
-            datasets = with_passed_reversals(robot, datasets, first)
-            model, found = _two_step(robot, datasets, used, options)
+        datasets, model, found = _first_two_step(robot, datasets, used, options)
         bias = _accelerometer_bias(robot, datasets, model, found)
         if bias is not None:
             findings.append(bias_finding(bias, moved[0]))
@@ -556,6 +552,20 @@ def _two_step(
     """Return the columns of the load side and the estimate of both sides in turn."""
     model = load_model_of(robot, list(map(first_motion, datasets)), used)
     return model, estimate_two_step(robot, datasets, model, *options, further=_further(bias))
+
+
+def _first_two_step(
+    robot: Robot,
+    datasets: Sequence[Dataset],
+    used: Sequence[str],
+    options: tuple[Estimator, float, Executor | None, bool],
+) -> tuple[list[Dataset], LoadModel, RobotEstimate]:
+    """Return `_two_step`, and the datasets with the reversals that its friction lets pass."""
+    model, found = _two_step(robot, datasets, used, options)
+    if not robot.has_controllers:
+        return list(datasets), model, found
+    known = with_passed_reversals(robot, datasets, identified_robot(robot, model.base, found))
+    return known, *_two_step(robot, known, used, options)
 
 
 def _accelerometer_bias(

@@ -17,9 +17,7 @@ _POSES = 20
 _LEVELS = ("coulomb_friction", "stribeck_friction")
 
 
-def with_passed_reversals(
-    robot: Robot, datasets: Sequence[Dataset], found: Robot
-) -> list[Dataset]:
+def with_passed_reversals(robot: Robot, datasets: Sequence[Dataset], found: Robot) -> list[Dataset]:
     """Return the datasets of a robot whose joints may stick where a first estimate lets them.
 
     Motions that are read in pieces keep all of their reversals excluded.

@@ -213,7 +213,6 @@ class DriveRows:
             found[mine] = factor * np.concatenate(list(banded))
         return np.split(found, np.cumsum([len(names) for _, _, names in wanted])[:-1], axis=1)
 
-
     def _where_known(self, mine: BoolArray, parts: Sequence[Array]) -> Sequence[Array]:
         """Return columns of the load side, zero where friction in the equation is not known."""
         if self.robot.drives[self.joint].is_elastic:

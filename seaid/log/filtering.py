@@ -197,8 +197,8 @@ _POSITION_SHARE, _NARROW = 0.995, 2.0
 """Share of the power within the bandwidth, and the cutoff as a multiple of the bandwidth.
 
 `scripts/benchmarks/cutoff.py`: friction is best determined with four times the bandwidth or more,
-bodies with three to four times. `scripts/benchmarks/commanded_arms.py`: a delay of commands, which
-is told from inertia and friction by what is fast, with twice as much."""
+bodies with three to four times. `scripts/benchmarks/commanded_arms.py`: a delay of commands,
+which fast motion separates from inertia and friction, with twice as much."""
 
 _CLOSEST = 1.5
 """Coloured noise does not lower the cutoff below this multiple of the bandwidth of the velocity,
@@ -289,9 +289,7 @@ def select_cutoff(
     """
     highest = rate_hz / _RATES
     shortest = min(_FEWEST_PERIODS * rate_hz / len(joint), highest, _WIDENED_HZ)
-    allowed, wide = (
-        (_ALLOWED_OF_COMMANDS, _WIDE_OF_COMMANDS) if of_commands else (_ALLOWED, _WIDE)
-    )
+    allowed, wide = (_ALLOWED_OF_COMMANDS, _WIDE_OF_COMMANDS) if of_commands else (_ALLOWED, _WIDE)
     moving = _moving_spectra(joint, motor, rate_hz, names, of_commands)
     if not moving:
         return CutoffSelection(
