@@ -192,13 +192,12 @@ With commands the noise of the encoder is in the torque too: a joint of the clos
 frequency f0 has the error (f0^2 - f^2) S of its inertia in place of -f^2 S, which is within 1 % of
 it at a tenth."""
 
-_VELOCITY_SHARE, _WIDE, _WIDE_OF_COMMANDS = 0.98, 4.0, 8.0
+_VELOCITY_SHARE, _WIDE = 0.98, 4.0
 _POSITION_SHARE, _NARROW = 0.995, 2.0
 """Share of the power within the bandwidth, and the cutoff as a multiple of the bandwidth.
 
 `scripts/benchmarks/cutoff.py`: friction is best determined with four times the bandwidth or more,
-bodies with three to four times. `scripts/benchmarks/commanded_arms.py`: a delay of commands,
-which fast motion separates from inertia and friction, with twice as much."""
+bodies with three to four times."""
 
 _CLOSEST = 1.5
 """Coloured noise does not lower the cutoff below this multiple of the bandwidth of the velocity,
@@ -274,7 +273,7 @@ def select_cutoff(
     """Return the cutoff for positions (T, n) of both sides; columns without an encoder are NaN.
 
     `of_commands`: the torque is that of commands, with the same noise, so that ten percent of white
-    noise and eight times the bandwidth are in place of one percent and four times below.
+    noise are in place of one percent below.
 
     The cutoff is the highest frequency at which noise is at most one percent (rms) of the
     acceleration of each joint, and of the velocity of each motor (of its acceleration, if the joint
@@ -289,7 +288,7 @@ def select_cutoff(
     """
     highest = rate_hz / _RATES
     shortest = min(_FEWEST_PERIODS * rate_hz / len(joint), highest, _WIDENED_HZ)
-    allowed, wide = (_ALLOWED_OF_COMMANDS, _WIDE_OF_COMMANDS) if of_commands else (_ALLOWED, _WIDE)
+    allowed = _ALLOWED_OF_COMMANDS if of_commands else _ALLOWED
     moving = _moving_spectra(joint, motor, rate_hz, names, of_commands)
     if not moving:
         return CutoffSelection(
@@ -297,12 +296,12 @@ def select_cutoff(
         )
     narrowest = _NARROW * max(one.position_hz for one in moving.values())
     fastest = max(one.speed_hz for one in moving.values())
-    widest = max(wide * fastest, narrowest)
+    widest = max(_WIDE * fastest, narrowest)
     channel = min(moving, key=lambda name: moving[name].limit_hz(fastest))
     noise_hz = moving[channel].limit_hz(fastest)
     limits = (
         (noise_hz, f"where noise is {100 * allowed:.0f} % of the motion of the {channel}"),
-        (widest, f"{'eight' if of_commands else 'four'} times the bandwidth of the velocity"),
+        (widest, "four times the bandwidth of the velocity"),
         (highest, "an eighth of the rate"),
     )
     cutoff, reason = min(limits, key=lambda limit: limit[0])
