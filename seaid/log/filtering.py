@@ -185,12 +185,12 @@ _FEWEST_PERIODS = 15.0
 _WIDENED_HZ = 12.0
 """The cutoff is raised for a short log up to this frequency only."""
 
-_ALLOWED, _ALLOWED_OF_COMMANDS = 0.01, 0.1
+_ALLOWED, _ALLOWED_OF_COMMANDS = 0.01, 0.05
 """Largest ratio of noise to signal (rms).
 
-With commands the noise of the encoder is in the torque too: a joint of the closed loop with natural
-frequency f0 has the error (f0^2 - f^2) S of its inertia in place of -f^2 S, which is within 1 % of
-it at a tenth."""
+With commands the noise of the encoder is in the torque too: in the closed loop, with the natural
+frequency f0, the inertia is off by the integral of (f0^2 - f^2) f^2 S in place of -f^4 S, over that
+of the power of the accelerations: by 0.25 % at a twentieth, if f0 is not far above the cutoff."""
 
 _VELOCITY_SHARE, _WIDE = 0.98, 4.0
 _POSITION_SHARE, _NARROW = 0.995, 2.0
@@ -272,7 +272,7 @@ def select_cutoff(
 ) -> CutoffSelection:
     """Return the cutoff for positions (T, n) of both sides; columns without an encoder are NaN.
 
-    `of_commands`: the torque is that of commands, with the same noise, so that ten percent of white
+    `of_commands`: the torque is that of commands, with the same noise, so that five percent of white
     noise are in place of one percent below.
 
     The cutoff is the highest frequency at which noise is at most one percent (rms) of the

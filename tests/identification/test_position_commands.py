@@ -734,7 +734,7 @@ def wrong_of(robot: seaid.Robot, log: seaid.Log) -> list[seaid.Finding]:
 
 def test_the_sums_that_one_gain_set_determines_are_said_before_a_fit(urdf: Path) -> None:
     """Those of the check are the effect of a delay on the estimates, within 5 %."""
-    log = mujoco_log(SOFT, 0.0, 5e-3, 0)
+    log = mujoco_log(SOFT, 0.0, 2e-3, 0)
     (found,) = seaid.check(robot_of(urdf, SOFT), log).warnings
     assert found.code == "command-delay"
     fits = [values_of(seaid.identify(robot_of(urdf, SOFT, delay), log)) for delay in (0, 1e-3)]
