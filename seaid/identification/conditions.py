@@ -52,7 +52,7 @@ from seaid.identification.identification import (
     identified_robot,
 )
 from seaid.identification.nonlinear_terms import linearised_robot, with_fixed_warnings
-from seaid.identification.reversals import with_passed_reversals
+from seaid.identification.simulated_joints import with_passed_reversals
 from seaid.identification.torque_offsets import with_spring_torque
 from seaid.identification.two_step import (
     LOAD,

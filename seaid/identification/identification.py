@@ -107,8 +107,8 @@ from seaid.identification.motor_side import (
 from seaid.identification.nonlinear_terms import linearised_robot, with_fixed_warnings
 from seaid.identification.output_error import FirstEstimate, first_estimate, refined_with_logs
 from seaid.identification.physical_consistency import FeasibleParameters, feasible_parameters
-from seaid.identification.reversals import with_passed_reversals
 from seaid.identification.sensitivity import sensitivity_findings
+from seaid.identification.simulated_joints import with_passed_reversals
 from seaid.identification.simultaneous import estimate_simultaneous
 from seaid.identification.transmission_error import periodic_findings
 from seaid.identification.two_step import (

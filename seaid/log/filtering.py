@@ -272,8 +272,8 @@ def select_cutoff(
 ) -> CutoffSelection:
     """Return the cutoff for positions (T, n) of both sides; columns without an encoder are NaN.
 
-    `of_commands`: the torque is that of commands, with the same noise, so that five percent of white
-    noise are in place of one percent below.
+    `of_commands`: the torque is that of commands, with the same noise, so that five percent of
+    white noise are in place of one percent below.
 
     The cutoff is the highest frequency at which noise is at most one percent (rms) of the
     acceleration of each joint, and of the velocity of each motor (of its acceleration, if the joint
