@@ -23,8 +23,7 @@ from seaid.drives import MEMORY, states
 from seaid.errors import IdentificationError
 from seaid.identification.datasets import Dataset, first_motion
 from seaid.identification.method_limits import linear_spring
-from seaid.log import POSITION_BAND, Log, Motion, low_pass, spline_derivatives
-from seaid.log import Motion, low_pass, spline_derivatives, with_directions
+from seaid.log import POSITION_BAND, Log, Motion, low_pass, spline_derivatives, with_directions
 from seaid.regressor import LoadModel, load_columns
 from seaid.robot import Robot, at_drives, at_joints, rows_at_drives, torques_at_drives
 
@@ -424,6 +423,8 @@ def with_encoder_noise(
     noise = noise * rng.normal(size=noise.shape)
     noise = low_pass(noise, motion.rate_hz, POSITION_BAND * motion.cutoff_hz)
     return replace(motion, joint_position=motion.joint_position + noise)
+
+
 _POSES = 20
 """Poses of a motion in which the inertia at a joint is computed."""
 
