@@ -100,7 +100,7 @@ CODES = {
     "time-unit": "the time in another unit than seconds",
     "sign": "a channel, or a whole joint, with the opposite sign",
     "encoder-offset": "a joint whose zero is not that of the robot file",
-    "swapped-joints": "the channels of two joints exchanged",
+    "swapped-joints": "the channels of joints, or of legs, exchanged",
     "gear-ratio": "a gear ratio that the two encoders contradict",
     "missing-drives": "motor channels in the log without drives for them",
     "payload": "a payload that is absent, or differs from the one given",
