@@ -343,8 +343,8 @@ _OF_BASE = (
     "else touches the robot"
 )
 _LACKS = (
-    "look at the residual of this joint in the report. What may lack: a spring, the gear ratio, "
-    "the rotor inertia or the torque limit of a controller in the drives file, a payload; or the "
+    "look at the residual of this joint in the report. What may lack: a spring, the gear ratio or "
+    "the rotor inertia in the drives file, the torque limit of a controller, a payload; or the "
     "torque is mostly noise"
 )
 

@@ -588,7 +588,9 @@ def _load_rows(
         in_band_at(motion, with_known_friction(motion, joints, part), rows)
         for part in (torque - payload, H, propagated)
     )
-    usable = np.array([usable_rows(robot, motion, joint, rows) for joint in model.torque_joints])
+    usable = np.ones((len(joints), len(rows)), dtype=bool)
+    for row, joint in enumerate(model.torque_joints):
+        usable[row] = usable_rows(robot, motion, joint, rows)
     names = robot.joint_names
     if robot.floating_base is not None and motion.base is not None:
         names = (*names, *BASE_ROWS)
