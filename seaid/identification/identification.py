@@ -482,19 +482,25 @@ def _from_motors(
 ) -> Identification:
     """Return the identification of logs without a sensor behind the springs of some joints.
 
-    Raises the error of the proposed cutoff if the fit ends below none of the lower ones.
+    Where the fit does not end below the proposed cutoff, lower ones are tried. Raises the error of
+    the proposed one if none of them shows the springs: a fit of noise may end there too.
     """
     check_refinable(robot, joints)
     proposed_hz, problem = cutoff_of(robot, logs, joints, cutoff_hz), None
     for part in _LOWER if cutoff_hz is None else (1.0,):
         try:
-            return _from_motors_below(
+            found = _from_motors_below(
                 robot, logs, joints, part * proposed_hz, fit, encoder_offset_std
             )
-        except IdentificationError as reason:
+            if problem is None or not any(one.code == _HIDDEN for one in found.findings):
+                return found
+        except (IdentificationError, ExcitationError, LogError) as reason:
             problem = problem or reason
     assert problem is not None
     raise problem
+
+
+_HIDDEN = "hidden-resonance"
 
 
 def _from_motors_below(
