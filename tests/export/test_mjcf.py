@@ -338,7 +338,8 @@ def run(
     twin = Twin(robot, folder)
     held = twin.model.opt.timestep
     twin.model.opt.timestep /= shorter
-    twin.model.dof_solref[:, 0] /= shorter  # that of friction loss: two steps
+    for stiff in (twin.model.dof_solref, twin.model.tendon_solref_fri):  # -2 over the step
+        stiff[stiff[:, 0] < 0, 1] *= shorter
     start, torques = torques_of(robot, duration, held)
     twin.put(start)
     data, state, both = twin.plant.model.createData(), start, []
