@@ -121,6 +121,7 @@ CODES = {
     "nonlinear-spring": "a spring that is not linear",
     "gear-compliance": "a stiffness that includes the gear between the encoders",
     "transmission-error": "an error of the gear that is periodic in its angles",
+    "reference-position": "a reference position of friction that the motion does not reach",
     "loose-encoder": "play or hysteresis between the encoders of a spring joint",
     "missing-term": "a term of friction that the data support and the drive lacks",
     "needless-term": "a term of a drive that is not distinguishable from zero",

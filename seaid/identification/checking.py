@@ -211,6 +211,7 @@ def log_findings(robot: Robot, logs: Sequence[Log]) -> list[Finding]:
     for log in logs:
         own += [*_time(log), *_missing_drives(robot, log)]
         own += [*no_measurements(robot, log), *command_findings(robot, log)]
+    own += _references(robot, logs)
     locked = locked_outputs(robot, logs)
     standing = locked_findings(locked) if locked else _standing(logs)
     return [*own, *_saturated(logs), *standing]
@@ -290,6 +291,29 @@ def _missing_drives(robot: Robot, log: Log) -> Iterator[Finding]:
 
 _GEARED, _ELASTIC = 2.0, 5e-3
 """Motor over joint motion of a gear; difference of both sides, over the motion, of a spring."""
+
+
+def _references(robot: Robot, logs: Sequence[Log]) -> Iterator[Finding]:
+    """Yield reference positions outside the motion, where Coulomb friction is extrapolated."""
+    for joint, drive in robot.drives.items():
+        if "coulomb_position" not in drive.friction or not logs:
+            continue
+        own = [log.joint_position[:, log.joint_names.index(joint)] for log in logs]
+        low, high = (float(end(np.concatenate(own))) for end in (np.nanmin, np.nanmax))
+        reference, unit = drive.reference_position_rad, drive.joint_units[1]
+        if not low <= reference <= high:
+            yield Finding(
+                "reference-position",
+                f"Coulomb friction of {joint} is stated at {reference:g} {unit}, outside its "
+                f"motion from {low:.3g} to {high:.3g} {unit}: it is extrapolated to there and may "
+                "come out negative, which no simulation has",
+                joint,
+                "doubtful",
+                {"reference position": reference, "lowest": low, "highest": high},
+                f"in the drives file:\n{toml_table(joint)}\n"
+                f"reference_position_rad = {0.5 * (low + high):.2g}",
+                "certain",
+            )
 
 
 def _saturated(logs: Sequence[Log]) -> Iterator[Finding]:

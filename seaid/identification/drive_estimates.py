@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -138,9 +138,30 @@ def with_warnings(estimate: Estimate, joint: str, qr_factor: QRFactor | None) ->
                 warnings.append(Finding("loose-encoder", message, joint, severity, evidence))
             else:
                 message = f"{text} is negative, {value:.3g}: check signs and offsets of the log"
-                severity = "doubtful" if value < -_SURE * error else "note"
-                warnings.append(Finding("negative-parameter", message, joint, severity, evidence))
+                sure = value < -_SURE * error
+                severity = "doubtful" if sure else "note"
+                remedy = _if_negative(name, estimate.names, sure)
+                warnings.append(
+                    Finding("negative-parameter", message, joint, severity, evidence, remedy)
+                )
     return replace(estimate, warnings=tuple(warnings))
+
+
+def _if_negative(name: str, others: Collection[str], sure: bool) -> str:
+    """Return what to do about a parameter below zero, `sure` if its interval excludes zero."""
+    if not sure:
+        what = "state it as zero (known)" if name == "motor_inertia" else "remove its term"
+        return f"its interval contains zero: {what} in the drives file, or move faster"
+    if name == "motor_inertia" and "command_delay" in others:
+        return (
+            "state the delay of the commands (command_delay_s, negative where positions are logged "
+            "late), or let the bodies of the robot file be identified: they may contain the rotors"
+        )
+    if name == "motor_inertia" and "stiffness" not in others:
+        return "let the bodies of the robot file be identified: they may contain the rotors"
+    if name == "motor_inertia":
+        return "accelerate the motor more: its inertia is hardly in this torque"
+    return "move faster and slower: one speed does not separate the terms of friction"
 
 
 def _has_linear_spring(estimate: Estimate) -> bool:

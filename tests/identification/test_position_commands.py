@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,9 @@ from scripts.benchmarks import command_delays
 from seaid._arrays import Array
 from seaid.errors import IdentificationError, LogError, RobotError
 from seaid.estimation import Estimate
+from seaid.identification.checking import log_findings
 from seaid.identification.command_delays import with_estimated_delays
+from seaid.identification.drive_estimates import with_warnings
 from seaid.identification.sensitivity import Fit, _scores
 from seaid.log.commands import commanded_torque
 from seaid.regressor import motor_regressor, signals
@@ -1154,3 +1157,49 @@ def test_a_refinement_starts_within_its_bounds(urdf: Path) -> None:
     wrong = replace(found, load_side=replace(found.load_side, values=values))
     refined = values_of(seaid.refine(wrong, log))
     assert refined["motor_inertia"][0] == pytest.approx(TRUTH["motor_inertia"], rel=0.05)
+
+
+def test_friction_stated_where_the_joint_never_is_has_the_line_of_the_remedy(urdf: Path) -> None:
+    """A servo that moves between 1.6 and 2.8 rad has its own friction at 0 rad extrapolated."""
+    robot = robot_of(urdf, SOFT, 0.0)
+    terms = (*robot.drives["j"].friction, "coulomb_position")
+    log = mujoco_log(SOFT, 0.0, 1e-5, 1)
+    log = replace(log, joint_position=log.joint_position + 2.2)
+
+    def codes(reference: float) -> list[seaid.Finding]:
+        drive = replace(robot.drives["j"], friction=terms, reference_position_rad=reference)
+        found = log_findings(robot.with_drives({"j": drive}), [log])
+        return [one for one in found if one.code == "reference-position"]
+
+    assert codes(2.2) == []
+    (one,) = codes(0.0)
+    assert "stated at 0 rad, outside its motion from 1." in one.message
+    assert one.remedy.splitlines()[:2] == ["in the drives file:", "[j]"]
+    middle = 0.5 * float(np.min(log.joint_position) + np.max(log.joint_position))
+    stated = tomllib.loads(one.remedy.split("\n", 1)[1])["j"]["reference_position_rad"]
+    assert stated == pytest.approx(middle, rel=0.025)
+
+
+@pytest.mark.parametrize(
+    ("inertia", "severity", "says"),
+    [
+        (0.06, "doubtful", "state the delay of the commands (command_delay_s"),
+        (0.0255, "note", "its interval contains zero: state it as zero (known)"),
+    ],
+)
+def test_a_negative_armature_has_a_remedy(inertia: float, severity: str, says: str) -> None:
+    """The inertia of the link in the robot file exceeds that of link and rotor."""
+    others = ("viscous_friction", "motor_inertia", "command_delay")
+    value, error = TRUTH["motor_inertia"] - inertia, 2e-3
+    side = Estimate(
+        names=others,
+        units=("N m s/rad", "kg m^2", "s"),
+        values=np.array([0.1, value, 0.0]),
+        covariance=np.diag([1e-4, error**2, 1e-6]),
+        residual_std=1.0,
+        condition_number=1.0,
+        white_standard_errors=np.array([1e-2, error, 1e-3]),
+    )
+    (one,) = [x for x in with_warnings(side, "j", None).warnings if x.code == "negative-parameter"]
+    assert one.severity == severity
+    assert one.remedy.startswith(says)
