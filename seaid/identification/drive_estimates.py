@@ -11,7 +11,9 @@ from scipy import linalg
 
 from seaid._arrays import Array
 from seaid.drives import (
+    COMMANDS,
     PARAMETERS,
+    PARAMETERS_OF,
     Drive,
     JointParameter,
     is_harmonic,
@@ -82,6 +84,14 @@ _ZEROS = (
 """Parameters whose true value may be zero, so that a relative error is meaningless."""
 
 
+_CONSTANTS = tuple(
+    names[-1]
+    for kind, names in PARAMETERS_OF["motor_input"].items()
+    if kind not in COMMANDS and names
+)
+"""Motor constants: of one that the load or a sensor gives, (7) has the ratio to the stiffness."""
+
+
 def with_estimate(drive: Drive, estimate: Estimate) -> Drive:
     """Return the drive with its estimated values."""
     return with_values(drive, dict(zip(estimate.names, estimate.values, strict=True)))
@@ -113,6 +123,9 @@ def with_warnings(estimate: Estimate, joint: str, qr_factor: QRFactor | None) ->
         if name == "stiffness" and qr_factor is not None and _has_linear_spring(estimate):
             weak = _weak_spring(estimate, qr_factor)
             reasons, is_weak = reasons + weak, bool(weak)
+            if is_weak and (constant := _scattering(estimate)):
+                with_it = "and with it friction and rotor inertia"
+                text = f"{readable(JointParameter(constant, joint))}, {with_it},"
         evidence = {"value": float(value), "standard error": float(error)}
         if reasons:
             warnings.append(
@@ -158,7 +171,10 @@ def _if_negative(name: str, others: Collection[str], sure: bool) -> str:
             "late), or let the bodies of the robot file be identified: they may contain the rotors"
         )
     if name == "motor_inertia" and "stiffness" not in others:
-        return "let the bodies of the robot file be identified: they may contain the rotors"
+        return (
+            'state it as zero (motor_inertia_kg_m2 = 0.0, known = ["motor_inertia"]); where bodies '
+            "count as known, let them be identified: they may contain the rotors"
+        )
     if name == "motor_inertia":
         return "accelerate the motor more: its inertia is hardly in this torque"
     return "move faster and slower: one speed does not separate the terms of friction"
@@ -191,11 +207,28 @@ def _weak_spring(estimate: Estimate, qr_factor: QRFactor) -> list[str]:
     about_mean = triangle(qr_factor.weighted_factor()[:, [offset, k]])[1, 1]
     # amplitude of the sinusoid with the same root mean square
     swing = np.sqrt(2.0 / qr_factor.count) * abs(about_mean * value)
+    unit, constant = estimate.units[k], _scattering(estimate)
+    if constant:
+        value, share = estimate.value(constant), 1 / share
+        unit = estimate.units[estimate.names.index(constant)]
     return [
-        f"direct and reverse regression give {value:.3g} and {value / share:.3g} "
-        f"{estimate.units[k]}",
+        f"direct and reverse regression give {value:.3g} and {value / share:.3g} {unit}",
         f"the motion changes the torque of this spring by only +-{swing:.2g} N m at the motor",
     ]
+
+
+def _scattering(estimate: Estimate) -> str:
+    """Return the motor constant, if its error is that of the stiffness in (7); else "".
+
+    Of a constant K that the load or a torque sensor gives, (7) has the stiffness k_1 = k / K: where
+    the load has k, it is K that scatters.
+    """
+
+    def size(name: str) -> float:
+        return estimate.standard_error(name) / max(abs(estimate.value(name)), 1e-300)
+
+    there = [one for one in _CONSTANTS if one in estimate.names]
+    return there[0] if there and size(there[0]) > size("stiffness") else ""
 
 
 def has_only_spring_torque(robot: Robot, motions: Sequence[Motion], joint: str) -> bool:

@@ -61,8 +61,9 @@ class Experiment:
     `log` (R,): number of the log, from 0; `rate_hz`: sampling rate; `motor` and `joint` (3, R, n):
     position, velocity and acceleration of both sides; `direction` (R, n): the sign of the motor
     speed; `torque`, its derivative `torque_rate`, and `sensed` (R, n): of motor and joint, NaN
-    without the sensor; `both` (n,): whether both encoders were logged; `ratio`, `inertia` (n,):
-    gear ratios and rotor inertias; `bodies` (10n,): standard parameters with payloads;
+    without the sensor; `unscaled` (R, n): the current or the voltage of a motor whose constant is
+    unknown, NaN of the others; `both` (n,): whether both encoders were logged; `ratio`, `inertia`
+    (n,): gear ratios and rotor inertias; `bodies` (10n,): standard parameters with payloads;
     `descriptions`: that of each log, as plain data; `left` (n,): misfit of any bodies that counts
     as noise, None for the own one.
     """
@@ -76,6 +77,7 @@ class Experiment:
     torque: Array
     torque_rate: Array
     sensed: Array
+    unscaled: Array
     both: Array
     ratio: Array
     inertia: Array
@@ -241,20 +243,22 @@ class Experiment:
         found = {}
         # the zeros of the encoders of each log but the first
         zeros = np.equal.outer(self.log, np.unique(self.log)[1:]).astype(float)
+        is_elastic = [drive.is_elastic for drive in self.robot.drives.values()]
         for j in np.flatnonzero(self.both).tolist():
             motor, joint = self.motor[0][:, j], self.joint[0][:, j]
             per_ratio = self.ratio[j] / self.lever[j]
             if self.lever[j] * np.ptp(joint) < _LOCKED * np.ptp(motor):
                 continue
-            if j in self._elastic:
-                rows, y, others = self._of_spring(j)
+            of_spring = self._of_spring(j) if is_elastic[j] else None
+            if of_spring is not None:
+                rows, y, others = of_spring
                 columns = np.column_stack([motor, joint, others, zeros])
                 if np.sum(rows) <= 3 * columns.shape[1]:
                     continue
                 (a, b, *_), covariance = fitted(columns[rows], y[rows])
                 slope, slopes = -b / a, np.array([b / a**2, -1 / a])
                 error = float(np.sqrt(slopes @ covariance[:2, :2] @ slopes))
-            elif not self.robot.drives[self.robot.joint_names[j]].is_elastic:
+            elif not is_elastic[j]:
                 columns = np.column_stack([joint, np.ones(len(joint)), zeros])
                 found_here = scaled_svd(columns).solve(motor)
                 slope, left = found_here[0], motor - columns @ found_here
@@ -264,13 +268,21 @@ class Experiment:
             found[j] = float(slope) * per_ratio, error * abs(per_ratio)
         return found
 
-    def _of_spring(self, j: int) -> tuple[BoolArray, Array, Array]:
-        """Return rows, torque and columns but the angles: by (7), or by the sensor and (4b)."""
-        if not np.all(np.isfinite(self.torque[:, j])):
+    def _of_spring(self, j: int) -> tuple[BoolArray, Array, Array] | None:
+        """Return rows, torque and columns but the angles: by (7), or by the sensor and (4b).
+
+        A torque of unknown scale does as well in (7), next to a rotor of any inertia.
+        """
+        if np.all(np.isfinite(self.torque[:, j])):
+            columns = np.column_stack([self._any_friction(j), *self._open_rotor(j)])
+            return self._moving[:, j], self._spring_torque(j), columns
+        if np.any(np.isfinite(self.sensed[:, j])):
             ones = np.ones((len(self.sensed), 1))
             return np.isfinite(self.sensed[:, j]), np.nan_to_num(self.sensed[:, j]), ones
-        columns = np.column_stack([self._any_friction(j), *self._open_rotor(j)])
-        return self._moving[:, j], self._spring_torque(j), columns
+        if np.all(np.isfinite(self.unscaled[:, j])):
+            columns = np.column_stack([self._any_friction(j), self.motor[2][:, j]])
+            return self._moving[:, j], self.unscaled[:, j], columns
+        return None
 
     @cached_property
     def _moving(self) -> BoolArray:
@@ -434,7 +446,7 @@ def experiment_of(robot: Robot, logs: Sequence[Sequence[Motion]]) -> Experiment:
     windows = [part for parts in split for part in parts]
     numbers = np.repeat(np.arange(len(split)), [len(parts) for parts in split])
     parts = [_sampled(robot, part, max(1, INSTANTS // len(windows))) for part in windows]
-    motor, joint, direction, torque, rate, sensed = (
+    motor, joint, direction, torque, rate, sensed, unscaled = (
         np.concatenate(one, axis=-2) for one in zip(*parts, strict=True)
     )
     drives = robot.drives.values()
@@ -446,7 +458,7 @@ def experiment_of(robot: Robot, logs: Sequence[Sequence[Motion]]) -> Experiment:
     if not np.any(robot.parameters):
         bodies = np.full_like(bodies, np.nan)  # a robot file without inertias
     log, rate_hz = np.repeat(numbers, [len(one[2]) for one in parts]), logs[0][0].rate_hz
-    signals = motor, joint, direction, torque, rate, sensed
+    signals = motor, joint, direction, torque, rate, sensed, unscaled
     first = [motions[0].processing for motions in logs]
     descriptions = tuple((one and one.description) or {} for one in first)
     return Experiment(robot, log, rate_hz, *signals, both, ratio, inertia, bodies, descriptions)
@@ -477,7 +489,9 @@ def _sampled(robot: Robot, motion: Motion, most: int) -> tuple[Array, ...]:
     rate = np.gradient(torque, motion.time, axis=0)[rows]
     sensed = torques_at_drives(robot.transmission, motion.joint_torque)
     sensed = np.where(np.isnan(sensed[0]), np.nan, filtered(np.nan_to_num(sensed)))
-    return motor, joint, filtered(np.sign(speed)), torque[rows], rate, sensed
+    unscaled = _unscaled(robot, motion)
+    unscaled = np.where(np.isnan(unscaled[0]), np.nan, filtered(np.nan_to_num(unscaled)))
+    return motor, joint, filtered(np.sign(speed)), torque[rows], rate, sensed, unscaled
 
 
 def _of_motors(robot: Robot, motion: Motion) -> Array:
@@ -487,6 +501,15 @@ def _of_motors(robot: Robot, motion: Motion) -> Array:
         for drive in robot.drives.values()
     ]
     return np.where(is_known, motion.motor_torque, np.nan)
+
+
+def _unscaled(robot: Robot, motion: Motion) -> Array:
+    """Return the current or voltage (T, n) of motors with an unknown constant, else NaN."""
+    found = np.full(motion.motor_position.shape, np.nan)
+    for j, drive in enumerate(robot.drives.values()):
+        if drive.motor_input in ("current", "voltage"):
+            found[:, j] = getattr(motion, INPUT_FIELDS[drive.motor_input])[:, j]
+    return found
 
 
 @dataclass(frozen=True, eq=False)

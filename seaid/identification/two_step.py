@@ -466,20 +466,42 @@ def scaled_by_load(
         return replace(one, names=one.names + names, units=one.units + units, H=H, y=y)
 
     try:
-        load = fit(rows, estimator, None, with_constants, check_scale).estimate
+        fitted = fit(rows, estimator, None, with_constants, check_scale)
     except UnknownScaleError:
         raise next(iter(unscaled.values())) from None
     return {
-        joint: _scaled(
-            robot,
-            found[joint],
-            joint,
-            name,
-            load.value(JointParameter(name, joint)),
-            load.standard_error(JointParameter(name, joint)),
+        joint: _scaled_with_springs(
+            robot, found[joint], JointParameter(name, joint), fitted, springs
         )
         for joint, name in constants.items()
     }
+
+
+def _scaled_with_springs(
+    robot: Robot,
+    unit: Estimate,
+    name: JointParameter,
+    fitted: FittedRows,
+    springs: Mapping[str, Estimate],
+) -> Estimate:
+    """Return the estimate `unit` with its constant in `fitted`, which the springs' errors move.
+
+    The torque of a spring of values s in (8), K T s with the constant K of its motor, changes by
+    K T ds: the constant by K times the derivative of the fit by that torque.
+    """
+    load = fitted.estimate
+    row = fitted.sensitivity[load.names.index(name)]
+    ends = np.cumsum([0, *(len(spring.values) for spring in springs.values())])
+    variance, slopes = load.standard_error(name) ** 2, np.zeros(len(unit.names))
+    for k, (joint, spring) in enumerate(springs.items()):
+        same = JointParameter(name.parameter, joint)
+        own = (load.value(same) if same in load.names else 1.0) * row[ends[k] : ends[k + 1]]
+        if joint == name.joint:
+            slopes[[unit.names.index(one) for one in spring.names]] = own
+        else:
+            variance += float(own @ spring.covariance @ own)
+    error = float(np.sqrt(variance))
+    return _scaled(robot, unit, name.joint, name.parameter, load.value(name), error, slopes)
 
 
 def scaled_by_sensor(

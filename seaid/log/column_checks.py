@@ -264,7 +264,8 @@ def check_used(
         for quantity, source in sources.items():
             column, kind = source["column"], quantity.rpartition("_")[2]
             if kind == "position":
-                _check_position(inference, source, joint, robot)
+                is_motor = quantity == "motor_position"
+                _check_position(inference, source, joint, None if is_motor else robot)
                 if quantity == "joint_position":
                     _check_limits(inference, source, joint, robot)
             elif kind in ("torque", "current"):

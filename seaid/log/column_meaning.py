@@ -17,7 +17,7 @@ from pathlib import Path
 _QUANTITIES = {
     "time": "t time stamp timestamp ts clock seconds sec nanosec nsec nanoseconds elapsed times "
     "stamps tstamp tstamps timestamps zeit",
-    "position": "pos position angle q theta phi ang enc encoder positions qpos winkel",
+    "position": "pos position angle q theta phi ang enc encoder positions qpos winkel scale",
     "velocity": "vel velocity speed dq qd qdot omega dtheta velocities rpm erpm qvel rate "
     "geschwindigkeit vitesse",
     "acceleration": "acc accel acceleration accelerations ddq qdd qddot ddtheta beschleunigung",
@@ -35,8 +35,9 @@ _PRECEDENCE = (
     "time",
 )
 """Quantities by how they rank if a name has words of several; in one rank the first word counts."""
-_WEAK = {"enc", "encoder"}
-"""Words of a position that say nothing next to another quantity: "encoder_velocity"."""
+_WEAK = {"enc", "encoder", "scale"}
+"""Words of a position that say nothing next to another quantity: "encoder_velocity"; the scale of a
+linear encoder is none in "torque_scale"."""
 _RANK = {kind: rank for rank, kinds in enumerate(_PRECEDENCE) for kind in kinds.split()}
 _MOTOR = {"m", "motor", "motors", "mot", "rotor", "drive", "winding", "moteur"}
 _JOINT = {"joint", "link", "load", "out", "output", "l", "arm", "sensor", "external"}
@@ -196,6 +197,8 @@ def meaning_of(name: str, joints: Sequence[str] = ()) -> Meaning:
     ):  # the unit stands for the quantity
         quantity = by_unit[0]
         words = [replace(one, text=quantity) if one.unit == by_unit else one for one in words]
+    if not quantity and _is_length(unit, head, words, joint, joints):
+        quantity, joint = "position", joint or joint_alone(head, joints)
     says_nothing = found or _FILLER.issuperset(texts) or texts[-1].isdigit()
     if not quantity and says_nothing:
         # "/state/positions/elbow", "/effort_controller/commands/data[0]"
@@ -228,6 +231,16 @@ def meaning_of(name: str, joints: Sequence[str] = ()) -> Meaning:
         is_said=not _SAID.isdisjoint(texts),
         is_command=not _COMMANDED.isdisjoint(texts) and not (_DERIVED | _ELSEWHERE) & {*texts},
     )
+
+
+def _is_length(
+    unit: _Unit | None, head: str, words: Sequence[_Word], joint: str, joints: Sequence[str]
+) -> bool:
+    """Return whether a name is a joint and a unit of its position: "x_axis [mm]", "x_axis_mm"."""
+    if unit is not None:
+        return unit[0] == "position" and bool(joint_alone(head, joints))
+    last = words[0].unit if joint and len(words) == 1 else None
+    return last is not None and last[0] == "position" and words[0].text != "m"
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -37,7 +38,7 @@ position commands and known bodies few parameters are unknown, and the replay ne
 _SPRING = 0.5
 """Part of the difference of the encoders that follows the torque from which it is a spring."""
 
-_MOVES_RAD = 0.05
+_MOVES_RAD, _MOVES_M = 0.05, 0.005
 
 _BAND_HZ, _WIDTH = 5.0, 0.05
 """Low pass of the signals from which a gear ratio is inferred, and width of the dry friction over
@@ -133,10 +134,10 @@ def write_first_project(
             f"'{drives}' has the controllers of its drives: write the gains there, or leave it out"
         )
     known = _known_drives(urdf, drives, doubts, bool(controllers))
-    robot = load_robot(
+    load = partial(
+        load_robot,
         urdf,
         known,
-        joints=joints,
         payloads=payloads,
         gravity=gravity,
         base=base,
@@ -144,6 +145,9 @@ def write_first_project(
         imu_link=imu_link,
     )
     paths = [Path(path) for path in logs]
+    robot = load(joints=joints)
+    joints = joints or _named_joints(robot, paths, doubts)
+    robot = load(joints=joints)
     grouped, of_files = (
         logs_of_files(paths, robot) if rate_hz is None else (_without_time(paths), ())
     )
@@ -188,6 +192,20 @@ def write_first_project(
     for path, content in {**texts, file: f"{_as_comments(doubts)}{text}\n"}.items():
         write_whole(path, content)
     return FirstProject((file, *texts), tuple(doubts))
+
+
+_UNNAMED = "no column of the logs has such a name: locked at zero; joints = names those that move"
+
+
+def _named_joints(robot: Robot, paths: Sequence[Path], doubts: list[str]) -> Sequence[str] | None:
+    """Return the joints whose names are in those of columns, None if that is all or none."""
+    columns = {name for path in paths for name in open_tables([path]).names}
+    named = [x for x in robot.joint_names if any(x in column for column in columns)]
+    if not 0 < len(named) < robot.n:
+        return None
+    others = [one for one in robot.joint_names if one not in named]
+    doubts.append(f"{listed(others)}: {_UNNAMED}")
+    return named
 
 
 @dataclass(frozen=True)
@@ -526,17 +544,21 @@ def _with_standard_errors(
         one = joints[joint]
         key = next(name for name in table if name.startswith("gear_ratio"))
         rough = float(str(table[key]))
-        if abs(one.gear_ratio / rough - 1) < _SAME_RATIO and one.gear_ratio_error > 0:
-            table[key] = float(f"{one.gear_ratio:.7g}")
-            table[f"{key}_std"] = float(f"{one.gear_ratio_error:.2g}")
-            text = f"{key} = {one.gear_ratio:.7g} +- {one.gear_ratio_error:.2g} from both encoders,"
-            start = f"{joint}: {key} = "
-            doubts = [
-                f"{joint}: {text}{doubt.split('from both encoders,')[1]}"
-                if doubt.startswith(start) and "from both encoders," in doubt
-                else doubt
-                for doubt in doubts
-            ]
+        if not abs(one.gear_ratio / rough - 1) < _SAME_RATIO or not one.gear_ratio_error > 0:
+            continue
+        value, error = one.gear_ratio, one.gear_ratio_error
+        if "motor_pulley_radius_m" in table:  # of a screw, whose gear ratio is 1
+            key, value = "motor_pulley_radius_m", float(str(table["motor_pulley_radius_m"])) / value
+            error *= abs(value)
+        table[key] = float(f"{value:.7g}")
+        table[f"{key}_std"] = float(f"{error:.2g}")
+        text = f"{joint}: {key} = {value:.7g} +- {error:.2g} from both encoders,"
+        doubts = [
+            f"{text}{doubt.split('from both encoders,')[1]}"
+            if doubt.startswith(f"{joint}: {key} = ") and "from both encoders," in doubt
+            else doubt
+            for doubt in doubts
+        ]
     return tables, doubts
 
 
@@ -561,17 +583,21 @@ def _of_both_encoders(
     torque = sensors.get("joint_torque", sensors[inputs[0]] if inputs else None)
     if np.array_equal(motor, joint):
         return None, "both encoders have the same values: its torque counts as known"
-    if np.ptp(joint) < _MOVES_RAD:
+    if np.ptp(joint) < (_MOVES_M if robot.is_prismatic[index] else _MOVES_RAD):
         return None, "it hardly moves: its torque counts as known at the joint"
     ratio, explained = _ratio(time, motor, joint, torque)
     key = _ratio_key(robot, index)
     table: dict[str, object] = {"type": "stiff", key: float(f"{ratio:.5g}")}
     spread = float(np.std(motor / ratio - joint))
-    text = f"{key} = {ratio:.5g} from both encoders, which differ by {spread:.2g} rad (rms)"
-    is_spring = explained > _SPRING or "deflection" in sensors
-    if not is_spring and "joint_torque" in sensors and "motor_torque" not in sensors:
+    unit = "m" if robot.is_prismatic[index] else "rad"
+    explains = explained > _SPRING or "deflection" in sensors
+    if explains and robot.is_prismatic[index]:  # behind a screw, as behind a pulley
+        key, radius = "motor_pulley_radius_m", float(f"{1 / ratio:.5g}")
+        table = {"gear_ratio": 1.0, key: radius}
+    text = f"{key} = {table[key]} from both encoders, which differ by {spread:.2g} {unit} (rms)"
+    if not explains and "joint_torque" in sensors and "motor_torque" not in sensors:
         return None, f"{text}; taken for stiff: its torque sensor counts as known at the joint"
-    if robot.is_prismatic[index] or not is_spring:
+    if not explains:
         return table, f"{text}; taken for stiff: compare with the data sheet"
     more = f"{explained:.0%} of that follows the torque: taken for a spring"
     return {**table, "type": "series_elastic"}, f"{text}; {more}; compare with the data sheet"

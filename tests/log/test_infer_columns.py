@@ -129,6 +129,24 @@ def test_the_name_of_a_joint_of_the_robot_is_read_as_nothing_else(
 
 
 @pytest.mark.parametrize(
+    ("name", "quantity", "unit"),
+    [
+        ("x_axis [mm]", "position", "mm"),
+        ("x_axis_mm", "position", "mm"),
+        ("x_axis (m)", "position", "m"),
+        ("x_axis scale [mm]", "position", "mm"),
+        ("x_axis linear scale um", "position", "um"),
+        ("x_axis_m", "", None),  # of the motor, perhaps
+        ("x_axis lvdt [mm]", "", None),  # of what, nobody says
+        ("x_axis torque_scale", "torque", None),
+    ],
+)
+def test_a_length_of_a_joint_is_its_position(name: str, quantity: str, unit: str | None) -> None:
+    found = meaning_of(name, ("x_axis", "z_axis"))
+    assert (found.joint, found.quantity, found.unit) == ("x_axis", quantity, unit)
+
+
+@pytest.mark.parametrize(
     ("name", "quantity", "joint", "role"),
     [
         ("/lowstate/motor_state[3]/q", "position", "3", "measured"),

@@ -194,3 +194,24 @@ def test_a_joint_that_slides_has_its_own_gear_ratio(
     assert "gear_ratio_rad_per_m = 1.0" in made.files[-1].read_text()
     drive = load_project(folder).robot().drives["arm"]
     assert drive.motor_input == kind
+
+
+def test_joints_that_no_column_names_are_locked_and_said(tmp_path: Path) -> None:
+    """An arm on a torso, of which only the arm is logged: the rest cannot have moved unseen."""
+    bodies = "".join(
+        f'<link name="{x}"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" '
+        'ixz="0" iyz="0"/></inertial></link>'
+        for x in "abcd"
+    )
+    joints = "".join(
+        f'<joint name="{name}" type="revolute"><parent link="{one}"/><child link="{other}"/>'
+        '<axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="9" velocity="9"/></joint>'
+        for name, one, other in (("torso", "a", "b"), ("elbow", "b", "c"), ("grip", "c", "d"))
+    )
+    (tmp_path / "robot.urdf").write_text(f'<robot name="r">{bodies}{joints}</robot>')
+    time = np.arange(2000) / 200
+    columns = {"time_s": time, "elbow.effort": np.cos(time), "elbow.position": np.sin(time)}
+    np.savez(tmp_path / "run.npz", **columns)  # type: ignore[arg-type]
+    made = write_first_project(tmp_path / "robot.urdf", [tmp_path / "run.npz"], folder=tmp_path)
+    assert made.doubts[0].startswith("torso, grip: no column of the logs has such a name: locked")
+    assert load_project(tmp_path).robot().joint_names == ("elbow",)
