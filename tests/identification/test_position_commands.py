@@ -1184,7 +1184,7 @@ def test_friction_stated_where_the_joint_never_is_has_the_line_of_the_remedy(urd
     ("inertia", "severity", "says"),
     [
         (0.06, "doubtful", "state the delay of the commands (command_delay_s"),
-        (0.0255, "note", "its interval contains zero: state it as zero (known)"),
+        (0.0295, "note", "zero is within three standard errors: state it as zero (known)"),
     ],
 )
 def test_a_negative_armature_has_a_remedy(inertia: float, severity: str, says: str) -> None:
