@@ -7,7 +7,7 @@ them known, identify what one condition cannot, such as the torque constant of a
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import accumulate
@@ -48,6 +48,7 @@ from seaid.identification.drive_estimates import merged_estimates, spring_of, wi
 from seaid.identification.gear import deflection_joints, with_rigid_gears
 from seaid.identification.identification import (
     Identification,
+    consistent_bodies,
     identification_of,
     identified_robot,
 )
@@ -57,13 +58,17 @@ from seaid.identification.torque_offsets import with_spring_torque
 from seaid.identification.two_step import (
     LOAD,
     RobotEstimate,
+    UnknownScaleError,
     fit_inputs,
     joints_with_torque,
     scale_findings,
+    scaled_with_springs,
     split_load_side,
     spring_torque_joints,
     two_step_equations,
+    with_constant_columns,
     with_free_scale,
+    with_unit_constant,
     with_unit_scales,
 )
 from seaid.regressor import LoadModel, Regression, load_model_of, stacked
@@ -143,15 +148,30 @@ BODIES = "bodies"
 
 @dataclass(frozen=True, eq=False)
 class ConditionFit:
-    """One side of all conditions: its rows and their fit."""
+    """One side of all conditions: its rows, their fit, and `estimate`, that of the fit.
+
+    Of a motor whose constant the load side gives, the fit is that for a constant of 1.
+    """
 
     rows: Mapping[str, Regression]
     shared: SharedRows
     fit: FittedRows
+    estimate: Estimate
 
     def of(self, condition: str) -> Estimate:
         """Return the estimate of a condition."""
-        return self.shared.of(condition, self.fit.estimate)
+        return self.shared.of(condition, self.estimate)
+
+    def scaled(self, estimate: Estimate) -> ConditionFit:
+        """Return the side with an estimate that has the constant as its last parameter."""
+        places = {name: (*own, len(estimate.names) - 1) for name, own in self.shared.places.items()}
+        names = (*self.shared.names, estimate.names[-1])
+        shared = replace(self.shared, places=places, names=names)
+        return replace(self, shared=shared, estimate=estimate)
+
+    def with_fit(self, fit: FittedRows) -> ConditionFit:
+        """Return the side with another fit and its estimate."""
+        return replace(self, fit=fit, estimate=fit.estimate)
 
     def differences(self) -> dict[str, TermTest]:
         """Return {specific parameter: test of whether the conditions differ in it}."""
@@ -231,17 +251,67 @@ def estimate_conditions(
         name: rows_in_memory(datasets[name], two_step_equations(robot, models[name], springs))
         for name, robot in robots.items()
     }
-    actuators = {}
+    actuators, unscaled = {}, {}
     for joint in first.elastic_joints:
         own = {name: one[joint] for name, one in rows.items()}
-        names = own[name].names
-        is_specific = [one in specific or f"{one} of {joint}" in specific for one in names]
-        side = _fitted(own, is_specific, solver, None)
-        shared = with_shared_delays(first.drives, side.fit, joint)
-        actuators[joint] = replace(side, fit=shared)
+        try:
+            side = _fitted_actuator(own, joint, specific, solver)
+        except UnknownScaleError as problem:
+            if joint not in springs:
+                raise
+            unscaled[joint] = problem
+            own = {name: with_unit_constant(one) for name, one in own.items()}
+            side = _fitted_actuator(own, joint, specific, solver)
+        actuators[joint] = side.with_fit(with_shared_delays(first.drives, side.fit, joint))
     own = {name: one[LOAD] for name, one in rows.items()}
+    if unscaled:
+        actuators |= _scaled_by_load(
+            robots, own, models, springs, actuators, unscaled, specific, solver
+        )
     load = _load(robots, own, models, springs, actuators, specific, solver)
     return ConditionFits(robots, models, actuators, load, springs)
+
+
+def _fitted_actuator(
+    rows: Mapping[str, Regression], joint: str, specific: Sequence[str], solver: Estimator
+) -> ConditionFit:
+    names = next(iter(rows.values())).names
+    is_specific = [one in specific or f"{one} of {joint}" in specific for one in names]
+    return _fitted(rows, is_specific, solver, None)
+
+
+def _scaled_by_load(
+    robots: Mapping[str, Robot],
+    rows: Mapping[str, Regression],
+    models: Mapping[str, LoadModel],
+    joints: Sequence[str],
+    actuators: Mapping[str, ConditionFit],
+    unscaled: Mapping[str, UnknownScaleError],
+    specific: Sequence[str],
+    solver: Estimator,
+) -> dict[str, ConditionFit]:
+    """Return the sides of `unscaled` joints with the constants that (8) of all conditions gives.
+
+    Bodies that are the same with and without a known payload, or known bodies, give them. Raises
+    the UnknownScaleError of a joint if they do not.
+    """
+    robot = next(iter(robots.values()))
+    constants = {x: JointParameter(one.parameter, x) for x, one in unscaled.items()}
+    changed = _with_springs(
+        robots, rows, joints, actuators, partial(with_constant_columns, robot, constants=constants)
+    )
+    is_specific = _is_specific(models, specific) + [False] * len(constants)
+    try:
+        fitted = _fitted(changed, is_specific, solver, None).fit
+    except UnknownScaleError:
+        raise next(iter(unscaled.values())) from None
+    springs = {joint: actuators[joint].estimate for joint in joints}
+    return {
+        joint: actuators[joint].scaled(
+            scaled_with_springs(robot, springs[joint], name, fitted, springs)
+        )
+        for joint, name in constants.items()
+    }
 
 
 def _load(
@@ -254,9 +324,32 @@ def _load(
     solver: Estimator,
 ) -> ConditionFit:
     """Fit (8) of all conditions, with the uncertainty of the springs that they share."""
-    counts = [len(actuators[joint].fit.estimate.names) for joint in joints]
-    starts = list(accumulate(counts, initial=0))
-    covariances = [actuators[joint].fit.estimate.covariance for joint in joints]
+    placed = _with_springs(
+        robots,
+        rows,
+        joints,
+        actuators,
+        lambda springs, rows: with_spring_torque(list(springs.values()), rows),
+    )
+    covariances = [actuators[joint].estimate.covariance for joint in joints]
+    propagated = linalg.block_diag(*covariances) if covariances else None
+    side = _fitted(placed, _is_specific(models, specific), solver, propagated)
+    drives = robots[next(iter(robots))].drives
+    return side.with_fit(with_shared_delays(drives, side.fit))
+
+
+def _with_springs(
+    robots: Mapping[str, Robot],
+    rows: Mapping[str, Regression],
+    joints: Sequence[str],
+    actuators: Mapping[str, ConditionFit],
+    change: Callable[[Mapping[str, Estimate], Regression], Regression],
+) -> dict[str, Regression]:
+    """Return (8) of all conditions after a change by the condition's springs {joint: estimate}.
+
+    The propagated columns become those of the parameters that the conditions share.
+    """
+    starts = list(accumulate((len(actuators[x].estimate.names) for x in joints), initial=0))
     placed = {}
     for name, robot in robots.items():
         springs = {joint: spring_of(robot, actuators[joint].of(name), joint) for joint in joints}
@@ -265,17 +358,17 @@ def _load(
             for joint, start in zip(joints, starts, strict=False)
             for parameter in springs[joint].names
         ]
-        with_torque = with_spring_torque(list(springs.values()), rows[name])
-        columns = _placed(with_torque.propagated, places, starts[-1])
-        placed[name] = replace(with_torque, propagated=columns)
+        changed = change(springs, rows[name])
+        columns = _placed(changed.propagated, places, starts[-1])
+        placed[name] = replace(changed, propagated=columns)
+    return placed
+
+
+def _is_specific(models: Mapping[str, LoadModel], specific: Sequence[str]) -> list[bool]:
     first = models[next(iter(models))]
-    is_specific = [BODIES in specific] * len(first.expressions) + [
+    return [BODIES in specific] * len(first.expressions) + [
         f"{name} of {joint}" in specific or name in specific for joint, name, _ in first.drives
     ]
-    propagated = linalg.block_diag(*covariances) if covariances else None
-    side = _fitted(placed, is_specific, solver, propagated)
-    drives = robots[next(iter(robots))].drives
-    return replace(side, fit=with_shared_delays(drives, side.fit))
 
 
 def _fitted(
@@ -285,7 +378,8 @@ def _fitted(
     propagated: Array | None,
 ) -> ConditionFit:
     shared = shared_rows(rows, specific)
-    return ConditionFit(rows, shared, fit_inputs(shared.rows, solver, propagated, None, None))
+    found = fit_inputs(shared.rows, solver, propagated, None, None)
+    return ConditionFit(rows, shared, found, found.estimate)
 
 
 CONDITION_SPECIFIC = ("spring_offset", "deflection_zero")
@@ -325,6 +419,7 @@ def identify_conditions(
     condition_specific: Sequence[str] = CONDITION_SPECIFIC,
     torque_joints: str | Sequence[str] | None = None,
     estimator: LinearEstimator = "wls",
+    feasible: bool = False,
     cutoff_hz: float | None = None,
     progress: bool = False,
 ) -> Conditions:
@@ -337,7 +432,7 @@ def identify_conditions(
     condition_specific : sequence of str
         Parameters estimated per condition, for all joints ("viscous_friction") or for one
         ("viscous_friction of knee"), or "bodies" for the base parameters. All others are shared.
-    torque_joints, estimator, cutoff_hz, progress
+    torque_joints, estimator, feasible, cutoff_hz, progress
         As in `identify`. Nonlinear drive equations are linearised near values of the first
         condition.
 
@@ -382,15 +477,19 @@ def identify_conditions(
         if all(later[name] is robot for name, robot in robots.items()):
             break
         robots, found = later, with_scales(later)
+    consistent = {
+        name: consistent_bodies(one) if feasible else one
+        for name, one in found.identifications.items()
+    }
     parts = {
         name: replace(
             one,
             robot=with_free_scale(one.robot, unscaled),
             findings=(*one.findings, *scale_findings(one.robot, one.load_side, unscaled)),
         )
-        for name, one in found.identifications.items()
+        for name, one in consistent.items()
     }
-    return replace(found, identifications=FrozenMapping(parts)) if unscaled else found
+    return replace(found, identifications=FrozenMapping(parts))
 
 
 def _identify_conditions(

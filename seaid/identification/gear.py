@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -204,6 +204,12 @@ def _between(found: Identification, joint: str, names: Sequence[str], values: Ar
     return np.array([softer[name] for name in names])
 
 
+def _is_by_deflection(description: Mapping[str, Any] | None, joint: str) -> bool:
+    """Return whether a sensor of the deflection stands for the encoder of one side of a spring."""
+    own = (description or {}).get("joints", {}).get(joint, {})
+    return "deflection" in own and not {"motor_position", "joint_position"} <= set(own)
+
+
 def gear_findings(found: Identification) -> tuple[Finding, ...]:
     """Return a note on the joints whose stiffness includes that of the gear."""
     if any(one.code == "motor-side" for one in found.findings):  # which says it
@@ -215,6 +221,7 @@ def gear_findings(found: Identification) -> tuple[Finding, ...]:
         and "stiffness" in estimate.names
         and found.known.drives[joint].ratio != 1
         and not found.known.drives[joint].gear_compliance
+        and not all(_is_by_deflection(one.description, joint) for one in found.processing)
     ]
     if not joints:
         return ()

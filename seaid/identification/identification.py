@@ -669,7 +669,7 @@ def _own_drives(
 
 
 def consistent_bodies(found: Identification) -> Identification:
-    """Return a refined identification with the physically consistent bodies nearest to it."""
+    """Return an identification with the physically consistent bodies nearest to it."""
     drives = _own_drives(found.known, found.load_side, found.drive_side)
     nearest = feasible_parameters(found.known, found.model, found.load_side, drives)
     return replace(found, feasible=nearest, robot=nearest.robot)

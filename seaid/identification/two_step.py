@@ -16,7 +16,7 @@ from scipy import linalg
 
 from seaid._arrays import Array
 from seaid._files import toml_table
-from seaid.drives import PARAMETERS_OF, JointParameter, parameter_of, unit_of
+from seaid.drives import JointParameter, parameter_of, unit_of
 from seaid.errors import Finding, IdentificationError, listed
 from seaid.estimation import (
     RANK_TOLERANCE,
@@ -81,8 +81,9 @@ _PART = 0.01
 
 _LOAD_SIDE = "known bodies (known_bodies=), logs with and without a payload (identify_conditions), "
 _SPRING = (
-    "the stiffness of its spring (known = ['stiffness']), known bodies (known_bodies=), a torque "
-    "sensor behind the gear (joint_torque), its rotor inertia, "
+    "the stiffness of its spring (known = ['stiffness']), known bodies (known_bodies=), logs with "
+    "and without a payload (identify_conditions), a torque sensor behind the gear (joint_torque), "
+    "its rotor inertia, "
 )
 
 
@@ -444,40 +445,43 @@ def scaled_by_load(
     known bodies give its scale. Raises UnknownScaleError if they do not.
     """
     springs = {joint: spring_of(robot, found[joint], joint) for joint in joints}
-    constants = {
-        joint: PARAMETERS_OF["motor_input"][robot.drives[joint].motor_input][-1]
-        for joint in unscaled
-    }
-
-    def with_constants(one: Regression) -> Regression:
-        ends = np.cumsum([0, *(len(spring.values) for spring in springs.values())])
-        y, columns = one.y, []
-        for k, (joint, spring) in enumerate(springs.items()):
-            torque = one.propagated[:, ends[k] : ends[k + 1]] @ spring.values
-            if joint in unscaled:
-                columns.append(-torque)
-            else:
-                y = y + torque
-        names = tuple(
-            JointParameter(constants[joint], joint) for joint in joints if joint in unscaled
-        )
-        units = tuple(unit_of(robot.drives[name.joint], name.parameter) for name in names)
-        H = np.column_stack([one.H, *columns])
-        return replace(one, names=one.names + names, units=one.units + units, H=H, y=y)
-
+    constants = {x: JointParameter(one.parameter, x) for x, one in unscaled.items()}
+    change = partial(with_constant_columns, robot, springs, constants=constants)
     try:
-        fitted = fit(rows, estimator, None, with_constants, check_scale)
+        fitted = fit(rows, estimator, None, change, check_scale)
     except UnknownScaleError:
         raise next(iter(unscaled.values())) from None
     return {
-        joint: _scaled_with_springs(
-            robot, found[joint], JointParameter(name, joint), fitted, springs
-        )
+        joint: scaled_with_springs(robot, found[joint], name, fitted, springs)
         for joint, name in constants.items()
     }
 
 
-def _scaled_with_springs(
+def with_constant_columns(
+    robot: Robot,
+    springs: Mapping[str, Estimate],
+    rows: Regression,
+    constants: Mapping[str, JointParameter],
+) -> Regression:
+    """Return (8) with the torques of the springs: for a constant of 1 as the column of it.
+
+    The propagated columns of `rows` are those of the springs.
+    """
+    ends = np.cumsum([0, *(len(spring.values) for spring in springs.values())])
+    y, columns = rows.y, []
+    for k, (joint, spring) in enumerate(springs.items()):
+        torque = rows.propagated[:, ends[k] : ends[k + 1]] @ spring.values
+        if joint in constants:
+            columns.append(-torque)
+        else:
+            y = y + torque
+    names = tuple(constants[joint] for joint in springs if joint in constants)
+    units = tuple(unit_of(robot.drives[name.joint], name.parameter) for name in names)
+    H = np.column_stack([rows.H, *columns])
+    return replace(rows, names=rows.names + names, units=rows.units + units, H=H, y=y)
+
+
+def scaled_with_springs(
     robot: Robot,
     unit: Estimate,
     name: JointParameter,

@@ -127,7 +127,10 @@ def _note_ratio(inference: Inference, joint: str, found: Sources) -> None:
         inference.data[source["column"]] * _POSITION_FACTORS.get(source.get("unit", ""), np.nan)
         for source in (found["motor_position"], found["joint_position"])
     )
-    twists = [inference.data[name] for name in inference.having("deflection", joint)]
+    twists = [
+        inference.data[name] * _POSITION_FACTORS.get(inference.meanings[name].unit or "rad", np.nan)
+        for name in inference.having("deflection", joint)
+    ]
     sides = [load] + [load + sign * twist for twist in twists for sign in (1.0, -1.0)]
     best = max(sides, key=lambda side: correlation(motor, side) ** 2)
     if correlation(motor, best) ** 2 > _STIFF:
@@ -175,6 +178,10 @@ def _farthest_rad(joint: str, robot: Robot | None) -> float | None:
     return min(2 * float(robot.upper_limits[index] - robot.lower_limits[index]), 4 * np.pi)
 
 
+_FAR_FOR_A_SPRING = 0.5
+"""Range of a deflection without a unit above which it may be in degrees or mm."""
+
+
 def _add_deflection(inference: Inference, joint: str, found: Sources) -> None:
     names = inference.having("deflection", joint)
     if not names:
@@ -182,11 +189,15 @@ def _add_deflection(inference: Inference, joint: str, found: Sources) -> None:
     if len(found) == 2:
         inference.note(names[0], "redundant, because both positions are there")
     elif found:
-        torques = inference.having("torque", joint)[:1]
+        drives = inference.having("torque", joint) or inference.having("current", joint)
         twist = inference.data[names[0]]
-        pulls = sum(correlation(inference.data[name], twist) for name in torques)
+        pulls = sum(correlation(inference.data[name], twist) for name in drives[:1])
         found["deflection"] = {"column": names[0], "sign": -1 if pulls < 0 else 1}
-        origin = f", inferred from {torques[0]}" if pulls else ""
+        if unit := inference.meanings[names[0]].unit:
+            found["deflection"]["unit"] = unit
+        elif np.ptp(inference.finite(names[0])) > _FAR_FOR_A_SPRING:
+            inference.note(names[0], "its unit is not said, and it moves far for rad or m")
+        origin = f", inferred from {drives[0]}" if pulls else ""
         inference.note(names[0], f"check its sign (motor side minus joint side){origin}")
 
 

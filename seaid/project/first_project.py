@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping, Sequence, Set
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -18,6 +18,7 @@ from seaid.drives import (
     COMMANDS,
     Controller,
     MotorInput,
+    SeriesElasticDrive,
     drives_from_mapping,
     read_drives,
     write_drives,
@@ -151,7 +152,8 @@ def write_first_project(
     grouped, of_files = (
         logs_of_files(paths, robot) if rate_hz is None else (_without_time(paths), ())
     )
-    read = [_read(files, robot, folder, rate_hz) for files in grouped]
+    read = [_read(files, robot, folder, rate_hz, known is None) for files in grouped]
+    robot = _with_springs(robot, {joint for one in read for joint in one.springs})
     doubts += [*of_files, *(doubt for one in read for doubt in one.doubts)]
     texts = {one.description_file: one.text for one in read if one.description_file and one.text}
     untrue = [one for each in read for one in no_measurements(robot, each.log)]
@@ -218,6 +220,19 @@ class _ReadLog:
     text: str = ""
     doubts: tuple[str, ...] = ()
     gains: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    springs: tuple[str, ...] = ()
+
+
+def _with_springs(robot: Robot, joints: Iterable[str]) -> Robot:
+    """Return the robot with springs in joints whose deflection is logged, and no gear."""
+    sliding = dict(zip(robot.joint_names, robot.is_prismatic, strict=True))
+    drives = {
+        joint: SeriesElasticDrive(
+            gear_ratio=1.0, motor_pulley_radius_m=1.0 if sliding[joint] else None
+        )
+        for joint in joints
+    }
+    return robot.with_drives(drives)
 
 
 def _known_drives(
@@ -247,8 +262,13 @@ def _without_time(paths: Sequence[Path]) -> list[tuple[Path, ...]]:
     return [(path,) for path in paths] if share else [tuple(paths)]
 
 
-def _read(files: tuple[Path, ...], robot: Robot, folder: Path, rate_hz: float | None) -> _ReadLog:
-    """Read a log by its own column names, its description, or an inferred one."""
+def _read(
+    files: tuple[Path, ...], robot: Robot, folder: Path, rate_hz: float | None, infers: bool
+) -> _ReadLog:
+    """Read a log by its own column names, its description, or an inferred one.
+
+    If the drives are inferred, a joint with a deflection has a spring.
+    """
     path = files[0]
     try:
         return _ReadLog(files, read_log(files, robot))
@@ -260,9 +280,13 @@ def _read(files: tuple[Path, ...], robot: Robot, folder: Path, rate_hz: float | 
         guess = describe_log(files, robot, rate_hz=rate_hz)
     except LogError as problem:
         raise plain if _has_own_names(files) else problem from None
+    found = guess.description.joints
+    springs = tuple(x for x in found if infers and "deflection" in found[x])
+    robot = _with_springs(robot, springs)
     target = folder / f"{path.stem}_columns.toml"
     if target.exists():
-        return _ReadLog(files, read_log(files, robot, description=target), target)
+        log = read_log(files, robot, description=target)
+        return _ReadLog(files, log, target, springs=springs)
     try:
         log = read_log(files, robot, description=guess.description)
     except LogError as problem:
@@ -272,7 +296,7 @@ def _read(files: tuple[Path, ...], robot: Robot, folder: Path, rate_hz: float | 
     if ordered is not guess:
         guess, log = ordered, read_log(files, robot, description=ordered.description)
     doubts = tuple(f"{path.name}: {one}" for one in guess.unsure)
-    return _ReadLog(files, log, target, guess.to_toml(), doubts, guess.gains)
+    return _ReadLog(files, log, target, guess.to_toml(), doubts, guess.gains, springs)
 
 
 def _has_own_names(files: Sequence[Path]) -> bool:
@@ -444,6 +468,12 @@ def _input(sensors: Sequence[Mapping[str, Array]]) -> MotorInput | Literal[""]:
     return next((kind for kind in _INPUTS if f"motor_{kind}" in there), "")
 
 
+_OF_DEFLECTION = (
+    "its deflection is logged, and not both encoders: a spring; {key} = 1.0 is a placeholder: with "
+    "it rotor inertia, friction and motor constant are those at the joint; write that of the data "
+    "sheet"
+)
+
 _LOCKED = (
     "its position does not change while its motor moves: taken for a spring behind a locked "
     "output; {key} = 1.0 is a placeholder: write that of the data sheet"
@@ -500,6 +530,11 @@ def inferred_drives(
             tables[joint] = {"type": "series_elastic", key: 1.0, **fed}
             doubts.append(f"{joint}: {_LOCKED.format(key=key)}")
             continue
+        if robot.drives[joint].is_elastic and "deflection" not in found:
+            key = "motor_pulley_radius_m" if robot.is_prismatic[index] else "gear_ratio"
+            tables[joint] = {"type": "series_elastic", "gear_ratio": 1.0, key: 1.0, **fed}
+            doubts.append(f"{joint}: {_OF_DEFLECTION.format(key=key)}")
+            continue
         if places and "joint_position" in found:
             table, doubt = _of_both_encoders(robot, index, logs[places[0]].time, found)
             doubts.append(f"{joint}: {doubt}")
@@ -544,6 +579,10 @@ def _with_standard_errors(
         one = joints[joint]
         key = next(name for name in table if name.startswith("gear_ratio"))
         rough = float(str(table[key]))
+        if (
+            robot.drives[joint].is_elastic and rough == 1.0
+        ):  # the motor's side is that of the spring
+            continue
         if not abs(one.gear_ratio / rough - 1) < _SAME_RATIO or not one.gear_ratio_error > 0:
             continue
         value, error = one.gear_ratio, one.gear_ratio_error

@@ -192,6 +192,7 @@ def _together(
         condition_specific=given.condition_specific or CONDITION_SPECIFIC,
         torque_joints=given.torque_joints,
         estimator=given.estimator,
+        feasible=given.feasible,
         cutoff_hz=given.cutoff_hz,
         progress=progress,
     )

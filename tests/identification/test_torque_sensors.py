@@ -1,4 +1,4 @@
-"""Unknown motor constants of elastic joints whose spring torque is measured by a sensor."""
+"""Unknown motor constants of elastic joints: by a torque sensor, or by a known test mass."""
 
 from __future__ import annotations
 
@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 
 from seaid.errors import IdentificationError
+from seaid.identification.conditions import identify_conditions
 from seaid.identification.identification import identify
 from seaid.log.log import Log
+from seaid.robot.inertia import is_physical
 from seaid.robot.robot import Robot, load_robot
 from seaid.simulation.simulation import measure
 from tests.experiments import (
@@ -61,6 +63,25 @@ def with_sensors(log: Log, std_Nm: float = 0.0, seed: int = 0) -> Log:
     sensed[:, places] = leg_motion(TEST_MASS).joint_torque[:, places] + noise
     torque[:, places] = np.nan
     return replace(log, motor_torque=torque, motor_current=current, joint_torque=sensed)
+
+
+def by_current_alone(log: Log) -> Log:
+    """Return a log with currents in place of the torques of the elastic joints."""
+    return replace(with_sensors(log), joint_torque=None)
+
+
+def with_and_without_mass(seed: int | None) -> dict[str, tuple[Robot, Log]]:
+    """Return the leg with a bare foot and with the test mass, and its logs of currents."""
+    found = dict[str, tuple[Robot, Log]]()
+    for name, payloads in (("bare", []), ("loaded", [TEST_MASS])):
+        drives = dict(by_current().drives)
+        robot = load_robot(MODELS / "tulip_leg.urdf", drives, payloads=payloads)
+        plant, motion = leg(*payloads), leg_motion(*payloads)
+        log = perfect_log(plant, motion)
+        if seed is not None:
+            log = measure(plant, motion, LEG_SENSORS, seed + 100 * len(found))
+        found[name] = robot, by_current_alone(log)
+    return found
 
 
 def test_without_noise_all_parameters_of_the_drives_are_exact() -> None:
@@ -119,3 +140,47 @@ def test_without_the_sensor_the_error_names_it() -> None:
     log = replace(with_sensors(perfect_log(truth(), leg_motion(TEST_MASS))), joint_torque=None)
     with pytest.raises(IdentificationError, match="a torque sensor behind the gear"):
         identify(by_current(), log, cutoff_hz=6.0, torque_joints=["hip_yaw", "hip_roll"])
+
+
+def test_a_test_mass_in_one_of_two_logs_gives_the_constants_of_springs() -> None:
+    """The currents alone leave every torque up to scale, in each log."""
+    both = identify_conditions(
+        with_and_without_mass(None), torque_joints=ELASTIC, feasible=True, cutoff_hz=6.0
+    )
+    found = both.identifications["bare"].drives
+    for joint in ELASTIC:
+        one = found[joint]
+        assert one.value("torque_constant") == pytest.approx(CONSTANTS[joint], rel=7e-4)
+        for name, error in BOUNDS.items():
+            true = true_value(truth(), joint, name)
+            assert one.value(name) == pytest.approx(true, rel=max(error, 4.6e-3)), (joint, name)
+    for each in both.identifications.values():
+        bodies = each.robot.parameters.reshape(-1, 10)
+        assert all(is_physical(body) for body in bodies)
+    assert set(both.differences) == {f"spring_offset of {joint}" for joint in ELASTIC}
+
+
+@pytest.mark.slow  # eight identifications of two logs of the leg
+def test_standard_errors_of_constants_by_a_test_mass() -> None:
+    scores = []
+    for seed in range(8):
+        conditions = with_and_without_mass(seed)
+        both = identify_conditions(conditions, torque_joints=ELASTIC, cutoff_hz=6.0)
+        for joint, constant in CONSTANTS.items():
+            found, true = (
+                both.identifications["loaded"].drives[joint],
+                {"torque_constant": constant},
+            )
+            for name in ("stiffness", "viscous_friction", "coulomb_friction"):
+                true[name] = true_value(truth(), joint, name)
+            scores += [(found.value(x) - true[x]) / found.standard_error(x) for x in true]
+    assert 0.7 < np.sqrt(np.mean(np.square(scores))) < 1.3
+
+
+def test_the_same_mass_in_both_logs_gives_no_constant() -> None:
+    """It could be part of the foot."""
+    robot, log = with_and_without_mass(None)["loaded"]
+    with pytest.raises(IdentificationError, match=r"logs with and without a payload \(identify_co"):
+        identify_conditions(
+            {"one": (robot, log), "other": (robot, log)}, torque_joints=ELASTIC, cutoff_hz=6.0
+        )

@@ -215,3 +215,31 @@ def test_joints_that_no_column_names_are_locked_and_said(tmp_path: Path) -> None
     made = write_first_project(tmp_path / "robot.urdf", [tmp_path / "run.npz"], folder=tmp_path)
     assert made.doubts[0].startswith("torso, grip: no column of the logs has such a name: locked")
     assert load_project(tmp_path).robot().joint_names == ("elbow",)
+
+
+def test_a_deflection_is_that_of_a_spring_in_its_unit(tmp_path: Path) -> None:
+    """Its sensor stands for the motor's encoder, whose gear then is one."""
+    one_joint(tmp_path, "revolute")
+    time = np.arange(4000) / 200
+    twist = 8.0 * np.sin(2 * time)  # [mrad]
+    columns = {
+        "time [s]": time,
+        "arm/link angle [deg]": 40.0 * np.sin(time),
+        "arm/spring deflection [mrad]": -twist,
+        "arm/Iq [A]": 0.5 * twist + 0.2 * np.sign(np.cos(time)),
+    }
+    table = np.column_stack(list(columns.values()))
+    header = ",".join(columns)
+    np.savetxt(tmp_path / "run.csv", table, "%.9g", ",", header=header, comments="")
+    made = write_first_project(tmp_path / "arm.urdf", [tmp_path / "run.csv"], folder=tmp_path / "p")
+    said = [one for one in made.doubts if "its deflection is logged" in one]
+    assert len(said) == 1
+    assert "gear_ratio = 1.0 is a placeholder" in said[0]
+    project = load_project(tmp_path / "p")
+    robot = project.robot()
+    drive = robot.drives["arm"]
+    assert isinstance(drive, seaid.SeriesElasticDrive)
+    assert (drive.ratio, drive.motor_input, dict(drive.std)) == (1.0, "current", {})
+    log = project.logs[0].read(robot)
+    apart = log.motor_position[:, 0] - log.joint_position[:, 0]
+    np.testing.assert_allclose(apart, 1e-3 * twist, atol=1e-9)
