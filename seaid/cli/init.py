@@ -18,6 +18,7 @@ from seaid.cli.options import (
     contacts_of,
     names,
     payload_of,
+    positions,
     values,
     vector,
 )
@@ -62,6 +63,7 @@ def init(
         logs,
         drives=given.drives,
         joints=names(given.joints),
+        locked=positions("--locked", given.locked),
         payloads=[payload_of(text) for text in given.payload or ()],
         gravity=vector("--gravity", given.gravity),
         folder=folder,

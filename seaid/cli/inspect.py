@@ -64,7 +64,7 @@ def inspect(
     from seaid.robot import reread_urdf
 
     robot = given.robot()
-    tree = reread_urdf(robot.urdf or given.urdf)
+    tree = reread_urdf(robot.urdf or given.urdf).locked_at(robot.locked)
     inconsistent = _inconsistent_links(tree)
     if robot.floating_base is not None:
         content, text = _of_stances(robot, stance)

@@ -46,6 +46,13 @@ Drives = Annotated[
 Joints = Annotated[
     str | None, Option(help="Moving joints, as a,b,c; the others are locked at zero.")
 ]
+Locked = Annotated[
+    str | None,
+    Option(
+        help="Joints that stand still elsewhere, at positions [rad or m].",
+        metavar="TORSO=0.3,HEAD=0.1",
+    ),
+]
 Description = Annotated[
     Path | None,
     Option(
@@ -120,6 +127,7 @@ class RobotOptions:
     urdf: Urdf
     drives: Drives = None
     joints: Joints = None
+    locked: Locked = None
     payload: Annotated[
         list[str] | None,
         Option(
@@ -159,6 +167,7 @@ class RobotOptions:
             self.urdf,
             self.drives,
             joints=names(self.joints),
+            locked=positions("--locked", self.locked),
             payloads=[payload_of(text) for text in self.payload or ()],
             known_bodies=known_bodies,
             gravity=vector("--gravity", self.gravity),
@@ -443,6 +452,15 @@ def values(
         raise typer.BadParameter(
             f"'{text}' is neither a number nor a list as {example}", param_hint=option
         ) from None
+
+
+def positions(option: str, text: str | None) -> dict[str, float]:
+    """Return {joint: position} of 'torso=0.3,head=0.1'."""
+    found = values(option, text, "torso=0.3,head=0.1")
+    if found is not None and not isinstance(found, dict):
+        message = f"'{text}' names no joint: write it as torso=0.3,head=0.1"
+        raise typer.BadParameter(message, param_hint=option)
+    return found or {}
 
 
 def check_joints(option: str, joints: Iterable[str] | None, robot: Robot) -> None:

@@ -6,7 +6,7 @@ a child process because their readers crash on damaged files.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -128,10 +128,11 @@ def collision_geometry(
         shapes = pin.buildGeomFromUrdfString(full, text, pin.GeometryType.COLLISION)
     except (ValueError, RuntimeError) as problem:
         raise RobotError(f"collision geometry of '{urdf}' cannot be read: {problem}") from None
-    _check_same_tree(str(urdf), full, robot)
+    at_rest = _at_rest(full, tree.still(robot.locked))
+    _check_same_tree(str(urdf), full, robot, at_rest)
     convex = dict(zip(meshes, hulls(urdf, list(meshes.values())), strict=True))
     data = full.createData()
-    pin.forwardKinematics(full, data, pin.neutral(full))
+    pin.forwardKinematics(full, data, at_rest)
     placed, links = pin.GeometryModel(), []
     for shape in shapes.geometryObjects:
         links.append(full.frames[shape.parentFrame].name)
@@ -151,13 +152,23 @@ def _moving(full: pin.Model, joint: int, robot: Robot) -> int:
     return joint
 
 
-def _check_same_tree(where: str, full: pin.Model, robot: Robot) -> None:
+def _at_rest(full: pin.Model, still: Mapping[str, float]) -> Array:
+    """Return the configuration with moving joints at zero and the locked ones where they stand."""
+    found = pin.neutral(full)
+    for name, position in still.items():
+        joint = full.joints[full.getJointId(name)]
+        is_turning = joint.nq == 2  # a continuous joint: cosine and sine
+        own = [np.cos(position), np.sin(position)] if is_turning else [position]
+        found[joint.idx_q : joint.idx_q + joint.nq] = own
+    return np.asarray(found)
+
+
+def _check_same_tree(where: str, full: pin.Model, robot: Robot, at_rest: Array) -> None:
     data = full.createData()
-    pin.forwardKinematics(full, data, pin.neutral(full))
+    pin.forwardKinematics(full, data, at_rest)
     for own, name in enumerate(robot.model.names[1:], 1):
         joint = full.getJointId(name)
         parent = _moving(full, full.parents[joint], robot)
-        # a locked joint is at zero, so neutral positions reproduce the placements
         placement = data.oMi[parent].actInv(data.oMi[joint]).homogeneous
         difference = placement - robot.model.jointPlacements[own].homogeneous
         same_parent = full.names[parent] == robot.model.names[robot.model.parents[own]]

@@ -269,7 +269,7 @@ def write_edited(
     tree = reread_urdf(source, text)
     _check_links(source, tree, robot)
     notes: list[str] = []
-    bodies = _bodies(robot, tree, notes, force)
+    bodies = _bodies(robot, tree.locked_at(robot.locked), notes, force)
     root = _root(source, text)
     links = root.named("link")
     edits = [edit for link in bodies for edit in _inertial_edits(text, links[link], bodies[link])]

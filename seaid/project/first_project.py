@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 
 from seaid._arrays import Array, safely
-from seaid._files import write_whole
+from seaid._files import toml_key, write_whole
 from seaid._progress import Display
 from seaid.drives import (
     COMMANDS,
@@ -69,6 +69,7 @@ def write_first_project(
     *,
     drives: str | Path | None = None,
     joints: Sequence[str] | None = None,
+    locked: Mapping[str, float] | None = None,
     payloads: Sequence[Payload] = (),
     gravity: Sequence[float] = (0.0, 0.0, -9.81),
     folder: str | Path = ".",
@@ -94,6 +95,8 @@ def write_first_project(
     drives : str or Path, optional
     joints : sequence of str, optional
         The joints that move.
+    locked : mapping {joint: position}, optional
+        Joints that stand still elsewhere than at zero [rad or m].
     payloads : sequence of Payload, optional
         Payloads of all logs.
     gravity : sequence of 3 floats
@@ -139,6 +142,7 @@ def write_first_project(
         load_robot,
         urdf,
         known,
+        locked=locked,
         payloads=payloads,
         gravity=gravity,
         base=base,
@@ -159,6 +163,7 @@ def write_first_project(
     untrue = [one for each in read for one in no_measurements(robot, each.log)]
     doubts += dict.fromkeys(f"{one.joint}: {one.message}" for one in untrue)
     logs_read = [one.log for one in read]
+    doubts += _standing(robot, logs_read)
     without = {x.joint for x in untrue}
     without |= {joint for joint in robot.joint_names if without and _is_unsigned(logs_read, joint)}
     commanded = _commanded(robot, logs_read, without) if known is None else ()
@@ -208,6 +213,23 @@ def _named_joints(robot: Robot, paths: Sequence[Path], doubts: list[str]) -> Seq
     others = [one for one in robot.joint_names if one not in named]
     doubts.append(f"{listed(others)}: {_UNNAMED}")
     return named
+
+
+def _standing(robot: Robot, logs: Sequence[Log]) -> Iterator[str]:
+    """Yield how to lock the joints that stand still in all logs, if others move."""
+    places = {}
+    for index, joint in enumerate(robot.joint_names):
+        sides = [(log.joint_position[:, index], log.motor_position[:, index]) for log in logs]
+        known = [np.concatenate([one[k] for one in sides]) for k in range(2)]
+        if all(np.all(np.isnan(one)) or np.nanmax(one) - np.nanmin(one) < _STILL for one in known):
+            places[joint] = float(np.nanmean(known[0]))
+    if 0 < len(places) < robot.n and all(map(np.isfinite, places.values())):
+        option = ",".join(f"{joint}={place:.4g}" for joint, place in places.items())
+        yield f"{listed(places)}: no motion in any log; lock what stands still: --locked {option}"
+
+
+_STILL = 1e-3
+"""Motion of a joint [rad or m] that stands still, and of its motor."""
 
 
 @dataclass(frozen=True)
@@ -291,7 +313,8 @@ def _read(
         log = read_log(files, robot, description=guess.description)
     except LogError as problem:
         about = [one for one in guess.unsure if "no torque, current or voltage" in one]
-        raise LogError("; ".join([str(problem), *about])) from None
+        about.append("joints that stand still, or that no column has, are locked with locked=")
+        raise LogError("; ".join([str(problem), *about]), "locked=") from None
     ordered = with_leg_order(guess, robot, log)
     if ordered is not guess:
         guess, log = ordered, read_log(files, robot, description=ordered.description)
@@ -677,6 +700,9 @@ def _robot_lines(urdf: str, robot: Robot, joints: Sequence[str] | None) -> list[
         lines.append(f"gravity = {gravity}  # [m/s^2] in the base frame")
     if robot.floating_base is not None:
         lines += _base_lines(robot.floating_base)
+    if robot.locked:
+        own = ", ".join(f"{toml_key(joint)} = {at!r}" for joint, at in robot.locked.items())
+        lines.append(f"locked = {{ {own} }}")
     if joints is not None:
         lines.append(f"joints = [{', '.join(map(_quoted, joints))}]")
     return lines
@@ -704,7 +730,8 @@ def _payload_lines(payloads: Sequence[Payload]) -> Iterator[str]:
         (xx, xy, xz), (_, yy, yz), (_, _, zz) = one.inertia
         yield f"inertia_kg_m2 = {[float(each) for each in (xx, yy, zz, xy, xz, yz)]}\n"
     if not payloads:
-        yield '# [[payload]]\n# link = "hand"\n# mass_kg = 2.0\n# com_m = [0.15, 0, 0]\n'
+        yield '# [[payload]]\n# link = "hand"\n# mass_kg = 2.0\n# com_m = [0.15, 0, 0]'
+        yield '# condition = "loaded"  # and in the logs with the mass; others have another\n'
 
 
 _OPTIONS = """\

@@ -121,6 +121,8 @@ class Project(Display):
         The robot file, or the name of a robot.
     drives : Path or None
     joints : tuple of str or None
+    locked : mapping {joint: position}
+        Joints that stand still elsewhere than at zero [rad or m].
     payloads : mapping {condition: tuple of Payload}
         Those of the condition "" are in all logs.
     known_bodies : tuple of str
@@ -147,6 +149,7 @@ class Project(Display):
     urdf: Path | str
     drives: Path | None = None
     joints: tuple[str, ...] | None = None
+    locked: Mapping[str, float] = field(default_factory=lambda: FrozenMapping({}))
     payloads: Mapping[str, tuple[Payload, ...]] = field(default_factory=dict)
     known_bodies: tuple[str, ...] = ()
     gravity: tuple[float, ...] = (0.0, 0.0, -9.81)
@@ -181,6 +184,7 @@ class Project(Display):
             self.urdf,
             self.drives,
             joints=self.joints,
+            locked=self.locked,
             payloads=general + (self.payloads.get(condition, ()) if condition else ()),
             known_bodies=self.known_bodies,
             gravity=self.gravity,
@@ -241,6 +245,7 @@ def load_project(path: str | Path = FILE_NAME) -> Project:
         urdf=table.robot(),
         drives=table.path("drives"),
         joints=table.texts("joints"),
+        locked=table.table("locked").named_numbers(),
         payloads=FrozenMapping(_payloads(table.tables("payload"), logs)),
         known_bodies=table.texts("known_bodies") or (),
         gravity=table.numbers("gravity", 3) or (0.0, 0.0, -9.81),
@@ -262,7 +267,7 @@ def load_project(path: str | Path = FILE_NAME) -> Project:
 
 
 _TOP = (
-    *("urdf", "drives", "joints", "gravity", "known_bodies", "independent_mimics"),
+    *("urdf", "drives", "joints", "locked", "gravity", "known_bodies", "independent_mimics"),
     *("base", "contacts", "imu_link"),
     *("payload", "log", "identify", "run", "experiment"),
 )
@@ -323,6 +328,9 @@ class _Table:
         if not isinstance(value, list) or not all(isinstance(one, str) for one in value):
             raise self.refuse(key, f'a list of texts, as {key} = ["a", "b"]')
         return tuple(value)
+
+    def named_numbers(self) -> FrozenMapping[float]:
+        return FrozenMapping({name: self.number(name) or 0.0 for name in self.content})
 
     def number(self, key: str) -> float | None:
         value = self.content.get(key)
@@ -428,7 +436,6 @@ def _inertia(table: _Table) -> tuple[tuple[float, float, float], ...]:
 
 def _options(table: _Table) -> Options:
     table.check(Options.__dataclass_fields__)
-    known = table.table("known_std")
     return Options(
         method=table.choice("method", get_args(Method)) or "two-step",
         estimator=table.choice("estimator", get_args(EstimatorName)) or "wls",
@@ -436,7 +443,7 @@ def _options(table: _Table) -> Options:
         torque_joints=table.texts("torque_joints"),
         cutoff_hz=table.number("cutoff_hz"),
         encoder_offset_std=table.number("encoder_offset_std") or 0.0,
-        known_std=FrozenMapping({name: known.number(name) or 0.0 for name in known.content}),
+        known_std=table.table("known_std").named_numbers(),
         refine=table.flag("refine", False),
         condition_specific=table.texts("condition_specific"),
     )

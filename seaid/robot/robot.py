@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -66,6 +66,8 @@ class Robot(Display):
         Bodies whose parameters are known and not identified.
     floating_base : FloatingBase or None
         The base, if nothing holds it; `model` is that of the joints on a held base.
+    locked : mapping {joint: position}
+        Joints that stand still elsewhere than at zero [rad or m].
     """
 
     table_name = "robot_table"
@@ -87,6 +89,7 @@ class Robot(Display):
     known_bodies: tuple[str, ...] = ()
     dependent_joints: tuple[DependentJoint, ...] = ()
     floating_base: FloatingBase | None = None
+    locked: Mapping[str, float] = field(default_factory=lambda: FrozenMapping({}, "joint"))
 
     def _in_short(self) -> str:
         springs = counted(len(self.elastic_joints), "spring")
@@ -251,6 +254,7 @@ def load_robot(
     drives: str | Path | Mapping[str, Any] | None = None,
     *,
     joints: Sequence[str] | None = None,
+    locked: Mapping[str, float] | None = None,
     payloads: Sequence[Payload] = (),
     known_bodies: str | Sequence[str] = (),
     gravity: Sequence[float] = (0.0, 0.0, -9.81),
@@ -274,7 +278,9 @@ def load_robot(
         A joint without a drive has an ideal stiff one: its torque is known at the joint.
     joints : list of str, optional
         The joints that move, in the order of all arrays; the others are locked at zero. Default:
-        all, in Pinocchio's order.
+        all but those of `locked`, in Pinocchio's order.
+    locked : mapping {joint: position}, optional
+        Joints that stand still elsewhere, at these positions [rad or m].
     payloads : list of Payload
         Known bodies fixed to links; they are not identified.
     known_bodies : list of str
@@ -320,6 +326,14 @@ def load_robot(
     moves, at_root = base != "fixed", None
     if moves:
         tree, at_root = without_joint_of_base(tree, base)
+    locked = dict(locked or {})
+    if both := sorted({*locked} & {*(joints or ())}):
+        raise RobotError(
+            f"'{tree.name}': joint '{both[0]}' is locked; leave it out of joints=, or of locked=",
+            "joints=",
+            "locked=",
+        )
+    tree = tree.locked_at(locked)
     moving = moving_joints(tree, joints)
     followers = dependent_joints(tree, moving)
     everything = (*moving, *(joint.name for joint in followers))
@@ -328,7 +342,11 @@ def load_robot(
     built = assemble(tree, everything, payloads, down, floats=moves)
     if moves:
         built = built.with_base_last()
-    robot = replace(_robot(tree, moving, by_joint, built, followers), urdf=urdf)
+    robot = replace(
+        _robot(tree, moving, by_joint, built, followers),
+        urdf=urdf,
+        locked=FrozenMapping(locked, "joint"),
+    )
     if moves:
         own = floating_base(tree.root, built, robot.model_order, contacts, imu_link, base, at_root)
         robot = replace(robot, floating_base=own)
@@ -349,7 +367,9 @@ def nominal_model(path: Path, robot: Robot) -> Robot:
     if path.suffix.lower() == ".toml":
         return robot.with_drives(read_drives(path))
     gravity = robot.model.gravity.linear.tolist()
-    loaded = load_robot(path, robot.drives, joints=robot.joint_names, gravity=gravity)
+    loaded = load_robot(
+        path, robot.drives, joints=robot.joint_names, locked=robot.locked, gravity=gravity
+    )
     loaded = replace(loaded, payload_parameters=robot.payload_parameters)
     drives = dict(robot.drives)
     if path.suffix.lower() in (".xml", ".mjcf"):

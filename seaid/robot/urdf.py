@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from seaid._arrays import Array
+from seaid._arrays import Array, finite
 from seaid._files import real_path
 from seaid.errors import RobotError, SeaidWarning, listed, shortened, unknown_name
 from seaid.robot.inertia import (
@@ -37,6 +37,7 @@ from seaid.robot.inertia import (
 )
 
 _TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar", "spherical")
+_SINGLE = ("revolute", "continuous", "prismatic")
 _LARGEST_RAD = 1e4
 _LONGEST_NAME = 1000
 
@@ -371,6 +372,46 @@ class UrdfTree:
     def children(self, link: str) -> list[UrdfJoint]:
         """Return the joints below a link, sorted by name (the order of Pinocchio's own reader)."""
         return self._below.get(link, [])
+
+    def locked_at(self, positions: Mapping[str, float]) -> UrdfTree:
+        """Return the tree with joints fixed at positions [rad or m], and those that mimic them.
+
+        Raises RobotError for an unknown joint, one that cannot move, and for what is no position.
+        """
+        joints = dict(self.joints)
+        for name in positions:
+            if name not in joints:
+                raise RobotError(
+                    f"locked=: '{self.name}': " + unknown_name("joint", name, joints), "locked="
+                )
+            if joints[name].type not in _SINGLE or joints[name].mimic is not None:
+                own = joints[name].mimic
+                kind = joints[name].type if own is None else f"moved by '{own.leader}'"
+                raise RobotError(
+                    f"locked=: '{self.name}': joint '{name}' is {kind}; name revolute, continuous "
+                    "or prismatic joints",
+                    "locked=",
+                )
+        for name, position in self.still(positions).items():
+            joint = joints[name]
+            at = finite(f"locked=: position of '{name}'", position, (), RobotError)
+            moved = pin.SE3.Identity()
+            if joint.type == "prismatic":
+                moved.translation = float(at) * joint.axis
+            else:
+                moved.rotation = pin.exp3(float(at) * joint.axis)
+            placement = joint.placement * moved
+            joints[name] = replace(joint, type="fixed", placement=placement, mimic=None)
+        return replace(self, joints=joints) if positions else self
+
+    def still(self, positions: Mapping[str, float]) -> dict[str, float]:
+        """Return the positions of locked joints, and of those that mimic them."""
+        mimics = {name: one.mimic for name, one in self.joints.items() if one.mimic is not None}
+        return dict(positions) | {
+            name: one.multiplier * positions[one.leader] + one.offset
+            for name, one in mimics.items()
+            if one.leader in positions
+        }
 
     @cached_property
     def _below(self) -> dict[str, list[UrdfJoint]]:

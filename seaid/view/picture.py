@@ -156,7 +156,7 @@ def picture_of(
 def _tree_of(robot: Robot) -> UrdfTree:
     if robot.urdf is None:
         raise RobotError(f"'{robot.name}' has no URDF to show: load it with load_robot")
-    tree = reread_urdf(robot.urdf)
+    tree = reread_urdf(robot.urdf).locked_at(robot.locked)
     gone = [joint for joint in robot.all_joint_names if joint not in tree.joints]
     if gone:
         raise RobotError(
