@@ -18,7 +18,7 @@ from scipy import linalg
 from seaid._arrays import Array, FrozenMapping
 from seaid._progress import MOST_NAMES, Result, counted
 from seaid.drives import PARAMETERS, JointParameter
-from seaid.errors import IdentificationError, checked, listed, shown, unknown_name
+from seaid.errors import Finding, IdentificationError, checked, listed, shown, unknown_name
 from seaid.estimation import (
     Estimate,
     Estimator,
@@ -31,6 +31,7 @@ from seaid.estimation import (
     settled_weights,
     term_test,
 )
+from seaid.identification.checking import log_findings, with_setup_findings
 from seaid.identification.command_delays import (
     MOST_DELAY_ROUNDS,
     with_estimated_delays,
@@ -45,6 +46,7 @@ from seaid.identification.datasets import (
     sources_of,
 )
 from seaid.identification.drive_estimates import merged_estimates, spring_of, with_warnings
+from seaid.identification.experiment import experiment_of
 from seaid.identification.gear import deflection_joints, with_rigid_gears
 from seaid.identification.identification import (
     Identification,
@@ -71,6 +73,7 @@ from seaid.identification.two_step import (
     with_unit_constant,
     with_unit_scales,
 )
+from seaid.log import Log
 from seaid.regressor import LoadModel, Regression, load_model_of, stacked
 from seaid.robot import Robot
 
@@ -371,6 +374,15 @@ def _is_specific(models: Mapping[str, LoadModel], specific: Sequence[str]) -> li
     ]
 
 
+def _setup_findings(
+    robot: Robot, logs: Source | Sequence[Source], datasets: Sequence[Dataset]
+) -> tuple[Finding, ...]:
+    """Return the mistakes of the set-up of one condition, as `identify` finds them."""
+    in_memory = [one for one in sources_of(logs) if isinstance(one, Log)]
+    given = experiment_of(robot, [[first_motion(one)] for one in datasets])
+    return tuple(with_setup_findings(given, log_findings(robot, in_memory)))
+
+
 def _fitted(
     rows: Mapping[str, Regression],
     specific: Sequence[bool],
@@ -508,6 +520,10 @@ def _identify_conditions(
     used = _used(robots, datasets) if torque_joints is None else first.selected(torque_joints)
     springs = deflection_joints(first, [one for found in datasets.values() for one in found])
     declared = robots
+    setup = {
+        name: _setup_findings(robot, conditions[name][1], datasets[name])
+        for name, robot in robots.items()
+    }
     robots = {name: with_rigid_gears(robot, springs) for name, robot in robots.items()}
     given = robots
     robots, datasets = _linearised(robots, datasets, used)
@@ -534,9 +550,8 @@ def _identify_conditions(
         part = sides.of(name)
         drives = with_fixed_warnings(part.drives, given[name], robot)
         part = replace(part, drives=drives)
-        found[name] = identification_of(
-            robot, models[name], part, datasets[name], declared=declared[name]
-        )
+        one = identification_of(robot, models[name], part, datasets[name], declared=declared[name])
+        found[name] = replace(one, findings=setup[name])
     return Conditions(
         FrozenMapping(found), tuple(condition_specific), FrozenMapping(sides.differences())
     )

@@ -153,7 +153,8 @@ def with_warnings(estimate: Estimate, joint: str, qr_factor: QRFactor | None) ->
             else:
                 message = f"{text} is negative, {value:.3g}: check signs and offsets of the log"
                 sure = value < -_SURE * error
-                severity = "doubtful" if sure else "note"
+                is_of_input = name in (*_CONSTANTS, "stiffness")
+                severity = ("wrong" if is_of_input else "doubtful") if sure else "note"
                 remedy = _if_negative(name, estimate.names, sure)
                 warnings.append(
                     Finding("negative-parameter", message, joint, severity, evidence, remedy)
@@ -163,6 +164,11 @@ def with_warnings(estimate: Estimate, joint: str, qr_factor: QRFactor | None) ->
 
 def _if_negative(name: str, others: Collection[str], sure: bool) -> str:
     """Return what to do about a parameter below zero, `sure` if its interval excludes zero."""
+    if name in (*_CONSTANTS, "stiffness"):
+        return (
+            "the motor's torque, current or voltage, the deflection, or all channels of this joint "
+            "have the opposite sign: sign = -1 in the description of the log"
+        )
     if not sure:
         what = "state it as zero (known)" if name == "motor_inertia" else "remove its term"
         return f"zero is within three standard errors: {what} in the drives file, or move faster"

@@ -170,3 +170,39 @@ def test_wrong_conditions_are_refused_in_words() -> None:
         IdentificationError, match="do not have the same base parameters and drives"
     ):
         identify_conditions({"a": (robot, log), "b": (smooth, log)})
+
+
+def test_a_wrong_set_up_is_named_in_its_condition() -> None:
+    bare, loaded = leg().without_nominal(), leg(TEST_MASS).without_nominal()
+    good = measure(leg(), leg_motion(), LEG_SENSORS, seed=1)
+    bad = measure(leg(TEST_MASS), leg_motion(TEST_MASS), LEG_SENSORS, seed=2)
+    knee = bad.joint_names.index("knee_pitch")
+    torque = bad.motor_torque.copy()
+    torque[:, knee] *= -1.0
+    both = identify_conditions(
+        {"bare": (bare, good), "loaded": (loaded, replace(bad, motor_torque=torque))}
+    )
+    named = {
+        name: [(one.code, one.joint) for one in found.findings if one.severity == "wrong"]
+        for name, found in both.identifications.items()
+    }
+    assert named == {"bare": [], "loaded": [("sign", "knee_pitch")]}
+
+
+def test_a_negative_stiffness_names_the_sign_of_its_channels() -> None:
+    robot = leg().without_nominal()
+    logs = [measure(leg(), leg_motion(), LEG_SENSORS, seed=seed) for seed in (1, 2)]
+    knee = logs[0].joint_names.index("knee_pitch")
+    flipped = []
+    for log in logs:
+        torque = log.motor_torque.copy()
+        torque[:, knee] *= -1.0
+        flipped.append(replace(log, motor_torque=torque))
+    both = identify_conditions({"one": (robot, flipped[0]), "other": (robot, flipped[1])})
+    (said,) = [
+        one
+        for one in both.identifications["one"].drives["knee_pitch"].warnings
+        if one.message.startswith("stiffness of knee_pitch is negative")
+    ]
+    assert said.severity == "wrong"
+    assert "have the opposite sign: sign = -1 in the description of the log" in said.remedy
