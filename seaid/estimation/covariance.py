@@ -118,17 +118,13 @@ def left_by_fit(x: Array, Q: Array, time: Array, run: Array) -> Array:
     lags = automatic_lags(sum(int(np.max(slot)) + 1 for _, slot in logs))
     for rows, slot in logs:
         own, fitted = (_by_slot(values[rows], slot) for values in (x, Q))
-        step = max(_NUMBERS // max(len(own) * x.shape[1], 1), 1)
-        for start in range(0, Q.shape[1], step):
-            summed = own.swapaxes(1, 2) @ fitted[:, :, start : start + step]
-            squares = np.sum(_windows(summed.reshape(len(own), -1), lags) ** 2, axis=0)
-            lost += np.sum(squares.reshape(x.shape[1], -1), axis=1) / (lags + 1)
+        lost += _window_squares(own, fitted, lags) / (lags + 1)
     whole = np.sum(x**2, axis=0)
     return np.asarray(np.maximum(1 - lost / np.where(whole > 0, whole, 1.0), _LEAST_LEFT))
 
 
-_NUMBERS = 2_000_000
-"""Sums of products that `left_by_fit` has in memory at a time: 16 MB."""
+_NUMBERS = 100_000
+"""Sums of products that `left_by_fit` has in memory at a time: they stay in the cache."""
 
 
 def _by_slot(values: Array, slot: IndexArray) -> Array:
@@ -140,10 +136,24 @@ def _by_slot(values: Array, slot: IndexArray) -> Array:
     return found
 
 
-def _windows(chunk: Array, lags: int) -> Array:
-    """Return the sums of a series (T, p) over every window of lags + 1 instants that meets it."""
-    sums = np.cumsum(np.pad(chunk, ((lags + 1, lags), (0, 0))), axis=0)
-    return np.asarray(sums[lags + 1 :] - sums[: -lags - 1])
+def _window_squares(x: Array, Q: Array, lags: int) -> Array:
+    """Return the squares (p,) of the products of x (T, r, p) with Q (T, r, m), summed over r, m,
+    each window of lags + 1 instants, and all windows.
+    """
+    count, found = len(x) + lags, np.zeros(x.shape[2])
+    step = max(_NUMBERS // max(x.shape[2] * Q.shape[2], 1), 1)
+    x, Q = (np.pad(one, ((lags + 1, lags), (0, 0), (0, 0))) for one in (x, Q))
+    window = np.zeros((x.shape[2], Q.shape[2]))
+    for start in range(0, count, step):
+        end = min(start + step, count)
+        leaves, enters = (
+            x[one].swapaxes(1, 2) @ Q[one]
+            for one in (slice(start, end), slice(start + lags + 1, end + lags + 1))
+        )
+        windows = window + np.cumsum(enters - leaves, axis=0)
+        found += np.einsum("tpm,tpm->p", windows, windows)
+        window = windows[-1]
+    return found
 
 
 def by_instant(H: Array, factor: Array, time: Array, run: Array) -> list[Array]:

@@ -26,6 +26,7 @@ from seaid.estimation import (
     qr_factor_of,
     scaled_svd,
     time_blocks,
+    triangle,
 )
 from seaid.regressor import INPUT_FIELDS, motor_regressor
 from seaid.robot import BASE_ROWS
@@ -497,9 +498,10 @@ def _deleted_residual(fit: FittedRows, rows: Regression, apart: BoolArray) -> Ar
     the noise, c for autocorrelated rows.
     """
     weight = np.asarray(fit.weights)[np.searchsorted(fit.qr_factor.equations, rows.joint)]
-    H = weight[:, None] * rows.H
-    svd = scaled_svd(H[~apart])
-    residual = rows.y - rows.H @ svd.solve((weight * rows.y)[~apart], RANK_TOLERANCE)
+    H, p = weight[:, None] * rows.H, rows.H.shape[1]
+    R = triangle(np.column_stack([H, weight * rows.y])[~apart])
+    svd = scaled_svd(R[:, :p])
+    residual = rows.y - rows.H @ svd.solve(R[:, p], RANK_TOLERANCE)
     sizes = np.maximum(svd.sizes, RANK_TOLERANCE * svd.sizes[0])
     reach = (H[apart] / svd.norms) @ svd.vectors.T / sizes
     residual[apart] /= np.sqrt(1 + _CORRELATED * np.sum(reach**2, axis=1))

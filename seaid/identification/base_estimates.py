@@ -14,7 +14,7 @@ about the vertical displacement to J_c^T f. With the f of the fit that is one mo
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -26,7 +26,7 @@ from scipy.special import fdtri, stdtrit
 from seaid._arrays import Array, safely
 from seaid._files import toml_table
 from seaid.errors import ExcitationError, Finding
-from seaid.estimation import Estimate, FittedRows, estimate_of_rows, qr_factor_of
+from seaid.estimation import Estimate, FittedRows, estimate_of_rows, qr_factor_of, solve
 from seaid.identification.datasets import Dataset, rows_in_memory
 from seaid.log import Motion
 from seaid.regressor import LoadModel, accelerometer_rows, radius_rows
@@ -171,13 +171,13 @@ def accelerometer_bias(
     rows = rows_in_memory(datasets, {"": partial(accelerometer_rows, robot, model=model)})[""]
     norms = np.linalg.norm(rows.H, axis=0)
     axes = np.flatnonzero(norms > _NOTHING * np.max(norms))
-    found = _with_columns(fit, rows.H[:, axes])
-    if found is None:  # the base does not tilt
+    k = len(axes)
+    found = _with_columns(fit, rows.H[:, axes], lambda x: _BIASED_M_S2 < x < _NO_BIAS_M_S2)
+    if found is None:  # the base does not tilt, or there is no bias
         return None
-    k, freedom = len(axes), _freedom(found)
+    freedom = _freedom(found)
     value, covariance = found.values[-k:], found.covariance[-k:, -k:]
-    size = float(np.max(np.abs(value)))
-    if not _BIASED_M_S2 < size < _NO_BIAS_M_S2 or freedom < k:
+    if freedom < k:
         return None
     # T^2 = b^T C^-1 b (n - k + 1) / (k n) has the distribution F(k, n - k + 1) (Hotelling)
     score = float(value @ safely(np.linalg.solve, covariance, value, what="the bias of the IMU"))
@@ -189,8 +189,13 @@ def accelerometer_bias(
     return AccelerometerBias(whole, normal * covariance, rows.H[:, axes])
 
 
-def _with_columns(fit: FittedRows, columns: Array) -> Estimate | None:
-    """Return a fit with further columns (R, k) of y, the last k parameters, None if it has none."""
+def _with_columns(
+    fit: FittedRows, columns: Array, is_of_size: Callable[[float], bool]
+) -> Estimate | None:
+    """Return a fit with further columns (R, k) of y, the last k parameters.
+
+    None if it has none, or if the largest of them is not of a size that counts.
+    """
     assert fit.rows is not None
     k = columns.shape[1]
     both = replace(
@@ -200,7 +205,10 @@ def _with_columns(fit: FittedRows, columns: Array) -> Estimate | None:
         H=np.hstack([fit.rows.H, -columns]),
     )
     try:
-        return estimate_of_rows(both, qr_factor_of(both), fit.weights, fit.propagated)
+        factor = qr_factor_of(both)
+        if not is_of_size(float(np.max(np.abs(solve(factor, fit.weights).values[-k:])))):
+            return None
+        return estimate_of_rows(both, factor, fit.weights, fit.propagated)
     except ExcitationError:
         return None
 
@@ -318,7 +326,8 @@ def radius_findings(
         bodies=bodies_of_fit(found)[0],
     )
     columns = rows_in_memory(datasets, {"": regress})[""].H
-    own = _with_columns(fit, columns if bias is None else np.hstack([bias.columns, columns]))
+    columns = columns if bias is None else np.hstack([bias.columns, columns])
+    own = _with_columns(fit, columns, lambda x: x > _LEAST_RADIUS_M)
     if own is None:
         return
     radius, value = radii.pop(), float(own.values[-1])

@@ -472,19 +472,18 @@ def in_band_at(motion: Motion, columns: Array, samples: IndexArray | Array) -> A
 
     Zero columns, half of those of a chain, are skipped.
     """
-    flat = columns.reshape(len(columns), -1)
-    used = np.flatnonzero(np.any(flat != 0, axis=0))
-    found = np.zeros((len(samples), flat.shape[1]))
+    used = np.argwhere(np.any(columns != 0, axis=0))
+    found = np.zeros((len(samples), *columns.shape[1:]))
     before = np.minimum(samples.astype(np.intp), len(columns) - 2)
     for start in range(0, len(used), _AT_ONCE):
-        part = used[start : start + _AT_ONCE]
-        filtered = low_pass(flat[:, part], motion.rate_hz, motion.cutoff_hz)
+        part = (slice(None), *used[start : start + _AT_ONCE].T)
+        filtered = low_pass(columns[part], motion.rate_hz, motion.cutoff_hz)
         if samples.dtype.kind == "f":
             step = filtered[before + 1] - filtered[before]
-            found[:, part] = filtered[before] + (samples - before)[:, None] * step
+            found[part] = filtered[before] + (samples - before)[:, None] * step
         else:
-            found[:, part] = filtered[samples]
-    return found.reshape(len(samples), *columns.shape[1:])
+            found[part] = filtered[samples]
+    return found
 
 
 def row_samples(motion: Motion) -> IndexArray:
