@@ -472,6 +472,8 @@ def in_band_at(motion: Motion, columns: Array, samples: IndexArray | Array) -> A
 
     Zero columns, half of those of a chain, are skipped.
     """
+    shape = columns.shape[1:]
+    columns = columns if shape else columns[:, None]
     used = np.argwhere(np.any(columns != 0, axis=0))
     found = np.zeros((len(samples), *columns.shape[1:]))
     before = np.minimum(samples.astype(np.intp), len(columns) - 2)
@@ -483,7 +485,7 @@ def in_band_at(motion: Motion, columns: Array, samples: IndexArray | Array) -> A
             found[part] = filtered[before] + (samples - before)[:, None] * step
         else:
             found[part] = filtered[samples]
-    return found
+    return found.reshape(len(samples), *shape)
 
 
 def row_samples(motion: Motion) -> IndexArray:

@@ -374,7 +374,7 @@ def standing_motion(
     top, as one that rolls does up to the third order of the angle.
     """
     whole, frames, widths = with_contact_frames(robot, contacts)
-    data, up = whole.createData(), upward(robot)
+    up = upward(robot)
     level = np.eye(3) - np.outer(up, up)
     given = np.zeros_like(z) if rates is None else rates
     R, E, E_dot = roll_pitch_yaw(z, given)
@@ -385,42 +385,76 @@ def standing_motion(
     a = np.zeros_like(v)
     a[:, :3] = -np.cross(spin, twist)
     a[:, 3:6] = np.einsum("tij,tj->ti", E_dot, given[:, 3:6])
-    errors, bias = np.empty((2, len(z), sum(widths)))
-    J = np.empty((len(z), sum(widths), whole.nv))
-    for t in range(len(z)):
-        if rates is None:
-            pin.computeJointJacobians(whole, data, q[t])
-        else:
-            pin.forwardKinematics(whole, data, q[t], v[t], a[t])
-            pin.computeJointJacobians(whole, data)
-        pin.updateFramePlacements(whole, data)
-        start = 0
-        for contact, frame, width, anchor in zip(contacts, frames, widths, anchors, strict=True):
-            here = slice(start, start + width)
-            place, own = data.oMf[frame], np.zeros(6)
-            mine = pin.getFrameJacobian(whole, data, frame, pin.LOCAL_WORLD_ALIGNED)
-            if rates is not None:
-                own = pin.getFrameClassicalAcceleration(
-                    whole, data, frame, pin.LOCAL_WORLD_ALIGNED
-                ).vector
-            away = place.translation - anchor.translation
-            if contact.radius_m:
-                top = place.rotation @ (anchor.rotation.T @ up)
-                rolled = contact.radius_m * level
-                away = away - rolled @ top
-                mine[:3] += rolled @ pin.skew(top) @ mine[3:]
-                if rates is not None:
-                    w = mine[3:] @ v[t]
-                    turn = pin.skew(w)
-                    own[:3] -= rolled @ (pin.skew(own[3:]) @ top + turn @ turn @ top)
-            turned = pin.log3(place.rotation @ anchor.rotation.T) if width == 6 else ()
-            errors[t, here] = [*away, *turned]
-            J[t, here], bias[t, here] = mine[:width], own[:width]
-            start += width
+    motions = _frame_motions(whole, frames, q, v, None if rates is None else a)
+    errors, bias, jacobians = [], [], []
+    for k, (contact, width, anchor) in enumerate(zip(contacts, widths, anchors, strict=True)):
+        place, turn, mine, own = (one[k] for one in motions)
+        away = place - anchor.translation
+        if contact.radius_m:
+            top = turn @ (anchor.rotation.T @ up)
+            rolled = contact.radius_m * level
+            away = away - top @ rolled
+            mine[:, :3] += rolled @ _skew(top) @ mine[:, 3:]
+            w = np.einsum("tij,tj->ti", mine[:, 3:], v)
+            bent = np.cross(own[:, 3:], top) + np.cross(w, np.cross(w, top))
+            own[:, :3] -= bent @ rolled
+        if width == 6:
+            turned = [pin.log3(one @ anchor.rotation.T) for one in turn]
+            away = np.hstack([away, np.reshape(turned, (-1, 3))])
+        errors.append(away)
+        jacobians.append(mine[:, :width])
+        bias.append(own[:, :width])
+    J = np.concatenate(jacobians, axis=1)
     K = np.concatenate([J[:, :, :6], robot.from_model(J[:, :, 6:])], axis=2)
     K[:, :, :3] = J[:, :, :3] @ R.swapaxes(1, 2)
     K[:, :, 3:6] = J[:, :, 3:6] @ E
-    return errors, K, bias
+    return np.hstack(errors), K, np.hstack(bias)
+
+
+def _frame_motions(
+    model: pin.Model, frames: Sequence[int], q: Array, v: Array, a: Array | None
+) -> tuple[Array, Array, Array, Array]:
+    """Return places (k, T, 3), rotations, Jacobians and accelerations (k, T, 6) of frames.
+
+    The axes are those of the world. Without `a` the accelerations are zero.
+    """
+    data, axes = model.createData(), [model.frames[frame] for frame in frames]
+    joints = [one.parentJoint for one in axes]
+    whole, change = np.empty((2, len(q), 6, model.nv))
+    places, rotations = np.empty((len(frames), len(q), 3)), np.empty((len(frames), len(q), 3, 3))
+    for t in range(len(q)):
+        if a is None:
+            whole[t] = pin.computeJointJacobians(model, data, q[t])
+        else:
+            change[t] = pin.computeJointJacobiansTimeVariation(model, data, q[t], v[t])
+            whole[t] = data.J
+        for k, joint in enumerate(joints):
+            placement = data.oMi[joint]
+            places[k, t], rotations[k, t] = placement.translation, placement.rotation
+    jacobians, accelerations = np.empty((len(frames), *whole.shape)), []
+    for k, own in enumerate(axes):
+        places[k] += rotations[k] @ own.placement.translation
+        rotations[k] = rotations[k] @ own.placement.rotation
+        moving = np.zeros(model.nv)
+        for joint in list(model.supports[own.parentJoint])[1:]:
+            start = model.joints[joint].idx_v
+            moving[start : start + model.joints[joint].nv] = 1.0
+        # of the point of a body that is in the origin: v = v_0 + w x p
+        J = jacobians[k] = whole * moving
+        jacobians[k, :, :3] -= _skew(places[k]) @ J[:, 3:]
+        if a is None:
+            accelerations.append(np.zeros((len(q), 6)))
+            continue
+        A = np.einsum("tij,tj->ti", J, a) + np.einsum("tij,tj->ti", change * moving, v)
+        speed = np.einsum("tij,tj->ti", jacobians[k], v)
+        A[:, :3] += np.cross(A[:, 3:], places[k]) + np.cross(speed[:, 3:], speed[:, :3])
+        accelerations.append(A)
+    return places, rotations, jacobians, np.array(accelerations)
+
+
+def _skew(vectors: Array) -> Array:
+    """Return the matrices (T, 3, 3) of the cross products with vectors (T, 3)."""
+    return np.cross(vectors[:, None], np.eye(3)).swapaxes(1, 2)
 
 
 def roll_pitch_yaw(z: Array, rates: Array) -> tuple[Array, Array, Array]:
