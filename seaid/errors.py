@@ -149,6 +149,8 @@ CODES = {
     "base-frames": "orientation, angular velocity and gravity of a base that contradict each other",
     "base-sensor": "an axis of an IMU that is missing",
     "base-bias": "a bias of an accelerometer",
+    "sensor-zero": "a zero of a force sensor that is off",
+    "no-torque": "joints of a floating base without a torque in the log",
     "total-mass": "a total mass that is negative, or far from that of the robot file",
     "base-jumps": "jumps of the pose of a base",
     "contact": "bursts of torque that the model cannot explain: contact, or hands",

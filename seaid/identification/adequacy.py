@@ -282,11 +282,15 @@ def _motor_error(joint: str, found: RobotEstimate, own: Mapping[int, float], n: 
 
 
 def _load_sizes(rows: Regression, given: Experiment, bodies: Array) -> dict[int, float]:
-    """Return {equation: rms of the torque of all bodies without its mean}, with known bodies only.
+    """Return {equation: rms of a torque without its mean} that is not in the y of the rows, (8).
 
-    The torque of known bodies is not in the y of the rows, (8).
+    That is the torque of all bodies if some are known, and with measured wrenches that of the
+    joint, of which they leave little.
     """
     robot = given.robot
+    if given.has_wrenches:
+        logged = np.flatnonzero(np.all(np.isfinite(given.target), axis=0))
+        return {int(j): float(np.std(given.target[:, j])) for j in logged}
     is_free = robot.floating_base is not None
     if is_free or not robot.known_bodies or not np.all(np.isfinite(bodies)):
         return {}

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from seaid._arrays import Array, is_constant
-from seaid.errors import Finding
+from seaid.errors import Finding, listed
 from seaid.identification.contact_checks import contact_findings, unused_lifts
 from seaid.log import (
     CHANNELS,
@@ -80,6 +80,26 @@ def _sensors(base: BaseLog, log: Log, own: FloatingBase) -> Iterator[Finding]:
         )
 
 
+def missing_torques(robot: Robot, asked: Sequence[str], used: Sequence[str]) -> Iterator[Finding]:
+    """Yield the joints of a floating base that are `asked` for and have no torque in the log."""
+    missing = [joint for joint in asked if joint not in used]
+    if robot.floating_base is not None and missing:
+        yield Finding(
+            "no-torque",
+            f"the log has no torque of {listed(missing)}: "
+            + (
+                "their equations are not used, and what moves by them is less certain"
+                if used
+                else "the equations of the base alone are used"
+            ),
+            missing[0] if len(missing) == 1 else "",
+            "note",
+            {"joints": float(len(missing))},
+            "describe the torque of these joints, or name the others with torque_joints=",
+            "certain",
+        )
+
+
 _LEAVES = 0.2
 """Rate about the axes in its plane over that about its normal, from which a base leaves its plane.
 A guide with play and an IMU that is mounted askew have a few hundredths."""
@@ -111,7 +131,10 @@ def _frames(base: BaseLog, time: Array, imu: Array) -> Iterator[Finding]:
     if base.orientation is None:
         return
     if base.angular_velocity is not None:
-        yield from _turning(base.orientation, base.angular_velocity @ imu.T, time)
+        found = list(_turning(base.orientation, base.angular_velocity @ imu.T, time))
+        yield from found
+        if found:  # gravity in the axes of a wrong orientation says nothing more
+            return
     if base.specific_force is not None:
         mean = turned_to_world(base.orientation, base.specific_force @ imu.T).mean(axis=0)
         if mean[2] < -0.5 * np.linalg.norm(mean):
@@ -133,6 +156,7 @@ def _turning(orientation: Array, w: Array, time: Array) -> Iterator[Finding]:
     readings = {
         'angular_velocity is in the frame of the world: frame = "world"': (orientation, w_there),
         'the quaternion is x, y, z, w: order = "xyzw"': (orientation[:, [3, 0, 1, 2]], w),
+        'the quaternion is w, x, y, z: order = "wxyz"': (orientation[:, [1, 2, 3, 0]], w),
         "the quaternion turns from the world to the base: change the signs of x, y, z": (
             orientation * [1, -1, -1, -1],
             w,

@@ -6,7 +6,8 @@ grouping matrix of the base parameters, and only then has a value.
 
 A bias b of the accelerometer, constant in the axes of the base, is as a constant acceleration: it
 adds M_0 b to the equations, with the first three columns M_0 of the mass matrix. Next to the bodies
-it is identified from the change of gravity in these axes.
+it is identified from the change of gravity in these axes. The zero z of a force sensor adds J_c^T z
+in the axes of its link, and is identified as the foot turns, or as it leaves the ground.
 
 A radius that is wrong by d puts the contact forces f too low by d: it adds d times the moments of f
 about the vertical displacement to J_c^T f. With the f of the fit that is one more column.
@@ -21,15 +22,22 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
-from scipy.special import fdtri, stdtrit
+from scipy.special import fdtrc, stdtrit
 
-from seaid._arrays import Array, safely
+from seaid._arrays import Array, FrozenMapping, safely
 from seaid._files import toml_table
-from seaid.errors import ExcitationError, Finding
+from seaid.errors import ExcitationError, Finding, listed
 from seaid.estimation import Estimate, FittedRows, estimate_of_rows, qr_factor_of, solve
 from seaid.identification.datasets import Dataset, rows_in_memory
-from seaid.log import Motion
-from seaid.regressor import LoadModel, accelerometer_rows, radius_rows
+from seaid.log import BaseMotion, Motion
+from seaid.regressor import (
+    LoadModel,
+    Regress,
+    accelerometer_rows,
+    late_flag_rows,
+    radius_rows,
+    wrench_rows,
+)
 from seaid.robot import Robot
 
 if TYPE_CHECKING:
@@ -130,23 +138,39 @@ def bodies_of_fit(identification: Identification) -> tuple[Array, bool]:
 
 
 @dataclass(frozen=True, eq=False)
-class AccelerometerBias:
-    """A bias (3,) [m/s^2] in the axes of the base, its covariance, and `columns` of the rows.
+class SensorBias:
+    """Constant errors (k,) of an accelerometer [m/s^2] and of force sensors [N or N m].
 
-    These are the changes of y by the bias along some axes (R, k), with covariance (k, k).
+    `places` are the k axes: (link of the sensor, axis in its frame), the link "" for those of the
+    base. `columns` are the changes of y by the errors (R, k), which have a `covariance` (k, k).
+    `hidden` are axes of force sensors whose zeros the logs do not determine.
     """
 
+    places: tuple[tuple[str, int], ...]
     value: Array
     covariance: Array
     columns: Array
+    hidden: tuple[tuple[str, int], ...]
+
+    def of(self, link: str, width: int = 3) -> Array:
+        """Return the errors (width,) of one sensor, zero where none was found."""
+        found = np.zeros(width)
+        for (own, axis), value in zip(self.places, self.value, strict=True):
+            if own == link:
+                found[axis] = value
+        return found
 
     def removed(self, datasets: Sequence[Dataset]) -> list[Motion]:
-        """Return the motions of a floating base without the bias."""
+        """Return the motions of a floating base without the errors."""
         found = []
         for motion in (one for one in datasets if isinstance(one, Motion)):
             assert motion.base is not None
-            force = motion.base.specific_force - self.value
-            found.append(replace(motion, base=replace(motion.base, specific_force=force)))
+            force = motion.base.specific_force - self.of("")
+            wrenches = {x: y - self.of(x, y.shape[1]) for x, y in motion.base.wrenches.items()}
+            base = replace(
+                motion.base, specific_force=force, wrenches=FrozenMapping(wrenches, "link")
+            )
+            found.append(replace(motion, base=base))
         return found
 
 
@@ -154,47 +178,141 @@ _BIASED_M_S2, _NO_BIAS_M_S2 = 0.02, 1.0
 """Bias from which it is removed: 2 mrad of tilt; and from which it is an error of the model. Those
 of MEMS sensors are up to 0.5 m/s^2."""
 
+_LEAST_ZERO, _HIDDEN_ZERO, _NO_ZERO = 0.002, 0.02, 0.2
+"""Zero of a force sensor over 99 % of its forces or moments from which it is removed, standard
+error from which it is not determined, and zero from which it is an error of the model."""
+
 _LEVEL = 0.999
-"""Level of the tests for a bias and for another radius."""
+"""Level of the tests for errors of sensors and for another radius."""
 
 
-def accelerometer_bias(
+def sensor_bias(
     robot: Robot, datasets: Sequence[Dataset], model: LoadModel, fit: FittedRows
-) -> AccelerometerBias | None:
-    """Return the bias of the accelerometer if the rows of a `fit` support it; see the module.
+) -> SensorBias | None:
+    """Return the errors of accelerometer and force sensors that the rows of a `fit` support.
 
-    `robot` has the estimated bodies.
+    `robot` has the estimated bodies. See the module.
     """
     bases = [one.base for one in datasets if isinstance(one, Motion) and one.base is not None]
-    if fit.rows is None or len(bases) < len(datasets) or any(one.imu is None for one in bases):
+    if fit.rows is None or len(bases) < len(datasets):
         return None
-    rows = rows_in_memory(datasets, {"": partial(accelerometer_rows, robot, model=model)})[""]
-    norms = np.linalg.norm(rows.H, axis=0)
-    axes = np.flatnonzero(norms > _NOTHING * np.max(norms))
-    k = len(axes)
-    found = _with_columns(fit, rows.H[:, axes], lambda x: _BIASED_M_S2 < x < _NO_BIAS_M_S2)
-    if found is None:  # the base does not tilt, or there is no bias
+    limits = _limits(bases)
+    equations: dict[str, Regress] = {}
+    if ("", 0) in limits:
+        equations["imu"] = partial(accelerometer_rows, robot, model=model)
+    if len(limits) > 3 * len(equations):
+        equations["force sensors"] = partial(wrench_rows, robot, model=model)
+    if not equations:
         return None
-    freedom = _freedom(found)
+    whole = rows_in_memory(datasets, equations).values()
+    columns = np.hstack([one.H for one in whole])
+    norms = [np.linalg.norm(one.H, axis=0) for one in whole]
+    acts = np.concatenate([one > _NOTHING * np.max(one) for one in norms])
+    places = [place for place, own in zip(limits, acts, strict=True) if own]
+    columns = columns[:, acts]
+    least, most = np.array([limits[place] for place in places]).T
+
+    def counts(values: Array) -> bool:
+        return bool(np.any(np.abs(values) > least))
+
+    found = _with_columns(fit, columns, counts)
+    if found is None:  # the base does not tilt, or no error counts
+        return None
+    k, freedom = len(places), _freedom(found)
     value, covariance = found.values[-k:], found.covariance[-k:, -k:]
-    if freedom < k:
+    kept = _significant(value, covariance, places, freedom, (least, most))
+    far = np.sqrt(np.diag(covariance)) > _HIDDEN_ZERO / _NO_ZERO * most
+    hidden = [place for place, own in zip(places, far, strict=True) if own and place[0]]
+    if len(kept) < k:
+        found = _with_columns(fit, columns[:, kept], lambda _: len(kept) > 0)
+    if found is None:
         return None
+    k = len(kept)
+    normal = (stdtrit(_freedom(found), 0.975) / stdtrit(_MOST_FREEDOM, 0.975)) ** 2
+    return SensorBias(
+        places=tuple(places[place] for place in kept),
+        value=found.values[-k:],
+        covariance=normal * found.covariance[-k:, -k:],
+        columns=columns[:, kept],
+        hidden=tuple(hidden),
+    )
+
+
+def _limits(bases: Sequence[BaseMotion]) -> dict[tuple[str, int], tuple[float, float]]:
+    """Return the size from which the error of each axis counts, and from which it is no error."""
+    found: dict[tuple[str, int], tuple[float, float]] = {}
+    if all(one.imu is not None for one in bases):
+        found = {("", axis): (_BIASED_M_S2, _NO_BIAS_M_S2) for axis in range(3)}
+    shapes = [{x: y.shape[1] for x, y in one.wrenches.items()} for one in bases]
+    if any(one != shapes[0] for one in shapes):
+        return found
+    for link, width in shapes[0].items():
+        values = np.concatenate([one.wrenches[link] for one in bases])
+        for axis in range(width):
+            part = values[:, axis // 3 * 3 : axis // 3 * 3 + 3]
+            size = float(np.quantile(np.linalg.norm(part, axis=1), 0.99))
+            found[link, axis] = (_LEAST_ZERO * size, _NO_ZERO * size)
+    return found
+
+
+def _significant(
+    value: Array,
+    covariance: Array,
+    places: Sequence[tuple[str, int]],
+    freedom: float,
+    limits: tuple[Array, Array],
+) -> list[int]:
+    """Return the axes with errors: those of the accelerometer, of all force sensors, both, or none.
+
+    What is left without the other kind has the values and the covariance of a fit without it,
+    b - C_bd C_dd^-1 d. Zeros count all or none: to leave out those that are not significant one by
+    one would bias the mass by up to some standard errors.
+    """
+    kinds = [[k for k, (link, _) in enumerate(places) if bool(link) == own] for own in (0, 1)]
+    kinds = [kind for kind in kinds if kind]
+    while kinds:
+        kept = [place for kind in kinds for place in kind]
+        left = [place for place in range(len(places)) if place not in kept]
+        share = safely(
+            np.linalg.solve,
+            covariance[np.ix_(left, left)],
+            covariance[np.ix_(left, kept)],
+            what="the errors of the sensors",
+        )
+        b, C = np.zeros(len(places)), np.zeros_like(covariance)
+        b[kept] = value[kept] - value[left] @ share
+        C[np.ix_(kept, kept)] = covariance[np.ix_(kept, kept)]
+        C[np.ix_(kept, kept)] -= covariance[np.ix_(kept, left)] @ share
+        chances = [
+            _chance(b[kind], C[np.ix_(kind, kind)], freedom, (limits[0][kind], limits[1][kind]))
+            for kind in kinds
+        ]
+        if max(chances) < 1 - _LEVEL:
+            return kept
+        kinds.pop(int(np.argmax(chances)))
+    return []
+
+
+def _chance(b: Array, C: Array, freedom: float, limits: tuple[Array, Array]) -> float:
+    """Return the probability of so large values without errors, 1 if their size does not count."""
+    k, size, spread = len(b), np.abs(b), _FAR * np.sqrt(np.diag(C))
+    if not (np.any(size > limits[0]) and np.all(size - spread < limits[1]) and freedom >= k):
+        return 1.0
     # T^2 = b^T C^-1 b (n - k + 1) / (k n) has the distribution F(k, n - k + 1) (Hotelling)
-    score = float(value @ safely(np.linalg.solve, covariance, value, what="the bias of the IMU"))
-    if score * (freedom - k + 1) / (k * freedom) < fdtri(k, freedom - k + 1, _LEVEL):
-        return None
-    whole = np.zeros(3)
-    whole[axes] = value
-    normal = (stdtrit(freedom, 0.975) / stdtrit(_MOST_FREEDOM, 0.975)) ** 2
-    return AccelerometerBias(whole, normal * covariance, rows.H[:, axes])
+    score = float(b @ safely(np.linalg.solve, C, b, what="the errors of the sensors"))
+    return float(fdtrc(k, freedom - k + 1, score * (freedom - k + 1) / (k * freedom)))
+
+
+_FAR = 3.0
+"""Standard errors by which an error of a sensor is beyond the largest that is one."""
 
 
 def _with_columns(
-    fit: FittedRows, columns: Array, is_of_size: Callable[[float], bool]
+    fit: FittedRows, columns: Array, counts: Callable[[Array], bool]
 ) -> Estimate | None:
     """Return a fit with further columns (R, k) of y, the last k parameters.
 
-    None if it has none, or if the largest of them is not of a size that counts.
+    None if it has none, or if their values do not count.
     """
     assert fit.rows is not None
     k = columns.shape[1]
@@ -206,7 +324,7 @@ def _with_columns(
     )
     try:
         factor = qr_factor_of(both)
-        if not is_of_size(float(np.max(np.abs(solve(factor, fit.weights).values[-k:])))):
+        if not counts(solve(factor, fit.weights).values[-k:]):
             return None
         return estimate_of_rows(both, factor, fit.weights, fit.propagated)
     except ExcitationError:
@@ -226,23 +344,100 @@ _NOTHING = 1e-9
 """Part of the largest column below which one is rounding."""
 
 
-def bias_finding(bias: AccelerometerBias, motions: Sequence[Motion]) -> Finding:
-    """Return the finding on a bias that was removed, in the axes of the IMU."""
-    base = motions[0].base
-    assert base is not None
-    assert base.imu is not None
-    own = bias.value @ base.imu
-    error = float(np.sqrt(np.max(np.diag(bias.covariance))))
-    return Finding(
-        "base-bias",
-        f"the accelerometer has a bias of {', '.join(f'{x:.2g}' for x in own)} m/s^2 (x, y, z, "
-        f"standard error {error:.1g}): it was identified with the bodies and subtracted",
-        severity="note",
-        evidence={f"{axis} [m/s^2]": float(x) for axis, x in zip("xyz", own, strict=True)},
-        remedy="calibrate the accelerometer in several orientations, or let the base tilt more: "
-        "the bodies are less certain by the error of the bias",
-        certainty="likely",
-    )
+def bias_findings(bias: SensorBias, motions: Sequence[Motion]) -> Iterator[Finding]:
+    """Yield findings on errors that were removed: of an IMU in its axes, and of force sensors."""
+    base, links = motions[0].base, dict.fromkeys(link for link, _ in bias.places)
+    errors = np.sqrt(np.diag(bias.covariance))
+    if "" in links:
+        assert base is not None
+        assert base.imu is not None
+        own = bias.of("") @ base.imu
+        error = float(np.max(errors[[not link for link, _ in bias.places]]))
+        yield Finding(
+            "base-bias",
+            f"the accelerometer has a bias of {', '.join(f'{x:.2g}' for x in own)} m/s^2 (x, y, z, "
+            f"standard error {error:.1g}): it was identified with the bodies and subtracted",
+            severity="note",
+            evidence={f"{axis} [m/s^2]": float(x) for axis, x in zip("xyz", own, strict=True)},
+            remedy="calibrate the accelerometer in several orientations, or let the base tilt "
+            "more: the bodies are less certain by the error of the bias",
+            certainty="likely",
+        )
+    zeros = {
+        f"{_AXES[axis]} of {link} [{'N' if axis < 3 else 'N m'}]": (float(value), float(error))
+        for (link, axis), value, error in zip(bias.places, bias.value, errors, strict=True)
+        if link
+    }
+    if zeros:
+        texts = [f"{name} {value:.3g} +- {error:.1g}" for name, (value, error) in zeros.items()]
+        hidden = [f"{_AXES[axis]} of {link}" for link, axis in bias.hidden]
+        unknown = f"; not determined: {listed(hidden)}" if hidden else ""
+        yield Finding(
+            "sensor-zero",
+            f"force sensors have zeros of {', '.join(texts)}: they were identified with the bodies "
+            f"and subtracted{unknown}",
+            next(link for link in links if link),
+            "note",
+            {name: value for name, (value, _) in zeros.items()},
+            "set the sensors to zero with the feet in the air: the bodies are less certain by the "
+            "errors of the zeros",
+        )
+
+
+_AXES = ("force x", "force y", "force z", "moment x", "moment y", "moment z")
+
+
+_LATE_S, _LATE_FORCE = 0.06, 0.01
+"""Time next to a contact in which a foot that is flagged as in the air may push at the ground, and
+that force over the weight, from which it has a finding. The time was chosen on two trots of a Go2 on
+soft feet, flagged above 20 N; with any touch as the flag, and on stiff feet, no force is found."""
+
+
+def _late_flag_findings(
+    found: Identification,
+    datasets: Sequence[Dataset],
+    fit: FittedRows,
+    bias: SensorBias | None,
+) -> Iterator[Finding]:
+    """Yield feet that the rows of a `fit` need to push at the ground before or after their flag."""
+    motions = [one for one in datasets if isinstance(one, Motion) and one.base is not None]
+    if found.known.floating_base is None or fit.rows is None or len(motions) < len(datasets):
+        return
+    bases = [one.base for one in motions if one.base is not None]
+    if any(one.up is None or all(np.all(x) for x in one.contacts.values()) for one in bases):
+        return
+    regress = partial(late_flag_rows, found.known, model=found.model, reach_s=_LATE_S)
+    columns = rows_in_memory(datasets, {"": regress})[""].H
+    columns = columns if bias is None else np.hstack([bias.columns, columns])
+    nominal = float(np.mean([np.linalg.norm(one.specific_force, axis=1).mean() for one in bases]))
+    mass = whole_body(found)[0].value
+    if not np.isfinite(mass):
+        return
+    least = _LATE_FORCE * mass * nominal
+    own = _with_columns(fit, columns, lambda x: bool(np.any(x[-2:] > least)))
+    if own is None:
+        return
+    sure = float(stdtrit(_freedom(own), 0.5 + _LEVEL / 2))
+    values, errors = own.values[-2:], own.standard_errors[-2:]
+    late = [
+        (text, float(value), float(error))
+        for text, value, error in zip(
+            ("before a landing", "after it leaves"), values, errors, strict=True
+        )
+        if value > max(least, sure * error)
+    ]
+    if late:
+        texts = [f"{value:.2g} +- {error:.1g} N {text}" for text, value, error in late]
+        yield Finding(
+            "contact-flags",
+            f"a foot pushes at the ground while it is flagged as in the air, with {listed(texts)}, "
+            f"fading within {_LATE_S:g} s: these forces go into the bodies and the total mass",
+            severity="doubtful",
+            evidence={f"{text} [N]": value for text, value, _ in late},
+            remedy="flag a foot from the first touch on: lower the threshold of its force (above = "
+            "... in the description of the log), or make each flag longer by "
+            f"{_LATE_S:g} s at both ends",
+        )
 
 
 _LEAST_RADIUS_M = 0.0005
@@ -296,11 +491,22 @@ def mass_findings(found: Identification, given: Robot) -> Iterator[Finding]:
         )
 
 
-def radius_findings(
+def feet_findings(
     found: Identification,
     datasets: Sequence[Dataset],
     fit: FittedRows,
-    bias: AccelerometerBias | None,
+    bias: SensorBias | None,
+) -> Iterator[Finding]:
+    """Yield what the rows of a `fit` contradict in the feet: their radius, and their flags."""
+    yield from _radius_findings(found, datasets, fit, bias)
+    yield from _late_flag_findings(found, datasets, fit, bias)
+
+
+def _radius_findings(
+    found: Identification,
+    datasets: Sequence[Dataset],
+    fit: FittedRows,
+    bias: SensorBias | None,
 ) -> Iterator[Finding]:
     """Yield a radius of the feet, one for all of them, that the rows of a `fit` contradict.
 
@@ -327,7 +533,7 @@ def radius_findings(
     )
     columns = rows_in_memory(datasets, {"": regress})[""].H
     columns = columns if bias is None else np.hstack([bias.columns, columns])
-    own = _with_columns(fit, columns, lambda x: x > _LEAST_RADIUS_M)
+    own = _with_columns(fit, columns, lambda x: bool(abs(x[-1]) > _LEAST_RADIUS_M))
     if own is None:
         return
     radius, value = radii.pop(), float(own.values[-1])

@@ -65,7 +65,7 @@ class Experiment:
     unknown, NaN of the others; `both` (n,): whether both encoders were logged; `ratio`, `inertia`
     (n,): gear ratios and rotor inertias; `bodies` (10n,): standard parameters with payloads;
     `descriptions`: that of each log, as plain data; `left` (n,): misfit of any bodies that counts
-    as noise, None for the own one.
+    as noise, None for the own one; `has_wrenches`: whether contact forces were measured.
     """
 
     robot: Robot
@@ -84,6 +84,7 @@ class Experiment:
     bodies: Array
     descriptions: tuple[Mapping[str, Any], ...]
     left: Array | None = None
+    has_wrenches: bool = False
 
     def source(self, j: int, quantity: str, log: int = 0) -> str | Mapping[str, Any]:
         """Return how a quantity of joint j was read: its column, or its entry in a description."""
@@ -461,7 +462,19 @@ def experiment_of(robot: Robot, logs: Sequence[Sequence[Motion]]) -> Experiment:
     signals = motor, joint, direction, torque, rate, sensed, unscaled
     first = [motions[0].processing for motions in logs]
     descriptions = tuple((one and one.description) or {} for one in first)
-    return Experiment(robot, log, rate_hz, *signals, both, ratio, inertia, bodies, descriptions)
+    has_wrenches = any(one.base and one.base.wrenches for motions in logs for one in motions)
+    return Experiment(
+        robot,
+        log,
+        rate_hz,
+        *signals,
+        both,
+        ratio,
+        inertia,
+        bodies,
+        descriptions,
+        has_wrenches=has_wrenches,
+    )
 
 
 def _windows(motion: Motion) -> list[Motion]:

@@ -37,13 +37,13 @@ from seaid.identification.adequacy import (
     without_echoes,
     without_loads,
 )
-from seaid.identification.base_checks import base_findings
+from seaid.identification.base_checks import base_findings, missing_torques
 from seaid.identification.base_estimates import (
-    AccelerometerBias,
-    accelerometer_bias,
-    bias_finding,
+    SensorBias,
+    bias_findings,
+    feet_findings,
     mass_findings,
-    radius_findings,
+    sensor_bias,
 )
 from seaid.identification.checking import (
     JointCheck,
@@ -404,6 +404,7 @@ def _identify(
         findings += base_findings(robot, logs_in_memory, moved)
         findings = with_setup_findings(experiment, findings)
         used = joints_with_torque(robot, datasets) if torque_joints is None else selected
+        findings += missing_torques(robot, selected, used)
         check_forces(datasets, used)
         check_scale_of_locked(robot, datasets, locked)
         robot, used = without_locked_loads(robot, used, locked)
@@ -413,9 +414,9 @@ def _identify(
             robot, datasets = linearised_robot(robot, datasets, used)
         options = solver, encoder_offset_std, executor, progress
         datasets, model, found = _first_two_step(robot, datasets, used, options)
-        bias = _accelerometer_bias(robot, datasets, model, found)
+        bias = _sensor_bias(robot, datasets, model, found)
         if bias is not None:
-            findings.append(bias_finding(bias, moved[0]))
+            findings += bias_findings(bias, moved[0])
             datasets = [*bias.removed(datasets)]
             experiment = experiment_of(declared, [bias.removed(group) for group in moved])
             model, found = _two_step(robot, datasets, used, options, bias)
@@ -450,7 +451,7 @@ def _identify(
     findings += consequences(findings, backlash_findings(given, sources, result.drives, used))
     exact = exact_constants(robot, known_std)
     setup = joint_checks(experiment, [first_motion(one) for one in datasets])
-    findings += consequences(findings, radius_findings(result, datasets, found.fit, bias))
+    findings += consequences(findings, feet_findings(result, datasets, found.fit, bias))
     findings += mass_findings(result, declared)
     return replace(
         result,
@@ -553,7 +554,7 @@ def _two_step(
     datasets: Sequence[Dataset],
     used: Sequence[str],
     options: tuple[Estimator, float, Executor | None, bool],
-    bias: AccelerometerBias | None = None,
+    bias: SensorBias | None = None,
 ) -> tuple[LoadModel, RobotEstimate]:
     """Return the columns of the load side and the estimate of both sides in turn."""
     model = load_model_of(robot, list(map(first_motion, datasets)), used)
@@ -574,17 +575,17 @@ def _first_two_step(
     return known, *_two_step(robot, known, used, options)
 
 
-def _accelerometer_bias(
+def _sensor_bias(
     robot: Robot, datasets: Sequence[Dataset], model: LoadModel, found: RobotEstimate
-) -> AccelerometerBias | None:
-    """Return the bias of the accelerometer of a floating base, next to the estimated bodies."""
+) -> SensorBias | None:
+    """Return the errors of the sensors of a floating base, next to the estimated bodies."""
     if robot.floating_base is None:
         return None
     bodies = identified_robot(robot, model.base, found)
-    return accelerometer_bias(bodies, datasets, model, found.fit)
+    return sensor_bias(bodies, datasets, model, found.fit)
 
 
-def _further(bias: AccelerometerBias | None) -> tuple[Array, Array] | None:
+def _further(bias: SensorBias | None) -> tuple[Array, Array] | None:
     """Return the columns of a bias that was removed, and its covariance."""
     return None if bias is None else (bias.columns, bias.covariance)
 

@@ -25,6 +25,7 @@ from .load import contact_force_columns as contact_force_columns
 from .load import contact_force_rows as contact_force_rows
 from .load import drive_columns as drive_columns
 from .load import drive_torques as drive_torques
+from .load import late_flag_rows as late_flag_rows
 from .load import load_columns as load_columns
 from .load import load_model as load_model
 from .load import load_model_of as load_model_of
@@ -38,6 +39,7 @@ from .load import unknown_friction as unknown_friction
 from .load import usable_rows as usable_rows
 from .load import with_gear_torque as with_gear_torque
 from .load import with_known_friction as with_known_friction
+from .load import wrench_rows as wrench_rows
 from .regression import INPUT_FIELDS as INPUT_FIELDS
 from .regression import INPUTS as INPUTS
 from .regression import Regress as Regress

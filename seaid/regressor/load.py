@@ -40,6 +40,7 @@ from seaid.regressor.floating import (
     contact_map,
     floating_regressor,
     floating_rows,
+    measured_contact,
     measured_wrenches,
     row_scale,
     stance_rows,
@@ -493,6 +494,58 @@ def accelerometer_rows(robot: Robot, motion: Motion, model: LoadModel) -> Regres
         return accelerated_base(robot, piece.joint_position)
 
     return _further_rows(robot, motion, model, columns, ("x", "y", "z"), "kg")
+
+
+def wrench_rows(robot: Robot, motion: Motion, model: LoadModel) -> Regression:
+    """Return the rows of `load_regression` with the change of y by zeros of measured wrenches.
+
+    The columns are those of each sensor in turn, in the frame of its link.
+    """
+    assert motion.base is not None
+    widths = {link: values.shape[1] for link, values in motion.base.wrenches.items()}
+
+    def columns(piece: Motion) -> Array:
+        assert piece.base is not None
+        contacts = [measured_contact(robot, link, width) for link, width in widths.items()]
+        # the zeros are in y, where those of an accelerometer are in H
+        return -contact_map(robot, piece.joint_position, contacts, piece.base.up, own_frame=True)
+
+    names = tuple(f"{axis} of {link}" for link, n in widths.items() for axis in range(n))
+    return _further_rows(robot, motion, model, columns, names, "")
+
+
+def late_flag_rows(robot: Robot, motion: Motion, model: LoadModel, reach_s: float) -> Regression:
+    """Return the rows of `load_regression` with the change of y by forces on feet in the air.
+
+    The two columns are those of a vertical force of 1 N before each landing, and after each time
+    that a foot leaves the ground, which fades to zero in `reach_s`; the base needs its orientation.
+    """
+    assert robot.floating_base is not None
+    contacts = [replace(one, is_flat=False) for one in robot.floating_base.contacts]
+
+    def columns(piece: Motion) -> Array:
+        base = piece.base
+        assert base is not None
+        assert base.up is not None
+        own = [one for one in contacts if one.link in base.contacts]
+        fades = np.array([_fading(base.contacts[x.link], reach_s * piece.rate_hz) for x in own])
+        A = contact_map(robot, piece.joint_position, own, base.up)
+        vertical = A.reshape(*A.shape[:2], len(own), 3) @ base.up[:, None, :, None]
+        return np.asarray(np.einsum("trk,kit->tri", vertical[..., 0], fades))
+
+    return _further_rows(robot, motion, model, columns, ("landing", "leaving"), "")
+
+
+def _fading(touches: BoolArray, reach: float) -> Array:
+    """Return weights (2, T) before and after a contact, from 1 next to it to 0 at `reach`."""
+    at, count = np.flatnonzero(touches), len(touches)
+    if not len(at):
+        return np.zeros((2, count))
+    here = np.arange(count)
+    place = np.searchsorted(at, here)
+    until = np.where(place < len(at), at[np.minimum(place, len(at) - 1)] - here, np.inf)
+    since = np.where(place > 0, here - at[np.maximum(place - 1, 0)], np.inf)
+    return np.maximum(1 - np.array([until, since]) / reach, 0.0) * ~touches
 
 
 def radius_rows(

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.ndimage import binary_erosion
 
 import seaid
 from scripts.benchmarks.legged import noisy
@@ -138,6 +139,7 @@ def test_a_foot_that_slides_is_a_note() -> None:
 
 FRAMES: dict[str, Callable[[Any], dict[str, Any]]] = {
     "x, y, z, w": lambda base: {"orientation": np.roll(base.orientation, -1, axis=1)},
+    "w, x, y, z": lambda base: {"orientation": np.roll(base.orientation, 1, axis=1)},
     "from the world to the base": lambda base: {
         "orientation": base.orientation * [1, -1, -1, -1],
     },
@@ -409,6 +411,21 @@ def test_columns_of_the_radius_and_the_bias_have_the_rows_of_the_fit_in_flight()
     np.testing.assert_array_equal(radius.time, rows.time)
     standing, flying = (np.abs(radius.H[some]).max() for some in (rows.time < 7, rows.time > 9))
     assert flying < 1e-9 * standing
+
+
+@pytest.mark.slow  # two identifications of a walk of 24 s
+def test_feet_that_push_while_flagged_in_the_air_are_named() -> None:
+    """A threshold of the force of a foot that is too high goes into the bodies."""
+    text, log = "pushes at the ground while it is flagged as in the air", walked()
+    assert log.base is not None
+    late = {foot: binary_erosion(x[:, 0] > 0.5, iterations=12) for foot, x in flags().items()}
+    shorter = replace(log, base=replace(log.base, contacts=late))
+    own, other = (seaid.identify(go2().without_nominal(), one) for one in (log, shorter))
+    assert not any(text in str(one) for one in own.warnings)
+    finding = next(one for one in other.warnings if text in str(one))
+    assert finding.severity == "doubtful"
+    assert "lower the threshold" in finding.remedy
+    assert max(finding.evidence.values()) > 2.0
 
 
 def test_a_missing_axis_stands_before_the_error_that_follows_from_it() -> None:

@@ -20,6 +20,7 @@ from scripts.legged_plant import GO2, changed_bodies, plan, plant, simulate
 from seaid._arrays import Array
 from seaid.errors import IdentificationError, SeaidError
 from seaid.identification import whole_body
+from seaid.identification.base_estimates import _significant
 from seaid.log import BaseLog
 from seaid.regressor import load_columns, load_torques, rigid_body_regressor
 from seaid.regressor.floating import contact_map, floating_regressor
@@ -70,6 +71,7 @@ def swayed() -> seaid.Log:
 
 
 STANDING = seaid.load_robot(example_urdf("go2.urdf"), base="floating", contacts=GO2.feet)
+GO2_JOINTS = STANDING.joint_names
 
 
 @cache
@@ -171,6 +173,54 @@ def test_forces_on_the_base_determine_its_bodies_without_any_torque() -> None:
     assert "94 base parameters from the forces on the base" in found.summary()
     again = seaid.validate(found, log)
     assert "no joint has a torque that could be compared" in again.summary()
+
+
+@pytest.mark.parametrize("has_torques", [True, False])
+def test_zeros_of_force_sensors_are_identified_with_the_bodies(has_torques: bool) -> None:
+    log, zero = measured() if has_torques else felt(), np.array([3.0, -2.0, 4.0])
+    assert log.base is not None
+    wrenches = {x: y + zero * (x != "RR_foot") for x, y in log.base.wrenches.items()}
+    found = seaid.identify(
+        STANDING.without_nominal(),
+        replace(log, base=replace(log.base, wrenches=wrenches)),
+        cutoff_hz=4.0,
+    )
+    (finding,) = (one for one in found.warnings if one.code == "sensor-zero")
+    wanted = np.concatenate([*3 * [zero], np.zeros(3)])
+    np.testing.assert_allclose([*finding.evidence.values()], wanted, atol=4e-3)
+    truth = found.base.project(STANDING.parameters)
+    # the zeros alone made the total mass 2 kg too large
+    assert np.max(np.abs(found.load.values - truth)) < 1e-3
+    assert found.verdict.level == "good"
+
+
+def test_zeros_count_for_all_force_sensors_or_none() -> None:
+    """An accelerometer without a bias is left out, and what it took goes to the zeros."""
+    places = [("", 0), ("foot", 0), ("foot", 1)]
+    value = np.array([0.03, 0.5, 0.001])
+    covariance = np.diag([1e-3, 1e-4, 1e-4])
+    limits = np.array([0.02, 0.2, 0.2]), np.array([1.0, 20.0, 20.0])
+    assert _significant(value, covariance, places, 50.0, limits) == [1, 2]
+    assert _significant(value, 1e-3 * covariance, places, 50.0, limits) == [0, 1, 2]
+    assert _significant(value, 1e4 * covariance, places, 50.0, limits) == []
+    # beyond the largest zero: another unit, or exchanged sensors
+    assert _significant(value, covariance, places, 50.0, (limits[0], 0.4 * limits[0])) == []
+
+
+@pytest.mark.parametrize("lacking", [["RL_calf_joint"], list(GO2_JOINTS)])
+def test_joints_without_a_torque_are_named(lacking: list[str]) -> None:
+    log = measured()
+    torque = np.array(log.motor_torque)
+    torque[:, [STANDING.index(joint) for joint in lacking]] = np.nan
+    found = seaid.identify(STANDING, replace(log, motor_torque=torque), cutoff_hz=4.0)
+    (finding,) = (one for one in found.warnings if one.code == "no-torque")
+    assert f"the log has no torque of {', '.join(lacking)}: " in finding.message
+    assert ("base alone" in finding.message) == (len(lacking) == STANDING.n)
+    assert finding.severity == "note"
+    assert found.verdict.level == "good"
+    named = [joint for joint in STANDING.joint_names if joint not in lacking]
+    chosen = seaid.identify(STANDING, log, cutoff_hz=4.0, torque_joints=named)
+    assert "no-torque" not in {one.code for one in chosen.warnings}
 
 
 @pytest.mark.parametrize("touching", [0.0, 1.0])
