@@ -265,7 +265,7 @@ def _significant(
     """Return the axes with errors: those of the accelerometer, of all force sensors, both, or none.
 
     What is left without the other kind has the values and the covariance of a fit without it,
-    b - C_bd C_dd^-1 d. Zeros count all or none: to leave out those that are not significant one by
+    b - C_bd C_dd^-1 d. Zeros count all or none: to exclude those that are not significant one by
     one would bias the mass by up to some standard errors.
     """
     kinds = [[k for k, (link, _) in enumerate(places) if bool(link) == own] for own in (0, 1)]
@@ -389,8 +389,8 @@ _AXES = ("force x", "force y", "force z", "moment x", "moment y", "moment z")
 
 _LATE_S, _LATE_FORCE = 0.06, 0.01
 """Time next to a contact in which a foot that is flagged as in the air may push at the ground, and
-that force over the weight, from which it has a finding. The time was chosen on two trots of a Go2 on
-soft feet, flagged above 20 N; with any touch as the flag, and on stiff feet, no force is found."""
+that force over the weight, from which it has a finding. The time was chosen on two trots of a Go2
+on soft feet, flagged above 20 N; with any touch as the flag, and on stiff feet, none is found."""
 
 
 def _late_flag_findings(

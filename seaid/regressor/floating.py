@@ -396,8 +396,8 @@ def standing_motion(
             away = away - top @ rolled
             mine[:, :3] += rolled @ _skew(top) @ mine[:, 3:]
             w = np.einsum("tij,tj->ti", mine[:, 3:], v)
-            bent = np.cross(own[:, 3:], top) + np.cross(w, np.cross(w, top))
-            own[:, :3] -= bent @ rolled
+            turning = np.cross(own[:, 3:], top) + np.cross(w, np.cross(w, top))
+            own[:, :3] -= turning @ rolled
         if width == 6:
             turned = [pin.log3(one @ anchor.rotation.T) for one in turn]
             away = np.hstack([away, np.reshape(turned, (-1, 3))])

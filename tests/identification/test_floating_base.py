@@ -195,7 +195,7 @@ def test_zeros_of_force_sensors_are_identified_with_the_bodies(has_torques: bool
 
 
 def test_zeros_count_for_all_force_sensors_or_none() -> None:
-    """An accelerometer without a bias is left out, and what it took goes to the zeros."""
+    """An accelerometer without a bias is excluded, and what it took goes to the zeros."""
     places = [("", 0), ("foot", 0), ("foot", 1)]
     value = np.array([0.03, 0.5, 0.001])
     covariance = np.diag([1e-3, 1e-4, 1e-4])
