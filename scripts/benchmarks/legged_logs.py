@@ -166,7 +166,7 @@ def hips_first(one: Signals, folder: Path) -> list[Path]:
 
 
 def averaged(one: Signals, folder: Path) -> list[Path]:
-    """The same at 200 Hz with the means of five samples, as a filter in front of the log has them."""
+    """The same at 200 Hz with the means of five samples, as of a filter in front of the log."""
     mean = {x: uniform_filter1d(y, 5, axis=0) for x, y in one.items()}
     return hips_first({**mean, **{x: one[x] for x in ("t", "flag", "force")}}, folder)
 
