@@ -14,6 +14,7 @@ import numpy as np
 
 from seaid._progress import counted, field_texts
 from seaid.drives import JointParameter
+from seaid.errors import listed
 from seaid.log import has_holes
 from seaid.robot import BASE_ROWS
 
@@ -342,7 +343,33 @@ def verdict_text(found: Identification) -> list[str]:
 
 
 def _verdict_lines(found: Identification) -> list[str]:
-    return [f"{found.robot.name}: {found.verdict.sentence}", *warning_lines(found.warnings)]
+    verdict = f"{found.robot.name}: {found.verdict.sentence}"
+    return [verdict, *_gain_lines(found.robot), *warning_lines(found.warnings)]
+
+
+def _gain_lines(robot: Robot) -> list[str]:
+    """Return a line with the controllers' gains, to which all that is identified is in proportion.
+
+    Gains with a scale are identified themselves.
+    """
+    joints: dict[str, list[str]] = {}
+    for joint, drive in robot.drives.items():
+        law = drive.controller
+        if law is not None and not law.is_up_to_scale:
+            gains = {
+                "K_p": law.position_gain_Nm_per_rad,
+                "K_d": law.velocity_gain_Nms_per_rad,
+            }
+            text = ", ".join(f"{name} = {x:.4g}" for name, x in gains.items() if x)
+            joints.setdefault(text, []).append(joint)
+    if not joints:
+        return []
+    given = "; ".join(f"{text} ({listed(places)})" for text, places in joints.items())
+    return [
+        f"gains as given, in SI units at the joints: {given}. Inertias, friction and "
+        "offsets are in proportion to them: if they are assumed, write is_up_to_scale = true into "
+        "the controllers, and known bodies determine their scale"
+    ]
 
 
 def _fit_tables(found: Identification) -> list[Text]:

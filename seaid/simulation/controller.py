@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
@@ -174,11 +175,17 @@ def _least_inertia(plant: Plant, q: Array) -> Array:
     return np.asarray(np.min(inertias, axis=0))
 
 
-_CLOCK_S = 1e-9
-"""Rounding of the times at which commands change."""
+@dataclass(frozen=True, eq=False)
+class CommandedSteps:
+    """What commands give in steps (S): parts of torques [N m] at both ends, and supplies (S, m)."""
+
+    length_s: Array
+    first: Array
+    last: Array
+    supply: Array
 
 
-@dataclass(eq=False)
+@dataclass(frozen=True, eq=False)
 class PositionControllers:
     """The controllers of drives that follow logged commands, in a simulation.
 
@@ -196,49 +203,52 @@ class PositionControllers:
     position_gain: Array
     velocity_gain: Array
     laws: Sequence[Controller]
-    feedback: Array | None = None
 
-    def with_torque(self, torque: Array, at: float, position: Array, velocity: Array) -> Array:
-        """Return motor torques (n,) with those of the controllers at a time and a motor state."""
-        given, turned = torque.copy(), [x[self.index] / self.ratio for x in (position, velocity)]
-        states = zip(self._forward(at), *turned, self._supply(at), strict=True)
-        one_by_one = zip(self.laws, states, strict=True)
-        given[self.index] = [float(law.torque(*now)[0]) for law, now in one_by_one] / self.ratio
-        return given
+    @cached_property
+    def limited(self) -> tuple[int, ...]:
+        """The places of the laws whose torque has a limit, or depends on the supply."""
+        return tuple(
+            place
+            for place, law in enumerate(self.laws)
+            if np.isfinite(law.torque_limit_Nm) or law.is_duty
+        )
 
-    def _supply(self, at: float) -> list[float]:
-        return [
-            1.0 if law.nominal_supply_V is None else float(np.interp(at, self.time, supply))
-            for law, supply in zip(self.laws, self.supply.T, strict=True)
-        ]
+    def during(self, start: Array, length_s: Array) -> CommandedSteps:
+        """Return what the commands give in steps that begin at `start` (S,) [s].
 
-    def _forward(self, at: float) -> Array:
-        """Return the torques (m,) at the joints that the commands alone give."""
-        found = []
-        for place, (law, delay) in enumerate(zip(self.laws, self.delay_s, strict=True)):
-            late, commanded = at - delay, self.commanded[:, place]
-            if law.is_held:  # the last command before, with rounding of the clock
-                last = np.searchsorted(self.time, late + _CLOCK_S, side="right") - 1
-                found.append(commanded[max(int(last), 0)])
-            else:
-                found.append(np.interp(late, self.time, commanded))
-        return np.array(found)
-
-    def rate(self, at: float, position: Array, velocity: Array, step: float) -> Array:
-        """Return the rate (n,) of the motor torque in a step that starts at a state.
-
-        That of the feedback is the rate in the last step.
+        A held command counts with its mean over each step, so that it is as late as it is.
         """
-        now, change = self._feedback(position, velocity), np.zeros(len(position))
-        if self.feedback is not None:
-            ahead = self._forward(at + step) - self._forward(at)
-            change[self.index] = (ahead + now - self.feedback) / (step * self.ratio)
-        self.feedback = now
-        return change
+        first, last = (np.empty((len(start), len(self.index))) for _ in range(2))
+        supply = np.ones_like(first)
+        for place, (law, delay) in enumerate(zip(self.laws, self.delay_s, strict=True)):
+            at, commanded = start - delay, self.commanded[:, place]
+            if law.is_held:
+                first[:, place] = last[:, place] = self._held(commanded, at, length_s)
+            else:
+                first[:, place] = np.interp(at, self.time, commanded)
+                last[:, place] = np.interp(at + length_s, self.time, commanded)
+            if law.nominal_supply_V is not None:
+                middle = start + length_s / 2
+                supply[:, place] = np.interp(middle, self.time, self.supply[:, place])
+        return CommandedSteps(length_s, first, last, supply)
 
-    def _feedback(self, position: Array, velocity: Array) -> Array:
-        turned = [one[self.index] / self.ratio for one in (position, velocity)]
-        return np.asarray(-self.position_gain * turned[0] - self.velocity_gain * turned[1])
+    def _held(self, commanded: Array, at: Array, length_s: Array) -> Array:
+        """Return the means (S,) of a held command over steps."""
+        begin, end = min(at[0], self.time[0]), max(at[-1] + length_s[-1], self.time[-1])
+        ends = np.concatenate([[begin], self.time, [end]])
+        values = np.concatenate([commanded[:1], commanded])
+        whole = np.concatenate([[0.0], np.cumsum(values * np.diff(ends))])
+        change = np.interp(at + length_s, ends, whole) - np.interp(at, ends, whole)
+        return np.asarray(change / length_s)
+
+    def torque(self, commanded: Array, supply: Array, position: Array, velocity: Array) -> Array:
+        """Return the torques (m,) of the motors at their positions and velocities (m,)."""
+        turned = position / self.ratio, velocity / self.ratio
+        wanted = commanded - self.position_gain * turned[0] - self.velocity_gain * turned[1]
+        for place in self.limited:
+            state = commanded[place], turned[0][place], turned[1][place], supply[place]
+            wanted[place] = self.laws[place].torque(*state)[0]
+        return np.asarray(wanted / self.ratio)
 
 
 def position_controllers(robot: Robot, log: Log) -> PositionControllers | None:

@@ -9,6 +9,7 @@ friction brings a motor or joint to rest. All joints are in the order of Pinocch
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import partial
 
 import numpy as np
@@ -286,20 +287,34 @@ def friction_levels(plant: Plant, turned: Array, through: Array) -> Array:
 
 _MOST_EVENTS = 200
 
+Feedback = Callable[[float, Array], Array]
+"""Function of the time in a step [s] and the state (4, n) that returns motor torques (n,)."""
+
 
 def advance(
-    plant: Plant, data: pin.Data, state: Array, torque: Array, torque_rate: Array, step: float
+    plant: Plant,
+    data: pin.Data,
+    state: Array,
+    torque: Array,
+    torque_rate: Array,
+    step: float,
+    feedback: Feedback | None = None,
 ) -> Array:
     """Return the state (4, n) after a step [s], with an event wherever friction stops a motion.
 
-    The motor torque is `torque` at the start and changes with `torque_rate`. Raises SeaidError if
-    the state is not finite or the friction events do not end.
+    The motor torque is `torque` at the start and changes with `torque_rate`; `feedback` adds what
+    depends on the state. Raises SeaidError if the state is not finite or the friction events do
+    not end.
     """
     parts = math.ceil(step / plant.longest_step) if step > plant.longest_step else 1
+
+    def of_step(at: float, now: Array) -> Array:
+        given = torque + torque_rate * at
+        return given if feedback is None else given + feedback(at, now)
+
     try:
         for part in range(parts):
-            now = torque if part == 0 else torque + torque_rate * (part * step / parts)
-            state = _advance(plant, data, state, now, torque_rate, step / parts)
+            state = _advance(plant, data, state, of_step, part * step / parts, step / parts)
     except OverflowError:
         raise diverged() from None
     return state
@@ -311,15 +326,14 @@ def diverged() -> SeaidError:
 
 
 def _advance(
-    plant: Plant, data: pin.Data, state: Array, torque: Array, torque_rate: Array, step: float
+    plant: Plant, data: pin.Data, state: Array, torque: Feedback, start: float, step: float
 ) -> Array:
     done, stuck = 0.0, np.zeros(len(plant.is_dry), dtype=bool)
     for _ in range(_MOST_EVENTS):
-        now = torque + torque_rate * done
-        slip = slip_directions(plant, data, state, now)
+        slip = slip_directions(plant, data, state, torque(start + done, state))
         slip[stuck] = 0.0
         rest = step - done
-        new = _runge_kutta(plant, data, state, now, torque_rate, slip, rest)
+        new = _runge_kutta(plant, data, state, torque, slip, start + done, rest)
         before, after = (friction_speeds(plant, one) * slip for one in (state, new))
         crossed = np.flatnonzero((after < 0) & plant.is_dry)
         if not crossed.size:
@@ -331,7 +345,7 @@ def _advance(
         first, fraction = crossed[np.argmin(fractions)], float(fractions.min())
         if fraction * rest < 1e-12:
             stuck[first] = True
-        state = _runge_kutta(plant, data, state, now, torque_rate, slip, fraction * rest)
+        state = _runge_kutta(plant, data, state, torque, slip, start + done, fraction * rest)
         _stop(plant, state, int(first), np.flatnonzero(slip == 0))
         done += fraction * rest
     raise SeaidError("the simulation stopped: endless friction events within one step")
@@ -357,14 +371,14 @@ def _runge_kutta(
     plant: Plant,
     data: pin.Data,
     state: Array,
-    torque: Array,
-    torque_rate: Array,
+    torque: Feedback,
     slip: Array,
+    start: float,
     step: float,
 ) -> Array:
     def rate(at: float, y: Array) -> Array:
         y = with_memory(plant, state, y)
-        motor, joint = accelerations(plant, data, y, torque + torque_rate * at, slip)
+        motor, joint = accelerations(plant, data, y, torque(start + at, y), slip)
         rates = np.zeros_like(y)
         rates[: JOINT_SPEED + 1] = y[SPEED], motor, y[JOINT_SPEED], joint
         return rates

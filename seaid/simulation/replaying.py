@@ -6,8 +6,7 @@ and errors accumulate. `compare_replays` says how much better one model replays 
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -19,13 +18,29 @@ from seaid.drives import COMMANDS, PARAMETERS_OF, Drive
 from seaid.errors import Finding, LogError, RobotError, SeaidError, checked, listed
 from seaid.log import Log, check_whole, spline_derivatives
 from seaid.robot import Robot, at_drives, check_held
-from seaid.simulation.controller import input_gain, position_controllers
-from seaid.simulation.forward_dynamics import advance, diverged
-from seaid.simulation.plant import JOINT_POSITION, JOINT_SPEED, POSITION, SPEED, plant_of, warmed
+from seaid.simulation.controller import (
+    CommandedSteps,
+    PositionControllers,
+    input_gain,
+    position_controllers,
+)
+from seaid.simulation.forward_dynamics import Feedback, advance, diverged
+from seaid.simulation.plant import (
+    JOINT_POSITION,
+    JOINT_SPEED,
+    POSITION,
+    SPEED,
+    Plant,
+    effective_inertia,
+    plant_of,
+    warmed,
+)
 
 _LONGEST_STEP_S = 1e-3
-_LONGEST_CLOSED_S = 5e-4
-"""Longest steps without and with a controller, whose torque changes with the state."""
+"""Longest step with the torques of a log."""
+
+_LEAST_CLOSED_S, _MOST_CLOSED_S = 5e-4, 2e-3
+"""Shortest and longest of the longest steps with controllers."""
 
 _FARTHEST = 1e6
 """Position [rad or m] from which a simulation diverged."""
@@ -76,44 +91,37 @@ def rollout(
     robot: Robot,
     log: Log,
     command: Command | None = None,
-    longest_closed_s: float = _LONGEST_CLOSED_S,
+    longest_closed_s: float | None = None,
 ) -> Log:
     """Return the `replay` of a whole log, with the longest step under a controller."""
     plant, order = plant_of(robot), robot.joint_order
+    back = np.argsort(order)
     controllers = position_controllers(robot, log) if command is None else None
     given = _logged(robot, log) if command is None else command
     gains = np.array([input_gain(robot, joint) for joint in robot.joint_names])
-    data, back = plant.model.createData(), np.argsort(order)
+    data = plant.model.createData()
     state = np.zeros((plant.rows, robot.n))
     state[: JOINT_SPEED + 1] = _start(robot, log)[:, order]
     shape = (len(log.time), robot.n)
     joint, motor, torques = np.empty(shape), np.empty(shape), np.empty(shape)
-
     warmth = _warmth(robot, log)
-
-    def torque(at: float, now: Array) -> Array:
-        logged = gains * given(at, now[JOINT_POSITION, back])
-        if controllers is not None:
-            logged = controllers.with_torque(logged, at, now[POSITION, back], now[SPEED, back])
-        return logged[order]
-
-    for tick, at in enumerate(log.time):
+    longest = _LONGEST_STEP_S
+    if controllers is not None:
+        longest = longest_closed_s or _longest_closed_s(plant, controllers, back)
+    for tick, (at, steps, feedbacks) in enumerate(_ticks(log.time, longest, controllers, back)):
         joint[tick], motor[tick] = state[JOINT_POSITION, back], state[POSITION, back]
-        torques[tick] = torque(at, state)[back]
+        torques[tick] = gains * given(at, state[JOINT_POSITION, back])
+        if feedbacks is not None:
+            torques[tick] += feedbacks[0](0.0, state)[back]
         if tick + 1 == len(log.time):
             break
         since = float(at - log.time[0])
         own = warmed(plant, None if warmth is None else warmth[tick, order], since)
-        longest = _LONGEST_STEP_S if controllers is None else longest_closed_s
-        steps = math.ceil((log.time[tick + 1] - at) / longest)
         step = (log.time[tick + 1] - at) / steps
         for part in range(steps):
-            now = torque(at + part * step, state)
-            rate = np.zeros(robot.n)
-            if controllers is not None:
-                moving = state[POSITION, back], state[SPEED, back]
-                rate = controllers.rate(at + part * step, *moving, step)[order]
-            state = advance(own, data, state, now, rate, step)
+            now = (gains * given(at + part * step, state[JOINT_POSITION, back]))[order]
+            feedback = None if feedbacks is None else feedbacks[part]
+            state = advance(own, data, state, now, np.zeros(robot.n), step, feedback)
         if not np.all(np.abs(state[JOINT_POSITION]) < _FARTHEST):
             raise diverged()
     return Log(
@@ -124,6 +132,65 @@ def rollout(
         motor_torque=torques,
         is_prismatic=robot.is_prismatic,
     )
+
+
+_STEP_SHARE = 0.2
+"""Longest step over the time constants of the loops: the fourth-order error of a step is 3e-6."""
+
+
+def _longest_closed_s(plant: Plant, controllers: PositionControllers, back: Array) -> float:
+    """Return the longest step [s] for the loops of motors, or motors with their loads."""
+    places = back[controllers.index]
+    own = plant.motor_inertia * plant.ratio**2
+    inertia = np.where(plant.elastic, own, effective_inertia(plant))[places]
+    damping = controllers.velocity_gain + (plant.viscous * plant.ratio**2)[places]
+    rates = np.sqrt(controllers.position_gain * inertia), damping
+    fastest = float(np.max(np.maximum(*rates) / np.maximum(inertia, np.finfo(float).tiny)))
+    return float(np.clip(_STEP_SHARE / max(fastest, 1e-9), _LEAST_CLOSED_S, _MOST_CLOSED_S))
+
+
+_BLOCK = 4096
+"""Samples of a log whose commands are computed at once."""
+
+Tick = tuple[float, int, Sequence[Feedback] | None]
+
+
+def _ticks(
+    time: Array, longest_s: float, controllers: PositionControllers | None, back: Array
+) -> Iterator[Tick]:
+    """Yield the time of each sample, the steps to the next one, and the controllers in each."""
+    steps = np.append(np.ceil(np.diff(time) / longest_s - 1e-9), 1.0).astype(int)
+    lengths = np.append(np.diff(time), longest_s) / steps
+    for begin in range(0, len(time), _BLOCK):
+        block = slice(begin, begin + _BLOCK)
+        ends = np.cumsum(steps[block])
+        length = np.repeat(lengths[block], steps[block])
+        part = np.arange(ends[-1]) - np.repeat(ends - steps[block], steps[block])
+        start = np.repeat(time[block], steps[block]) + part * length
+        given = None if controllers is None else controllers.during(start, length)
+        for at, end, count in zip(time[block], ends, steps[block], strict=True):
+            feedbacks = None
+            if controllers is not None and given is not None:
+                rows = range(end - count, end)
+                feedbacks = [_feedback(controllers, given, row, back) for row in rows]
+            yield float(at), int(count), feedbacks
+
+
+def _feedback(
+    controllers: PositionControllers, given: CommandedSteps, row: int, back: Array
+) -> Feedback:
+    """Return the torques of the controllers in a step, in the order of the plant's joints."""
+    places = back[controllers.index]
+    first, supply = given.first[row], given.supply[row]
+    rate = (given.last[row] - first) / given.length_s[row]
+
+    def torque(at: float, state: Array) -> Array:
+        found = np.zeros(len(back))
+        moving = state[POSITION, places], state[SPEED, places]
+        found[places] = controllers.torque(first + rate * at, supply, *moving)
+        return found
+
+    return torque
 
 
 def _column(log: Log, field: str, joint: str) -> Array:
@@ -167,13 +234,17 @@ def _first(log: Log, field: str, joint: str) -> tuple[float, float]:
 def _logged(robot: Robot, log: Log) -> Command:
     """Return the logged motor inputs as a function of time, interpolated linearly."""
     kinds = {joint: robot.drives[joint].motor_input for joint in robot.joint_names}
-    inputs = [
-        np.zeros(len(log.time)) if kind in COMMANDS else _column(log, f"motor_{kind}", joint)
+    inputs = {
+        robot.index(joint): _column(log, f"motor_{kind}", joint)
         for joint, kind in kinds.items()
-    ]
+        if kind not in COMMANDS
+    }
 
     def given(at: float, _: Array) -> Array:
-        return np.array([np.interp(at, log.time, one) for one in inputs])
+        found = np.zeros(robot.n)
+        for index, one in inputs.items():
+            found[index] = np.interp(at, log.time, one)
+        return found
 
     return given
 
@@ -362,8 +433,8 @@ def _slower(drive: Drive) -> Drive:
     law, own = drive.law, drive.values.get("motor_inertia", 0.0)
     if law is None:
         return drive
-    spring = law.position_gain_Nm_per_rad * (_STEPS_PER_RADIAN * _LONGEST_CLOSED_S) ** 2
-    least = max(spring, law.velocity_gain_Nms_per_rad * _LONGEST_CLOSED_S) / drive.ratio**2
+    spring = law.position_gain_Nm_per_rad * (_STEPS_PER_RADIAN * _LEAST_CLOSED_S) ** 2
+    least = max(spring, law.velocity_gain_Nms_per_rad * _LEAST_CLOSED_S) / drive.ratio**2
     return drive if own >= least else drive.with_values({"motor_inertia": least})
 
 

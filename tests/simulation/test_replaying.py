@@ -12,6 +12,7 @@ from seaid.simulation.replaying import (
     ReplayComparison,
     _worse,
     replay,
+    rollout,
     without_unknown_terms,
 )
 
@@ -181,9 +182,9 @@ def test_a_model_that_replays_worse_is_named() -> None:
 
 
 def test_a_nominal_model_that_is_too_fast_to_simulate_gets_the_least_rotor_inertia() -> None:
-    """An arm of 1e-5 kg m^2 at 20 N m/rad, without damping, oscillates at 225 Hz."""
+    """An arm of 1e-5 kg m^2 at 1000 N m/rad, without damping, oscillates at 1.6 kHz."""
     bare = without_unknown_terms(servo(friction=()))
-    law = seaid.Controller(position_gain_Nm_per_rad=20.0)
+    law = seaid.Controller(position_gain_Nm_per_rad=1000.0)
     fast = seaid.load_robot(
         MODELS / "xl330_pendulum.urdf",
         {"pendulum": replace(bare.drives["pendulum"], controller=law)},
@@ -196,7 +197,7 @@ def test_a_nominal_model_that_is_too_fast_to_simulate_gets_the_least_rotor_inert
     found = seaid.compare_replays(fast, after, log)
     (note,) = (one for one in found.warnings if one.code == "rotor-inertia")
     assert (note.joint, note.severity) == ("pendulum", "note")
-    assert note.evidence == {"pendulum": pytest.approx(20.0 * (10 * 5e-4) ** 2)}
+    assert note.evidence == {"pendulum": pytest.approx(1000.0 * (10 * 5e-4) ** 2)}
     assert np.all(np.isfinite(found.before))
     (other,) = (
         one
@@ -205,6 +206,19 @@ def test_a_nominal_model_that_is_too_fast_to_simulate_gets_the_least_rotor_inert
     )
     assert other.severity == "doubtful"
     assert "the identified model has too little rotor inertia" in other.message
+
+
+@pytest.mark.parametrize("is_held", [False, True])
+def test_a_replay_in_long_steps_is_that_of_short_ones(is_held: bool) -> None:
+    """The controllers act within the steps, and a held command counts with its mean."""
+    robot = servo(**TRUTH)
+    law = replace(robot.drives["pendulum"].controller, torque_limit_Nm=0.4, is_held=is_held)
+    robot = robot.with_drives({"pendulum": replace(robot.drives["pendulum"], controller=law)})
+    log = commanded()
+    short, long = (
+        rollout(robot, log, longest_closed_s=step).joint_position for step in (5e-5, 2e-3)
+    )
+    assert np.max(np.abs(long - short)) < (2e-4 if is_held else 2e-5) * np.ptp(short)
 
 
 def test_one_joint_of_several_that_is_replayed_worse_is_named() -> None:
