@@ -185,6 +185,8 @@ class Finding:
         the file: "in the description of the log:" or "in the drives file:".
     certainty : {"certain", "likely", "possible"}
         How sure the cause is.
+    joints : tuple of str
+        The joints concerned, where they are several that one cause has.
 
     Examples
     --------
@@ -199,6 +201,7 @@ class Finding:
     evidence: Mapping[str, float] = field(default_factory=dict, hash=False)
     remedy: str = ""
     certainty: Certainty = "likely"
+    joints: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if self.code not in CODES:

@@ -31,7 +31,7 @@ from seaid.identification.command_checks import (
 )
 from seaid.identification.command_hypotheses import gain_findings, pose_findings
 from seaid.identification.datasets import Source, datasets_by_log, first_motion, sources_of
-from seaid.identification.experiment import Experiment, experiment_of
+from seaid.identification.experiment import Experiment, experiment_of, stands_locked
 from seaid.identification.motor_side import with_regressed_angles, without_joint_encoder
 from seaid.identification.setup_hypotheses import encoder_slope, mistakes
 from seaid.log import Log, Motion, changed_source
@@ -179,8 +179,7 @@ def with_setup_findings(given: Experiment, known: Sequence[Finding]) -> list[Fin
     Torques beyond their limits are no finding of joints whose gains are in another unit.
     """
     found = [*known, *_setup_findings(given, known)]
-    headers = [line for one in found if one.code == "gain-scale" for line in one.remedy.split("\n")]
-    joints = [x for x in given.robot.joint_names if toml_table(x, "controller") in headers]
+    joints = [joint for one in found if one.code == "gain-scale" for joint in one.joints]
     return [one for one in found if one.code != "saturation" or one.joint not in joints]
 
 
@@ -370,9 +369,6 @@ _LARGEST_DEFLECTION_RAD = 0.5
 """Motion of the motor at the joint that may be the deflection of a spring. An encoder that does not
 change while the motor moves further is a dead channel."""
 
-_HELD = 0.02
-"""Motion of a locked output over that of its motor at the joint: what holds it yields too."""
-
 
 def locked_outputs(robot: Robot, logs: Sequence[Log]) -> tuple[str, ...]:
     """Return the elastic joints whose output does not move in any log while their motor does.
@@ -393,8 +389,8 @@ def _is_locked(robot: Robot, log: Log, joint: str) -> bool:
     motor, output = log.motor_position[:, index], log.joint_position[:, index]
     if not (np.all(np.isfinite(motor)) and np.all(np.isfinite(output))) or is_constant(motor):
         return False
-    moved = float(np.ptp(motor)) * drive.motor_radius / (drive.ratio * drive.load_radius)
-    return moved < _LARGEST_DEFLECTION_RAD and float(np.ptp(output)) < _HELD * moved
+    behind = motor * drive.motor_radius / (drive.ratio * drive.load_radius)
+    return bool(np.ptp(behind) < _LARGEST_DEFLECTION_RAD) and stands_locked(output, behind)
 
 
 def locked_findings(joints: Collection[str]) -> Iterator[Finding]:

@@ -112,6 +112,7 @@ def _gain_finding(
         f"gains in N m/rad, or their scale as a parameter{scale}, in the drives file:\n"
         + "\n".join(tables),
         "likely",
+        joints=tuple(names[j] for j in joints),
     )
 
 

@@ -248,7 +248,7 @@ class Experiment:
         for j in np.flatnonzero(self.both).tolist():
             motor, joint = self.motor[0][:, j], self.joint[0][:, j]
             per_ratio = self.ratio[j] / self.lever[j]
-            if self.lever[j] * np.ptp(joint) < _LOCKED * np.ptp(motor):
+            if stands_locked(self.lever[j] * joint, motor):
                 continue
             of_spring = self._of_spring(j) if is_elastic[j] else None
             if of_spring is not None:
@@ -434,7 +434,14 @@ _WIDTH = 0.1
 _TINY, _LEAST = 1e-9, 1e-300
 
 _LOCKED = 0.02
-"""Motion of a joint over that of its motor, behind the gear, that shows no gear ratio."""
+"""Motion of a joint over that of its motor, behind the gear, up to which it counts as locked: it
+shows no gear ratio, and what holds it yields too."""
+
+
+def stands_locked(joint: Array, motor: Array) -> bool:
+    """Return whether a joint stands still while its motor moves, both (T,) at the same side."""
+    return bool(np.ptp(joint) < _LOCKED * np.ptp(motor))
+
 
 _MOVING = 0.99
 """Mean sign of the speed behind the low pass below which a motor may have stuck: friction then

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from seaid._arrays import Array
+from seaid._arrays import Array, IndexArray
 from seaid._progress import Result, sampled_text
 from seaid.drives import COMMANDS, PARAMETERS_OF, Drive
 from seaid.errors import Finding, LogError, RobotError, SeaidError, checked, listed
@@ -138,7 +138,7 @@ _STEP_SHARE = 0.2
 """Longest step over the time constants of the loops: the fourth-order error of a step is 3e-6."""
 
 
-def _longest_closed_s(plant: Plant, controllers: PositionControllers, back: Array) -> float:
+def _longest_closed_s(plant: Plant, controllers: PositionControllers, back: IndexArray) -> float:
     """Return the longest step [s] for the loops of motors, or motors with their loads."""
     places = back[controllers.index]
     own = plant.motor_inertia * plant.ratio**2
@@ -156,7 +156,7 @@ Tick = tuple[float, int, Sequence[Feedback] | None]
 
 
 def _ticks(
-    time: Array, longest_s: float, controllers: PositionControllers | None, back: Array
+    time: Array, longest_s: float, controllers: PositionControllers | None, back: IndexArray
 ) -> Iterator[Tick]:
     """Yield the time of each sample, the steps to the next one, and the controllers in each."""
     steps = np.append(np.ceil(np.diff(time) / longest_s - 1e-9), 1.0).astype(int)
@@ -177,7 +177,7 @@ def _ticks(
 
 
 def _feedback(
-    controllers: PositionControllers, given: CommandedSteps, row: int, back: Array
+    controllers: PositionControllers, given: CommandedSteps, row: int, back: IndexArray
 ) -> Feedback:
     """Return the torques of the controllers in a step, in the order of the plant's joints."""
     places = back[controllers.index]
@@ -397,6 +397,7 @@ def _replayed(title: str, robot: Robot, log: Log, notes: list[Finding]) -> Log:
     Light links without a rotor inertia oscillate faster than the steps of a simulation under their
     controllers. Adds a note for that. Raises SeaidError if the repetition fails, too.
     """
+    robot = _with_least_inertias(title, robot, notes)
     try:
         return replay(robot, log)
     except SeaidError as problem:
@@ -426,6 +427,42 @@ def _replayed(title: str, robot: Robot, log: Log, notes: list[Finding]) -> Log:
         )
     )
     return found
+
+
+_LEAST_TIME_S = 1e-3
+"""Least time constant of inertia and viscous friction at a joint under its controller: a joint that
+has less follows its torque as late as that, and is not simulated in steps of microseconds."""
+
+
+def _with_least_inertias(title: str, robot: Robot, notes: list[Finding]) -> Robot:
+    """Return the robot with enough rotor inertia at joints that have friction and hardly any."""
+    plant, back = plant_of(robot), np.argsort(robot.joint_order)
+    inertias = effective_inertia(plant)[back]
+    drives, found = dict(robot.drives), {}
+    for index, (joint, drive) in enumerate(robot.drives.items()):
+        if drive.controller is None or drive.is_elastic:
+            continue
+        friction = drive.values.get("viscous_friction", 0.0) * drive.ratio**2
+        lack = _LEAST_TIME_S * friction - inertias[index]
+        if lack > 0:
+            own = drive.values.get("motor_inertia", 0.0) + lack / drive.ratio**2
+            drives[joint] = drive.with_values({"motor_inertia": own})
+            found[joint] = own * drive.ratio**2
+    if found:
+        notes.append(
+            Finding(
+                "rotor-inertia",
+                f"the {title} model has so little inertia at "
+                f"{listed(f'{joint} {x:.2g}' for joint, x in found.items())} that viscous friction "
+                f"stops it within {1e3 * _LEAST_TIME_S:g} ms: it was replayed with these rotor "
+                "inertias at the joint [kg m^2 or kg]",
+                next(iter(found)) if len(found) == 1 else "",
+                "note",
+                found,
+                certainty="certain",
+            )
+        )
+    return robot.with_drives(drives)
 
 
 def _slower(drive: Drive) -> Drive:

@@ -14,6 +14,7 @@ import pytest
 
 import seaid
 from scripts.benchmarks import command_delays
+from scripts.benchmarks.commanded_arms import ARMS
 from seaid._arrays import Array
 from seaid.errors import IdentificationError, LogError, RobotError
 from seaid.estimation import Estimate
@@ -985,22 +986,11 @@ def test_gains_in_units_of_the_drive(urdf: Path) -> None:
     assert "gain_scale" not in free.robot.drives["j"].known
 
 
-CHAIN = """<robot name="chain"><link name="base"/>
-<link name="a"><inertial><origin xyz="0.2 0 0"/><mass value="1.5"/>
-<inertia ixx="0.01" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial></link>
-<joint name="j0" type="revolute"><parent link="base"/><child link="a"/><axis xyz="0 1 0"/>
-<limit lower="-3" upper="3" effort="50" velocity="20"/></joint>
-<link name="b"><inertial><origin xyz="0.1 0 0.03"/><mass value="0.8"/>
-<inertia ixx="0.004" iyy="0.008" izz="0.008" ixy="0" ixz="0" iyz="0"/></inertial></link>
-<joint name="j1" type="revolute"><origin xyz="0.3 0 0"/><parent link="a"/><child link="b"/>
-<axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="50" velocity="20"/></joint></robot>"""
-
-
 @pytest.fixture(scope="module")
 def chain(tmp_path_factory: pytest.TempPathFactory) -> tuple[seaid.Robot, seaid.Log]:
     """Return two arms of known bodies in a chain, and a log of their commands."""
     path = tmp_path_factory.mktemp("chain") / "chain.urdf"
-    path.write_text(CHAIN)
+    path.write_text(ARMS)
     time = np.arange(0, 12, 0.01)
     slow, fast = np.sin(1.7 * time), np.sin(2.3 * time + 1)
     commands = np.column_stack([0.6 * slow + 0.2 * np.sin(5 * time), 0.5 * fast])
@@ -1097,7 +1087,7 @@ def test_friction_that_holds_joints_at_reversals_does_not_bias_a_delay(
     With the sign of the speed the delay was 9.5 ms, and the viscous friction a sixth of the truth.
     """
     path = tmp_path / "chain.urdf"
-    path.write_text(CHAIN)
+    path.write_text(ARMS)
     rng = np.random.default_rng(1)
     time = np.arange(0, 40, 0.004)
     tones = rng.uniform([[0.1, 0.08, 0.0]], [[0.25, 0.9, 2 * np.pi]], (2, 4, 3))

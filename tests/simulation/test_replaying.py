@@ -212,13 +212,30 @@ def test_a_nominal_model_that_is_too_fast_to_simulate_gets_the_least_rotor_inert
 def test_a_replay_in_long_steps_is_that_of_short_ones(is_held: bool) -> None:
     """The controllers act within the steps, and a held command counts with its mean."""
     robot = servo(**TRUTH)
-    law = replace(robot.drives["pendulum"].controller, torque_limit_Nm=0.4, is_held=is_held)
-    robot = robot.with_drives({"pendulum": replace(robot.drives["pendulum"], controller=law)})
+    drive = robot.drives["pendulum"]
+    assert drive.controller is not None
+    law = replace(drive.controller, torque_limit_Nm=0.4, is_held=is_held)
+    robot = robot.with_drives({"pendulum": replace(drive, controller=law)})
     log = commanded()
     short, long = (
         rollout(robot, log, longest_closed_s=step).joint_position for step in (5e-5, 2e-3)
     )
     assert np.max(np.abs(long - short)) < (2e-4 if is_held else 2e-5) * np.ptp(short)
+
+
+def test_friction_without_inertia_is_replayed_with_a_millisecond_of_it() -> None:
+    robot, heavier = (
+        servo(motor_inertia_kg_m2=x, viscous_friction_Nms_per_rad=10.0, coulomb_friction_Nm=0.05)
+        for x in (0.0, 0.02)
+    )
+    found = seaid.compare_replays(heavier, robot, commanded())
+    (note,) = (one for one in found.warnings if one.code == "rotor-inertia")
+    assert (note.joint, note.severity) == ("pendulum", "note")
+    assert "the identified model has so little inertia at pendulum" in note.message
+    assert note.evidence["pendulum"] == pytest.approx(1e-3 * 10 - 4.91e-3, rel=1e-3)
+    exact = replay(robot, commanded()).joint_position
+    speed = np.max(np.abs(np.diff(exact[:, 0]))) / 0.005
+    assert np.max(np.abs(found.after - exact)) < 1.5e-3 * speed
 
 
 def test_one_joint_of_several_that_is_replayed_worse_is_named() -> None:
