@@ -29,7 +29,7 @@ from seaid.identification.command_checks import (
     no_measurements,
     separation_findings,
 )
-from seaid.identification.command_hypotheses import gain_findings, pose_findings
+from seaid.identification.command_hypotheses import gain_findings, hidden_limits, pose_findings
 from seaid.identification.datasets import Source, datasets_by_log, first_motion, sources_of
 from seaid.identification.experiment import Experiment, experiment_of, stands_locked
 from seaid.identification.motor_side import with_regressed_angles, without_joint_encoder
@@ -176,11 +176,12 @@ def joint_checks(given: Experiment, motions: Sequence[Motion]) -> Mapping[str, J
 def with_setup_findings(given: Experiment, known: Sequence[Finding]) -> list[Finding]:
     """Return the `known` findings and the mistakes of the set-up, unless those explain the torques.
 
-    Torques beyond their limits are no finding of joints whose gains are in another unit.
+    Torques beyond their limits are no finding of joints whose gains are in another unit, or whose
+    limit is another one.
     """
     found = [*known, *_setup_findings(given, known)]
-    joints = [joint for one in found if one.code == "gain-scale" for joint in one.joints]
-    return [one for one in found if one.code != "saturation" or one.joint not in joints]
+    joints = [joint for one in found for joint in one.joints]
+    return [x for x in found if x.code != "saturation" or x.joints or x.joint not in joints]
 
 
 def _setup_findings(given: Experiment, known: Sequence[Finding]) -> list[Finding]:
@@ -193,6 +194,9 @@ def _setup_findings(given: Experiment, known: Sequence[Finding]) -> list[Finding
         # the channels of a torque are not there, and an unknown armature looks like another mistake
         if any(one.severity == "wrong" for one in known):
             return []
+        limited = hidden_limits(given)
+        if limited:  # which looks like gains in another unit, or another zero
+            return limited
         found, without = gain_findings(given)
         return [*found, *limit_findings(without), *pose_findings(without)]
     found, without = mistakes(given)

@@ -13,6 +13,7 @@ from itertools import combinations
 
 import numpy as np
 
+from seaid._arrays import Array
 from seaid._files import toml_table
 from seaid.errors import Finding, listed
 from seaid.estimation import scaled_svd
@@ -61,6 +62,59 @@ def _commanded(given: Experiment) -> list[int]:
     """Return the joints whose torque is that of a controller with gains in N m."""
     drives, names = given.robot.drives, given.robot.joint_names
     return [j for j in given.used if drives[names[j]].controller is not None]
+
+
+_LEVELS = np.linspace(0.3, 0.98, 35)
+"""Shares of the samples below the torque limits that are tried."""
+
+_UNLIMITED = 0.05
+"""Residual without a limit, over the torque, from which a limit is looked for."""
+
+
+def hidden_limits(given: Experiment) -> list[Finding]:
+    """Return controllers without a limit whose torque ends at one, by the motion that follows.
+
+    The torque that they ask for is cut at levels; with the right one, bodies, friction and rotor
+    inertia leave less than half of the residual.
+    """
+    names, found = given.robot.joint_names, []
+    for j in _commanded(given) if np.all(np.isfinite(given.bodies)) else ():
+        law = given.robot.drives[names[j]].controller
+        if law is None or np.isfinite(law.torque_limit_Nm):
+            continue
+        of_bodies = given.regressor[:, j] @ given.bodies
+        H = np.column_stack([of_bodies, given.friction[j], given.lever[j] * given.motor[2][:, j]])
+        asked = given.lever[j] * given.torque[:, j]
+        before = _share_left(H, asked)
+        levels = np.quantile(np.abs(asked), _LEVELS)
+        after = [_share_left(H, np.clip(asked, -level, level)) for level in levels if level > 0]
+        if before < _UNLIMITED or not after or min(after) > before / 2:
+            continue
+        limit = float(levels[levels > 0][int(np.argmin(after))])
+        share = float(np.mean(np.abs(asked) > limit))
+        found.append(
+            Finding(
+                "saturation",
+                f"the controller of {names[j]} has no torque limit and asks for up to "
+                f"{float(np.max(np.abs(asked))):.3g} N m, but the joint moves as if its torque "
+                f"ended at about {limit:.3g} N m ({share:.0%} of the samples): that leaves "
+                f"{min(after):.2g} of the torque unexplained, no limit {before:.2g}",
+                names[j],
+                "wrong",
+                {"torque limit": limit, "unexplained": min(after), "without a limit": before},
+                f"in the drives file:\n{toml_table(names[j], 'controller')}\n"
+                f"torque_limit_Nm = {limit:.3g}  # write that of your drive",
+                "likely",
+                (names[j],),
+            )
+        )
+    return found
+
+
+def _share_left(H: Array, y: Array) -> float:
+    """Return the rms residual of a fit over that of the torque."""
+    x = fitted(H, y)[0]
+    return float(np.std(y - H @ x) / max(float(np.std(y)), np.finfo(float).tiny))
 
 
 def _gain_factors(given: Experiment) -> dict[int, tuple[float, float]]:

@@ -765,6 +765,30 @@ def test_identifiability_says_what_a_gain_set_determines(urdf: Path) -> None:
     assert "within 3.92 ms" in known
 
 
+def test_a_torque_limit_that_is_not_stated_is_found_and_its_lines_repair_it(urdf: Path) -> None:
+    robot = robot_of(urdf, SOFT)
+    drive = robot.drives["j"].with_values({**TRUTH, "friction_offset": 0.0, "command_delay": 0.004})
+    law = drive.controller
+    assert law is not None
+    limited = replace(drive, controller=replace(law, torque_limit_Nm=4.0))
+    plan = log_of(np.full(len(TIME), CHIRP[0]))
+    noise = np.random.default_rng(5).normal(size=(len(TIME), 1)) * 1e-4
+
+    def logged(true: seaid.StiffDrive) -> seaid.Log:
+        moved = seaid.replay(robot.with_drives({"j": true}), plan).joint_position
+        return replace(plan, joint_position=moved + noise)
+
+    log = logged(limited)
+    (found,) = wrong_of(robot, log)
+    assert (found.code, found.joint, found.severity) == ("saturation", "j", "wrong")
+    assert found.evidence["torque limit"] == pytest.approx(4.0, rel=0.06)
+    assert "torque_limit_Nm = " in found.remedy
+    stated = replace(law, torque_limit_Nm=found.evidence["torque limit"])
+    repaired = robot.with_drives({"j": replace(robot.drives["j"], controller=stated)})
+    assert wrong_of(repaired, log) == []
+    assert wrong_of(robot, logged(drive)) == []
+
+
 def test_commands_that_are_repeated_limited_or_followed_too_well_are_said(
     urdf: Path, tmp_path: Path
 ) -> None:
