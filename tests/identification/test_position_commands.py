@@ -774,7 +774,7 @@ def test_a_torque_limit_that_is_not_stated_is_found_and_its_lines_repair_it(urdf
     plan = log_of(np.full(len(TIME), CHIRP[0]))
     noise = np.random.default_rng(5).normal(size=(len(TIME), 1)) * 1e-4
 
-    def logged(true: seaid.StiffDrive) -> seaid.Log:
+    def logged(true: Any) -> seaid.Log:
         moved = seaid.replay(robot.with_drives({"j": true}), plan).joint_position
         return replace(plan, joint_position=moved + noise)
 
