@@ -239,9 +239,11 @@ def with_estimated_delays(robot: Robot, found: Robot) -> Robot:
         if abs(delay) > LARGEST_DELAY_S:
             raise IdentificationError(
                 f"the command of {joint} seems delayed by {delay * 1e3:.3g} ms, more than "
-                f"{LARGEST_DELAY_S * 1e3:g} ms either way: check the gains of its controller and "
-                "the signs of commands and positions, or give the delay in the drives file:\n"
-                f'{toml_table(joint)}\ncommand_delay_s = {delay:.3g}\nknown = ["command_delay"]'
+                f"{LARGEST_DELAY_S * 1e3:g} ms either way, where the search ends: check the gains "
+                "of its controller, and the signs and clocks of commands and positions; commands "
+                "that act so late are shifted in the description of the log:\n"
+                f"{toml_table('joints', joint)}\n"
+                f'position_command = {{ column = "...", delay_s = {-delay:.3g} }}'
             )
         seen = of_buses.setdefault(near, [])
         delay = next((one for one in seen if abs(one - delay) < _ROUNDING_S), delay)

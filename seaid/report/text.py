@@ -368,7 +368,7 @@ def _gain_lines(robot: Robot) -> list[str]:
     return [
         f"gains as given, in SI units at the joints: {given}. Inertias, friction and "
         "offsets are in proportion to them: if they are assumed, write is_up_to_scale = true into "
-        "the controllers, and known bodies determine their scale"
+        "the controllers: known bodies may determine their scale"
     ]
 
 
