@@ -528,7 +528,8 @@ def _unscaled(robot: Robot, motion: Motion) -> Array:
     found = np.full(motion.motor_position.shape, np.nan)
     for j, drive in enumerate(robot.drives.values()):
         if drive.motor_input in ("current", "voltage"):
-            found[:, j] = getattr(motion, INPUT_FIELDS[drive.motor_input])[:, j]
+            channel = getattr(motion, INPUT_FIELDS[drive.motor_input])
+            found[:, j] = np.nan if channel is None else channel[:, j]
     return found
 
 

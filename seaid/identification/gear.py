@@ -214,6 +214,7 @@ def gear_findings(found: Identification) -> tuple[Finding, ...]:
     """Return a note on the joints whose stiffness includes that of the gear."""
     if any(one.code == "motor-side" for one in found.findings):  # which says it
         return ()
+    described = [one.description for one in found.processing] or [None]
     joints = [
         joint
         for joint, estimate in found.drive_side.items()
@@ -221,7 +222,7 @@ def gear_findings(found: Identification) -> tuple[Finding, ...]:
         and "stiffness" in estimate.names
         and found.known.drives[joint].ratio != 1
         and not found.known.drives[joint].gear_compliance
-        and not all(_is_by_deflection(one.description, joint) for one in found.processing)
+        and not all(_is_by_deflection(one, joint) for one in described)
     ]
     if not joints:
         return ()
