@@ -118,7 +118,7 @@ def with_warnings(estimate: Estimate, joint: str, qr_factor: QRFactor | None) ->
         if name in _ZEROS or is_harmonic(name) or name == "command_delay":  # may be zero
             continue
         text = readable(JointParameter(name, joint))
-        reasons, is_weak = [], False
+        reasons, is_weak, subject = [], False, text
         if error > POORLY_IDENTIFIED * abs(value):
             reasons.append(f"standard error {error / abs(value):.0%}" if value else "value zero")
         if name == "stiffness" and qr_factor is not None and _has_linear_spring(estimate):
@@ -126,13 +126,13 @@ def with_warnings(estimate: Estimate, joint: str, qr_factor: QRFactor | None) ->
             reasons, is_weak = reasons + weak, bool(weak)
             if is_weak and (constant := _scattering(estimate)):
                 with_it = "and with it friction and rotor inertia"
-                text = f"{readable(JointParameter(constant, joint))}, {with_it},"
+                subject = f"{readable(JointParameter(constant, joint))}, {with_it},"
         evidence = {"value": float(value), "standard error": float(error)}
         if reasons:
             warnings.append(
                 Finding(
                     "weak-spring" if is_weak else "poorly-identified",
-                    f"{text} is poorly identified: {'; '.join(reasons)}",
+                    f"{subject} is poorly identified: {'; '.join(reasons)}",
                     joint,
                     "doubtful" if is_weak else "note",
                     evidence,

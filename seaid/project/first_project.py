@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -150,9 +150,7 @@ def write_first_project(
         imu_link=imu_link,
     )
     paths = [Path(path) for path in logs]
-    robot = load(joints=joints)
-    joints = joints or _named_joints(robot, paths, doubts)
-    robot = load(joints=joints)
+    robot, joints = _with_columns(load, joints, paths, doubts)
     grouped, of_files = (
         logs_of_files(paths, robot) if rate_hz is None else (_without_time(paths), ())
     )
@@ -204,15 +202,23 @@ def write_first_project(
 _UNNAMED = "no column of the logs has such a name: locked at zero; joints = names those that move"
 
 
-def _named_joints(robot: Robot, paths: Sequence[Path], doubts: list[str]) -> Sequence[str] | None:
-    """Return the joints whose names are in those of columns, None if that is all or none."""
+def _with_columns(
+    load: Callable[..., Robot],
+    joints: Sequence[str] | None,
+    paths: Sequence[Path],
+    doubts: list[str],
+) -> tuple[Robot, Sequence[str] | None]:
+    """Return the robot with the `joints`, else with those whose names are in columns, if some."""
+    robot = load(joints=joints)
+    if joints is not None:
+        return robot, joints
     columns = {name for path in paths for name in open_tables([path]).names}
     named = [x for x in robot.joint_names if any(x in column for column in columns)]
     if not 0 < len(named) < robot.n:
-        return None
+        return robot, None
     others = [one for one in robot.joint_names if one not in named]
     doubts.append(f"{listed(others)}: {_UNNAMED}")
-    return named
+    return load(joints=named), named
 
 
 def _standing(robot: Robot, logs: Sequence[Log]) -> Iterator[str]:
