@@ -209,7 +209,11 @@ def _care(doubts: Iterable[Finding]) -> str:
 
 
 def joint_fits(
-    joint_names: Sequence[str], found: RobotEstimate, given: Experiment, bodies: Array
+    joint_names: Sequence[str],
+    found: RobotEstimate,
+    given: Experiment,
+    bodies: Array,
+    own: BoolArray | None = None,
 ) -> tuple[FrozenMapping[JointFit], tuple[float, float]]:
     """Return the errors of the torques of all joints with rows in memory; {} without any.
 
@@ -217,7 +221,8 @@ def joint_fits(
     their torques without contact forces, in the own logs and in excluded blocks; else it is NaN.
 
     Where no joint has a torque they are those of the rows of a floating base. `bodies` (10n,) are
-    the identified standard parameters with the payloads.
+    the identified standard parameters with the payloads. `given` is what has the `own` (R,) rows of
+    the fit, by default all.
     """
     rows, nothing = found.fit.rows, float("nan")
     if rows is None:
@@ -226,24 +231,27 @@ def joint_fits(
     theta = found.fit.estimate.values  # with those of torque offsets
     sizes = _load_sizes(rows, given, bodies)
     computed, predicted = rows.H @ theta, _block_predictions(found.fit)
-    own = _errors(rows, computed, sizes)
+    if own is not None:
+        rows, computed = rows.at(own), computed[own]
+        predicted = None if predicted is None else predicted[own]
+    errors = _errors(rows, computed, sizes)
     blocks = {} if predicted is None else _errors(rows, predicted, sizes)
-    motors = {joint: _motor_error(joint, found, own, n) for joint in joint_names}
+    motors = {joint: _motor_error(joint, found, errors, n) for joint in joint_names}
     identified = given.of_bodies(bodies)
     fits = {
         joint: JointFit(
-            own=own[j],
+            own=errors[j],
             blocks=blocks.get(j, nothing),
             motor=motors[joint],
             identified=float(identified[j]),
             nominal=float(given.nominal[j]),
         )
         for j, joint in enumerate(joint_names)
-        if j in own
+        if j in errors
     }
-    alone = {} if fits else {rows.joint_names[j]: j for j in own if j < n}
+    alone = {} if fits else {rows.joint_names[j]: j for j in errors if j < n}
     for row, j in alone.items():
-        fits[row] = JointFit(own[j], blocks.get(j, nothing), nothing, nothing, nothing)
+        fits[row] = JointFit(errors[j], blocks.get(j, nothing), nothing, nothing, nothing)
     whole = (nothing, nothing)
     if given.robot.floating_base is not None:
         of_fits = np.isin(
@@ -271,14 +279,15 @@ def without_loads(fits: Mapping[str, JointFit], joints: Collection[str]) -> Froz
     return FrozenMapping(changed, "joint")
 
 
-def _motor_error(joint: str, found: RobotEstimate, own: Mapping[int, float], n: int) -> float:
+def _motor_error(joint: str, found: RobotEstimate, errors: Mapping[int, float], n: int) -> float:
     if joint in found.actuators and found.actuators[joint].rows is not None:
         side = found.actuators[joint]
         assert side.rows is not None
         (error,) = _errors(side.rows, side.rows.H @ side.estimate.values).values()
         return error
-    places = [j for j in own if j >= n and found.fit.rows.joint_names[j - n] == joint]  # type: ignore[union-attr]
-    return own[places[0]] if places else float("nan")
+    names = () if found.fit.rows is None else found.fit.rows.joint_names
+    places = [j for j in errors if j >= n and names[j - n] == joint]
+    return errors[places[0]] if places else float("nan")
 
 
 def _load_sizes(rows: Regression, given: Experiment, bodies: Array) -> dict[int, float]:
@@ -355,9 +364,15 @@ _LACKS = (
 
 
 def fit_findings(
-    joint_names: Sequence[str], found: RobotEstimate, joints: Mapping[str, JointFit]
+    joint_names: Sequence[str],
+    found: RobotEstimate,
+    joints: Mapping[str, JointFit],
+    own: BoolArray | None = None,
 ) -> Iterator[Finding]:
-    """Yield the joints whose torque the model does not explain, and bursts of their residual."""
+    """Yield the joints whose torque the model does not explain, and bursts of their residual.
+
+    The errors of the `joints` are those of the `own` (R,) rows of the fit, by default of all.
+    """
     warnings = (one for drive in found.drives.values() for one in drive.warnings)
     weak = {one.joint for one in warnings if one.code == "weak-spring"}
     for joint, one in joints.items():
@@ -413,7 +428,7 @@ def fit_findings(
                 {"identified bodies": one.identified, "nominal bodies": one.nominal},
                 "record a longer motion that moves this joint and those behind it more",
             )
-    contacts = list(_contacts(joint_names, found.fit))
+    contacts = list(_contacts(joint_names, found.fit, own))
     yield from contacts or _overfitted(joints)
 
 
@@ -442,7 +457,9 @@ def _overfitted(joints: Mapping[str, JointFit]) -> Iterator[Finding]:
         )
 
 
-def _contacts(joint_names: Sequence[str], fit: FittedRows) -> Iterator[Finding]:
+def _contacts(
+    joint_names: Sequence[str], fit: FittedRows, own: BoolArray | None
+) -> Iterator[Finding]:
     """Yield the times at which residuals of several windows are far beyond those of the others.
 
     A contact pulls the fit towards itself: the rows of suspicious windows are predicted by a fit of
@@ -451,6 +468,7 @@ def _contacts(joint_names: Sequence[str], fit: FittedRows) -> Iterator[Finding]:
     rows = fit.rows
     if rows is None:
         return
+    rows = rows if own is None else rows.at(own)
     residual = rows.y - rows.H @ fit.estimate.values
     bursts = _bursts(joint_names, rows, residual, _BURST)
     suspects = _bursts(joint_names, rows, residual, _SUSPECT)

@@ -7,7 +7,7 @@ them known, identify what one condition cannot, such as the torque constant of a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import accumulate
@@ -15,7 +15,7 @@ from itertools import accumulate
 import numpy as np
 from scipy import linalg
 
-from seaid._arrays import Array, FrozenMapping
+from seaid._arrays import Array, BoolArray, FrozenMapping
 from seaid._progress import MOST_NAMES, Result, counted
 from seaid.drives import PARAMETERS, JointParameter
 from seaid.errors import Finding, IdentificationError, checked, listed, shown, unknown_name
@@ -31,7 +31,8 @@ from seaid.estimation import (
     settled_weights,
     term_test,
 )
-from seaid.identification.checking import log_findings, with_setup_findings
+from seaid.identification.adequacy import consequences, fit_findings, joint_fits
+from seaid.identification.checking import joint_checks, log_findings, with_setup_findings
 from seaid.identification.command_delays import (
     MOST_DELAY_ROUNDS,
     with_estimated_delays,
@@ -46,7 +47,7 @@ from seaid.identification.datasets import (
     sources_of,
 )
 from seaid.identification.drive_estimates import merged_estimates, spring_of, with_warnings
-from seaid.identification.experiment import experiment_of
+from seaid.identification.experiment import Experiment, experiment_of
 from seaid.identification.gear import deflection_joints, with_rigid_gears
 from seaid.identification.identification import (
     Identification,
@@ -124,9 +125,14 @@ def shared_rows(rows: Mapping[str, Regression], specific: Sequence[bool]) -> Sha
         )
         for condition, one in rows.items()
     ]
-    offsets = np.cumsum([0, *(float(np.max(one.run, initial=0.0)) + 1 for one in wide)])
-    run = np.concatenate([one.run + offset for one, offset in zip(wide, offsets, strict=False)])
+    starts = _first_runs(wide)
+    run = np.concatenate([one.run + start for one, start in zip(wide, starts, strict=False)])
     return SharedRows(replace(stacked(wide), run=run), places, names)
+
+
+def _first_runs(rows: Iterable[Regression]) -> Array:
+    """Return the number of the first log of each condition, and one more."""
+    return np.cumsum([0, *(float(np.max(one.run, initial=0.0)) + 1 for one in rows)])
 
 
 def _columns(
@@ -164,6 +170,13 @@ class ConditionFit:
     def of(self, condition: str) -> Estimate:
         """Return the estimate of a condition."""
         return self.shared.of(condition, self.estimate)
+
+    def is_of(self, condition: str) -> BoolArray:
+        """Return which rows (R,) of the fit are those of a condition."""
+        assert self.fit.rows is not None
+        starts, place = _first_runs(self.rows.values()), list(self.rows).index(condition)
+        run = self.fit.rows.run
+        return np.asarray((starts[place] <= run) & (run < starts[place + 1]))
 
     def scaled(self, estimate: Estimate) -> ConditionFit:
         """Return the side with an estimate that has the constant as its last parameter."""
@@ -237,6 +250,7 @@ class ConditionFits:
             excluded={name: side.rows[condition].excluded for name, side in sides.items()},
             checks={name: side.fit.checks(()) for name, side in sides.items()},
             fit=self.load.fit,
+            actuators={joint: side.fit for joint, side in self.actuators.items()},
         )
 
 
@@ -374,13 +388,47 @@ def _is_specific(models: Mapping[str, LoadModel], specific: Sequence[str]) -> li
     ]
 
 
-def _setup_findings(
-    robot: Robot, logs: Source | Sequence[Source], datasets: Sequence[Dataset]
-) -> tuple[Finding, ...]:
-    """Return the mistakes of the set-up of one condition, as `identify` finds them."""
-    in_memory = [one for one in sources_of(logs) if isinstance(one, Log)]
-    given = experiment_of(robot, [[first_motion(one)] for one in datasets])
-    return tuple(with_setup_findings(given, log_findings(robot, in_memory)))
+def _in_memory(logs: Source | Sequence[Source]) -> list[Log]:
+    return [one for one in sources_of(logs) if isinstance(one, Log)]
+
+
+def _with_those_of_others(
+    setup: Mapping[str, Sequence[Finding]],
+) -> dict[str, tuple[Finding, ...]]:
+    """Return the findings of each condition, and what is wrong in others: they share parameters."""
+    return {
+        name: (
+            *own,
+            *(
+                replace(
+                    one, message=f"in condition '{other}', which shares parameters: {one.message}"
+                )
+                for other, theirs in setup.items()
+                for one in theirs
+                if other != name and one.severity == "wrong"
+            ),
+        )
+        for name, own in setup.items()
+    }
+
+
+_DIFFERENT = (
+    "; or the conditions differ: give each robot the payload it had (payload=), and name the "
+    "parameters that differ (condition_specific=)"
+)
+
+
+def _with_fits(
+    found: Identification, sides: RobotEstimate, given: Experiment, own: BoolArray
+) -> Identification:
+    """Return the identification of a condition with how well it explains its `own` (R,) rows."""
+    joints, bodies = found.known.joint_names, found.robot.parameters
+    fits, residual = joint_fits(joints, sides, given, bodies + found.known.payload_parameters, own)
+    of_fit = [
+        replace(one, remedy=f"{one.remedy}{_DIFFERENT}") if one.code == "no-fit" else one
+        for one in consequences(found.findings, fit_findings(joints, sides, fits, own))
+    ]
+    return replace(found, findings=(*found.findings, *of_fit), joint_fits=fits, residual=residual)
 
 
 def _fitted(
@@ -520,10 +568,18 @@ def _identify_conditions(
     used = _used(robots, datasets) if torque_joints is None else first.selected(torque_joints)
     springs = deflection_joints(first, [one for found in datasets.values() for one in found])
     declared = robots
-    setup = {
-        name: _setup_findings(robot, conditions[name][1], datasets[name])
+    experiments = {
+        name: experiment_of(robot, [[first_motion(one)] for one in datasets[name]])
         for name, robot in robots.items()
     }
+    setup = _with_those_of_others(
+        {
+            name: with_setup_findings(given, log_findings(robots[name], _in_memory(logs)))
+            for (name, given), (_, logs) in zip(
+                experiments.items(), conditions.values(), strict=True
+            )
+        }
+    )
     robots = {name: with_rigid_gears(robot, springs) for name, robot in robots.items()}
     given = robots
     robots, datasets = _linearised(robots, datasets, used)
@@ -551,7 +607,9 @@ def _identify_conditions(
         drives = with_fixed_warnings(part.drives, given[name], robot)
         part = replace(part, drives=drives)
         one = identification_of(robot, models[name], part, datasets[name], declared=declared[name])
-        found[name] = replace(one, findings=setup[name])
+        checks = joint_checks(experiments[name], [first_motion(one) for one in datasets[name]])
+        one = replace(one, findings=setup[name], setup=checks)
+        found[name] = _with_fits(one, part, experiments[name], sides.load.is_of(name))
     return Conditions(
         FrozenMapping(found), tuple(condition_specific), FrozenMapping(sides.differences())
     )

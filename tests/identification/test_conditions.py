@@ -186,7 +186,43 @@ def test_a_wrong_set_up_is_named_in_its_condition() -> None:
         name: [(one.code, one.joint) for one in found.findings if one.severity == "wrong"]
         for name, found in both.identifications.items()
     }
-    assert named == {"bare": [], "loaded": [("sign", "knee_pitch")]}
+    assert named == {name: [("sign", "knee_pitch")] for name in ("bare", "loaded")}
+    messages = {name: one.findings[0].message for name, one in both.identifications.items()}
+    assert messages["bare"].startswith("in condition 'loaded', which shares parameters: ")
+    assert messages["loaded"].startswith("the torque")
+    assert not any("good" in one.verdict.sentence for one in both.identifications.values())
+
+
+def test_a_torque_that_the_model_does_not_explain_is_named_in_its_condition() -> None:
+    """In one condition the torque of the wrist is that of another part of the motion."""
+    robot = arm().without_nominal()
+    logs = [measure(arm(), arm_motion(), Noise(torque_std_Nm=0.003), seed=seed) for seed in (0, 1)]
+    wrist, torque = robot.index("wrist"), logs[1].motor_torque.copy()
+    torque[:, wrist] = np.roll(torque[:, wrist], len(torque) // 3)
+    wrong = replace(logs[1], motor_torque=torque)
+    for second, level in ((logs[1], "good"), (wrong, "good but")):
+        both = identify_conditions({"a": (robot, logs[0]), "b": (robot, second)})
+        found = both.identifications
+        errors = {name: one.joint_fits["wrist"] for name, one in found.items()}
+        named = [one.code for one in found["b"].warnings if one.joint == "wrist"]
+        assert found["a"].verdict.level == "good"
+        assert found["b"].verdict.level == level
+        assert ("no-fit" in named) == (second is wrong)
+        assert (errors["b"].blocks > 3 * errors["a"].blocks) == (second is wrong)
+        assert all(one.joint_fits["shoulder"].own < 0.01 for one in found.values())
+    assert set(found["b"].setup) == set(robot.joint_names)
+
+
+def test_a_payload_that_was_not_given_is_named() -> None:
+    robot = leg().without_nominal()
+    bare = measure(leg(), leg_motion(), LEG_SENSORS, seed=1)
+    loaded = measure(leg(TEST_MASS), leg_motion(TEST_MASS), LEG_SENSORS, seed=2)
+    both = identify_conditions({"bare": (robot, bare), "loaded": (robot, loaded)})
+    for found in both.identifications.values():
+        named = [one for one in found.warnings if one.code == "no-fit"]
+        assert found.verdict.level == "do not use"
+        assert "ankle_pitch" in [one.joint for one in named]
+        assert all("give each robot the payload it had (payload=)" in one.remedy for one in named)
 
 
 def test_a_negative_stiffness_names_the_sign_of_its_channels() -> None:
