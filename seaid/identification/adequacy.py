@@ -7,7 +7,6 @@ excluded from the fit.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -16,7 +15,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from seaid._arrays import Array, BoolArray, FrozenMapping
+from seaid._arrays import Array, BoolArray, FrozenMapping, safely
 from seaid._progress import Display
 from seaid.errors import Finding, IdentificationError, SeaidError, listed
 from seaid.estimation import (
@@ -24,6 +23,7 @@ from seaid.estimation import (
     RANK_TOLERANCE,
     FittedRows,
     qr_factor_of,
+    row_step,
     scaled_svd,
     time_blocks,
     triangle,
@@ -51,7 +51,7 @@ identified ones, and that is a part of the torque that matters."""
 _BURST, _WINDOW_S, _MOST_BURSTS, _LEAST_BURST, _SCATTERED = 6.0, 0.25, 0.2, 0.05, 2.0
 """A contact is where the residual of a window exceeds so many times that of the median window
 (rms), unless it does so in more than a part of the windows, is a small part of the torque, or is
-scattered over so many times as many windows."""
+scattered over so many times as many windows. A window has at least one independent row."""
 
 _SUSPECT, _CORRELATED = 3.0, 4.0
 """Multiple of the median window from which windows are predicted by the others; rows per
@@ -214,11 +214,12 @@ def joint_fits(
     given: Experiment,
     bodies: Array,
     own: BoolArray | None = None,
-) -> tuple[FrozenMapping[JointFit], tuple[float, float]]:
+) -> tuple[FrozenMapping[JointFit], tuple[float, float], float]:
     """Return the errors of the torques of all joints with rows in memory; {} without any.
 
     Of a floating base the second result is the norm of the residual of all joints over that of
     their torques without contact forces, in the own logs and in excluded blocks; else it is NaN.
+    The third one is the number of independent rows per parameter, infinite if there are no blocks.
 
     Where no joint has a torque they are those of the rows of a floating base. `bodies` (10n,) are
     the identified standard parameters with the payloads. `given` is what has the `own` (R,) rows of
@@ -226,11 +227,12 @@ def joint_fits(
     """
     rows, nothing = found.fit.rows, float("nan")
     if rows is None:
-        return FrozenMapping({}, "joint"), (nothing, nothing)
+        return FrozenMapping({}, "joint"), (nothing, nothing), float("inf")
     n = len(rows.joint_names)
     theta = found.fit.estimate.values  # with those of torque offsets
     sizes = _load_sizes(rows, given, bodies)
-    computed, predicted = rows.H @ theta, _block_predictions(found.fit)
+    computed, by_blocks = rows.H @ theta, _blocks(found.fit)
+    predicted = None if by_blocks is None else by_blocks.predicted
     if own is not None:
         rows, computed = rows.at(own), computed[own]
         predicted = None if predicted is None else predicted[own]
@@ -258,7 +260,8 @@ def joint_fits(
             rows.joint, [j for j, name in enumerate(rows.joint_names) if name in fits]
         )
         whole = _whole(rows, computed, of_fits), _whole(rows, predicted, of_fits)
-    return FrozenMapping(fits, "joint"), whole
+    per_parameter = float("inf") if by_blocks is None else by_blocks.rows_per_parameter
+    return FrozenMapping(fits, "joint"), whole, per_parameter
 
 
 def _whole(rows: Regression, computed: Array | None, some: BoolArray) -> float:
@@ -329,8 +332,30 @@ _ABSURD = 10.0
 """Error of a torque, over that of a constant, whose size says nothing more."""
 
 
-def _block_predictions(fit: FittedRows) -> Array | None:
-    """Return the torques of blocks of the rows, each predicted by the fit of the others."""
+_ALONE = 0.9
+"""Part of the information on a direction of the parameters from which a block alone determines it.
+The other blocks then predict it with ten times the variance of the noise, for an eighth with 1/7
+of it."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Blocks:
+    """Torques (R,) of blocks of the rows, each predicted by the fit of the others.
+
+    `rows_per_parameter` are the independent ones, by how much farther blocks are from the fit of
+    all, in each direction of the parameters, than in white noise.
+    """
+
+    predicted: Array
+    rows_per_parameter: float
+
+
+def _blocks(fit: FittedRows) -> _Blocks | None:
+    """Return the predictions of blocks, None if there are too few rows for them.
+
+    Directions of the parameters that a block alone determines, such as the mass at a foot that is
+    in the air once, are those of the fit of all: the others predict nothing of them.
+    """
     rows = fit.rows
     assert rows is not None
     try:
@@ -342,11 +367,27 @@ def _block_predictions(fit: FittedRows) -> Array | None:
         fit.weights[np.searchsorted(fit.qr_factor.equations, one.equations)] for one in parts
     ]
     factors = [one.weighted_factor(own) for one, own in zip(parts, weights, strict=True)]
-    computed = np.empty(len(rows.y))
-    for place, mask in enumerate(masks):
-        R = np.concatenate([one for other, one in enumerate(factors) if other != place])
-        computed[mask] = rows.H[mask] @ scaled_svd(R[:, :-1]).solve(R[:, -1])
-    return computed
+    R = triangle(np.concatenate(factors))
+    svd = scaled_svd(R[:, :-1])
+    theta, kept = svd.solve(R[:, -1]), svd.rank()
+    root = (svd.vectors[:kept] / svd.norms).T / svd.sizes[:kept]
+    computed, scores = np.empty(len(rows.y)), []
+    for mask, factor in zip(masks, factors, strict=True):
+        # X^T X of all blocks is 1, of this one V S V^T: white noise leaves V^T X^T e the variances
+        # S (1 - S), and the fit of the others differs from that of all by -(1 - V S V^T)^-1 X^T e
+        X = factor[:, :-1] @ root
+        shares, V = safely(np.linalg.eigh, X.T @ X, what="a block of the logs")
+        gradient = V.T @ (X.T @ (factor[:, -1] - factor[:, :-1] @ theta))
+        variance = shares * (1 - shares)
+        real = variance > RANK_TOLERANCE
+        scores.append(gradient[real] ** 2 / variance[real])
+        change = np.where(shares < _ALONE, gradient / np.maximum(1 - shares, 1 - _ALONE), 0.0)
+        computed[mask] = rows.H[mask] @ (theta - root @ (V @ change))
+    score, squares = np.concatenate(scores), np.sum((R[:, -1] - R[:, :-1] @ theta) ** 2)
+    if not np.sum(score) > 0:  # each direction is determined by a block alone
+        return _Blocks(computed, float("inf"))
+    # of n independent rows the residuals have (1 - kept / n) of the variance of the noise
+    return _Blocks(computed, 1 + float(squares / np.mean(score)) / kept)
 
 
 _OF_JOINT = (
@@ -367,6 +408,7 @@ def fit_findings(
     joint_names: Sequence[str],
     found: RobotEstimate,
     joints: Mapping[str, JointFit],
+    rows_per_parameter: float,
     own: BoolArray | None = None,
 ) -> Iterator[Finding]:
     """Yield the joints whose torque the model does not explain, and bursts of their residual.
@@ -429,30 +471,19 @@ def fit_findings(
                 "record a longer motion that moves this joint and those behind it more",
             )
     contacts = list(_contacts(joint_names, found.fit, own))
-    yield from contacts or _overfitted(joints)
+    yield from contacts or _few_rows(joints, rows_per_parameter)
 
 
-_OVERFITTED = math.sqrt((1 + 8 / 7 / FEWEST_INDEPENDENT) / (1 - 1 / FEWEST_INDEPENDENT))
-"""Error of excluded blocks over that of the own logs for the fewest independent rows per parameter,
-r: the squared errors are (1 + 8 / (7 r)) and (1 - 1 / r) times the noise for a fit to 7 of 8
-blocks and to all."""
-
-
-def _overfitted(joints: Mapping[str, JointFit]) -> Iterator[Finding]:
-    """Yield the joint with too few rows for its parameters, by its error in excluded blocks."""
-    ratios = {
-        joint: one.blocks / max(one.own, 1e-300)
-        for joint, one in joints.items()
-        if _NEGLIGIBLE < one.blocks <= NOTHING  # others have no fit
-    }
-    joint = max(ratios, key=ratios.__getitem__, default="")
-    if joint and ratios[joint] > _OVERFITTED:
+def _few_rows(joints: Mapping[str, JointFit], rows_per_parameter: float) -> Iterator[Finding]:
+    """Yield that blocks of the logs contradict each other as so few independent rows do."""
+    has_fit = any(_NEGLIGIBLE < one.blocks <= NOTHING for one in joints.values())
+    if has_fit and rows_per_parameter < FEWEST_INDEPENDENT:
         yield Finding(
             "few-rows",
-            f"excluded blocks of the logs have {ratios[joint]:.2g} times the error of the own logs "
-            f"at {joint}: the logs are too short for so many parameters",
-            joint,
-            evidence={"error of excluded blocks over that of the own logs": ratios[joint]},
+            "blocks of the logs contradict each other as if there were only "
+            f"{rows_per_parameter:.2g} independent rows per parameter: the logs are too short for "
+            "so many parameters",
+            evidence={"independent rows per parameter": rows_per_parameter},
             remedy="record a longer motion, or remove terms of the drives",
         )
 
@@ -469,19 +500,20 @@ def _contacts(
     if rows is None:
         return
     rows = rows if own is None else rows.at(own)
+    window_s = max(_WINDOW_S, _CORRELATED * row_step(np.unique(rows.time[rows.run == rows.run[0]])))
     residual = rows.y - rows.H @ fit.estimate.values
-    bursts = _bursts(joint_names, rows, residual, _BURST)
-    suspects = _bursts(joint_names, rows, residual, _SUSPECT)
-    apart = np.isin(np.floor(rows.time / _WINDOW_S), np.array(list(suspects)) / _WINDOW_S)
+    bursts = _bursts(joint_names, rows, residual, _BURST, window_s)
+    suspects = _bursts(joint_names, rows, residual, _SUSPECT, window_s)
+    apart = np.isin(np.floor(rows.time / window_s), list(suspects))
     if np.any(apart) and np.mean(apart) < _MOST_BURSTS:
-        others = _bursts(joint_names, rows, _deleted_residual(fit, rows, apart), _BURST)
+        left = _deleted_residual(fit, rows, apart)
+        others = _bursts(joint_names, rows, left, _BURST, window_s)
         bursts = others if len(set().union(*others.values())) > 1 else bursts
-    times = sorted(bursts)
-    span = times[-1] + _WINDOW_S - times[0] if times else 0.0
-    if not times or span > _SCATTERED * _WINDOW_S * len(times):
+    windows = sorted(bursts)
+    if not windows or windows[-1] + 1 - windows[0] > _SCATTERED * len(windows):
         return  # scattered bursts, such as those of a friction that the model lacks
+    start, end = windows[0] * window_s, (windows[-1] + 1) * window_s
     joints = sorted(set.union(*bursts.values()), key=list(joint_names).index)
-    start, end = times[0], times[-1] + _WINDOW_S
     yield Finding(
         "contact",
         f"between {start:.2f} and {end:.2f} s the torques of {', '.join(joints)} are far from the "
@@ -490,26 +522,26 @@ def _contacts(
         "doubtful",
         {"start [s]": start, "end [s]": end},
         f"in the description of the log:\n"  # a contact begins and ends softly
-        f"exclude_s = [[{max(start - _WINDOW_S, 0):.3f}, {end + _WINDOW_S:.3f}]]",
+        f"exclude_s = [[{max(start - window_s, 0):.3f}, {end + window_s:.3f}]]",
     )
 
 
 def _bursts(
-    joint_names: Sequence[str], rows: Regression, residual: Array, times: float
-) -> dict[float, set[str]]:
-    """Return {start of a window: joints whose residual exceeds that of their median window}."""
-    bursts: dict[float, set[str]] = {}
+    joint_names: Sequence[str], rows: Regression, residual: Array, times: float, window_s: float
+) -> dict[int, set[str]]:
+    """Return {number of a window: joints whose residual exceeds that of their median window}."""
+    bursts: dict[int, set[str]] = {}
     for j, joint in enumerate(joint_names):
         for run in np.unique(rows.run[rows.joint == j]).tolist():
             mine = (rows.joint == j) & (rows.run == run)
-            window = np.floor(rows.time[mine] / _WINDOW_S)
+            window = np.floor(rows.time[mine] / window_s)
             starts, place, counts = np.unique(window, return_inverse=True, return_counts=True)
             size = np.sqrt(np.bincount(place, residual[mine] ** 2) / counts)
             least = _LEAST_BURST * float(np.std(rows.y[mine]))
             far = size > max(times * float(np.median(size)), least)
             if len(size) >= 8 and np.sum(far) > 1 and np.mean(far) < _MOST_BURSTS:
                 for start in starts[far].tolist():
-                    bursts.setdefault(start * _WINDOW_S, set()).add(joint)
+                    bursts.setdefault(int(start), set()).add(joint)
     return bursts
 
 

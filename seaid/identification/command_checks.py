@@ -244,9 +244,11 @@ def _too_close(log: Log, j: int, error: Array) -> Iterator[Finding]:
     )
 
 
-_NEAR_ZERO, _RETURNS, _FINE = 0.02, 8, 20
-"""A channel that is never negative and so often falls below this share of its size is a magnitude:
-noise about zero would be negative half of the time. One of fewer levels is too coarse to say."""
+_NEAR_ZERO, _AWAY, _RETURNS, _FINE = 0.02, 0.1, 8, 20
+"""A channel that is never negative and so often falls below the first share of its size, from above
+the second one, is a magnitude: noise about zero would be negative half of the time. Without the
+second one, noise counted many times in a foot that lost its load once. One of fewer levels is too
+coarse to say."""
 
 _RESAMPLED = 0.005
 """What interpolation onto another clock leaves below zero of a magnitude, over its size; 0.002 at
@@ -316,8 +318,9 @@ def _is_magnitude(torque: Array) -> bool:
         or not (is_unsigned(torque) or is_unsigned(-torque))
     ):
         return False
-    near = np.abs(torque) <= _NEAR_ZERO * size
-    return int(np.count_nonzero(near[1:] & ~near[:-1])) >= _RETURNS
+    near, away = np.abs(torque) <= _NEAR_ZERO * size, np.abs(torque) > _AWAY * size
+    there = near[near | away]
+    return int(np.count_nonzero(there[1:] & ~there[:-1])) >= _RETURNS
 
 
 def controlled_position(log: Log, j: int, ratio: float) -> Array:

@@ -423,10 +423,13 @@ def _with_fits(
 ) -> Identification:
     """Return the identification of a condition with how well it explains its `own` (R,) rows."""
     joints, bodies = found.known.joint_names, found.robot.parameters
-    fits, residual = joint_fits(joints, sides, given, bodies + found.known.payload_parameters, own)
+    bodies = bodies + found.known.payload_parameters
+    fits, residual, per_parameter = joint_fits(joints, sides, given, bodies, own)
     of_fit = [
         replace(one, remedy=f"{one.remedy}{_DIFFERENT}") if one.code == "no-fit" else one
-        for one in consequences(found.findings, fit_findings(joints, sides, fits, own))
+        for one in consequences(
+            found.findings, fit_findings(joints, sides, fits, per_parameter, own)
+        )
     ]
     return replace(found, findings=(*found.findings, *of_fit), joint_fits=fits, residual=residual)
 

@@ -91,40 +91,6 @@ def unused_lifts(own: FloatingBase, motions: Sequence[Motion]) -> Iterator[Findi
         )
 
 
-def with_brief_lifts(
-    finding: Finding, robot: Robot, motions: Sequence[Sequence[Motion]]
-) -> Finding:
-    """Return a `few-rows` finding with the feet that are in the air in one part of the logs only.
-
-    No other part determines the mass at such a foot, by which excluded blocks are off.
-    """
-    if finding.code != "few-rows" or robot.floating_base is None:
-        return finding
-    every = [one for each in motions for one in each if one.base is not None]
-    total, texts = sum(len(one.time) for one in every), []
-    for link in robot.floating_base.contact_links:
-        start, places = 0, []
-        for one in every:
-            if one.base is not None and link in one.base.contacts:
-                places.append(start + np.flatnonzero(_in_the_air(link, one)[1]))
-            start += len(one.time)
-        up = np.concatenate([np.empty(0, dtype=int), *places])
-        if len(up) and up[-1] - up[0] < _ONE_PART * total:
-            texts.append(f"{link} ({len(up) / every[0].rate_hz:.2g} s)")
-    if not texts:
-        return finding
-    return replace(
-        finding,
-        message=f"{finding.message}; in the air in one part of the logs only, which alone "
-        f"determines the mass at the foot: {', '.join(texts)}",
-        remedy="lift each foot several times, spread over the log, or never",
-    )
-
-
-_ONE_PART = 1 / 8
-"""Part of the logs: one of the blocks that are excluded in turn."""
-
-
 def contact_findings(robot: Robot, motion: Motion, logs: Sequence[Log]) -> Iterator[Finding]:
     """Yield contacts whose flags the motion contradicts."""
     base = motion.base

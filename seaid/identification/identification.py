@@ -61,7 +61,6 @@ from seaid.identification.command_delays import (
     with_estimated_delays,
     with_fixed_delays,
 )
-from seaid.identification.contact_checks import with_brief_lifts
 from seaid.identification.datasets import (
     Dataset,
     Source,
@@ -443,10 +442,9 @@ def _identify(
     consistent = _feasible(robot, model, found) if feasible else None
     result = identification_of(robot, model, found, datasets, consistent, declared)
     bodies = result.robot.parameters + robot.payload_parameters
-    fits, residual = joint_fits(robot.joint_names, found, experiment, bodies)
+    fits, residual, per_parameter = joint_fits(robot.joint_names, found, experiment, bodies)
     fits = without_loads(fits, locked)
-    of_fit = fit_findings(robot.joint_names, found, fits)
-    of_fit = (with_brief_lifts(one, robot, moved) for one in of_fit)
+    of_fit = fit_findings(robot.joint_names, found, fits, per_parameter)
     findings += consequences(findings, of_fit)
     findings += consequences(findings, backlash_findings(given, sources, result.drives, used))
     exact = exact_constants(robot, known_std)

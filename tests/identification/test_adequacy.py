@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 import seaid
-from seaid.identification.adequacy import unused_findings
+from seaid.estimation import FittedRows, ordinary, qr_factor_of
+from seaid.identification.adequacy import JointFit, _blocks, _few_rows, unused_findings
 from seaid.log.reading import Log
+from seaid.regressor import Regression
 from seaid.simulation.simulation import measure
 from tests.experiments import LEG_SENSORS, TEST_MASS, leg, leg_motion, true_value
 
@@ -148,9 +150,67 @@ def test_a_contact_that_pulls_the_fit_is_named_all_the_same() -> None:
     assert 2.2 <= contact.evidence["start [s]"] < 3.0 < contact.evidence["end [s]"] <= 3.8
 
 
-def test_a_log_too_short_for_its_parameters_is_named() -> None:
-    log = leg_log()
-    found = seaid.identify(leg(), log.between(2.0, 3.0))
-    (few,) = [one for one in found.warnings if one.code == "few-rows"]
-    assert few.severity == "doubtful"
-    assert few.evidence["error of excluded blocks over that of the own logs"] > 2.3
+def fitted(count: int, p: int, seed: int, alone: bool = False) -> FittedRows:
+    """Return a fit of `count` independent rows, each logged 20 times; `alone`: a column acts once."""
+    rng = np.random.default_rng(seed)
+    H = rng.normal(size=(count, p))
+    if alone:
+        H[:, 0] *= np.arange(count) == count // 3
+        H[:, 1] = H[:, 0] + 0.02 * H[:, 1]
+    y = H @ np.ones(p) + rng.normal(size=count)
+    H, y = np.repeat(H, 20, axis=0), np.repeat(y, 20)
+    rows = Regression(
+        names=tuple(f"p{k}" for k in range(p)),
+        units=("",) * p,
+        H=H,
+        y=y,
+        joint=np.zeros(len(y)),
+        time=np.arange(len(y)) * 0.01,
+        run=np.zeros(len(y)),
+        excluded=0,
+        propagated=np.empty((len(y), 0)),
+    )
+    return FittedRows(ordinary(rows), qr_factor_of(rows), rows, None)
+
+
+@pytest.mark.parametrize(("count", "p"), [(24, 16), (40, 16), (160, 16), (40, 4)])
+def test_independent_rows_are_counted_by_what_blocks_contradict(count: int, p: int) -> None:
+    found = [_blocks(fitted(count, p, seed)) for seed in range(20)]
+    counts = [one.rows_per_parameter for one in found if one is not None]
+    assert np.median(counts) == pytest.approx(count / p, rel=0.25)
+
+
+def test_blocks_that_contradict_each_other_are_few_rows() -> None:
+    joints = {"knee": JointFit(0.1, 0.4, np.nan, 0.1, 0.1)}
+    (few,) = _few_rows(joints, 1.2)
+    assert (few.code, few.severity) == ("few-rows", "doubtful")
+    assert "only 1.2 independent rows per parameter" in few.message
+    assert not list(_few_rows(joints, 1.6))
+    # what an exact log leaves, and a model that does not fit, say nothing of their number
+    for blocks in (1e-3, 1.5):
+        assert not list(_few_rows({"knee": replace(joints["knee"], blocks=blocks)}, 1.2))
+
+
+def test_what_one_block_alone_determines_is_not_predicted_by_the_others() -> None:
+    for seed in range(10):
+        fit = fitted(160, 8, seed, alone=True)
+        blocks = _blocks(fit)
+        assert blocks is not None
+        assert fit.rows is not None
+        # the others have a 2500th of the information on the row that acts once
+        error = np.std(fit.rows.y - blocks.predicted)
+        assert error < 1.3 * fit.estimate.residual_std
+        assert blocks.rows_per_parameter == pytest.approx(20, rel=0.6)
+
+
+@pytest.mark.slow  # four fits of a leg
+@pytest.mark.parametrize("span_s", [(2.0, 3.0), (1.0, 2.5)])
+def test_a_second_of_a_leg_has_intervals_that_hold(span_s: tuple[float, float]) -> None:
+    scores = []
+    for seed in (1, 2):
+        found = seaid.identify(leg().without_nominal(), leg_log(seed).between(*span_s))
+        assert "few-rows" not in {one.code for one in found.warnings}
+        count = len(found.base.columns)
+        error = found.load.values[:count] - found.base.project(leg().parameters)
+        scores.append(error / found.load.standard_errors[:count])
+    assert np.mean(np.square(scores)) < 1.5

@@ -24,7 +24,6 @@ from seaid.identification.contact_checks import (
     _lateness,
     _moving,
     foot_places,
-    with_brief_lifts,
     with_leg_order,
 )
 from seaid.log import BaseLog, Description, LogDescription, turned_to_world
@@ -109,20 +108,6 @@ def test_a_foot_that_is_hardly_in_the_air_is_named_with_the_time_it_needs() -> N
     brief[2000:2060] = 0
     longer = found(contacts={**flags(), "FR_foot": brief})
     assert "unidentifiable" not in {one.code for one in longer}
-
-
-def test_few_rows_name_a_foot_that_is_in_the_air_in_one_part_only() -> None:
-    finding = Finding("few-rows", "the logs are too short", "FR_calf_joint")
-    base, lifted = walked().base, np.ones_like(flags()["FR_foot"])
-    assert base is not None
-    for lift, is_named in ((slice(1000, 1200), True), (slice(3000, 3200), False)):
-        lifted[lift] = 0
-        contacts = {**{foot: np.ones(len(lifted)) for foot in GO2_FEET}, "FR_foot": lifted}
-        log = replace(walked(), base=replace(base, contacts=contacts))
-        motion = seaid.reconstruct_motion(go2(), log, cutoff_hz=10.0)
-        named = with_brief_lifts(finding, go2(), [[motion]])
-        text = "alone determines the mass at the foot: FR_foot (0.72 s)"
-        assert (text in named.message) == is_named
 
 
 def test_a_foot_that_slides_is_a_note() -> None:

@@ -537,6 +537,19 @@ def test_torques_without_sign_and_outputs_of_a_controller_are_named() -> None:
     assert named(np.maximum(torque, 0) - np.maximum(-torque, 0) * 0.01) == []
 
 
+def test_a_load_that_vanishes_once_is_no_magnitude() -> None:
+    """A foot that is hardly loaded for a second, with noise: eight returns to zero before."""
+    time = _tracked()[0]
+    noise = 0.02 * np.random.default_rng(5).normal(size=len(time))
+    load = 5 * (1 - np.exp(-(((time - 5) / 1.5) ** 6)))
+    torque = load + 0.09 + noise
+    near = np.abs(torque) < 0.02 * np.percentile(torque, 99)
+    assert np.min(torque) > 0
+    assert np.count_nonzero(near[1:] & ~near[:-1]) > 8
+    assert not _is_magnitude(torque)
+    assert _is_magnitude(np.abs(torque * np.sin(9 * time)))
+
+
 @pytest.mark.parametrize("path", sorted(LOGS.rglob("*.npz")), ids=lambda path: path.stem)
 def test_no_torque_of_a_measured_log_is_taken_for_a_magnitude(path: Path) -> None:
     with np.load(path) as columns:
