@@ -151,7 +151,7 @@ def test_a_contact_that_pulls_the_fit_is_named_all_the_same() -> None:
 
 
 def fitted(count: int, p: int, seed: int, alone: bool = False) -> FittedRows:
-    """Return a fit of `count` independent rows, each logged 20 times; `alone`: a column acts once."""
+    """Return a fit of `count` independent rows, each logged 20 times; `alone`: one acts once."""
     rng = np.random.default_rng(seed)
     H = rng.normal(size=(count, p))
     if alone:
