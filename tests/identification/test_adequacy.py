@@ -165,7 +165,7 @@ def fitted(count: int, p: int, seed: int, alone: bool = False) -> FittedRows:
         H=H,
         y=y,
         joint=np.zeros(len(y)),
-        time=np.arange(len(y)) * 0.01,
+        time=np.arange(len(y), dtype=float),
         run=np.zeros(len(y)),
         excluded=0,
         propagated=np.empty((len(y), 0)),
