@@ -107,9 +107,8 @@ def late_flags(case: Case) -> Case:
     robot, log = case
     assert log.base is not None
     late = round(LATE_S / float(np.median(np.diff(log.time))))
-    contacts = {
-        x: np.concatenate([y[:1].repeat(late), y[:-late]]) for x, y in log.base.contacts.items()
-    }
+    before = np.maximum(np.arange(len(log.time)) - late, 0)
+    contacts = {link: flag[before] for link, flag in log.base.contacts.items()}
     return robot, replace(log, base=replace(log.base, contacts=contacts))
 
 

@@ -3,6 +3,7 @@ from .base_log import LEAST_LIFT as LEAST_LIFT
 from .base_log import BaseLog as BaseLog
 from .base_log import BaseMotion as BaseMotion
 from .base_log import base_jumps as base_jumps
+from .base_log import loaded as loaded
 from .base_log import needed_columns as needed_columns
 from .base_log import quaternion_rates as quaternion_rates
 from .base_log import turned_to_world as turned_to_world

@@ -394,8 +394,8 @@ def base_motion(
         )
     flags = {x: log.contacts[x][:, 0] > 0.5 for x in log.contacts if x not in log.wrenches}
     period = rate_hz / cutoff_hz
-    loaded = {f"wrench of {link}": _loaded(x) for link, x in log.wrenches.items()}
-    used = _between_changes({**flags, **loaded, "": jumped}, len(time), _PERIODS * period)
+    feet = {f"wrench of {link}": loaded(x) for link, x in log.wrenches.items()}
+    used = _between_changes({**flags, **feet, "": jumped}, len(time), _PERIODS * period)
     return BaseMotion(
         angular_velocity=w,
         angular_acceleration=e,
@@ -552,7 +552,7 @@ _LOADED = 0.03
 """Part of the largest measured force on a foot from which it touches the ground."""
 
 
-def _loaded(wrench: Array) -> BoolArray:
+def loaded(wrench: Array) -> BoolArray:
     """Return whether a foot with a measured wrench (T, 3 or 6) touches the ground."""
     force = np.linalg.norm(wrench[:, :3], axis=1)
     return np.asarray(force > _LOADED * np.quantile(force, 0.99))

@@ -94,6 +94,7 @@ def base_parameters(
     torque_joints: str | Sequence[str] | None = None,
     seed: int = 0,
     stances: Sequence[Sequence[str]] = ((),),
+    measured: Sequence[str] = (),
 ) -> BaseParameters:
     """Return the base parameters of a robot, structural ones or those that a motion excites.
 
@@ -110,8 +111,11 @@ def base_parameters(
         Seed of the random states.
     stances : list of lists of str
         Of a floating base: the links of its contacts that stand on the ground together, of each
-        kind of stance that a log has; their forces are not measured. "hanging" in place of a list
-        is another experiment with the base bolted to the world. Default: flight alone.
+        kind of stance that a log has. "hanging" in place of a list is another experiment with the
+        base bolted to the world. Default: flight alone.
+    measured : list of str, optional
+        Links of the stances whose forces, and of flat feet moments, are measured. Points determine
+        what flight does; a flat foot that always stands shows its weight and not its inertia.
 
     Returns
     -------
@@ -136,7 +140,7 @@ def base_parameters(
             "torque_joints= names no joint: give those whose torque is known", "torque_joints="
         )
     if robot.floating_base is not None:
-        H = _floating_columns(robot, motion, known, seed, stances)
+        H = _floating_columns(robot, motion, known, seed, stances, measured)
     else:
         states = random_states(robot, seed, len(known)) if motion is None else motion.joint_states
         _check_memory(robot, len(states[0]))
@@ -168,6 +172,7 @@ def _floating_columns(
     known: Sequence[int],
     seed: int,
     stances: Sequence[Sequence[str]],
+    measured: Sequence[str],
 ) -> Array:
     """Return the regressor (rows, m) of base and joints over a motion, or over random stances."""
     if motion is not None:
@@ -187,7 +192,7 @@ def _floating_columns(
     else:
         rows = []
         for place, links in enumerate(stances):
-            _, Y, reduced = stance_rows(robot, links, seed_of(seed) + place, known)
+            _, Y, reduced = stance_rows(robot, links, seed_of(seed) + place, known, measured)
             rows.append(reduced(Y))
     return np.concatenate([one.reshape(-1, one.shape[2]) for one in rows])
 

@@ -269,13 +269,18 @@ def contact_rotations(robot: Robot, q: Array, contacts: Sequence[Contact]) -> Ar
 
 
 def stance_rows(
-    robot: Robot, links: Sequence[str], seed: int, joints: Sequence[int]
+    robot: Robot,
+    links: Sequence[str],
+    seed: int,
+    joints: Sequence[int],
+    measured: Sequence[str] = (),
 ) -> tuple[BaseStates, Array, Callable[[Array], Array]]:
     """Return random states of joints in a stance, the rows (T, 6 + k, m) of bodies, and a function.
 
-    The function removes the contact forces of the stance from rows. A ball counts as a point at its
-    centre, which hides the mass there: its roll shows of a mass m what has an inertia of m r^2, far
-    below the noise in the columns, which would bias all parameters that this mass belongs to.
+    The function removes the contact forces of the stance that are not `measured` from rows. A ball
+    counts as a point at its centre, which hides the mass there: its roll shows of a mass m what has
+    an inertia of m r^2, far below the noise in the columns, which would bias all parameters that
+    this mass belongs to.
     """
     count = -(-30 * len(robot.body_names) // 6)  # three equations per parameter
     if links == HANGING:
@@ -286,7 +291,8 @@ def stance_rows(
         return states, Y, lambda rows: np.asarray(rows * (np.arange(rows.shape[1]) >= 6)[:, None])
     robot = _with_points(robot)
     states, base = stance_states(robot, links, seed, count)
-    touching = dict.fromkeys(links, np.ones(count, dtype=bool))
+    hidden = (one for one in links if one not in measured)
+    touching = dict.fromkeys(hidden, np.ones(count, dtype=bool))
     Y = floating_rows(robot, floating_regressor(robot, *states, base), joints)
 
     def reduced(rows: Array) -> Array:
@@ -509,8 +515,13 @@ _POSTURES, _TURNED_RAD = 20, 0.5
 
 @lru_cache(maxsize=8)
 def _typical_lever(robot: Robot) -> float:
-    """Return the rms lever [m] of the forces of all contacts on the base, about the posture 0."""
+    """Return the rms lever [m] of the forces of all contacts on the base, about the posture 0.
+
+    1 m without contacts, of a robot in the air.
+    """
     assert robot.floating_base is not None
+    if not robot.floating_base.contacts:
+        return 1.0
     turned = np.random.default_rng(0).uniform(-1, 1, (_POSTURES, robot.n)) * _TURNED_RAD
     A = contact_map(robot, turned * ~np.array(robot.is_prismatic), robot.floating_base.contacts)
     return float(np.linalg.norm(A[:, 3:6]) / np.linalg.norm(A[:, :3]))

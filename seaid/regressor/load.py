@@ -23,6 +23,7 @@ from seaid.log import (
     decimated,
     in_band_at,
     joint_standstill,
+    loaded,
     row_samples,
     standstill,
     still_share,
@@ -180,9 +181,9 @@ def load_model_of(
     robot: Robot, motions: Sequence[Motion], torque_joints: Sequence[str]
 ) -> LoadModel:
     """Return the identifiable columns of the load side in the stances of some motions."""
-    stances = stances_of(motions)
-    base = base_parameters(robot, torque_joints=torque_joints, stances=stances)
-    return load_model(robot, base, torque_joints, stances)
+    stances, measured = stances_of(robot, motions)
+    base = base_parameters(robot, torque_joints=torque_joints, stances=stances, measured=measured)
+    return load_model(robot, base, torque_joints, stances, measured)
 
 
 def load_model(
@@ -190,10 +191,11 @@ def load_model(
     base: BaseParameters,
     torque_joints: Sequence[str],
     stances: Sequence[Sequence[str]] = ((),),
+    measured: Sequence[str] = (),
 ) -> LoadModel:
     """Return the identifiable columns of the load side, for the torques of some joints.
 
-    `stances` are those of a floating base, as in `base_parameters`.
+    `stances` and `measured` are those of a floating base, as in `base_parameters`.
     """
     known = [robot.index(joint) for joint in torque_joints]
     drives: list[tuple[str, str, str]] = []
@@ -207,7 +209,7 @@ def load_model(
     else:
         parts = []
         for place, links in enumerate(stances):
-            states, Y, reduced = stance_rows(robot, links, 1 + place, known)
+            states, Y, reduced = stance_rows(robot, links, 1 + place, known, measured)
             columns, drives = drive_parameters(
                 robot, torque_joints, partial(_stiff_signals_at, robot, states)
             )
@@ -443,19 +445,35 @@ def drive_columns(robot: Robot, motion: Motion, model: LoadModel) -> Array:
     return columns[:, :, [drives.index(drive) for drive in model.drives]]
 
 
-def stances_of(motions: Sequence[Motion]) -> tuple[tuple[str, ...], ...]:
-    """Return the sets of links that touch the ground together in motions of a floating base."""
+def stances_of(
+    robot: Robot, motions: Sequence[Motion]
+) -> tuple[tuple[tuple[str, ...], ...], tuple[str, ...]]:
+    """Return the sets of contacts that touch the ground together in motions of a floating base.
+
+    The second result are those among them with measured wrenches: flat feet that have one in each
+    log, of which one that always stands shows its weight only.
+    """
+    own, bases = robot.floating_base, [one.base for one in motions]
     found: dict[tuple[str, ...], None] = {}
-    for motion in motions:
-        base = motion.base
-        if base is None or not base.contacts:
+    flat = [
+        link
+        for link in (() if own is None else own.contact_links)
+        if all(one is not None and link in one.wrenches for one in bases)
+        if own is not None and own.contact_of(link).is_flat
+    ]
+    for base in bases:
+        if base is None:
             found[()] = None
             continue
-        patterns = np.array([flags[base.used] for flags in base.contacts.values()]).T
+        touching = {**base.contacts, **{x: loaded(base.wrenches[x]) for x in flat}}
+        if not touching:
+            found[()] = None
+            continue
+        patterns = np.array([flags[base.used] for flags in touching.values()]).T
         for pattern in np.unique(patterns, axis=0):
-            links = (x for x, touches in zip(base.contacts, pattern, strict=True) if touches)
+            links = (x for x, touches in zip(touching, pattern, strict=True) if touches)
             found[tuple(links)] = None
-    return tuple(found)
+    return tuple(found), tuple(flat)
 
 
 def below_base(columns: Array) -> Array:

@@ -24,7 +24,9 @@ from seaid.regressor.structural.modular_dynamics import (
 )
 from seaid.robot import HANGING, Contact, Robot
 
-_MORE_ROWS = 12
+_MORE_ROWS, _OF_BRANCH = 12, 6
+"""Rows beyond the number of parameters, and the most rows of an instant that show a branch of the
+robot in other ways: it acts on the rest by a force and a moment."""
 
 
 def columns_of_stances(
@@ -32,6 +34,7 @@ def columns_of_stances(
     stances: Sequence[Sequence[str]],
     *,
     torque_joints: Sequence[str] | None = None,
+    measured: Sequence[str] = (),
     seed: int = 0,
 ) -> tuple[int, ...]:
     """Return the base columns of the regressor of a floating base in some stances, exactly.
@@ -41,10 +44,12 @@ def columns_of_stances(
     robot : Robot
         With a floating base.
     stances : list of lists of str
-        As in `seaid.base_parameters`; an empty list is flight, which is what stances with measured
-        wrenches determine too; "hanging": with the base bolted to the world.
+        As in `seaid.base_parameters`; an empty list is flight; "hanging": with the base bolted to
+        the world.
     torque_joints : list of str, optional
         Joints whose torque is known. Default: all.
+    measured : list of str, optional
+        Contacts whose wrench is measured.
     seed : int, default 0
 
     Returns
@@ -59,12 +64,13 @@ def columns_of_stances(
     width, rows = len(robot.parameters), [np.zeros((0, len(robot.parameters)), dtype=object)]
     for links in stances:
         if links == HANGING:
-            rows.append(_hanging_rows(numbers, known, (width + _MORE_ROWS) // len(known) + 1))
+            rows.append(_hanging_rows(numbers, known, _instants(width, len(known))))
             continue
         contacts = [one for one in robot.floating_base.contacts if one.link in links]
-        reached = sum(6 if one.is_flat else 3 for one in contacts)
+        hidden = [one for one in contacts if one.link not in measured]
+        reached = sum(6 if one.is_flat else 3 for one in hidden)
         left = max(int(sum(free)) + len(known) - reached, 1)
-        rows.append(_rows(numbers, contacts, known, (width + _MORE_ROWS) // left + 1))
+        rows.append(_rows(numbers, contacts, hidden, known, _instants(width, left)))
     H = np.vstack(rows)
     H[:, robot.is_known] = 0
     order = np.roll(np.arange(width), 10)  # the base is the last body
@@ -72,10 +78,19 @@ def columns_of_stances(
     return tuple(int(order[pivot]) for pivot in pivots)
 
 
+def _instants(width: int, rows: int) -> int:
+    """Return at how many instants so many `rows` each determine what can be of all parameters."""
+    return (width + _MORE_ROWS) // min(rows, _OF_BRANCH) + 1
+
+
 def _rows(
-    numbers: ResidueNumbers, contacts: Sequence[Contact], known: Sequence[int], count: int
+    numbers: ResidueNumbers,
+    contacts: Sequence[Contact],
+    hidden: Sequence[Contact],
+    known: Sequence[int],
+    count: int,
 ) -> Residues:
-    """Return the rows (R, m) without contact forces at random instants of one stance."""
+    """Return the rows (R, m) without the forces of `hidden` contacts at instants of one stance."""
     dynamics, n = modular_dynamics(exact_tree(numbers.robot)), numbers.robot.n
     q, turned, v, a = numbers.states(count)
     linear, w, e, f = (numbers.random(count, 3) for _ in range(4))
@@ -105,6 +120,8 @@ def _rows(
     states = numbers.of_bodies(q, turned, v, a)
     Y = _on_leaders(numbers, dynamics.regressor(states, _motion(f, w, e)))
     kept = [*np.flatnonzero(free), *(6 + joint for joint in known)]
+    unknown = [x for x, one in zip(forces, contacts, strict=True) if one in hidden]
+    A = np.concatenate([A[:, :, :0], *unknown], axis=2)
     return np.vstack(
         [_left_over(A_t, Y_t) for A_t, Y_t in zip(A[:, kept], Y[:, kept], strict=True)]
     )
