@@ -143,7 +143,7 @@ ONE_IMPORTER = {
         *("export.joint_actuators", "regressor.structural.equations"),
     ),
     "one stage of reading each, which most logs do not pass": (
-        *("log.custom_columns", "log.infer_base"),
+        *("log.custom_columns", "log.infer_base", "log.infer_planar"),
     ),
 }
 """{reason: modules that only one other module imports}."""
@@ -165,7 +165,7 @@ def test_modules_with_one_importer_have_a_reason() -> None:
 
 def test_no_chain_of_imports_is_long() -> None:
     assert longest_chain(import_graph("seaid", ROOT / "seaid")) <= 15
-    assert len([name for name in SOURCES if not name.startswith(ONE_PER_FORMAT)]) <= 185
+    assert len([name for name in SOURCES if not name.startswith(ONE_PER_FORMAT)]) <= 186
 
 
 def test_every_name_of_a_face_is_there_and_none_is_hidden_by_a_module() -> None:

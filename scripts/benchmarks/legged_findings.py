@@ -29,8 +29,8 @@ from scripts.legged_plant import GO2, SOLO12, Quadruped, changed_bodies, plan, p
 from seaid.errors import listed
 
 FIRST_SEED = 200
-SLIPPERY, PUSH_N, LATE_S = 0.3, 15.0, 0.08
-"""Coefficient of friction of a ground on which feet slip, and torque of a hand on a leg [N m]."""
+SLIPPERY, PUSH_NM, LATE_S = 0.5, 15.0, 0.08
+"""Friction of a ground on which feet slip, torque of a hand on a leg [N m], and delay of flags."""
 
 _FOLDER = Path(tempfile.gettempdir()) / "seaid_legged_findings"
 
@@ -126,7 +126,7 @@ def pushed(case: Case) -> Case:
     robot, log = case
     acts = np.abs(log.time - 0.5 * log.time[-1]) < 0.3
     torque = np.array(log.motor_torque)
-    torque[np.ix_(acts, [1, 2])] += PUSH_N * np.array([1.0, 0.6])
+    torque[np.ix_(acts, [1, 2])] += PUSH_NM * np.array([1.0, 0.6])
     return robot, replace(log, motor_torque=torque)
 
 

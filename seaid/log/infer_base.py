@@ -19,6 +19,7 @@ from seaid.log.base_columns import Frame, Order, VectorSource
 from seaid.log.base_log import matrices
 from seaid.log.column_checks import Inference
 from seaid.log.column_meaning import Meaning, meaning_of
+from seaid.log.infer_planar import infer_planar, planar_states
 from seaid.log.readers.table import Table
 from seaid.robot import Robot
 
@@ -68,11 +69,12 @@ class BaseGuess:
 
 def infer_base(table: Table, inference: Inference, robot: Robot) -> BaseGuess:
     """Return the columns of the base and of contacts of a log; `inference` has all samples."""
+    assert robot.floating_base is not None
     found = BaseGuess()
     vectors = _vectors(table, inference, robot) or _in_one_table(table, inference, robot)
     derivatives = _derivatives(vectors, inference, robot)
     for stem, names in vectors.items():
-        if len(names) in (robot.n, robot.n + 6, robot.n + 7) and _is_indexed(stem, names):
+        if len(names) in (robot.n, *_widths(robot)) and _is_indexed(stem, names):
             _generalised(found, stem, names, inference, robot, derivatives.get(stem, ""))
     others = _wrenches(found, vectors, inference, robot)
     for stem, names in vectors.items():
@@ -84,10 +86,28 @@ def infer_base(table: Table, inference: Inference, robot: Robot) -> BaseGuess:
             inference.note(sensor, "a force sensor whose name is not that of one contact: not used")
     _contacts(found, table, vectors, inference, robot)
     _add_loads(found, inference, robot)
+    if robot.floating_base.normal is not None:
+        free = {x: table.bare(x) for x in inference.data if x not in _used(found, robot, inference)}
+        planar = infer_planar(free, inference, robot.floating_base)
+        found.base = {**planar, **found.base}
     _decide_frames(found, inference)
     used = [*found.base.values(), *(x for one in found.contacts.values() for x in one.values())]
     found.meanings |= {name: _TAKEN for one in used for name in one.columns}
     return found
+
+
+def _widths(robot: Robot) -> tuple[int, ...]:
+    """Return the columns of generalised positions and velocities of base and joints."""
+    base = robot.floating_base
+    is_planar = base is not None and base.normal is not None
+    return (robot.n + 3,) if is_planar else (robot.n + 7, robot.n + 6)
+
+
+def _used(found: BaseGuess, robot: Robot, inference: Inference) -> set[str]:
+    """Return the columns that are taken, or have the name of a joint of the robot."""
+    of_joints = {x for x, one in inference.meanings.items() if one.joint in robot.joint_names}
+    vectors = [*found.base.values(), *(x for one in found.contacts.values() for x in one.values())]
+    return {*found.meanings, *of_joints, *(x for one in vectors for x in one.columns)}
 
 
 def _vectors(table: Table, inference: Inference, robot: Robot) -> dict[str, list[str]]:
@@ -114,13 +134,13 @@ def _vectors(table: Table, inference: Inference, robot: Robot) -> dict[str, list
             found.setdefault(stem, {}).setdefault(short[3], name)
         elif number:
             numbered.setdefault(f"{number[1]}[", {})[number[2]] = name
-    sizes = {3, 4, 7, robot.n + 6, robot.n + 7, len(robot.floating_base.contacts)}
+    sizes = {3, 4, 7, *_widths(robot), len(robot.floating_base.contacts)}
     found |= {x: own for x, own in numbered.items() if x not in found and len(own) in sizes}
-    return _whole_vectors(found, inference)
+    return _whole_vectors(found, inference, robot.floating_base.normal is not None)
 
 
 def _whole_vectors(
-    found: Mapping[str, Mapping[str, str]], inference: Inference
+    found: Mapping[str, Mapping[str, str]], inference: Inference, is_planar: bool
 ) -> dict[str, list[str]]:
     """Return the columns in order of the stems with all parts; note a vector that lacks one."""
     vectors = {}
@@ -130,7 +150,9 @@ def _whole_vectors(
             vectors[stem] = [parts[place] for place in sorted(parts, key=int)]
         elif not lacking:
             vectors[stem] = [parts[x] for x in "wxyz" if x in parts]
-        elif len(lacking) == 1 and _kind_of(stem) and not _ELSEWHERE.search(stem.lower()):
+        elif is_planar or len(lacking) != 1:
+            continue
+        elif _kind_of(stem) and not _ELSEWHERE.search(stem.lower()):
             inference.note(stem, f"has no {lacking[0]}: a vector of the base needs x, y and z")
     return vectors
 
@@ -186,7 +208,7 @@ def _derivatives(
     arrays = {
         stem: _samples(names[-n:], inference)
         for stem, names in vectors.items()
-        if len(names) in (n, n + 6, n + 7) and _is_indexed(stem, names)
+        if len(names) in (n, *_widths(robot)) and _is_indexed(stem, names)
     }
     positions = [
         stem
@@ -249,6 +271,8 @@ def _generalised(
         found.base["angular_velocity"] = VectorSource(tuple(base[3:]))
     elif not quantity:
         return
+    elif len(base) == 3:
+        found.base |= planar_states(base, quantity)
     found.meanings |= dict.fromkeys(base, _TAKEN)
     for name, joint in zip(joints, robot.joint_names, strict=True):
         found.meanings[name] = Meaning(quantity, "", joint, meaning.unit, meaning.is_raw)

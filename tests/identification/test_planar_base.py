@@ -245,3 +245,100 @@ def test_a_described_log_has_the_coordinates_of_the_plane(folder: Path) -> None:
     assert log.base.columns().keys() == plain.base.columns().keys()  # type: ignore[union-attr]
     for name, values in plain.base.columns().items():  # type: ignore[union-attr]
         np.testing.assert_allclose(log.base.columns()[name], values, atol=1e-6)
+
+
+NAMES: dict[str, dict[str, str]] = {
+    "boom": {"x": "x", "z": "z", "angle": "pitch", "rate": "pitch_rate"},
+    "degrees": {"x": "base_x [m]", "z": "base_z [m]", "angle": "trunk pitch [deg]"},
+    "imu": {"fx": "acc_x", "fz": "acc_z", "rate": "gyro_y", "angle": "base.pitch_rad"},
+    "gym": {"x": "rootx", "z": "rootz", "angle": "rooty"},
+    "rates": {"x": "px", "z": "pz", "vx": "dx", "vz": "dz", "angle": "theta_body", "rate": "wy"},
+}
+
+
+def signals(folder: Path) -> dict[str, Array]:
+    """The coordinates of the base in the plane and their rates, and columns of the joints."""
+    table = columns(folder)
+    time, (dt,) = table["time_s"], np.diff(table["time_s"][:2])
+    own = {
+        "x": 0.03 * np.sin(2 * np.pi * 0.7 * time),
+        "z": 0.34 + 0.02 * np.sin(2 * np.pi * 1.2 * time),
+        "angle": table.pop("base.angle_rad"),
+        "rate": table.pop("base.angular_velocity_y_rad_per_s"),
+        "fx": table.pop("base.specific_force_x_m_per_s2"),
+        "fz": table.pop("base.specific_force_z_m_per_s2"),
+    }
+    own |= {f"v{axis}": np.gradient(own[axis], dt) for axis in "xz"}
+    return {**table, **{f"@{name}": values for name, values in own.items()}}
+
+
+@pytest.mark.parametrize("kind", NAMES)
+def test_columns_of_a_planar_base_are_described_by_their_names(folder: Path, kind: str) -> None:
+    robot, table, names = loaded(folder), signals(folder), NAMES[kind]
+    scale = 180 / np.pi if kind == "degrees" else 1.0
+    kept = {x: y for x, y in table.items() if not x.startswith("@")}
+    own = {names[x]: table[f"@{x}"] * (scale if x == "angle" else 1.0) for x in names}
+    path = written(folder / f"{kind}.csv", {**kept, **own})
+    guess = seaid.describe_log(path, robot)
+    fields = {
+        quantity: tuple(names[x] for x in parts)
+        for quantity, parts in {
+            "position": ("x", "z"),
+            "velocity": ("vx", "vz"),
+            "specific_force": ("fx", "fz"),
+            "angle": ("angle",),
+            "angular_velocity": ("rate",),
+        }.items()
+        if set(parts) <= names.keys()
+    }
+    found = {name: one.columns for name, one in guess.description.base.items()}
+    assert found == fields
+    assert not any(set(names.values()) & {*one.split(": ")} for one in guess.unsure)
+    log = seaid.read_log(path, robot, description=guess.description)
+    assert isinstance(log.base, BaseLog)
+    assert log.base.orientation is not None
+    angle = 2 * np.arctan2(log.base.orientation[:, 2], log.base.orientation[:, 0])
+    np.testing.assert_allclose(angle, table["@angle"], atol=1e-6)
+    assert seaid.identify(robot.without_nominal(), log) if kind == "imu" else True
+
+
+def test_arrays_of_a_planar_base_and_its_joints_are_states(folder: Path) -> None:
+    robot, table = loaded(folder), signals(folder)
+    of_joints = [table[f"{x}.joint_position_rad"] for x in robot.joint_names]
+    rates = [np.gradient(one, table["time_s"]) for one in of_joints]
+    torques = np.column_stack([table[f"{x}.motor_torque_Nm"] for x in robot.joint_names])
+    states = {
+        "qpos": np.column_stack([table["@x"], table["@z"], table["@angle"], *of_joints]),
+        "qvel": np.column_stack([table["@vx"], table["@vz"], table["@rate"], *rates]),
+        "tau": torques,
+        "contact": np.ones((len(torques), 2)),
+        "time": table["time_s"],
+    }
+    path = folder / "states.npz"
+    np.savez(path, **states)  # type: ignore[arg-type]
+    base = seaid.describe_log(path, robot).description.base
+    assert {name: one.columns for name, one in base.items()} == {
+        "position": ("qpos[0]", "qpos[1]"),
+        "angle": ("qpos[2]",),
+        "velocity": ("qvel[0]", "qvel[1]"),
+        "angular_velocity": ("qvel[2]",),
+    }
+
+
+def test_what_a_planar_base_lacks_or_contradicts_is_noted(folder: Path) -> None:
+    robot, table = loaded(folder), signals(folder)
+    kept = {x: y for x, y in table.items() if not x.startswith("@")}
+    own = {
+        "x": table["@x"],
+        "pitch": 57.3 * 20 * table["@angle"],
+        "gyro_y": -table["@rate"],
+        "acc_x": table["@fx"],
+        "acc_z": table["@fz"] - 9.81,
+    }
+    guess = seaid.describe_log(written(folder / "odd.csv", {**kept, **own}), robot)
+    notes = "\n".join(guess.unsure)
+    assert "x: has no z: the plane of the base needs both" in notes
+    assert "without a unit: taken for degrees" in notes
+    assert "gyro_y: minus the derivative of the angle: one of them needs scale = -1" in notes
+    assert "without gravity or in another unit: not used" in notes
+    assert "specific_force" not in guess.description.base
