@@ -149,6 +149,7 @@ CODES = {
     "base-frames": "orientation, angular velocity and gravity of a base that contradict each other",
     "base-sensor": "an axis of an IMU that is missing",
     "base-bias": "a bias of an accelerometer",
+    "soft-feet": "feet or legs that give way under their load",
     "sensor-zero": "a zero of a force sensor that is off",
     "no-torque": "joints of a floating base without a torque in the log",
     "total-mass": "a total mass that is negative, or far from that of the robot file",

@@ -137,7 +137,7 @@ FAULTS: dict[str, tuple[str, Callable[[int], Case]]] = {
     ),
     "late flags": ("contact-flags", lambda seed: late_flags(walk(GO2, 30.0, seed))),
     "feet slip": ("contact-flags", partial(sway, GO2, 8.0, friction=SLIPPERY)),
-    "soft feet": ("geometry", partial(walk, GO2, 30.0, soft=True)),
+    "soft feet": ("soft-feet", partial(walk, GO2, 30.0, soft=True)),
     "biased accelerometer, walk": ("base-bias", lambda seed: biased(walk(GO2, 30.0, seed))),
     "biased accelerometer, sway": ("base-bias", lambda seed: biased(sway(GO2, 40.0, seed))),
     "a hand pushes": ("contact", lambda seed: pushed(sway(GO2, 40.0, seed))),

@@ -152,20 +152,20 @@ def contact_forces(identification: Identification, *given: Motion) -> ContactFor
     None for a robot without a floating base, and for one without contacts in the log.
     """
     robot = identification.known
-    contacts = _contacts_of(robot, given[0])
+    contacts = contacts_of(robot, given[0])
     if not contacts:
         return None
     bodies, is_whole = bodies_of_fit(identification)
     identification, _ = for_sensors(identification, given[0])
     motions = [for_sensors(identification, motion)[1] for motion in given]
-    parts = [_instants(identification, one, contacts, bodies) for one in motions]
+    parts = [force_instants(identification, one, contacts, bodies) for one in motions]
     names = [field.name for field in fields(_Instants)]
     whole = _Instants(*(np.concatenate([getattr(one, name) for one in parts]) for name in names))
     basis, variance = _basis(identification, motions[0], contacts, whole, is_whole)
     return _summary(identification, contacts, whole, basis, variance)
 
 
-def _contacts_of(robot: Robot, motion: Motion) -> tuple[Contact, ...]:
+def contacts_of(robot: Robot, motion: Motion) -> tuple[Contact, ...]:
     """Return the contacts with a flag or a measured wrench in a motion."""
     base, own = motion.base, robot.floating_base
     if base is None or own is None:
@@ -177,7 +177,7 @@ def _contacts_of(robot: Robot, motion: Motion) -> tuple[Contact, ...]:
     return (*flagged, *measured)
 
 
-def _instants(
+def force_instants(
     identification: Identification, motion: Motion, contacts: Sequence[Contact], bodies: Array
 ) -> _Instants:
     """Return the forces at the instants of one motion."""

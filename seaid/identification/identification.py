@@ -109,6 +109,7 @@ from seaid.identification.physical_consistency import FeasibleParameters, feasib
 from seaid.identification.sensitivity import sensitivity_findings
 from seaid.identification.simulated_joints import with_passed_reversals
 from seaid.identification.simultaneous import estimate_simultaneous
+from seaid.identification.soft_feet import soft_feet_findings
 from seaid.identification.transmission_error import periodic_findings
 from seaid.identification.two_step import (
     RobotEstimate,
@@ -450,6 +451,7 @@ def _identify(
     exact = exact_constants(robot, known_std)
     setup = joint_checks(experiment, [first_motion(one) for one in datasets])
     findings += consequences(findings, feet_findings(result, datasets, found.fit, bias))
+    findings += consequences(findings, soft_feet_findings(result, datasets))
     findings += mass_findings(result, declared)
     return replace(
         result,

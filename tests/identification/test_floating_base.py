@@ -519,3 +519,34 @@ def test_force_and_moment_on_the_base_are_validated_on_another_motion() -> None:
         assert any(f"does not predict the {kind} on the base" in text for text in texts)
     flagged = noisy(simulate(robot, model, 4.0, seed=3), 3)
     assert seaid.validate(found, flagged).base is None
+
+
+@cache
+def on_soft_feet(soft: bool, lifted: bool) -> seaid.Log:
+    """Ten seconds of a walk, or of a sway, on feet that sink in by 4 mm or by 0.2 mm."""
+    targets = plan(go2(), GO2, 10.0, 71, lifted=lifted)
+    model = plant(go2(), 0.001, soft=soft)
+    return noisy(simulate(go2(), model, 10.0, targets=targets), 71)
+
+
+@pytest.mark.parametrize("lifted", [True, False])
+def test_feet_that_sink_in_under_their_load_are_named(lifted: bool) -> None:
+    found = seaid.identify(go2(), on_soft_feet(True, lifted))
+    (finding,) = (one for one in found.warnings if one.code == "soft-feet")
+    assert finding.severity == "doubtful"
+    # MuJoCo's own contacts give way by 4 mm under a quarter of the weight of a Go2
+    assert finding.evidence["compliance [m/N]"] == pytest.approx(9.4e-5, rel=0.06)
+    assert finding.evidence["mean load [N]"] == pytest.approx(41.0, rel=0.06)
+    assert re.search(r"sink in by (3\.\d|4) mm under their mean load of", finding.message)
+    hard = seaid.identify(go2(), on_soft_feet(False, lifted))
+    assert "soft-feet" not in {one.code for one in hard.warnings}
+
+
+def test_four_soft_feet_are_named_without_the_orientation_of_the_base() -> None:
+    for soft in (True, False):
+        log = on_soft_feet(soft, False)
+        assert log.base is not None
+        blind = replace(log, base=replace(log.base, orientation=None))
+        found = seaid.identify(STANDING, blind)
+        codes = [one.code for one in found.warnings]
+        assert ("soft-feet" in codes) == soft
