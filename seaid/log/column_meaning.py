@@ -41,7 +41,7 @@ linear encoder is none in "torque_scale"."""
 _RANK = {kind: rank for rank, kinds in enumerate(_PRECEDENCE) for kind in kinds.split()}
 _MOTOR = {"m", "motor", "motors", "mot", "rotor", "drive", "winding", "moteur"}
 _JOINT = {"joint", "link", "load", "out", "output", "l", "arm", "sensor", "external"}
-_JOINT |= {"joints", "links", "j", "spring"}
+_JOINT |= {"joints", "links", "j", "spring", "sea"}
 _ROLES = {
     "commanded": "cmd command commands commanded lowcmd goal target des desired ref reference "
     "setpoint set stpt con demand soll action actions ff feedforward",

@@ -41,9 +41,28 @@ _KINDS = {
     "angular_velocity": r"gyr|omega|ang|(?<![a-z])w$|rot\w*[._/ ]?vel",
     "specific_force": r"acc|specific|(?<![a-z])[af]$",
     "velocity": r"vel|twist|(?<![a-z])v$",
-    "position": r"pos|trans|(?<![a-z])p$",
+    "position": r"pos|trans|(?<![a-z])[pt]$",
 }
 """{quantity: a pattern of the names of its vectors}, the first that fits."""
+
+_UNITS: dict[str, tuple[str | None, float]] = {
+    **{"": (None, 1.0), "N": (None, 1.0), "kN": (None, 1e3), "mN": (None, 1e-3)},
+    **{"Nm": (None, 1.0), "mNm": (None, 1e-3), "kNm": (None, 1e3), "rad": (None, 1.0)},
+    **{"m": ("position", 1.0), "cm": ("position", 1e-2), "mm": ("position", 1e-3)},
+    **{"m/s": ("velocity", 1.0), "cm/s": ("velocity", 1e-2), "mm/s": ("velocity", 1e-3)},
+    **{"rad/s": ("angular_velocity", 1.0), "mrad/s": ("angular_velocity", 1e-3)},
+    "deg/s": ("angular_velocity", np.pi / 180),
+    **{"m/s2": ("specific_force", 1.0), "mm/s2": ("specific_force", 1e-3)},
+    **{"g": ("specific_force", 1.0), "mg": ("specific_force", 1e-3)},
+}
+"""{unit: (quantity of a vector whose name says none, factor)}; g is found by the samples."""
+
+_OTHER_UNITS = {
+    **{"mps": "m/s", "ms": "m/s", "mps2": "m/s2", "m/s/s": "m/s2", "ms2": "m/s2", "ms-2": "m/s2"},
+    **{"rads": "rad/s", "radps": "rad/s", "degs": "deg/s", "dps": "deg/s", "°/s": "deg/s"},
+    **{"mms": "mm/s", "cms": "cm/s", "deg": "deg/s"},
+}
+"""Spellings of units: "rad_s" is that of a rate, and degrees only have rates in vectors."""
 
 _COMMANDS = r"cmd|des\w*|ref|target|command\w*"
 _COMMANDED = re.compile(rf"(?<![a-z])({_COMMANDS})(?![a-z])")
@@ -51,10 +70,8 @@ _ELSEWHERE = re.compile(rf"(?<![a-z])(joint|motor|ee|tool|{_COMMANDS})(?![a-z])"
 _CONTACT = re.compile(r"contact|touch|stance|foot[._/ ]?force|grf")
 _WRENCH = re.compile(r"(.+?)[._/ ]+(force|f|moment|torque|tau|t|m)", re.IGNORECASE)
 _ANGULAR_ACCELERATION = re.compile(r"ang.*acc|acc.*ang|domega")
-_COMPONENT = re.compile(
-    r"(.+)[._/ ]([wxyz])(?:[._/ ](?:rad|deg|mps|m|s|per|g|Nm|N|s\^?2|s2|/|_)+)?"
-)
-_SHORT_NAME = re.compile(r"(?:(.*)[._/ ])?([qpvwaf])([wxyz])")
+_COMPONENT = re.compile(r"(.+?)(?:[._/ ]([wxyzWXYZ])|(?<=[a-z])([WXYZ]))((?:[._/ \[(].*)?)")
+_SHORT_NAME = re.compile(r"(?:(.*)[._/ ])?([qpvwaftmFMT])([wxyzXYZ])((?:[._/ \[(].*)?)")
 _TAKEN = Meaning("base", "", "", None, is_raw=False)
 
 
@@ -76,10 +93,10 @@ def infer_base(table: Table, inference: Inference, robot: Robot) -> BaseGuess:
     for stem, names in vectors.items():
         if len(names) in (robot.n, *_widths(robot)) and _is_indexed(stem, names):
             _generalised(found, stem, names, inference, robot, derivatives.get(stem, ""))
-    others = _wrenches(found, vectors, inference, robot)
+    others = _wrenches(found, vectors, table, inference, robot)
     for stem, names in vectors.items():
         if not set(names) & set(found.meanings):
-            _named(found, stem, names, inference)
+            _named(found, stem, names, inference, _quantity_and_scale(names, table))
     taken = {tuple(one.columns) for one in found.base.values()}
     for sensor, names in others.items():
         if tuple(names) not in taken:
@@ -91,6 +108,7 @@ def infer_base(table: Table, inference: Inference, robot: Robot) -> BaseGuess:
         planar = infer_planar(free, inference, robot.floating_base)
         found.base = {**planar, **found.base}
     _decide_frames(found, inference)
+    _note_what_is_lacking(found, inference, robot)
     used = [*found.base.values(), *(x for one in found.contacts.values() for x in one.values())]
     found.meanings |= {name: _TAKEN for one in used for name in one.columns}
     return found
@@ -122,21 +140,40 @@ def _vectors(table: Table, inference: Inference, robot: Robot) -> dict[str, list
     for name in inference.data:
         bare, file = table.bare(name), table.files.get(name, "")
         part, number = re.fullmatch(r"(.*)\[(\d+)\]", bare), _NUMBERED.fullmatch(bare)
-        component, short = _COMPONENT.fullmatch(bare), _SHORT_NAME.fullmatch(bare)
+        component = _component(bare)
         if part:
             found.setdefault(f"{part[1]}[", {})[part[2]] = name
         elif bare.isdecimal() and file:
             found.setdefault(f"{file.rsplit('.', 1)[0]}[", {})[bare] = name
         elif component:
-            found.setdefault(component[1], {}).setdefault(component[2], name)
-        elif short:
-            stem = f"{short[1] or ''}_{short[2]}"
-            found.setdefault(stem, {}).setdefault(short[3], name)
+            found.setdefault(component[0], {}).setdefault(component[1], name)
         elif number:
             numbered.setdefault(f"{number[1]}[", {})[number[2]] = name
     sizes = {3, 4, 7, *_widths(robot), len(robot.floating_base.contacts)}
     found |= {x: own for x, own in numbered.items() if x not in found and len(own) in sizes}
     return _whole_vectors(found, inference, robot.floating_base.normal is not None)
+
+
+def _component(bare: str) -> tuple[str, str] | None:
+    """Return the name of a vector and the axis of a column: "GyroX [deg/s]", "pelvis_tx_mm"."""
+    if (one := _SHORT_NAME.fullmatch(bare)) and _unit(one[4]) in _UNITS:
+        return f"{one[1] or ''}_{one[2]}", one[3].lower()
+    if (one := _COMPONENT.fullmatch(bare)) and _unit(one[4]) in _UNITS:
+        return one[1], (one[2] or one[3]).lower()
+    return None
+
+
+def _unit(tail: str) -> str:
+    """Return the unit that ends the name of a component, without its spelling."""
+    bare = re.sub(r"[\s_.\[\]()^*]|(?<=/)/|^/", "", tail.replace("_per_", "/").replace("²", "2"))
+    return _OTHER_UNITS.get(bare, bare)
+
+
+def _quantity_and_scale(names: Sequence[str], table: Table) -> tuple[str | None, float]:
+    """Return the quantity that the unit in the names of a vector says, and its factor."""
+    matches = [_SHORT_NAME.fullmatch(x) or _COMPONENT.fullmatch(x) for x in map(table.bare, names)]
+    units = {_unit(one[4]) for one in matches if one}
+    return _UNITS.get(units.pop(), (None, 1.0)) if len(units) == 1 else (None, 1.0)
 
 
 def _whole_vectors(
@@ -281,8 +318,14 @@ def _generalised(
     inference.note(about, f"taken for the robot's joints in their order ({order})")
 
 
-def _named(found: BaseGuess, stem: str, names: list[str], inference: Inference) -> None:
-    """Take a vector for what its name and its samples say."""
+def _named(
+    found: BaseGuess,
+    stem: str,
+    names: list[str],
+    inference: Inference,
+    by_unit: tuple[str | None, float],
+) -> None:
+    """Take a vector for what its name, its unit and its samples say."""
     text = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", stem).lower().removesuffix("[")
     others = (_ELSEWHERE, _CONTACT, _ANGULAR_ACCELERATION)
     if len(names) not in (3, 4, 7) or any(one.search(text) for one in others):
@@ -296,15 +339,15 @@ def _named(found: BaseGuess, stem: str, names: list[str], inference: Inference) 
         source = VectorSource(tuple(names), order=None if stem.endswith("[") else "wxyz")
         found.base.setdefault("orientation", source)
         return
-    kind = _kind_of(text)
+    kind, scale = _kind_of(text) or by_unit[0], by_unit[1]
     if len(names) == 4 or kind in (None, "orientation"):
         return
     frame: Frame | None = None
-    scale = 1.0
     if kind == "specific_force":
+        values = scale * values
         typical = float(np.median(np.linalg.norm(values, axis=1)))
         if abs(float(np.linalg.norm(np.median(values, axis=0))) - 1.0) < _IN_G:
-            scale = 9.80665
+            scale *= 9.80665
             inference.note(stem.removesuffix("["), "points up with 1 at rest: taken for g")
         elif not _GRAVITY[0] < typical < _GRAVITY[1]:
             text = f"its median is {typical:.2g} m/s^2, without gravity: used if nothing else is"
@@ -319,7 +362,11 @@ def _kind_of(text: str) -> str | None:
 
 
 def _wrenches(
-    found: BaseGuess, vectors: Mapping[str, list[str]], inference: Inference, robot: Robot
+    found: BaseGuess,
+    vectors: Mapping[str, list[str]],
+    table: Table,
+    inference: Inference,
+    robot: Robot,
 ) -> dict[str, list[str]]:
     """Take force sensors for the contacts whose names share the most words with theirs.
 
@@ -347,7 +394,10 @@ def _wrenches(
             others[sensor] = sensors[sensor]["force"]
             continue
         parts = sensors[sensor]
-        found.contacts[links[best]] = {x: VectorSource(tuple(parts[x])) for x in parts}
+        found.contacts[links[best]] = {
+            x: VectorSource(tuple(own), scale=_quantity_and_scale(own, table)[1])
+            for x, own in parts.items()
+        }
         found.meanings |= {name: _TAKEN for names in parts.values() for name in names}
         text = f"taken for the force of the ground on {links[best]}, in the axes of that link"
         inference.note(sensor, text)
@@ -417,18 +467,38 @@ def _decide_frames(found: BaseGuess, inference: Inference) -> None:
         order, frame = _order(found, source, inference)
         if frame == "world":
             w = found.base["angular_velocity"]
-            found.base["angular_velocity"] = VectorSource(w.columns, frame="world")
+            found.base["angular_velocity"] = replace(w, frame="world")
         R = matrices(_in_order(_samples(source.columns, inference), order))
         order_or_none = None if order == "wxyz" else order
         found.base["orientation"] = VectorSource(source.columns, order=order_or_none)
         velocity = found.base.get("velocity")
         if velocity is not None:
             own = _velocity_frame(found, velocity, R, inference)
-            found.base["velocity"] = VectorSource(velocity.columns, frame=own)
+            found.base["velocity"] = replace(velocity, frame=own)
     if {"velocity", "position", "specific_force"} & set(found.base):
         found.base.pop("acceleration", None)
     elif "acceleration" in found.base:
         inference.note("acceleration", "taken for that of the base in its own axes, as of an IMU")
+
+
+def _note_what_is_lacking(found: BaseGuess, inference: Inference, robot: Robot) -> None:
+    """Note the motion of a base of six degrees of freedom that no column says."""
+    assert robot.floating_base is not None
+    if robot.floating_base.normal is not None:
+        return
+    own, turning = set(found.base), {"orientation", "angular_velocity"}
+    if not own & turning:
+        inference.note("base", f"no column found of how it turns: name one in [base] ({_TURNING})")
+    moving = own & {"specific_force", "acceleration"}
+    if not moving and not ("orientation" in own and own & {"position", "velocity"}):
+        inference.note(
+            "base",
+            "no column found of how it accelerates: name in [base] the specific_force of an IMU, "
+            "or position or velocity, with the orientation",
+        )
+
+
+_TURNING = "orientation or angular_velocity"
 
 
 def _in_order(values: Array, order: Order) -> Array:

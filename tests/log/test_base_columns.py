@@ -160,7 +160,50 @@ def test_named_columns_of_the_base_are_found(tmp_path: Path, style: str) -> None
     check(described(path), *parts[:3], "angular_velocity", "specific_force")
 
 
-SENSORS = ("/{}_ft/wrench/force/{} /{}_ft/wrench/torque/{}", "{}_foot_F_{} {}_foot_M_{}")
+UNITS = {
+    "mocap in mm": (("trunk_t{} [mm]", 1e3), ("trunk_q{}", 1.0), ("Gyro{} [deg/s]", 180 / np.pi)),
+    "without words": (("pelvis_{}_cm", 1e2), ("pelvis_q{}", 1.0), ("pelvis_{}_dps", 180 / np.pi)),
+    "SI": (("trunk.t{}", 1.0), ("rot_{}", 1.0), ("imu_w{}_rad_s", 1.0)),
+}
+
+
+@pytest.mark.parametrize("style", UNITS)
+def test_units_in_the_names_of_vectors_are_converted(tmp_path: Path, style: str) -> None:
+    one, columns = states(), {"time_s": states()["time"]}
+    parts = ("position", "orientation", "w")
+    for (head, factor), name in zip(UNITS[style], parts, strict=True):
+        axes = "XYZ" if head.startswith("Gyro") else "wxyz"[-one[name].shape[1] :]
+        for x, values in zip(axes, factor * one[name].T, strict=True):
+            columns[head.format(x)] = values
+    for foot, flags in zip(FEET, one["flags"].T, strict=True):
+        columns[f"{foot}_touch"] = flags
+    for k, joint in enumerate(go2().joint_names):
+        columns[f"{joint}_pos"] = one["joints"][:, k]
+        columns[f"{joint}_sea_torque_Nm"] = one["torque"][:, k]
+    table = np.column_stack([*columns.values()])
+    path = tmp_path / "sway.csv"
+    np.savetxt(path, table, delimiter=",", header=",".join(columns), comments="", fmt="%.12g")
+    check(described(path), "position", "orientation", "angular_velocity", atol=1e-9)
+    guess = seaid.describe_log(path, go2())
+    assert not any("how it" in one for one in guess.unsure)
+    torques = seaid.read_log(path, go2(), description=guess.description).joint_torque
+    np.testing.assert_allclose(torques, one["torque"], atol=1e-9)  # that of the spring
+
+
+def test_a_base_whose_motion_no_column_says_is_named(tmp_path: Path) -> None:
+    one = states()
+    arrays = {"joint_pos": one["joints"], "joint_torque": one["torque"], "contact": one["flags"]}
+    np.savez(tmp_path / "walk.npz", **arrays)
+    unsure = seaid.describe_log(tmp_path / "walk.npz", go2(), rate_hz=RATE_HZ).unsure
+    assert any("base: no column found of how it turns: name one in [base]" in x for x in unsure)
+    assert any("base: no column found of how it accelerates: name in [base]" in x for x in unsure)
+
+
+SENSORS = (
+    "/{}_ft/wrench/force/{} /{}_ft/wrench/torque/{}",
+    "{}_foot_F_{} {}_foot_M_{}",
+    "ft_{}_F{} ft_{}_M{}",
+)
 
 
 @pytest.mark.parametrize("style", SENSORS)
