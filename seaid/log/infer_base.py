@@ -36,12 +36,15 @@ vector is near zero."""
 _CLEARER = 0.05
 """Difference of two correlations from which the larger one decides."""
 
+_BASE = r"(?<![a-z])(?:base|trunk|torso|pelvis|body|root|imu|mocap|vicon|odom)(?![a-z])"
+"""Words that name the base: only with one of them a unit alone says what a vector is."""
+
 _KINDS = {
     "orientation": r"quat|orient|rotation|attitude",
     "angular_velocity": r"gyr|omega|ang|(?<![a-z])w$|rot\w*[._/ ]?vel",
     "specific_force": r"acc|specific|(?<![a-z])[af]$",
     "velocity": r"vel|twist|(?<![a-z])v$",
-    "position": r"pos|trans|(?<![a-z])[pt]$",
+    "position": rf"pos|trans|(?<![a-z])p$|{_BASE}.*[._/ ]t$",
 }
 """{quantity: a pattern of the names of its vectors}, the first that fits."""
 
@@ -96,7 +99,7 @@ def infer_base(table: Table, inference: Inference, robot: Robot) -> BaseGuess:
     others = _wrenches(found, vectors, table, inference, robot)
     for stem, names in vectors.items():
         if not set(names) & set(found.meanings):
-            _named(found, stem, names, inference, _quantity_and_scale(names, table))
+            _named(found, stem, names, inference, _scale(names, table))
     taken = {tuple(one.columns) for one in found.base.values()}
     for sensor, names in others.items():
         if tuple(names) not in taken:
@@ -159,7 +162,10 @@ def _component(bare: str) -> tuple[str, str] | None:
     if (one := _SHORT_NAME.fullmatch(bare)) and _unit(one[4]) in _UNITS:
         return f"{one[1] or ''}_{one[2]}", one[3].lower()
     if (one := _COMPONENT.fullmatch(bare)) and _unit(one[4]) in _UNITS:
-        return one[1], (one[2] or one[3]).lower()
+        stem, quantity = one[1], _UNITS[_unit(one[4])][0]
+        if quantity and not _kind_of(stem) and re.search(_BASE, stem.lower().replace("_", " ")):
+            stem = f"{stem}.{quantity}"
+        return stem, (one[2] or one[3]).lower()
     return None
 
 
@@ -169,11 +175,11 @@ def _unit(tail: str) -> str:
     return _OTHER_UNITS.get(bare, bare)
 
 
-def _quantity_and_scale(names: Sequence[str], table: Table) -> tuple[str | None, float]:
-    """Return the quantity that the unit in the names of a vector says, and its factor."""
+def _scale(names: Sequence[str], table: Table) -> float:
+    """Return the factor to SI units of the unit in the names of a vector."""
     matches = [_SHORT_NAME.fullmatch(x) or _COMPONENT.fullmatch(x) for x in map(table.bare, names)]
     units = {_unit(one[4]) for one in matches if one}
-    return _UNITS.get(units.pop(), (None, 1.0)) if len(units) == 1 else (None, 1.0)
+    return _UNITS[units.pop()][1] if len(units) == 1 else 1.0
 
 
 def _whole_vectors(
@@ -323,9 +329,9 @@ def _named(
     stem: str,
     names: list[str],
     inference: Inference,
-    by_unit: tuple[str | None, float],
+    scale: float,
 ) -> None:
-    """Take a vector for what its name, its unit and its samples say."""
+    """Take a vector for what its name and its samples say; `scale` is that of its unit."""
     text = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", stem).lower().removesuffix("[")
     others = (_ELSEWHERE, _CONTACT, _ANGULAR_ACCELERATION)
     if len(names) not in (3, 4, 7) or any(one.search(text) for one in others):
@@ -339,7 +345,7 @@ def _named(
         source = VectorSource(tuple(names), order=None if stem.endswith("[") else "wxyz")
         found.base.setdefault("orientation", source)
         return
-    kind, scale = _kind_of(text) or by_unit[0], by_unit[1]
+    kind = _kind_of(text)
     if len(names) == 4 or kind in (None, "orientation"):
         return
     frame: Frame | None = None
@@ -395,8 +401,7 @@ def _wrenches(
             continue
         parts = sensors[sensor]
         found.contacts[links[best]] = {
-            x: VectorSource(tuple(own), scale=_quantity_and_scale(own, table)[1])
-            for x, own in parts.items()
+            x: VectorSource(tuple(own), scale=_scale(own, table)) for x, own in parts.items()
         }
         found.meanings |= {name: _TAKEN for names in parts.values() for name in names}
         text = f"taken for the force of the ground on {links[best]}, in the axes of that link"
