@@ -493,8 +493,7 @@ def load_regression(
     samples = PIECE_SAMPLES
     if robot.floating_base is not None:  # has more rows and columns
         motion = _thinned(motion)
-        size = (6 + len(model.torque_joints)) * len(model.names)
-        samples = min(max(_PIECE_NUMBERS // size, 1), samples)
+        samples = _piece_samples(model)
 
     def regress(piece: Motion) -> Regression:
         return _load_rows(robot, piece, model, load_columns(robot, piece, model, springs))
@@ -625,7 +624,13 @@ def _further_rows(
         columns = (A[:, :, -1], A[:, :, -1] * 0.0, A[:, :, :-1], A[:, :, :0])
         return _load_rows(robot, piece, model, columns, (names, (unit,) * len(names)))
 
-    return rows_by_pieces(motion, regress)
+    return rows_by_pieces(motion, regress, _piece_samples(model))
+
+
+def _piece_samples(model: LoadModel) -> int:
+    """Return the samples of the pieces of a floating base, which order its rows."""
+    size = (6 + len(model.torque_joints)) * len(model.names)
+    return min(max(_PIECE_NUMBERS // size, 1), PIECE_SAMPLES)
 
 
 def _thinned(motion: Motion) -> Motion:

@@ -550,3 +550,19 @@ def test_four_soft_feet_are_named_without_the_orientation_of_the_base() -> None:
         found = seaid.identify(STANDING, blind)
         codes = [one.code for one in found.warnings]
         assert ("soft-feet" in codes) == soft
+
+
+def test_columns_of_the_accelerometer_have_the_rows_of_the_regression(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Also if a regression has so many columns that it is computed in pieces."""
+    from seaid.regressor import accelerometer_rows, load
+
+    monkeypatch.setattr(load, "_PIECE_NUMBERS", 200_000)
+    found = found_standing()
+    motion, model = found.motions[0], found.model
+    rows = load.load_regression(STANDING, motion, model, {})
+    others = accelerometer_rows(STANDING, motion, model)
+    np.testing.assert_array_equal(rows.time, others.time)
+    np.testing.assert_array_equal(rows.joint, others.joint)
+    assert np.any(np.diff(rows.time) < 0)
