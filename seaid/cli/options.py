@@ -244,7 +244,10 @@ class IdentifyOptions(LogOptions):
     ] = 0.0
     known_std: Annotated[
         str | None,
-        Option(help="Relative standard deviations of constants, as torque=0.03,payload=0.01."),
+        Option(
+            help="Relative standard deviations of constants, as torque=0.03,payload=0.01, or of "
+            "known bodies: bodies=0.05."
+        ),
     ] = None
 
     def saved(self, run: Path | None, *names: str) -> SavedRun | None:

@@ -85,6 +85,7 @@ from seaid.identification.known_constants import (
     check_known_std,
     constants_of,
     exact_constants,
+    scale_of_bodies,
     with_known_std,
 )
 from seaid.identification.method_limits import check_refinable
@@ -296,8 +297,9 @@ def identify(
         Standard deviation of the joint encoder offsets [rad or m], propagated to the load side.
     known_std : mapping {constant: relative standard deviation}
         Of what was given as known: "torque" (one scale error common to all torques), "payload"
-        (mass), "motor_inertia_kg_m2", "gear_ratio", "motor_pulley_radius_m",
-        "load_pulley_radius_m"; propagated to all estimates. A drive's own `std` takes precedence.
+        (mass), "bodies" (each known body, by a scale of its own), "motor_inertia_kg_m2",
+        "gear_ratio", "motor_pulley_radius_m", "load_pulley_radius_m"; propagated to all estimates.
+        A drive's own `std` takes precedence.
     executor : concurrent.futures.Executor, optional
         Processes the logs, one per task.
     progress : bool
@@ -449,6 +451,7 @@ def _identify(
     findings += consequences(findings, of_fit)
     findings += consequences(findings, backlash_findings(given, sources, result.drives, used))
     exact = exact_constants(robot, known_std)
+    findings += scale_of_bodies(result.drives, exact)
     setup = joint_checks(experiment, [first_motion(one) for one in datasets])
     findings += consequences(findings, feet_findings(result, datasets, found.fit, bias))
     findings += consequences(findings, soft_feet_findings(result, datasets))

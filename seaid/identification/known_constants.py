@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.drives import IDEAL_DRIVE, STD_OF_TORQUE
-from seaid.errors import Finding, IdentificationError, unknown_name
+from seaid.drives import IDEAL_DRIVE, STD_OF_TORQUE, Drive
+from seaid.errors import Finding, IdentificationError, listed, unknown_name
 from seaid.estimation import Estimate
 from seaid.identification.datasets import Dataset
 from seaid.log import Motion
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 KNOWN_STD = {
     "torque": "the torques, with one scale error common to all",
     "payload": "the mass of the payloads",
+    "bodies": "the known bodies, each with a scale of its own",
     "motor_inertia_kg_m2": "rotor inertias",
     "gear_ratio": "gear ratios",
     "motor_pulley_radius_m": "motor pulley radii",
@@ -37,13 +38,14 @@ KNOWN_STD = {
 TYPICAL_STD = {
     "torque": 0.03,
     "payload": 0.01,
+    "bodies": 0.05,
     "motor_inertia_kg_m2": 0.05,
     "gear_ratio": 0.001,
     "motor_pulley_radius_m": 0.005,
     "load_pulley_radius_m": 0.005,
 }
-"""Values that the output proposes: tolerances of data sheets (of K_t, of inertias), of scales, and
-of turned pulleys with their cable."""
+"""Values that the output proposes: tolerances of data sheets (of K_t, of inertias), of scales, of
+masses by CAD, and of turned pulleys with their cable."""
 
 _STEP = 1e-3
 """Relative change of a constant in difference quotients."""
@@ -55,7 +57,7 @@ _CHANNELS = ("motor_torque", "motor_current", "motor_voltage", "joint_torque")
 class Constant:
     """A constant with a relative standard deviation, and inputs in which it is larger by `_STEP`.
 
-    `joint` is "" if it is common to all joints.
+    `joint` is "" if it is common to all joints, or that of a body.
     """
 
     name: str
@@ -84,12 +86,44 @@ def exact_constants(robot: Robot, known_std: Mapping[str, float]) -> dict[str, f
     drives = [drive for drive in robot.drives.values() if drive != IDEAL_DRIVE]
     names = {name for drive in drives for name in KNOWN_STD if getattr(drive, name, None)}
     names = {name for name in names if any(name not in drive.std for drive in drives)}
-    if not drives or any(STD_OF_TORQUE not in drive.std for drive in drives):
+    is_scaled = bool(robot.known_bodies) and all(map(_has_unknown_scale, robot.drives.values()))
+    if not is_scaled and any(STD_OF_TORQUE not in drive.std for drive in drives or [IDEAL_DRIVE]):
         names.add("torque")
     if np.any(robot.payload_parameters):
         names.add("payload")
+    if robot.known_bodies:
+        names.add("bodies")
     names -= {name for name, std in known_std.items() if std}
     return {name: std for name, std in TYPICAL_STD.items() if name in names}
+
+
+_INPUT_CONSTANTS = {"torque_constant", "voltage_constant"}
+
+
+def _has_unknown_scale(drive: Drive) -> bool:
+    return drive.motor_input != "torque" and _INPUT_CONSTANTS.isdisjoint(drive.known)
+
+
+def scale_of_bodies(
+    drives: Mapping[str, Estimate], exact: Mapping[str, float]
+) -> tuple[Finding, ...]:
+    """Return a note on constants of motors that rest on known bodies, if these are `exact`."""
+    joints = [joint for joint, one in drives.items() if _INPUT_CONSTANTS & set(one.names)]
+    if not joints or "bodies" not in exact:
+        return ()
+    return (
+        Finding(
+            "torque-scale",
+            f"the motor constants of {listed(joints)} rest on the known bodies, which count as "
+            "exact: were these 10 % heavier, all constants, frictions, rotor inertias and "
+            "stiffnesses would be 10 % larger",
+            joints[0] if len(joints) == 1 else "",
+            "note",
+            remedy="weigh a link, or a test mass on the last one; or state how well the bodies are "
+            "known: --known-std bodies=0.05",
+            certainty="certain",
+        ),
+    )
 
 
 def constants_of(
@@ -102,6 +136,10 @@ def constants_of(
     if known_std.get("payload"):
         heavier = replace(robot, payload_parameters=(1 + _STEP) * robot.payload_parameters)
         yield Constant("payload", "", known_std["payload"], heavier, datasets)
+    for body in robot.known_bodies if known_std.get("bodies") else ():
+        factor = np.where(np.repeat([one == body for one in robot.body_names], 10), 1 + _STEP, 1.0)
+        heavier = robot.with_values(factor * robot.parameters, robot.drives)
+        yield Constant("bodies", body, known_std["bodies"], heavier, datasets)
     for joint, drive in robot.drives.items():
         stds = {name: known_std[name] for name in known_std if hasattr(drive, name)}
         stds |= drive.std

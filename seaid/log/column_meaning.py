@@ -17,13 +17,14 @@ from pathlib import Path
 _QUANTITIES = {
     "time": "t time stamp timestamp ts clock seconds sec nanosec nsec nanoseconds elapsed times "
     "stamps tstamp tstamps timestamps zeit",
-    "position": "pos position angle q theta phi ang enc encoder positions qpos winkel scale",
+    "position": "pos position angle q theta phi ang enc encoder positions qpos winkel drehwinkel "
+    "stellung posicion posizione angulo angolo scale",
     "velocity": "vel velocity speed dq qd qdot omega dtheta velocities rpm erpm qvel rate "
-    "geschwindigkeit vitesse",
+    "geschwindigkeit drehzahl vitesse velocidad velocita",
     "acceleration": "acc accel acceleration accelerations ddq qdd qddot ddtheta beschleunigung",
     "deflection": "defl deflection twist",
-    "torque": "tau torque eff effort trq tq moment force torques frc couple drehmoment",
-    "current": "cur current amps iq curr currents i strom courant",
+    "torque": "tau torque eff effort trq tq moment force torques frc couple drehmoment coppia",
+    "current": "cur current amps iq curr currents i strom courant corriente corrente",
     "voltage": "volt volts voltage u voltages spannung",
     "duty": "pwm duty",
     "temperature": "temp temperature wtemp temperatures temps temperatur",
@@ -39,9 +40,11 @@ _WEAK = {"enc", "encoder", "scale"}
 """Words of a position that say nothing next to another quantity: "encoder_velocity"; the scale of a
 linear encoder is none in "torque_scale"."""
 _RANK = {kind: rank for rank, kinds in enumerate(_PRECEDENCE) for kind in kinds.split()}
-_MOTOR = {"m", "motor", "motors", "mot", "rotor", "drive", "winding", "moteur"}
+_MOTOR = {"m", "motor", "motors", "mot", "rotor", "drive", "winding", "moteur", "motore"}
+_MOTOR |= {"antrieb"}
 _JOINT = {"joint", "link", "load", "out", "output", "l", "arm", "sensor", "external"}
 _JOINT |= {"joints", "links", "j", "spring", "sea"}
+_JOINT |= {"gelenk", "abtrieb", "articulation", "articulacion", "giunto"}
 _ROLES = {
     "commanded": "cmd command commands commanded lowcmd goal target des desired ref reference "
     "setpoint set stpt con demand soll action actions ff feedforward",

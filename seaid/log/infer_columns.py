@@ -65,13 +65,14 @@ def quantities_of(inference: Inference, joint: str, robot: Robot | None) -> Sour
         found["motor_position"]["unit"] = "deg"
         column = str(found["motor_position"]["column"])
         inference.note(column, "taken for degrees, like the joint's")
-    if len(found) == 2:
-        _note_ratio(inference, joint, found)
-    elif "joint_position" in found:
+    has_both = len(found) == 2
+    if not has_both and "joint_position" in found:
         _note_side(inference, joint, found["joint_position"], robot)
     _add_deflection(inference, joint, found)
     _add_torques(inference, joint, found)
     _add_electric(inference, joint, found)
+    if has_both:
+        _turn_motor_side(inference, joint, found)
     drives = [one for one in found if one.endswith(("torque", "current", "voltage"))]
     signed = [one for one in drives if np.any(inference.finite(str(found[one]["column"])) < 0)]
     if (
@@ -121,10 +122,13 @@ def _note_side(
         inference.choose(column, text, is_usual=is_usual)
 
 
-def _note_ratio(inference: Inference, joint: str, found: Sources) -> None:
-    """Note the gear ratio if motor position and joint position (plus deflection) correlate."""
+def _turn_motor_side(inference: Inference, joint: str, found: Sources) -> None:
+    """Note the gear ratio if motor position and joint position (plus deflection) correlate.
+
+    Where it is negative, the motor's side of the gear gets the opposite sign.
+    """
     motor, load = (
-        inference.data[source["column"]] * _POSITION_FACTORS.get(source.get("unit", ""), np.nan)
+        inference.data[source["column"]] * _position_factor(source)
         for source in (found["motor_position"], found["joint_position"])
     )
     twists = [
@@ -133,10 +137,27 @@ def _note_ratio(inference: Inference, joint: str, found: Sources) -> None:
     ]
     sides = [load] + [load + sign * twist for twist in twists for sign in (1.0, -1.0)]
     best = max(sides, key=lambda side: correlation(motor, side) ** 2)
-    if correlation(motor, best) ** 2 > _STIFF:
-        good = np.isfinite(motor) & np.isfinite(best)
-        ratio = np.cov(motor[good], best[good])[0, 1] / np.var(best[good], ddof=1)
-        inference.note(joint, f"the motor turns {ratio:.5g} times as far: check the gear ratio")
+    if not correlation(motor, best) ** 2 > _STIFF:
+        return
+    good = np.isfinite(motor) & np.isfinite(best)
+    ratio = np.cov(motor[good], best[good])[0, 1] / np.var(best[good], ddof=1)
+    inference.note(joint, f"the motor turns {ratio:.5g} times as far: check the gear ratio")
+    if ratio < 0:
+        turned = [one for one in found if one in _MOTOR_SIDE and found[one].get("side") != "joint"]
+        for one in turned:
+            found[one]["sign"] = -int(found[one].get("sign", 1))
+        columns = listed(str(found[one]["column"]) for one in turned)
+        inference.note(columns, "turns against the joint encoder: sign = -1 on the motor's side")
+
+
+_MOTOR_SIDE = ("motor_position", "motor_torque", "motor_current", "motor_voltage")
+
+
+def _position_factor(source: Mapping[str, Any]) -> float:
+    """Return the factor of a position to rad or m, of counts with their number per turn."""
+    if "counts_per_turn" in source:
+        return 2 * np.pi / float(source["counts_per_turn"])
+    return _POSITION_FACTORS.get(source.get("unit", ""), np.nan)
 
 
 def _position_unit(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -25,7 +26,15 @@ from seaid.drives import (
 )
 from seaid.errors import LogError, SeaidError, abridged, checked, listed
 from seaid.identification import check, is_unsigned, no_measurements, with_leg_order
-from seaid.log import Log, describe_log, logs_of_files, low_pass, open_tables, read_log
+from seaid.log import (
+    Log,
+    LogDescription,
+    describe_log,
+    logs_of_files,
+    low_pass,
+    open_tables,
+    read_log,
+)
 from seaid.project.project import FILE_NAME
 from seaid.robot import BaseKind, Contact, FloatingBase, Payload, Robot, load_robot
 
@@ -154,7 +163,9 @@ def write_first_project(
     grouped, of_files = (
         logs_of_files(paths, robot) if rate_hz is None else (_without_time(paths), ())
     )
-    read = [_read(files, robot, folder, rate_hz, known is None) for files in grouped]
+    read: list[_ReadLog] = []
+    for files in grouped:
+        read.append(_read(files, robot, folder, rate_hz, known is None, read))
     robot = _with_springs(robot, {joint for one in read for joint in one.springs})
     doubts += [*of_files, *(doubt for one in read for doubt in one.doubts)]
     texts = {one.description_file: one.text for one in read if one.description_file and one.text}
@@ -185,15 +196,17 @@ def write_first_project(
             write_drives(drives_from_mapping(tables), known)
             texts[known] = _as_comments(found) + _with_gaps(known.read_text(encoding="utf-8"))
     head = _robot_lines(_relative(urdf, folder), robot, joints)
-    if commanded or _unscaled(robot, logs_read, tables):
-        head += _known_bodies(robot)
+    unscaled = _unscaled(robot, logs_read, tables)
+    bodies = _known_bodies(robot) if commanded or unscaled else ()
+    head += bodies
     if known is not None:
         head.insert(1, f"drives = {_quoted(_relative(known, folder))}")
     shortest_s = _SHORTEST_COMMANDED_S if commanded else _SHORTEST_S
     unflagged = [_unflagged(robot, one.log) for one in read]
     doubts += dict.fromkeys(f"{listed(one)}: {_UNFLAGGED}" for one in unflagged if one)
     lines = [*_payload_lines(payloads), *_log_lines(robot, read, folder, shortest_s)]
-    text = "\n".join([*head, *lines, _OPTIONS])
+    stds = _KNOWN_STD["bodies" if bodies and unscaled else ""]
+    text = "\n".join([*head, *lines, _OPTIONS.format(known_std=stds)])
     for path, content in {**texts, file: f"{_as_comments(doubts)}{text}\n"}.items():
         write_whole(path, content)
     return FirstProject((file, *texts), tuple(doubts))
@@ -240,7 +253,10 @@ _STILL = 1e-3
 
 @dataclass(frozen=True)
 class _ReadLog:
-    """A log with the description it needs, if any; `text` where that was inferred."""
+    """A log with the `description` it needs, if any; `text` where that was inferred.
+
+    `columns` are all of a file that needs one.
+    """
 
     files: tuple[Path, ...]
     log: Log
@@ -249,6 +265,8 @@ class _ReadLog:
     doubts: tuple[str, ...] = ()
     gains: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     springs: tuple[str, ...] = ()
+    columns: Set[str] = frozenset()
+    description: LogDescription | Path | None = None
 
 
 def _with_springs(robot: Robot, joints: Iterable[str]) -> Robot:
@@ -291,9 +309,14 @@ def _without_time(paths: Sequence[Path]) -> list[tuple[Path, ...]]:
 
 
 def _read(
-    files: tuple[Path, ...], robot: Robot, folder: Path, rate_hz: float | None, infers: bool
+    files: tuple[Path, ...],
+    robot: Robot,
+    folder: Path,
+    rate_hz: float | None,
+    infers: bool,
+    others: Sequence[_ReadLog],
 ) -> _ReadLog:
-    """Read a log by its own column names, its description, or an inferred one.
+    """Read a log by its own column names, its description, that of one of the others, or a guess.
 
     If the drives are inferred, a joint with a deflection has a spring.
     """
@@ -311,10 +334,16 @@ def _read(
     found = guess.description.joints
     springs = tuple(x for x in found if infers and "deflection" in found[x])
     robot = _with_springs(robot, springs)
+    columns = guess.description.columns() | set(guess.unused)
     target = folder / f"{path.stem}_columns.toml"
     if target.exists():
         log = read_log(files, robot, description=target)
-        return _ReadLog(files, log, target, springs=springs)
+        return _ReadLog(files, log, target, springs=springs, columns=columns, description=target)
+    alike = next((one for one in others if len(files) == 1 and one.columns == columns), None)
+    if alike is not None and alike.description is not None:
+        with suppress(LogError):
+            log = read_log(files, robot, description=alike.description)
+            return replace(alike, files=files, log=log, text="", doubts=(), gains=guess.gains)
     try:
         log = read_log(files, robot, description=guess.description)
     except LogError as problem:
@@ -325,7 +354,8 @@ def _read(
     if ordered is not guess:
         guess, log = ordered, read_log(files, robot, description=ordered.description)
     doubts = tuple(f"{path.name}: {one}" for one in guess.unsure)
-    return _ReadLog(files, log, target, guess.to_toml(), doubts, guess.gains, springs)
+    of_file = target, guess.to_toml(), doubts, guess.gains, springs, columns, guess.description
+    return _ReadLog(files, log, *of_file)
 
 
 def _has_own_names(files: Sequence[Path]) -> bool:
@@ -465,13 +495,16 @@ def _with_gaps(text: str) -> str:
     return text.replace(str(_UNKNOWN_GAIN), '"?"')
 
 
-def _known_bodies(robot: Robot) -> Iterator[str]:
-    """Yield the lines that name the bodies with inertial parameters as known."""
+def _known_bodies(robot: Robot) -> tuple[str, ...]:
+    """Return the lines that name the bodies with inertial parameters as known."""
     bodies = robot.parameters.reshape(-1, 10)
     names = [name for name, one in zip(robot.body_names, bodies, strict=False) if np.any(one)]
-    if names:
-        yield "# Bodies as in the URDF; without this line they are identified too:"
-        yield f"known_bodies = [{', '.join(map(_quoted, names))}]"
+    if not names:
+        return ()
+    return (
+        "# Bodies as in the URDF; without this line they are identified too:",
+        f"known_bodies = [{', '.join(map(_quoted, names))}]",
+    )
 
 
 _NO_ENCODER = (
@@ -740,12 +773,18 @@ def _payload_lines(payloads: Sequence[Payload]) -> Iterator[str]:
         yield '# condition = "loaded"  # and in the logs with the mass; others have another\n'
 
 
+_KNOWN_STD = {
+    "": "# known_std = { torque = 0.03, payload = 0.01 }  # how well the given constants are known",
+    "bodies": "known_std = { bodies = 0.05 }  # how well the URDF's masses are known, relative",
+}
+"""Lines of the relative standard deviations, where known bodies give the scale or do not."""
+
 _OPTIONS = """\
 [identify]
 method = "two-step"  # or "simultaneous": both sides of the springs in one regression
 estimator = "wls"    # or "ols", "huber", "tukey", "iv"
 feasible = true      # physically consistent bodies
-# known_std = { torque = 0.03, payload = 0.01 }  # how well the given constants are known
+{known_std}
 
 [run]
 folder = "runs"

@@ -136,6 +136,32 @@ def test_the_rotor_inertia_of_one_drive_reaches_its_parameters() -> None:
         assert (np.max(ratio) > 1.05) == (joint == "knee_pitch")
 
 
+def test_constants_of_motors_are_as_well_known_as_the_bodies() -> None:
+    """Each body has a scale of its own: the constant of the last joint has that of the last one."""
+    log = geared_arm_log()
+    unknown = np.full_like(log.motor_torque, np.nan)
+    given = replace(log, motor_torque=unknown, motor_current=log.motor_torque / 10.0)
+    drives = dict.fromkeys(log.joint_names, StiffDrive(gear_ratio=1.0, motor_input="current"))
+    bodies = load_robot("ur10", snap_tolerance_rad=0).body_names
+    robot = load_robot("ur10", drives, snap_tolerance_rad=0, known_bodies=bodies)
+    plain, stated = identify(robot, given), identify(robot, given, known_std={"bodies": 0.05})
+    notes = [one for one in plain.warnings if one.code == "torque-scale"]
+    assert [one.severity for one in notes] == ["note"]
+    assert "rest on the known bodies" in notes[0].message
+    assert plain.exact_constants["bodies"] == 0.05
+    assert not {"bodies", "torque"} & set(stated.exact_constants)
+    assert not [one for one in stated.warnings if one.code == "torque-scale"]
+    for joint in log.joint_names[1:4]:
+        drive = stated.drives[joint]
+        np.testing.assert_allclose(drive.values, plain.drives[joint].values)
+        added = (
+            drive.standard_error("torque_constant") ** 2
+            - plain.drives[joint].standard_error("torque_constant") ** 2
+        )
+        relative = np.sqrt(added) / drive.value("torque_constant")
+        assert 0.05 / np.sqrt(len(bodies)) < relative < 0.07
+
+
 @pytest.mark.parametrize("estimator", ["wls", "huber"])
 def test_noise_of_currents_does_not_make_torque_constants_small(estimator: Any) -> None:
     """The currents of the wrist are mostly friction and noise; robust weights are biased."""

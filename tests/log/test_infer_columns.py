@@ -221,6 +221,22 @@ def test_the_gear_ratio_is_noted_in_equal_units(tmp_path: Path) -> None:
     assert "knee: the motor turns 100 times as far: check the gear ratio" in found.unsure
 
 
+def test_a_motor_that_turns_against_its_joint_has_the_opposite_sign(tmp_path: Path) -> None:
+    """Antrieb and Gelenk are motor and joint; the encoders are in counts."""
+    names = ("Motor1 Position [counts]", "Gelenk1 Position [counts]", "Motor1 Strom [mA]")
+    columns = (np.round(wave(0.5, -2e5)), np.round(wave(0.5, 2e3)), wave(0.7, 900.0))
+    named = {"Zeit [ms]": 1e3 * TIME, **dict(zip(names, columns, strict=True))}
+    np.savez(tmp_path / "log.npz", **named)  # type: ignore[arg-type]
+    found = describe_log(tmp_path / "log.npz", chain(tmp_path, "elbow"))
+    sources = found.description.joints["elbow"]
+    assert {name: one.sign for name, one in sources.items()} == {
+        **{"motor_position": -1, "joint_position": 1, "motor_current": -1}
+    }
+    said = [one for one in found.unsure if "sign = -1 on the motor's side" in one]
+    assert len(said) == 1
+    assert said[0].startswith("Motor1 Position [counts], Motor1 Strom [mA]")
+
+
 def test_units_with_prefixes_reach_the_description(tmp_path: Path) -> None:
     found = guess(
         tmp_path,

@@ -243,3 +243,33 @@ def test_a_deflection_is_that_of_a_spring_in_its_unit(tmp_path: Path) -> None:
     log = project.logs[0].read(robot)
     apart = log.motor_position[:, 0] - log.joint_position[:, 0]
     np.testing.assert_allclose(apart, 1e-3 * twist, atol=1e-9)
+
+
+def test_logs_with_the_same_columns_have_one_description(tmp_path: Path) -> None:
+    """A number of counts that is put right in it is that of all logs."""
+    one_joint(tmp_path, "revolute")
+    time = np.arange(4000) / 200
+    for seed in (1, 2):
+        angle = 0.6 * np.sin(seed * time)
+        columns = {"t": time, "q [counts]": np.round(1000 * angle), "tau [Nm]": np.cos(seed * time)}
+        table = np.column_stack(list(columns.values()))
+        names = ",".join(columns)
+        np.savetxt(tmp_path / f"{seed}.csv", table, "%.9g", ",", header=names, comments="")
+    logs, folder = [tmp_path / "1.csv", tmp_path / "2.csv"], tmp_path / "p"
+    made = write_first_project(tmp_path / "arm.urdf", logs, folder=folder)
+    assert [one.name for one in made.files][:2] == ["seaid.toml", "1_columns.toml"]
+    file, description = made.files[:2]
+    text = description.read_text()
+    description.write_text(re.sub(r"counts_per_turn = [0-9.]+", "counts_per_turn = 6283.185", text))
+    file.unlink()
+    for other in made.files[2:]:
+        other.unlink()
+    write_first_project(tmp_path / "arm.urdf", logs, folder=folder)
+    assert not list(folder.glob("2_columns*"))
+    project = load_project(folder)
+    robot = project.robot()
+    for one in project.logs:
+        log = one.read(robot)
+        both = log.joint_position[:, 0], log.motor_position[:, 0]
+        (angle,) = [each for each in both if np.all(np.isfinite(each))]
+        assert np.max(np.abs(angle)) == pytest.approx(0.6, rel=1e-2)
