@@ -17,11 +17,11 @@ import seaid
 from scripts.benchmarks.legged import noisy, quadruped
 from scripts.example_robots import example_urdf
 from scripts.legged_plant import GO2, changed_bodies, plan, plant, simulate
-from seaid._arrays import Array
+from seaid._arrays import Array, FrozenMapping
 from seaid.errors import IdentificationError, SeaidError
 from seaid.identification import whole_body
-from seaid.identification.base_estimates import _significant
-from seaid.log import BaseLog
+from seaid.identification.base_estimates import _limits, _significant
+from seaid.log import BaseLog, reconstruct_motion
 from seaid.regressor import load_columns, load_torques, rigid_body_regressor
 from seaid.regressor.floating import contact_map, floating_regressor
 from seaid.robot import BASE_ROWS, Robot
@@ -192,6 +192,18 @@ def test_zeros_of_force_sensors_are_identified_with_the_bodies(has_torques: bool
     # the zeros alone made the total mass 2 kg too large
     assert np.max(np.abs(found.load.values - truth)) < 1e-3
     assert found.verdict.level == "good"
+
+
+def test_zeros_of_sensors_that_are_always_loaded_are_not_identified() -> None:
+    """They would be told from the mass by small accelerations alone, whose noise makes it small."""
+    motion = reconstruct_motion(STANDING, measured(), cutoff_hz=4.0)
+    base = motion.base
+    assert base is not None
+    lifted = {link for link, _ in _limits([base])} - {""}
+    loaded = {x: np.where(np.arange(y.shape[1]) == 2, 400.0, y) for x, y in base.wrenches.items()}
+    assert lifted == set(base.wrenches)
+    still = replace(base, wrenches=FrozenMapping(loaded, "link"))
+    assert {link for link, _ in _limits([still])} == {""}
 
 
 def test_zeros_count_for_all_force_sensors_or_none() -> None:
