@@ -9,7 +9,7 @@ RUN := $(VENV)/bin/python
 # Matrices here are small: a second BLAS thread only waits, and takes the core of another process.
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: tulip biped test test-all test-rounding test-hebi test-simulators test-browser look lint docs wheel env dev clean
+.PHONY: tulip biped test test-slow test-all test-rounding test-hebi test-simulators test-browser look lint docs wheel env dev clean
 
 tulip: env
 	$(RUN) scripts/identify_tulip_leg.py
@@ -18,12 +18,14 @@ tulip: env
 biped: dev
 	$(RUN) scripts/identify_biped.py --output out/biped
 
-# In minutes, for every change; the slow tests, each with its reason, are for `make test-all`.
+# In minutes, for every change; the slow tests, each with its reason, are for `make test-slow`.
 test: lint
 	$(RUN) -m pytest -n 2 --dist worksteal -m 'not browser and not slow'
 
-test-all: lint
-	$(RUN) -m pytest -n 2 --dist worksteal
+test-slow: dev
+	$(RUN) -m pytest -n 2 --dist worksteal -m 'slow and not browser'
+
+test-all: test test-slow
 
 # What rests on rounding, on other processors: OpenBLAS has a kernel for each kind. SkylakeX is one with AVX-512.
 KERNELS ?= Prescott Haswell $(shell grep -qs avx512f /proc/cpuinfo && echo SkylakeX)
