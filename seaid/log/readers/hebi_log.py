@@ -5,8 +5,9 @@ HEBI's library aborts the process on some damaged files, so it runs in a child p
 
 from __future__ import annotations
 
-import struct
+import re
 from collections.abc import Iterator
+from mmap import ACCESS_READ, mmap
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +29,7 @@ _CLOCKS = {"time": "receive_time_us", "transmit_time": "hardware_transmit_time_u
 _SECONDS, _BYTES_PER_SECOND = 15.0, 2e5
 """Smallest limit of processor time of the child, and the slowest rate of reading."""
 
-_MAGIC = 0x73B1
+_MAGIC = b"\x73\xb1\x00"
 _SAMPLE, _MODULES, _START = 1, 2, 4
 _LENGTHS = {_SAMPLE: (8, 24, 1), _MODULES: (0, 8, 8), _START: (0, 12, 0)}
 """{kind of record: bytes between kind and a number, and a, b of the record's length a + b number}.
@@ -36,6 +37,7 @@ _LENGTHS = {_SAMPLE: (8, 24, 1), _MODULES: (0, 8, 8), _START: (0, 12, 0)}
 A sample: address (8 bytes), length of the message (4), time (8), message. Modules: their number
 (4), an address each (8). A start: a number (8).
 """
+_RECORD = re.compile(re.escape(_MAGIC) + b"[" + bytes(_LENGTHS) + b"]")
 
 
 def open_hebilog(path: Path) -> Table:
@@ -106,35 +108,31 @@ def _column(fields: Any, name: str) -> Any:
 
 
 def _check_end(path: Path) -> None:
-    """Check that the last record of a log ends at the end of the file; HEBI's reader does not.
+    """Check that no record of a log reaches beyond the end of the file; HEBI's reader does not.
 
-    A record starts with 73 b1 and its kind, two bytes each. HEBI's reader gets unknown kinds and
-    other files.
+    The format is not published: like HEBI's reader, this skips bytes that are no known record.
     """
-    size, place, samples = path.stat().st_size, 0, 0
-    with path.open("rb") as file:
-        while place < size:
-            file.seek(place)
-            magic, kind, length = (*struct.unpack(">HH", file.read(4).ljust(4, b"\0")), 4)
-            if magic == _MAGIC and kind in _LENGTHS:
-                skipped, fixed, each = _LENGTHS[kind]
-                length = fixed + each * _number(file.read(skipped + 4)[skipped:])
-                samples += kind == _SAMPLE
-            elif place == 0 or (magic == _MAGIC and size - place >= length):
-                return
-            elif size - place >= length:
-                raise LogError(
-                    f"'{path}' is a damaged HEBI log: after {samples} samples of modules there is "
-                    f"no record at byte {place} of {size}; copy it again from its origin"
-                )
-            if place + length > size:
-                raise LogError(
-                    f"'{path}' is cut off: its last record, at byte {place}, should end at byte "
-                    f"{place + length}, the file has {size} bytes; copy it again from its origin"
-                )
-            place += length
+    size, place = path.stat().st_size, 0
+    if not size:
+        return
+    with path.open("rb") as file, mmap(file.fileno(), 0, access=ACCESS_READ) as data:
+        while (record := _RECORD.search(data, place)) is not None:
+            skipped, fixed, each = _LENGTHS[record[0][-1]]
+            head = data[record.end() : record.end() + skipped + 4]
+            place = record.start() + fixed + each * _number(head[skipped:])
+            if place > size:
+                raise _cut_off(path, record.start(), place, size)
+        if place < size and _MAGIC.startswith(data[place:]):
+            raise _cut_off(path, place, place + len(_MAGIC) + 1, size)
+
+
+def _cut_off(path: Path, start: int, end: int, size: int) -> LogError:
+    return LogError(
+        f"'{path}' is cut off: its last record, at byte {start}, should end at byte {end}, the "
+        f"file has {size} bytes; copy it again from its origin"
+    )
 
 
 def _number(data: bytes) -> int:
     """Return a number of four bytes, 0 if the file ends before it."""
-    return int(struct.unpack(">I", data)[0]) if len(data) == 4 else 0
+    return int.from_bytes(data) if len(data) == 4 else 0

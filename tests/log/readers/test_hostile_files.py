@@ -34,6 +34,7 @@ from seaid.log.reading import Log, read_log, write_log
 from seaid.robot.robot import Robot
 from tests.fuzz.mutators import damaged_bytes
 
+HEBI_X5 = Path(__file__).parents[3] / "models/logs/hebi_x5_unloaded/exampleLog.hebilog"
 MEASURED = Path(__file__).parents[4] / "shared" / "data" / "hebi_arms" / "virtual_spring.hebilog"
 TIME = np.arange(300) / 100
 
@@ -482,7 +483,33 @@ def test_a_hebi_log_that_is_cut_off_is_said_to_be(tmp_path: Path) -> None:
         assert "is cut off: its last record" in error_of(path)
         assert f"the file has {cut} bytes" in error_of(path)
     path.write_bytes(whole[:36] + bytes([0x74]) + whole[37:])
-    assert "after 0 samples of modules there is no record at byte 36" in error_of(path)
+    assert "HEBI's reader: " in error_of(path)
+
+
+def test_bytes_between_the_records_of_a_hebi_log_are_no_damage(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(hebi_log, "check_installed", lambda *_: None)
+    monkeypatch.setattr(hebi_log, "run_in_child", lambda *_, **__: (2, {}))
+    path, whole = tmp_path / "log.hebilog", hebilog()
+    for place in (24, 36, 70, len(whole)):  # behind the modules, the start, a sample, all
+        more = whole[:place] + b"\0\0\0\x01\x73\xb1\xff\xfe" + whole[place:]
+        path.write_bytes(more)
+        assert len(open_table(path).names) == 36
+        if place < len(whole):
+            for cut in (1, 20, 33):
+                path.write_bytes(more[:-cut])
+                assert f"the file has {len(more) - cut} bytes" in error_of(path)
+
+
+@pytest.mark.hebi
+def test_a_hebi_log_with_bytes_between_its_records_is_read_whole(tmp_path: Path) -> None:
+    path, whole = tmp_path / "log.hebilog", HEBI_X5.read_bytes()
+    place = whole.index(b"\x73\xb1\x00\x04")
+    path.write_bytes(whole[:place] + bytes(8) + whole[place:])
+    columns = ["motor_position[0]", "time[0]"]
+    for name, values in open_table(HEBI_X5).load(columns).items():
+        np.testing.assert_array_equal(open_table(path).load(columns)[name], values)
 
 
 @pytest.mark.skipif(
