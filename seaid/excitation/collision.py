@@ -19,7 +19,7 @@ import pinocchio as pin
 from seaid._arrays import Array, finite
 from seaid.errors import ExcitationError, RobotError, listed, reason_of, shortened
 from seaid.log import Answer, ChildError, doing, run_in_child
-from seaid.robot import Robot, find_mesh, read_urdf, search_folders
+from seaid.robot import Robot, UrdfTree, find_mesh, numbers_of, reread_urdf, search_folders
 
 _SECONDS, _BYTES_PER_SECOND = 15.0, 1e6
 """Processor time of a child: the minimum [s], and the slowest rate of reading [bytes/s]."""
@@ -115,14 +115,14 @@ def collision_geometry(
     Boxes, spheres and cylinders are kept; a mesh becomes its convex hull, which contains it. Raises
     RobotError for meshes that are not found or not readable, and for the file of another robot.
     """
-    tree = read_urdf(urdf, 0.0)
+    tree = reread_urdf(urdf, snap_tolerance_rad=0.0)
     strangers = [name for name in robot.joint_names if name not in tree.joints]
     if strangers:
         raise RobotError(
             f"'{urdf}' is not the file of robot '{robot.name}': it has no joint "
             f"{', '.join(strangers)}"
         )
-    text, meshes = _without_meshes(Path(urdf), search_folders(Path(urdf), package_dirs))
+    text, meshes = _without_meshes(tree, search_folders(Path(urdf), package_dirs))
     try:
         full = pin.buildModelFromXML(text)
         shapes = pin.buildGeomFromUrdfString(full, text, pin.GeometryType.COLLISION)
@@ -178,16 +178,14 @@ def _check_same_tree(where: str, full: pin.Model, robot: Robot, at_rest: Array) 
             )
 
 
-def _without_meshes(urdf: Path, folders: Sequence[Path]) -> tuple[str, dict[str, Mesh]]:
+def _without_meshes(tree: UrdfTree, folders: Sequence[Path]) -> tuple[str, dict[str, Mesh]]:
     """Return the URDF text with every collision mesh replaced by a sphere, and the meshes by name.
 
     The names are those of Pinocchio's objects: link, and number of the link's collision element.
     """
     from lxml import etree
 
-    root = etree.parse(str(urdf), etree.XMLParser(remove_comments=True)).getroot()
-    if not root.get("name"):
-        root.set("name", urdf.stem)
+    urdf, root = tree.path, etree.fromstring(tree.xml)
     named = {
         f"{link.get('name')}_{place}": (str(link.get("name")), mesh)
         for link in root.iter("link")
@@ -216,7 +214,7 @@ def _mesh_files(urdf: Path, names: Sequence[str], folders: Sequence[Path]) -> li
 
 def _scale(urdf: Path, link: str, text: str) -> tuple[float, float, float]:
     try:
-        x, y, z = (float(one) for one in text.split())
+        x, y, z = numbers_of(text)
     except ValueError:
         x = y = z = 0.0
     if not np.all(np.isfinite([x, y, z])) or 0.0 in (x, y, z):

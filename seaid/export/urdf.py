@@ -215,7 +215,8 @@ def write_urdf(
     """Write the robot's URDF with the identified bodies, and its drives as a TOML file.
 
     Only the <inertial> of moving links and the <dynamics> of joints with a stiff drive (damping and
-    friction at the joint) change; all other text stays byte by byte. Links fixed to a moving link
+    friction at the joint) change; all other text stays byte by byte, but for default namespaces and
+    XML version 0.0, which some readers refuse. Links fixed to a moving link
     keep their inertia, and the moving link gets the difference to the identified sum; if that
     difference is physically inconsistent, the moving link gets the sum and the fixed links none (a
     note says so). The payload is not in the file. Drives that are not ideal go to `<path>.toml`.

@@ -29,7 +29,6 @@ from .robot import check_kind as check_kind
 from .robot import load_robot as load_robot
 from .robot import nominal_model as nominal_model
 from .robot_file import ROBOT_SUFFIXES as ROBOT_SUFFIXES
-from .robot_file import read_urdf as read_urdf
 from .robot_file import reread_urdf as reread_urdf
 from .robot_file import urdf_text as urdf_text
 from .transmission import at_drives as at_drives
@@ -44,4 +43,5 @@ from .transmission import torques_at_drives as torques_at_drives
 from .transmission import torques_at_joints as torques_at_joints
 from .urdf import UrdfTree as UrdfTree
 from .urdf import find_mesh as find_mesh
+from .urdf import numbers_of as numbers_of
 from .urdf import search_folders as search_folders

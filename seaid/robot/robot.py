@@ -27,7 +27,7 @@ from seaid.robot.pinocchio_model import (
     moving_joints,
     without_joint_of_base,
 )
-from seaid.robot.robot_file import read_urdf, urdf_path
+from seaid.robot.robot_file import is_mjcf, read_urdf, urdf_path
 from seaid.robot.transmission import check_transmission, transmission_matrix
 from seaid.robot.urdf import SNAP_RAD, UrdfJoint, UrdfTree
 
@@ -372,7 +372,7 @@ def nominal_model(path: Path, robot: Robot) -> Robot:
     )
     loaded = replace(loaded, payload_parameters=robot.payload_parameters)
     drives = dict(robot.drives)
-    if path.suffix.lower() in (".xml", ".mjcf"):
+    if is_mjcf(path):
         from seaid.robot.mjcf import joint_dynamics
 
         for joint, values in joint_dynamics(path).items():

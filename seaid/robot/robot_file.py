@@ -2,7 +2,8 @@
 
 `urdf_path` resolves names of robot_descriptions and of example-robot-data; `urdf_text` reads a
 URDF, expands a xacro file where the package xacro is installed, converts a MuJoCo model, and says
-for any other file what it is and what turns it into a URDF.
+for any other file what it is and what turns it into a URDF. The root element alone decides whether
+a file is a URDF, MJCF or SDF.
 """
 
 from __future__ import annotations
@@ -12,8 +13,10 @@ import importlib
 import math
 import re
 import warnings
+from contextlib import suppress
 from importlib import metadata
 from pathlib import Path
+from xml.parsers import expat
 
 from seaid._files import working_folder
 from seaid.errors import RobotError, SeaidWarning, listed, reason_of, shortened, unknown_name
@@ -32,6 +35,9 @@ _MOST_NAMED = 5
 
 _PACKED = {b"\x1f\x8b": "gunzip -k", b"PK\x03\x04": "unzip", b"\xfd7zXZ": "unxz -k"}
 """{first bytes of a compressed file: the command that unpacks it}."""
+
+_VERSION_0 = re.compile(rb"""\A((?:\xef\xbb\xbf)?<\?xml\s+version\s*=\s*["'])0\.0(?=["'])""")
+_NAMESPACE = re.compile(rb"""\s+xmlns\s*=\s*(?:"[^"]*"|'[^']*')""")
 
 
 def urdf_path(given: str | Path) -> Path:
@@ -111,18 +117,46 @@ def urdf_text(path: Path) -> bytes:
             "logs"
         )
     if b"<xacro:" in text and b"<xacro:" in re.sub(rb"<!--.*?-->", b"", text, flags=re.DOTALL):
-        return _expanded(path)  # an expanded file keeps the namespace, and comments
-    root = re.search(rb"<(mujoco|sdf)[\s>/]", head)
-    if root is None:
-        return text
-    if root[1] == b"mujoco":
+        text = _expanded(path)  # an expanded file keeps the namespace, and comments
+    root, text = _root_and_text(text)
+    if root == "mujoco":
         from seaid.robot.mjcf import urdf_of_mjcf
 
         return urdf_of_mjcf(path)
-    raise RobotError(
-        f"'{path}' is SDF, which seaid does not read: convert it to URDF (the ROS 2 package "
-        "sdformat_urdf, or sdf2urdf of pysdf), or name the URDF from which it was made"
-    )
+    if root == "sdf":
+        raise RobotError(
+            f"'{path}' is SDF, which seaid does not read: convert it to URDF (the ROS 2 package "
+            "sdformat_urdf, or sdf2urdf of pysdf), or name the URDF from which it was made"
+        )
+    return text
+
+
+def is_mjcf(path: Path) -> bool:
+    """Whether a file is a MuJoCo model by its root element; a URDF may contain a <mujoco> too."""
+    return _root_and_text(_content(path))[0] == "mujoco"
+
+
+def _root_and_text(text: bytes) -> tuple[str, bytes]:
+    """Return the tag of an XML text's root, "" if it has none, and the text as readers take it.
+
+    TinyXML, with which Pinocchio, MuJoCo and ROS read a URDF, knows neither namespaces nor versions
+    of XML: the text has no default namespaces, and version 1.0 for 0.0.
+    """
+    text = _VERSION_0.sub(rb"\g<1>1.0", text)
+    parser, tags, namespaces = expat.ParserCreate(), list[str](), set[tuple[int, int]]()
+
+    def begin(tag: str, attributes: dict[str, str]) -> None:
+        tags.append(tag)
+        found = "xmlns" in attributes and _NAMESPACE.search(text, parser.CurrentByteIndex)
+        if found:
+            namespaces.add(found.span())
+
+    parser.StartElementHandler = begin
+    with suppress(expat.ExpatError, LookupError, ValueError):  # the parser of the URDF names it
+        parser.Parse(text, True)
+    for start, end in sorted(namespaces, reverse=True):
+        text = text[:start] + text[end:]
+    return tags[0] if tags else "", text
 
 
 def _content(path: Path) -> bytes:
@@ -180,11 +214,14 @@ def _expanded(path: Path) -> bytes:
         ) from None
 
 
-def reread_urdf(path: str | Path, text: bytes | None = None) -> UrdfTree:
-    """Read a loaded robot's URDF, or its `text`, without a second warning about angles."""
+def reread_urdf(
+    path: str | Path, text: bytes | None = None, snap_tolerance_rad: float = SNAP_RAD
+) -> UrdfTree:
+    """Read a loaded robot's URDF, or its `text`, without repeating its warnings."""
+    path = Path(path)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SeaidWarning)
-        return urdf_tree(Path(path), urdf_text(Path(path)) if text is None else text, SNAP_RAD)
+        return urdf_tree(path, urdf_text(path) if text is None else text, snap_tolerance_rad)
 
 
 def read_urdf(path: str | Path, snap_tolerance_rad: float) -> UrdfTree:

@@ -142,7 +142,7 @@ def _check_numbers(where: str, parent: Any) -> None:
 
 def _check_number(where: str, tag: str, name: str, text: str, wanted: _Numbers) -> None:
     try:
-        found = [float(word) for word in text.split()]
+        found = numbers_of(text)
     except ValueError:
         found = []
     most = math.inf if tag == "limit" else sys.float_info.max
@@ -162,6 +162,16 @@ def _check_number(where: str, tag: str, name: str, text: str, wanted: _Numbers) 
             f"{where}: its mass is too small, found '{shortened(text)}': allowed are 0 and "
             f"{SMALLEST_KG:g} to {LARGEST_KG:g} kg"
         )
+
+
+def numbers_of(text: str) -> list[float]:
+    """Return the numbers in an attribute; raise ValueError for what other readers refuse.
+
+    Python's float() takes 1_0 and digits of other scripts, and split() their spaces.
+    """
+    if "_" in text or not text.isascii():
+        raise ValueError(text)
+    return [float(word) for word in text.split()]
 
 
 def _check_limit(where: str, limit: Any) -> None:
@@ -204,13 +214,13 @@ def _snap_axis(joint: Any, tolerance: float) -> list[str]:
     if element is None or joint.get("type") == "fixed":
         return []
     text = element.get("xyz", "1 0 0")
-    sizes = np.abs(_floats(text))
+    sizes = np.abs(numbers_of(text))
     along = int(np.argmax(sizes))
     tilt = float(np.max(np.delete(sizes, along))) / max(float(sizes[along]), 1e-300)
     if not FLOAT_NOISE_RAD <= tilt <= min(tolerance, AXIS_RAD):
         return []
     exact = ["0", "0", "0"]
-    exact[along] = "1" if _floats(text)[along] > 0 else "-1"
+    exact[along] = "1" if numbers_of(text)[along] > 0 else "-1"
     element.set("xyz", " ".join(exact))
     return [text]
 
@@ -259,9 +269,11 @@ def _parse_urdf(path: Path, text: bytes) -> Any:
             _check_counts(path, counts, elements)
         root = parser.close()
     except etree.XMLSyntaxError as problem:
-        raise RobotError(f"URDF '{path}' is not well-formed XML: {problem.msg}") from None
+        remedy = "; write version 1.0" if "Unsupported version" in str(problem.msg) else ""
+        raise RobotError(f"URDF '{path}' is not well-formed XML: {problem.msg}{remedy}") from None
     if root.tag != "robot":
-        raise RobotError(f"'{path}' is not a URDF: its root tag is <{root.tag}>, not <robot>")
+        tag = f"{root.prefix}:{etree.QName(root).localname}" if root.prefix else root.tag
+        raise RobotError(f"'{path}' is not a URDF: its root tag is <{tag}>, not <robot>")
     return root
 
 
@@ -358,10 +370,14 @@ class UrdfTree:
         """The <robot> as yourdfpy reads it, with its shapes. Raises RobotError for broken ones."""
         import logging
 
+        from lxml import etree
         from yourdfpy import URDF
 
         logging.getLogger("yourdfpy.urdf").setLevel(logging.ERROR)
         try:
+            for shape in etree.fromstring(self.xml).iter("box", "sphere", "cylinder", "origin"):
+                for text in shape.attrib.values():
+                    numbers_of(str(text))
             urdf = URDF.load(BytesIO(self.xml), build_scene_graph=False, load_meshes=False)
         except Exception as problem:  # yourdfpy lets whatever its parsing raises through
             raise RobotError(
@@ -442,6 +458,7 @@ def urdf_tree(path: Path, text: bytes, snap_tolerance_rad: float) -> UrdfTree:
                 stacklevel=5,
             )
     links = {str(link.get("name")): _link_parameters(path, link) for link in root.iterfind("link")}
+    _warn_of_negative_moments(path, root)
     noise = FLOAT_NOISE_RAD if snap_tolerance_rad > 0 else 0.0
     joints = {joint.get("name"): _joint(path, joint, noise) for joint in joints_as_written}
     base = _root_link(path, links, joints.values())
@@ -451,6 +468,23 @@ def urdf_tree(path: Path, text: bytes, snap_tolerance_rad: float) -> UrdfTree:
     if not root.get("name"):
         root.set("name", "".join(one if one.isprintable() else "?" for one in path.stem))
     return UrdfTree(root.get("name"), base, joints, links, path, etree.tostring(root))
+
+
+def _warn_of_negative_moments(path: Path, root: Any) -> None:
+    """Warn of links with negative moments of inertia, which a file of forced bodies may have."""
+    negative = [
+        str(link.get("name"))
+        for link in root.iterfind("link")
+        for inertia in link.iterfind("inertial/inertia")
+        if min(float(inertia.get(moment, 0.0)) for moment in ("ixx", "iyy", "izz")) < 0
+    ]
+    if negative:
+        warnings.warn(
+            f"'{path.name}': no body has the negative moments of inertia of {listed(negative)}: "
+            "correct ixx, iyy and izz of <inertia>, or identify with feasible=True",
+            SeaidWarning,
+            stacklevel=6,
+        )
 
 
 def _add_mimics(path: Path, joints: dict[str, UrdfJoint], elements: Mapping[str, Any]) -> None:
@@ -518,7 +552,7 @@ def _placement(origin: Any) -> pin.SE3:
     """Return a joint's placement, with rotation entries within float noise of 0 and +-1 exact."""
     if origin is None:
         return pin.SE3.Identity()
-    xyz, rpy = (np.array(_floats(origin.get(name, "0 0 0"))) for name in ("xyz", "rpy"))
+    xyz, rpy = (np.array(numbers_of(origin.get(name, "0 0 0"))) for name in ("xyz", "rpy"))
     (sr, sp, sy), (cr, cp, cy) = np.sin(rpy), np.cos(rpy)
     # R_z(yaw) R_y(pitch) R_x(roll)
     rotation = np.array(
@@ -534,13 +568,9 @@ def _placement(origin: Any) -> pin.SE3:
     return pin.SE3(rotation, xyz)
 
 
-def _floats(text: str) -> list[float]:
-    return [float(word) for word in text.split()]
-
-
 def _axis(path: Path, joint: Any, noise: float) -> Array:
     element = joint.find("axis")
-    axis = np.array([1.0, 0, 0] if element is None else _floats(element.get("xyz", "1 0 0")))
+    axis = np.array([1.0, 0, 0] if element is None else numbers_of(element.get("xyz", "1 0 0")))
     if joint.get("type") == "fixed":
         return np.array([1.0, 0.0, 0.0])
     largest = float(np.max(np.abs(axis)))
@@ -574,6 +604,8 @@ def _link_parameters(path: Path, link: Any) -> Array:
 
 def _root_link(path: Path, links: dict[str, Array], joints: Iterable[UrdfJoint]) -> str:
     parents: dict[str, str] = {}
+    if not links:
+        raise RobotError(f"URDF '{path}' has no links: it needs one for the base and each body")
     for joint in joints:
         for link in (joint.parent, joint.child):
             if link not in links:

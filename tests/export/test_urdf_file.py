@@ -10,10 +10,11 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+import yourdfpy
 
 from seaid.drives.drives import Drive, SeriesElasticDrive, StiffDrive
 from seaid.drives.toml import read_drives, write_drives
-from seaid.errors import RobotError, SeaidError
+from seaid.errors import RobotError, SeaidError, SeaidWarning
 from seaid.export.mjcf import write_mjcf
 from seaid.export.urdf import write_urdf
 from seaid.robot.inertia import from_center_of_mass
@@ -146,7 +147,9 @@ def test_impossible_bodies_are_refused_unless_forced(tmp_path: Path) -> None:
     assert not (tmp_path / "out.urdf").exists()
     written = write_urdf(wrong, tmp_path / "out.urdf", force=True)
     assert "physically inconsistent" in written.notes[0]
-    np.testing.assert_allclose(load_robot(written.urdf).parameters, parameters, rtol=1e-12)
+    with pytest.warns(SeaidWarning, match="negative moments of inertia of thigh"):
+        again = load_robot(written.urdf)
+    np.testing.assert_allclose(again.parameters, parameters, rtol=1e-12)
 
 
 def test_the_source_must_be_the_robots_own(tmp_path: Path) -> None:
@@ -327,7 +330,7 @@ def test_absurd_bodies_are_refused_even_by_force(
 
 
 def test_elements_of_other_namespaces_are_left_alone(tmp_path: Path) -> None:
-    other = '<link xmlns="urn:other" name="thigh"><inertial><mass value="9"/></inertial></link>'
+    other = '<o:link xmlns:o="urn:o" name="thigh"><inertial><mass value="9"/></inertial></o:link>'
     (tmp_path / "leg.urdf").write_text(
         FIXED.replace('<link name="base"/>', other + '<link name="base"/>')
     )
@@ -335,6 +338,24 @@ def test_elements_of_other_namespaces_are_left_alone(tmp_path: Path) -> None:
     written = write_urdf(robot, tmp_path / "out.urdf")
     assert other in written.urdf.read_text()
     np.testing.assert_allclose(load_robot(written.urdf).parameters, robot.parameters, rtol=1e-12)
+
+
+def test_exports_of_files_with_namespaces_and_version_0_are_read_by_others(tmp_path: Path) -> None:
+    """yourdfpy finds no links in a default namespace, and XML has no version 0.0."""
+    text = FIXED.replace('version="1.0"', 'version="0.0"', 1)
+    text = text.replace("<robot ", '<robot xmlns="http://www.ros.org" ')
+    (tmp_path / "leg.urdf").write_text(text.replace("<link", "<mujoco/><link", 1))
+    robot = changed(load_robot(tmp_path / "leg.urdf"))
+    path = write_urdf(robot, tmp_path / "out.urdf").urdf
+    again, lines = load_robot(path), path.read_text().splitlines()
+    np.testing.assert_allclose(again.parameters, robot.parameters, rtol=1e-12)
+    assert again.body_names == robot.body_names
+    model = pin.buildModelFromUrdf(str(path))
+    assert model.inertias[1].mass == pytest.approx(robot.parameters[0], rel=1e-12)
+    read = yourdfpy.URDF.load(str(path), build_scene_graph=False, load_meshes=False).robot
+    assert {link.name for link in read.links} >= {"base", *robot.body_names}
+    assert lines[0] == '<?xml version="1.0"?>'
+    assert any("<mujoco/>" in line for line in lines)
 
 
 @pytest.mark.parametrize("name", ["out.toml", "", "OUT.TOML"])

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from seaid.errors import RobotError, SeaidWarning
@@ -46,6 +47,80 @@ def test_xml_that_is_no_robot_names_its_root_tag(tmp_path: Path) -> None:
     assert load_error(path) == f"'{path}' is not a URDF: its root tag is <scene>, not <robot>"
 
 
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (f'<r:robot xmlns:r="urn:a" name="a">{ARM}</r:robot>', "its root tag is <r:robot>, not"),
+        (f'<?xml version="3.7"?><robot name="a">{ARM}</robot>', "write version 1.0"),
+        (f'<sdf version="1.9" xmlns="urn:a"><robot>{ARM}</robot></sdf>', "is SDF"),
+        (f"<scene><robot>{ARM}</robot></scene>", "its root tag is <scene>, not <robot>"),
+        ("<!-- <robot> --><mujoco><worldbody/></mujoco>", "has no joint that moves"),
+    ],
+)
+def test_the_root_alone_says_what_a_file_is(tmp_path: Path, text: str, words: str) -> None:
+    if "mujoco" in text:
+        pytest.importorskip("mujoco")
+    path = tmp_path / "arm.urdf"
+    path.write_text(text)
+    assert words in load_error(path)
+
+
+TURNING = ARM.replace("revolute", "continuous")
+MUJOCO = '<mujoco><compiler meshdir="none" fusestatic="true"/></mujoco>'
+READ_AS_THEY_STAND = {
+    "mujoco first": f'<robot name="a">{MUJOCO}{TURNING}</robot>',
+    "mujoco last": f'<robot name="a">{TURNING}{MUJOCO}</robot>',
+    "sdf inside": f'<robot name="a"><gazebo><sdf version="1.9"/></gazebo>{TURNING}</robot>',
+    "long comment": f'<!--{"x" * 5000}<mujoco>--><robot name="a">{TURNING}</robot>',
+    "ROS": f'<robot xmlns="http://www.ros.org" name="a">{TURNING}</robot>',
+    "Drake": f"""<robot name="a"
+ xmlns = 'http://drake.mit.edu' xmlns:x="urn:x" x:schemaLocation="a b">{TURNING}</robot>""",
+    "link": '<robot name="a">' + TURNING.replace("<link", '<link xmlns="urn:a"') + "</robot>",
+    "version": f'<?xml version="0.0" ?>\n<robot name="a">{TURNING}</robot>',
+    "both": f"""\ufeff<?xml version='0.0' encoding='utf-8'?>
+<robot xmlns="" name="a">{TURNING}</robot>""",
+}
+
+
+@pytest.mark.parametrize("kind", READ_AS_THEY_STAND)
+def test_blocks_of_mujoco_default_namespaces_and_version_0_are_read(
+    tmp_path: Path, kind: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As Pinocchio and MuJoCo read them; MuJoCo is not asked."""
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    path = tmp_path / "arm.xml"
+    path.write_text(READ_AS_THEY_STAND[kind], encoding="utf-8")
+    robot = load_robot(path)
+    assert (robot.name, robot.joint_names, robot.body_names) == ("a", ("elbow",), ("arm",))
+    assert robot.parameters[0] == pin.buildModelFromUrdf(str(path)).inertias[1].mass
+    assert len(reread_urdf(path).elements.links) == 2
+
+
+def test_negative_moments_of_inertia_are_named(tmp_path: Path) -> None:
+    """Negative masses are refused; these are not, since a forced export may have them."""
+    path = tmp_path / "arm.urdf"
+    path.write_text(f'<robot name="a">{ARM}</robot>'.replace('iyy="1"', 'iyy="-1"'))
+    with pytest.warns(SeaidWarning, match="negative moments of inertia of arm: correct ixx"):
+        assert load_robot(path).n == 1
+
+
+@pytest.mark.parametrize("mass", ["1_0", "١٠", "２"])
+def test_masses_that_other_readers_refuse_are_refused(tmp_path: Path, mass: str) -> None:
+    path = tmp_path / "arm.urdf"
+    path.write_text(
+        f'<robot name="a">{ARM}</robot>'.replace('mass value="1"', f'mass value="{mass}"')
+    )
+    assert f"value of <mass> must be 1 finite number, found '{mass}'" in load_error(path)
+
+
+def test_shapes_have_numbers_that_other_readers_take(tmp_path: Path) -> None:
+    path = tmp_path / "arm.urdf"
+    shape = '<visual><geometry><sphere radius="1_0"/></geometry></visual></link>'
+    path.write_text(f'<robot name="a">{ARM.replace("</link>", shape)}</robot>')
+    with pytest.raises(RobotError, match="cannot be read: ValueError: 1_0"):
+        _ = reread_urdf(path).elements
+
+
 def test_robot_without_name_is_named_after_its_file(tmp_path: Path) -> None:
     path = tmp_path / "leg_a.urdf"
     path.write_text(f"<robot>{ARM}</robot>")
@@ -79,7 +154,7 @@ def test_robot_without_name_is_named_after_its_file(tmp_path: Path) -> None:
             '<joint name="back" type="fixed"><parent link="y"/><child link="x"/></joint>',
             "is not a tree: loop through link 'x'",
         ),
-        ("", "is not one tree: links without parent: none"),
+        ("", "has no links"),
         (
             ARM.replace("revolute", "revolut"),
             "joint 'elbow': no joint type is named 'revolut'; did you mean 'revolute'?",
@@ -114,6 +189,10 @@ def test_what_is_no_tree_is_named(write_urdf: Write, inside: str, words: str) ->
         ('<limit lower="1" upper="-1"/>', "lower limit 1.0 is above its upper limit -1.0"),
         ('<limit velocity="-2" effort="1"/>', "its velocity limit is negative, -2"),
         ('<limit velocity="2" effort="-1"/>', "its effort limit is negative, -1"),
+        ('<origin xyz="0 1_0 0"/>', "xyz of <origin> must be 3 finite numbers, found '0 1_0 0'"),
+        ('<axis xyz="0 ١ 0"/>', "xyz of <axis> must be 3 finite numbers, found '0 ١ 0'"),
+        ('<axis xyz="0\u00a01 0"/>', "xyz of <axis> must be 3 finite numbers"),
+        ('<limit lower="-1_0"/>', "lower of <limit> must be 1 finite number, found '-1_0'"),
     ],
 )
 def test_bad_number_of_a_joint_names_file_joint_and_value(
