@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Collection, Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -12,7 +13,7 @@ import numpy as np
 from seaid._arrays import number
 from seaid._files import plain, read_json
 from seaid.drives import IDEAL_DRIVE, drive_table, drives_from_mapping
-from seaid.errors import RobotError, checked, shortened, shown, unknown_name
+from seaid.errors import RobotError, SeaidWarning, checked, shortened, shown, unknown_name
 from seaid.robot import PARAMETERS, Robot, check_kind, check_transmission
 
 if TYPE_CHECKING:
@@ -157,6 +158,12 @@ def _body(link: str, table: Any) -> list[float]:
             f"{where}: its mass, {values['m']:g} kg, is too small for its other parameters; "
             "identify with feasible=True",
             "feasible=True",
+        )
+    if values["m"] < 0:
+        warnings.warn(
+            f"{where}: the mass is negative, {values['m']:g} kg: identify with feasible=True",
+            SeaidWarning,
+            stacklevel=5,
         )
     return [values[name] for name in PARAMETERS]
 

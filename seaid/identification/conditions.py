@@ -611,7 +611,7 @@ def _identify_conditions(
         part = replace(part, drives=drives)
         one = identification_of(robot, models[name], part, datasets[name], declared=declared[name])
         checks = joint_checks(experiments[name], [first_motion(one) for one in datasets[name]])
-        one = replace(one, findings=setup[name], setup=checks)
+        one = replace(one, findings=setup[name], setup=checks, nominal=given[name])
         found[name] = _with_fits(one, part, experiments[name], sides.load.is_of(name))
     return Conditions(
         FrozenMapping(found), tuple(condition_specific), FrozenMapping(sides.differences())

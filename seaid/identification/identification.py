@@ -185,6 +185,8 @@ class Identification(Result):
         Constants that were taken as exact, by their names in `known_std`, with typical tolerances.
     setup : mapping {joint: JointCheck}
         What the logs say of the set-up: gear ratios between encoders, delays of torques.
+    nominal : Robot or None
+        `known` without the values of the search: the nominal ones of the input robot only.
     """
 
     table_name = "identification_table"
@@ -209,6 +211,7 @@ class Identification(Result):
     residual: tuple[float, float] = (float("nan"), float("nan"))
     exact_constants: Mapping[str, float] = field(default_factory=dict)
     setup: Mapping[str, JointCheck] = field(default_factory=dict)
+    nominal: Robot | None = None
 
     def _in_short(self) -> str:
         drives = counted(len(self.drives), "drive")
@@ -463,6 +466,7 @@ def _identify(
         residual=residual,
         exact_constants=exact,
         setup=setup,
+        nominal=given,
     )
 
 

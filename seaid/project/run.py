@@ -10,6 +10,7 @@ from dataclasses import dataclass, fields, replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any
+from zlib import crc32
 
 from seaid._arrays import FrozenMapping
 from seaid._files import result_folder, write_json, write_whole
@@ -32,6 +33,9 @@ from seaid.simulation import ReplayComparison, compare_replays
 
 LATEST = "latest"
 """The link to the folder of the newest run."""
+
+_LONGEST_NAME = 50
+"""Letters of a file's name before its suffixes, of up to four bytes; file systems have 255."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -135,9 +139,11 @@ def run_project(
 
 
 def _folder_name(condition: str) -> str:
-    """Return a condition as the name of a folder."""
-    kept = "".join(one if one.isalnum() or one in "-_." else "_" for one in condition)
-    return kept.strip(".") or "without_condition"
+    """Return a condition or a robot as the name of a folder or file, long ones cut."""
+    kept = "".join(one if one.isalnum() or one in "-_." else "_" for one in condition).strip(".")
+    if len(kept) > _LONGEST_NAME:
+        return f"{kept[:_LONGEST_NAME]}_{crc32(condition.encode()):08x}"
+    return kept or "without_condition"
 
 
 def _identified(
@@ -288,7 +294,7 @@ def summary_of(run: Run, details: bool = True) -> str:
     from seaid.report import short_text
 
     found = run.identification
-    parts = [str(short_text(found, found.known, details))]
+    parts = [str(short_text(found, found.nominal or found.known, details))]
     for tests in (run.validations, run.replays):
         parts += [f"Log {name}\n{one.summary()}" for name, one in tests.items()]
     return "\n\n".join(parts)

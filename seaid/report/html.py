@@ -138,7 +138,7 @@ def write_report(
     >>> seaid.write_report(result, checked, "report.html", facts={"place": "Eindhoven"})
     """
     path = _page_path(path)
-    given = found.known if nominal is None else nominal
+    given = nominal or found.nominal or found.known
     if given.joint_names != found.robot.joint_names:
         raise SeaidError(
             f"nominal=: the joints {', '.join(given.joint_names)}, but the identified robot has "

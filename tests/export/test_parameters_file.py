@@ -13,7 +13,7 @@ import pytest
 
 import seaid
 from seaid._files import plain
-from seaid.errors import RobotError
+from seaid.errors import RobotError, SeaidWarning
 from seaid.estimation.estimate import Estimate
 from seaid.export.parameters import read_parameters
 from seaid.identification.identification import Identification, identify
@@ -211,3 +211,12 @@ def test_a_file_that_was_changed_is_refused(
     with pytest.raises(RobotError, match=words) as caught:
         read_parameters(path, KNOWN)
     assert "changed.json" in str(caught.value)
+
+
+def test_a_negative_mass_is_said(tmp_path: Path) -> None:
+    data = content(tmp_path)
+    link = next(iter(data["bodies"]))
+    data["bodies"][link]["m"] *= -1
+    (tmp_path / "parameters.json").write_text(json.dumps(data))
+    with pytest.warns(SeaidWarning, match=rf"bodies\.{link}: the mass is negative, -.* kg"):
+        assert read_parameters(tmp_path / "parameters.json", KNOWN).parameters[0] < 0

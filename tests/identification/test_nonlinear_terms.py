@@ -22,6 +22,8 @@ from seaid.identification.repeated_identification import validate
 from seaid.log.long_log import open_long_log
 from seaid.log.motion import Motion
 from seaid.log.reading import Log, write_log
+from seaid.project.run import summary_of
+from seaid.project.saved import Run
 from seaid.regressor.regression import motor_regressor, signals
 from seaid.regressor.rigid_body import joint_torques
 from seaid.regressor.structural.identifiability import identifiability
@@ -435,6 +437,18 @@ def test_a_zero_that_only_moves_a_preload_is_held_and_said() -> None:
         for f in found.warnings
     )
     assert "deflection_zero" in found.known.drives["two"].known
+
+
+def test_values_of_the_search_are_no_nominal_ones() -> None:
+    """They stood as nominal values of their estimates in summaries of runs and in reports."""
+    known = robot(STIFF, with_terms(ELASTIC, SPRINGS["cubic"][0], {}))
+    found = identify(known, noisy("free"), torque_joints=["one"], cutoff_hz=10.0)
+    assert found.nominal is not None
+    assert found.nominal.drives["two"].own_values == known.drives["two"].own_values
+    rows = [row.split() for row in summary_of(Run(found)).splitlines()]
+    by_name = {row[1]: row for row in rows if row[:1] == ["two"]}
+    assert by_name["stiffness"][6] == "120"  # behind "0.076 %"
+    assert by_name["cubic_stiffness"][6:8] == ["-", "-"]
 
 
 def test_what_is_held_is_said_of_every_condition_too(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,7 +10,7 @@ import pytest
 import seaid
 from seaid.errors import SeaidError
 from seaid.project.project import load_project, log_at
-from seaid.project.run import run_project
+from seaid.project.run import _folder_name, run_project
 from tests import experiments
 from tests.measured import LOGS
 
@@ -120,6 +120,14 @@ def test_a_run_has_a_folder_with_everything(folder: Path) -> None:
     again = run_project(project)
     assert again.folder != done.folder
     assert (folder / "results" / "latest").resolve() == again.folder.resolve()
+
+
+@pytest.mark.parametrize("letter", ["a", "é", "关", "𐐀"])
+def test_long_names_of_robots_are_cut_in_names_of_files(tmp_path: Path, letter: str) -> None:
+    first, second = (_folder_name(300 * letter + end) for end in "ab")
+    assert first != second
+    (tmp_path / f".seaid-{first}.provenance.json").write_bytes(b"")
+    assert _folder_name("a b/c") == "a_b_c"
 
 
 def test_a_run_that_fails_leaves_nothing(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
