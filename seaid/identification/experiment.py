@@ -238,8 +238,8 @@ class Experiment:
         """Gear ratio between both encoders and its standard error, by joint.
 
         Of a spring joint from the motor equation (7), tau - I w' = friction + a theta_M - b theta_L
-        with N = b/a r_L/r_M, or from the torque sensor and (4b); of others from the angles alone,
-        where errors of the gear do not average out (see `gear_ratio`).
+        with N = b/a r_L/r_M, or from the torque sensor and (4b); of others from the angles alone.
+        Errors of the gear do not average out (see `gear_ratio`).
         """
         found = {}
         # the zeros of the encoders of each log but the first
@@ -256,9 +256,7 @@ class Experiment:
                 columns = np.column_stack([motor, joint, others, zeros])
                 if np.sum(rows) <= 3 * columns.shape[1]:
                     continue
-                (a, b, *_), covariance = fitted(columns[rows], y[rows])
-                slope, slopes = -b / a, np.array([b / a**2, -1 / a])
-                error = float(np.sqrt(slopes @ covariance[:2, :2] @ slopes))
+                slope, error = _slope(columns[rows], y[rows])
             elif not is_elastic[j]:
                 columns = np.column_stack([joint, np.ones(len(joint)), zeros])
                 found_here = scaled_svd(columns).solve(motor)
@@ -423,6 +421,32 @@ def fitted(columns: Array, y: Array, count: int = 1) -> tuple[Array, Array]:
     size[:count] = sizes
     scaled = _CORRELATED * inverse * size
     return x, np.asarray(scaled.T @ scaled)
+
+
+def _slope(columns: Array, y: Array) -> tuple[float, float]:
+    """Return -b/a of the first columns, motor and joint angle, and its standard error.
+
+    That of the fit, or of the halves of the rows if they differ by more; and, as in `gear_ratio`,
+    the error of the gear, the smooth part of the residual: what rows that are no neighbours share,
+    in time or in the angle, beyond the standard error of such a correlation of noise.
+    """
+
+    def part(rows: slice) -> tuple[float, float, Array]:
+        used = columns[rows][:, np.any(columns[rows] != 0, axis=0)]  # zeros of encoders of its logs
+        x, covariance = fitted(used, y[rows])
+        slopes = np.array([x[1] / x[0] ** 2, -1 / x[0]])
+        error = float(np.sqrt(slopes @ covariance[:2, :2] @ slopes))
+        return float(-x[1] / x[0]), error, (y[rows] - used @ x) / x[1]
+
+    slope, error, left = part(slice(None))
+    count, joint = len(y), columns[:, 1]
+    if count > 6 * columns.shape[1]:
+        (first, e, _), (second, f, _) = part(slice(count // 2)), part(slice(count // 2, None))
+        error = max(error, abs(first - second) * e * f / max(e**2 + f**2, _LEAST))
+    by_angle = left[np.argsort(joint)]
+    shared = max(float(left[2:] @ left[:-2]), float(by_angle[1:] @ by_angle[:-1])) / count
+    smooth = np.sqrt(max(shared - float(left @ left) / count**1.5, 0.0))
+    return slope, float(np.hypot(error, slope * smooth / max(float(np.std(joint)), _LEAST)))
 
 
 _CORRELATED = 1.5

@@ -25,7 +25,13 @@ from seaid.drives import (
     write_drives,
 )
 from seaid.errors import LogError, SeaidError, abridged, checked, listed
-from seaid.identification import check, is_unsigned, no_measurements, with_leg_order
+from seaid.identification import (
+    JointCheck,
+    check,
+    is_unsigned,
+    no_measurements,
+    with_leg_order,
+)
 from seaid.log import (
     Log,
     LogDescription,
@@ -629,30 +635,30 @@ def _with_standard_errors(
     """Return drive tables with the ratios and standard errors of `check`, from all logs.
 
     It knows the springs of these drives, and takes (7) where the motor moves. The standard errors
-    go into those of the estimates (`gear_ratio_std`).
+    go into those of the estimates (`gear_ratio_std`). A ratio that `check` does not confirm keeps
+    its value, and its error is at least the difference.
     """
-    if not tables:
+    keys = {joint: _inferred_key(table) for joint, table in tables.items()}
+    if not any(keys.values()):
         return tables, doubts
-    try:
+    joints: Mapping[str, JointCheck] = {}
+    with suppress(SeaidError):  # logs that fit no drive: run names what is wrong
         joints = check(robot.with_drives(drives_from_mapping(tables)), logs).joints
-    except SeaidError:  # logs that fit no drive: run names what is wrong
-        return tables, doubts
-    for joint, table in tables.items():
-        one = joints[joint]
-        key = next(name for name in table if name.startswith("gear_ratio"))
-        rough = float(str(table[key]))
-        if (
-            robot.drives[joint].is_elastic and rough == 1.0
-        ):  # the motor's side is that of the spring
+    for joint, key in keys.items():
+        if not key:
             continue
-        if not abs(one.gear_ratio / rough - 1) < _SAME_RATIO or not one.gear_ratio_error > 0:
-            continue
-        value, error = one.gear_ratio, one.gear_ratio_error
-        if "motor_pulley_radius_m" in table:  # of a screw, whose gear ratio is 1
-            key, value = "motor_pulley_radius_m", float(str(table["motor_pulley_radius_m"])) / value
-            error *= abs(value)
-        table[key] = float(f"{value:.7g}")
-        table[f"{key}_std"] = float(f"{error:.2g}")
+        table = tables[joint]
+        value, error = (float(str(table[name])) for name in (key, f"{key}_std"))
+        found = joints.get(joint)
+        if found is not None and found.gear_ratio_error > 0:
+            # of a screw, whose gear ratio is 1, the radius goes with its inverse
+            factor = found.gear_ratio / (1.0 if "pulley" in key else value)
+            better = value / factor if "pulley" in key else value * factor
+            if abs(factor - 1) < _SAME_RATIO:
+                value, error = better, abs(better) * found.gear_ratio_error / abs(found.gear_ratio)
+            else:
+                error = max(error, abs(better - value))
+        table[key], table[f"{key}_std"] = float(f"{value:.7g}"), float(f"{error:.2g}")
         text = f"{joint}: {key} = {value:.7g} +- {error:.2g} from both encoders,"
         doubts = [
             f"{text}{doubt.split('from both encoders,')[1]}"
@@ -661,6 +667,11 @@ def _with_standard_errors(
             for doubt in doubts
         ]
     return tables, doubts
+
+
+def _inferred_key(table: Mapping[str, object]) -> str:
+    """Return the key of what both encoders say of a gear, "" if its value is a placeholder."""
+    return next((key.removesuffix("_std") for key in table if key.endswith("_std")), "")
 
 
 _SAME_RATIO = 0.03
@@ -686,16 +697,23 @@ def _of_both_encoders(
         return None, "both encoders have the same values: its torque counts as known"
     if np.ptp(joint) < (_MOVES_M if robot.is_prismatic[index] else _MOVES_RAD):
         return None, "it hardly moves: its torque counts as known at the joint"
-    ratio, explained = _ratio(time, motor, joint, torque)
+    ratio, explained, error = _ratio(time, motor, joint, torque)
+    middle = len(time) // 2
+    first, second = (
+        _ratio(time[half], motor[half], joint[half], None if torque is None else torque[half])[0]
+        for half in (slice(middle), slice(middle, None))
+    )
+    error = float(np.hypot(error, 0.5 * (first - second)))
     key = _ratio_key(robot, index)
-    table: dict[str, object] = {"type": "stiff", key: float(f"{ratio:.5g}")}
+    table: dict[str, object] = {"type": "stiff", key: float(f"{ratio:.5g}"), f"{key}_std": error}
     spread = float(np.std(motor / ratio - joint))
     unit = "m" if robot.is_prismatic[index] else "rad"
     explains = explained > _SPRING or "deflection" in sensors
     if explains and robot.is_prismatic[index]:  # behind a screw, as behind a pulley
         key, radius = "motor_pulley_radius_m", float(f"{1 / ratio:.5g}")
-        table = {"gear_ratio": 1.0, key: radius}
-    text = f"{key} = {table[key]} from both encoders, which differ by {spread:.2g} {unit} (rms)"
+        table = {"gear_ratio": 1.0, key: radius, f"{key}_std": radius * error / abs(ratio)}
+    size = f"{table[key]} +- {table[f'{key}_std']:.2g}"
+    text = f"{key} = {size} from both encoders, which differ by {spread:.2g} {unit} (rms)"
     if not explains and "joint_torque" in sensors and "motor_torque" not in sensors:
         return None, f"{text}; taken for stiff: its torque sensor counts as known at the joint"
     if not explains:
@@ -704,8 +722,11 @@ def _of_both_encoders(
     return {**table, "type": "series_elastic"}, f"{text}; {more}; compare with the data sheet"
 
 
-def _ratio(time: Array, motor: Array, joint: Array, torque: Array | None) -> tuple[float, float]:
-    """Return the gear ratio from both encoders, and how much of their difference is a spring's.
+def _ratio(
+    time: Array, motor: Array, joint: Array, torque: Array | None
+) -> tuple[float, float, float]:
+    """Return the gear ratio from both encoders, the part of their difference that is a spring's,
+    and the standard error of the ratio: that of one sample of the residual, as in `gear_ratio`.
 
     motor / N - joint is the torque on the spring over its stiffness, and that is the torque of the
     motor less its inertia and friction, (7): motor = N joint + c_1 torque + c_2 w + c_3 sign(w) +
@@ -722,9 +743,9 @@ def _ratio(time: Array, motor: Array, joint: Array, torque: Array | None) -> tup
     end = min(int(rate_hz / _BAND_HZ), len(time) // 4)
     rows, turned = np.column_stack(columns)[end : len(time) - end], signals[end : -end or None, 0]
     found = safely(np.linalg.lstsq, rows, turned, rcond=None, what="a ratio", error=LogError)[0]
-    difference = turned - found[0] * rows[:, 0]
-    left = float(np.var(turned - rows @ found) / max(float(np.var(difference)), 1e-300))
-    return float(found[0]), 1 - left
+    difference, misfit = turned - found[0] * rows[:, 0], turned - rows @ found
+    left = float(np.var(misfit) / max(float(np.var(difference)), 1e-300))
+    return float(found[0]), 1 - left, float(np.std(misfit) / max(float(np.std(rows[:, 0])), 1e-300))
 
 
 def _as_comments(doubts: Sequence[str]) -> str:

@@ -21,7 +21,7 @@ from seaid.drives.toml import drives_from_mapping
 from seaid.errors import CODES, Finding, SeaidError, by_severity
 from seaid.identification.checking import check
 from seaid.identification.command_checks import _is_folded, _is_magnitude, no_measurements
-from seaid.identification.experiment import experiment_of
+from seaid.identification.experiment import _slope, experiment_of, fitted
 from seaid.identification.setup_hypotheses import hypotheses
 from seaid.log.log import Log
 from seaid.log.motion import reconstruct_motions
@@ -582,3 +582,36 @@ def test_an_unknown_rotor_inertia_is_no_delay(has_drives: bool) -> None:
     late = replace(log, motor_torque=np.roll(log.motor_torque, 5, axis=0)).between(0.1, 9.9)
     (delay,) = [one for one in seaid.check(robot, late).warnings if one.code == "delay"]
     assert delay.evidence["delay [s]"] == pytest.approx(0.02, abs=2e-3)
+
+
+def spring_rows(error_rad: float, seed: int) -> tuple[Array, Array]:
+    """Return angles of both sides and the torque of a spring behind a gear with an error."""
+    random = np.random.default_rng(seed)
+    t = np.linspace(0.0, 6.0, 150)
+    rates = random.uniform(0.3, 1.2, (3, 1))
+    joint = 0.3 * np.sum(np.sin(2 * np.pi * rates * t + random.uniform(0, 6, (3, 1))), axis=0)
+    torque = random.normal() * np.cos(joint) + np.gradient(np.gradient(joint, t), t) / 20
+    of_gear = error_rad * np.sin(8 * joint + random.uniform(0, 6))
+    motor = 700 * (joint + torque / 70 + of_gear)
+    noise = random.normal(0, 0.01, len(t))
+    return np.column_stack([motor, joint, np.ones_like(t)]), torque + noise
+
+
+def fit_error(columns: Array, torque: Array) -> float:
+    """Return the standard error of the slope by the fit alone."""
+    (a, b, _), covariance = fitted(columns, torque)
+    slopes = np.array([b / a**2, -1 / a])
+    return float(np.sqrt(slopes @ covariance[:2, :2] @ slopes))
+
+
+def test_the_error_of_a_gear_ratio_has_that_of_the_gear() -> None:
+    off = []
+    for seed in range(60):
+        rows = spring_rows(1.5e-3, seed)
+        slope, error = _slope(*rows)
+        off.append((abs(slope - 700) / error, abs(slope - 700) / fit_error(*rows)))
+    covered, by_fit = np.mean(np.array(off) < 2, axis=0)
+    assert covered > 0.8 > 0.6 > by_fit
+    for seed in range(20):  # of a gear without an error it is hardly above that of the noise
+        rows = spring_rows(0.0, seed)
+        assert _slope(*rows)[1] < 3 * fit_error(*rows)

@@ -273,3 +273,18 @@ def test_logs_with_the_same_columns_have_one_description(tmp_path: Path) -> None
         both = log.joint_position[:, 0], log.motor_position[:, 0]
         (angle,) = [each for each in both if np.all(np.isfinite(each))]
         assert np.max(np.abs(angle)) == pytest.approx(0.6, rel=1e-2)
+
+
+def test_an_inferred_ratio_always_has_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuses(*_: object) -> None:
+        raise SeaidError("no drive fits")
+
+    robot = seaid.load_robot(MODELS / "hebi_arm_2.urdf")
+    path, description = LOGS / "hebi_arms/star_trace.npz", LOGS / "hebi_csv_2.toml"
+    log = seaid.read_log(path, robot, description=description)
+    monkeypatch.setattr("seaid.project.first_project.check", refuses)
+    tables, doubts = inferred_drives(robot, [log])
+    for table, true, said in zip(tables.values(), (762.222, 272.222), doubts, strict=True):
+        ratio, error = (float(str(table[key])) for key in ("gear_ratio", "gear_ratio_std"))
+        assert 0 < abs(ratio - true) < 3 * error < 0.05 * true
+        assert f" +- {error:.2g} from both encoders" in said
