@@ -289,8 +289,9 @@ def _best_zero(
     A grid that comes nowhere near `most_cost` has none.
     """
     robot, moved = given.robot, sign * given.joint[0][:, j]
-    least = max(float(robot.lower_limits[j] - moved.min()) - _BEYOND, -math.pi)
-    most = min(float(robot.upper_limits[j] - moved.max()) + _BEYOND, math.pi)
+    lower, upper = robot.position_range(robot.joint_names[j])
+    least = max(lower - float(moved.min()) - _BEYOND, -math.pi)
+    most = min(upper - float(moved.max()) + _BEYOND, math.pi)
 
     def at(offset: float) -> tuple[float, float]:
         return _pose_cost(given, others | {j: (sign, offset)}), offset

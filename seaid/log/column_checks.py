@@ -203,8 +203,7 @@ def is_within(
     """Return whether a position times a factor stays about within the limits of a known joint."""
     if robot is None or joint not in robot.joint_names:
         return False
-    index = robot.index(joint)
-    lower, upper = float(robot.lower_limits[index]), float(robot.upper_limits[index])
+    lower, upper = robot.position_range(joint)
     values, more = factor * inference.finite(column), _BEYOND * (upper - lower)
     return bool(lower - more <= np.min(values) and np.max(values) <= upper + more)
 

@@ -193,10 +193,10 @@ def _farthest_rad(joint: str, robot: Robot | None) -> float | None:
     """Return the range that the angle of a joint hardly exceeds, None for a prismatic joint."""
     if robot is None or joint not in robot.joint_names:
         return 4 * np.pi
-    index = robot.index(joint)
-    if robot.is_prismatic[index]:
+    if robot.is_prismatic[robot.index(joint)]:
         return None
-    return min(2 * float(robot.upper_limits[index] - robot.lower_limits[index]), 4 * np.pi)
+    lower, upper = robot.position_range(joint)
+    return min(2 * (upper - lower), 4 * np.pi)
 
 
 _FAR_FOR_A_SPRING = 0.5
@@ -504,7 +504,7 @@ def describe_log(
     """
     paths = [Path(path)] if isinstance(path, str | Path) else [Path(one) for one in path]
     path, table = Path(" + ".join(map(str, paths))), open_tables(paths)
-    joints_known = robot.joint_names if robot is not None else ()
+    joints_known = _every_joint(robot) if robot is not None else ()
     meanings = {
         name: in_file(meaning_of(table.bare(name), joints_known), table.files.get(name, ""))
         for name in table.names
@@ -520,12 +520,12 @@ def describe_log(
     _with_estimates(inference)
     inference.time = _time_of(inference, clocks.get(""))
     tags = _with_motor(inference, _joints(inference) or _measured_next_to_commands(inference))
-    if not tags:
+    names = _joint_names(tags, robot, inference)
+    if not names:
         raise LogError(
             f"'{path}': no column looks like the position of a joint; columns are "
             f"{listed(table.names, _LISTED)}{'; ' if table.notice else ''}{table.notice}"
         )
-    names = _joint_names(tags, robot, inference)
     _label_by_joint(inference, names)
     joints, found = {}, dict[str, Sources]()
     for tag, joint in names.items():
@@ -695,7 +695,7 @@ def _file_of(path: Path, robot: Robot) -> _File:
     nothing = _File(path, frozenset(), frozenset(), math.nan, math.nan)
     try:
         table = open_tables([path])
-        meanings = {name: meaning_of(name, robot.joint_names) for name in table.names}
+        meanings = {name: meaning_of(name, _every_joint(robot)) for name in table.names}
         inference = Inference({}, meanings)
         inference.data |= _all_samples(table, inference)
         clock = None if table.clocks else _clocks(inference).get("")
@@ -926,21 +926,44 @@ def _label_by_joint(inference: Inference, names: Mapping[str, str]) -> None:
             inference.meanings[name] = replace(meaning, joint=joint)
 
 
+def _every_joint(robot: Robot) -> tuple[str, ...]:
+    """Return the joints of a robot's file, those that stand still too."""
+    return robot.joints_of_file or robot.joint_names
+
+
 def _joint_names(tags: Sequence[str], robot: Robot | None, inference: Inference) -> dict[str, str]:
-    """Return {label: joint name} by exact name, by number, or by order."""
+    """Return {label: joint name} by exact name, by number, or by order.
+
+    A log with more labels than joints that move has those of the robot's file. The columns of
+    joints that stand still are dropped.
+    """
     if robot is None:
         return {tag: f"joint_{tag}" if _is_number(tag) else tag or "joint" for tag in tags}
-    found = {tag: tag for tag in tags if tag in robot.joint_names}
-    free = [joint for joint in robot.joint_names if joint not in found]
-    others = [tag for tag in tags if tag not in found]
-    found |= _numbered(others, free)
+    every, labels = _every_joint(robot), list(tags)
+    logged = [
+        one.joint
+        for name, one in inference.meanings.items()
+        if one.quantity == "position" and f"{name}[0]" not in inference.meanings
+    ]
+    if len({*logged}) == len(every) and {*labels} <= {*logged}:  # constant ones count in the order
+        labels = list(dict.fromkeys(logged))
+    found = {tag: tag for tag in labels if tag in every}
+    others = [tag for tag in labels if tag not in found]
+    joints = robot.joint_names if len(others) <= robot.n else every
+    found |= _numbered(others, [joint for joint in joints if joint not in found])
     others = [tag for tag in others if tag not in found]
     if not found:
-        found = _in_order(others, robot, inference)
+        found = _in_order(others, joints, inference)
     for tag in others:
-        if tag not in found:
+        if tag not in found and tag in tags:
             inference.note(tag, "no joint of the robot has such a name: excluded")
-    return found
+    still = {tag for tag, joint in found.items() if joint not in robot.joint_names}
+    inference.data = {
+        name: values
+        for name, values in inference.data.items()
+        if inference.meanings[name].joint not in still
+    }
+    return {tag: joint for tag, joint in found.items() if tag in tags and tag not in still}
 
 
 def _numbered(tags: Sequence[str], joints: Sequence[str]) -> dict[str, str]:
@@ -958,7 +981,7 @@ def _number_in(name: str) -> str:
     return found[1] if found else ""
 
 
-def _in_order(tags: Sequence[str], robot: Robot, inference: Inference) -> dict[str, str]:
+def _in_order(tags: Sequence[str], joints: Sequence[str], inference: Inference) -> dict[str, str]:
     """Return {label: joint} in the order of the robot: of the labels that are numbers, if any.
 
     Labels that differ in a number, as axis_2 and axis_10, are in the order of the numbers.
@@ -966,13 +989,15 @@ def _in_order(tags: Sequence[str], robot: Robot, inference: Inference) -> dict[s
     tags = sorted(filter(_is_number, tags), key=int) or list(tags)
     if all(map(_number_in, tags)) and len({tag.rstrip("0123456789") for tag in tags}) == 1:
         tags = sorted(tags, key=lambda tag: int(_number_in(tag)))
-    if len(tags) > robot.n:
-        inference.note(", ".join(tags), f"{len(tags)} joints in the log, {robot.n} in the robot")
-    if tags != [""] or robot.n > 1:
-        about = ", ".join(tag or "columns without a joint" for tag in tags[: robot.n])
+    if len(tags) > len(joints):
+        inference.note(
+            ", ".join(tags), f"{len(tags)} joints in the log, {len(joints)} in the robot"
+        )
+    if tags != [""] or len(joints) > 1:
+        about = ", ".join(tag or "columns without a joint" for tag in tags[: len(joints)])
         inference.note(about, "taken for the robot's joints in their order")
-    if not all(_number_in(one) or len(tags) == robot.n == 1 for one in tags):
+    if not all(_number_in(one) or len(tags) == len(joints) == 1 for one in tags):
         for name, one in inference.meanings.items():
             if one.joint in tags and one.is_raw and one.quantity in _MEASURED:
                 inference.note(name, "its joint is a guess, by the order of the columns")
-    return dict(zip(tags, robot.joint_names, strict=False))
+    return dict(zip(tags, joints, strict=False))

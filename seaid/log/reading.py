@@ -208,7 +208,7 @@ def _check_alive(picked: Mapping[str, Array], robot: Robot) -> None:
 def _warn_of_degrees(path: Path, log: Log, robot: Robot) -> None:
     """Warn of joints whose positions exceed the limits in rad, but would not in degrees."""
     for index, joint in enumerate(robot.joint_names):
-        lower, upper = robot.lower_limits[index], robot.upper_limits[index]
+        lower, upper = robot.position_range(joint)
         values = log.joint_position[:, index]
         if log.is_prismatic[index] or not upper - lower < 20.0 or np.all(np.isnan(values)):
             continue

@@ -109,13 +109,15 @@ class DependentJoint:
     is_prismatic: bool
 
 
+def movable_joints(tree: UrdfTree) -> tuple[str, ...]:
+    """Return the independent joints of a tree that are not fixed, in order."""
+    all_of = (tree.joints[joint] for joint in _depth_first(tree))
+    return tuple(one.name for one in all_of if one.type != "fixed" and one.mimic is None)
+
+
 def moving_joints(tree: UrdfTree, joints: Sequence[str] | None) -> tuple[str, ...]:
     """Return the independent joints that move, in order: the given ones, or all of the tree."""
-    if joints is None:
-        all_of = (tree.joints[joint] for joint in _depth_first(tree))
-        names = [one.name for one in all_of if one.type != "fixed" and one.mimic is None]
-    else:
-        names = _given_joints(tree, joints)
+    names = list(movable_joints(tree)) if joints is None else _given_joints(tree, joints)
     for name in names:
         kind = tree.joints[name].type
         if kind not in _MOVING:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -24,6 +25,7 @@ from seaid.robot.pinocchio_model import (
     Payload,
     assemble,
     dependent_joints,
+    movable_joints,
     moving_joints,
     without_joint_of_base,
 )
@@ -68,6 +70,8 @@ class Robot(Display):
         The base, if nothing holds it; `model` is that of the joints on a held base.
     locked : mapping {joint: position}
         Joints that stand still elsewhere than at zero [rad or m].
+    joints_of_file : tuple of str
+        The joints of the file that can move, in its order, those that stand still too.
     """
 
     table_name = "robot_table"
@@ -90,6 +94,7 @@ class Robot(Display):
     dependent_joints: tuple[DependentJoint, ...] = ()
     floating_base: FloatingBase | None = None
     locked: Mapping[str, float] = field(default_factory=lambda: FrozenMapping({}, "joint"))
+    joints_of_file: tuple[str, ...] = ()
 
     def _in_short(self) -> str:
         springs = counted(len(self.elastic_joints), "spring")
@@ -101,6 +106,16 @@ class Robot(Display):
     def n(self) -> int:
         """Number of joints."""
         return len(self.joint_names)
+
+    @property
+    def standing_joints(self) -> tuple[str, ...]:
+        """The joints of the file that stand still: `locked`, or not among `joints`."""
+        return tuple(joint for joint in self.joints_of_file if joint not in self.joint_names)
+
+    def position_range(self, joint: str) -> tuple[float, float]:
+        """Return the limits of a position [rad or m]; equal ones, as (0, 0), are none."""
+        lower, upper = (float(x[self.index(joint)]) for x in (self.lower_limits, self.upper_limits))
+        return (lower, upper) if lower < upper else (-math.inf, math.inf)
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
@@ -333,6 +348,7 @@ def load_robot(
             "joints=",
             "locked=",
         )
+    movable = movable_joints(tree)
     tree = tree.locked_at(locked)
     moving = moving_joints(tree, joints)
     followers = dependent_joints(tree, moving)
@@ -346,6 +362,7 @@ def load_robot(
         _robot(tree, moving, by_joint, built, followers),
         urdf=urdf,
         locked=FrozenMapping(locked, "joint"),
+        joints_of_file=movable,
     )
     if moves:
         own = floating_base(tree.root, built, robot.model_order, contacts, imu_link, base, at_root)

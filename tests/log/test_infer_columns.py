@@ -15,6 +15,7 @@ from seaid.log.column_meaning import meaning_of
 from seaid.log.infer_columns import Description, describe_log
 from seaid.log.readers.table import Table
 from seaid.log.reading import read_log
+from seaid.robot.robot import Robot, load_robot
 from tests.measured import LOGS
 from tests.one_joint import chain
 
@@ -652,3 +653,48 @@ def test_a_long_list_of_columns_does_not_hide_what_is_unsure(tmp_path: Path) -> 
     (line,) = [line for line in lines if "motors[0]/tau" in line]
     assert " ... " in line
     assert line.endswith("name it joint_torque if a sensor behind the gear measures it")
+
+
+def unlimited_chain(folder: Path, joints: list[str] | None = None) -> Robot:
+    """Return a chain of seven joints whose limits in the file are (0, 0)."""
+    inertial = (
+        '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
+    )
+    links = "".join(f'<link name="l{k}">{inertial}</inertial></link>' for k in range(8))
+    moving = "".join(
+        f'<joint name="panda_joint{k}" type="revolute"><parent link="l{k - 1}"/>'
+        f'<child link="l{k}"/><axis xyz="0 {k % 2} {1 - k % 2}"/>'
+        '<limit effort="80" velocity="2"/></joint>'
+        for k in range(1, 8)
+    )
+    path = folder / "chain.urdf"
+    path.write_text(f'<robot name="chain">{links}{moving}</robot>')
+    return load_robot(path, joints=joints)
+
+
+@pytest.mark.parametrize("name", ["log.csv", "log.npz", "still.npz"])
+@pytest.mark.parametrize(
+    "joints", [["panda_joint5"], ["panda_joint2", "panda_joint4"], ["panda_joint4", "panda_joint5"]]
+)
+def test_joints_that_move_are_found_among_all_of_the_file(
+    name: str, joints: list[str], tmp_path: Path
+) -> None:
+    t, k = np.arange(0, 8, 0.01)[:, None], np.arange(1, 8)
+    q, tau = 2.35 * np.sin((1 + 0.1 * k) * t + k), np.cos((1 + 0.2 * k) * t + k)
+    q[:, 0] *= name != "still.npz"
+    path = tmp_path / name
+    if path.suffix == ".npz":
+        np.savez(path, t=t[:, 0], q=q, tau=tau)
+    else:
+        header = ",".join(["t", *(f"q{n}" for n in k), *(f"tau{n}" for n in k)])
+        np.savetxt(path, np.hstack([t, q, tau]), delimiter=",", header=header, comments="")
+    guess = describe_log(path, unlimited_chain(tmp_path, joints))
+    of = "{}{}" if path.suffix == ".csv" else "{}[{}]"
+    for joint in joints:
+        number = int(joint[-1]) - (path.suffix == ".npz")
+        sources = guess.description.joints[joint]
+        assert sources["joint_position"].column == of.format("q", number)
+        assert sources["joint_position"].unit is None  # (0, 0) are no limits: 4.7 are rad
+        assert sources["motor_torque"].column == of.format("tau", number)
+    assert {*guess.description.joints} == {*joints}
+    assert not any("deg" in one or "no joint of the robot" in one for one in guess.unsure)
