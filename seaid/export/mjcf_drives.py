@@ -47,6 +47,8 @@ def note_drive(joint: str, drive: Drive, notes: list[str]) -> None:
     excluded += [f"{term} of the spring" for term in drive.spring if term in MEMORY]
     excluded += map("extra term {}".format, drive.extra_terms)
     excluded += dict.fromkeys(one.field.replace("_", " ") for one in drive.harmonics)
+    if "cubic" in drive.spring:
+        notes.append(f"joint '{joint}': its cubic spring needs a MuJoCo with polynomial stiffness")
     if "smooth_dead_zone" in drive.spring:
         notes.append(f"joint '{joint}': its smooth_dead_zone is written with sharp corners")
     if excluded:
@@ -137,12 +139,16 @@ _FIRM = 0.999
 
 @dataclass(frozen=True)
 class _Coordinate:
-    """Attributes of one coordinate (joint or tendon); `rest` is the rest position of its spring."""
+    """Attributes of one coordinate (joint or tendon).
+
+    `rest` is the rest position of its spring, and `stiffness` has the coefficients of the force by
+    the deflection from there, of its first to its third power.
+    """
 
     armature: float = 0.0
     damping: float = 0.0
     friction: float = 0.0
-    stiffness: float = 0.0
+    stiffness: tuple[float, ...] = ()
     rest: tuple[float, ...] = (0.0,)
 
 
@@ -320,7 +326,7 @@ def _parallel(joint: str, drive: Drive) -> _Coordinate:
             f"joint '{joint}': MuJoCo has no parallel spring with a negative stiffness, found "
             f"{stiffness:.4g} {unit_of(drive, 'parallel_stiffness')}"
         )
-    return _Coordinate(0.0, damping, friction, stiffness, (rest,))
+    return _Coordinate(0.0, damping, friction, (stiffness,) if stiffness else (), (rest,))
 
 
 def _motor(joint: str, drive: Drive) -> _Coordinate:
@@ -335,25 +341,27 @@ def _motor(joint: str, drive: Drive) -> _Coordinate:
 
 def _spring(joint: str, drive: Drive) -> _Coordinate:
     """Return the spring of a drive in the coordinate of its deflection."""
-    linear = ("linear", *DEAD_ZONES, "damping", *MEMORY, "preload")
-    nonlinear = [term for term in drive.spring if term not in linear]
-    if nonlinear:
+    if "fifth" in drive.spring:
         raise RobotError(
-            f"joint '{joint}': the spring has the term '{nonlinear[0]}', and MuJoCo's springs are "
-            "linear: give or identify one with spring=('linear',)"
+            f"joint '{joint}': the spring has the term 'fifth', and MuJoCo's springs end with the "
+            "third power: give or identify one with spring=('linear', 'cubic')"
         )
-    stiffness = value_of(joint, drive, "stiffness")
-    damping = of_term(joint, drive, "spring", "damping")
-    if {*DEAD_ZONES} & {*drive.spring}:
-        if "preload" in drive.spring:
-            raise RobotError(
-                f"joint '{joint}': the spring has a dead zone and a preload that acts inside it, "
-                "which MuJoCo's springs lack: give or identify one without one of the two"
-            )
-        zero, half = drive.values.get("deflection_zero", 0.0), value_of(joint, drive, "dead_zone")
-        return _Coordinate(damping=damping, stiffness=stiffness, rest=(zero - half, zero + half))
-    preload = of_term(joint, drive, "spring", "preload")
-    return _Coordinate(damping=damping, stiffness=stiffness, rest=(-preload / stiffness,))
+    k, k_3, f_0 = (of_term(joint, drive, "spring", x) for x in ("linear", "cubic", "preload"))
+    if not (k or k_3):
+        raise RobotError(f"joint '{joint}': its spring has no stiffness, found 0")
+    zero = drive.values.get("deflection_zero", 0.0) if drive.is_nonlinear_spring else 0.0
+    gap = value_of(joint, drive, "dead_zone") if {*DEAD_ZONES} & {*drive.spring} else 0.0
+    if gap and f_0:
+        raise RobotError(
+            f"joint '{joint}': the spring has a dead zone and a preload that acts inside it, "
+            "which MuJoCo's springs lack: give or identify one without one of the two"
+        )
+    # f_0 + k d + k_3 d^3 = (k + 3 k_3 r^2) x + 3 k_3 r x^2 + k_3 x^3 at x = d - r from its root r
+    roots = np.roots([k_3, 0.0, k, f_0])
+    r = float(min(roots[roots.imag == 0].real, key=abs))
+    rest = (zero - gap, zero + gap) if gap else (zero + r,)
+    stiffness = (k + 3 * k_3 * r**2, 3 * k_3 * r, k_3) if k_3 else (k,)
+    return _Coordinate(0.0, of_term(joint, drive, "spring", "damping"), 0.0, stiffness, rest)
 
 
 def of_term(joint: str, drive: Drive, field: str, term: str) -> float:
@@ -398,11 +406,12 @@ def _set_numbers(element: Any, values: _Coordinate, step: float) -> None:
         "armature": values.armature,
         "damping": values.damping,
         "frictionloss": values.friction,
-        "stiffness": values.stiffness,
     }
     for name, number in numbers.items():
         if number:
             element.set(name, spaced([number]))
+    if values.stiffness:
+        element.set("stiffness", spaced(values.stiffness))
     if values.friction:
         # direct: v' = -2/step v at reversals, the most that a step of RK4 damps
         element.set("solreffriction", spaced([-1.0, -2 / step]))

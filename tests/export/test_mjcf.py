@@ -457,6 +457,36 @@ def test_springs_pull_motor_and_joint_as_the_equations_say(tmp_path: Path) -> No
     assert forces == pytest.approx([-0.020 / 86 * force, 0.036 * force], rel=1e-12)
 
 
+CUBIC: dict[str, tuple[tuple[str, ...], dict[str, float]]] = {
+    "hardening": (("linear", "cubic"), {"cubic_stiffness": 4e3, "deflection_zero": 0.01}),
+    "softening": (("linear", "cubic"), {"cubic_stiffness": -4e3}),
+    "cubic alone": (("cubic",), {"cubic_stiffness": 4e4}),
+    "preload": (("linear", "cubic", "preload"), {"cubic_stiffness": 4e3, "spring_offset": 3.0}),
+    "preload alone": (("cubic", "preload"), {"cubic_stiffness": 4e4, "spring_offset": -3.0}),
+    "dead zone": (("linear", "cubic", "dead_zone"), {"cubic_stiffness": 4e3, "dead_zone": 0.02}),
+}
+
+
+@pytest.mark.parametrize("kind", CUBIC)
+def test_cubic_springs_are_polynomials_of_mujoco(tmp_path: Path, kind: str) -> None:
+    """Its accelerations are those of the plant, and its spring force is that of the terms."""
+    terms, values = CUBIC[kind]
+    robot = two_joints(tmp_path, STIFF, elastic(values, spring=terms))
+    twin = Twin(without_friction(robot), tmp_path)
+    assert acceleration_errors(twin) < 1e-9
+    drive, rng = robot.drives["two"], np.random.default_rng(0)
+    for state in (twin.random_state(rng) for _ in range(3)):
+        twin.put(state)
+        mujoco.mj_forward(twin.model, twin.data)
+        stretch = float(state[0, 1] / drive.ratio - state[2, 1])
+        d = stretch - values.get("deflection_zero", 0.0)
+        d -= np.clip(d, -values.get("dead_zone", 0.0), values.get("dead_zone", 0.0))
+        force = values["cubic_stiffness"] * d**3 + values.get("spring_offset", 0.0)
+        force += drive.values["stiffness"] * d if "linear" in terms else 0.0
+        found = twin.data.qfrc_spring[twin.model.joint("two_motor").dofadr[0]]
+        assert found == pytest.approx(-force / drive.ratio, rel=1e-9, abs=1e-12)
+
+
 def test_dry_friction_stands_at_the_motor_or_the_joint_it_is_of(tmp_path: Path) -> None:
     rubbing = elastic(
         {"joint_coulomb_friction": 0.7, "coulomb_friction": 0.03},
@@ -559,9 +589,10 @@ REFUSED: dict[str, Drive] = {
     "needs a motor inertia to be simulated": replace(ELASTIC, motor_inertia_kg_m2=0.0),
     "'stiffness_Nm_per_rad' is not known": replace(ELASTIC, stiffness_Nm_per_rad=None),
     "'coulomb_friction_Nm' is not known": replace(STIFF, coulomb_friction_Nm=None),
-    "the term 'cubic', and MuJoCo's springs are linear": elastic(
-        {"cubic_stiffness": 1.0}, spring=("linear", "cubic")
+    "the term 'fifth', and MuJoCo's springs end with the third power": elastic(
+        {"fifth_stiffness": 1.0}, spring=("linear", "fifth")
     ),
+    "its spring has no stiffness": elastic({"cubic_stiffness": 0.0}, spring=("cubic",)),
     "has a dead zone and a preload": elastic(
         {"dead_zone": 0.1, "spring_offset": 1.0}, spring=("linear", "dead_zone", "preload")
     ),
