@@ -164,3 +164,26 @@ def test_everything_asked_for_is_pinned_for_repeatable_installations() -> None:
         one for need in PROJECT["dependencies"] for one in asked_by(need)
     }
     assert names <= pinned
+
+
+def test_an_editable_install_is_found_from_the_folder_above_the_checkout(tmp_path: Path) -> None:
+    """Python takes a folder without __init__.py for a package if no path has a real one."""
+    checkout, site = tmp_path / "seaid", tmp_path / "site"
+    (checkout / "seaid").mkdir(parents=True)
+    (checkout / "seaid" / "__init__.py").write_text('__version__ = "0.0"\n')
+    for name in ("pyproject.toml", "README.md", "LICENSE"):
+        shutil.copyfile(ROOT / name, checkout / name)
+
+    def run(code: str, folder: Path) -> str:
+        command = [sys.executable, "-S", "-I", "-c", code]
+        return subprocess.run(
+            command, cwd=folder, capture_output=True, text=True, check=True
+        ).stdout
+
+    paths = [one for one in sys.path if Path(one).name == "site-packages"]
+    build = f"import sys; sys.path += {paths}; from setuptools import build_meta; "
+    run(f"{build}build_meta.build_editable('.')", checkout)
+    with zipfile.ZipFile(next(checkout.glob("*.whl"))) as wheel:
+        wheel.extractall(site)
+    found = "import sys, site; sys.path.insert(0, ''); site.addsitedir('site'); import seaid; "
+    assert run(f"{found}print(seaid.__version__)", tmp_path) == "0.0\n"
