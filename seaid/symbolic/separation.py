@@ -7,7 +7,7 @@ parameter.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -118,15 +118,18 @@ def separate(
     Raises
     ------
     SymbolicError
-        If an unknown is inside a function or in a denominator that cannot be cleared, for unusable
-        `motion` or `unknowns`, for an undeclared function of time that multiplies an unknown, for
-        complex numbers and integrals, for relations with an unknown or without a
+        If an unknown is inside a function or in a sum in a denominator that cannot be cleared, for
+        unusable `motion` or `unknowns`, for an undeclared function of time that multiplies an
+        unknown, for complex numbers and integrals, for relations with an unknown or without a
         signal, for equations without unknowns and for equations of more than `max_terms` terms.
 
     Notes
     -----
-    The result does not depend on how an equation is written. A denominator with unknowns is
-    cleared; each row is then divided by one coefficient, which becomes +1. It is that of the row's
+    The result does not depend on how an equation is written. Quotients of products of unknowns,
+    such as k/N**2, are parameters, so that a row keeps its scale: (8) times an unknown ratio N
+    would share no parameter with (7), and zero would solve it. A sum of unknowns in a denominator
+    is cleared where a term without unknowns remains. Each row is then divided by one known
+    coefficient, which becomes +1. It is that of the row's
     input: a signal that occurs once, linearly and without unknowns, with a coefficient that is, up
     to a number, also that of a term with an unknown, as tau_M in (7). If no term or several terms
     qualify, it is the coefficient that leaves the others simplest: fewest known symbols, then
@@ -185,13 +188,15 @@ def _lumped(unknowns: Sequence[sp.Expr], monomial: Exponents) -> sp.Expr:
 def _grouped(
     ring: Ring, equation: Ratio, expression: sp.Expr, unknowns: Sequence[sp.Expr]
 ) -> dict[Exponents, Entry]:
-    """Clear the denominators with unknowns, and group an equation by its products of unknowns."""
-    numerator = equation.numerator
-    unknown_part, motion_part = _denominators(ring, equation.denominator)
-    shift = _shift(ring, numerator, unknown_part, expression)
+    """Group an equation by its products of unknowns, such as k and k/N; the row keeps its scale."""
+    quotients, sums, motion_part = _denominators(ring, equation.denominator)
+    groups = grouped(ring, equation.numerator)
+    shift = quotients
+    if not sums.is_constant():
+        shift = _cleared(ring, groups, quotients, sums, expression)
     places = [unknowns.index(ring.generators[i]) for i in ring.unknown]
     entries = {}
-    for exponents, terms in grouped(ring, numerator).items():
+    for exponents, terms in groups.items():
         monomial = [0] * len(unknowns)
         for place, exponent, less in zip(places, exponents, shift, strict=True):
             monomial[place] = exponent - less
@@ -199,41 +204,46 @@ def _grouped(
     return entries
 
 
-def _denominators(ring: Ring, denominator: fmpq_mpoly) -> tuple[fmpq_mpoly, fmpq_mpoly]:
-    """Split a denominator into factors with unknowns and with motion; known ones only scale."""
-    with_unknown, with_motion = ring.constant(1), ring.constant(1)
+def _denominators(ring: Ring, denominator: fmpq_mpoly) -> tuple[Exponents, fmpq_mpoly, fmpq_mpoly]:
+    """Split a denominator into a product of unknowns, their sums, and factors with motion only.
+
+    Known factors only scale the row.
+    """
+    product, sums, motion = [0] * len(ring.unknown), ring.constant(1), ring.constant(1)
     if not denominator.is_constant():
         for factor, times in denominator.factor()[1]:
             degrees = factor.degrees()
-            if any(degrees[i] for i in ring.unknown):
-                with_unknown *= factor**times
+            unknown = [k for k, i in enumerate(ring.unknown) if degrees[i]]
+            if unknown and len(factor) == 1:
+                product[unknown[0]] += int(times)
+            elif unknown:
+                sums *= factor**times
             elif any(degrees[i] for i in ring.motion):
-                with_motion *= factor**times
-    return with_unknown, with_motion
+                motion *= factor**times
+    return tuple(product), sums, motion
 
 
-def _shift(
-    ring: Ring, numerator: fmpq_mpoly, denominator: fmpq_mpoly, expression: sp.Expr
+def _cleared(
+    ring: Ring,
+    groups: Container[Exponents],
+    quotients: Exponents,
+    sums: fmpq_mpoly,
+    expression: sp.Expr,
 ) -> Exponents:
-    """Return the exponents to subtract from each term; not zero for lumped quotients like m1/m2.
+    """Return the exponents to subtract from each term of an equation that `sums` multiplies.
 
-    A denominator may be cleared only if a term without unknowns remains and fixes the scale.
+    That is allowed only if a term without unknowns remains, which fixes the scale: with the
+    quotients of products, or else without any quotient.
     """
-    cleared = (0,) * len(ring.unknown)
-    if denominator.is_constant():
-        return cleared
-    products = set(grouped(ring, numerator))
-    if cleared in products:
-        return cleared
-    if len(denominator) == 1:
-        (lumped,) = grouped(ring, denominator)
-        return lumped if lumped in products else cleared
-    found = to_sympy(ring, denominator)
-    unknown = next(u for u in (ring.generators[i] for i in ring.unknown) if found.has(u))
+    for shift in (quotients, (0,) * len(quotients)):
+        if shift in groups:
+            return shift
+    below = to_sympy(ring, sums)
+    unknown = next(u for u in (ring.generators[i] for i in ring.unknown) if below.has(u))
     terms = sp.Add.make_args(expression)
     term = next((x for x in terms if sp.fraction(sp.together(x))[1].has(unknown)), expression)
     raise SymbolicError(
-        f"the unknown {unknown} is in the denominator {found} of the term {shortened(term)} and "
+        f"the unknown {unknown} is in the denominator {below} of the term {shortened(term)} and "
         "cannot be cleared: multiplied by it, every term contains an unknown and nothing fixes "
         "their scale; make it known, or name the whole fraction as one unknown"
     )

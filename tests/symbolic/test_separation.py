@@ -4,11 +4,12 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 import sympy as sp
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from mpmath import mp, mpf
 
 from seaid.errors import SymbolicError
-from seaid.symbolic import RegressorForm, reduce, separate
+from seaid.symbolic import RegressorForm, equations_of_motion, reduce, separate
 
 t = sp.Symbol("t")
 theta_M, theta_L, tau_M = (sp.Function(name)(t) for name in ("theta_M", "theta_L", "tau_M"))
@@ -175,6 +176,140 @@ def test_quotients_of_unknowns_are_one_parameter_where_that_keeps_the_known_side
     form = separate(a - m / J * x - k * y, [x, y, a], [J, m, k])
     assert list(form.parameters) == [m / J, k]
     assert form.zeta == sp.ImmutableMatrix([a])
+
+
+def test_an_unknown_gear_ratio_keeps_the_scale_of_both_sides() -> None:
+    """(7) and (8) share k/N. N times (8), without a known term, would be solved by zeros."""
+    motor = J * speed.diff(t) + F_v * speed + r_M / N * SPRING - tau_M
+    load = r_L * SPRING - I_M * load_speed.diff(t) - m * sp.sin(theta_L)
+    base = reduce(separate([motor, load], SIGNALS, [I_M, J, N, k, m, F_v]))
+    assert list(base.parameters) == [I_M, J, k / N**2, k / N, k, m, F_v]
+    assert base.ratios == ()
+    # least squares with the values of the unknowns as truth
+    values = {I_M: 0.3, J: 2e-4, N: 20, k: 50, m: 4, F_v: 0.01}
+    symbols = sp.symbols("w0:6")
+    rates = [speed.diff(t), load_speed.diff(t), speed, load_speed, theta_M, theta_L]
+    R = base.regressor.subs(dict(zip(rates, symbols, strict=True)) | {r_M: 0.5, r_L: 0.4})
+    rows = np.vstack([
+        sp.lambdify([symbols], R)(row) for row in np.random.default_rng(0).normal(size=(20, 6))
+    ])  # fmt: skip
+    truth = np.array(base.parameters.subs(values), dtype=float).ravel()
+    estimate = np.linalg.lstsq(rows, rows @ truth, rcond=None)[0]
+    assert estimate[4] == pytest.approx(50, rel=1e-9)
+    assert np.linalg.matrix_rank(rows) == 7
+
+
+def test_quotients_in_an_undriven_row_stay() -> None:
+    ball, beam, u = sp.Function("x")(t), sp.Function("q")(t), sp.Symbol("u")
+    kinetic = I_M * beam.diff(t) ** 2 + m * (ball.diff(t) ** 2 + ball**2 * beam.diff(t) ** 2)
+    lagrangian = (kinetic + J / r**2 * ball.diff(t) ** 2) / 2 - m * g * ball * sp.sin(beam)
+    equations = equations_of_motion(lagrangian, [beam, ball], [u, 0])
+    base = reduce(separate(equations, [beam, ball], [I_M, m, J, r]))
+    assert list(base.parameters) == [I_M, m, J / r**2]
+    passive = (m + J / N**2) * beam.diff(t, 2) + b * beam.diff(t) + g * beam.diff(t) ** 3
+    assert list(reduce(separate(passive, [beam], [m, J, N, b])).parameters) == [m + J / N**2, b]
+
+
+def test_quotients_stay_where_a_denominator_could_be_cleared_and_would_cost_a_column() -> None:
+    """A condenser microphone: a movable plate, and a leak V/r next to the capacitor c/x."""
+    plate, volts = sp.Function("x")(t), sp.Function("V")(t)
+    equations = [
+        m * plate.diff(t, 2) + b * plate.diff(t) + k * plate + c * (volts / plate) ** 2 / 2 - a,
+        c * (volts / plate).diff(t) + volts / r - y,
+    ]
+    form = separate(equations, [plate, volts, a, y], [m, b, k, c, r])
+    assert set(reduce(form).parameters) == {m, b, k, c, 1 / r}
+    assert list(form.zeta) == [a, y]
+
+
+PRODUCTS = [m, k, b, N, m / N, k / N, k / N**2, b / m, m * N, m**2, 1 / k, k * b, m / (N * k)]
+MOVING = [x, y, x * y, sp.sin(x), x**2, y * sp.cos(x)]
+KNOWN = [sp.Integer(1), sp.Integer(-2), r, 1 / r, r + 2]
+TERMS = st.tuples(st.sampled_from(KNOWN), st.sampled_from(PRODUCTS), st.sampled_from(MOVING))
+ROW = st.tuples(st.lists(TERMS, min_size=1, max_size=5), st.sampled_from([0, 0, -a, -a * r]))
+
+
+def draws(count: int, size: int, seed: int) -> list[list[mpf]]:
+    draw = random.Random(seed)
+    return [[mpf(draw.randint(200, 2200)) / 1009 for _ in range(size)] for _ in range(count)]
+
+
+def rank_of_differences(equations: list[sp.Expr], unknowns: list[sp.Symbol]) -> int:
+    """The rank of what changes of the unknowns do to the equations at motions, by 40 digits.
+
+    E(motion, theta) = R phi(theta) - zeta, so that E(., theta_i) - E(., theta_0) spans R's columns.
+    """
+    with mp.workdps(40):
+        values = sp.lambdify([[x, y, a, r], unknowns], equations, "mpmath")
+        motions = [[*motion, mpf(7) / 5] for motion in draws(8, 3, 1)]
+        table = [
+            [e for motion in motions for e in values(motion, theta)]
+            for theta in draws(14, len(unknowns), 2)
+        ]
+        rows = [[e - e0 for e, e0 in zip(row, table[0], strict=True)] for row in table[1:]]
+        rank = 0
+        while rows:
+            size, i, j = max(
+                (abs(e), i, j) for i, row in enumerate(rows) for j, e in enumerate(row)
+            )
+            if size < mpf(10) ** -25:
+                break
+            top = rows.pop(i)
+            rows = [
+                [e - row[j] / top[j] * f for e, f in zip(row, top, strict=True)] for row in rows
+            ]
+            rank += 1
+    return rank
+
+
+def factors(equations: list[sp.Expr], form: RegressorForm, unknowns: list[sp.Symbol]) -> None:
+    """R0 theta0 - zeta is each equation times a constant that no unknown and no motion changes."""
+    base = reduce(form)
+    residuals = list(base.regressor * base.parameters - base.zeta)
+    with mp.workdps(40):
+        arguments = [[x, y, a, r], unknowns]
+        both = sp.lambdify(arguments, [equations, residuals], "mpmath")
+        samples = zip(draws(4, 3, 3), draws(4, len(unknowns), 4), strict=True)
+        pairs = [both([*motion, mpf(7) / 5], theta) for motion, theta in samples]
+        for place in range(len(equations)):
+            ratios = [residual[place] / equation[place] for equation, residual in pairs]
+            assert max(abs(ratio - ratios[0]) for ratio in ratios) < mpf(10) ** -25
+
+
+@settings(max_examples=7, deadline=None, derandomize=True)
+@given(st.lists(ROW, min_size=1, max_size=3))
+def test_scale_rank_and_equations_of_random_systems(
+    rows: list[tuple[list[tuple[sp.Expr, sp.Expr, sp.Expr]], sp.Expr]],
+) -> None:
+    unknowns = [m, k, b, N]
+    equations = [sp.Add(*map(sp.prod, terms)) + known for terms, known in rows]
+    assume(all(sp.expand(e).has(*unknowns) for e in equations))
+    form = separate(equations, [x, y, a], unknowns)
+    factors(equations, form, unknowns)
+    assert len(reduce(form).pivots) == rank_of_differences(equations, unknowns)
+
+
+SUMS = [m + J, N + 1, m + J * sp.sin(x) ** 2, m * N + k * y, (m + J) * N]
+
+
+@settings(max_examples=25, deadline=None, derandomize=True)
+@given(ROW, st.sampled_from(SUMS), st.booleans())
+def test_sums_below_are_cleared_only_where_a_known_term_remains(
+    row: tuple[list[tuple[sp.Expr, sp.Expr, sp.Expr]], sp.Expr], below: sp.Expr, whole: bool
+) -> None:
+    """No rewriting makes a row homogeneous: a known term stays, or the row is refused."""
+    terms, known = row
+    equation = sp.Add(*map(sp.prod, terms)) + known
+    equation = equation / below if whole else equation + x * y**2 * m / below
+    assume(sp.denom(sp.together(equation)).has(sp.Add))
+    try:
+        form = separate(equation, [x, y, a], [m, k, b, N, J])
+    except SymbolicError as refusal:
+        words = ("every term contains an unknown and nothing fixes their scale", "is empty")
+        assert any(part in str(refusal) for part in words)  # noqa: PT017
+    else:
+        assert form.zeta[0] != 0
+        assert reduce(form).ratios == ()
 
 
 def test_columns_stand_in_the_order_of_the_unknowns_products_after_their_first_factor() -> None:
