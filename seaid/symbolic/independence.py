@@ -2,22 +2,26 @@
 
 Monomials in signals and in sine, cosine and exponential of different signals are independent once
 sin^2 is reduced. All other functions are tested numerically: they are evaluated at random points,
-among them points at which each function is alive (tanh(1000 w) near w = 0.001). A dependence is
-accepted if it holds with 200 digits, relative to its terms, also at fresh points.
+among them points at which each function is alive (tanh(1000 w) near w = 0.001). Independence is
+proven in intervals of at least 200 digits; a dependence is accepted if it holds in these intervals,
+also at fresh points.
 """
 
 from __future__ import annotations
 
 import random
 import warnings
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
+from functools import cached_property
 from itertools import chain, combinations
+from math import inf
+from typing import Any
 
 import numpy as np
 import sympy as sp
-from flint import fmpq
+from flint import arb, ctx, fmpq
 from mpmath import mp, mpf
 from sympy.core.function import AppliedUndef
 
@@ -28,6 +32,7 @@ from seaid.symbolic.polynomial import Exponents, Ring, term_to_sympy
 
 Combination = dict[Exponents, fmpq]
 _Row = list[mpf]
+_Balls = list[arb]
 _Point = dict[sp.Expr, sp.Expr]
 
 _DIGITS, _FEW_DIGITS, _MOST_DIGITS = 200, 25, 6000
@@ -133,24 +138,28 @@ def _dependences(
     if _surely_independent(rows):
         return {}
     digits = min(_DIGITS + 2 * _decades(rows), _MOST_DIGITS)
-    with mp.workdps(digits):
-        rows = []
-        for _ in range(_ROUNDS):
-            rows += _evaluated(group, parts, points, len(parts) + 4, digits) or []
-            found = _eliminated(rows)
-            fresh = _evaluated(group, parts, points, 8, digits) or []
-            if all(_holds(row, *dependence) for row in fresh for dependence in found.items()):
-                break
-            rows += fresh
-        else:
-            raise SymbolicError(
-                f"whether the functions made of {names} are independent remains open: "
-                f"{len(rows)} random points do not decide it; give one of them as a signal"
-            )
-        return {
-            parts[column]: _confirmed(ring, parts, column, factors, fresh)
-            for column, factors in found.items()
-        }
+    table: list[_Balls] = []
+    for _ in range(_ROUNDS):
+        rows, fresh = (
+            _evaluated(group, parts, points, count, digits) for count in (len(parts) + 4, 8)
+        )
+        if rows is None or fresh is None:
+            break
+        with ctx.workdps(digits + _FEW_DIGITS):
+            checks = _balls(fresh, digits)
+            table += _balls(rows, digits)
+            found = _eliminated(table)
+            if all(_holds(row, *dependence) for row in checks for dependence in found.items()):
+                return {
+                    parts[column]: _confirmed(ring, parts, column, factors, checks)
+                    for column, factors in found.items()
+                }
+            table += checks
+        digits = min(2 * digits, _MOST_DIGITS)
+    raise SymbolicError(
+        f"whether the functions made of {names} are independent remains open: "
+        f"{len(table)} random points do not decide it; give one of them as a signal"
+    )
 
 
 def _decades(rows: list[_Row]) -> int:
@@ -158,27 +167,35 @@ def _decades(rows: list[_Row]) -> int:
     return max((abs(int(mp.log10(abs(x)))) for row in rows for x in row if x), default=0)
 
 
-def _small() -> mpf:
-    """Return what counts as zero among numbers near 1: half of the digits are rounding."""
-    return mpf(10) ** -(mp.dps // 2)
+def _balls(rows: list[_Row], digits: int) -> list[_Balls]:
+    """Return products of a few values as intervals of flint, which carry their own errors."""
+    return [[arb(x, abs(x) * mpf(10) ** (3 - digits)) for x in row] for row in rows]
 
 
-def _holds(row: _Row, column: int, factors: Mapping[int, mpf]) -> bool:
-    """Whether a dependence holds at a point, up to the rounding of its largest term."""
+def _holds(row: _Balls, column: int, factors: Mapping[int, arb]) -> bool:
+    """Whether a dependence holds at a point, to a quarter of the digits of its largest term."""
     terms = [row[column], *(-factor * row[j] for j, factor in factors.items())]
-    return bool(abs(mp.fsum(terms)) <= _small() * max(map(abs, terms)))
+    left = sum(terms, arb(0))
+    largest = max(float(_size(x)) for x in terms)
+    return bool(left.contains(0)) and _size(left.abs_upper()) <= largest - ctx.prec / 4
+
+
+def _size(number: arb) -> float:
+    """Return the number of binary digits before the point of the middle of an interval."""
+    mantissa, exponent = number.mid().man_exp()
+    return int(mantissa).bit_length() + int(exponent) if mantissa else -inf
 
 
 def _confirmed(
     ring: Ring,
     parts: list[Exponents],
     column: int,
-    factors: Mapping[int, mpf],
-    fresh: list[_Row],
+    factors: Mapping[int, arb],
+    fresh: list[_Balls],
 ) -> Combination:
     """Return a dependence with rational factors, if it also holds at the points `fresh`."""
     short = {other: _short_rational(factor) for other, factor in factors.items()}
-    exact = {other: _value(factor) for other, factor in short.items()}
+    exact = {other: arb(factor) for other, factor in short.items()}
     if not all(_holds(row, column, exact) for row in fresh):
         names = ", ".join(str(term_to_sympy(ring, parts[other])) for other in short)
         raise SymbolicError(
@@ -200,21 +217,18 @@ def _evaluated(
     with mp.workdps(digits):
         for drawn, wanted in ((points.ordinary(count), count), (points.alive(count), 2 * count)):
             for point in drawn:
-                values = [_real_value(x, point, digits) for x in points.expressions]
-                powers = [(i, x) for i, x in zip(group, values, strict=True) if x is not None]
-                if len(powers) == len(group):
-                    found.append([mp.fprod(x ** int(part[i]) for i, x in powers) for part in parts])
+                values = points.values(point, digits)
+                if values is not None:
+                    powers = list(zip(group, values, strict=True))
+                    found.append(
+                        [
+                            mp.fprod(x ** int(part[i]) for i, x in powers if part[i])
+                            for part in parts
+                        ]
+                    )
                 if len(found) >= wanted:
                     break
     return found if len(found) >= count else None
-
-
-def _real_value(expression: sp.Expr, point: _Point, digits: int) -> mpf | None:
-    try:
-        value = expression.xreplace(point).evalf(digits, maxn=4 * _MOST_DIGITS)
-    except (ArithmeticError, ValueError, TypeError):  # a pole, or nothing that sympy evaluates
-        return None
-    return mp.mpmathify(value) if value.is_Float or value.is_Rational else None
 
 
 @dataclass(eq=False)
@@ -233,6 +247,46 @@ class _Points:
         self.signals = sorted(signals, key=str)
         self.constants = {s: self._random(positive=True) for s in sorted(free, key=str)}
 
+    @cached_property
+    def function(self) -> Callable[..., list[Any]] | None:
+        """The functions of signals and constants for mpmath, or None if one is not defined."""
+        plain = {s: sp.Dummy(real=True) for s in (*self.signals, *self.constants)}
+        expressions = [x.xreplace(plain) for x in self.expressions]
+        if any(x.has(AppliedUndef, sp.Derivative) for x in expressions):
+            return None
+        found: Callable[..., list[Any]] = sp.lambdify(
+            list(plain.values()), expressions, ["mpmath", "sympy"]
+        )
+        return found
+
+    def values(self, point: _Point, digits: int) -> list[mpf] | None:
+        """Return the values at a point, or None if they are not real.
+
+        They are computed with more and more digits until `digits` do not change any more.
+        """
+        last: list[mpf] | None = None
+        for guard in (10 * 4**n for n in range(6)):
+            with mp.workdps(digits + guard):
+                values = self._values(point)
+            if values is None:
+                return None
+            if last is not None and all(
+                abs(x - y) <= mpf(10) ** -digits * abs(x) for x, y in zip(values, last, strict=True)
+            ):
+                return values
+            last = values
+        return None
+
+    def _values(self, point: _Point) -> list[mpf] | None:
+        if self.function is None:
+            return None
+        arguments = [_number(point[s]) for s in (*self.signals, *self.constants)]
+        try:
+            values = [_number(x) for x in self.function(*arguments)]
+        except (*_NO_VALUE, mp.NoConvergence):
+            return None
+        return values if all(isinstance(x, mpf) and mp.isfinite(x) for x in values) else None
+
     def ordinary(self, count: int) -> Iterator[_Point]:
         """Yield 20 points for each of `count`: values of both signs, later positive ones only."""
         for attempt in range(20 * count):
@@ -250,7 +304,8 @@ class _Points:
             for argument, signal in pairs:
                 point = next(self.ordinary(1))
                 target = self._random(positive=False)
-                within = argument.xreplace({s: x for s, x in point.items() if s != signal})
+                numbers = {s: sp.Float(x, 30) for s, x in point.items() if s != signal}
+                within = argument.xreplace(numbers)
                 roots = _real_roots(within - target, signal)
                 if roots:
                     yield point | {signal: self.draw.choice(roots)}
@@ -258,6 +313,17 @@ class _Points:
     def _random(self, positive: bool) -> sp.Rational:
         sign = 1 if positive else self.draw.choice((-1, 1))
         return sp.Rational(sign * self.draw.randint(200, 2200), 1009)
+
+
+_NO_VALUE = (ArithmeticError, ValueError, TypeError, NameError, AttributeError)
+"""What Python raises for an expression at a pole, or with a function that mpmath does not have."""
+
+
+def _number(value: Any) -> Any:
+    """Return a number of Python, mpmath or sympy as one of mpmath, with its present digits."""
+    if isinstance(value, sp.Rational):
+        return mpf(int(value.p)) / int(value.q)
+    return mp.mpmathify(value.evalf(mp.dps) if isinstance(value, sp.Expr) else value)
 
 
 def _arguments(expressions: Iterable[sp.Expr]) -> set[sp.Expr]:
@@ -292,7 +358,7 @@ def _real_roots(expression: sp.Expr, signal: sp.Expr) -> list[sp.Rational]:
         try:
             value = function(mpf(at))
             return int(mp.sign(value)) if mp.isfinite(value) and not mp.im(value) else None
-        except (ArithmeticError, ValueError, TypeError, NameError):
+        except _NO_VALUE:
             return None
 
     found = []
@@ -328,48 +394,41 @@ def _surely_independent(rows: list[_Row]) -> bool:
     return bool(singular[-1] > 1e-9 * singular[0])
 
 
-def _eliminated(table: list[_Row]) -> dict[int, dict[int, mpf]]:
+def _eliminated(table: list[_Balls]) -> dict[int, dict[int, arb]]:
     """Return {dependent column: factors of the independent ones}, by pivoted Gauss-Jordan.
 
-    An entry counts as zero below its propagated rounding error, `_small` * `sizes`.
+    A pivot is an interval without zero; a column without one counts as dependent.
     """
-    rows = np.array(table, dtype=object)
-    sizes = np.abs(rows)
+    rows = [list(row) for row in table]
     pivots: list[int] = []
-    dependent: dict[int, dict[int, mpf]] = {}
-    for column in range(rows.shape[1]):
+    dependent: dict[int, dict[int, arb]] = {}
+    for column in range(len(rows[0])):
         top = len(pivots)
-        below = np.where(sizes[:, column] == 0, mpf(1), sizes[:, column])
-        sure = np.abs(rows[:, column]) / below
-        # scaled partial pivoting among the entries that are surely not zero
-        largest = np.max(np.abs(rows[top:, column:]), axis=1, initial=mpf(0))
-        shares = np.abs(rows[top:, column]) / np.where(largest == 0, mpf(1), largest)
-        shares = np.where(sure[top:] > _small(), shares, mpf(0))
-        best = top + int(np.argmax(shares)) if top < len(rows) else top
-        if top == len(rows) or shares[best - top] == 0:
-            seen = {pivot: rows[i, column] for i, pivot in enumerate(pivots) if sure[i] > _small()}
-            dependent[column] = seen
+        shares = [_share(row[column:]) for row in rows[top:]]
+        best = top + shares.index(max(shares)) if shares else top
+        if best == len(rows) or shares[best - top] == -inf:
+            values = {pivot: rows[i][column] for i, pivot in enumerate(pivots)}
+            dependent[column] = {pivot: x for pivot, x in values.items() if not x.contains(0)}
             continue
-        rows[[top, best]], sizes[[top, best]] = rows[[best, top]], sizes[[best, top]]
-        sizes[top], rows[top] = sizes[top] / abs(rows[top, column]), rows[top] / rows[top, column]
-        others = np.arange(len(rows)) != top
-        factors = rows[others, column]
-        # the error of a - f b is the largest of those of a, of f times b, and of b times f
-        errors = np.outer(sizes[others, column], np.abs(rows[top]))
-        errors = np.maximum(errors, np.outer(np.abs(factors), sizes[top]))
-        sizes[others] = np.maximum(sizes[others], errors)
-        rows[others] = rows[others] - np.outer(factors, rows[top])
+        rows[top], rows[best] = rows[best], rows[top]
+        rest = [x / rows[top][column] for x in rows[top][column + 1 :]]
+        rows[top][column + 1 :] = rest
+        for row in (*rows[:top], *rows[top + 1 :]):
+            factor = row[column]
+            row[column + 1 :] = [
+                x - factor * y for x, y in zip(row[column + 1 :], rest, strict=True)
+            ]
         pivots.append(column)
     return dependent
 
 
-def _short_rational(number: mpf) -> fmpq:
-    mantissa, exponent = mp.frexp(number)
-    scaled = int(mp.ldexp(mantissa, mp.prec))
-    exact = Fraction(scaled) * Fraction(2) ** (int(exponent) - mp.prec)
+def _share(row: _Balls) -> float:
+    """Return how large the first entry is in its row, in binary digits; -inf if it may be zero."""
+    return -inf if row[0].contains(0) else _size(row[0]) - max(map(_size, row))
+
+
+def _short_rational(number: arb) -> fmpq:
+    mantissa, exponent = number.mid().man_exp()
+    exact = Fraction(int(mantissa)) * Fraction(2) ** int(exponent)
     near = exact.limit_denominator(_LONGEST)
     return fmpq(near.numerator, near.denominator)
-
-
-def _value(number: fmpq) -> mpf:
-    return mpf(int(number.p)) / int(number.q)

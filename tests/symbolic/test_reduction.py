@@ -1,3 +1,4 @@
+import time
 import warnings
 
 import numpy as np
@@ -202,6 +203,29 @@ def test_sharp_and_far_functions_are_independent(functions: list[sp.Expr]) -> No
         warnings.simplefilter("error")
         base = reduce(separate(equation, [x, y, a], P[: len(functions)]))
     assert base.pivots == tuple(range(len(functions)))
+
+
+def test_powers_with_a_known_exponent_are_independent_and_cheap() -> None:
+    """Hertz's contact k x^n: as powers of fractions they would have exact, endless factors."""
+    n, started = sp.Symbol("n"), time.process_time()
+    damped = P[0] * x**n + P[1] * x**n * y + P[2] * x + P[3] * x ** (n / 2)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert reduce(separate(damped - a, [x, y, a], P[:4])).pivots == (0, 1, 2, 3)
+    dependent = P[0] * x**n * x + P[1] * x + P[2] * x ** (n + 1) - a
+    with pytest.warns(SeaidWarning, match="depend on each other"):
+        assert list(reduce(separate(dependent, [x, a], P[:3])).parameters) == [P[0] + P[2], P[1]]
+    nested = P[0] * sp.tanh(x**n * y) + P[1] * (x * y) ** n - a
+    assert reduce(separate(nested, [x, y, a], P[:2])).pivots == (0, 1)
+    assert time.process_time() - started < 5.0
+
+
+@pytest.mark.slow  # sixty functions at 128 points with 200 digits
+def test_sixty_tanh_are_independent_within_seconds() -> None:
+    unknowns, started = sp.symbols("p1:61"), time.process_time()
+    law = sum(p * sp.tanh(i * x) for i, p in enumerate(unknowns, 1)) - a
+    assert len(reduce(separate(law, [x, a], unknowns)).pivots) == 60
+    assert time.process_time() - started < 10.0
 
 
 SHARP_AND_DEPENDENT = [
