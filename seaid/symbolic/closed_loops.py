@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from itertools import chain, combinations_with_replacement
+from math import prod
 from typing import Any
 
 import sympy as sp
@@ -28,12 +29,12 @@ from sympy.core.function import AppliedUndef
 
 from seaid.errors import SymbolicError
 from seaid.symbolic.generators import root, subexpressions
-from seaid.symbolic.polynomial import Exponents, Ratio, Ring, from_polynomial, ratio
+from seaid.symbolic.polynomial import Exponents, Ratio, Relation, Ring, from_polynomial, ratio
 
 Values = dict[int, int]
 """{place of a generator: its value modulo the prime}."""
 
-_PRIME = 2**127 - 1
+_LARGEST_PRIME = 2**127 - 1
 _LONGEST = 2**48
 """Rational factors are accepted up to this size; a random residue is one with odds of 2^-30."""
 
@@ -43,8 +44,7 @@ _MOST_MOTIONS = 1.5
 """The mean number of solutions per random place is the number of components of the variety: one,
 with a standard deviation of 1 / sqrt(_DRAWS)."""
 
-_NUMBERS = fmpz_mod_ctx(_PRIME)
-_POLYNOMIALS: Any = fmpz_mod_poly_ctx(_PRIME)  # the stubs of flint are narrower than flint
+_POLYNOMIALS: Any = fmpz_mod_poly_ctx  # the stubs of flint are narrower than flint
 _RINGS: Any = fmpz_mod_mpoly_ctx
 
 
@@ -71,17 +71,19 @@ def prolonged(
 def check_closures(ring: Ring, closures: Sequence[Any], relations: Sequence[sp.Expr]) -> None:
     """Refuse closures without signals, and with functions that are not algebraic."""
     roots = {root(base, unit) for base, unit in ring.units["root"].items()}
+    related = {ring.generators[relation.generator] for relation in ring.relations}
     for closure, relation in zip(closures, relations, strict=True):
         places = [i for i, degree in enumerate(closure.degrees()) if degree > 0]
         if not any(i in ring.motion for i in places):
             raise SymbolicError(f"the relation {relation} = 0 contains no signal of motion")
         for x in (ring.generators[i] for i in places):
             allowed = sp.Symbol | AppliedUndef | sp.Derivative | sp.sin | sp.cos
-            if x.is_number or not (isinstance(x, allowed) or x in roots):
+            is_number = isinstance(x, sp.NumberSymbol) or x in related
+            if not (is_number if x.is_number else isinstance(x, allowed) or x in roots):
                 raise SymbolicError(
                     f"the relation {relation} = 0 contains {x} and cannot be solved for a signal; "
-                    "allowed are signals, their sines, cosines and roots, and known symbols and "
-                    "rational numbers: give any other function as a signal, and any other number "
+                    "allowed are signals, their sines, cosines and roots, known symbols, and "
+                    "algebraic numbers: give any other function as a signal, and any other number "
                     "as a symbol"
                 )
 
@@ -101,7 +103,7 @@ def base_columns(
         [(motion, row) for (_, motion), row in zip(functions, several, strict=True) if row]
         for several in rows
     ]
-    loops = _Loops(ring, table, tuple(closures), width)
+    loops = _loops(ring, table, tuple(closures), width)
     base = loops.known()
     pivots, entries = loops.echelon(base, loops.check_one_motion(base))
     groups = loops.known_groups()
@@ -109,6 +111,7 @@ def base_columns(
     samples: list[tuple[Values, dict[tuple[int, int], int]]] = []
 
     def sample(key: tuple[int, int], count: int) -> list[tuple[Values, int]]:
+        count += 3 * loops.conjugates
         while len(samples) < count:
             values = loops.known()
             samples.append((values, loops.echelon(values)[1]))
@@ -120,11 +123,38 @@ def base_columns(
         acting = [
             place
             for group, other in zip(groups, changed, strict=True)
-            if other.get(key) != value
+            if other.get(key) != value or ring.generators[group[0]].is_number
             for place in group
         ]
-        echelon[key[0]][key[1]] = _interpolated(ring, acting, partial(sample, key))
+        echelon[key[0]][key[1]] = _interpolated(loops, acting, partial(sample, key))
     return echelon, pivots
+
+
+_Table = list[list[tuple[Exponents, Mapping[int, Ratio]]]]
+
+
+def _loops(ring: Ring, table: _Table, closures: tuple[Any, ...], width: int) -> _Loops:
+    """Return the loops modulo a prime in whose field the polynomials of all numbers split.
+
+    There sqrt(3) is a residue with two signs, of which neither is the positive one.
+    """
+    prime, relations = _LARGEST_PRIME, _number_relations(ring)
+    places = {i for relation in relations for i in _places(relation.polynomial)}
+    conjugates = prod(relation.degree for relation in relations)
+    for _ in range(_MOST_DRAWS):
+        loops = _Loops(ring, table, closures, width, prime, conjugates)
+        found = _solutions(loops, [loops.modular(relation.polynomial) for relation in relations])
+        # numbers of a field that is too large are related by sin^2 + cos^2 = 1 only
+        if len(found) >= (conjugates if len(places) == len(relations) else 1):
+            return loops
+        prime = sp.prevprime(prime)
+    names = ", ".join(str(ring.generators[i]) for i in sorted(places))
+    raise SymbolicError(f"with a closed loop, {names} cannot be kept; give it as a symbol")
+
+
+def _number_relations(ring: Ring) -> list[Relation]:
+    """Return the relations of the numbers in a ring, such as sqrt(3)^2 = 3."""
+    return [r for r in ring.relations if ring.generators[r.generator].is_number]
 
 
 @dataclass(eq=False)
@@ -132,15 +162,17 @@ class _Loops:
     """The variety of the motions that satisfy closures, and the rows of the regressor on it."""
 
     ring: Ring
-    table: list[list[tuple[Exponents, Mapping[int, Ratio]]]]
+    table: _Table
     closures: tuple[Any, ...]
     width: int
+    prime: int
+    conjugates: int
     draw: random.Random = field(default_factory=lambda: random.Random(1))
 
     @cached_property
     def context(self) -> Any:
         names = [f"x{i}" for i in range(len(self.ring.generators))]
-        return _RINGS.get(names, _PRIME, "lex")
+        return _RINGS.get(names, self.prime, "lex")
 
     @cached_property
     def levels(self) -> list[list[fmpz_mod_mpoly]]:
@@ -157,7 +189,11 @@ class _Loops:
         return [found.get(level, []) for level in range(max(found) + 1)]
 
     def modular(self, polynomial: Any) -> Any:
-        return self.context.from_dict({m: _residue(x) for m, x in polynomial.to_dict().items()})
+        terms = polynomial.to_dict().items()
+        return self.context.from_dict({m: self.residue(x) for m, x in terms})
+
+    def residue(self, number: fmpq) -> int:
+        return int(number.p) * pow(int(number.q), -1, self.prime) % self.prime
 
     def known_groups(self) -> list[list[int]]:
         """Return the known generators that occur, those that a relation couples together."""
@@ -186,7 +222,7 @@ class _Loops:
         raise SymbolicError(f"with a closed loop, {names} cannot be kept; give it as a symbol")
 
     def random(self) -> int:
-        return self.draw.randrange(1, _PRIME)
+        return self.draw.randrange(1, self.prime)
 
     def places_of_motion(self, known: Values, first: Sequence[int] = ()) -> Iterator[list[Values]]:
         """Yield, for random values of free generators, all solutions in those without derivative.
@@ -236,7 +272,7 @@ class _Loops:
             rows += [self._row(several, point) for several in table] if point else []
             if len(rows) >= self.width + _MORE_ROWS:
                 break
-        matrix, rank = fmpz_mod_mat(len(rows), self.width, list(chain(*rows)), _NUMBERS).rref()
+        matrix, rank = self.reduced(rows, self.width)
         echelon = [[int(x) for x in line] for line in matrix.tolist()[:rank]]
         pivots = tuple(next(j for j, x in enumerate(line) if x) for line in echelon)
         return pivots, {
@@ -246,6 +282,10 @@ class _Loops:
             if x and j not in pivots
         }
 
+    def reduced(self, rows: list[list[int]], width: int) -> tuple[fmpz_mod_mat, int]:
+        entries = list(chain(*rows))
+        return fmpz_mod_mat(len(rows), width, entries, fmpz_mod_ctx(self.prime)).rref()
+
     def _with_rates(self, point: Values, rates: list[list[fmpz_mod_mpoly]]) -> Values | None:
         for polynomials in rates:
             found = _solutions(self, [_at(one, point) for one in polynomials])
@@ -253,7 +293,7 @@ class _Loops:
                 return None
             point = point | self.draw.choice(found)
         signs = {
-            i: self.draw.choice((1, _PRIME - 1))
+            i: self.draw.choice((1, self.prime - 1))
             for i in self.ring.motion
             if isinstance(self.ring.generators[i], sp.sign)
         }
@@ -261,30 +301,25 @@ class _Loops:
 
     def _value(self, quotient: Ratio, known: Values) -> int:
         above, below = (
-            sum(_residue(x) * _power(m, known) for m, x in one.to_dict().items())
+            sum(self.residue(x) * self.power(m, known) for m, x in one.to_dict().items())
             for one in quotient
         )
-        return above * pow(below, -1, _PRIME) % _PRIME
+        return above * pow(below, -1, self.prime) % self.prime
 
     def _row(self, rows: list[tuple[Exponents, dict[int, int]]], point: Values) -> list[int]:
         result = [0] * self.width
         for motion, row in rows:
-            value = _power(motion, point)
+            value = self.power(motion, point)
             for j, factor in row.items():
-                result[j] = (result[j] + factor * value) % _PRIME
+                result[j] = (result[j] + factor * value) % self.prime
         return result
 
-
-def _residue(number: fmpq) -> int:
-    return int(number.p) * pow(int(number.q), -1, _PRIME) % _PRIME
-
-
-def _power(exponents: Exponents, values: Values) -> int:
-    result = 1
-    for i, e in enumerate(exponents):
-        if e:
-            result = result * pow(values[i], int(e), _PRIME) % _PRIME
-    return result
+    def power(self, exponents: Exponents, values: Values) -> int:
+        result = 1
+        for i, e in enumerate(exponents):
+            if e:
+                result = result * pow(values[i], int(e), self.prime) % self.prime
+        return result
 
 
 def _at(polynomial: fmpz_mod_mpoly, values: Mapping[Any, Any]) -> fmpz_mod_mpoly:
@@ -311,7 +346,7 @@ def _solutions(loops: _Loops, polynomials: Sequence[fmpz_mod_mpoly]) -> list[Val
         if len(places) == 1:
             return [
                 {places[0]: value} | rest
-                for value in _roots(one, places[0])
+                for value in _roots(loops, one, places[0])
                 for rest in _solutions(loops, [_at(other, {places[0]: value}) for other in left])
             ]
     for one in sorted(left, key=len):
@@ -327,11 +362,11 @@ def _solutions(loops: _Loops, polynomials: Sequence[fmpz_mod_mpoly]) -> list[Val
     return _with_resultants(loops, left, free)
 
 
-def _roots(polynomial: fmpz_mod_mpoly, place: int) -> list[int]:
+def _roots(loops: _Loops, polynomial: fmpz_mod_mpoly, place: int) -> list[int]:
     coefficients = [0] * (int(polynomial.degrees()[place]) + 1)
     for exponents, value in polynomial.to_dict().items():
         coefficients[int(exponents[place])] = int(value)
-    return [int(value) for value, _ in _POLYNOMIALS(coefficients).roots()]
+    return [int(value) for value, _ in _POLYNOMIALS(loops.prime)(coefficients).roots()]
 
 
 def _constant_slope(polynomial: fmpz_mod_mpoly, place: int) -> int:
@@ -344,7 +379,7 @@ def _with_linear(
     loops: _Loops, left: list[fmpz_mod_mpoly], one: fmpz_mod_mpoly, place: int, slope: int
 ) -> list[Values]:
     gens = list(loops.context.gens())
-    value = gens[place] - one * pow(slope, -1, _PRIME)
+    value = gens[place] - one * pow(slope, -1, loops.prime)
     rule = [*gens[:place], value, *gens[place + 1 :]]
     others = [
         other.compose(*rule) if place in _places(other) else other
@@ -367,8 +402,9 @@ def _drawn(loops: _Loops, left: list[fmpz_mod_mpoly], free: Sequence[int]) -> Va
         other = loops.ring.index[sp.cos(x.args[0])] if isinstance(x, sp.sin) else -1
         if other in free and any(set(_places(one)) == {place, other} for one in left):
             t = loops.random()
-            below = pow(1 + t * t, -1, _PRIME)
-            return {place: 2 * t * below % _PRIME, other: (1 - t * t) * below % _PRIME}
+            below = pow(1 + t * t, -1, loops.prime)
+            pair = 2 * t * below, (1 - t * t) * below
+            return {place: pair[0] % loops.prime, other: pair[1] % loops.prime}
     return {free[0]: loops.random()}
 
 
@@ -398,16 +434,17 @@ def _with_resultants(loops: _Loops, left: list[fmpz_mod_mpoly], free: list[int])
 
 
 def _interpolated(
-    ring: Ring, places: Sequence[int], samples: Callable[[int], list[tuple[Values, int]]]
+    loops: _Loops, places: Sequence[int], samples: Callable[[int], list[tuple[Values, int]]]
 ) -> Ratio:
     """Return the quotient of polynomials in known generators that has the values of the samples."""
+    ring = loops.ring
     for degree in range(9):
         for below in range(degree + 1):
             above = _monomials(ring, places, degree - below)
             monomials = [*above, *_monomials(ring, places, below)]
             if len(monomials) > _MOST_TERMS:
                 break
-            found = _relation(monomials, len(above), samples(len(monomials) + _MORE_ROWS))
+            found = _relation(loops, monomials, len(above), samples(len(monomials) + _MORE_ROWS))
             if found is not None:
                 sides = (
                     {m: x for m, x in zip(several, numbers, strict=True) if x}
@@ -437,14 +474,14 @@ def _monomials(ring: Ring, places: Sequence[int], degree: int) -> list[Exponents
 
 
 def _relation(
-    monomials: list[Exponents], above: int, samples: list[tuple[Values, int]]
+    loops: _Loops, monomials: list[Exponents], above: int, samples: list[tuple[Values, int]]
 ) -> list[fmpq] | None:
     """Return factors with which numerator = value * denominator holds in all samples, or None."""
     rows = []
     for known, value in samples:
-        powers = [_power(m, known) for m in monomials]
-        rows.append([*powers[:above], *(-value * x % _PRIME for x in powers[above:])])
-    matrix, rank = fmpz_mod_mat(len(rows), len(monomials), list(chain(*rows)), _NUMBERS).rref()
+        powers = [loops.power(m, known) for m in monomials]
+        rows.append([*powers[:above], *(-value * x % loops.prime for x in powers[above:])])
+    matrix, rank = loops.reduced(rows, len(monomials))
     if rank == len(monomials):
         return None
     lines = [[int(x) for x in line] for line in matrix.tolist()[:rank]]
@@ -453,14 +490,14 @@ def _relation(
     factors = [0] * len(monomials)
     factors[free] = 1
     for pivot, line in zip(pivots, lines, strict=True):
-        factors[pivot] = -line[free] % _PRIME
-    numbers = [_rational(x) for x in factors]
+        factors[pivot] = -line[free] % loops.prime
+    numbers = [_rational(x, loops.prime) for x in factors]
     return None if None in numbers else [x for x in numbers if x is not None]
 
 
-def _rational(residue: int) -> fmpq | None:
+def _rational(residue: int, prime: int) -> fmpq | None:
     """Return the short fraction that is a residue modulo the prime, by Euclid's algorithm."""
-    left, right, above, below = _PRIME, residue, 0, 1
+    left, right, above, below = prime, residue, 0, 1
     while right > _LONGEST:
         step = left // right
         left, right, above, below = right, left - step * right, below, above - step * below

@@ -104,7 +104,7 @@ def separate(
         factor, is replaced with its derivatives (the last declared one, if there are several).
         Other relations, such as the closure of a four-bar linkage, are kept: `reduce` then judges
         columns on the motions that satisfy them. They may contain signals, their sines,
-        cosines and roots, known symbols and rational numbers.
+        cosines and roots, known symbols and algebraic numbers such as sqrt(3).
     max_terms : int, default 500 000
         Limit on the terms of one polynomial.
     progress : bool, default False
