@@ -27,12 +27,15 @@ test-slow: dev
 
 test-all: test test-slow
 
-# What rests on rounding, on other processors: OpenBLAS has a kernel for each kind. SkylakeX is one with AVX-512.
+# What rests on rounding (decisions of rank, factors, programs near singularity) and the figures of a page, on other
+# processors: OpenBLAS has a kernel for each kind. SkylakeX is one with AVX-512.
+PAGE := tests/test_documents.py::test_code_of_a_page_runs_and_prints_what_the_page_says[docs/first_result.md]
 KERNELS ?= Prescott Haswell $(shell grep -qs avx512f /proc/cpuinfo && echo SkylakeX)
 test-rounding: dev
 	@for kernel in $(KERNELS); do \
 	  echo "Kernels of OpenBLAS: $$kernel"; \
-	  OPENBLAS_CORETYPE=$$kernel $(RUN) -m pytest -n 2 --dist worksteal -m rounding; \
+	  OPENBLAS_CORETYPE=$$kernel $(RUN) -m pytest -n 2 --dist worksteal -m 'rounding and not slow'; \
+	  OPENBLAS_CORETYPE=$$kernel $(RUN) -m pytest '$(PAGE)'; \
 	done
 
 # HEBI's reader has no wheel: it is built from its sources, so it is no part of `make test`, which skips these tests.

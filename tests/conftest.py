@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Sequence
+from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -22,11 +23,20 @@ settings.register_profile("seaid", derandomize=True, deadline=None, max_examples
 settings.load_profile("seaid")
 
 
+QUICK_ROBOTS = ("double_pendulum", "panda", "solo12", "ur10_robot", "xarm7")
+"""Chains and trees, revolute and prismatic, with and without mimic joints; all others are slow."""
+
+
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     """Run a test that takes `example_urdf` for every loadable robot of example-robot-data."""
     if "example_urdf" in metafunc.fixturenames:
-        paths = example_urdfs()
-        metafunc.parametrize("example_urdf", paths, ids=[path.stem for path in paths])
+        robots = [
+            pytest.param(
+                path, id=path.stem, marks=() if path.stem in QUICK_ROBOTS else pytest.mark.slow
+            )
+            for path in example_urdfs()
+        ]
+        metafunc.parametrize("example_urdf", robots)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -81,11 +91,11 @@ def example_path() -> Callable[[str], Path]:
 def load_quietly() -> Callable[..., Robot]:
     """Return load_robot without warnings of rounded angles, and with independent mimic joints."""
 
+    @cache
     def load(*arguments: object, **options: object) -> Robot:
-        options.setdefault("independent_mimics", True)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", SeaidWarning)
-            return load_robot(*arguments, **options)  # type: ignore[arg-type]
+            return load_robot(*arguments, **{"independent_mimics": True, **options})  # type: ignore[arg-type]
 
     return load
 

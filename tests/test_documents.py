@@ -93,7 +93,6 @@ def leg_files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     return {name: folder / name for name in (*LEG_LOGS, "plan.json", "parameters.json")}
 
 
-@pytest.mark.rounding
 @pytest.mark.slow  # pages simulate the leg with its springs, or begin with logs of it
 @pytest.mark.parametrize("name", WITH_CODE)
 def test_code_of_a_page_runs_and_prints_what_the_page_says(
@@ -202,7 +201,6 @@ def test_every_command_is_in_the_reference_with_its_options() -> None:
             assert option in text or not option.startswith("-")
 
 
-@pytest.mark.rounding
 def test_notebook_runs_and_prints_what_it_shows(tmp_path: Path) -> None:
     prepare(tmp_path)
     for cell, printed, figures in notebook.run(

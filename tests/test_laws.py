@@ -18,8 +18,6 @@ from seaid.regressor.rigid_body import joint_torques, rigid_body_regressor
 from seaid.robot.inertia import parameter_names
 from seaid.robot.robot import Payload, Robot, load_robot
 
-pytestmark = pytest.mark.rounding
-
 STATES = 6
 
 
@@ -52,6 +50,7 @@ def test_regressor_times_parameters_is_rnea_on_every_robot(
     assert_same(rigid_body_regressor(robot, q, v, a) @ robot.parameters, torques, 1e-9)
 
 
+@pytest.mark.rounding
 def test_base_regressor_times_base_parameters_is_rnea_on_every_robot(
     example_urdf: Path, load_quietly: Callable[..., Robot]
 ) -> None:
@@ -65,6 +64,7 @@ def test_base_regressor_times_base_parameters_is_rnea_on_every_robot(
     assert_same(torques, rnea(robot, q, v, a), 1e-9)
 
 
+@pytest.mark.rounding
 def test_grouping_holds_for_all_columns_not_only_the_robots_parameters(
     example_urdf: Path, load_quietly: Callable[..., Robot]
 ) -> None:

@@ -23,8 +23,6 @@ from seaid.estimation.covariance import (
     newey_west,
 )
 
-pytestmark = pytest.mark.rounding
-
 STEP_S = 0.05
 
 
@@ -55,6 +53,7 @@ def test_windows_sum_to_the_textbook_formula(lags: int) -> None:
     assert np.allclose(white, x.T @ x, rtol=1e-12)
 
 
+@pytest.mark.rounding
 @given(cuts=st.lists(st.integers(0, 100), max_size=6), lags=st.integers(0, 60))
 def test_chunks_give_what_the_whole_gives(cuts: list[int], lags: int) -> None:
     x = np.random.default_rng(1).normal(size=(100, 2))
@@ -107,6 +106,7 @@ def test_the_fit_removes_as_much_of_the_variance_as_is_said(p: int) -> None:
     assert np.all(left < 0.9)
 
 
+@pytest.mark.rounding
 def test_result_is_symmetric_and_positive_semidefinite() -> None:
     scores = np.hstack([autoregressive(0.7, 400, seed) for seed in range(4)])
     found = newey_west(scores, times(400), np.zeros(400))
@@ -169,6 +169,7 @@ def test_one_row_alone() -> None:
     assert np.allclose(found.white, [[4.0, 2.0], [2.0, 1.0]])
 
 
+@pytest.mark.rounding
 def test_no_residual_at_all_inflates_nothing() -> None:
     found = long_run_of(np.ones((50, 2)), np.zeros(50), times(50), np.zeros(50))
     assert found.inflation(np.eye(2)) == 1.0

@@ -20,8 +20,6 @@ from seaid.estimation.least_squares import ordinary
 from seaid.estimation.qr_factor import directions, qr_factor_of
 from seaid.regressor.regression import Regression
 
-pytestmark = pytest.mark.rounding
-
 ONE = np.ones(1)
 
 
@@ -49,6 +47,7 @@ def slow(rng: np.random.Generator, count: int) -> Array:
     return np.asarray(lfilter([1.0], [1.0, -0.8], rng.normal(size=(count, 1)), axis=0))
 
 
+@pytest.mark.rounding
 def test_f_and_bic_are_those_of_two_fits() -> None:
     rows = noisy(0)
     squares = [
@@ -101,6 +100,7 @@ def test_white_rows_are_all_independent() -> None:
     assert independent_rows(qr_factor_of(exact), without) == 4000
 
 
+@pytest.mark.rounding
 def test_terms_that_cannot_be_tested() -> None:
     qr_factor = qr_factor_of(noisy(0))
     with pytest.raises(IdentificationError, match="terms=: no parameter is named 'z'"):
@@ -147,6 +147,7 @@ def test_residual_of_nothing_is_white() -> None:
     assert (found.first, found.durbin_watson, found.p_value) == (0.0, 2.0, 1.0)
 
 
+@pytest.mark.rounding
 def test_poorly_told_combination_is_named_with_its_size() -> None:
     rng = np.random.default_rng(4)
     H = rng.normal(size=(1000, 3))

@@ -10,8 +10,6 @@ import pytest
 from seaid.errors import SeaidError
 from seaid.estimation.estimate import Estimate
 
-pytestmark = pytest.mark.rounding
-
 COVARIANCE = np.array([[4.0, 1.0, 0.0], [1.0, 9.0, 2.0], [0.0, 2.0, 1.0]])
 FOUND = Estimate(
     names=("a", "b", "c"),

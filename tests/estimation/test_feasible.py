@@ -32,8 +32,6 @@ from seaid.estimation.feasible import (
 from seaid.estimation.sdp import BARRIER, RESOLVED, Program, covariance_root, floored_covariance
 from seaid.robot.inertia import from_center_of_mass, is_physical, pseudo_inertia
 
-pytestmark = pytest.mark.rounding
-
 BODIES, TOLD = 2, 12
 SEEDS = st.integers(0, 2**32 - 1)
 
@@ -84,6 +82,7 @@ def merit(one: Program, unknowns: Array, weight: float) -> float:
     return total
 
 
+@pytest.mark.rounding
 @settings(max_examples=10)
 @given(SEEDS, st.sampled_from([1e-2, 1.0, 1e2]))
 def test_no_step_from_the_minimum_goes_lower(seed: int, weight: float) -> None:
@@ -98,6 +97,7 @@ def test_no_step_from_the_minimum_goes_lower(seed: int, weight: float) -> None:
             assert merit(one, found.unknowns + step, weight) > least - 1e-4
 
 
+@pytest.mark.rounding
 @settings(max_examples=10)
 @given(SEEDS)
 def test_nearest_is_what_a_cone_solver_finds(seed: int) -> None:
@@ -162,6 +162,7 @@ def test_risk_is_the_mean_squared_distance_to_the_truth() -> None:
     assert np.std(gap) / np.sqrt(runs) < 0.25 * np.mean(real)
 
 
+@pytest.mark.rounding
 def test_impossible_moments_are_held_at_a_flat_plate_and_a_negative_friction_at_zero() -> None:
     impossible = from_center_of_mass(1.0, np.zeros(3), np.diag([1.0, 1.0, 2.5]))
     estimate = np.append(impossible, -0.3)
@@ -186,6 +187,7 @@ def test_impossible_moments_are_held_at_a_flat_plate_and_a_negative_friction_at_
     assert possible.active_bounds == ()
 
 
+@pytest.mark.rounding
 @given(SEEDS)
 def test_root_is_that_of_the_covariance(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -198,6 +200,7 @@ def test_root_is_that_of_the_covariance(seed: int) -> None:
     )
 
 
+@pytest.mark.rounding
 def test_root_of_no_covariance_can_be_inverted() -> None:
     root = covariance_root(np.zeros((3, 3)), np.array([1.0, 100.0, 0.0]))
     assert np.linalg.matrix_rank(root) == 3
@@ -234,6 +237,7 @@ def test_numbers_that_are_not_finite_are_stopped_at_the_entrance() -> None:
             replace(one, **{name: bad})
 
 
+@pytest.mark.rounding
 def test_no_weight_is_tried_that_cannot_be_resolved(monkeypatch: pytest.MonkeyPatch) -> None:
     tried: list[float] = []
 
@@ -249,6 +253,7 @@ def test_no_weight_is_tried_that_cannot_be_resolved(monkeypatch: pytest.MonkeyPa
         assert min(tried) >= min(max(WEIGHTS[-1], RESOLVED * least), WEIGHTS[0])
 
 
+@pytest.mark.rounding
 @pytest.mark.parametrize(
     "number",
     # by another solver each; the first ones have all kinds of robots
@@ -265,6 +270,7 @@ def test_random_programs_of_robots_are_solved_as_clarabel_does(number: int) -> N
     assert one.apart is None or one.apart < 1e-5
 
 
+@pytest.mark.rounding
 def test_outcomes_go_on_where_they_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("OPENBLAS_CORETYPE", "Some")
     numbers: list[int] = []

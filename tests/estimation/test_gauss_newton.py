@@ -20,8 +20,6 @@ from seaid.estimation.nonlinear_least_squares import (
 )
 from tests.standard_errors import check_scores
 
-pytestmark = pytest.mark.rounding
-
 WINDOWS, BLOCKS, CHANNELS, P, OWN = 8, 50, 2, 3, 2
 NAMES = ("a", "b", "c")
 STDS = np.array([1.0, 0.01])
@@ -66,11 +64,13 @@ def whole(log: Residuals, stds: Array) -> tuple[Array, Array]:
     ).ravel()
 
 
+@pytest.mark.rounding
 def test_without_noise_the_step_goes_to_the_truth() -> None:
     step = gauss_newton_step([problem(noise=0.0)], NAMES, NOTHING, NOTHING)
     assert -step.change == pytest.approx(-TRUTH, rel=1e-9)
 
 
+@pytest.mark.rounding
 def test_step_is_that_of_the_whole_problem_weighted_by_the_noise_it_finds() -> None:
     log = problem()
     step = gauss_newton_step([log], NAMES, NOTHING, NOTHING)
@@ -139,6 +139,7 @@ def test_errors_are_as_large_as_the_standard_errors_say(
     assert (np.sqrt(np.mean(np.square(white))) > 1.5) == (correlation > 0)
 
 
+@pytest.mark.rounding
 def test_dead_column_and_lost_combination_are_named() -> None:
     log = problem()
     dead = log.jacobian.copy()

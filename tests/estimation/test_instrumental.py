@@ -21,8 +21,6 @@ from seaid.estimation.qr_factor import qr_factor_of
 from seaid.regressor.regression import Regression
 from tests.standard_errors import check_scores
 
-pytestmark = pytest.mark.rounding
-
 TRUTH = np.array([2.0, -1.0, 0.5])
 
 
@@ -72,6 +70,7 @@ def test_errors_are_as_large_as_the_standard_errors_say() -> None:
     check_scores(scores)
 
 
+@pytest.mark.rounding
 def test_it_is_the_textbook_with_the_weights_of_least_squares() -> None:
     rows, Z = experiment(0, stds=(0.1, 1.0))
     residual = rows.y - rows.H @ weighted(rows).values
@@ -81,6 +80,7 @@ def test_it_is_the_textbook_with_the_weights_of_least_squares() -> None:
     assert instrumental(rows, Z).values == pytest.approx(expected, rel=1e-5)
 
 
+@pytest.mark.rounding
 def test_columns_as_their_own_instruments_are_weighted_least_squares() -> None:
     rows, _ = experiment(1, stds=(0.1, 1.0))
     found, expected = instrumental(rows, rows.H), weighted(rows)
@@ -90,6 +90,7 @@ def test_columns_as_their_own_instruments_are_weighted_least_squares() -> None:
     assert found.warnings == ()
 
 
+@pytest.mark.rounding
 @given(exponent=st.lists(st.integers(-8, 8), min_size=6, max_size=6))
 def test_units_do_not_matter(exponent: list[int]) -> None:
     rows, Z = experiment(2, 200)

@@ -18,8 +18,6 @@ from seaid.estimation.model_comparison import (
 from seaid.estimation.qr_factor import qr_factor_of
 from seaid.regressor.regression import Regression
 
-pytestmark = pytest.mark.rounding
-
 NAMES = ("a", "b", "c", "d")
 
 
@@ -68,6 +66,7 @@ def test_what_is_not_there_is_seldom_found() -> None:
     assert np.mean([one.is_supported for one in alarms]) < 0.01
 
 
+@pytest.mark.rounding
 def test_improvement_is_that_of_refitting_without_each_block() -> None:
     data = rows((1.0, -2.0, 0.3, 0.2))
     found = compared(data, 1, data.H[:, 1], data.H[:, 2])
@@ -81,6 +80,7 @@ def test_improvement_is_that_of_refitting_without_each_block() -> None:
     assert found.better == np.sum(errors[1] < errors[0])
 
 
+@pytest.mark.rounding
 def test_a_column_may_take_the_place_of_another_one() -> None:
     data = rows((1.0, -2.0, 0.0, 0.5))
     larger = [Alternative(data.H[:, [3]], 1, (2,)), Alternative(data.H[:, [3]], 1)]

@@ -20,8 +20,6 @@ from seaid.estimation.qr_factor import (
 )
 from seaid.regressor.regression import Regression
 
-pytestmark = pytest.mark.rounding
-
 WEIGHTS = np.array([1.0, 3.0, 0.2])
 
 
@@ -65,6 +63,7 @@ def assert_same(found: QRFactor, expected: QRFactor) -> None:
         assert getattr(found, name) == getattr(expected, name)
 
 
+@pytest.mark.rounding
 def test_factors_have_the_second_moments_of_each_equation() -> None:
     rows = some_rows()
     found = qr_factor_of(rows)
@@ -79,6 +78,7 @@ def test_factors_have_the_second_moments_of_each_equation() -> None:
         assert np.array_equal(found.factors[place], np.triu(found.factors[place]))
 
 
+@pytest.mark.rounding
 def test_blocks_of_a_long_regression_are_put_together() -> None:
     rows = some_rows(9000)
     both = np.column_stack([rows.H, rows.y])[rows.joint == 0]
@@ -86,6 +86,7 @@ def test_blocks_of_a_long_regression_are_put_together() -> None:
     assert np.allclose(gram(qr_factor_of(rows))[0], both.T @ both, rtol=1e-11, atol=1e-7)
 
 
+@pytest.mark.rounding
 @given(cuts=st.lists(st.integers(0, 300), max_size=5))
 def test_parts_add_up_to_the_whole(cuts: list[int]) -> None:
     """Some parts are shorter than the parameters, some empty, some lack an equation."""
@@ -97,6 +98,7 @@ def test_parts_add_up_to_the_whole(cuts: list[int]) -> None:
     assert_same(sum(parts[1:], parts[0]), whole)
 
 
+@pytest.mark.rounding
 def test_weighted_factor_is_that_of_weighted_rows() -> None:
     rows = some_rows()
     weight = WEIGHTS[np.searchsorted([0, 2, 3], rows.joint)]
@@ -107,6 +109,7 @@ def test_weighted_factor_is_that_of_weighted_rows() -> None:
     assert np.allclose(plain, qr_factor_of(rows).weighted_factor(np.ones(3)))
 
 
+@pytest.mark.rounding
 def test_residual_norms_are_those_of_the_rows() -> None:
     rows, theta = some_rows(), np.array([1.0, 2e-6, 3e6, -1.0])
     residual = rows.y - rows.H @ theta
@@ -114,12 +117,14 @@ def test_residual_norms_are_those_of_the_rows() -> None:
     assert qr_factor_of(rows).residual_norms(theta) == pytest.approx(expected, rel=1e-12)
 
 
+@pytest.mark.rounding
 def test_without_is_the_information_of_fewer_columns() -> None:
     rows = some_rows()
     fewer = replace(rows, names=("b", "d"), units=("m", "N"), H=rows.H[:, [1, 3]])
     assert_same(qr_factor_of(rows).without(["a", "c"]), qr_factor_of(fewer))
 
 
+@pytest.mark.rounding
 def test_other_columns_do_not_add() -> None:
     one = qr_factor_of(some_rows())
     with pytest.raises(IdentificationError, match=r"columns are the same: one has a, b, c, d .*b"):
@@ -137,6 +142,7 @@ def test_rows_that_are_not_finite_are_named() -> None:
         qr_factor_of(replace(rows, H=H, y=y))
 
 
+@pytest.mark.rounding
 def test_triangle_of_fewer_rows_than_columns() -> None:
     columns = np.arange(6.0).reshape(2, 3)
     R = triangle(columns.copy())

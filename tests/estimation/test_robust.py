@@ -27,8 +27,6 @@ from seaid.regressor.regression import Regression
 from tests.experiments import arm, arm_log, true_value
 from tests.standard_errors import check_scores
 
-pytestmark = pytest.mark.rounding
-
 Solver = Callable[[Regression], Estimate]
 
 TRUTH = np.array([2.0, -1.0, 0.5])
@@ -113,6 +111,7 @@ def test_tukey_forgets_what_huber_still_follows() -> None:
     assert errors[2] < 0.02
 
 
+@pytest.mark.rounding
 @ROBUST
 def test_weights_solve_the_estimating_equation(estimator: Solver) -> None:
     """Sum of psi(u) / scale times row is zero, with the median of |residual| as scale."""
@@ -133,6 +132,7 @@ def test_equations_have_their_own_scales(estimator: Solver) -> None:
     assert np.std(good - TRUTH) < 1.1 * np.std(alone - TRUTH)
 
 
+@pytest.mark.rounding
 @ROBUST
 @given(exponent=st.lists(st.integers(-6, 6), min_size=3, max_size=3))
 def test_units_do_not_matter(estimator: Solver, exponent: list[int]) -> None:
@@ -142,6 +142,7 @@ def test_units_do_not_matter(estimator: Solver, exponent: list[int]) -> None:
     assert scaled.standard_errors * scale == pytest.approx(plain.standard_errors, rel=1e-3)
 
 
+@pytest.mark.rounding
 @ROBUST
 def test_exact_data_with_outliers_give_the_exact_answer(estimator: Solver) -> None:
     data = experiment(4)

@@ -16,8 +16,6 @@ from seaid.estimation.least_squares import ordinary, weighted
 from seaid.regressor.regression import Regression
 from tests.standard_errors import check_scores
 
-pytestmark = pytest.mark.rounding
-
 TRUTH = np.array([2.0, -1.0, 0.5])
 
 
@@ -50,6 +48,7 @@ def experiment(seed: int, stds: tuple[float, ...] = (1.0,), count: int = 300) ->
     return rows(H, H @ TRUTH + np.repeat(stds, count) * rng.normal(size=len(H)), joint)
 
 
+@pytest.mark.rounding
 def test_ordinary_is_least_squares() -> None:
     data = experiment(0)
     expected, squares = np.linalg.lstsq(data.H, data.y, rcond=None)[:2]
@@ -59,6 +58,7 @@ def test_ordinary_is_least_squares() -> None:
     assert (found.names, found.units) == (("a", "b", "c"), ("kg",) * 3)
 
 
+@pytest.mark.rounding
 @pytest.mark.parametrize("name", ESTIMATORS)
 def test_every_estimator_is_exact_without_noise_and_inside_its_intervals_with_noise(
     name: LinearEstimator,
@@ -72,6 +72,7 @@ def test_every_estimator_is_exact_without_noise_and_inside_its_intervals_with_no
     check_scores(scores)
 
 
+@pytest.mark.rounding
 @given(exponent=st.lists(st.integers(-8, 8), min_size=3, max_size=3))
 def test_units_of_the_columns_do_not_matter(exponent: list[int]) -> None:
     data, scale = experiment(1), 10.0 ** np.array(exponent)
@@ -81,6 +82,7 @@ def test_units_of_the_columns_do_not_matter(exponent: list[int]) -> None:
     assert scaled.condition_number == pytest.approx(plain.condition_number, rel=1e-9)
 
 
+@pytest.mark.rounding
 def test_condition_number_is_that_of_unit_columns() -> None:
     H = np.array([[1.0, 1.0], [0.0, 1.0], [0.0, 0.0]]) * [7.0, 1e-3]
     sine = np.sqrt(0.5)
@@ -194,6 +196,7 @@ def test_too_few_rows_say_how_many_and_what_to_do() -> None:
         ordinary(rows(np.ones((2, 3)), np.ones(2)))
 
 
+@pytest.mark.rounding
 def test_column_of_zeros_is_named() -> None:
     H = experiment(6).H.copy()
     H[:, 1] = 0.0
@@ -201,6 +204,7 @@ def test_column_of_zeros_is_named() -> None:
         ordinary(rows(H, np.ones(len(H))))
 
 
+@pytest.mark.rounding
 @pytest.mark.parametrize("estimator", [ordinary, weighted])
 def test_columns_that_cannot_be_told_apart_are_named(estimator: type) -> None:
     H = experiment(7).H.copy()
@@ -212,6 +216,7 @@ def test_columns_that_cannot_be_told_apart_are_named(estimator: type) -> None:
     assert "needed 1e-07" in str(caught.value)
 
 
+@pytest.mark.rounding
 def test_lost_columns_name_the_joint_whose_torque_they_are_in() -> None:
     """Joint 0 sees all columns, joint 1 those of the outer body, which look alike."""
     data = experiment(8, stds=(1.0, 1.0))
@@ -230,6 +235,7 @@ def test_lost_columns_name_the_joint_whose_torque_they_are_in() -> None:
         ordinary(replace(named, joint=named.joint + 2))
 
 
+@pytest.mark.rounding
 @pytest.mark.parametrize("estimator", [ordinary, weighted])
 def test_constant_torque_and_regressor_leave_everything_open(estimator: type) -> None:
     H = np.tile([1.0, 2.0, 3.0], (100, 1))
@@ -242,6 +248,7 @@ def test_constant_torque_with_a_moving_regressor_has_an_answer() -> None:
     assert ordinary(rows(H, np.full(300, 4.0))).values == pytest.approx([0, 0, 4], abs=1e-12)
 
 
+@pytest.mark.rounding
 def test_everything_dead_is_named() -> None:
     with pytest.raises(ExcitationError, match="does not excite a, b, c: move these joints"):
         weighted(rows(np.zeros((50, 3)), np.ones(50)))

@@ -8,8 +8,6 @@ from hypothesis import strategies as st
 from seaid._arrays import Array
 from seaid.estimation.nonlinear_least_squares import separable_least_squares
 
-pytestmark = pytest.mark.rounding
-
 TIME = np.linspace(0.0, 10.0, 400)
 
 
@@ -28,6 +26,7 @@ def two_decays(truth: tuple[float, float, float], noise: float = 0.0, seed: int 
     return columns, slopes
 
 
+@pytest.mark.rounding
 @given(st.floats(-2, 2), st.floats(0.5, 2), st.floats(0.1, 3.0))
 @settings(derandomize=True, deadline=None)
 def test_without_noise_the_truth_is_found(a: float, b: float, v: float) -> None:
@@ -40,6 +39,7 @@ def test_without_noise_the_truth_is_found(a: float, b: float, v: float) -> None:
     assert found.residual < 1e-6
 
 
+@pytest.mark.rounding
 def test_the_best_of_several_starts_is_taken_on() -> None:
     columns, slopes = two_decays((1.0, 2.0, 4.0), noise=0.05)
     bounds = np.array([1e-3]), np.array([50.0])
@@ -50,6 +50,7 @@ def test_the_best_of_several_starts_is_taken_on() -> None:
     assert found.nonlinear[0] == pytest.approx(4.0, rel=0.1)
 
 
+@pytest.mark.rounding
 def test_a_parameter_without_effect_stays_inside_its_bounds() -> None:
     columns, slopes = two_decays((1.0, 0.0, 1.0))
     found = separable_least_squares(

@@ -17,8 +17,6 @@ from seaid.excitation.basis import (
     make_basis,
 )
 
-pytestmark = pytest.mark.rounding
-
 BASES: list[tuple[BasisName, int]]
 BASES = [("bspline", 7), ("bspline", 30), ("polynomial", 7), ("polynomial", 18), ("polynomial", 30)]
 FOURIER: list[tuple[BasisName, int]] = [("fourier", 7), ("fourier", 31)]
@@ -82,6 +80,7 @@ def test_a_shifted_fourier_series_is_the_same_motion_begun_later() -> None:
         np.testing.assert_allclose(one, other, atol=1e-10)
 
 
+@pytest.mark.rounding
 def test_refined_control_points_come_close_to_the_curve() -> None:
     basis = make_basis("bspline", 10.0, 20)
     coefficients = np.random.default_rng(0).normal(size=20)

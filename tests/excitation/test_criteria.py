@@ -15,9 +15,8 @@ from seaid.excitation.criteria import (
     triangular_factor,
 )
 
-pytestmark = pytest.mark.rounding
 
-
+@pytest.mark.rounding
 @settings(derandomize=True, max_examples=25, deadline=None)
 @given(
     name=st.sampled_from(sorted(CRITERIA)),
@@ -58,6 +57,7 @@ def test_what_the_criteria_are() -> None:
     np.testing.assert_allclose(singular_values(R), np.linalg.svd(H, compute_uv=False))
 
 
+@pytest.mark.rounding
 def test_smooth_criteria_are_little_above_the_plain_ones() -> None:
     rng = np.random.default_rng(4)
     R = triangular_factor(rng.normal(size=(50, 8)), np.empty((0, 8)))
@@ -73,6 +73,7 @@ def test_what_was_recorded_counts() -> None:
     np.testing.assert_allclose(R.T @ R, H.T @ H + before.T @ before, atol=1e-12)
 
 
+@pytest.mark.rounding
 def test_a_lost_column_is_seen() -> None:
     H = np.random.default_rng(6).normal(size=(30, 4))
     H[:, 3] = H[:, 0] - 2 * H[:, 1]

@@ -19,8 +19,6 @@ from seaid.regressor.base import base_parameters
 from seaid.regressor.rigid_body import rigid_body_regressor
 from seaid.robot.robot import Robot
 
-pytestmark = pytest.mark.rounding
-
 QUICK: dict[str, Any] = {"starts": 2, "iterations": 12, "coefficients": 10}
 
 
@@ -55,6 +53,7 @@ def test_leg_from_ten_seconds_rest_to_rest(leg: Robot) -> None:
     kept(leg, found, limits)
 
 
+@pytest.mark.rounding
 def test_condition_number_is_raw_and_of_the_columns_in_base(slider_arm: Robot) -> None:
     found = plan(slider_arm)
     motion = found.trajectory.sample(np.linspace(0.0, 4.0, 4001))
@@ -157,6 +156,7 @@ def test_ctrl_c_gives_the_best_so_far(
     kept(slider_arm, found, None)
 
 
+@pytest.mark.rounding
 def test_a_trial_step_that_tells_nothing_does_not_end_the_search(
     slider_arm: Robot, monkeypatch: pytest.MonkeyPatch
 ) -> None:

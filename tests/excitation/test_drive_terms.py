@@ -38,8 +38,6 @@ from tests import terms
 from tests.excitation.test_target import assert_gradient
 from tests.terms import ELASTIC, STIFF, arm, exact_motion, slope, value_of, with_terms
 
-pytestmark = pytest.mark.rounding
-
 DRY: tuple[FrictionTerm, FrictionTerm] = ("viscous", "coulomb")
 SHARP = np.full(2, 1e-7)
 LIMITED = Limits(joint_torque=50.0, motor_torque=0.5, motor_speed=400.0, deflection=0.1)
@@ -175,6 +173,7 @@ def test_loads_obey_the_equations(
         np.testing.assert_allclose(loads[2, inside, index], slope(angle)[inside], atol=1e-3)
 
 
+@pytest.mark.rounding
 @pytest.mark.parametrize("is_coupled", [False, True], ids=["", "coupled"])
 @pytest.mark.parametrize(("one", "two"), [(HEAVY, FULL), (SMOOTH, CUBIC)], ids=["heavy", "smooth"])
 def test_gradient_of_loads_equals_differences(

@@ -13,8 +13,6 @@ from seaid.excitation import EndState, JointLimits, Trajectory, make_basis
 from seaid.excitation.basis import BasisName
 from seaid.excitation.boundary import IN_MOTION, MotionSpace, limit_rows, motion_space
 
-pytestmark = pytest.mark.rounding
-
 BASES: list[tuple[BasisName, int]] = [
     ("bspline", 8),
     ("bspline", 25),
@@ -54,6 +52,7 @@ def filling(motions: MotionSpace, bounds: JointLimits, rng: np.random.Generator)
     return np.asarray(x * reach.min(axis=(1, 2))[:, None])
 
 
+@pytest.mark.rounding
 @pytest.mark.parametrize(("name", "count"), BASES)
 def test_rest_is_rest_wherever_it_is(name: BasisName, count: int) -> None:
     found = space(EndState(), EndState(), name, count)
@@ -69,6 +68,7 @@ def test_rest_is_rest_wherever_it_is(name: BasisName, count: int) -> None:
     assert np.ptp(q) > 0.1
 
 
+@pytest.mark.rounding
 @pytest.mark.parametrize(("name", "count"), BASES)
 def test_free_ends_leave_all_variables_of_like_size(name: BasisName, count: int) -> None:
     found = space(IN_MOTION, IN_MOTION, name, count)

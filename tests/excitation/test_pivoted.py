@@ -14,9 +14,8 @@ from seaid.regressor.rigid_body import rigid_body_regressor
 from seaid.robot.robot import Robot
 from tests.excitation.robots import robots
 
-pytestmark = pytest.mark.rounding
 
-
+@pytest.mark.rounding
 @pytest.mark.parametrize(("name", "rank"), [("leg", 29), ("ur5", 36), ("panda_reordered", 43)])
 def test_pivoted_base_tells_the_same_torques(name: str, rank: int) -> None:
     robot = robots()[name]
@@ -28,6 +27,7 @@ def test_pivoted_base_tells_the_same_torques(name: str, rank: int) -> None:
     np.testing.assert_array_equal(base.grouping[:, base.columns], np.eye(rank))
 
 
+@pytest.mark.rounding
 @pytest.mark.parametrize("name", ["leg", "ur5", "panda_reordered"])
 def test_rounding_does_not_choose_the_columns(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Other processors round otherwise: as if every entry were off by a few units in its place."""

@@ -19,8 +19,6 @@ from seaid.excitation.scene_file import Box, load_scene
 from seaid.log.reading import Log
 from seaid.robot.robot import Robot, load_robot
 
-pytestmark = pytest.mark.rounding
-
 MODELS = Path(__file__).parents[2] / "models"
 LIMITS = Limits(velocity=2.5, acceleration=10.0)
 
@@ -85,6 +83,7 @@ def relative_errors(robot: Robot, found: Excitation) -> Any:
     return found.standard_errors[: len(sizes)] / sizes
 
 
+@pytest.mark.rounding
 def test_expected_standard_errors_are_those_of_white_noise(elastic_leg: Robot) -> None:
     found = plan(elastic_leg, torque_std=0.5)
     time = np.linspace(0, 6, 6001)
@@ -137,6 +136,7 @@ def test_a_motion_that_helps_after_what_was_recorded(leg: Robot) -> None:
     assert together(after) < together(first)
 
 
+@pytest.mark.rounding
 def test_one_long_log_counts_as_its_parts(leg: Robot) -> None:
     first = plan(leg, iterations=5)
     log = log_of(leg, first)

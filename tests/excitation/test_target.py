@@ -28,8 +28,6 @@ from seaid.regressor.rigid_body import joint_torques, rigid_body_regressor
 from seaid.robot.robot import Robot, load_robot
 from tests.excitation.robots import TIAGO, example_robot, robots, states
 
-pytestmark = pytest.mark.rounding
-
 MODELS = Path(__file__).parents[2] / "models"
 States = tuple[Array, Array, Array]
 
@@ -88,6 +86,7 @@ def assert_gradient(target: Target, time: Array, motion: States) -> None:
         )
 
 
+@pytest.mark.rounding
 @pytest.mark.parametrize("name", robots())
 def test_gradient_of_the_base_regressor(name: str) -> None:
     robot = robots()[name]
@@ -111,6 +110,7 @@ def test_gradient_with_drives(robot: Robot) -> None:
     assert any(name.startswith("stiffness of") for name in target.names)
 
 
+@pytest.mark.rounding
 def test_base_regressor_is_the_stacked_one_of_every_reading() -> None:
     robot = robots()["leg"]
     base = pivoted_base(robot)

@@ -25,8 +25,6 @@ from tests.experiments import (
 )
 from tests.standard_errors import check_scores
 
-pytestmark = pytest.mark.rounding
-
 WARM = 0.4
 """Part of the viscous friction that a warm leg lacks."""
 
@@ -117,6 +115,7 @@ def test_what_differs_is_said_and_what_does_not_too() -> None:
     assert line.split()[-1] == "yes"
 
 
+@pytest.mark.rounding
 def test_all_shared_is_one_identification_of_both_logs(monkeypatch: pytest.MonkeyPatch) -> None:
     """Conditions have no torque offsets."""
     monkeypatch.setattr("seaid.identification.two_step.identifiable_offsets", lambda *_: ())

@@ -16,8 +16,6 @@ from seaid.log.reading import Log
 from seaid.simulation.simulation import measure
 from tests.experiments import ARM_SENSORS, arm, arm_motion
 
-pytestmark = pytest.mark.rounding
-
 KNOWN = arm().without_nominal()
 
 

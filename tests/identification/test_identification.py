@@ -32,8 +32,6 @@ from tests.experiments import (
     perfect_log,
 )
 
-pytestmark = pytest.mark.rounding
-
 KNOWN = leg(TEST_MASS).without_nominal()
 
 
@@ -111,6 +109,7 @@ def test_found_robot_moves_like_the_true_one_at_unseen_states() -> None:
     assert np.all(np.linalg.norm(error, axis=0) < 0.01 * np.linalg.norm(true, axis=0))
 
 
+@pytest.mark.rounding
 def test_torques_of_the_elastic_joints_alone_tell_21() -> None:
     part = identify(KNOWN, leg_log(), torque_joints=ELASTIC)
     assert len(part.load.values) == 21
@@ -284,11 +283,13 @@ def test_elastic_joint_that_does_not_move_is_named() -> None:
         identify(KNOWN, standing("ankle_pitch"))
 
 
+@pytest.mark.rounding
 def test_stiff_joint_that_does_not_move_is_named() -> None:
     with pytest.raises(ExcitationError, match="viscous_friction of hip_yaw, coulomb"):
         identify(KNOWN, standing("hip_yaw"))
 
 
+@pytest.mark.rounding
 def test_motion_of_one_joint_does_not_tell_the_others() -> None:
     robot = arm().without_nominal()
     motion = arm_motion()

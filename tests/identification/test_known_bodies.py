@@ -16,8 +16,6 @@ from seaid.regressor.rigid_body import joint_torques, rigid_body_regressor
 from seaid.robot.robot import Robot, load_robot
 from tests.experiments import MODELS
 
-pytestmark = pytest.mark.rounding
-
 LEG = (MODELS / "tulip_leg.urdf", MODELS / "tulip_leg.toml")
 
 
@@ -25,6 +23,7 @@ def leg(*known: str) -> Robot:
     return load_robot(*LEG, known_bodies=known)
 
 
+@pytest.mark.rounding
 @pytest.mark.parametrize(
     ("known", "count"),
     [((), 29), (("foot",), 22), (("thigh", "shank"), 17), (("hip_yaw_link",), 29)],
@@ -41,6 +40,7 @@ def test_numeric_and_exact_base_parameters_leave_known_bodies_out(
     assert not np.any(exact.grouping[:, robot.is_known])
 
 
+@pytest.mark.rounding
 def test_base_parameters_and_known_ones_make_the_whole_torque() -> None:
     robot = leg("shank")
     base, rng = base_parameters(robot), np.random.default_rng(1)

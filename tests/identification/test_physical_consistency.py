@@ -27,8 +27,6 @@ from seaid.simulation.simulation import measure, simulate_motion
 from tests.experiments import LEG_SENSORS, MODELS, TEST_MASS, arm, leg, leg_motion, wiggle
 from tests.measured import LOGS
 
-pytestmark = pytest.mark.rounding
-
 
 @cache
 def model_of(robot: Robot) -> LoadModel:
@@ -82,6 +80,7 @@ def robot(request: pytest.FixtureRequest, example_path: Callable[[str], Path]) -
     return leg() if request.param == "leg" else arm()
 
 
+@pytest.mark.rounding
 @pytest.mark.parametrize("weight", [None, 0.0])
 def test_without_noise_the_base_parameters_are_the_truth(
     robot: Robot, weight: float | None
@@ -118,6 +117,7 @@ def test_noise_makes_the_plain_estimate_impossible_and_the_result_is_possible(
     assert_possible(result)
 
 
+@pytest.mark.rounding
 @settings(max_examples=12)
 @given(st.integers(0, 2**31), st.sampled_from([0.01, 0.3, 3.0, 100.0]), st.booleans())
 def test_result_is_always_possible(seed: int, relative: float, with_file: bool) -> None:
@@ -188,6 +188,7 @@ def test_rotor_inertia_that_the_base_absorbs_takes_what_no_body_needs() -> None:
     np.testing.assert_allclose(result.parameters, robot.parameters, rtol=0, atol=2e-2)
 
 
+@pytest.mark.rounding
 def test_negative_friction_becomes_zero_and_is_named() -> None:
     robot = stiff_leg()
     estimate = estimated(robot, 0.01, correlated=False)

@@ -41,8 +41,6 @@ from tests.experiments import (
 )
 from tests.standard_errors import check_scores
 
-pytestmark = pytest.mark.rounding
-
 DRIVE = ("viscous_friction", "coulomb_friction", "stiffness", "motor_inertia")
 
 
@@ -81,6 +79,7 @@ def load_error(found: Identification, truth: Robot) -> float:
 # The true motion, without filter, away from standstill: exact.
 
 
+@pytest.mark.rounding
 def test_true_motion_gives_the_exact_drives(experiment: Experiment) -> None:
     truth, motion, _ = experiment
     for joint in truth.elastic_joints:
@@ -91,6 +90,7 @@ def test_true_motion_gives_the_exact_drives(experiment: Experiment) -> None:
         assert found.value("spring_offset") == pytest.approx(0.0, abs=1e-8)
 
 
+@pytest.mark.rounding
 def test_true_motion_gives_the_exact_base_parameters_and_stiff_drives(
     experiment: Experiment,
 ) -> None:

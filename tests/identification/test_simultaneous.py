@@ -48,8 +48,6 @@ from tests.experiments import (
 )
 from tests.standard_errors import check_scores
 
-pytestmark = pytest.mark.rounding
-
 LEG, IN_MOTION = leg(TEST_MASS), leg()
 CUBIC = 2e-9
 OLS, WLS = estimation(estimator_named("ols")), estimation(estimator_named("wls"))
@@ -178,6 +176,7 @@ def scaled_error(found: Array, rows: Regression, truth: Array) -> float:
     return float(np.max(np.abs(found - truth) / size))
 
 
+@pytest.mark.rounding
 def test_truth_solves_both_sides(case: Case) -> None:
     _, _, rows, truth = case
     residual = rows.y - rows.H @ truth
@@ -194,6 +193,7 @@ def test_rows_tell_their_equation_and_columns_are_named_once(case: Case) -> None
     assert set(rows.run) == {0.0}
 
 
+@pytest.mark.rounding
 def test_noise_free_motion_gives_the_truth_from_any_start(case: Case) -> None:
     robot, _, rows, truth = case
     stiff = np.array([name.startswith("stiffness") for name in rows.names])

@@ -20,8 +20,6 @@ from seaid.regressor.rigid_body import rigid_body_regressor
 from seaid.robot.robot import Robot, load_robot
 from tests.experiments import motion_of
 
-pytestmark = pytest.mark.rounding
-
 Chain = Callable[..., Path]
 
 ARMS = {
@@ -45,6 +43,7 @@ TREES = {
 }
 
 
+@pytest.mark.rounding
 @pytest.mark.parametrize(("name", "count"), (ARMS | TREES).items(), ids=[*ARMS, *TREES])
 def test_count_of_a_known_robot(
     name: str,
@@ -57,10 +56,11 @@ def test_count_of_a_known_robot(
     assert base.gap > 1e12
 
 
+@pytest.mark.rounding
 def test_panda_arm_has_43(
     example_path: Callable[[str], Path], load_quietly: Callable[..., Robot]
 ) -> None:
-    arm = [f"panda_joint{number}" for number in range(1, 8)]
+    arm = tuple(f"panda_joint{number}" for number in range(1, 8))
     assert len(base_parameters(load_quietly(example_path("panda.urdf"), joints=arm)).columns) == 43
 
 
@@ -76,6 +76,7 @@ def test_tiago_dual_has_639(
     assert np.max(np.abs(base.reduce(Y) @ base.grouping - Y)) < 1e-9 * np.max(np.abs(Y))
 
 
+@pytest.mark.rounding
 @pytest.mark.parametrize(
     ("axes", "count"),
     [
@@ -93,6 +94,7 @@ def test_count_of_a_small_chain(axes: list[str], count: int, write_chain: Chain)
     assert len(base_parameters(load_robot(write_chain(joints))).columns) == count
 
 
+@pytest.mark.rounding
 @pytest.mark.parametrize(("gravity", "count"), [((0, 0, -9.81), 33), ((-9.81, 0, 0), 35)])
 def test_stanford_arm_first_axis_along_gravity_or_not(
     gravity: tuple[float, float, float], count: int, write_chain: Chain
@@ -117,6 +119,7 @@ def _joint(axis: str, origin: str = "") -> str:
     return f'{kind or "revolute"} {origin}<axis xyz="{along}"/>{limit}'
 
 
+@pytest.mark.rounding
 def test_tulip_leg_has_29_and_21_and_9(tulip_leg: Robot, tulip_urdf: Path) -> None:
     pitch = tulip_leg.joint_names[2:]
     assert len(base_parameters(tulip_leg).columns) == 29
@@ -141,6 +144,7 @@ def test_names_and_grouping_agree(tulip_leg: Robot) -> None:
         assert not np.any(base.grouping[row, :column])
 
 
+@pytest.mark.rounding
 def test_base_columns_are_the_leftmost_independent_ones(tulip_leg: Robot) -> None:
     base = base_parameters(tulip_leg)
     H = rigid_body_regressor(tulip_leg, *random_states(tulip_leg, 2)).reshape(-1, 50)
@@ -150,6 +154,7 @@ def test_base_columns_are_the_leftmost_independent_ones(tulip_leg: Robot) -> Non
     assert base.columns == tuple(np.flatnonzero(np.diff(ranks)).tolist())
 
 
+@pytest.mark.rounding
 def test_seed_of_the_random_states_does_not_matter(tulip_leg: Robot) -> None:
     one, other = base_parameters(tulip_leg, seed=1), base_parameters(tulip_leg, seed=2)
     assert one.columns == other.columns
@@ -166,6 +171,7 @@ def test_project_gives_the_same_torque_as_the_standard_parameters(tulip_leg: Rob
     assert np.allclose(Y @ standard, Y @ theta, rtol=0, atol=1e-9 * np.max(np.abs(Y @ theta)))
 
 
+@pytest.mark.rounding
 def test_motion_of_one_joint_tells_what_a_pendulum_tells(write_chain: Chain) -> None:
     robot = load_robot(write_chain({"one": _joint("y"), "two": _joint("y")}))
     time = np.linspace(0, 5, 300)
@@ -189,6 +195,7 @@ def test_nothing_identifiable_is_an_error(write_chain: Chain) -> None:
         base_parameters(robot, motion_of(robot, np.arange(60) / 10, (still,) * 3, (still,) * 3))
 
 
+@pytest.mark.rounding
 @pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
 def test_rank_decision_does_not_depend_on_units(scale: float) -> None:
     rng = np.random.default_rng(0)
@@ -201,6 +208,7 @@ def test_rank_decision_does_not_depend_on_units(scale: float) -> None:
     assert gap > 1e12
 
 
+@pytest.mark.rounding
 def test_trace_of_a_rounded_angle_is_no_column() -> None:
     rng = np.random.default_rng(0)
     H = rng.normal(size=(40, 3)) * [1.0, 1e-12, 3.0]

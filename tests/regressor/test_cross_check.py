@@ -17,14 +17,13 @@ from seaid.regressor.base import base_parameters, cross_check
 from seaid.robot.robot import Robot
 from seaid.symbolic import base_parameters as exact_base_parameters
 
-pytestmark = pytest.mark.rounding
-
 LARGEST = 60
 """Joints; the numeric QR of a larger tree takes seconds, and the script does them all."""
 
 ROUNDED = {"kinova": (36, 38), "anymal-kinova": (104, 106), "so100": (36, 38), "so101": (36, 38)}
 
 
+@pytest.mark.rounding
 def test_numeric_and_exact_agree(example_urdf: Path, load_quietly: Callable[..., Robot]) -> None:
     robot = load_quietly(example_urdf)
     if robot.n > LARGEST:
@@ -38,6 +37,7 @@ def test_numeric_and_exact_agree(example_urdf: Path, load_quietly: Callable[...,
     assert check.gap > (1e9 if example_urdf.stem == "romeo_laas_small" else 1e12)
 
 
+@pytest.mark.rounding
 def test_leg_agrees(tulip_leg: Robot) -> None:
     check = cross_check(base_parameters(tulip_leg), exact_base_parameters(tulip_leg))
     assert check.agree
@@ -58,6 +58,7 @@ def test_rounded_angles_split_the_count_and_snapping_heals_it(
         assert exact_base_parameters(robot).rank == count
 
 
+@pytest.mark.rounding
 def test_another_choice_of_columns_does_not_agree(tulip_leg: Robot) -> None:
     numeric = base_parameters(tulip_leg)
     fewer = replace(numeric, columns=numeric.columns[1:], grouping=numeric.grouping[1:])
@@ -79,6 +80,7 @@ def test_another_grouping_does_not_agree(tulip_leg: Robot) -> None:
     assert check.max_difference == pytest.approx(1e-6, rel=1e-8)
 
 
+@pytest.mark.rounding
 def test_rounding_of_an_ill_conditioned_choice_is_no_disagreement(tulip_leg: Robot) -> None:
     """2.6e-9 of the largest coefficient, at a gap of 4e9: rounding, amplified by the choice."""
     numeric, exact = base_parameters(tulip_leg), exact_base_parameters(tulip_leg)

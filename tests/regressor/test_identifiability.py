@@ -28,8 +28,6 @@ from seaid.regressor.structural.identifiability import SENSORS, Sensor, identifi
 from seaid.regressor.structural.modular_dynamics import PRIME, residue
 from seaid.robot.robot import Payload, Robot, load_robot
 
-pytestmark = pytest.mark.rounding
-
 Chain = Callable[..., Path]
 BOTH: tuple[Sensor, Sensor] = ("motor_position", "joint_position")
 ARM = Path(__file__).parents[2] / "models" / "philips_arm"
@@ -58,6 +56,7 @@ def pendulum(write_chain: Chain, axis: str = "0 1 0", **options: Any) -> Robot:
 # One pendulum, by hand: tau = mx, mz, Iyy parts (8), spring k d + f_0 (4b), motor (7).
 
 
+@pytest.mark.rounding
 @pytest.mark.parametrize(
     ("sensors", "alone", "up_to_a_factor"),
     [
@@ -175,6 +174,7 @@ def test_two_arms_have_a_factor_each(write_urdf: Callable[[str], Path]) -> None:
 # The TULip leg, METHOD 1
 
 
+@pytest.mark.rounding
 @pytest.mark.parametrize(
     ("joints", "torques", "count"),
     [
@@ -324,6 +324,7 @@ EXAMPLES = (
 )
 
 
+@pytest.mark.rounding
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_all_torques_give_the_base_parameters(
     name: str, example_path: Callable[[str], Path], load_quietly: Callable[..., Robot]
@@ -369,6 +370,7 @@ def test_without_nominal_values_the_answer_is_the_same(tulip_leg: Robot) -> None
     )
 
 
+@pytest.mark.rounding
 def test_another_seed_gives_the_same_answer(load_quietly: Callable[..., Robot]) -> None:
     robot = load_quietly(TREE, TREE.with_suffix(".toml"))
     first, second = (identifiability(robot, BOTH, seed=seed) for seed in (0, 1))
@@ -405,6 +407,7 @@ def drive_of(kind: str, drive: str) -> dict[str, Any] | None:
     return {**elastic, **radius} if drive == "elastic" else None
 
 
+@pytest.mark.rounding
 @pytest.mark.slow  # twenty random trees, each with several choices of sensors
 @settings(max_examples=20)
 @given(tree=st.lists(random_joints, min_size=1, max_size=4))
@@ -471,6 +474,7 @@ def told_by_solving(H: Array, y: Array) -> tuple[Array, int]:
     return solution / scale, H.shape[1] - int(rank)
 
 
+@pytest.mark.rounding
 def test_what_is_identifiable_comes_out_of_least_squares(write_chain: Chain) -> None:
     robot = pendulum(write_chain)
     one = signals(TRUE, seed=0)
@@ -493,6 +497,7 @@ def test_what_is_identifiable_comes_out_of_least_squares(write_chain: Chain) -> 
     assert told_by_solving(rotor, np.zeros(800))[1] == 1
 
 
+@pytest.mark.rounding
 def test_null_space_of_least_squares_is_the_common_factor() -> None:
     H = load_rows(signals(TRUE, seed=1))
     scale = np.linalg.norm(H, axis=0)
@@ -503,6 +508,7 @@ def test_null_space_of_least_squares_is_the_common_factor() -> None:
     np.testing.assert_allclose(factor / factor[0], np.array([K, F_0, *TRUE]) / K, rtol=1e-8)
 
 
+@pytest.mark.rounding
 def test_known_payload_by_least_squares() -> None:
     payload = np.array([0.2, 0.1, 0.05])
     loaded, bare = signals(TRUE + payload, seed=2), signals(TRUE, seed=3)
@@ -514,6 +520,7 @@ def test_known_payload_by_least_squares() -> None:
     np.testing.assert_allclose(solution, [K, F_0, *TRUE], rtol=1e-8)
 
 
+@pytest.mark.rounding
 def test_null_space_of_an_arm_on_springs_without_torques() -> None:
     """The nominal arm by inverse dynamics: all of (8) at once is told but for one factor."""
     robot = load_robot(ARM.with_suffix(".urdf"), ARM.with_name("philips_arm_elastic.toml"))

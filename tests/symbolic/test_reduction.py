@@ -10,8 +10,6 @@ from hypothesis import strategies as st
 from seaid.errors import SeaidWarning, SymbolicError
 from seaid.symbolic import BaseForm, RegressorForm, reduce, separate
 
-pytestmark = pytest.mark.rounding
-
 x, y, z, a = sp.symbols("x y z a")
 r, d, g, alpha = sp.symbols("r d g alpha")
 P = sp.symbols("p1:6")
@@ -61,6 +59,7 @@ def check_laws(form: RegressorForm, base: BaseForm) -> None:
     assert is_zero(base.regressor * base.parameters - form.regressor * form.parameters)
 
 
+@pytest.mark.rounding
 @settings(max_examples=60, deadline=None, derandomize=True)
 @given(EQUATIONS)
 def test_laws_of_the_base_form_and_numeric_pivots(
@@ -83,6 +82,7 @@ def test_two_equations_share_their_parameters() -> None:
     assert base.pivots == (0, 1, 2)
 
 
+@pytest.mark.rounding
 def test_decimals_in_products_keep_the_rank() -> None:
     """An expanded row has 0.09 where the other one has 0.3, of which it is the multiple."""
     first = P[0] * 0.3 * 0.3 * x + P[1] * 0.3 * x - y
@@ -91,6 +91,7 @@ def test_decimals_in_products_keep_the_rank() -> None:
     assert list(base.parameters) == [P[0] + sp.Rational(10, 3) * P[1]]
 
 
+@pytest.mark.rounding
 @pytest.mark.parametrize("number", [1 + 1e-13 / 3, 1 + 1e-9, 1.00000003])
 def test_pivots_that_nearly_cancel_are_said(number: float) -> None:
     form = separate([P[0] * x + P[1] * y * 2 - a, P[2] * z - a, P[0] * y + number * P[1] * y * 2],
@@ -167,6 +168,7 @@ def test_equal_algebraic_numbers_are_equal(left: sp.Expr, right: sp.Expr) -> Non
         assert reduce(separate(rows, [x, y, z, a], P[:2])).pivots == (0, 1)
 
 
+@pytest.mark.rounding
 def test_numbers_of_a_large_field_that_cancel_are_said() -> None:
     """The field of cos(pi/180) has degree 48: its relations are not used."""
     left, right = 2 * cos(7 * pi / 180) * cos(7 * pi / 180), cos(14 * pi / 180) + 1
@@ -273,6 +275,7 @@ DEPENDENT = [
 ]
 
 
+@pytest.mark.rounding
 @pytest.mark.parametrize(("equation", "pivots", "relations"), DEPENDENT)
 def test_dependent_functions_are_found_said_and_replaced(
     equation: sp.Expr, pivots: list[int], relations: int

@@ -94,7 +94,7 @@ def test_order_of_joints_and_locked_ones_count(
     example_path: Callable[[str], Path], load_quietly: Load
 ) -> None:
     path = example_path("panda.urdf")
-    robot = load_quietly(path, joints=["panda_joint6", "panda_finger_joint2", "panda_joint2"])
+    robot = load_quietly(path, joints=("panda_joint6", "panda_finger_joint2", "panda_joint2"))
     q = posture(robot, 3)
     expected = frames_by_pinocchio(path, dict(zip(robot.joint_names, q, strict=True)))
     assert largest_difference(link_placements(picture_of(robot), q), expected) < 1e-9

@@ -29,8 +29,6 @@ from seaid.symbolic import (
     separate,
 )
 
-pytestmark = pytest.mark.rounding
-
 ROBOTS = [
     "ur5_robot.urdf",
     "xarm7.urdf",
@@ -47,6 +45,7 @@ def assert_close(found: Array, expected: Array) -> None:
     assert np.max(np.abs(found - expected)) < 1e-9 * max(1.0, np.max(np.abs(expected)))
 
 
+@pytest.mark.rounding
 @pytest.mark.parametrize("name", ROBOTS)
 def test_regressor_is_that_of_pinocchio(
     name: str, example_path: Callable[[str], Path], load_quietly: Callable[..., Robot]
@@ -75,6 +74,7 @@ def test_sliding_joints_skew_axes_and_another_order(write_chain: Callable[..., P
     assert_close(rigid_body(robot).regressor(*states), rigid_body_regressor(robot, *states))
 
 
+@pytest.mark.rounding
 def test_base_form_has_the_whole_torque(tulip_leg: Robot) -> None:
     form = rigid_body(tulip_leg)
     states = random_states(tulip_leg, seed=1)
