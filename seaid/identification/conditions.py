@@ -532,6 +532,7 @@ def identify_conditions(
     )
     given = {name: robot for name, (robot, _) in conditions.items()}
     found, robots, unscaled = with_unit_scales(given, with_scales)
+    first = found.identifications
     for _ in range(MOST_DELAY_ROUNDS):
         later = {
             name: with_estimated_delays(robot, found.identifications[name].robot)
@@ -548,6 +549,7 @@ def identify_conditions(
         name: replace(
             one,
             robot=with_free_scale(one.robot, unscaled),
+            nominal=first[name].nominal,
             findings=(*one.findings, *scale_findings(one.robot, one.load_side, unscaled)),
         )
         for name, one in consistent.items()

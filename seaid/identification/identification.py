@@ -338,7 +338,7 @@ def identify(
         progress=progress,
     )
     found, fixed, unscaled = with_unit_scales({"": robot}, lambda robots: once(robots[""]))
-    robot = fixed[""]
+    robot, nominal = fixed[""], found.nominal
     for _ in range(MOST_DELAY_ROUNDS):
         later = with_estimated_delays(robot, found.robot)
         if later is robot:
@@ -346,8 +346,8 @@ def identify(
         robot, found = later, once(later)
     unclear = delay_findings(robot, found.load_side)
     unclear += scale_findings(found.robot, found.load_side, unscaled)
-    found = replace(found, robot=with_free_scale(found.robot, unscaled))
-    return replace(found, findings=(*found.findings, *unclear)) if unclear else found
+    scaled = with_free_scale(found.robot, unscaled)
+    return replace(found, robot=scaled, nominal=nominal, findings=(*found.findings, *unclear))
 
 
 def _identify(

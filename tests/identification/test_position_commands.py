@@ -171,8 +171,11 @@ def test_two_gain_sets_separate_the_bias_of_an_encoder_from_an_offset(urdf: Path
 def test_a_delay_is_linearised_where_it_is(urdf: Path) -> None:
     """One gain set tells a delay by the gravity and the higher frequencies of this motion."""
     log = mujoco_log(SOFT, 0.015, 0.0, 0)
-    values = values_of(seaid.identify(robot_of(urdf, SOFT), log))
+    found = seaid.identify(robot_of(urdf, SOFT), log)
+    values = values_of(found)
     assert abs(values["command_delay"][0] - 0.015) < 5e-5
+    assert found.nominal is not None
+    assert found.nominal.drives["j"].command_delay_s is None  # that of the search is none
     assert values["motor_inertia"][0] == pytest.approx(TRUTH["motor_inertia"], rel=0.01)
 
 
