@@ -34,7 +34,7 @@ _OF_ONE = 1.0
 
 _ACTIVE = 1e-3
 """A bound counts as active when its multiplier (slope of chi-square per unit of the bound) exceeds
-this.
+this, and a body as flat where its pseudo-inertia is also below this part of the prior's.
 """
 
 
@@ -88,7 +88,8 @@ def regularised(program: Program, weight: float) -> FeasiblePoint:
         weight=used,
         freedom=found.freedom,
         risk=float(u @ u + 2 * found.freedom - point.p),  # Stein 1981
-        ranks=tuple(map(int, np.sum(multipliers < max(_ACTIVE, 10 * used), axis=1))),
+        # Z Q = weight, so that Q is below _ACTIVE where Z is above weight / _ACTIVE
+        ranks=tuple(map(int, np.sum(multipliers < max(_ACTIVE, used / _ACTIVE), axis=1))),
         active_bounds=tuple(map(int, np.flatnonzero(point.multipliers > _ACTIVE))),
     )
 

@@ -130,7 +130,7 @@ class FeasibleParameters(Result):
     weight, freedom : float
         Weight of the prior, and effective number of values that the data determine.
     active_bounds : tuple of str
-        The constraints that are active.
+        The constraints that are active at the `parameters`.
     notes : tuple of str
         Replacements for missing or inconsistent values of the prior.
     warnings : tuple of Finding
@@ -236,7 +236,7 @@ def feasible_parameters(
         nearest_chi_square=bound.chi_square,
         weight=found.weight,
         freedom=found.freedom,
-        active_bounds=_active_bounds(robot, bound, words),
+        active_bounds=_active_bounds(robot, found, words),
         notes=notes,
         warnings=() if contradicted is None else (contradicted,),
     )
@@ -313,11 +313,11 @@ def _rounded(name: str, value: float) -> float:
     return max(value, 0.0) if name in NON_NEGATIVE else value
 
 
-def _active_bounds(robot: Robot, bound: FeasiblePoint, words: list[str]) -> tuple[str, ...]:
-    """Describe the active constraints."""
+def _active_bounds(robot: Robot, found: FeasiblePoint, words: list[str]) -> tuple[str, ...]:
+    """Describe the constraints that are active at a feasible point."""
     shapes = [
         f"{body} is {_SHAPES[rank]}"
-        for body, rank in zip(robot.body_names, bound.ranks, strict=True)
+        for body, rank in zip(robot.body_names, found.ranks, strict=True)
         if rank < 4
     ]
-    return tuple(dict.fromkeys([*shapes, *(words[index] for index in bound.active_bounds)]))
+    return tuple(dict.fromkeys([*shapes, *(words[index] for index in found.active_bounds)]))

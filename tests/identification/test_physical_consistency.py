@@ -10,6 +10,7 @@ import pinocchio as pin
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import linalg
 
 from seaid._arrays import Array
 from seaid.drives.drives import StiffDrive
@@ -111,10 +112,26 @@ def test_noise_makes_the_plain_estimate_impossible_and_the_result_is_possible(
 ) -> None:
     result = found(robot.without_nominal(), estimated(robot, 2.0, seed=2))
     assert result.nearest_chi_square > 0.01
-    assert result.active_bounds
     assert result.chi_square >= result.nearest_chi_square
     assert "a ball of 1 kg replaces" in result.notes[0]
     assert_possible(result)
+
+
+@pytest.mark.parametrize("weight", [0.0, None])
+def test_active_bounds_are_those_of_the_returned_bodies(weight: float | None) -> None:
+    robot = leg()
+    estimate = estimated(robot, 2.0, seed=2)
+    result = found(robot, estimate, weight=weight)
+    flat = {words.split(" is ")[0] for words in result.active_bounds} & {*robot.body_names}
+    parts = zip(
+        robot.body_names,
+        *(bodies.reshape(-1, 10) for bodies in (result.parameters, robot.parameters)),
+        strict=True,
+    )
+    for name, body, prior in parts:
+        thinnest = linalg.eigvalsh(pseudo_inertia(body), pseudo_inertia(prior))[0]
+        assert (name in flat) == (thinnest < 1e-3), name
+    assert bool(flat) == (weight == 0.0)
 
 
 @pytest.mark.rounding
