@@ -110,6 +110,9 @@ _ECHOES = (
 )
 """Findings that noise alone raises where the deflection of a spring is mostly noise."""
 
+_SYMPTOMS = ("weak-spring", "loose-encoder", "backlash", "nonlinear-spring")
+"""What a drive looks like whose equation lacks a term, of friction for instance."""
+
 
 _NEGLIGIBLE = 0.003
 """Error of a torque below which what the model lacks does not matter."""
@@ -118,18 +121,24 @@ _NEGLIGIBLE = 0.003
 def without_echoes(
     findings: Sequence[Finding], fits: Mapping[str, JointFit] = FrozenMapping({})
 ) -> list[Finding]:
-    """Return findings without those that follow from a weak spring, or backlash, of their joint.
+    """Return findings without those that follow from another finding of their joint.
 
-    What a model lacks is a note where its torque errors do not matter.
+    What explains most of the squared residual of a joint, more than half, is no echo, and its
+    symptoms are. Without it a weak spring, or backlash, has echoes. What a model lacks is a note
+    where its torque errors do not matter.
     """
+    parts = sorted((one.evidence.get("explained", 0.0), n) for n, one in enumerate(findings)
+                   if one.severity != "note")  # fmt: skip
+    explaining = {findings[n].joint: findings[n] for part, n in parts if part > 0.5}
     weak = {one.joint for one in findings if one.code == "weak-spring"}
     loose = {one.joint for one in findings if one.code == "backlash"}
     echoes = {**dict.fromkeys(_ECHOES, weak), "weak-spring": loose}
+    echoes |= {code: {*echoes.get(code, ()), *explaining} for code in _SYMPTOMS}
     exact = {name for name, one in fits.items() if not max(one.own, one.motor) > _NEGLIGIBLE}
     return [
         replace(one, severity="note") if one.code in _ECHOES and one.joint in exact else one
         for one in findings
-        if one.joint not in echoes.get(one.code, ())
+        if one is explaining.get(one.joint) or one.joint not in echoes.get(one.code, ())
     ]
 
 

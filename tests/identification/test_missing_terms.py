@@ -21,6 +21,7 @@ from seaid.drives.toml import drive_table, drives_from_mapping
 from seaid.errors import Finding
 from seaid.estimation.model_comparison import ModelComparison
 from seaid.identification import term_columns
+from seaid.identification.adequacy import without_echoes
 from seaid.identification.identification import Identification, identify
 from seaid.identification.missing_terms import missing_terms, resolved_widths
 from seaid.identification.term_columns import TermComparison
@@ -127,6 +128,23 @@ def test_missing_friction_is_named() -> None:
         *NAMED,
         "stribeck",
     ]
+
+
+def test_a_term_that_explains_the_residual_stays_and_its_symptoms_go() -> None:
+    w = speed("knee_pitch")
+    found = identify(named(), with_torque("knee_pitch", 1e-6 * w * np.abs(w)))
+    symptoms = {one.code for one in found.drives["knee_pitch"].warnings}
+    assert {"weak-spring", "loose-encoder"} <= symptoms
+    (finding,) = findings(found)
+    assert finding.evidence["explained"] > 0.95
+    assert "quadratic" in finding.remedy
+    assert not {"weak-spring", "loose-encoder"} & {one.code for one in found.warnings}
+
+
+def test_a_weak_spring_without_such_a_term_silences_what_noise_alone_raises() -> None:
+    weak = Finding("weak-spring", "hardly loaded", "knee")
+    term = Finding("missing-term", "a part of the residual", "knee", evidence={"explained": 0.3})
+    assert without_echoes([weak, term]) == [weak]
 
 
 def test_backlash_that_looks_like_a_weak_spring_is_named(tmp_path: Path) -> None:
