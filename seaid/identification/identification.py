@@ -407,7 +407,7 @@ def _identify(
         moved = [list(map(first_motion, group)) for group in groups]
         experiment = experiment_of(robot, moved)
         findings += base_findings(robot, logs_in_memory, moved)
-        findings = with_setup_findings(experiment, findings)
+        findings[:] = with_setup_findings(experiment, findings)  # the list that `explained` has
         used = joints_with_torque(robot, datasets) if torque_joints is None else selected
         findings += missing_torques(robot, selected, used)
         check_forces(datasets, used)

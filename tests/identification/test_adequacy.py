@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -71,6 +72,19 @@ def test_torques_that_are_noise_are_named() -> None:
     ]
     assert found.joint_fits["hip_roll"].blocks > 0.9
     assert found.verdict.level == "do not use"
+
+
+def test_a_torque_of_the_wrong_sign_is_named_where_no_spring_explains_it() -> None:
+    """The search for a spring that is not linear fails before a result can have findings."""
+    log = leg_log()
+    drive: Any = leg().drives["knee_pitch"]
+    torque = log.motor_torque.copy()
+    torque[:, leg().index("knee_pitch")] *= -1
+    values = {name: x for name, x in drive.nominal.items() if name != "stiffness"}
+    spring = replace(drive, spring=("linear", "cubic"), nominal=values)
+    robot = leg().with_drives({"knee_pitch": spring}).without_nominal()
+    with pytest.raises(seaid.RobotError, match=r"^sign: the torque of knee_pitch has the opposite"):
+        seaid.identify(robot, replace(log, motor_torque=torque))
 
 
 def pushed_log(*joints: str, size: float = 3.0) -> Log:
