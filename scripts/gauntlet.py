@@ -143,6 +143,12 @@ def run(case: Case, setup: Setup, truth: str = "plain") -> Run:
 
 def _identified(setup: Setup) -> seaid.Identification:
     """Return the identification of what a user hands over. Raises SeaidError."""
+    robot, logs = read(setup)
+    return seaid.identify(robot, logs, **setup.options)
+
+
+def read(setup: Setup) -> tuple[seaid.Robot, list[seaid.Log]]:
+    """Return the robot and the logs of what a user hands over. Raises SeaidError."""
     robot = load(setup.urdf, setup.drives, setup.payloads, gravity=setup.gravity)
     logs = []
     with tempfile.TemporaryDirectory() as folder:
@@ -153,7 +159,7 @@ def _identified(setup: Setup) -> seaid.Identification:
             np.savez(path, **log)  # type: ignore[arg-type]
             limits = seaid.Repairs() if setup.repair else None
             logs.append(seaid.read_log(path, robot, description=description or None, repair=limits))
-    return seaid.identify(robot, logs, **setup.options)
+    return robot, logs
 
 
 def _errors(case: Case, of: str, found: seaid.Identification) -> Array:

@@ -21,7 +21,6 @@ from seaid.log import (
     Log,
     Motion,
     changed_source,
-    column_name,
     commanded_part,
     relative_supply,
     spline_derivatives,
@@ -77,10 +76,8 @@ def _not_following(robot: Robot, log: Log, j: int, error: Array) -> Finding | No
     apart = max(times, 1 / times)
     if r > -_FOLLOWS and (r < _FOLLOWS or apart < _OTHER_UNIT):
         return None
-    own = (log.description or {}).get("joints", {}).get(joint, {})
     quantity = "position_command"
-    is_prismatic = robot.is_prismatic[robot.index(joint)]
-    source = own.get(quantity, column_name(joint, is_prismatic, quantity))
+    source = log.sources()[joint][quantity]
     is_degrees = abs(np.log(times * _DEGREE)) < _LAG
     factor = -1.0 if r < 0 else float(f"{_DEGREE if is_degrees else 1 / times:.4g}")
     words = f"moves against its position (correlation {r:.3f}): it has the opposite sign"

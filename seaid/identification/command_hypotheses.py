@@ -323,9 +323,11 @@ def _pose_finding(given: Experiment, poses: Poses, j: int) -> Finding | None:
     worst = int(np.argmax(np.where(falls, before / np.maximum(after, 1e-9), 0.0)))
     zero = f"its zero {math.degrees(offset):.0f} degrees from that of the robot file"
     parts = [*(["the opposite sign"] if sign < 0 else []), *([zero] if offset else [])]
+    per_joint = {"motor_position": float(given.ratio[j])}
     lines = [
-        f"{one} = {changed_source(given.source(j, one), factor=sign, offset=round(offset, 4))}"
-        for one in ("joint_position", "position_command")
+        f"{one} = {changed_source(source, factor=sign, offset=round(moved, 4))}"
+        for one in (*given.logged(j, "qm"), "position_command")
+        for source, moved in [(given.source(j, one), offset * per_joint.get(one, 1.0))]
     ]
     if sign < 0:
         lines += ["# the same sign for velocity_command and torque_command, if the log has them"]

@@ -25,7 +25,6 @@ from seaid.log import (
     Log,
     Motion,
     as_toml,
-    column_names,
     meaning_of,
     reconstruct_motion,
 )
@@ -380,17 +379,12 @@ def _parts(velocity: Array, up: Array | None) -> tuple[Array, Array]:
 
 
 def _legs_finding(robot: Robot, logs: Sequence[Log], found: Order) -> Finding:
-    described: Mapping[str, Mapping[str, Any]] = {}
-    for log in logs:
-        described = (log.description or {}).get("joints", described)
     names, tables, pairs = robot.joint_names, [], []
     order = np.array(found.joints)
     for j in np.flatnonzero(order != np.arange(robot.n)):
         joint, other = names[j], names[order[j]]
         pairs.append(f"{joint} by those of {other}")
-        columns = column_names(other, robot.is_prismatic[j]).items()
-        own = {field: name for name, field in columns if any(name in log.columns() for log in logs)}
-        sources = described.get(other, own)
+        sources = {key: source for log in logs for key, source in log.sources()[other].items()}
         tables += [toml_table("joints", joint), *(f"{x} = {as_toml(sources[x])}" for x in sources)]
     return Finding(
         "swapped-joints",

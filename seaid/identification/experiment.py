@@ -19,7 +19,7 @@ from seaid._arrays import Array, BoolArray, IndexArray, safely
 from seaid.drives import IDEAL_DRIVE
 from seaid.errors import IdentificationError, Severity
 from seaid.estimation import RANK_TOLERANCE, scaled_svd
-from seaid.log import Motion, column_name, in_band, in_band_at, row_samples
+from seaid.log import Motion, in_band, in_band_at, row_samples
 from seaid.regressor import INPUT_FIELDS, regressor_at_drives
 from seaid.robot import Robot, torques_at_drives
 
@@ -64,8 +64,9 @@ class Experiment:
     without the sensor; `unscaled` (R, n): the current or the voltage of a motor whose constant is
     unknown, NaN of the others; `both` (n,): whether both encoders were logged; `ratio`, `inertia`
     (n,): gear ratios and rotor inertias; `bodies` (10n,): standard parameters with payloads;
-    `descriptions`: that of each log, as plain data; `left` (n,): misfit of any bodies that counts
-    as noise, None for the own one; `has_wrenches`: whether contact forces were measured.
+    `sources`: of each log {joint: {quantity: column or entry of its description}}; `left` (n,):
+    misfit of any bodies that counts as noise, None for the own one; `has_wrenches`: whether contact
+    forces were measured.
     """
 
     robot: Robot
@@ -82,17 +83,25 @@ class Experiment:
     ratio: Array
     inertia: Array
     bodies: Array
-    descriptions: tuple[Mapping[str, Any], ...]
+    sources: tuple[Mapping[str, Mapping[str, Any]], ...]
     left: Array | None = None
     has_wrenches: bool = False
 
     def source(self, j: int, quantity: str, log: int = 0) -> str | Mapping[str, Any]:
         """Return how a quantity of joint j was read: its column, or its entry in a description."""
-        joint = self.robot.joint_names[j]
-        described = self.descriptions[log].get("joints", {}).get(joint, {})
-        own = column_name(joint, self.robot.is_prismatic[j], quantity)
-        found: str | Mapping[str, Any] = described.get(quantity, own)
+        found: str | Mapping[str, Any] = self.sources[log][self.robot.joint_names[j]][quantity]
         return found
+
+    def logged(self, j: int, channels: str) -> list[str]:
+        """Return the logged quantities of joint j for channels of q, m and t.
+
+        A position that was computed from the other side's changes with that one.
+        """
+        sources = self.sources[0][self.robot.joint_names[j]]
+        sides = {"q": ["joint_position", "motor_position"], "t": ["motor_torque", "joint_torque"]}
+        sides["m"] = sides["q"][::-1]
+        choices = [[one for one in sides[channel] if one in sources][:1] for channel in channels]
+        return list(dict.fromkeys(one for choice in choices for one in choice))
 
     @cached_property
     def lever(self) -> Array:
@@ -492,7 +501,7 @@ def experiment_of(robot: Robot, logs: Sequence[Sequence[Motion]]) -> Experiment:
     log, rate_hz = np.repeat(numbers, [len(one[2]) for one in parts]), logs[0][0].rate_hz
     signals = motor, joint, direction, torque, rate, sensed, unscaled
     first = [motions[0].processing for motions in logs]
-    descriptions = tuple((one and one.description) or {} for one in first)
+    sources = tuple((one and one.sources) or {} for one in first)
     has_wrenches = any(one.base and one.base.wrenches for motions in logs for one in motions)
     return Experiment(
         robot,
@@ -503,7 +512,7 @@ def experiment_of(robot: Robot, logs: Sequence[Sequence[Motion]]) -> Experiment:
         ratio,
         inertia,
         bodies,
-        descriptions,
+        sources,
         has_wrenches=has_wrenches,
     )
 

@@ -204,9 +204,9 @@ def _between(found: Identification, joint: str, names: Sequence[str], values: Ar
     return np.array([softer[name] for name in names])
 
 
-def _is_by_deflection(description: Mapping[str, Any] | None, joint: str) -> bool:
+def _is_by_deflection(sources: Mapping[str, Mapping[str, Any]] | None, joint: str) -> bool:
     """Return whether a sensor of the deflection stands for the encoder of one side of a spring."""
-    own = (description or {}).get("joints", {}).get(joint, {})
+    own = (sources or {}).get(joint, {})
     return "deflection" in own and not {"motor_position", "joint_position"} <= set(own)
 
 
@@ -214,7 +214,7 @@ def gear_findings(found: Identification) -> tuple[Finding, ...]:
     """Return a note on the joints whose stiffness includes that of the gear."""
     if any(one.code == "motor-side" for one in found.findings):  # which says it
         return ()
-    described = [one.description for one in found.processing] or [None]
+    described = [one.sources for one in found.processing] or [None]
     joints = [
         joint
         for joint, estimate in found.drive_side.items()

@@ -215,37 +215,28 @@ def hypotheses(given: Experiment) -> Iterator[Hypothesis]:
         yield from _swaps(given, i, j)
 
 
-def _entry(given: Experiment, j: int, quantities: Sequence[str], factor: float) -> str:
-    """Return the lines of a description that multiply quantities of a joint by a factor."""
-    lines = [f"{one} = {changed_source(given.source(j, one), factor=factor)}" for one in quantities]
-    joint = given.robot.joint_names[j]
-    return "\n".join(["in the description of the log:", toml_table("joints", joint), *lines])
-
-
 def _entries(given: Experiment, joints: Sequence[int], channels: str, factor: float) -> str:
-    """Return the lines of a description that change logged channels of several joints."""
-    entries = []
+    """Return the lines of a description that multiply logged channels of joints by a factor."""
+    lines = ["in the description of the log:"]
     for j in joints:
-        logged = "".join(one for one in channels if one != "q" or given.both[j])
-        entries.append(_entry(given, j, _quantities(given, j, logged), factor))
-    return "\n".join([entries[0], *(one.split("\n", 1)[1] for one in entries[1:])])
+        lines.append(toml_table("joints", given.robot.joint_names[j]))
+        lines += [
+            f"{one} = {changed_source(given.source(j, one), factor=factor)}"
+            for one in given.logged(j, channels)
+        ]
+    return "\n".join(lines)
 
 
-_TEXTS = {"q": "joint_position", "m": "motor_position", "t": "motor_torque"}
-_WORDS = {"q": "joint encoder", "m": "motor encoder", "t": "torque"}
+_WORDS = {"joint_position": "joint encoder", "motor_position": "motor encoder"}
 
 
-def _quantities(given: Experiment, j: int, channels: str) -> list[str]:
-    """Return the logged quantities of a joint for channels of q, m and t."""
-    found = [_TEXTS[one] for one in channels]
-    if np.all(np.isnan(given.torque[:, j])):
-        found = ["joint_torque" if one == "motor_torque" else one for one in found]
-    return found
+def _words(quantities: Sequence[str], several: str = "") -> str:
+    """Return the words for logged quantities of a joint."""
+    return " and ".join(f"{_WORDS.get(one, 'torque')}{several}" for one in quantities)
 
 
 def _signs(given: Experiment, j: int) -> Iterator[Hypothesis]:
     joint = given.robot.joint_names[j]
-    sides = "qm" if given.both[j] else ("m" if given.robot.drives[joint].ratio != 1 else "q")
     choices = ["t", "qm", "qmt"]
     if given.both[j]:
         product = float(np.mean(given.motor[1][:, j] * given.joint[1][:, j]) * given.ratio[j])
@@ -257,19 +248,18 @@ def _signs(given: Experiment, j: int) -> Iterator[Hypothesis]:
                 "torque have the opposite sign",
                 partial(flipped, j=j, channels="mt"),
                 joint,
-                _entry(given, j, _quantities(given, j, "mt"), -1.0),
+                _entries(given, [j], "mt", -1.0),
                 evidence={"given ratio": float(given.ratio[j])},
             )
     for channels in choices:
-        logged = "".join(one for one in channels if one == "t" or one in sides)
-        words = " and ".join(_WORDS[one] for one in logged)
+        words = _words(given.logged(j, channels))
         whole = f"the whole joint {joint} has the opposite sign, {words}"
         yield Hypothesis(
             "sign",
             whole if channels == "qmt" else f"the {words} of {joint} has the opposite sign",
             partial(flipped, j=j, channels=channels),
             joint,
-            _entry(given, j, _quantities(given, j, logged), -1.0),
+            _entries(given, [j], channels, -1.0),
             penalty=0.0 if channels in ("t", "qmt", "q", "m") else 1.0,
         )
 
@@ -308,7 +298,6 @@ def _turns(given: Experiment, joints: Sequence[int], factor: float) -> bool:
 def _positions(given: Experiment, j: int) -> Iterator[Hypothesis]:
     """Yield units of angles and gear ratios."""
     joint = given.robot.joint_names[j]
-    sides = "qm" if given.both[j] else "m"
     for unit, factor in {} if given.robot.is_prismatic[j] else _ANGLES.items():
         if not _turns(given, [j], factor):
             continue
@@ -317,7 +306,7 @@ def _positions(given: Experiment, j: int) -> Iterator[Hypothesis]:
             f"the positions of {joint} are in {unit}",
             partial(scaled, j=j, factors=dict.fromkeys("qm", factor)),
             joint,
-            _entry(given, j, _quantities(given, j, sides), factor),
+            _entries(given, [j], "qm", factor),
         )
     if given.both[j]:
         yield from _encoders(given, j)
@@ -360,10 +349,10 @@ def _encoders(given: Experiment, j: int) -> Iterator[Hypothesis]:
             if abs(math.log(slope * effect)) < _SAME_SLOPE * 3:
                 yield Hypothesis(
                     "unit",
-                    f"the {_WORDS[channel]} of {joint} is in {unit}",
+                    f"the {_words(given.logged(j, channel))} of {joint} is in {unit}",
                     partial(scaled, j=j, factors={channel: factor}),
                     joint,
-                    _entry(given, j, _quantities(given, j, channel), factor),
+                    _entries(given, [j], channel, factor),
                     evidence={"slope between the encoders over the gear ratio": slope},
                 )
     for factor in near(slope):
@@ -474,15 +463,13 @@ def _swaps(given: Experiment, i: int, j: int) -> Iterator[Hypothesis]:
     if given.both[i] and given.both[j]:
         choices += ["q", "m"]
     for channels in choices:
-        logged = [one for one in channels if one != "q" or given.both[i]]
-        every = " and ".join(f"{_WORDS[one]}s" for one in logged)
-        words = "channels" if channels == "qmt" else every
+        words = "channels" if channels == "qmt" else _words(given.logged(i, channels), "s")
         yield Hypothesis(
             "swapped-joints",
             f"the {words} of {names[0]} and {names[1]} are exchanged",
             partial(swapped, pair=[i, j], channels=channels),
             names[0],
-            _swap_remedy(given, (i, j), "".join(logged)),
+            _swap_remedy(given, (i, j), channels),
         )
 
 
@@ -512,7 +499,7 @@ def _swap_remedy(given: Experiment, pair: tuple[int, int], channels: str) -> str
         lines.append(toml_table("joints", given.robot.joint_names[own]))
         lines += [
             f"{one} = {changed_source(given.source(other, one))}"
-            for one in _quantities(given, other, channels)
+            for one in given.logged(other, channels)
         ]
     return "\n".join(lines)
 

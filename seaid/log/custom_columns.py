@@ -19,6 +19,7 @@ from seaid.log.log import (
     UNIT_FACTORS,
     column_name,
     column_names,
+    short_name,
     unit_of_column,
 )
 from seaid.log.readers.table import Block, Table
@@ -29,12 +30,12 @@ from seaid.robot import Robot, coupled_names
 def channels_of(
     path: Path, table: Table, description: LogDescription, robot: Robot
 ) -> list[Channel]:
-    """Return the described channels of a file, with the names of seaid and in SI units, as logged.
+    """Return the channels of a file by a complete description, with seaid's names, in SI units.
 
     A deflection is the channel "<joint>.deflection_rad" or "_m", which `both_sides` converts.
     Raises LogError naming joint and quantity.
     """
-    described = list(_described_quantities(path, table, description, robot))
+    described = list(_described_quantities(path, table, description))
     if not described:
         raise LogError(
             f"'{path}' has no column with a name of seaid's for a joint of this robot, and the "
@@ -75,15 +76,23 @@ class _Described(NamedTuple):
     clock: Clock
 
 
-def _described_quantities(
-    path: Path, table: Table, description: LogDescription, robot: Robot
-) -> Iterator[_Described]:
+def completed(table: Table, description: LogDescription, robot: Robot) -> LogDescription:
+    """Return a description with the columns of seaid for what it does not describe of joints."""
     for joint in description.joints:
         if joint not in robot.joint_names:
             raise LogError("description: " + unknown_name("joint", joint, robot.joint_names))
+    joints = {}
     for joint in dict.fromkeys([*description.joints, *robot.joint_names]):
         sources = dict(description.joints.get(joint, {}))
-        for quantity, source in (sources | _own_sources(table, robot, joint, sources)).items():
+        joints[joint] = sources | _own_sources(table, robot, joint, sources)
+    return replace(description, joints={joint: own for joint, own in joints.items() if own})
+
+
+def _described_quantities(
+    path: Path, table: Table, description: LogDescription
+) -> Iterator[_Described]:
+    for joint, sources in description.joints.items():
+        for quantity, source in sources.items():
             where = f"'{path}': [joints.{joint}] {quantity}"
             clock = _clock_of(where, table, description, source)
             yield _Described(where, joint, quantity, source, clock)
@@ -94,7 +103,13 @@ def _own_sources(
 ) -> dict[str, Source]:
     """Return the columns with seaid's names for the quantities that are not described."""
     names = column_names(joint, robot.is_prismatic[robot.index(joint)])
-    own = {field: Source(name) for name, field in names.items() if name in table.names}
+    used = {column for source in described.values() for column in source.columns()}
+    own = {
+        field: Source(column)
+        for name, field in names.items()
+        for column in (short_name(name), name)
+        if column in table.names and (column == name or column not in used)
+    }
     if "deflection" in own:  # as a motion of the joint; a described one is that of the spring
         own["deflection"] = replace(own["deflection"], scale=robot.drives[joint].load_radius)
     return {field: one for field, one in own.items() if field not in described}

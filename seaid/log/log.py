@@ -120,7 +120,7 @@ def wanted_columns(
     for name in allowed:
         custom, factor = _custom(name, columns.get(name, name))
         if name not in columns and custom not in table.names:
-            custom = _short_name(name)
+            custom = short_name(name)
         if custom in table.names:
             wanted[name] = (custom, factor)
         elif name in {"time_s", *columns}:
@@ -143,7 +143,7 @@ _SHORT = {"joint_position": "position", "position_command": "command"}
 """{field: its short name in a file}, as logs of position controllers have it."""
 
 
-def _short_name(name: str) -> str:
+def short_name(name: str) -> str:
     """Return the short name of a column of seaid: "knee.position_rad" of the joint's position."""
     joint, _, quantity = name.rpartition(".")
     field, _, unit = quantity.rpartition("_")
@@ -235,7 +235,8 @@ class Log(Display):
     report : tuple of Repair
         Faults found in the file, and their repairs.
     description : mapping or None
-        The description by which the file was read, as plain data.
+        The description by which the file was read, with all columns of joints that were, as plain
+        data; None for a file with the column names of seaid.
 
     Raises
     ------
@@ -324,6 +325,17 @@ class Log(Display):
                     found[name] = values[:, index]
         return found
 
+    def sources(self) -> dict[str, dict[str, Any]]:
+        """Return {joint: {quantity: its column, or its entry in the description}} of the log."""
+        if self.description is not None:
+            described = self.description["joints"]
+            return {joint: dict(described.get(joint, {})) for joint in self.joint_names}
+        logged, names = self.columns(), map(column_names, self.joint_names, self.is_prismatic)
+        return {
+            joint: {field: name for name, field in fields.items() if name in logged}
+            for joint, fields in zip(self.joint_names, names, strict=True)
+        }
+
 
 _COARSE = 0.1
 """Share of repeated stamps above which they are said to have too few digits."""
@@ -392,9 +404,24 @@ def log_of(
     """Return the log of columns of a file, with the names of seaid and in SI units."""
     picked = {name: data[custom] * factor for name, (custom, factor) in wanted.items()}
     try:
-        return sorted_log(picked, robot, file_names)
+        log = sorted_log(picked, robot, file_names)
+        return replace(log, description=description_of(wanted, robot))
     except LogError as problem:
         raise LogError(f"'{path}': {problem}", *problem.arguments) from None
+
+
+def description_of(wanted: Mapping[str, tuple[str, float]], robot: Robot) -> dict[str, Any] | None:
+    """Return the description of the columns of a file, None if all have the names of seaid."""
+    if all(one == (name, 1.0) for name, one in wanted.items()):
+        return None
+    joints: dict[str, dict[str, Any]] = {}
+    for joint, is_prismatic in zip(robot.joint_names, robot.is_prismatic, strict=True):
+        for name, field in column_names(joint, is_prismatic).items():
+            column, factor = wanted.get(name, ("", 1.0))
+            scaled = {"column": column, "sign": 1 if factor > 0 else -1, "scale": abs(factor)}
+            if column:
+                joints.setdefault(joint, {})[field] = column if factor == 1 else scaled
+    return {"time": wanted["time_s"][0], "joints": joints}
 
 
 def sorted_log(picked: dict[str, Array], robot: Robot, file_names: Sequence[str]) -> Log:

@@ -63,8 +63,8 @@ class Processing:
         Filter transient that is excluded at both ends [s].
     repairs : tuple of Repair
         Repairs made when the log was read, and samples that were excluded afterwards.
-    description : mapping or None
-        The description by which the log was read, as plain data.
+    sources : mapping {joint: {quantity: column, or entry of a description}}, or None
+        What the log has of each joint.
     """
 
     logged_rate_hz: float
@@ -74,7 +74,7 @@ class Processing:
     cutoff_selection: CutoffSelection
     transient_s: float
     repairs: tuple[Repair, ...] = ()
-    description: Mapping[str, Any] | None = None
+    sources: Mapping[str, Mapping[str, Any]] | None = None
 
     @property
     def warnings(self) -> tuple[Finding, ...]:
@@ -424,7 +424,7 @@ def _motion(
             cutoff_selection=cutoff,
             transient_s=float(1.0 / cutoff_hz),
             repairs=log.report,
-            description=log.description,
+            sources=log.sources(),
         ),
     )
     if not robot.has_controllers:

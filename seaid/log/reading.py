@@ -17,13 +17,14 @@ import numpy as np
 from seaid._arrays import Array, is_constant
 from seaid.errors import LogError, SeaidWarning, checked
 from seaid.log.base_columns import in_own_frames
-from seaid.log.custom_columns import both_sides, channels_of
+from seaid.log.custom_columns import both_sides, channels_of, completed
 from seaid.log.description import Described, LogDescription, description_for
 from seaid.log.log import (
     WRITTEN,
     Column,
     Log,
     column_names,
+    description_of,
     log_of,
     sorted_log,
     wanted_columns,
@@ -119,7 +120,7 @@ def read_log(
     if columns and table.files:
         raise LogError("columns= is for a log of one file: give a description=", "description=")
     if described is not None or table.files:
-        described = described or LogDescription()
+        described = completed(table, described or LogDescription(), robot)
         channels = channels_of(path, table, described, robot)
         log = _repaired(path, channels, repair or described.repair, robot, table.names, described)
         log = replace(log, description=described.to_dict())
@@ -141,7 +142,8 @@ def _by_names(
     picked = {name: data[custom] * factor for name, (custom, factor) in wanted.items()}
     time = picked.pop("time_s")
     channels = [Channel(name, time, values) for name, values in picked.items()]
-    return _repaired(path, channels, repair, robot, table.names, None)
+    log = _repaired(path, channels, repair, robot, table.names, None)
+    return replace(log, description=description_of(wanted, robot))
 
 
 def _repaired(

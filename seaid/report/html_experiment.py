@@ -384,7 +384,7 @@ def _estimated(joint: str, estimate: Estimate, name: str, how: str) -> Iterator[
 def _delays(processing: Sequence[Processing]) -> Iterator[tuple[str, str, float]]:
     """Yield (joint, quantity, delay) of the descriptions by which the logs were read."""
     for one in processing:
-        for joint, quantities in dict((one.description or {}).get("joints", {})).items():
+        for joint, quantities in dict(one.sources or {}).items():
             for quantity, source in dict(quantities).items():
                 delay = source.get("delay_s", 0.0) if hasattr(source, "get") else 0.0
                 if delay:

@@ -1,0 +1,194 @@
+"""Remedies are applied as they are printed to the files of a user, which then read again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import seaid
+from scripts import gauntlet
+from scripts.gauntlet_mistakes import Setup
+from scripts.gauntlet_robots import Columns, load
+
+JOINTS = ("shoulder", "elbow", "wrist")
+RATIO, ROTOR, VISCOUS, COULOMB, RATE_HZ = 50.0, 3e-4, 2e-4, 0.01, 250.0
+DRIVE = {"type": "stiff", "gear_ratio": RATIO, "motor_inertia_kg_m2": ROTOR}
+DRIVES = dict.fromkeys(JOINTS, DRIVE)
+
+
+@cache
+def urdf() -> str:
+    """Return an arm with three joints across each other."""
+    axes, masses, text, parent = ("0 1 0", "1 0 0", "0 1 0"), (4.0, 2.5, 1.2), "", "base"
+    for joint, axis, mass in zip(JOINTS, axes, masses, strict=True):
+        text += (
+            f'<joint name="{joint}" type="revolute"><parent link="{parent}"/>'
+            f'<child link="{joint}_link"/><origin xyz="0.05 0 0.3"/><axis xyz="{axis}"/>'
+            '<limit lower="-3" upper="3" effort="500" velocity="50"/></joint>'
+            f'<link name="{joint}_link"><inertial><origin xyz="0.06 0.03 0.15"/>'
+            f'<mass value="{mass}"/><inertia ixx="{0.02 * mass}" ixy="0" ixz="0" '
+            f'iyy="{0.018 * mass}" iyz="0" izz="{0.006 * mass}"/></inertial></link>'
+        )
+        parent = f"{joint}_link"
+    return f'<robot name="arm"><link name="base"/>{text}</robot>'
+
+
+@cache
+def signals() -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Return {joint: (position, motor torque)} of an exact motion, with a little noise."""
+    robot, rng = load(urdf(), DRIVES), np.random.default_rng(3)
+    t = np.arange(0.0, 8.0, 1 / RATE_HZ)
+    sizes, phases = rng.uniform(0.1, 0.35, (2, 4, 3))[0], rng.uniform(0, 6, (4, 3))
+    w = 2 * np.pi * np.array([0.25, 0.5, 0.875, 1.25])[:, None]
+    angle = w[:, None] * t[:, None] + phases[:, None]
+    q = 0.4 + np.einsum("kj,ktj->tj", sizes, np.sin(angle))
+    v = np.einsum("kj,ktj->tj", sizes * w, np.cos(angle))
+    a = -np.einsum("kj,ktj->tj", sizes * w**2, np.sin(angle))
+    data = robot.model.createData()
+    loads = [pin.rnea(robot.model, data, *x).copy() for x in zip(q, v, a, strict=True)]
+    friction = VISCOUS * RATIO * v + COULOMB * np.sign(v)
+    torque = np.array(loads) / RATIO + ROTOR * RATIO * a + friction
+    torque += 0.002 * rng.normal(size=q.shape)
+    q = q + 1e-5 * rng.normal(size=q.shape)
+    return {joint: (q[:, j], torque[:, j]) for j, joint in enumerate(JOINTS)} | {"": (t, t)}
+
+
+def log(position: str, ratio: float = 1.0, torque: str = "motor_torque_Nm") -> Columns:
+    """Return the columns of a log with a position, at one side, and a torque of each joint."""
+    found = {"time_s": signals()[""][0]}
+    for joint in JOINTS:
+        q, t = signals()[joint]
+        found |= {f"{joint}.{position}": ratio * q, f"{joint}.{torque}": t}
+    return found
+
+
+CUSTOM = {
+    "joints": {
+        joint: {
+            "joint_position": {"column": f"{joint}.q", "unit": "deg"},
+            "motor_torque": {"column": f"{joint}.i", "scale": 0.5},
+        }
+        for joint in JOINTS
+    }
+}
+
+LOGS: dict[str, Callable[[], tuple[Columns, Mapping[str, object]]]] = {
+    "joint positions": lambda: (log("joint_position_rad"), {}),
+    "motor positions": lambda: (log("motor_position_rad", RATIO), {}),
+    "short names": lambda: (log("position_rad"), {}),
+    "both positions": lambda: (log("joint_position_rad") | log("motor_position_rad", RATIO), {}),
+    "custom columns": lambda: (
+        {
+            name: 2 * x if name.endswith(".i") else x
+            for name, x in log("q", 180 / np.pi, "i").items()
+        },
+        CUSTOM,
+    ),
+}
+"""{kind of log: its columns, and the description by which it is read}"""
+
+
+def times(columns: Columns, factors: Mapping[str, float]) -> Columns:
+    """Return columns multiplied by the factor of the text in their name."""
+    found = dict(columns)
+    for text, factor in factors.items():
+        found |= {name: factor * x for name, x in columns.items() if text in name}
+    return found
+
+
+def exchanged(columns: Columns) -> Columns:
+    """Return columns of which those of the shoulder and of the wrist are exchanged."""
+    names = {"shoulder": "wrist", "wrist": "shoulder"}
+    found = {}
+    for name, values in columns.items():
+        joint, dot, quantity = name.partition(".")
+        found[names.get(joint, joint) + dot + quantity] = values
+    return found
+
+
+POSITIONS, TORQUES = ("position", ".q"), ("torque", ".i")
+Change = Callable[[Setup], Setup]
+
+
+def columns_of(change: Callable[[Columns], Columns]) -> Change:
+    """Return a mistake in the columns of the log."""
+    return lambda setup: replace(setup, logs=(change(setup.logs[0]),))
+
+
+def of(joint: str, quantities: Sequence[str], factor: float) -> Change:
+    """Return a mistake: a factor on the quantities of a joint, "" for all."""
+
+    def change(columns: Columns) -> Columns:
+        mine = [one for one in columns if one.startswith(joint) and "." in one]
+        return times(columns, {x: factor for x in mine if any(q in x for q in quantities)})
+
+    return columns_of(change)
+
+
+def drives(**changed: float) -> Change:
+    """Return a mistake in the drive of the shoulder."""
+    tables = DRIVES | {"shoulder": DRIVE | changed}
+    return lambda setup: replace(setup, drives=tables)
+
+
+IN_DEGREES = "angles of a joint in degrees"
+MISTAKES: dict[str, tuple[str, Change]] = {
+    "all angles in degrees": ("unit", of("", POSITIONS, 180 / np.pi)),
+    IN_DEGREES: ("unit", of("elbow", POSITIONS, 180 / np.pi)),
+    "torques in mN m": ("unit", of("", TORQUES, 1e3)),
+    "torque of a joint in mN m": ("unit", of("shoulder", TORQUES, 1e3)),
+    "torque with another sign": ("sign", of("wrist", TORQUES, -1.0)),
+    "all torques with another sign": ("sign", of("", TORQUES, -1.0)),
+    "position with another sign": ("sign", of("elbow", POSITIONS, -1.0)),
+    "exchanged joints": ("swapped-joints", columns_of(exchanged)),
+    "torque constant": ("torque-scale", of("shoulder", TORQUES, 1.4)),
+    "time in ms": ("time-unit", columns_of(lambda columns: times(columns, {"time_s": 1e3}))),
+    "rotor inertia": ("rotor-inertia", drives(motor_inertia_kg_m2=4 * ROTOR)),
+    "gear ratio": ("gear-ratio", drives(gear_ratio=0.5 * RATIO)),
+    "no drives": ("missing-drives", lambda setup: replace(setup, drives=None)),
+    "gravity": ("gravity", lambda setup: replace(setup, gravity=(9.81, 0.0, 0.0))),
+    "payload": ("payload", lambda setup: replace(setup, payloads=("wrist_link:2:0,0,0.2",))),
+}
+"""{mistake: its code, and the change of the set-up}"""
+
+SAME_OF_ALL = (IN_DEGREES, "torque with another sign", "exchanged joints")
+CASES = [("joint positions", mistake) for mistake in [*MISTAKES][:11]]
+CASES += [(kind, mistake) for kind in [*LOGS][1:] for mistake in SAME_OF_ALL]
+CASES += [("both positions", mistake) for mistake in [*MISTAKES][11:]]
+
+
+def findings(setup: Setup) -> tuple[seaid.Finding, ...]:
+    robot, logs = gauntlet.read(setup)
+    return tuple(one for one in seaid.check(robot, logs).warnings if one.severity != "note")
+
+
+def applied(setup: Setup, found: Sequence[seaid.Finding]) -> Setup:
+    """Return the set-up with all remedies, as they are printed; `--drives` is the right file."""
+    right = replace(setup, drives=DRIVES)
+    for finding in found:
+        setup = gauntlet.with_remedy(setup, right, finding.remedy)
+    return setup
+
+
+@pytest.mark.parametrize("kind", LOGS)
+def test_right_set_ups_have_nothing_to_repair(kind: str) -> None:
+    columns, description = LOGS[kind]()
+    assert findings(Setup(urdf(), DRIVES, (), (columns,), (description,))) == ()
+
+
+@pytest.mark.filterwarnings("ignore:.*if the angles are in degrees")
+@pytest.mark.parametrize(("kind", "mistake"), CASES)
+def test_a_remedy_speaks_of_the_columns_of_its_log_and_repairs(kind: str, mistake: str) -> None:
+    columns, description = LOGS[kind]()
+    code, change = MISTAKES[mistake]
+    setup = change(Setup(urdf(), DRIVES, (), (columns,), (description,)))
+    found = findings(setup)
+    assert code in {one.code for one in found}
+    repaired = applied(setup, found)
+    assert not gauntlet.same(setup, repaired)
+    assert findings(repaired) == ()
