@@ -389,10 +389,10 @@ def nominal_model(path: Path, robot: Robot) -> Robot:
     )
     loaded = replace(loaded, payload_parameters=robot.payload_parameters)
     drives = dict(robot.drives)
-    if is_mjcf(path):
+    if loaded.urdf is not None and is_mjcf(loaded.urdf):  # a name has become a path
         from seaid.robot.mjcf import joint_dynamics
 
-        for joint, values in joint_dynamics(path).items():
+        for joint, values in joint_dynamics(loaded.urdf).items():
             if joint in drives and not drives[joint].is_elastic:
                 drives[joint] = _with_dynamics(drives[joint], *values)
     return loaded.with_values(loaded.parameters, drives)

@@ -105,7 +105,7 @@ def urdf_text(path: Path) -> bytes:
                 f"'{path}' is compressed: unpack it ({command} {path.name}) and name the URDF"
             )
     head = text.lstrip(b"\xef\xbb\xbf \t\r\n")[:4096]
-    if path.suffix.lower() == ".toml" or (head and _is_toml(path, text)):
+    if path.suffix.lower() == ".toml" or (head and _is_toml(text)):
         raise RobotError(
             f"'{path}' is TOML, not a URDF: the robot's URDF comes first, and its drives as "
             "drives=",
@@ -190,7 +190,7 @@ def _missing(path: Path) -> str:
     return f"{text}: it is a folder; in it: {found}" if is_folder else f"{text}; there is {found}"
 
 
-def _is_toml(path: Path, text: bytes) -> bool:
+def _is_toml(text: bytes) -> bool:
     """Whether a file without an XML element has the table header of a TOML file."""
     return b"<" not in text[:4096] and re.search(rb"^\s*\[[^\]]+\]\s*$", text, re.M) is not None
 

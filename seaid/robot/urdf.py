@@ -15,7 +15,7 @@ import warnings
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from decimal import Decimal, InvalidOperation
+from decimal import Decimal
 from functools import cached_property
 from io import BytesIO
 from pathlib import Path
@@ -227,12 +227,7 @@ def _snap_axis(joint: Any, tolerance: float) -> list[str]:
 
 def _meant_angle(text: str, tolerance: float) -> float | None:
     """Return the multiple of pi/2 that a rounded angle means, None for any other angle."""
-    try:
-        value, exponent = float(text), Decimal(text).as_tuple().exponent
-    except (ValueError, InvalidOperation):
-        return None  # _check_numbers names it
-    if not math.isfinite(value):
-        return None
+    value, exponent = float(text), Decimal(text).as_tuple().exponent
     exact = round(value / (math.pi / 2)) * (math.pi / 2)
     last_digit = 10.0 ** int(exponent) if exact else 0.0
     allowed = min(tolerance, max(FLOAT_NOISE_RAD, 2 * last_digit))

@@ -1,14 +1,16 @@
 """A MuJoCo model is read as the robot that MuJoCo makes of it."""
 
 import sys
+import warnings
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from seaid.drives import StiffDrive
 from seaid.errors import RobotError, SeaidWarning
 from seaid.regressor.rigid_body import joint_torques
-from seaid.robot import load_robot
+from seaid.robot import load_robot, nominal_model
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -99,3 +101,29 @@ def test_without_mujoco_the_package_is_named(
         RobotError, match=r"is a MuJoCo model, not a URDF: .*\(pip install mujoco\)"
     ):
         load_robot(write(tmp_path / "arm.xml"))
+
+
+def test_the_root_of_a_nominal_model_says_whether_it_has_dynamics(tmp_path: Path) -> None:
+    body = '<inertial pos="0 0 1" mass="1" diaginertia="1 1 1"/>'
+    path = write(
+        tmp_path / "arm.urdf",
+        f'<mujoco><worldbody><body name="a"><joint name="j" damping="2"/>{body}</body></worldbody>'
+        "</mujoco>",
+    )
+    robot = load_robot(path, {"j": StiffDrive()})
+    assert nominal_model(path, robot).drives["j"].values["viscous_friction"] == 2.0
+    inertial = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1"/></inertial>'
+    path = write(
+        tmp_path / "arm.xml",
+        f'<robot name="a"><mujoco/><link name="base"/><link name="a">{inertial}</link>'
+        '<joint name="j" type="continuous"><parent link="base"/><child link="a"/>'
+        '<dynamics damping="2"/></joint></robot>',
+    )
+    assert nominal_model(path, robot).drives == robot.drives
+
+
+def test_a_nominal_model_may_be_a_name() -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", SeaidWarning)
+        robot = load_robot("ur5")
+        assert nominal_model(Path("ur5"), robot).urdf == robot.urdf
