@@ -161,6 +161,8 @@ KNOWN_WRONG: tuple[KnownWrong, ...] = (
         "a drive without a nominal value shows its own result as the nominal one",
     ),
     KnownWrong("cubic spring, files", "mjcf*", "MJCF has springs with polynomials"),
+    KnownWrong("init, *", "*.gear_ratio_std", "errors of inferred gear ratios are too small"),
+    KnownWrong("frequency, *", "warnings of seaid", "a negative moment of inertia is not reported"),
     KnownWrong(
         "*, no drives, or one missing (*)",
         "codes *",
