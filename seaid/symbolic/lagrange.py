@@ -21,6 +21,7 @@ def equations_of_motion(
     forces: Iterable[Any],
     *,
     dissipation: Any = None,
+    inputs: Iterable[sp.Expr] = (),
 ) -> list[sp.Expr]:
     """Derive the Euler-Lagrange equations of motion, the form behind (5) of the paper.
 
@@ -37,6 +38,9 @@ def equations_of_motion(
         Generalised force per coordinate; 0 where none acts.
     dissipation : sympy expression, optional
         Rayleigh's dissipation function D, for example F_v q'^2 / 2.
+    inputs : sympy functions of the same time, optional
+        Known signals in the Lagrangian that have no equation of their own, such as the place of a
+        pivot that is moved, with derivatives of any order. `separate` has them in its `motion`.
 
     Returns
     -------
@@ -46,9 +50,9 @@ def equations_of_motion(
     Raises
     ------
     SymbolicError
-        For a coordinate that is not a function of time, is listed twice or never occurs with a
-        derivative; for a wrong number of forces; for another function of time or a second
-        derivative in the Lagrangian.
+        For a coordinate or input that is not a function of time or is listed twice, and for a
+        coordinate that never occurs with a derivative; for a wrong number of forces; for another
+        function of time or a second derivative of a coordinate in the Lagrangian.
 
     Examples
     --------
@@ -57,7 +61,10 @@ def equations_of_motion(
     >>> equations_of_motion(m * q.diff(t) ** 2 / 2 - m * g * q, [q], [tau])
     [g*m + m*Derivative(q(t), (t, 2)) - tau]
     """
-    signals = _coordinates(coordinates)
+    signals = _functions("coordinate", coordinates)
+    if not signals:
+        raise SymbolicError("there are no coordinates; give at least one function of time")
+    known = _functions("input", inputs, signals)
     time = signals[0].args[0]
     applied = [scalar("a force", force) for force in listed(forces)]
     if len(applied) != len(signals):
@@ -67,11 +74,13 @@ def equations_of_motion(
         )
     energy = prepared(scalar("the Lagrangian", lagrangian))
     loss = prepared(scalar("the dissipation", 0 if dissipation is None else dissipation))
-    _check_functions({"the Lagrangian": energy, "the dissipation": loss}, signals)
+    _check_functions({"the Lagrangian": energy, "the dissipation": loss}, signals, known)
     _check_derivatives(signals, (energy, loss, *applied))
     in_time: _Rule = {time: sp.Integer(1)}
-    for signal in signals:
-        in_time |= {signal.diff(time, k): signal.diff(time, k + 1) for k in (0, 1)}
+    rates = _found(energy, sp.Derivative)
+    highest = max((int(x.derivative_count) for x in rates), default=0)
+    for signal in (*signals, *known):
+        in_time |= {signal.diff(time, k): signal.diff(time, k + 1) for k in range(highest + 1)}
     memory: dict[sp.Expr, sp.Expr] = {}
     equations = []
     for signal, force in zip(signals, applied, strict=True):
@@ -130,36 +139,40 @@ def _derived_function(function: sp.Expr, rule: _Rule) -> sp.Expr:
     return sp.Add(*slopes).replace(sp.DiracDelta, lambda *_: sp.Integer(0))
 
 
-def _coordinates(given: Iterable[sp.Expr]) -> tuple[sp.Expr, ...]:
-    """Check the coordinates and return them as a tuple."""
+def _functions(
+    kind: str, given: Iterable[sp.Expr], others: tuple[sp.Expr, ...] = ()
+) -> tuple[sp.Expr, ...]:
+    """Check the coordinates or the inputs, which are not among the `others`, and return them."""
     signals = tuple(listed(given))
-    if not signals:
-        raise SymbolicError("there are no coordinates; give at least one function of time")
     for place, signal in enumerate(signals):
         ok = isinstance(signal, AppliedUndef) and len(signal.args) == 1
         if not (ok and signal.args[0].is_Symbol):
             raise SymbolicError(
-                f"the coordinate {signal} is not a function of time, so it has no derivatives; "
+                f"the {kind} {signal} is not a function of time, so it has no derivatives; "
                 f"make it one: Function('{signal}')(t)"
             )
-        if signal.args != signals[0].args:
+        first = (*others, *signals)[0]
+        if signal.args != first.args:
             raise SymbolicError(
-                f"the coordinates {signals[0]} and {signal} have different times; use one symbol"
+                f"{first} and the {kind} {signal} have different times; use one symbol"
             )
-        if signal in signals[:place]:
-            raise SymbolicError(f"the coordinate {signal} is listed twice; list it once")
+        if signal in (*others, *signals[:place]):
+            raise SymbolicError(f"the {kind} {signal} is listed twice; list it once")
     return signals
 
 
-def _check_functions(energies: dict[str, sp.Expr], signals: Sequence[sp.Expr]) -> None:
-    """Refuse functions of time that are not coordinates, and accelerations."""
+def _check_functions(
+    energies: dict[str, sp.Expr], signals: Sequence[sp.Expr], inputs: Sequence[sp.Expr]
+) -> None:
+    """Refuse functions of time that are not declared, and accelerations of coordinates."""
     allowed = ", ".join(map(str, signals))
     for what, energy in energies.items():
         for found in _found(energy, AppliedUndef):
-            if found not in signals and signals[0].args[0] in found.args:
+            if found not in (*signals, *inputs) and signals[0].args[0] in found.args:
                 raise SymbolicError(
                     f"{what} contains {found}, which is not declared; the coordinates are "
-                    f"{allowed}; add {found} to them, or make it a symbol if it is constant"
+                    f"{allowed}; add {found} to them, or to inputs= if its motion is prescribed, "
+                    "or make it a symbol if it is constant"
                 )
         for found in _found(energy, sp.Derivative):
             if found.expr in signals and found.derivative_count > 1:

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from sympy.calculus.euler import euler_equations
 
 from seaid.errors import SymbolicError
-from seaid.symbolic import equations_of_motion
+from seaid.symbolic import equations_of_motion, reduce, separate
 
 t = sp.Symbol("t", real=True)
 q, p, other = (sp.Function(name, real=True)(t) for name in ("q", "p", "z"))
@@ -58,6 +58,39 @@ def test_agrees_with_the_equations_of_sympy(
         difference = (equation + expected.lhs).replace(f, sp.cosh)
         value = difference.subs(MOTION).doit().subs(VALUES).evalf(30)
         assert abs(value) < 1e-20
+
+
+def test_prescribed_motion_is_an_input() -> None:
+    """A pendulum whose pivot is moved: as with the pivot as a coordinate, without its equation."""
+    pivot = other
+    tip = sp.Matrix([pivot + r * sp.sin(q), -r * sp.cos(q)]).diff(t)
+    lagrangian = inertia * q.diff(t) ** 2 / 2 + m * tip.dot(tip) / 2 + m * g * r * sp.cos(q)
+    found = equations_of_motion(lagrangian, [q], [force], inputs=[pivot])
+    assert found == equations_of_motion(lagrangian, [pivot, q], [0, force])[1:]
+    form = separate(found, [q, pivot], [m, r, inertia])
+    assert list(reduce(form).parameters) == [m * r, inertia + m * r**2]
+    assert form.regressor.has(pivot.diff(t, 2))
+    # of any order, such as the jerk of a reference
+    lagrangian = q.diff(t) ** 2 * m / 2 - k * q.diff(t) * pivot.diff(t, 3)
+    (equation,) = equations_of_motion(lagrangian, [q], [0], inputs=pivot)
+    assert sp.expand(equation - m * q.diff(t, 2) + k * pivot.diff(t, 4)) == 0
+
+
+@pytest.mark.parametrize(
+    ("inputs", "words"),
+    [
+        ([q], ["the input q(t) is listed twice"]),
+        ([m], ["the input m is not a function of time", "Function('m')(t)"]),
+        ([sp.Function("z")(sp.Symbol("x"))], ["different times"]),
+        ([p], ["contains z(t)", "not declared", "inputs="]),
+    ],
+)
+def test_inputs_that_are_no_prescribed_motion_are_refused(
+    inputs: list[sp.Expr], words: list[str]
+) -> None:
+    with pytest.raises(SymbolicError) as caught:
+        equations_of_motion(KINETIC * other, [q], [0], inputs=inputs)
+    assert all(word in str(caught.value) for word in words), str(caught.value)
 
 
 def test_jumps_of_sign_are_left_out() -> None:
