@@ -60,7 +60,7 @@ def check_laws(form: RegressorForm, base: BaseForm) -> None:
 
 
 @pytest.mark.rounding
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=15, deadline=None, derandomize=True)
 @given(EQUATIONS)
 def test_laws_of_the_base_form_and_numeric_pivots(
     columns: list[list[tuple[sp.Expr, sp.Expr]]],

@@ -78,11 +78,11 @@ def check_equations(system: System, form: RegressorForm) -> None:
     """R theta - zeta is the equation up to a factor that no motion changes."""
     numbers = {x: sp.Rational(str(x)) for one in system.equations for x in one.atoms(sp.Float)}
     known, left = constants(system), form.regressor * form.parameters - form.zeta
-    for i, equation in enumerate(one.xreplace(numbers) for one in system.equations):
+    for i, equation in enumerate(one.xreplace(numbers).doit() for one in system.equations):
         ratios = []
         for seed in range(3):
             values = known | states(system, [equation, left[i]], seed)
-            (pair,) = at(sp.Matrix([[left[i], equation]]).doit(), values)
+            (pair,) = at(sp.Matrix([[left[i], equation]]), values)
             ratios.append(pair[0] / pair[1])
         assert max(ratios) - min(ratios) < 1e-20 * abs(ratios[0])
 
@@ -91,7 +91,9 @@ def check_base(system: System, form: RegressorForm, base: BaseForm) -> None:
     """Pivots are the leftmost independent columns, and R = R_0 B_Eu."""
     known = constants(system)
     rows = []
-    for seed in range(form.regressor.cols + 4):
+    # a combination that is zero in as many states as its row has elements is zero in all states
+    elements = max(sum(x != 0 for x in form.regressor.row(i)) for i in range(form.regressor.rows))
+    for seed in range(elements + 4):
         rows += at(form.regressor, known | states(system, list(form.regressor), seed))
     assert leftmost([list(column) for column in zip(*rows, strict=True)]) == base.pivots
     echelon = at(base.echelon, known)
