@@ -19,13 +19,11 @@ from itertools import chain, combinations
 from math import inf
 from typing import Any
 
-import numpy as np
 import sympy as sp
 from flint import arb, ctx, fmpq
 from mpmath import mp, mpf
 from sympy.core.function import AppliedUndef
 
-from seaid._arrays import safely
 from seaid.errors import SeaidWarning, SymbolicError
 from seaid.symbolic.generators import subexpressions
 from seaid.symbolic.polynomial import Exponents, Ring, term_to_sympy
@@ -135,8 +133,9 @@ def _dependences(
             stacklevel=4,
         )
         return {}
-    if _surely_independent(rows):
-        return {}
+    with ctx.workdps(2 * _FEW_DIGITS):  # shows independence already in the usual case
+        if not _eliminated(_balls(rows, _FEW_DIGITS)):
+            return {}
     digits = min(_DIGITS + 2 * _decades(rows), _MOST_DIGITS)
     table: list[_Balls] = []
     for _ in range(_ROUNDS):
@@ -372,26 +371,6 @@ def _real_roots(expression: sp.Expr, signal: sp.Expr) -> list[sp.Rational]:
                 ends[int(sign(middle) != first)] = middle
             found.append(sp.Rational(str(mp.nstr(ends[0], 25))))
     return found
-
-
-def _surely_independent(rows: list[_Row]) -> bool:
-    """Whether singular values in double precision already show independence, the usual case.
-
-    Rows and columns are scaled by their largest entries first, which keeps the rank.
-    """
-    values = np.array(rows, dtype=object)
-    for _ in range(2):
-        for axis in (1, 0):
-            largest = np.max(np.abs(values), axis=axis, keepdims=True)
-            values = values / np.where(largest == 0, mpf(1), largest)
-    singular = safely(
-        np.linalg.svd,
-        values.astype(np.float64),
-        what="the independence of functions",
-        error=SymbolicError,
-        compute_uv=False,
-    )
-    return bool(singular[-1] > 1e-9 * singular[0])
 
 
 def _eliminated(table: list[_Balls]) -> dict[int, dict[int, arb]]:
