@@ -221,7 +221,7 @@ def log_findings(robot: Robot, logs: Sequence[Log]) -> list[Finding]:
 
 
 def _time(log: Log) -> Iterator[Finding]:
-    rate = (len(log.time) - 1) / float(log.time[-1] - log.time[0])
+    rate = 1 / float(np.median(np.diff(log.time)))  # a gap is not the unit of the clock
     if _SLOWEST_HZ <= rate <= _FASTEST_HZ:
         return
     fitting = [

@@ -19,7 +19,7 @@ import seaid
 from seaid._arrays import Array
 from seaid.drives.toml import drives_from_mapping
 from seaid.errors import CODES, Finding, SeaidError, by_severity
-from seaid.identification.checking import check
+from seaid.identification.checking import check, log_findings
 from seaid.identification.command_checks import _is_folded, _is_magnitude, no_measurements
 from seaid.identification.experiment import _slope, experiment_of, fitted
 from seaid.identification.setup_hypotheses import hypotheses
@@ -615,3 +615,11 @@ def test_the_error_of_a_gear_ratio_has_that_of_the_gear() -> None:
     for seed in range(20):  # of a gear without an error it is hardly above that of the noise
         rows = spring_rows(0.0, seed)
         assert _slope(*rows)[1] < 3 * fit_error(*rows)
+
+
+def test_a_jump_of_the_clock_is_not_its_unit() -> None:
+    robot, log = arm(), arm_log()
+    time = log.time + np.where(np.arange(len(log.time)) > 500, 1000.0, 0.0)
+    assert "time-unit" not in {one.code for one in log_findings(robot, [replace(log, time=time)])}
+    slow = replace(log, time=1e3 * log.time)
+    assert "time-unit" in {one.code for one in log_findings(robot, [slow])}
