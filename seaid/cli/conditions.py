@@ -27,7 +27,7 @@ def conditions(
         str | None,
         Option(
             help="Parameters estimated per condition, as viscous_friction,spring_offset of knee; "
-            "'bodies' for the base parameters. Default: friction and offsets."
+            "'bodies' for the base parameters; '' for none. Default: the offsets of springs."
         ),
     ] = None,
     condition_payload: Annotated[

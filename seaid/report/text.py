@@ -705,15 +705,27 @@ def _wrapped(start: str, items: Sequence[str], between: str = "; ") -> list[str]
 
 
 def conditions_table(together: Conditions) -> Text:
-    """Return the parameters of all conditions, and whether they differ by the BIC."""
+    """Return the specific parameters, whether they differ by the BIC, and the shared ones."""
     rows = []
     for name, test in together.differences.items():
         values = [_text(found, name) for found in together.identifications.values()]
         differ = "yes" if test.bic > 0 else "no"
         rows.append([name, *values, number(test.F), number(test.bic), differ])
     count = len(together.identifications)
-    title = f"{count} conditions: condition-specific parameters (value +- standard error)"
-    return table(title, ["parameter", *together.identifications, "F", "BIC", "differ"], rows)
+    size = "(value +- standard error)"
+    first = next(iter(together.identifications.values()))
+    named = [JointParameter(x, joint) for joint, one in first.drives.items() for x in one.names]
+    shared = [x for x in (*named, *first.load.names) if x not in together.differences]
+    common = table(
+        f"{count} conditions: shared parameters {size}",
+        ["parameter", "all conditions"],
+        [[name, _text(first, name)] for name in shared],
+    )
+    if not rows:
+        return common
+    title = f"{count} conditions: condition-specific parameters {size}"
+    header = ["parameter", *together.identifications, "F", "BIC", "differ"]
+    return joined([table(title, header, rows), "", common])
 
 
 def gain_set_table(plan: GainSetPlan) -> Text:

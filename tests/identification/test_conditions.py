@@ -126,6 +126,9 @@ def test_all_shared_is_one_identification_of_both_logs(monkeypatch: pytest.Monke
         {"a": (robot, logs[0]), "b": (robot, logs[1])}, condition_specific=()
     )
     assert not apart.differences
+    text = apart.summary()
+    assert "2 conditions: shared parameters" in text
+    assert "viscous_friction of" in text
     for found in apart.identifications.values():
         np.testing.assert_allclose(found.load_side.values, both.load_side.values, rtol=1e-9)
         np.testing.assert_allclose(found.load_side.covariance, both.load_side.covariance, rtol=1e-6)
