@@ -467,9 +467,9 @@ def positions(option: str, text: str | None) -> dict[str, float]:
 
 
 def check_joints(option: str, joints: Iterable[str] | None, robot: Robot) -> None:
-    """Raise SeaidError for a joint that the robot has not."""
+    """Raise SeaidError for a joint that the robot has not; one that stands still is ignored."""
     for joint in joints or ():
-        if joint not in robot.joint_names:
+        if joint not in (*robot.joint_names, *robot.standing_joints):
             raise SeaidError(f"{option}: {unknown_name('joint', joint, robot.joint_names)}")
 
 

@@ -78,11 +78,12 @@ class _Described(NamedTuple):
 
 def completed(table: Table, description: LogDescription, robot: Robot) -> LogDescription:
     """Return a description with the columns of seaid for what it does not describe of joints."""
-    for joint in description.joints:
+    described = [joint for joint in description.joints if joint not in robot.standing_joints]
+    for joint in described:
         if joint not in robot.joint_names:
             raise LogError("description: " + unknown_name("joint", joint, robot.joint_names))
     joints = {}
-    for joint in dict.fromkeys([*description.joints, *robot.joint_names]):
+    for joint in dict.fromkeys([*described, *robot.joint_names]):
         sources = dict(description.joints.get(joint, {}))
         joints[joint] = sources | _own_sources(table, robot, joint, sources)
     return replace(description, joints={joint: own for joint, own in joints.items() if own})

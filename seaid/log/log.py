@@ -114,7 +114,7 @@ def wanted_columns(
     if robot.floating_base is not None:
         allowed += base_columns(robot.floating_base)
     for name in columns:
-        if name not in allowed:
+        if name not in allowed and name.rpartition(".")[0] not in robot.standing_joints:
             raise LogError("columns=: " + unknown_name("column of this robot's log", name, allowed))
     wanted: dict[str, tuple[str, float]] = {}
     for name in allowed:
@@ -172,6 +172,27 @@ def near_names(missing: list[str], picked: Iterable[str], file_names: Sequence[s
     return text
 
 
+def unread_columns(robot: Robot, file_names: Sequence[str]) -> list[str]:
+    """Return what is wrong with names of a file that are nearly those of a joint's columns."""
+    kinds = dict(zip(robot.joint_names, robot.is_prismatic, strict=True))
+    own = {name for joint, kind in kinds.items() for name in column_names(joint, kind)}
+    own |= {_short_name(name) for name in own}
+    quantities = {name for kind in (False, True) for name in column_names("", kind)}
+    still = {*robot.standing_joints, *(one.name for one in robot.dependent_joints)}
+    missing, found = own - {*file_names}, []
+    for name in file_names[:_COMPARED]:
+        joint, dot, quantity = name.rpartition(".")
+        if not joint or name in own or joint in still:
+            continue
+        near = get_close_matches(name, missing, 1, 0.9)
+        is_unknown = joint not in kinds and dot + quantity in quantities
+        if is_unknown or near:
+            why = f", as the robot has no joint '{joint}'" if is_unknown else ""
+            hint = f": the nearest name is '{near[0]}'" if near else ""
+            found.append(f"'{name}' is not read{why}{hint}")
+    return found
+
+
 def _custom(name: str, column: Column) -> tuple[str, float]:
     if isinstance(column, str):
         return column, 1.0
@@ -196,8 +217,8 @@ def _custom(name: str, column: Column) -> tuple[str, float]:
 
 MINIMUM_SAMPLES = 50
 
-LARGEST = 1e15
-"""Largest magnitude of a sample in SI units, so that its powers do not overflow."""
+LARGEST, _LATEST_S = 1e12, 1e15
+"""Largest magnitude of a sample in SI units, which no sensor measures, and of a time."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -242,7 +263,7 @@ class Log(Display):
     ------
     LogError
         For wrong shapes, too few samples, time that does not increase, single NaN values and
-        values above 1e15.
+        values above 1e12.
 
     Examples
     --------
@@ -353,10 +374,10 @@ def _check_time(time: Array) -> None:
     if not np.all(np.isfinite(time)):
         row = int(np.flatnonzero(~np.isfinite(time))[0])
         raise LogError(f"time_s has a value that is not finite in sample {row}")
-    if np.max(np.abs(time)) > LARGEST:
+    if np.max(np.abs(time)) > _LATEST_S:
         raise LogError(
-            f"time_s runs from {time[0]:.4g} to {time[-1]:.4g} s, allowed is up to {LARGEST:.0e}: "
-            "is it in another unit?"
+            f"time_s runs from {time[0]:.4g} to {time[-1]:.4g} s, allowed is up to "
+            f"{_LATEST_S:.0e}: is it in another unit?"
         )
     steps = np.diff(time)
     for word, bad in (("goes backwards", steps < 0), ("repeats", steps == 0)):

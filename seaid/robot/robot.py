@@ -222,10 +222,12 @@ class Robot(Display):
     def selected(self, names: str | Sequence[str] | None) -> tuple[str, ...]:
         """Return the joints that `torque_joints=` selects, each once; None selects all.
 
-        Raises RobotError with the nearest name for an unknown joint.
+        Joints that stand still are ignored. Raises RobotError with the nearest name for an unknown
+        joint.
         """
         given = (names,) if isinstance(names, str) else names
         selected = self.joint_names if given is None else given
+        selected = [name for name in selected if name not in self.standing_joints]
         for name in selected:
             self.index(name)
         return tuple(dict.fromkeys(selected))
@@ -480,6 +482,8 @@ def _known_bodies(robot: Robot, tree: UrdfTree, names: str | Sequence[str]) -> t
     if names in ("all", ["all"], ("all",)) and "all" not in robot.body_names:
         given = zip(robot.body_names, bodies, strict=True)
         names = [name for name, body in given if np.any(np.nan_to_num(body))]
+    still = {tree.joints[joint].child for joint in robot.standing_joints}
+    names = [name for name in names if name not in still]  # parts of other bodies
     for name in names:
         if name in tree.links and name not in robot.body_names:
             raise RobotError(

@@ -170,3 +170,36 @@ def test_init_says_how_to_lock_what_stands_still(urdf: Path, tmp_path: Path) -> 
     np.savez(tmp_path / "run.npz", **columns)  # type: ignore[arg-type]
     with pytest.raises(LogError, match="joints that stand still, or that no column has, are lock"):
         write_first_project(urdf, [tmp_path / "run.npz"], folder=tmp_path / "r")
+
+
+def test_what_belongs_to_a_locked_joint_is_ignored(urdf: Path, tmp_path: Path) -> None:
+    drive = {"type": "stiff", "gear_ratio": 10.0}
+    joints = ("lift", "shoulder", "elbow", "wrist")
+    drives = {joint: drive for joint in joints if joint != "lift"}
+    robot = seaid.load_robot(urdf, drives, locked=LOCKED, known_bodies=["lower", "hand"])
+    assert robot.known_bodies == ("hand",)
+    assert robot.standing_joints == ("lift", "elbow")
+    assert robot.selected(joints) == MOVING
+    t = np.arange(0, 3, 0.01)
+    table = {"t": t}
+    for place, joint in enumerate(joints):
+        table |= {f"{joint}_pos": np.sin(t + place), f"{joint}_torque": np.cos(t + place)}
+    path = tmp_path / "run.csv"
+    np.savetxt(path, np.column_stack([*table.values()]), delimiter=",", header=",".join(table))
+    path.write_text(path.read_text().removeprefix("# "))
+    described = {
+        joint: {"joint_position": f"{joint}_pos", "motor_torque": f"{joint}_torque"}
+        for joint in joints
+    }
+    log = seaid.read_log(path, robot, description={"time": "t", "joints": described})
+    np.testing.assert_allclose(log.joint_position[:, 1], table["wrist_pos"])
+    columns = {"time_s": "t"}
+    for joint in joints:
+        columns[f"{joint}.joint_position_rad"] = f"{joint}_pos"
+        columns[f"{joint}.motor_torque_Nm"] = f"{joint}_torque"
+    again = seaid.read_log(path, robot, columns=columns)
+    np.testing.assert_array_equal(again.joint_position, log.joint_position)
+    assert {*seaid.describe_log(path, robot).description.joints} == {*MOVING}
+    made = write_first_project(urdf, [path], folder=tmp_path, locked=LOCKED)
+    assert load_project(tmp_path).robot().joint_names == MOVING
+    assert not any("elbow" in one for one in made.doubts)
