@@ -19,6 +19,7 @@ from seaid.errors import LogError, SeaidWarning, checked
 from seaid.log.base_columns import in_own_frames
 from seaid.log.custom_columns import both_sides, channels_of, completed
 from seaid.log.description import Described, LogDescription, description_for
+from seaid.log.infer_columns import Description
 from seaid.log.log import (
     WRITTEN,
     Column,
@@ -27,6 +28,7 @@ from seaid.log.log import (
     description_of,
     log_of,
     sorted_log,
+    unread_columns,
     wanted_columns,
     write_log,
 )
@@ -57,7 +59,7 @@ def read_log(
     robot: Robot,
     *,
     columns: Mapping[str, Column] | None = None,
-    description: Described | None = None,
+    description: Described | Description | None = None,
     repair: Repairs | None = None,
 ) -> Log:
     """Read a log of a robot.
@@ -74,7 +76,7 @@ def read_log(
     columns : mapping, optional
         {column of seaid: column of the file}; the latter may be (name, unit) with a unit such as
         "deg", "mNm" or "ms", or (name, factor to SI).
-    description : LogDescription, mapping, str or Path, optional
+    description : LogDescription, Description of `describe_log`, mapping, str or Path, optional
         The meaning of custom columns, see docs/logs.md; default: the TOML file with the name of
         the log in the same folder (run.toml for run.csv), if it exists. What it does not describe
         is read from seaid's own columns.
@@ -94,7 +96,8 @@ def read_log(
     Warns
     -----
     SeaidWarning
-        If positions exceed the joint limits by far, as angles in degrees do.
+        If positions exceed the joint limits by far, as angles in degrees do; of columns that are
+        NaN throughout; and of columns named as seaid's that no joint of the robot has.
 
     Examples
     --------
@@ -102,6 +105,8 @@ def read_log(
     >>> names = {"time_s": ("t", "ms"), "knee.joint_position_rad": ("pos_2", "deg")}
     >>> log = seaid.read_log("custom.csv", robot, columns=names, repair=seaid.Repairs())
     """
+    if isinstance(description, Description):
+        description = description.description
     paths = [Path(path)] if isinstance(path, str | Path) else [Path(one) for one in path]
     if not paths:
         raise LogError("path= is an empty list: name the files of the log")
@@ -127,6 +132,7 @@ def read_log(
     else:
         log = _by_names(path, table, robot, columns or {}, repair)
     _warn_of_degrees(path, log, robot)
+    _warn_of_columns(path, log, robot, table.names, described, columns or {})
     return log
 
 
@@ -225,6 +231,39 @@ def _warn_of_degrees(path: Path, log: Log, robot: Robot) -> None:
                 SeaidWarning,
                 stacklevel=4,
             )
+
+
+def _warn_of_columns(
+    path: Path,
+    log: Log,
+    robot: Robot,
+    names: Sequence[str],
+    described: LogDescription | None,
+    columns: Mapping[str, Column],
+) -> None:
+    """Warn of columns without a number, and of those that are nearly named as seaid's."""
+    own = {
+        joint: column_names(joint, is_prismatic)
+        for joint, is_prismatic in zip(robot.joint_names, robot.is_prismatic, strict=True)
+    }
+    sources = described.joints if described is not None else {}
+    logged, faults = log.columns(), list[str]()
+    for joint, fields in own.items():
+        for name, field in fields.items():
+            is_there = name in names or name in columns or field in sources.get(joint, {})
+            if is_there and name not in logged and field != "deflection":
+                faults.append(f"'{name}' is NaN throughout and counts as not logged")
+    used = {one if isinstance(one, str) else one[0] for one in columns.values()}
+    used |= described.columns() if described is not None else set()
+    faults += unread_columns(robot, [name for name in names if name not in used])
+    if faults:
+        text = "; ".join(faults[:_MOST_NAMED])
+        more = f"; and {len(faults) - _MOST_NAMED} more" if len(faults) > _MOST_NAMED else ""
+        warnings.warn(f"'{path}': {text}{more}", SeaidWarning, stacklevel=4)
+
+
+_MOST_NAMED = 5
+"""Most columns that one warning names."""
 
 
 def repaired(

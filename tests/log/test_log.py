@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from seaid._arrays import Array
-from seaid.errors import LogError, SeaidError
+from seaid.errors import LogError, SeaidError, SeaidWarning
+from seaid.log.infer_columns import describe_log
 from seaid.log.log import LARGEST, MINIMUM_SAMPLES, column_names
 from seaid.log.readers.opening import READERS
 from seaid.log.reading import Log, read_log, write_log
@@ -515,3 +516,45 @@ def test_between_keeps_the_start_and_leaves_the_end() -> None:
 def test_log_of_wrong_shape_is_refused(wrong: dict[str, Any], words: str) -> None:
     with pytest.raises(LogError, match=words):
         log_of(**wrong)
+
+
+def test_a_column_of_nan_is_said(arm: Robot, write_csv: Callable[..., Path]) -> None:
+    rows = np.column_stack([VALUES, np.full(len(TIME), np.nan)])
+    path = write_csv([*NAMES, "arm.joint_torque_Nm"], rows)
+    with pytest.warns(SeaidWarning, match="'arm.joint_torque_Nm' is NaN throughout"):
+        assert np.all(np.isnan(read_log(path, arm).sensors()["joint_torque"]))
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("amr.joint_torque_Nm", "no joint 'amr': the nearest name is 'arm.joint_torque_Nm'"),
+        ("leg.joint_torque_Nm", "'leg.joint_torque_Nm' is not read, as the robot has no joint"),
+        ("arm.joint_toque_Nm", "not read: the nearest name is 'arm.joint_torque_Nm'"),
+    ],
+)
+def test_a_column_that_is_nearly_one_of_a_joint_is_said(
+    name: str, words: str, arm: Robot, write_csv: Callable[..., Path]
+) -> None:
+    path = write_csv([*NAMES, name], np.column_stack([VALUES, TIME]))
+    with pytest.warns(SeaidWarning, match=words):
+        read_log(path, arm)
+
+
+def test_a_value_that_no_sensor_measures_is_said(
+    arm: Robot, write_csv: Callable[..., Path]
+) -> None:
+    rows = VALUES.copy()
+    rows[7, 3] = 2e12
+    assert "'arm.motor_torque_Nm' has 2e+12 in sample 7" in read_error(write_csv(rows=rows), arm)
+
+
+def test_what_describe_log_returns_is_a_description(
+    arm: Robot, write_csv: Callable[..., Path]
+) -> None:
+    path = write_csv(["t", "motor_pos", "joint_pos", "tau"])
+    guess = describe_log(path, arm)
+    log = read_log(path, arm, description=guess)
+    np.testing.assert_array_equal(
+        log.joint_position, read_log(path, arm, description=guess.description).joint_position
+    )
