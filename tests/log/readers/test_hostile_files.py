@@ -112,7 +112,7 @@ def test_pieces_have_a_whole_number_of_samples(
             {"repair": True},
             "repair= must be a Repairs, found True; make one with",
         ),
-        ({"description": 5}, "description= must be a LogDescription, a mapping or a path, found 5"),
+        ({"description": 5}, "description= must be a LogDescription, a mapping, a path or a Desc"),
         (
             {
                 "description": {
