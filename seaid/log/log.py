@@ -176,7 +176,7 @@ def unread_columns(robot: Robot, file_names: Sequence[str]) -> list[str]:
     """Return what is wrong with names of a file that are nearly those of a joint's columns."""
     kinds = dict(zip(robot.joint_names, robot.is_prismatic, strict=True))
     own = {name for joint, kind in kinds.items() for name in column_names(joint, kind)}
-    own |= {_short_name(name) for name in own}
+    own |= {short_name(name) for name in own}
     quantities = {name for kind in (False, True) for name in column_names("", kind)}
     still = {*robot.standing_joints, *(one.name for one in robot.dependent_joints)}
     missing, found = own - {*file_names}, []
