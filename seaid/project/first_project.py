@@ -502,14 +502,13 @@ def _with_gaps(text: str) -> str:
 
 
 def _known_bodies(robot: Robot) -> tuple[str, ...]:
-    """Return the lines that name the bodies with inertial parameters as known."""
-    bodies = robot.parameters.reshape(-1, 10)
-    names = [name for name, one in zip(robot.body_names, bodies, strict=False) if np.any(one)]
-    if not names:
+    """Return the lines by which the bodies with inertial parameters are known."""
+    if not np.any(robot.parameters):
         return ()
+    links = ", ".join(map(_quoted, robot.body_names))
     return (
         "# Bodies as in the URDF; without this line they are identified too:",
-        f"known_bodies = [{', '.join(map(_quoted, names))}]",
+        f'known_bodies = "all"  # or some of [{links}]',
     )
 
 

@@ -126,6 +126,7 @@ class Project(Display):
     payloads : mapping {condition: tuple of Payload}
         Those of the condition "" are in all logs.
     known_bodies : tuple of str
+        Names of links, or "all".
     gravity : tuple of 3 floats
     independent_mimics : bool
         Whether mimic joints are independent joints.
@@ -238,6 +239,7 @@ def load_project(path: str | Path = FILE_NAME) -> Project:
         raise SeaidError(f"'{file}': the key 'urdf' is missing; give the robot's file")
     logs = tuple(map(_log, table.tables("log")))
     options, run = table.table("identify"), table.table("run")
+    known = ("all",) if content.get("known_bodies") == "all" else table.texts("known_bodies")
     run.check(("folder", "write", "fail_on"))
     write = run.texts("write")
     return Project(
@@ -247,7 +249,7 @@ def load_project(path: str | Path = FILE_NAME) -> Project:
         joints=table.texts("joints"),
         locked=table.table("locked").named_numbers(),
         payloads=FrozenMapping(_payloads(table.tables("payload"), logs)),
-        known_bodies=table.texts("known_bodies") or (),
+        known_bodies=() if known is None else known,
         gravity=table.numbers("gravity", 3) or (0.0, 0.0, -9.81),
         independent_mimics=table.flag("independent_mimics", False),
         base=table.choice("base", get_args(BaseKind)) or "fixed",

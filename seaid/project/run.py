@@ -5,11 +5,12 @@ from __future__ import annotations
 import os
 import secrets
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from datetime import datetime
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 from zlib import crc32
 
 from seaid._arrays import FrozenMapping
@@ -30,6 +31,8 @@ from seaid.project.project import Options, Project, check_logs
 from seaid.project.saved import FILE, Run, facts_of, provenance_of, save_run
 from seaid.robot import Robot
 from seaid.simulation import ReplayComparison, compare_replays
+
+Test = TypeVar("Test", Validation, ReplayComparison)
 
 LATEST = "latest"
 """The link to the folder of the newest run."""
@@ -53,7 +56,7 @@ class ProjectRun(Display):
     files : tuple of Path
         The results.
     notes : tuple of str
-        Results that could not be written, with the reason.
+        Results that could not be written, and logs that do not validate, with the reason.
     """
 
     folder: Path
@@ -112,13 +115,13 @@ def run_project(
     check_logs(project)
     result_folder(project.folder)
     found, together = _identified(project, progress)
-    validations = {name: _validated(project, one, name) for name, one in found.items()}
+    notes: list[str] = []
+    validations = {name: _validated(project, one, name, notes) for name, one in found.items()}
     provenance = provenance_of(project.files, _options(project), command)
     folder = project.folder / f".seaid-{secrets.token_hex(8)}"
     try:
         result_folder(folder)
         names: list[Path] = []
-        notes: list[str] = []
         runs: dict[str, Run] = {}
         for name, one in found.items():
             replays = _replayed(project, one, name, notes)
@@ -204,28 +207,43 @@ def _together(
     )
 
 
-def _validated(project: Project, found: Identification, condition: str) -> dict[str, Validation]:
+def _validated(
+    project: Project, found: Identification, condition: str, notes: list[str]
+) -> dict[str, Validation]:
     """Return {log: validation} of the logs of a condition, and of those without any."""
-    wanted, robot = {condition, ""}, project.robot(condition)
-    return {
-        one.name: validate(found, one.read(robot))
-        for one in project.logs_for("validate")
-        if one.condition in wanted
-    }
+    return _of_unseen_logs(project, condition, partial(validate, found), "validated", notes)
 
 
 def _replayed(
     project: Project, found: Identification, condition: str, notes: list[str]
 ) -> dict[str, ReplayComparison]:
     """Return {log: replay} of the logs that validate a robot with position commands."""
-    robot, wanted, moved = project.robot(condition), {condition, ""}, {}
-    for one in project.logs_for("validate") if found.robot.has_controllers else ():
-        if one.condition in wanted:
+    if not found.robot.has_controllers:
+        return {}
+
+    def moved(log: Log) -> ReplayComparison:
+        return compare_replays(found.known, found.robot, log, found.unusable_joints)
+
+    return _of_unseen_logs(project, condition, moved, "replayed", notes)
+
+
+def _of_unseen_logs(
+    project: Project,
+    condition: str,
+    result_of: Callable[[Log], Test],
+    done: str,
+    notes: list[str],
+) -> dict[str, Test]:
+    """Return {log: result} of the logs that validate; adds a note for each that gives none."""
+    results, robot = {}, project.robot(condition)
+    for source in project.logs_for("validate"):
+        if source.condition in (condition, ""):
+            log = source.read(robot)
             try:
-                moved[one.name] = compare_replays(found.known, found.robot, one.read(robot))
+                results[source.name] = result_of(log)
             except SeaidError as problem:
-                notes.append(f"{one.name} was not replayed: {problem}")
-    return moved
+                notes.append(f"{source.name} was not {done}: {problem}")
+    return results
 
 
 def _options(project: Project) -> dict[str, Any]:
