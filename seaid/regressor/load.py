@@ -19,7 +19,9 @@ from seaid._arrays import Array, BoolArray, IndexArray, frozen
 from seaid.drives import LEVEL_OF, JointParameter, is_dry
 from seaid.errors import IdentificationError, LogError
 from seaid.log import (
+    LEAST_LIFT,
     PIECE_SAMPLES,
+    POSITION_BAND,
     decimated,
     in_band_at,
     joint_standstill,
@@ -473,7 +475,28 @@ def stances_of(
         for pattern in np.unique(patterns, axis=0):
             links = (x for x, touches in zip(touching, pattern, strict=True) if touches)
             found[tuple(links)] = None
+    if not any(x.base is None or np.any(x.base.used[row_samples(x)]) for x in motions):
+        raise _without_stance(motions)
     return tuple(found), tuple(flat)
+
+
+def _without_stance(motions: Sequence[Motion]) -> LogError:
+    """Return the error of motions whose contacts change too often for their cutoff."""
+    longest_s = 0.0
+    for one in motions:
+        assert one.base is not None
+        flags = np.array([*one.base.contacts.values(), *map(loaded, one.base.wrenches.values())])
+        changes = np.flatnonzero(np.any(np.diff(flags.astype(int)), axis=0)) + 1
+        samples = np.diff(changes, prepend=0, append=len(one.time))
+        longest_s = max(longest_s, float(np.max(samples)) / one.rate_hz)
+    needed_hz = LEAST_LIFT / (POSITION_BAND * longest_s)
+    return LogError(
+        f"no sample of the logs is used: between two changes of a contact, or jumps of the base, "
+        f"are {longest_s:.3g} s at most, and the low pass at a cutoff of "
+        f"{motions[0].cutoff_hz:.3g} Hz spreads a change over more: check that the flags do not "
+        f"flicker, or raise cutoff_hz to {needed_hz:.2g} Hz",
+        "cutoff_hz",
+    )
 
 
 def below_base(columns: Array) -> Array:

@@ -18,7 +18,7 @@ from scripts.benchmarks.legged import noisy, quadruped
 from scripts.example_robots import example_urdf
 from scripts.legged_plant import GO2, changed_bodies, plan, plant, simulate
 from seaid._arrays import Array, FrozenMapping
-from seaid.errors import IdentificationError, SeaidError
+from seaid.errors import IdentificationError, LogError, SeaidError
 from seaid.identification import whole_body
 from seaid.identification.base_estimates import _limits, _significant
 from seaid.log import BaseLog, reconstruct_motion
@@ -578,3 +578,13 @@ def test_columns_of_the_accelerometer_have_the_rows_of_the_regression(
     np.testing.assert_array_equal(rows.time, others.time)
     np.testing.assert_array_equal(rows.joint, others.joint)
     assert np.any(np.diff(rows.time) < 0)
+
+
+def test_contacts_that_change_too_often_for_the_cutoff_are_an_error_of_ours() -> None:
+    log = swayed()
+    assert log.base is not None
+    flags = (np.arange(len(log.time)) // 15 % 2).astype(float)
+    flickering = replace(log, base=replace(log.base, contacts=dict.fromkeys(GO2.feet, flags)))
+    words = r"no sample of the logs is used: .* are 0\.15 s at most.* raise cutoff_hz to 8\.7 Hz"
+    with pytest.raises(LogError, match=words):
+        seaid.identify(STANDING.without_nominal(), flickering, cutoff_hz=4.0)
