@@ -129,6 +129,7 @@ CODES = {
     "no-fit": "a joint whose torque the model does not explain",
     "contact-forces": "a foot whose predicted force is not that measured, or pulls at the ground",
     "unseen-motion": "a torque or a force that the model does not predict in another motion",
+    "not-replayed": "a joint without a usable model, which a replay moves as measured",
     "replay-worse": "a joint that the identified model replays worse than the nominal one",
     "poorly-identified": "a parameter with a large standard error",
     "unidentifiable": "a parameter that this motion cannot identify",

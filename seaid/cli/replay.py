@@ -58,7 +58,7 @@ def replay(
     found = run.identification
     before = found.known if nominal is None else nominal_model(nominal, found.known)
     (unseen,) = given.logs([log], found.known)
-    moved = compare_replays(before, found.robot, unseen)
+    moved = compare_replays(before, found.robot, unseen, found.unusable_joints)
     if output is not None:
         with written(output, ".html") as file:
             write_report(found, list(run.validations.values()), file, replays=moved)

@@ -78,7 +78,10 @@ def report(
         pairs = zip(unseen, logs, strict=True)
         results = {path.name: validated(found, log) for path, log in pairs}
         if found.robot.has_controllers:
-            replays = [compare_replays(found.known, found.robot, log) for log in logs]
+            replays = [
+                compare_replays(found.known, found.robot, log, found.unusable_joints)
+                for log in logs
+            ]
     response = None
     if multisine:
         sines = given.logs(multisine, found.known)

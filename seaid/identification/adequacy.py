@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from seaid._arrays import Array, BoolArray, FrozenMapping, safely
+from seaid._files import toml_text
 from seaid._progress import Display
 from seaid.errors import Finding, IdentificationError, SeaidError, listed
 from seaid.estimation import (
@@ -399,13 +400,23 @@ def _blocks(fit: FittedRows) -> _Blocks | None:
     return _Blocks(computed, 1 + float(squares / np.mean(score)) / kept)
 
 
-_OF_JOINT = (
-    "check signs, units and zeros of this joint, or exclude its torque: option: --torque-joints"
-)
+_OF_JOINT = "check signs, units and zeros of this joint"
 _OF_BASE = (
     "check the signs, units, axes and links of the force sensors and of the IMU, and that nothing "
     "else touches the robot"
 )
+
+
+def excluding_torque(kept: Sequence[str]) -> str:
+    """Return how to use the torques of some joints only, after words to which ", or" fits."""
+    if not kept:
+        return ""
+    return (
+        f", or exclude its torque (--torque-joints {','.join(kept)}), in [identify] of "
+        f"seaid.toml:\ntorque_joints = [{', '.join(map(toml_text, kept))}]"
+    )
+
+
 _LACKS = (
     "look at the residual of this joint in the report. What may lack: a spring, the gear ratio or "
     "the rotor inertia in the drives file, the torque limit of a controller, a payload; or the "
@@ -426,11 +437,12 @@ def fit_findings(
     """
     warnings = (one for drive in found.drives.values() for one in drive.warnings)
     weak = {one.joint for one in warnings if one.code == "weak-spring"}
+    explained = [x for x, fit in joints.items() if x not in BASE_ROWS and fit.own < NOTHING]
     for joint, one in joints.items():
         error = one.blocks if np.isfinite(one.blocks) else one.own
         evidence = {"error": one.own, "error of excluded blocks": one.blocks}
         holds = f"; its motor equation holds, with an error of {one.motor:.1%}"
-        of, remedy = f"the torque on the load of {joint}", _OF_JOINT
+        of, remedy = f"the torque on the load of {joint}", _OF_JOINT + excluding_torque(explained)
         if joint in BASE_ROWS:
             of, remedy = f"the {joint}", _OF_BASE
         if error > NOTHING and one.own > PART:

@@ -12,9 +12,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from seaid._arrays import Array, FrozenMapping, is_constant, white_noise
-from seaid._files import toml_table
+from seaid._arrays import Array, FrozenMapping, is_constant, resolution, white_noise
+from seaid._files import toml_key, toml_table
 from seaid._progress import Result, counted
+from seaid.drives import IDEAL_DRIVE, Drive
 from seaid.errors import (
     ExcitationError,
     Finding,
@@ -22,6 +23,7 @@ from seaid.errors import (
     LogError,
     by_severity,
     checked,
+    listed,
 )
 from seaid.estimation import scaled_svd
 from seaid.identification.command_checks import (
@@ -34,8 +36,8 @@ from seaid.identification.datasets import Source, datasets_by_log, first_motion,
 from seaid.identification.experiment import Experiment, experiment_of, stands_locked
 from seaid.identification.motor_side import with_regressed_angles, without_joint_encoder
 from seaid.identification.setup_hypotheses import encoder_slope, mistakes
-from seaid.log import Log, Motion, changed_source
-from seaid.regressor import INPUT_FIELDS
+from seaid.log import Log, Motion, changed_source, row_samples
+from seaid.regressor import INPUT_FIELDS, actuator_rows, motor_regressor, usable_rows
 from seaid.robot import Robot
 
 _SLOWEST_HZ, _FASTEST_HZ = 8.0, 2e5
@@ -197,8 +199,10 @@ def _setup_findings(given: Experiment, known: Sequence[Finding]) -> list[Finding
         limited = hidden_limits(given)
         if limited:  # which looks like gains in another unit, or another zero
             return limited
+        stopped = {one.joint for one in known if one.code == "contact"}
         found, without = gain_findings(given)
-        return [*found, *limit_findings(without), *pose_findings(without)]
+        found += [*limit_findings(without), *pose_findings(without)]
+        return [one for one in found if one.joint not in stopped]
     found, without = mistakes(given)
     beyond = [] if found else list(limit_findings(given))
     return [*found, *beyond, *delay_findings(without)]
@@ -208,16 +212,23 @@ _EXPLAINING = ("time-unit", "missing-drives")
 """Findings after which the torques say nothing of other mistakes."""
 
 
-def log_findings(robot: Robot, logs: Sequence[Log]) -> list[Finding]:
-    """Return the findings that need no motion: the unit of time, drives, saturated torques."""
-    own = []
+def log_findings(
+    robot: Robot, logs: Sequence[Log], torque_joints: Collection[str] | None = None
+) -> list[Finding]:
+    """Return the findings that need no motion: the unit of time, drives, saturated torques.
+
+    Those of torques and commands are of the `torque_joints`, by default of all.
+    """
+    own, of_torques = list[Finding](), list[Finding]()
     for log in logs:
         own += [*_time(log), *_missing_drives(robot, log)]
-        own += [*no_measurements(robot, log), *command_findings(robot, log)]
+        of_torques += [*no_measurements(robot, log), *command_findings(robot, log)]
     own += _references(robot, logs)
     locked = locked_outputs(robot, logs)
     standing = locked_findings(locked) if locked else _standing(logs)
-    return [*own, *_saturated(logs), *standing]
+    of_torques += _saturated(logs)
+    used = robot.joint_names if torque_joints is None else torque_joints
+    return [*own, *(one for one in of_torques if one.joint in used), *standing]
 
 
 def _time(log: Log) -> Iterator[Finding]:
@@ -559,31 +570,101 @@ _INDEPENDENT, _SURE = 10, 5.0
 """Independent rows of a log, at least, and multiple of the standard error of an offset."""
 
 
-_LEAST_RANGE = 20.0
-"""A position moves if its range is this many times the noise between samples."""
+_LEAST_RANGE, _FLICKER = 20.0, 2.0
+"""A position moves if its range is this many times the noise between samples, and more than so many
+steps of its encoder."""
 
 
-def check_excitation(robot: Robot, logs: Sequence[Log]) -> None:
-    """Raise ExcitationError if an elastic joint's motor, or the whole robot, does not move."""
-    for joint in robot.elastic_joints:
-        positions = [log.motor_position[:, log.joint_names.index(joint)] for log in logs]
-        if not any(map(_moves, positions)):
-            widest = max(float(np.ptp(position)) for position in positions)
-            raise ExcitationError(
-                f"the motor of '{joint}' stands still (it moves {widest:.3g} rad, noise "
-                f"{white_noise(positions[0]):.2g} rad), so that its friction and spring are "
-                "unidentifiable; move the joint, or exclude it with joints=[...] of load_robot",
-                "joints=[...] of load_robot",
-            )
-    every = [
-        column
-        for log in logs
-        for side in (log.joint_position, log.motor_position)
-        for column in side.T
-        if np.all(np.isfinite(column))
-    ]
-    if not any(map(_moves, every)):
+def standing_joints(
+    robot: Robot, logs: Sequence[Log], motions: Sequence[Motion]
+) -> dict[str, float]:
+    """Return the joints of a fixed base whose drive moves in no log, and where they stand.
+
+    That is their position [rad or m], NaN if the joint moves while its motor stands. Raises
+    ExcitationError if no joint moves.
+    """
+    moved = [one for one in robot.joint_names if any(_joint_moves(log, one) for log in logs)]
+    if not moved:
         raise ExcitationError("no joint moves in the log: the motion does not excite the robot")
+    if robot.floating_base is not None or not np.array_equal(robot.transmission, np.eye(robot.n)):
+        return {}
+    found = {}
+    for index, joint in enumerate(robot.joint_names):
+        if joint not in moved:
+            positions = [one.joint_position[:, index] for one in motions]
+            found[joint] = float(np.mean(np.concatenate(positions)))
+        elif not _drive_moves(robot, logs, motions, joint):
+            found[joint] = float("nan")
+    return found
+
+
+def _joint_moves(log: Log, joint: str) -> bool:
+    """Whether an encoder of a joint, or the one of its motor, moves."""
+    index = log.joint_names.index(joint)
+    sides = (log.joint_position[:, index], log.motor_position[:, index])
+    return any(_moves(side) for side in sides if np.all(np.isfinite(side)))
+
+
+def _drive_moves(robot: Robot, logs: Sequence[Log], motions: Sequence[Motion], joint: str) -> bool:
+    """Whether the equation of a drive has rows, whose friction is known, and its motor moves."""
+    if not robot.drives[joint].is_elastic:
+        return any(np.any(usable_rows(robot, one, joint, row_samples(one))) for one in motions)
+    regressor = motor_regressor(robot, joint)
+    return any(_moves(log.motor_position[:, log.joint_names.index(joint)]) for log in logs) and any(
+        len(actuator_rows(robot, one, joint, regressor)[0]) for one in motions
+    )
+
+
+def without_standing(
+    robot: Robot, used: Sequence[str], standing: Mapping[str, float]
+) -> tuple[Robot, tuple[str, ...], list[Finding]]:
+    """Return the robot without the drives that stand still, the other joints, and findings.
+
+    The torque of a joint at rest is that of its load but for a friction that nothing determines.
+    """
+    if not standing:
+        return robot, tuple(used), []
+    drives = {joint: robot.drives[joint] for joint in standing}
+    elastic = {joint: IDEAL_DRIVE for joint, drive in drives.items() if drive.is_elastic}
+    dropped = [
+        joint
+        for joint in standing
+        if joint in elastic or (joint in used and motor_regressor(robot, joint).names)
+    ]
+    moving = tuple(joint for joint in used if joint not in dropped)
+    if used and not moving:
+        raise ExcitationError(
+            f"{listed(dropped)}: the drive stands still in all logs, and no other joint has a "
+            "torque, so that no friction and no inertia is identifiable: move this joint"
+        )
+    places = {joint: place for joint, place in standing.items() if np.isfinite(place)}
+    robot = replace(robot.with_drives(elastic), at_rest=FrozenMapping(places, "joint"))
+    return robot, moving, [_standing_still(joint, drives[joint], places) for joint in dropped]
+
+
+def _standing_still(joint: str, drive: Drive, places: Mapping[str, float]) -> Finding:
+    """Return the finding of a joint whose drive moves in no log."""
+    what = (
+        "friction, spring and rotor inertia" if drive.is_elastic else "friction and rotor inertia"
+    )
+    text = f"no sample of {joint} is away from standstill in any log"
+    remedy = "move this joint"
+    if joint in places:
+        at = f"{places[joint]:.4g}"
+        text = f"{joint} stands still in all logs, at {at} {drive.joint_units[1]}"
+        remedy += (
+            f", or lock it (--locked {joint}={at}), at the top of seaid.toml:\n"
+            f"locked = {{ {toml_key(joint)} = {at} }}"
+        )
+    return Finding(
+        "standstill",
+        f"{text}: its {what} are not estimated, and its torque is not used",
+        joint,
+        "doubtful",
+        {"position": places[joint]} if joint in places else {},
+        remedy,
+        "certain",
+    )
 
 
 def check_channels(logs: Sequence[Log], locked: Collection[str] = ()) -> None:
@@ -619,4 +700,5 @@ def _check_alive(joint: str, name: str, values: Array, other: str, moved: Array)
 
 
 def _moves(position: Array) -> bool:
-    return bool(np.ptp(position) > _LEAST_RANGE * white_noise(position))
+    least = max(_LEAST_RANGE * white_noise(position), _FLICKER * resolution(position))
+    return bool(np.ptp(position) > least)

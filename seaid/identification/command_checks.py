@@ -16,6 +16,7 @@ from seaid._files import toml_table
 from seaid.drives import NORMAL_95, Controller, Drive, JointParameter, stated_delay_s
 from seaid.errors import Finding
 from seaid.estimation import scaled_svd
+from seaid.identification.adequacy import excluding_torque
 from seaid.identification.command_delays import DELAY, buses_of
 from seaid.log import (
     Log,
@@ -43,6 +44,9 @@ _AT_LIMIT, _TIMES_LIMIT = 0.01, 5.0
 """Share of samples beyond the limit of a controller, from which it is said, and median torque over
 the limit from which gains are in another unit: a saturated one was 1.5 times beyond."""
 
+_MOSTLY = 0.5
+"""Share of the samples at a stop from which the rest of the motion is no use either."""
+
 _NOISY = 3.0
 """Tracking error (rms) over the noise of the encoder below which a third of the torque is noise."""
 
@@ -59,6 +63,7 @@ def command_findings(robot: Robot, log: Log) -> Iterator[Finding]:
             yield found
             continue
         yield from _repeats(log, j)
+        yield from _at_stop(robot, log, j)
         yield from _limited(robot, log, j)
         yield from _ignored(log, j, drive.controller)
         yield from _too_close(log, j, error)
@@ -166,6 +171,36 @@ def _limited(robot: Robot, log: Log, j: int) -> Iterator[Finding]:
         {"share at the limit": share},
         "" if is_given else f"in the drives file:\n{table}\ntorque_limit_Nm = {limit:.4g}",
         "certain" if is_given else "likely",
+    )
+
+
+def _at_stop(robot: Robot, log: Log, j: int) -> Iterator[Finding]:
+    """Yield a joint that is commanded beyond its limits and does not follow there."""
+    assert log.position_command is not None
+    joint = log.joint_names[j]
+    lower, upper = robot.position_range(joint)
+
+    def beyond(place: Array) -> Array:
+        return np.asarray(np.maximum(np.maximum(place - upper, lower - place), 0.0))
+
+    command = beyond(log.position_command[:, j])
+    share, farthest = float(np.mean(command > 0)), float(np.max(command))
+    position = controlled_position(log, j, robot.drives[joint].ratio)
+    if share < _AT_LIMIT or np.sum(beyond(position)) > _FOLLOWS * np.sum(command):
+        return
+    others = [name for name in robot.joint_names if name != joint]
+    unit = "m" if log.is_prismatic[j] else "rad"
+    yield Finding(
+        "contact",
+        f"{joint} is commanded beyond its limits in the robot file, from {lower:.4g} to "
+        f"{upper:.4g} {unit}, in {share:.0%} of the samples, by up to {farthest:.3g} {unit}, and "
+        "does not follow there: at its stop its controller pushes against a force that is not in "
+        "the model",
+        joint,
+        "wrong" if share > _MOSTLY else "doubtful",
+        {"share beyond the limits": share, "farthest beyond": farthest},
+        f"command it within its limits{excluding_torque(others)}",
+        "likely",
     )
 
 

@@ -8,7 +8,7 @@ well the encoders of both sides agree. Friction that would drive the joint count
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any
@@ -515,6 +515,17 @@ def experiment_of(robot: Robot, logs: Sequence[Sequence[Motion]]) -> Experiment:
         sources,
         has_wrenches=has_wrenches,
     )
+
+
+def with_torques_of(given: Experiment, joints: Collection[str]) -> Experiment:
+    """Return the experiment of a fixed base with the torques of some joints only."""
+    if given.robot.floating_base is not None:
+        return given
+    kept = np.isin(given.robot.joint_names, [*joints])
+    torque, rate, sensed = (
+        np.where(kept, one, np.nan) for one in (given.torque, given.torque_rate, given.sensed)
+    )
+    return replace(given, torque=torque, torque_rate=rate, sensed=sensed)
 
 
 def _windows(motion: Motion) -> list[Motion]:

@@ -125,8 +125,12 @@ def _gear(robot: Robot, joint: str, found: Estimate, spring: Estimate) -> Estima
 
 
 def with_gears(robot: Robot, given: Robot, gears: Mapping[str, Estimate]) -> Robot:
-    """Return the robot with gears as given, or else as identified, and the same springs."""
-    found = {}
+    """Return the robot with gears as given, or else as identified, and the same springs.
+
+    Springs that only `given` has, whose drives stood still, are as given.
+    """
+    unused = (x for x in given.elastic_joints if not robot.drives[x].is_elastic)
+    found: dict[str, Drive] = {joint: given.drives[joint] for joint in unused}
     for joint, gear in gears.items():
         stiffness = getattr(given.drives[joint], "gear_stiffness_Nm_per_rad", None)
         if stiffness is None and "gear_stiffness" in gear.names:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
+from itertools import chain
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal
@@ -48,12 +49,13 @@ from seaid.identification.base_estimates import (
 from seaid.identification.checking import (
     JointCheck,
     check_channels,
-    check_excitation,
     joint_checks,
     locked_outputs,
     log_findings,
+    standing_joints,
     with_setup_findings,
     without_locked_loads,
+    without_standing,
 )
 from seaid.identification.command_delays import (
     MOST_DELAY_ROUNDS,
@@ -70,8 +72,8 @@ from seaid.identification.datasets import (
     processing_of,
     sources_of,
 )
-from seaid.identification.drive_estimates import with_estimate
-from seaid.identification.experiment import experiment_of
+from seaid.identification.drive_estimates import negative_inertias, with_estimate
+from seaid.identification.experiment import experiment_of, with_torques_of
 from seaid.identification.gear import (
     deflection_joints,
     gear_estimates,
@@ -235,6 +237,23 @@ class Identification(Result):
         return by_severity(without_echoes(every, self.joint_fits))
 
     @cached_property
+    def unusable_joints(self) -> Mapping[str, str]:
+        """Joints of a fixed base that no simulation should have, each with the reason.
+
+        Their torque was not used, or their rotor inertia is negative, and not only uncertain.
+        """
+        if self.robot.floating_base is not None:
+            return {}
+        unused = set(self.robot.joint_names) - set(self.model.torque_joints)
+        stands = "it stands still in all logs"
+        found = {
+            joint: stands if joint in self.known.at_rest else "its torque was not used"
+            for joint in self.robot.joint_names
+            if joint in unused
+        }
+        return FrozenMapping({**found, **negative_inertias(self.robot, self.drives)}, "joint")
+
+    @cached_property
     def verdict(self) -> Verdict:
         """Whether to use the result, by its warnings."""
         return verdict_of(self.warnings, self.joint_fits)
@@ -380,7 +399,7 @@ def _identify(
         for source in sources_of(logs)
     ]
     logs_in_memory = [source for source in sources if isinstance(source, Log)]
-    findings = log_findings(robot, logs_in_memory)
+    findings = log_findings(robot, logs_in_memory, selected)
     unseen = without_joint_encoder(robot, logs_in_memory) if logs_in_memory else ()
     if unseen and len(logs_in_memory) == len(sources):
         fit = partial(
@@ -400,12 +419,14 @@ def _identify(
         datasets = [one for group in groups for one in group]
         in_memory = [part for log in logs_in_memory for part in stretches(log)]
         locked = locked_outputs(robot, logs_in_memory)
+        moved = [list(map(first_motion, group)) for group in groups]
+        standing = dict[str, float]()
         if len(logs_in_memory) == len(sources):
-            check_excitation(robot, in_memory)
+            standing = standing_joints(robot, in_memory, list(chain(*moved)))
         check_channels(logs_in_memory, locked)
         check_temperatures(robot, datasets)
-        moved = [list(map(first_motion, group)) for group in groups]
-        experiment = experiment_of(robot, moved)
+        moving = {*selected, *robot.elastic_joints} - {*standing}
+        experiment = with_torques_of(experiment_of(robot, moved), moving)
         findings += base_findings(robot, logs_in_memory, moved)
         findings[:] = with_setup_findings(experiment, findings)  # the list that `explained` has
         used = joints_with_torque(robot, datasets) if torque_joints is None else selected
@@ -413,7 +434,10 @@ def _identify(
         check_forces(datasets, used)
         check_scale_of_locked(robot, datasets, locked)
         robot, used = without_locked_loads(robot, used, locked)
-        declared, robot = robot, with_rigid_gears(robot, deflection_joints(robot, datasets))
+        declared = robot
+        robot, used, still = without_standing(robot, used, standing)
+        findings += still
+        robot = with_rigid_gears(robot, deflection_joints(robot, datasets))
         given = robot
         if not is_linear(robot, used):
             robot, datasets = linearised_robot(robot, datasets, used)

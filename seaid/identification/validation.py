@@ -206,7 +206,7 @@ def _actuator(identification: Identification, motion: Motion) -> tuple[Array, Ar
     """
     measured = np.full_like(motion.motor_torque, np.nan)
     computed = measured.copy()
-    for joint in identification.robot.elastic_joints:
+    for joint in identification.known.elastic_joints:
         index, estimate = identification.robot.index(joint), identification.drive_side[joint]
         regressor, zeta, R = actuator_columns(identification.known, motion, joint)
         if not set(regressor.names) <= set(estimate.names):

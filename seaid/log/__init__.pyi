@@ -26,6 +26,7 @@ from .filtering import low_pass as low_pass
 from .filtering import moving as moving
 from .filtering import pieces as pieces
 from .filtering import row_samples as row_samples
+from .filtering import select_cutoff as select_cutoff
 from .filtering import spline_derivatives as spline_derivatives
 from .filtering import standstill as standstill
 from .filtering import still_share as still_share

@@ -229,7 +229,8 @@ def random_states(
     """Return random q, v, a, enough for a rank decision with `torques` known torques (default n).
 
     Positions cover a full turn or +-1 m. There are at least three rows per parameter; if all
-    torques are known, forty states determine the ten parameters of each body in any robot.
+    torques are known, forty states determine the ten parameters of each body in any robot. Joints
+    that move in no log stand where they do there.
     """
     rng = np.random.default_rng(seed_of(seed))
     known = robot.n if torques is None else torques
@@ -237,7 +238,15 @@ def random_states(
     enough = 0 if known == bodies else -(-30 * bodies // min(known, 6))
     shape = (max(_FEWEST_STATES, enough), robot.n)
     reach = np.where(robot.is_prismatic, 1.0, np.pi)
-    return rng.uniform(-reach, reach, shape), rng.normal(0, 3, shape), rng.normal(0, 10, shape)
+    q, v, a = (
+        rng.uniform(-reach, reach, shape),
+        rng.normal(0, 3, shape),
+        rng.normal(0, 10, shape),
+    )
+    for joint, place in robot.at_rest.items():
+        q[:, robot.index(joint)] = place
+        v[:, robot.index(joint)] = a[:, robot.index(joint)] = 0.0
+    return q, v, a
 
 
 def left_to_right(H: Array, zero: BoolArray | None = None) -> tuple[list[int], Array, float]:

@@ -451,7 +451,7 @@ _REPLAY_SAMPLES = 1200
 
 def _replay(found: Identification, result: ReplayComparison) -> dict[str, Any]:
     """Return the template values of a replay: errors, and traces from the largest error down."""
-    if result.joints != found.robot.joint_names:
+    if not {*result.joints} <= {*found.robot.joint_names}:
         raise SeaidError(
             f"replays=: a replay of the joints {', '.join(result.joints)}, but the identified "
             f"robot '{found.robot.name}' has {', '.join(found.robot.joint_names)}"

@@ -109,7 +109,7 @@ def _load_source(found: Identification, joint: str) -> str:
     drive = found.known.drives[joint]
     if joint in found.springs:
         return "the torque of the identified spring at its measured deflection, (4b)"
-    if joint in found.robot.elastic_joints:
+    if joint in found.known.elastic_joints:
         return "the torque of the sensor at the joint"
     if drive.motor_input in COMMANDS:
         return "the torque that the controller gives for the logged command, at the joint"

@@ -72,6 +72,8 @@ class Robot(Display):
         Joints that stand still elsewhere than at zero [rad or m].
     joints_of_file : tuple of str
         The joints of the file that can move, in its order, those that stand still too.
+    at_rest : mapping {joint: position}
+        Joints among those of `joint_names` that move in no log, and where they stand [rad or m].
     """
 
     table_name = "robot_table"
@@ -95,6 +97,7 @@ class Robot(Display):
     floating_base: FloatingBase | None = None
     locked: Mapping[str, float] = field(default_factory=lambda: FrozenMapping({}, "joint"))
     joints_of_file: tuple[str, ...] = ()
+    at_rest: Mapping[str, float] = field(default_factory=lambda: FrozenMapping({}, "joint"))
 
     def _in_short(self) -> str:
         springs = counted(len(self.elastic_joints), "spring")

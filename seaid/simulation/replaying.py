@@ -6,18 +6,19 @@ and errors accumulate. `compare_replays` says how much better one model replays 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
 from seaid._arrays import Array, IndexArray
 from seaid._progress import Result, sampled_text
-from seaid.drives import COMMANDS, PARAMETERS_OF, Drive
+from seaid.drives import COMMANDS, IDEAL_DRIVE, PARAMETERS_OF, Drive
 from seaid.errors import Finding, LogError, RobotError, SeaidError, checked, listed
-from seaid.log import Log, check_whole, spline_derivatives
-from seaid.robot import Robot, at_drives, check_held
+from seaid.log import Log, check_whole, low_pass, select_cutoff, spline_derivatives
+from seaid.robot import Robot, at_drives, check_held, group_of
 from seaid.simulation.controller import (
     CommandedSteps,
     PositionControllers,
@@ -92,8 +93,12 @@ def rollout(
     log: Log,
     command: Command | None = None,
     longest_closed_s: float | None = None,
+    held: Mapping[int, Array] = MappingProxyType({}),
 ) -> Log:
-    """Return the `replay` of a whole log, with the longest step under a controller."""
+    """Return the `replay` of a whole log, with the longest step under a controller.
+
+    The joints `held` {index: position and speed (2, T)} pass through these states at each sample.
+    """
     plant, order = plant_of(robot), robot.joint_order
     back = np.argsort(order)
     controllers = position_controllers(robot, log) if command is None else None
@@ -109,6 +114,9 @@ def rollout(
     if controllers is not None:
         longest = longest_closed_s or _longest_closed_s(plant, controllers, back)
     for tick, (at, steps, feedbacks) in enumerate(_ticks(log.time, longest, controllers, back)):
+        for index, states in held.items():
+            state[[JOINT_POSITION, JOINT_SPEED], order.index(index)] = states[:, tick]
+            state[[POSITION, SPEED], order.index(index)] = states[:, tick]
         joint[tick], motor[tick] = state[JOINT_POSITION, back], state[POSITION, back]
         torques[tick] = gains * given(at, state[JOINT_POSITION, back])
         if feedbacks is not None:
@@ -272,7 +280,7 @@ class ReplayComparison(Result):
     Attributes
     ----------
     joints : tuple of str
-        The n joints.
+        The n joints that were simulated.
     time : ndarray (T,)
         Time [s].
     measured, before, after : ndarray (T, n)
@@ -282,7 +290,7 @@ class ReplayComparison(Result):
     is_prismatic : tuple of bool
         One entry per joint.
     warnings : tuple of Finding
-        Joints that the second model replays worse than the first one.
+        Joints that the second model replays worse than the first one, and joints that were held.
     """
 
     table_name = "replay_table"
@@ -340,7 +348,9 @@ one log."""
 
 
 @checked(SeaidError)
-def compare_replays(before: Robot, after: Robot, log: Log) -> ReplayComparison:
+def compare_replays(
+    before: Robot, after: Robot, log: Log, held_joints: Mapping[str, str] = MappingProxyType({})
+) -> ReplayComparison:
     """Replay a log by two models, as before and after an identification.
 
     Parameters
@@ -350,6 +360,9 @@ def compare_replays(before: Robot, after: Robot, log: Log) -> ReplayComparison:
         as zero in `before`.
     log : Log
         The log as of `replay`, best one that was not used for the identification.
+    held_joints : mapping {joint: reason}, optional
+        Joints that follow their measured motion in place of their model, as those of
+        `Identification.unusable_joints`. The comparison is that of the others.
 
     Returns
     -------
@@ -358,40 +371,97 @@ def compare_replays(before: Robot, after: Robot, log: Log) -> ReplayComparison:
     Raises
     ------
     LogError, RobotError
-        As `replay`, and if the robots have different joints.
+        As `replay`, if the robots have different joints, and if all joints are held.
 
     Examples
     --------
-    >>> seaid.compare_replays(result.known, result.robot, log).mean_absolute_errors
+    >>> held = result.unusable_joints
+    >>> seaid.compare_replays(result.known, result.robot, log, held).mean_absolute_errors
     """
     if before.joint_names != after.joint_names:
         raise SeaidError(
             f"before=: the joints {', '.join(before.joint_names)}, but after= has "
             f"{', '.join(after.joint_names)}: give two models of one robot"
         )
+    check_held(after, "replay", why="seaid does not simulate contacts")
+    check_whole(log)
+    held = _with_coupled(after, held_joints)
+    joints = tuple(joint for joint in after.joint_names if joint not in held)
+    if not joints:
+        raise SeaidError(f"no joint is left to replay: {'; '.join(map(': '.join, held.items()))}")
+    log, states = _with_measured_motion(after, log, held)
     models = {"nominal": without_unknown_terms(before), "identified": after}
-    notes: list[Finding] = []
-    moved = [_replayed(title, one, log, notes).joint_position for title, one in models.items()]
-    columns = [log.joint_names.index(joint) for joint in after.joint_names]
-    measured = log.joint_position[:, columns]
+    notes = [_held_finding(joint, reason) for joint, reason in held.items()]
+    indices = [after.index(joint) for joint in joints]
+    moved = []
+    for title, model in models.items():
+        model = model.with_drives(dict.fromkeys(held, _FOLLOWING))
+        moved.append(_replayed(title, model, log, states, notes).joint_position[:, indices])
+    measured = log.joint_position[:, [log.joint_names.index(joint) for joint in joints]]
     found = ReplayComparison(
-        joints=after.joint_names,
+        joints=joints,
         time=log.time,
         measured=measured,
         before=moved[0],
         after=moved[1],
         noise=_noise(measured),
-        is_prismatic=after.is_prismatic,
+        is_prismatic=tuple(after.is_prismatic[index] for index in indices),
     )
-    closes = [after.drives[joint].controller is not None for joint in after.joint_names]
+    closes = [after.drives[joint].controller is not None for joint in joints]
     return replace(found, warnings=(*_worse(found, all(closes)), *notes))
+
+
+_FOLLOWING = replace(IDEAL_DRIVE, motor_inertia_kg_m2=1e6)
+"""The drive of a joint that follows a motion: with so much inertia [kg m^2 or kg], torques of
+100 N m change its acceleration by 1e-4 rad/s^2."""
+
+
+def _with_coupled(robot: Robot, held: Mapping[str, str]) -> dict[str, str]:
+    """Return the joints that are held {joint: reason}, with those that their drives move too."""
+    found = dict(held)
+    for joint, reason in held.items():
+        for index in group_of(robot.transmission, robot.index(joint)):
+            found.setdefault(robot.joint_names[index], f"it moves with {joint}: {reason}")
+    return found
+
+
+def _with_measured_motion(
+    robot: Robot, log: Log, held: Collection[str]
+) -> tuple[Log, dict[int, Array]]:
+    """Return the log with the torques that accelerate held joints, and their states (2, T).
+
+    They are those of the measured motion below its proposed cutoff.
+    """
+    torque, states = log.motor_torque.copy(), dict[int, Array]()
+    rate_hz = (len(log.time) - 1) / float(log.time[-1] - log.time[0])
+    for joint in held:
+        position = _column(log, "joint_position", joint)[:, None]
+        cutoff = select_cutoff(position, np.full_like(position, np.nan), rate_hz, (joint,))
+        smooth = low_pass(position, rate_hz, cutoff.cutoff_hz)
+        q, v, a = (one[:, 0] for one in spline_derivatives(log.time, smooth))
+        torque[:, log.joint_names.index(joint)] = (_FOLLOWING.motor_inertia_kg_m2 or 0.0) * a
+        states[robot.index(joint)] = np.array([q, v])
+    return replace(log, motor_torque=torque), states
+
+
+def _held_finding(joint: str, reason: str) -> Finding:
+    return Finding(
+        "not-replayed",
+        f"{joint} follows its measured motion in the replay, which compares the other joints: "
+        f"{reason}",
+        joint,
+        "note",
+        certainty="certain",
+    )
 
 
 _STEPS_PER_RADIAN = 10.0
 """Steps of a simulation per radian of the oscillation of a rotor alone under its controller."""
 
 
-def _replayed(title: str, robot: Robot, log: Log, notes: list[Finding]) -> Log:
+def _replayed(
+    title: str, robot: Robot, log: Log, held: Mapping[int, Array], notes: list[Finding]
+) -> Log:
     """Return a replay; one that diverges is repeated with rotor inertias that it can follow.
 
     Light links without a rotor inertia oscillate faster than the steps of a simulation under their
@@ -399,13 +469,13 @@ def _replayed(title: str, robot: Robot, log: Log, notes: list[Finding]) -> Log:
     """
     robot = _with_least_inertias(title, robot, notes)
     try:
-        return replay(robot, log)
+        return rollout(robot, log, held=held)
     except SeaidError as problem:
         drives = {joint: _slower(drive) for joint, drive in robot.drives.items()}
         changed = [joint for joint, drive in drives.items() if drive is not robot.drives[joint]]
         if not changed or isinstance(problem, LogError | RobotError):
             raise
-        found = replay(robot.with_drives(drives), log)
+        found = rollout(robot.with_drives(drives), log, held=held)
     ratios = {joint: robot.drives[joint].ratio for joint in changed}
     inertias = {
         joint: drives[joint].values["motor_inertia"] * ratio**2 for joint, ratio in ratios.items()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,9 +13,10 @@ import pytest
 import seaid
 from seaid._arrays import Array
 from seaid.drives import FrictionTerm
-from seaid.drives.drives import StiffDrive
-from seaid.errors import IdentificationError, LogError, SeaidError
+from seaid.drives.drives import SeriesElasticDrive, StiffDrive
+from seaid.errors import ExcitationError, LogError, SeaidError
 from seaid.estimation import EstimatorName
+from seaid.identification.checking import log_findings
 from seaid.log.reading import Log
 from seaid.regressor.rigid_body import joint_torques
 from seaid.robot.robot import Robot
@@ -103,7 +104,7 @@ def test_a_motor_fed_with_current_that_hardly_moves(
 ) -> None:
     robot = pendulum.with_drives({"hinge": StiffDrive(motor_input="current")})
     slow = np.where(TIME < 5.0, 1e-12 * ANGLE, 0.0)
-    with pytest.raises(IdentificationError, match=r"0 rows \(.* near standstill\) cannot det"):
+    with pytest.raises(ExcitationError, match="hinge: the drive stands still in all logs"):
         seaid.identify(robot, log_of(slow, motor_current=ANGLE), estimator=estimator)
 
 
@@ -162,3 +163,153 @@ def test_two_samples_and_equal_or_reversed_times_are_refused() -> None:
             replace(good, time=time)
     with pytest.raises(LogError, match="a log needs 50 samples or more, found 2"):
         log_of(ANGLE[:2], TIME[:2], motor_torque=ANGLE[:2])
+
+
+def two_pendulums(folder: Path, drives: dict[str, Any], upper: float = 3.0) -> Robot:
+    """Return two pendulums side by side, whose second one has another limit."""
+    rod = PENDULUM[PENDULUM.index('  <link name="rod">') : PENDULUM.index("</robot>")]
+    other = rod.replace("rod", "bar").replace("hinge", "other")
+    other = other.replace('upper="3"', f'upper="{upper}"')
+    path = folder / "two.urdf"
+    path.write_text(f'<robot name="two"><link name="base"/>{rod}{other}</robot>')
+    return seaid.load_robot(path, drives)
+
+
+def log_of_two(
+    robot: Robot, angles: Sequence[Any], torques: Sequence[Any], **sensors: Array
+) -> Log:
+    nothing = np.full((len(TIME), 2), np.nan)
+    columns: dict[str, Any] = {"motor_position": nothing, **sensors}
+    return Log(
+        time=TIME,
+        joint_names=robot.joint_names,
+        joint_position=np.column_stack(angles),
+        motor_torque=np.column_stack(torques),
+        **columns,
+    )
+
+
+WITH_FRICTION = StiffDrive(gear_ratio=1.0, friction=("viscous", "coulomb"))
+STANDS = {
+    "exactly": 0.0 * TIME,
+    "within noise": 2e-4 * np.random.default_rng(0).normal(size=len(TIME)),
+    "within a step": 1e-3 * (TIME > 5.0),
+}
+
+
+@pytest.mark.parametrize("stands", STANDS)
+def test_a_joint_that_stands_still_is_named_and_the_others_are_estimated(
+    pendulum: Robot, tmp_path: Path, stands: str
+) -> None:
+    robot = two_pendulums(tmp_path, dict.fromkeys(("hinge", "other"), WITH_FRICTION))
+    moved = torque(pendulum)
+    log = log_of_two(robot, (ANGLE, 0.4 + STANDS[stands]), (moved, 0.9 + 0 * TIME + STANDS[stands]))
+    found = seaid.identify(robot, log)
+    (warning,) = (one for one in found.warnings if one.code == "standstill")
+    assert (warning.joint, warning.severity) == ("other", "doubtful")
+    assert "locked = { other = 0.4" in warning.remedy
+    assert set(found.drives) == {"hinge"}
+    assert found.drives["hinge"].value("viscous_friction") == pytest.approx(0.1, rel=0.05)
+    assert found.model.torque_joints == ("hinge",)
+    assert found.unusable_joints == {"other": "it stands still in all logs"}
+
+
+def test_a_joint_that_stands_still_alone_is_named(tmp_path: Path) -> None:
+    robot = two_pendulums(tmp_path, dict.fromkeys(("hinge", "other"), WITH_FRICTION))
+    log = log_of_two(robot, (ANGLE, 0.4 + 0 * TIME), (torque(robot_of_hinge(tmp_path)), 0 * TIME))
+    with pytest.raises(ExcitationError, match="other: the drive stands still in all logs"):
+        seaid.identify(robot, log, torque_joints=["other"])
+
+
+def robot_of_hinge(folder: Path) -> Robot:
+    (folder / "hinge.urdf").write_text(PENDULUM)
+    return seaid.load_robot(folder / "hinge.urdf")
+
+
+def test_a_spring_joint_that_stands_still_is_named_and_the_others_are_estimated(
+    pendulum: Robot, tmp_path: Path
+) -> None:
+    spring = SeriesElasticDrive(
+        gear_ratio=10.0, motor_inertia_kg_m2=1e-4, friction=("viscous", "coulomb")
+    )
+    robot = two_pendulums(tmp_path, {"hinge": WITH_FRICTION, "other": spring})
+    motor = np.column_stack([np.full_like(TIME, np.nan), 4.1 + 0 * TIME])
+    log = log_of_two(
+        robot, (ANGLE, 0.4 + 0 * TIME), (torque(pendulum), 0.1 + 0 * TIME), motor_position=motor
+    )
+    found = seaid.identify(robot, log)
+    assert [one.joint for one in found.warnings if one.code == "standstill"] == ["other"]
+    assert set(found.drives) == {"hinge"}
+    assert found.drives["hinge"].value("coulomb_friction") == pytest.approx(0.3, rel=0.05)
+    assert found.robot.drives["other"] == spring
+
+
+def test_a_distal_joint_that_stands_still_is_one_body_with_the_one_before_it(
+    pendulum: Robot, tmp_path: Path
+) -> None:
+    """Its base parameters are those of both bodies: those of each are not identifiable."""
+    rod = PENDULUM[PENDULUM.index('  <link name="rod">') : PENDULUM.index("</robot>")]
+    end = rod.replace("rod", "bar").replace("hinge", "end").replace('"base"', '"rod"')
+    path = tmp_path / "chain.urdf"
+    path.write_text(f'<robot name="chain"><link name="base"/>{rod}{end}</robot>')
+    robot = seaid.load_robot(path, dict.fromkeys(("hinge", "end"), WITH_FRICTION))
+    states = (np.column_stack([one, 0 * TIME]) for one in (ANGLE, SPEED, ACCELERATION))
+    loads = joint_torques(robot, *states) + np.column_stack([torque(pendulum), 0 * TIME])
+    loads[:, 0] -= joint_torques(pendulum, *(one[:, None] for one in (ANGLE, SPEED, ACCELERATION)))[
+        :, 0
+    ]
+    found = seaid.identify(robot, log_of_two(robot, (ANGLE, 0 * TIME), tuple(loads.T)))
+    assert [one.joint for one in found.warnings if one.code == "standstill"] == ["end"]
+    assert len(found.load.names) == 3
+    assert found.drives["hinge"].value("viscous_friction") == pytest.approx(0.1, rel=0.05)
+
+
+def at_a_stop(folder: Path, upper: float = 0.3) -> tuple[Robot, Log]:
+    """Return two servos, the second of which pushes against a stiff spring most of the time."""
+    servo = StiffDrive(
+        friction=("viscous", "coulomb"),
+        motor_input="position_command",
+        controller=seaid.Controller(position_gain_Nm_per_rad=40.0),
+        command_delay_s=0.0,
+        known=("command_delay",),
+    )
+    robot = two_pendulums(folder, dict.fromkeys(("hinge", "other"), servo), upper)
+    robot = replace(robot, known_bodies=robot.body_names)
+    moved = torque(robot_of_hinge(folder))
+    pushed = 20.0 + 8.0 * ANGLE
+    stopped = 0.3 + pushed / 500.0
+    command = np.column_stack([ANGLE + moved / 40.0, stopped + pushed / 40.0])
+    nothing = np.full((len(TIME), 2), np.nan)
+    noise = 1e-5 * np.random.default_rng(1).normal(size=(len(TIME), 2))
+    log = log_of_two(robot, (ANGLE, stopped), tuple(nothing.T), position_command=command)
+    return robot, replace(log, joint_position=log.joint_position + noise)
+
+
+def test_a_joint_at_its_stop_is_named_with_the_torques_to_use(tmp_path: Path) -> None:
+    robot, log = at_a_stop(tmp_path)
+    found = seaid.identify(robot, log)
+    named = [one for one in found.warnings if one.severity == "wrong"]
+    assert [(one.code, one.joint) for one in named] == [("contact", "other")]
+    assert "beyond its limits" in named[0].message
+    assert named[0].remedy.endswith('in [identify] of seaid.toml:\ntorque_joints = ["hinge"]')
+    assert found.load_side.value("motor_inertia of other") < 0
+    assert "rotor inertia was estimated as -" in found.unusable_joints["other"]
+    assert found.load_side.value("motor_inertia of hinge") == pytest.approx(0.0, abs=5e-3)
+
+
+def test_a_joint_that_follows_beyond_the_limits_of_the_file_is_not_at_a_stop(
+    tmp_path: Path,
+) -> None:
+    robot, log = at_a_stop(tmp_path)
+    assert log.position_command is not None
+    follows = replace(log, joint_position=log.position_command - 0.01)
+    codes = [one.code for one in log_findings(robot, [log])]
+    assert "contact" in codes
+    assert "contact" not in [one.code for one in log_findings(robot, [follows])]
+
+
+def test_the_remedy_of_a_joint_at_its_stop_leaves_nothing_of_it(tmp_path: Path) -> None:
+    robot, log = at_a_stop(tmp_path)
+    found = seaid.identify(robot, log, torque_joints=["hinge"])
+    assert [one for one in found.warnings if one.joint == "other"] == []
+    assert found.unusable_joints == {"other": "its torque was not used"}

@@ -341,3 +341,49 @@ ixx="0.01" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial></link><joi
 type="revolute"><parent link="base"/><child link="{0}_link"/><axis xyz="0 1 0"/>
 <limit lower="-3" upper="3" effort="50" velocity="20"/></joint>"""
     return f'<robot name="two"><link name="base"/>{"".join(map(body.format, joints))}</robot>'
+
+
+def servo_project(folder: Path, validate_s: tuple[float, float], more: str = "") -> Path:
+    """Write a project of two servos, one of which stands still, and of one log."""
+    joints, time = ("shoulder", "elbow"), np.arange(0, 12, 0.01)
+    (folder / "two.urdf").write_text(two_links(joints))
+    q = 0.4 * np.sin(2 * time) + 0.3 * np.sin(5.3 * time)
+    v = 0.8 * np.cos(2 * time) + 1.59 * np.cos(5.3 * time)
+    a = -1.6 * np.sin(2 * time) - 8.427 * np.sin(5.3 * time)
+    torque = 0.1 * a - 2.943 * np.cos(q) + 0.3 * v + 0.2 * np.tanh(v / 0.05)
+    columns = (time, q, q + torque / 40, 0.3 + 0 * q, 0.25 + 0 * q)
+    names = [f"{j}.{x}_rad" for j in joints for x in ("position", "position_command")]
+    header, rows = ",".join(["time_s", *names]), np.column_stack(columns)
+    np.savetxt(folder / "run.csv", rows, delimiter=",", header=header, comments="")
+    drive = (
+        '[{0}]\ntype = "stiff"\ngear_ratio = 1.0\nfriction = ["viscous", "coulomb"]\n'
+        'motor_input = "position_command"\ncommand_delay_s = 0.0\nknown = ["command_delay"]\n'
+        "[{0}.controller]\nposition_gain_Nm_per_rad = 40.0\n"
+    )
+    (folder / "two.toml").write_text("".join(map(drive.format, joints)))
+    start, end = validate_s
+    (folder / "seaid.toml").write_text(
+        f'urdf = "two.urdf"\ndrives = "two.toml"\nknown_bodies = "all"\n{more}'
+        '[[log]]\nfile = "run.csv"\nbetween_s = [0, 8]\n'
+        f'[[log]]\nfile = "run.csv"\nuse = "validate"\nbetween_s = [{start}, {end}]\n'
+        "[run]\nwrite = []\n"
+    )
+    return folder
+
+
+def test_a_joint_that_stands_still_loses_neither_the_run_nor_the_replay(tmp_path: Path) -> None:
+    run = seaid.run_project(seaid.load_project(servo_project(tmp_path, (8.0, 11.0))))
+    found, (moved,) = run.runs[""].identification, run.runs[""].replays.values()
+    assert found.known.known_bodies == found.known.body_names
+    assert set(found.drives) == {"shoulder"}
+    assert moved.joints == ("shoulder",)
+    assert moved.mean_absolute_errors[1][0] < 0.1 * moved.mean_absolute_errors[0][0]
+    assert "standstill" in [one.code for one in run.warnings]
+    assert run.notes == ()
+
+
+def test_a_part_too_short_to_validate_loses_no_result(tmp_path: Path) -> None:
+    run = seaid.run_project(seaid.load_project(servo_project(tmp_path, (11.5, 12.0))))
+    assert run.runs[""].validations == {}
+    assert set(run.runs[""].identification.drives) == {"shoulder"}
+    assert run.notes[0].startswith("run.csv@11.5:12 was not validated: the log is too short")

@@ -11,10 +11,12 @@ import seaid
 from seaid.simulation.replaying import (
     ReplayComparison,
     _worse,
+    compare_replays,
     replay,
     rollout,
     without_unknown_terms,
 )
+from tests.one_joint import chain
 
 MODELS = Path(__file__).parents[2] / "models"
 PENDULUM = seaid.Payload("arm", 0.49, (0.0, 0.0, -0.1))
@@ -256,3 +258,34 @@ def test_models_of_two_robots_are_refused() -> None:
     other = seaid.load_robot(MODELS / "tulip_leg.urdf", MODELS / "tulip_leg.toml")
     with pytest.raises(seaid.SeaidError, match=r"before=: the joints .*give two models of one"):
         seaid.compare_replays(other, servo(**TRUTH), commanded())
+
+
+def two_joints(folder: Path) -> tuple[seaid.Robot, seaid.Log]:
+    """Return a chain of two joints whose motions are coupled, and a log of it."""
+    drive = seaid.StiffDrive(gear_ratio=1.0, motor_inertia_kg_m2=0.2, friction=())
+    robot = chain(folder, "first", "second").with_drives({"first": drive, "second": drive})
+    time = np.arange(0.0, 0.6, 0.01)
+    torque = np.column_stack([2 * np.sin(9 * time), 9 * np.sin(14 * time)])
+    nothing, start = np.full((len(time), 2), np.nan), np.full((len(time), 2), 0.1)
+    log = seaid.Log(time, robot.joint_names, nothing, start, torque)
+    moved = rollout(robot, log)
+    return robot, replace(log, joint_position=moved.joint_position)
+
+
+def test_a_held_joint_follows_its_motion_and_leaves_the_errors_of_the_others(
+    tmp_path: Path,
+) -> None:
+    robot, log = two_joints(tmp_path)
+    heavy = replace(robot.drives["second"], motor_inertia_kg_m2=9.0)
+    wrong = robot.with_drives({"second": heavy})
+    unknown = log.motor_torque.copy()
+    unknown[:, 1] = np.nan
+    both = compare_replays(robot, wrong, log)
+    held = compare_replays(robot, wrong, replace(log, motor_torque=unknown), {"second": "reason"})
+    assert held.joints == ("first",)
+    assert np.max(held.rms_errors) < 0.05 * both.rms_errors[1][0]
+    (note,) = held.warnings
+    assert (note.code, note.joint, note.severity) == ("not-replayed", "second", "note")
+    assert note.message.endswith(": reason")
+    with pytest.raises(seaid.SeaidError, match="no joint is left to replay: first: a"):
+        compare_replays(robot, robot, log, {"first": "a", "second": "b"})
