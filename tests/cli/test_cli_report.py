@@ -29,6 +29,7 @@ def test_report_of_a_validated_identification(arm: Path, tmp_path: Path) -> None
     assert [one.name for one in tmp_path.iterdir()] == ["report.html"]
 
 
+@pytest.mark.slow  # an identification and its report
 def test_report_without_validation_says_so_and_is_json_for_machines(
     arm: Path, tmp_path: Path
 ) -> None:

@@ -44,6 +44,7 @@ def test_inspect_shows_what_stances_determine() -> None:
     assert "no contact is named 'FL'" in refused("inspect", *GO2, "--stance", "FL")
 
 
+@pytest.mark.slow  # simulates and identifies a quadruped
 def test_a_saved_run_and_its_report_have_the_floating_base(tmp_path: Path) -> None:
     seaid.write_log(swayed(), tmp_path / "sway.csv")
     run = tmp_path / "go2.npz"
@@ -61,6 +62,7 @@ def test_a_saved_run_and_its_report_have_the_floating_base(tmp_path: Path) -> No
     assert "freejoint" in (tmp_path / "go2.xml").read_text(encoding="utf-8")
 
 
+@pytest.mark.slow  # simulates and identifies a quadruped
 def test_a_log_without_flags_has_contacts_that_are_found(tmp_path: Path) -> None:
     log = swayed()
     assert log.base is not None

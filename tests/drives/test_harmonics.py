@@ -148,6 +148,7 @@ def test_transmission_error_is_recovered_in_rad() -> None:
     assert not [flag for flag in found(truth()).warnings if "transmission error" in flag.message]
 
 
+@pytest.mark.slow  # a simulation of an arm and its identification
 def test_ripple_of_a_stiff_drive_is_recovered() -> None:
     wrist = found(truth()).drives["wrist"]
     for name, value in (("torque_ripple_joint_4_cos", 1e-3), ("torque_ripple_joint_4_sin", 0.0)):
@@ -160,6 +161,7 @@ def without() -> Identification:
     return identify(arm().without_nominal(), measure(arm(), motion(), SENSORS, 0))
 
 
+@pytest.mark.slow  # a simulation of an arm and its identification
 def test_terms_make_the_rest_better() -> None:
     for one, low, high in ((found(truth()), 0.0, 0.5), (without(), 1.0, 10.0)):
         assert low <= abs(one.drives["shoulder"].value("stiffness") - 250.0) < high
@@ -167,6 +169,7 @@ def test_terms_make_the_rest_better() -> None:
     assert better < 0.3 * without().drives["shoulder"].residual_std
 
 
+@pytest.mark.slow  # a simulation of an arm and its identification
 def test_orders_are_found_in_the_residual_and_named() -> None:
     (flag,) = [one for one in without().warnings if one.code == "transmission-error"]
     assert (flag.joint, flag.severity) == ("shoulder", "doubtful")
@@ -211,6 +214,7 @@ def test_right_drive_has_no_such_finding() -> None:
         assert "transmission-error" not in {flag.code for flag in one.warnings}
 
 
+@pytest.mark.slow  # a simulation of an arm and its identification
 def test_ripple_is_named_where_the_deflection_itself_is_measured() -> None:
     true = motion()
     index = arm().index("shoulder")
@@ -225,6 +229,7 @@ def test_ripple_is_named_where_the_deflection_itself_is_measured() -> None:
     assert "torque_ripple = { joint = [4] }" in flag.remedy
 
 
+@pytest.mark.slow  # a simulation of an arm and its identification
 def test_amplitudes_follow_the_stiffness_with_a_gear_in_series() -> None:
     """An error in rad is that of the encoders, whatever the spring behind the gear is."""
     shoulder: Any = truth().drives["shoulder"]
@@ -239,6 +244,7 @@ def test_amplitudes_follow_the_stiffness_with_a_gear_in_series() -> None:
     )
 
 
+@pytest.mark.slow  # a simulation of an arm and its identification
 def test_simulation_shows_the_error_between_the_encoders() -> None:
     """Two routes: the simulated motion, and (7) with the true values."""
     drive = truth().drives["shoulder"]
@@ -258,6 +264,7 @@ def test_identifiability_does_not_depend_on_harmonics() -> None:
     assert identifiability(truth()).summary() == identifiability(arm()).summary()
 
 
+@pytest.mark.slow  # a simulation of an arm and its identification
 def test_known_amplitudes_enter_the_known_side() -> None:
     drive = SeriesElasticDrive(
         gear_ratio=100.0,
@@ -272,6 +279,7 @@ def test_known_amplitudes_enter_the_known_side() -> None:
     assert "transmission_error_joint_3_sin" not in names
 
 
+@pytest.mark.slow  # a simulation of an arm and its identification
 def test_load_friction_of_a_spring_with_an_error() -> None:
     """The amplitudes are inside |spring force| then, in which the equation is not linear."""
     robot = truth().without_nominal()

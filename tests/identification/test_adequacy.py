@@ -32,6 +32,7 @@ def with_sensed_torque(joint: str, *, only: bool) -> Log:
     return replace(log, joint_torque=sensed, motor_torque=motor)
 
 
+@pytest.mark.slow  # an identification of the leg and its checks
 def test_friction_that_a_log_cannot_identify_is_said() -> None:
     found = seaid.identify(leg(), with_sensed_torque("knee_pitch", only=True))
     assert [str(one) for one in unused_findings(found)] == [
@@ -42,6 +43,7 @@ def test_friction_that_a_log_cannot_identify_is_said() -> None:
     assert found.drives["knee_pitch"].names == ("stiffness", "spring_offset")
 
 
+@pytest.mark.slow  # an identification of the leg and its checks
 def test_a_channel_in_no_equation_is_said() -> None:
     assert unused_findings(seaid.identify(leg(), leg_log())) == ()
     assert (
@@ -114,6 +116,7 @@ def pushed_log(*joints: str, size: float = 3.0) -> Log:
     return measure(leg(TEST_MASS), pushed, LEG_SENSORS, 1)
 
 
+@pytest.mark.slow  # an identification of the leg and its checks
 def test_a_load_side_that_hands_move_is_not_to_be_used_and_its_drive_is_good() -> None:
     found = seaid.identify(leg(TEST_MASS), pushed_log("knee_pitch"))
     knee = found.drives["knee_pitch"]
@@ -129,6 +132,7 @@ def test_a_load_side_that_hands_move_is_not_to_be_used_and_its_drive_is_good() -
     assert sentence in found.summary()
 
 
+@pytest.mark.slow  # an identification of the leg and its checks
 def test_a_torque_of_which_much_is_unexplained_is_doubtful() -> None:
     found = seaid.identify(leg(TEST_MASS), pushed_log("knee_pitch", size=0.4))
     (finding,) = [one for one in found.warnings if one.code == "no-fit"]
@@ -153,6 +157,7 @@ def test_a_contact_is_named_with_its_time() -> None:
     assert "exclude_s = [[" in contact.remedy
 
 
+@pytest.mark.slow  # an identification of the leg and its checks
 def test_a_contact_that_pulls_the_fit_is_named_all_the_same() -> None:
     log = leg_log()
     size = 0.1 * np.ptp(log.motor_torque[:, :2], axis=0)

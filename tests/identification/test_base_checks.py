@@ -63,6 +63,7 @@ def flags() -> dict[str, Array]:
     return {foot: np.array(values) for foot, values in base.contacts.items()}
 
 
+@pytest.mark.slow  # 16 s of MuJoCo with contacts, and checks of a floating base
 def test_a_right_log_has_no_findings() -> None:
     assert found() == []
     base = walked().base
@@ -79,6 +80,7 @@ def test_exchanged_flags_are_named_with_their_columns() -> None:
         assert f'[contacts.{link}]\ncontact = "{column}.contact"' in finding.remedy
 
 
+@pytest.mark.slow  # 16 s of MuJoCo with contacts, and checks of a floating base
 def test_a_foot_that_stands_in_the_air_is_named_with_its_speed() -> None:
     (finding,) = found(contacts={**flags(), "FR_foot": np.ones_like(flags()["FR_foot"])})
     assert (finding.code, finding.joint, finding.severity) == (
@@ -90,6 +92,7 @@ def test_a_foot_that_stands_in_the_air_is_named_with_its_speed() -> None:
     assert 0.08 < finding.evidence["speed [m/s]"] < 0.5
 
 
+@pytest.mark.slow  # 16 s of MuJoCo with contacts, and checks of a floating base
 def test_a_foot_that_rests_while_flagged_in_the_air_is_named() -> None:
     lost = flags()["FR_foot"]
     lost[1000:1500] = 0
@@ -98,6 +101,7 @@ def test_a_foot_that_rests_while_flagged_in_the_air_is_named() -> None:
     assert finding.evidence["longest rest [s]"] > 0.3
 
 
+@pytest.mark.slow  # 16 s of MuJoCo with contacts, and checks of a floating base
 def test_a_foot_that_is_hardly_in_the_air_is_named_with_the_time_it_needs() -> None:
     brief = np.ones_like(flags()["FR_foot"])
     brief[1000:1020] = brief[2000:2030] = 0
@@ -110,6 +114,7 @@ def test_a_foot_that_is_hardly_in_the_air_is_named_with_the_time_it_needs() -> N
     assert "unidentifiable" not in {one.code for one in longer}
 
 
+@pytest.mark.slow  # 16 s of MuJoCo with contacts, and checks of a floating base
 def test_a_foot_that_slides_is_a_note() -> None:
     base = walked().base
     assert base is not None
@@ -139,6 +144,7 @@ FRAMES: dict[str, Callable[[Any], dict[str, Any]]] = {
 }
 
 
+@pytest.mark.slow  # 16 s of MuJoCo with contacts, and checks of a floating base
 @pytest.mark.parametrize("text", FRAMES)
 def test_wrong_frames_and_sensors_are_named(text: str) -> None:
     findings = found(**FRAMES[text](walked().base))
@@ -147,6 +153,7 @@ def test_wrong_frames_and_sensors_are_named(text: str) -> None:
     assert findings[0].remedy
 
 
+@pytest.mark.slow  # 16 s of MuJoCo with contacts, and checks of a floating base
 def test_units_of_the_accelerometer_are_named() -> None:
     base = walked().base
     assert base is not None
@@ -159,6 +166,7 @@ def test_units_of_the_accelerometer_are_named() -> None:
             found(specific_force=force)
 
 
+@pytest.mark.slow  # 16 s of MuJoCo with contacts, and checks of a floating base
 def test_jumps_of_a_pose_are_taken_out() -> None:
     one, jumped = pose()["position"], np.array(pose()["position"])
     jumped[1200:] += [0.08, 0.0, 0.02]
@@ -185,6 +193,7 @@ def test_jumps_of_a_pose_are_taken_out() -> None:
     assert finding.evidence["largest"] == pytest.approx(0.0825, rel=0.05)
 
 
+@pytest.mark.slow  # 16 s of MuJoCo with contacts, and checks of a floating base
 def test_contacts_are_found_from_torques_with_bodies_that_are_not_exact() -> None:
     rng, base = np.random.default_rng(2), walked().base
     assert base is not None
@@ -223,6 +232,7 @@ def test_places_of_contacts_are_those_of_forward_kinematics() -> None:
     np.testing.assert_allclose(own, foot_positions(go2(), q), atol=1e-12)
 
 
+@pytest.mark.slow  # 16 s of MuJoCo with contacts, and checks of a floating base
 def test_mass_and_center_of_the_whole_robot_have_values_only_where_determined() -> None:
     identified = found_standing()
     values = {one.name: one for one in whole_body(identified)}
@@ -232,6 +242,7 @@ def test_mass_and_center_of_the_whole_robot_have_values_only_where_determined() 
     assert "not determined" in str(identified.summary())
 
 
+@pytest.mark.slow  # 16 s of MuJoCo with contacts, and checks of a floating base
 def test_mass_and_center_of_a_walking_robot_have_their_errors() -> None:
     robot = STANDING
     rng = np.random.default_rng(5)
@@ -260,6 +271,7 @@ def test_mass_and_center_of_a_walking_robot_have_their_errors() -> None:
     np.testing.assert_allclose(np.std(spread, axis=0), errors, rtol=0.12)
 
 
+@pytest.mark.slow  # 16 s of MuJoCo with contacts, and checks of a floating base
 @pytest.mark.parametrize(
     ("order", "flags_too"),
     [
@@ -301,6 +313,7 @@ def test_exchanged_legs_are_named_with_their_columns(
         assert flags_found[0].remedy.count("[contacts.") == len(moved)
 
 
+@pytest.mark.slow  # 16 s of MuJoCo with contacts, and checks of a floating base
 def test_joints_in_groups_and_exchanged_flags_are_put_in_order() -> None:
     """Logs of simulators have the hips of all legs first; those of Unitree the right legs."""
     log, robot = walked(), go2()
@@ -337,6 +350,7 @@ def test_joints_in_groups_and_exchanged_flags_are_put_in_order() -> None:
     assert with_leg_order(plain, robot, log) is plain
 
 
+@pytest.mark.slow  # 16 s of MuJoCo with contacts, and checks of a floating base
 def test_a_soft_foot_that_sinks_in_is_not_in_the_air() -> None:
     """Fast, but by less than a foot that is lifted."""
     log, robot = walked(), go2()
@@ -350,6 +364,7 @@ def test_a_soft_foot_that_sinks_in_is_not_in_the_air() -> None:
         assert [one.code for one in found] == codes
 
 
+@pytest.mark.slow  # 16 s of MuJoCo with contacts, and checks of a floating base
 @pytest.mark.parametrize(("late_s", "word"), [(0.08, "late"), (-0.06, "early"), (0.0, "")])
 def test_flags_that_are_late_are_named_with_their_delay(late_s: float, word: str) -> None:
     """Feet that trot: they stand for 60 % of each period, and move with 0.5 m/s else."""
@@ -375,12 +390,14 @@ def test_flags_that_are_late_are_named_with_their_delay(late_s: float, word: str
     assert f'contact = {{ columns = "flag[0]", delay_s = {round(late[0], 3)} }}' in finding.remedy
 
 
+@pytest.mark.slow  # 16 s of MuJoCo with contacts, and checks of a floating base
 def test_a_foot_that_is_never_flagged_is_wrong() -> None:
     (finding,) = found(contacts={**flags(), "FR_foot": 0 * walked().time})
     assert (finding.code, finding.joint, finding.severity) == ("contact-flags", "FR_foot", "wrong")
     assert finding.evidence["share"] > 0.5
 
 
+@pytest.mark.slow  # 16 s of MuJoCo with contacts, and checks of a floating base
 def test_columns_of_the_radius_and_the_bias_have_the_rows_of_the_fit_in_flight() -> None:
     """Instants at which nothing touches the ground have no moment of contact forces."""
     robot, log = go2(), walked()
@@ -414,6 +431,7 @@ def test_feet_that_push_while_flagged_in_the_air_are_named() -> None:
     assert max(finding.evidence.values()) > 2.0
 
 
+@pytest.mark.slow  # 16 s of MuJoCo with contacts, and checks of a floating base
 def test_a_missing_axis_stands_before_the_error_that_follows_from_it() -> None:
     log = walked()
     assert log.base is not None

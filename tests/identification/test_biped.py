@@ -40,6 +40,7 @@ def test_standing_determines_springs_of_ankles(tmp_path: Path) -> None:
         assert found.drives[joint].value("stiffness") == pytest.approx(truth, rel=0.02)
 
 
+@pytest.mark.slow  # checks of a whole biped
 def test_flat_feet_on_force_sensors_show_their_weight_only(tmp_path: Path) -> None:
     """Both soles always stand: 16 of the 94 parameters in flight have columns of noise alone."""
     robot = seaid.load_robot(write_biped(tmp_path)[0], base="floating", contacts=FEET)

@@ -39,6 +39,7 @@ from tests.experiments import (
     leg_motion,
 )
 from tests.measured import LOGS
+from tests.representatives import quick_first
 
 SO101 = Path(__file__).parents[3] / "shared" / "data" / "so101_commands"
 """Measured logs that are not shipped."""
@@ -101,16 +102,17 @@ def test_nominal_bodies_that_are_a_fifth_off_are_no_mistake(seed: int) -> None:
 CHANNELS = {"t": "motor_torque", "q": "joint_position", "m": "motor_position"}
 
 
-@pytest.mark.parametrize("channels", ["t", "q", "m", "tqm"])
-@pytest.mark.parametrize(
-    ("case", "j"), [("leg", 0), ("leg", 2), ("leg", 4), ("arm", 1), ("arm", 2), ("arm", 3)]
-)
+FLIPPED = [  # each channel of a spring, and each kind of joint
+    *(("leg", 2, "t"), ("leg", 2, "q"), ("leg", 2, "m"), ("leg", 2, "tqm"), ("leg", 0, "t")),
+    *(("leg", 4, "q"), ("arm", 1, "t"), ("arm", 2, "m"), ("arm", 3, "tqm")),
+]
+
+
+@pytest.mark.parametrize(("case", "j", "channels"), quick_first(FLIPPED))
 def test_a_flipped_channel_is_named_and_the_remedy_repairs_it(
     case: str, j: int, channels: str
 ) -> None:
     robot, log = CASES[case][0](), CASES[case][1]()
-    if case == "arm" and j == 1 and channels == "tqm":
-        pytest.skip("flips of the rail and of the shoulder are mirror images of each other")
     wrong = of_joint(log, j, **{CHANNELS[one]: -1.0 for one in channels})
     finding = worst(robot, wrong)
     assert (finding.code, finding.severity) == ("sign", "wrong")
@@ -118,8 +120,8 @@ def test_a_flipped_channel_is_named_and_the_remedy_repairs_it(
     assert seaid.check(robot, described(wrong, finding.remedy)).warnings == ()
 
 
-@pytest.mark.parametrize(("unit", "factor"), [("mNm", 1e3), ("kNm", 1e-3)])
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize(("unit", "factor"), quick_first([("mNm", 1e3), ("kNm", 1e-3)]))
+@pytest.mark.parametrize("case", quick_first(CASES))
 def test_torques_in_another_unit(case: str, unit: str, factor: float) -> None:
     robot, log = CASES[case][0](), CASES[case][1]()
     for wrong in (of_joint(log, 2, motor_torque=factor), changed(log, {"motor_torque": factor})):
@@ -145,8 +147,7 @@ def test_torques_behind_the_gears_under_the_name_of_the_motors() -> None:
     assert seaid.check(robot, right).warnings == ()
 
 
-@pytest.mark.parametrize("channels", ["q", "m", "qm"])
-@pytest.mark.parametrize("j", [0, 3])
+@pytest.mark.parametrize(("j", "channels"), quick_first([(3, "q"), (3, "m"), (0, "qm")]))
 def test_angles_in_degrees(j: int, channels: str) -> None:
     wrong = of_joint(leg_log(), j, **{CHANNELS[one]: 180 / np.pi for one in channels})
     finding = worst(leg(TEST_MASS), wrong)
@@ -154,8 +155,9 @@ def test_angles_in_degrees(j: int, channels: str) -> None:
     assert seaid.check(leg(TEST_MASS), described(wrong, finding.remedy)).warnings == ()
 
 
-@pytest.mark.parametrize("channels", ["t", "qm", "tqm"])
-@pytest.mark.parametrize(("i", "j"), [(0, 1), (2, 3), (1, 4)])
+@pytest.mark.parametrize(
+    ("i", "j", "channels"), quick_first([(0, 1, "t"), (2, 3, "t"), (2, 3, "qm"), (1, 4, "tqm")])
+)
 def test_exchanged_joints(i: int, j: int, channels: str) -> None:
     log = leg_log()
     order = np.arange(5)
@@ -193,13 +195,19 @@ def custom(folder: Path, log: Log) -> tuple[Path, dict[str, Any]]:
 
 @pytest.mark.parametrize(
     ("quantity", "change", "code"),
-    [
-        ("joint_position", {"sign": 1, "offset": np.deg2rad(10)}, "sign"),
-        ("joint_position", {"scale": np.pi / 180, "offset": -np.deg2rad(10) * np.pi / 180}, "unit"),
-        ("motor_torque", {"sign": -1}, "sign"),
-        ("motor_torque", {"sign": -1, "scale": -1000.0, "delay_s": 0.002}, "unit"),
-        ("motor_torque", {"delay_s": -0.02}, "delay"),
-    ],
+    quick_first(
+        [
+            ("joint_position", {"sign": 1, "offset": np.deg2rad(10)}, "sign"),
+            (
+                "joint_position",
+                {"scale": np.pi / 180, "offset": -np.deg2rad(10) * np.pi / 180},
+                "unit",
+            ),
+            ("motor_torque", {"sign": -1}, "sign"),
+            ("motor_torque", {"sign": -1, "scale": -1000.0, "delay_s": 0.002}, "unit"),
+            ("motor_torque", {"delay_s": -0.02}, "delay"),
+        ]
+    ),
 )
 def test_a_remedy_replaces_what_a_description_says_of_the_channel(
     tmp_path: Path, quantity: str, change: dict[str, Any], code: str
@@ -215,6 +223,7 @@ def test_a_remedy_replaces_what_a_description_says_of_the_channel(
     assert seaid.check(robot, seaid.read_log(path, robot, description=wrong)).warnings == ()
 
 
+@pytest.mark.slow  # several checks of the leg or the arm
 def test_exchanged_channels_keep_what_a_description_says_of_them(tmp_path: Path) -> None:
     robot, (path, right) = leg(TEST_MASS), custom(tmp_path, leg_log())
     wrong = deepcopy(right)
@@ -229,7 +238,7 @@ def test_exchanged_channels_keep_what_a_description_says_of_them(tmp_path: Path)
     }
 
 
-@pytest.mark.parametrize("joint", leg().joint_names)
+@pytest.mark.parametrize("joint", quick_first(["knee_pitch", "hip_yaw", "ankle_pitch"]))
 def test_a_gear_ratio_and_a_rotor_inertia_that_the_motion_contradicts(joint: str) -> None:
     robot = leg(TEST_MASS)
     drive = robot.drives[joint]
@@ -261,8 +270,10 @@ def with_gravity(robot: Robot, *gravity: float) -> Robot:
     return replace(robot, model=model)
 
 
-@pytest.mark.parametrize("gravity", [(9.81, 0, 0), (0, -9.81, 0), (0, 0, 9.81), (0, 2.54, -9.48)])
-def test_another_direction_of_gravity(gravity: tuple[float, float, float]) -> None:
+@pytest.mark.parametrize(
+    "gravity", quick_first([[9.81, 0, 0], [0, -9.81, 0], [0, 0, 9.81], [0, 2.54, -9.48]])
+)
+def test_another_direction_of_gravity(gravity: list[float]) -> None:
     finding = worst(with_gravity(leg(TEST_MASS), *gravity), leg_log())
     assert finding.code == "gravity"
     assert finding.remedy.startswith("option: --gravity 0,0,-9.8")
@@ -277,6 +288,7 @@ def test_gravity_points_down_where_its_sign_makes_no_difference() -> None:
     assert all(penalties[down] < one for remedy, one in penalties.items() if remedy != down)
 
 
+@pytest.mark.slow  # several checks of the leg or the arm
 def test_payloads_that_are_absent_or_elsewhere() -> None:
     absent = measure(leg(), leg_motion(), LEG_SENSORS, seed=0)
     finding = worst(leg(TEST_MASS), absent)
@@ -302,6 +314,7 @@ def with_masses_of_cad(robot: Robot, seed: int) -> Robot:
     return robot.with_values(robot.parameters * factors, robot.drives)
 
 
+@pytest.mark.slow  # several checks of the leg or the arm
 @pytest.mark.parametrize("seed", [11, 12])
 def test_a_tilt_of_few_degrees_is_distinguished_from_errors_of_nominal_masses(seed: int) -> None:
     nominal, angle = with_masses_of_cad(arm(), seed), np.deg2rad(4.0)
@@ -314,8 +327,7 @@ def test_a_tilt_of_few_degrees_is_distinguished_from_errors_of_nominal_masses(se
     assert "standard errors" in finding.message
 
 
-@pytest.mark.parametrize("seed", [11, 12])
-@pytest.mark.parametrize("joint", ["hip_roll", "knee_pitch"])
+@pytest.mark.parametrize(("joint", "seed"), quick_first([("knee_pitch", 11), ("hip_roll", 12)]))
 def test_a_torque_constant_is_estimated_from_the_bodies_of_all_joints(
     joint: str, seed: int
 ) -> None:
@@ -325,6 +337,7 @@ def test_a_torque_constant_is_estimated_from_the_bodies_of_all_joints(
     assert finding.evidence["factor"] == pytest.approx(1.25, rel=0.03)
 
 
+@pytest.mark.slow  # several checks of the leg or the arm
 def test_a_payload_is_estimated_where_nominal_masses_matter_least() -> None:
     robot = leg(Payload("foot", 4.0, (0.15, 0.0, 0.0)))
     finding = worst(with_masses_of_cad(robot, 5), leg_log(5))
@@ -342,6 +355,7 @@ def test_two_mistakes_are_both_named() -> None:
     }
 
 
+@pytest.mark.slow  # several checks of the leg or the arm
 @pytest.mark.parametrize("case", CASES)
 def test_a_unit_of_all_torques_does_not_hide_exchanged_encoders(case: str) -> None:
     robot, log = CASES[case][0](), CASES[case][1]()
@@ -398,6 +412,7 @@ def test_limits_of_the_robot_file_unmask_units_without_nominal_bodies() -> None:
     assert [one.joint for one in seaid.check(slow, leg_log()).warnings] == list(leg().joint_names)
 
 
+@pytest.mark.slow  # several checks of the leg or the arm
 def test_saturated_torques_and_a_robot_at_rest() -> None:
     log = leg_log()
     limit = np.quantile(np.abs(log.motor_torque), 0.9, axis=0)
@@ -478,6 +493,7 @@ def test_joints_that_move_by_a_radian_are_not_in_degrees() -> None:
     assert "the positions of hip_pitch are in deg" in [one.message for one in hypotheses(given)]
 
 
+@pytest.mark.slow  # several checks of the leg or the arm
 def test_values_are_judged_only_by_bodies_that_explain_the_torques() -> None:
     """Bodies of a robot file that leave more than the whole torque contradict any value."""
     robot = load_robot(MODELS / "hebi_arm_5.urdf", MODELS / "hebi_arm_5.toml")
@@ -571,6 +587,7 @@ def test_the_torques_of_a_so101_are_magnitudes() -> None:
     assert sum(found) >= 3  # gravity pulls the others to one side
 
 
+@pytest.mark.slow  # several checks of the leg or the arm
 @pytest.mark.parametrize("has_drives", [True, False])
 def test_an_unknown_rotor_inertia_is_no_delay(has_drives: bool) -> None:
     log = geared_arm_log()

@@ -23,6 +23,7 @@ from tests.experiments import (
     leg_motion,
     perfect_log,
 )
+from tests.representatives import quick_first
 from tests.standard_errors import check_scores
 
 WARM = 0.4
@@ -56,7 +57,7 @@ def distance(estimate: Estimate, name: str, truth: float) -> float:
     return abs(estimate.value(name) - truth) / estimate.standard_error(name)
 
 
-@pytest.mark.parametrize("joint", ELASTIC)
+@pytest.mark.parametrize("joint", quick_first(ELASTIC))
 def test_shared_and_own_parameters_hold_the_truth(joint: str) -> None:
     truth = leg().drives[joint].values
     cold, warmed = (together().identifications[name].drives[joint] for name in ("cold", "warm"))
@@ -86,6 +87,7 @@ def test_errors_are_as_large_as_the_standard_errors_say() -> None:
     check_scores(loads, band=1.2)
 
 
+@pytest.mark.slow  # identifications of two logs of the leg
 def test_the_conditions_share_the_bodies_and_the_payload_is_known() -> None:
     found = together().identifications
     np.testing.assert_array_equal(found["cold"].load.values, found["warm"].load.values)
@@ -94,6 +96,7 @@ def test_the_conditions_share_the_bodies_and_the_payload_is_known() -> None:
     assert np.all(np.abs(load.values - exact) < 4.5 * load.standard_errors)
 
 
+@pytest.mark.slow  # identifications of two logs of the leg
 def test_a_free_foot_learns_its_spring_from_the_loaded_one() -> None:
     ankle = together().identifications["cold"].drives["ankle_pitch"]
     alone = identify(leg().without_nominal(), measure(leg(), leg_motion(), LEG_SENSORS, seed=1))
@@ -101,6 +104,7 @@ def test_a_free_foot_learns_its_spring_from_the_loaded_one() -> None:
     assert ankle.standard_error("stiffness") < 0.3 * error
 
 
+@pytest.mark.slow  # identifications of two logs of the leg
 def test_what_differs_is_said_and_what_does_not_too() -> None:
     differences = together().differences
     assert all(differences[f"viscous_friction of {joint}"].bic > 0 for joint in ELASTIC)
@@ -174,6 +178,7 @@ def test_wrong_conditions_are_refused_in_words() -> None:
         identify_conditions({"a": (robot, log), "b": (smooth, log)})
 
 
+@pytest.mark.slow  # identifications of two logs of the leg
 def test_a_wrong_set_up_is_named_in_its_condition() -> None:
     bare, loaded = leg().without_nominal(), leg(TEST_MASS).without_nominal()
     good = measure(leg(), leg_motion(), LEG_SENSORS, seed=1)
@@ -195,6 +200,7 @@ def test_a_wrong_set_up_is_named_in_its_condition() -> None:
     assert not any("good" in one.verdict.sentence for one in both.identifications.values())
 
 
+@pytest.mark.slow  # identifications of two logs of the leg
 def test_a_torque_that_the_model_does_not_explain_is_named_in_its_condition() -> None:
     """In one condition the torque of the wrist is that of another part of the motion."""
     robot = arm().without_nominal()
@@ -215,6 +221,7 @@ def test_a_torque_that_the_model_does_not_explain_is_named_in_its_condition() ->
     assert set(found["b"].setup) == set(robot.joint_names)
 
 
+@pytest.mark.slow  # identifications of two logs of the leg
 def test_a_payload_that_was_not_given_is_named() -> None:
     robot = leg().without_nominal()
     bare = measure(leg(), leg_motion(), LEG_SENSORS, seed=1)
@@ -227,6 +234,7 @@ def test_a_payload_that_was_not_given_is_named() -> None:
         assert all("give each robot the payload it had (payload=)" in one.remedy for one in named)
 
 
+@pytest.mark.slow  # identifications of two logs of the leg
 def test_a_negative_stiffness_names_the_sign_of_its_channels() -> None:
     robot = leg().without_nominal()
     logs = [measure(leg(), leg_motion(), LEG_SENSORS, seed=seed) for seed in (1, 2)]

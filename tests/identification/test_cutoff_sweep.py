@@ -84,6 +84,7 @@ def test_moves_are_the_largest_shift_between_half_and_twice_the_proposed_band() 
     assert "2.0 s.e." in text
 
 
+@pytest.mark.slow  # an identification for each of many cutoffs
 def test_coarse_encoder_shows_in_the_estimates_of_wide_bands() -> None:
     coarse = cutoff_sensitivity(KNOWN, log(2**9), [20.0])
     fine = cutoff_sensitivity(KNOWN, log(), [20.0])

@@ -20,6 +20,7 @@ from seaid.log.reading import Log
 from seaid.robot.robot import Robot
 from seaid.simulation.simulation import Noise, measure
 from tests.experiments import LEG_SENSORS, leg, leg_motion, true_value
+from tests.representatives import quick_first
 from tests.standard_errors import check_scores
 
 QUIET = replace(LEG_SENSORS, torque_std_Nm=5e-4)
@@ -66,8 +67,10 @@ def of(delays: tuple[Delay, ...], joint: str, channel: str) -> Delay:
     return next(one for one in delays if (one.joint, one.channel) == (joint, channel))
 
 
-@pytest.mark.parametrize("delay", [0.0017, 0.008, -0.008])
-@pytest.mark.parametrize("joint", ["hip_roll", "knee_pitch", "ankle_pitch"])
+@pytest.mark.parametrize(
+    ("joint", "delay"),
+    quick_first([("knee_pitch", 0.0017), ("hip_roll", 0.008), ("ankle_pitch", -0.008)]),
+)
 def test_a_late_motor_position_is_found(joint: str, delay: float) -> None:
     found = estimate_delays(known(), late_log({(joint, "motor_position"): delay}))
     for one in found:
@@ -77,8 +80,9 @@ def test_a_late_motor_position_is_found(joint: str, delay: float) -> None:
             assert one.is_significant == (one.joint == joint)
 
 
-@pytest.mark.parametrize("delay", [0.0017, 0.008])
-@pytest.mark.parametrize("joint", ["hip_pitch", "knee_pitch"])
+@pytest.mark.parametrize(
+    ("joint", "delay"), quick_first([("knee_pitch", 0.0017), ("hip_pitch", 0.008)])
+)
 def test_a_late_motor_torque_is_found(joint: str, delay: float) -> None:
     found = of(
         estimate_delays(known(), late_log({(joint, "motor_torque"): delay})), joint, "motor_torque"
@@ -87,8 +91,10 @@ def test_a_late_motor_torque_is_found(joint: str, delay: float) -> None:
     assert found.is_significant
 
 
-@pytest.mark.parametrize("delay", [0.001, 0.005, 0.02])
-@pytest.mark.parametrize("joint", ["hip_roll", "hip_pitch", "knee_pitch"])
+@pytest.mark.parametrize(
+    ("joint", "delay"),
+    quick_first([("knee_pitch", 0.005), ("hip_pitch", 0.001), ("hip_roll", 0.02)]),
+)
 def test_a_late_torque_is_found_within_two_standard_errors(joint: str, delay: float) -> None:
     log = late_log({(joint, "motor_torque"): delay}, torque_std=5e-3)
     found = of(estimate_delays(known(), log), joint, "motor_torque")
@@ -100,6 +106,7 @@ def test_a_late_torque_is_found_within_two_standard_errors(joint: str, delay: fl
     assert error < 0.006
 
 
+@pytest.mark.slow  # estimates of delays in long logs
 def test_a_relation_that_explains_little_determines_no_delay() -> None:
     log = late_log({})
     noise = np.random.default_rng(0).normal(0.0, 5.0, log.motor_torque.shape)
@@ -109,6 +116,7 @@ def test_a_relation_that_explains_little_determines_no_delay() -> None:
     assert "not determined" in str(torques[0])
 
 
+@pytest.mark.slow  # estimates of delays in long logs
 def test_a_late_torque_of_a_stiff_drive_is_found_as_well_as_it_says() -> None:
     found = of(
         estimate_delays(known(), late_log({("hip_yaw", "motor_torque"): 0.008})),
@@ -137,7 +145,7 @@ def test_errors_are_as_large_as_the_standard_errors_say() -> None:
     check_scores(scores, 1.3, band=1.2)
 
 
-@pytest.mark.parametrize("torque_std", [5e-4, 5e-3])
+@pytest.mark.parametrize("torque_std", quick_first([5e-4, 5e-3]))
 def test_no_delay_is_not_found(torque_std: float) -> None:
     for seed in range(6):
         found = estimate_delays(known(), late_log({}, seed, torque_std))
@@ -156,6 +164,7 @@ def test_a_torque_sensor_at_the_spring_tells_both() -> None:
     assert not of(found, "ankle_pitch", "joint_torque").is_significant
 
 
+@pytest.mark.slow  # estimates of delays in long logs
 def test_what_an_uncorrected_delay_costs() -> None:
     late = late_log({("knee_pitch", "motor_position"): 0.008}, torque_std=5e-3)
     found = estimate_delays(known(), late)
@@ -174,6 +183,7 @@ def test_what_an_uncorrected_delay_costs() -> None:
     assert errors[1][1] < 0.005
 
 
+@pytest.mark.slow  # estimates of delays in long logs
 def test_the_corrected_log_is_shorter_and_says_why() -> None:
     late = late_log({("knee_pitch", "motor_position"): 0.008})
     repaired = correct_delays(late, estimate_delays(known(), late))
@@ -206,6 +216,7 @@ def test_a_delay_that_is_not_significant_is_left() -> None:
     ]
 
 
+@pytest.mark.slow  # estimates of delays in long logs
 def test_a_delay_beyond_the_range_is_not_told() -> None:
     late = late_log({("knee_pitch", "motor_position"): 0.008})
     found = estimate_delays(known(), late, largest_s=0.005)
@@ -222,6 +233,7 @@ def test_what_cannot_be_asked() -> None:
         correct_delays(log, [Delay("knee_pitch", "joint_torque", "the motion", 0.01, 0.001)])
 
 
+@pytest.mark.slow  # estimates of delays in long logs
 def test_the_gear_ratio_between_encoders_is_that_of_the_robot_and_not_of_the_drives() -> None:
     """Five motions of each joint: scores are of unit size for springs, smaller for stiff gears."""
     drives = {

@@ -10,6 +10,7 @@ import pytest
 from seaid.identification.identification import Identification, Method, identify
 from seaid.simulation.simulation import measure
 from tests.experiments import LEG_SENSORS, TEST_MASS, leg, leg_motion
+from tests.representatives import quick_first
 
 DRIFTING = ("hip_yaw", "knee_pitch")
 
@@ -24,13 +25,14 @@ def found(trend_Nm: float, method: Method = "two-step") -> Identification:
     return identify(robot.without_nominal(), log, method=method)
 
 
-@pytest.mark.parametrize("method", ["two-step", "simultaneous"])
+@pytest.mark.parametrize("method", quick_first(["two-step", "simultaneous"]))
 def test_the_drifting_joints_are_named(method: Method) -> None:
     drifting = found(2e-3, method)
     assert {one.joint for one in drifting.warnings if one.code == "drift"} == set(DRIFTING)
     assert not any(one.code == "drift" for one in found(0.0, method).warnings)
 
 
+@pytest.mark.slow  # two identifications of the leg
 def test_the_drift_is_in_the_standard_errors_of_its_joint() -> None:
     drifting, steady = found(2e-3), found(0.0)
     for joint, factor in (("hip_yaw", 1.5), ("knee_pitch", 1.5), ("hip_pitch", 1.0)):

@@ -14,6 +14,7 @@ from seaid.identification.drive_estimates import noise_ratio
 from seaid.log.motion import reconstruct_motion
 from seaid.regressor.regression import Regression
 from tests.experiments import leg, leg_motion, perfect_log
+from tests.representatives import quick_first
 from tests.standard_errors import check_scores
 
 STIFFNESS, OFFSET = 70.0, 1.5
@@ -53,7 +54,7 @@ def test_the_line_lies_between_both_regressions(seed: int, slope: float, ratio: 
 
 
 @pytest.mark.parametrize(
-    ("torque_std", "deflection_std"), [(0.3, 0.02), (1.0, 0.005), (0.05, 0.03)]
+    ("torque_std", "deflection_std"), quick_first([(0.3, 0.02), (1.0, 0.005), (0.05, 0.03)])
 )
 def test_noise_in_both_leaves_the_stiffness_unbiased(
     torque_std: float, deflection_std: float
@@ -85,6 +86,7 @@ def test_an_exact_deflection_is_plain_least_squares() -> None:
     np.testing.assert_allclose(both.values, plain.values, rtol=1e-9)
 
 
+@pytest.mark.slow  # a hundred estimates
 def test_the_ratio_is_read_from_the_spectra_above_the_pass_band() -> None:
     robot, motion = leg(), leg_motion()
     joint, rng = "knee_pitch", np.random.default_rng(3)

@@ -25,6 +25,7 @@ from seaid.log import BaseLog, reconstruct_motion
 from seaid.regressor import load_columns, load_torques, rigid_body_regressor
 from seaid.regressor.floating import contact_map, floating_regressor
 from seaid.robot import BASE_ROWS, Robot
+from tests.representatives import quick_first
 
 
 @cache
@@ -89,6 +90,7 @@ def test_bodies_of_an_exact_log_are_recovered() -> None:
     assert {one.code for one in found.warnings if one.severity != "note"} == {"contact-flags"}
 
 
+@pytest.mark.slow  # fits of a whole quadruped
 def test_torques_of_a_fit_are_the_products_with_its_columns() -> None:
     found = found_standing()
     (motion,), known, model = found.motions, found.known, found.model
@@ -107,6 +109,7 @@ def with_known_trunk() -> Robot:
     )
 
 
+@pytest.mark.slow  # fits of a whole quadruped
 def test_bias_of_an_accelerometer_is_identified_with_the_bodies() -> None:
     log, bias = swayed(), np.array([0.1, -0.07, 0.05])
     assert log.base is not None
@@ -146,6 +149,7 @@ def felt() -> seaid.Log:
     return replace(measured(), motor_torque=np.full_like(measured().motor_torque, np.nan))
 
 
+@pytest.mark.slow  # fits of a whole quadruped
 def test_measured_wrenches_determine_what_flight_does() -> None:
     found = seaid.identify(STANDING.without_nominal(), measured(), cutoff_hz=4.0)
     assert len(found.load.values) == 94
@@ -159,6 +163,7 @@ def test_measured_wrenches_determine_what_flight_does() -> None:
     assert len(alone.load.values) == 94
 
 
+@pytest.mark.slow  # fits of a whole quadruped
 def test_forces_on_the_base_determine_its_bodies_without_any_torque() -> None:
     log = felt()
     found = seaid.identify(STANDING, log, cutoff_hz=4.0)
@@ -175,7 +180,7 @@ def test_forces_on_the_base_determine_its_bodies_without_any_torque() -> None:
     assert "no joint has a torque that could be compared" in again.summary()
 
 
-@pytest.mark.parametrize("has_torques", [True, False])
+@pytest.mark.parametrize("has_torques", quick_first([True, False]))
 def test_zeros_of_force_sensors_are_identified_with_the_bodies(has_torques: bool) -> None:
     log, zero = measured() if has_torques else felt(), np.array([3.0, -2.0, 4.0])
     assert log.base is not None
@@ -219,7 +224,7 @@ def test_zeros_count_for_all_force_sensors_or_none() -> None:
     assert _significant(value, covariance, places, 50.0, (limits[0], 0.4 * limits[0])) == []
 
 
-@pytest.mark.parametrize("lacking", [["RL_calf_joint"], list(GO2_JOINTS)])
+@pytest.mark.parametrize("lacking", quick_first([["RL_calf_joint"], list(GO2_JOINTS)]))
 def test_joints_without_a_torque_are_named(lacking: list[str]) -> None:
     log = measured()
     torque = np.array(log.motor_torque)
@@ -279,6 +284,7 @@ def test_exchanged_force_sensors_leave_the_base_unexplained() -> None:
     assert any("axes and links of the force sensors" in one.remedy for one in findings)
 
 
+@pytest.mark.slow  # fits of a whole quadruped
 def test_logs_of_a_robot_that_hangs_and_that_stands_are_one_fit() -> None:
     robot = seaid.load_robot(
         example_urdf("go2.urdf"),
@@ -308,6 +314,7 @@ def test_logs_of_a_robot_that_hangs_and_that_stands_are_one_fit() -> None:
         BaseLog.hanging(STANDING, 10)
 
 
+@pytest.mark.slow  # fits of a whole quadruped
 def test_forces_of_feet_are_predicted_with_what_they_rest_on() -> None:
     log = swayed()
     assert log.base is not None
@@ -351,6 +358,7 @@ def test_forces_of_feet_are_predicted_with_what_they_rest_on() -> None:
     assert sum("least with the measured one times -1" in text for text in texts) == 4
 
 
+@pytest.mark.slow  # fits of a whole quadruped
 def test_bodies_are_validated_and_written_with_the_base(tmp_path: Path) -> None:
     found = seaid.identify(STANDING, swayed(), cutoff_hz=4.0, feasible=True)
     validation = seaid.validate(found, swayed())
@@ -504,6 +512,7 @@ def test_a_short_log_without_a_bias_has_none(tmp_path: Path, seed: int) -> None:
     assert "base-bias" in {one.code for one in found.warnings}
 
 
+@pytest.mark.slow  # fits of a whole quadruped
 def test_force_and_moment_on_the_base_are_validated_on_another_motion() -> None:
     """By measured wrenches of another sway; sensors with exchanged axes contradict the model."""
     robot, model = go2(), plant(go2(), 0.001)
@@ -541,6 +550,7 @@ def on_soft_feet(soft: bool, lifted: bool) -> seaid.Log:
     return noisy(simulate(go2(), model, 10.0, targets=targets), 71)
 
 
+@pytest.mark.slow  # fits of a whole quadruped
 @pytest.mark.parametrize("lifted", [True, False])
 def test_feet_that_sink_in_under_their_load_are_named(lifted: bool) -> None:
     found = seaid.identify(go2(), on_soft_feet(True, lifted))
@@ -554,6 +564,7 @@ def test_feet_that_sink_in_under_their_load_are_named(lifted: bool) -> None:
     assert "soft-feet" not in {one.code for one in hard.warnings}
 
 
+@pytest.mark.slow  # fits of a whole quadruped
 def test_four_soft_feet_are_named_without_the_orientation_of_the_base() -> None:
     for soft in (True, False):
         log = on_soft_feet(soft, False)
@@ -564,6 +575,7 @@ def test_four_soft_feet_are_named_without_the_orientation_of_the_base() -> None:
         assert ("soft-feet" in codes) == soft
 
 
+@pytest.mark.slow  # fits of a whole quadruped
 def test_columns_of_the_accelerometer_have_the_rows_of_the_regression(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

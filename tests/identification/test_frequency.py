@@ -18,6 +18,7 @@ from seaid.identification.frequency import FrequencyResponse, frequency_response
 from seaid.identification.spectra import _friction_sign
 from seaid.log.log import Log
 from tests.linear_plant import RATE_HZ, ThreeMass, TwoMass, multisine_torque
+from tests.representatives import quick_first
 
 PLANT = TwoMass()
 NAMES = ("resonance", "resonance_damping", "antiresonance", "antiresonance_damping")
@@ -43,7 +44,7 @@ def values(found: FrequencyResponse, *names: str) -> Array:
     return np.array([found.drives["arm"].value(name) for name in names])
 
 
-@pytest.mark.parametrize("nominal", [True, False])
+@pytest.mark.parametrize("nominal", quick_first([True, False]))
 def test_the_springs_of_a_linear_plant_are_found_without_a_joint_encoder(
     tmp_path: Path, nominal: bool
 ) -> None:
@@ -62,6 +63,7 @@ def test_the_springs_of_a_linear_plant_are_found_without_a_joint_encoder(
     assert found.warnings == ()
 
 
+@pytest.mark.slow  # logs of a hundred periods, simulated and fitted
 def test_links_without_a_mass_are_unknown_bodies(tmp_path: Path) -> None:
     """A robot file without inertial parameters once ended in a ValueError of scipy."""
     drives = PLANT.robot(tmp_path, nominal=False).drives
@@ -89,6 +91,7 @@ def test_the_response_is_that_of_the_plant_and_lies_within_its_standard_deviatio
     assert np.all(noisy.coherence > 0.9)
 
 
+@pytest.mark.slow  # logs of a hundred periods, simulated and fitted
 def test_a_log_without_periods_gives_the_same_spring(tmp_path: Path) -> None:
     robot = PLANT.robot(tmp_path)
     cut = with_noise(clean_log(), 2, 0.001).between(0.3, 10.0)
@@ -117,6 +120,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say(tmp_path: Path) -> None:
     assert 0.88 < held < 0.99
 
 
+@pytest.mark.slow  # logs of a hundred periods, simulated and fitted
 def test_dry_friction_makes_the_nonlinear_variance_and_not_the_noise(tmp_path: Path) -> None:
     """Realisations differ by what is nonlinear, periods by noise only."""
     robot = PLANT.robot(tmp_path)
@@ -141,6 +145,7 @@ def test_dry_friction_makes_the_nonlinear_variance_and_not_the_noise(tmp_path: P
     )
 
 
+@pytest.mark.slow  # logs of a hundred periods, simulated and fitted
 def test_a_resonance_that_the_log_cannot_show_is_said_with_the_remedy(tmp_path: Path) -> None:
     robot = PLANT.robot(tmp_path)
     low = with_noise(clean_log(top_hz=2.0), 3)
@@ -275,6 +280,7 @@ def mujoco_log(torque: Array, plant: TwoMass) -> Log:
     )
 
 
+@pytest.mark.slow  # logs of a hundred periods, simulated and fitted
 def test_the_spring_of_a_plant_in_mujoco_is_found(tmp_path: Path) -> None:
     """Another simulator, without nominal values of the drive; its pendulum swings up to 0.2 rad."""
     plant = replace(PLANT, gravity=3.0)
@@ -305,6 +311,7 @@ def turns(sign: Array) -> Array:
     return np.asarray(found[1:4] % 250)
 
 
+@pytest.mark.slow  # logs of a hundred periods, simulated and fitted
 def test_dry_friction_of_a_third_of_the_torque_leaves_the_spring(tmp_path: Path) -> None:
     """With smoothed speeds, and lines through standstill, the standard error was 0.4 to 1.2 %."""
     plant = TwoMass(154.8, 3.4e-6, 8e-5, 77.7, 0.1, 0.33, 9.8)
@@ -392,35 +399,37 @@ class Coupled:
         return seaid.load_robot(folder / "chain.urdf", drives).without_nominal()
 
 
-@pytest.mark.parametrize("rotors", [True, False])
+@pytest.mark.parametrize("rotors", quick_first([True, False]))
 @pytest.mark.parametrize(
     "plant",
-    [
-        Coupled(
-            (870, 10.3),
-            (0.257, 0.0358),
-            (0.396, 0.108, 0.0435),
-            (12.1, 2.33, 2.33),
-            (2.3, 0.12),
-            (0.75, 0.034),
-        ),
-        Coupled(
-            (2106, 85.2),
-            (0.402, 0.0494),
-            (0.767, 0.223, 0.101),
-            (15.1, 2.94, 2.94),
-            (3.2, 0.25),
-            (1.1, 0.12),
-        ),
-        Coupled(
-            (255, 198),
-            (0.483, 0.104),
-            (1.10, 0.465, 0.225),
-            (19.4, 7.08, 7.08),
-            (1.8, 0.44),
-            (0.38, 0.16),
-        ),
-    ],
+    quick_first(
+        [
+            Coupled(
+                (870, 10.3),
+                (0.257, 0.0358),
+                (0.396, 0.108, 0.0435),
+                (12.1, 2.33, 2.33),
+                (2.3, 0.12),
+                (0.75, 0.034),
+            ),
+            Coupled(
+                (2106, 85.2),
+                (0.402, 0.0494),
+                (0.767, 0.223, 0.101),
+                (15.1, 2.94, 2.94),
+                (3.2, 0.25),
+                (1.1, 0.12),
+            ),
+            Coupled(
+                (255, 198),
+                (0.483, 0.104),
+                (1.10, 0.465, 0.225),
+                (19.4, 7.08, 7.08),
+                (1.8, 0.44),
+                (0.38, 0.16),
+            ),
+        ]
+    ),
 )
 def test_springs_of_coupled_joints_are_found_without_nominal_values(
     tmp_path: Path, plant: Coupled, rotors: bool
@@ -434,6 +443,7 @@ def test_springs_of_coupled_joints_are_found_without_nominal_values(
     assert found.warnings == ()
 
 
+@pytest.mark.slow  # logs of a hundred periods, simulated and fitted
 def test_a_spring_with_negative_damping_is_not_determined(tmp_path: Path) -> None:
     """A log at 12.5 Hz of a resonance of 7.6 Hz: the fit follows images of the sampling."""
     from scripts.benchmarks.motor_side import ANYDRIVE, robot_of, simulated

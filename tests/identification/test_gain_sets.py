@@ -49,6 +49,7 @@ def plan(found: seaid.Identification, first: seaid.Log) -> seaid.identification.
     return seaid.plan_gain_set(found, first, gain_factors=[(0.5, 1.0)])
 
 
+@pytest.mark.slow  # simulates candidates of a motion
 def test_the_second_set_determines_more_than_the_first(
     plan: seaid.identification.GainSetPlan,
 ) -> None:
@@ -112,6 +113,7 @@ def test_a_plan_keeps_the_limits_or_says_why_not(
         seaid.plan_gain_set(plain, first)
 
 
+@pytest.mark.slow  # simulates candidates of a motion
 def test_gains_on_the_command_line(urdf: Path, first: seaid.Log, tmp_path: Path) -> None:
     drives, run, log = tmp_path / "one.toml", tmp_path / "run.npz", tmp_path / "first.csv"
     seaid.write_log(first, log)

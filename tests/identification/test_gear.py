@@ -126,6 +126,7 @@ def test_predictions_and_refinement_do_not_depend_on_who_knows_the_gear() -> Non
     assert geared.load.rms_error == pytest.approx(plain.load.rms_error, nan_ok=True)
 
 
+@pytest.mark.slow  # refines a joint or searches for instruments
 def test_refined_stiffness_is_that_of_the_spring() -> None:
     between, own = (
         refine(found(one), log()).drives["shoulder"].value("stiffness") for one in (False, True)

@@ -31,6 +31,7 @@ from tests.experiments import (
     leg_motion,
 )
 from tests.experiments import leg as the_leg
+from tests.representatives import quick_first
 
 TRUTH = the_leg(TEST_MASS)
 KNOWN = TRUTH.without_nominal()
@@ -58,6 +59,7 @@ def truth_of(identified: Identification) -> Any:
     return identified.base.project(TRUTH.parameters)
 
 
+@pytest.mark.slow  # several identifications of the leg
 def test_both_sides_at_once_tell_the_springs_better() -> None:
     both = found(method="simultaneous")
     for joint in ELASTIC:
@@ -97,7 +99,7 @@ def test_possible_bodies_of_both_sides_at_once() -> None:
     assert all(is_physical(body, 0.0) for body in possible.robot.parameters.reshape(-1, 10))
 
 
-@pytest.mark.parametrize("suffix", [".csv", ".npz"])
+@pytest.mark.parametrize("suffix", quick_first([".csv", ".npz"]))
 def test_a_file_is_identified_as_the_log_in_memory(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"log{suffix}"
     write_log(log(), path)
@@ -121,7 +123,7 @@ def test_a_long_log_in_another_pass_band_is_opened_anew(tmp_path: Path) -> None:
     assert identify(KNOWN, opened).cutoff_hz == 6.0
 
 
-@pytest.mark.parametrize("executor", [ThreadPoolExecutor, ProcessPoolExecutor])
+@pytest.mark.parametrize("executor", quick_first([ThreadPoolExecutor, ProcessPoolExecutor]))
 def test_an_executor_works_on_the_logs(executor: type[Executor], tmp_path: Path) -> None:
     write_log(log(2), tmp_path / "second.npz")
     cutoff_hz = found().cutoff_hz
@@ -171,6 +173,7 @@ def test_a_term_that_is_not_there_is_not_worth_having() -> None:
     assert tests["c"].bic < 0 < tests["viscous_friction"].bic
 
 
+@pytest.mark.slow  # several identifications of the leg
 def test_cross_validation_over_parts_and_logs() -> None:
     parts = cross_validate(KNOWN, log(), parts=2)
     assert len(parts) == 2

@@ -123,6 +123,7 @@ def test_coarse_joint_encoders_bias_least_squares_more() -> None:
     assert abs(np.mean(freed, axis=0)[worst]) < 0.4 * abs(np.mean(plain, axis=0)[worst])
 
 
+@pytest.mark.slow  # a search for instruments in the log of the arm
 def test_stiff_drives_have_no_instruments_and_that_is_said(tmp_path: Path) -> None:
     robot = two_joints(tmp_path, STIFF, STIFF)
     sensors = Noise(motor_resolution_rad=2 * np.pi / 2**10, torque_std_Nm=0.001)

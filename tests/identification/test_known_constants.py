@@ -39,6 +39,7 @@ def worst(result: Identification) -> float:
     return float(np.max(np.abs(result.load.values - true) / result.load.standard_errors))
 
 
+@pytest.mark.slow  # several identifications of the leg
 def test_a_wrong_scale_of_all_torques_is_within_the_stated_errors() -> None:
     assert worst(found(1.03)) > 6.0
     stated = found(1.03, known_std={"torque": 0.03})
@@ -48,6 +49,7 @@ def test_a_wrong_scale_of_all_torques_is_within_the_stated_errors() -> None:
         assert abs(error) < 3 * stated.drives[joint].standard_error("stiffness")
 
 
+@pytest.mark.slow  # several identifications of the leg
 def test_a_common_scale_moves_all_parameters_together_and_is_said_once() -> None:
     stated, plain = found(known_std={"torque": 0.05}), found()
     added = stated.load.covariance - plain.load.covariance
@@ -122,6 +124,7 @@ def test_standard_deviations_of_nothing_are_refused(std: dict[str, float], messa
         StiffDrive(gear_ratio=10.0, std=std)
 
 
+@pytest.mark.slow  # several identifications of the leg
 def test_the_rotor_inertia_of_one_drive_reaches_its_parameters() -> None:
     drive = TRUTH.without_nominal().drives["knee_pitch"]
     assert isinstance(drive, SeriesElasticDrive)
@@ -136,6 +139,7 @@ def test_the_rotor_inertia_of_one_drive_reaches_its_parameters() -> None:
         assert (np.max(ratio) > 1.05) == (joint == "knee_pitch")
 
 
+@pytest.mark.slow  # several identifications of the leg
 def test_constants_of_motors_are_as_well_known_as_the_bodies() -> None:
     """Each body has a scale of its own: the constant of the last joint has that of the last one."""
     log = geared_arm_log()
@@ -162,6 +166,7 @@ def test_constants_of_motors_are_as_well_known_as_the_bodies() -> None:
         assert 0.05 / np.sqrt(len(bodies)) < relative < 0.07
 
 
+@pytest.mark.slow  # several identifications of the leg
 @pytest.mark.parametrize("estimator", ["wls", "huber"])
 def test_noise_of_currents_does_not_make_torque_constants_small(estimator: Any) -> None:
     """The currents of the wrist are mostly friction and noise; robust weights are biased."""

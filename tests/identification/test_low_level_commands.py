@@ -143,6 +143,7 @@ def test_a_command_that_is_left_out_shows(urdf: Path) -> None:
     assert "command_velocity_gain_Nms_per_rad = 1.5" in finding.remedy
 
 
+@pytest.mark.slow  # a simulation under commands and its identification
 def test_velocity_commands_alone(urdf: Path) -> None:
     wanted = 2.5 * np.cos(2 * np.pi * (0.1 * TIME + 0.12 * TIME**2)) + 0.8 * np.cos(2.3 * TIME)
     position = moved((0.0, 6.0), np.zeros_like(TIME), wanted, np.zeros_like(TIME))
@@ -153,6 +154,7 @@ def test_velocity_commands_alone(urdf: Path) -> None:
     assert float(np.sqrt(np.mean(error**2))) < 5e-3
 
 
+@pytest.mark.slow  # a simulation under commands and its identification
 def test_a_supply_that_sags_scales_a_duty_cycle(urdf: Path) -> None:
     position = moved((30.0, 1.5), REFERENCE, VELOCITY, GRAVITY, SUPPLY / 24.0)
     sent = {"position_command": REFERENCE, "velocity_command": VELOCITY, "torque_command": GRAVITY}
@@ -241,6 +243,7 @@ def test_a_log_keeps_all_its_commands(urdf: Path, tmp_path: Path) -> None:
     np.testing.assert_allclose(custom.velocity_command[:, 0], REFERENCE * 2 * np.pi / 60)
 
 
+@pytest.mark.slow  # a simulation under commands and its identification
 def test_the_model_of_a_velocity_controller_moves_as_its_replay(urdf: Path, tmp_path: Path) -> None:
     robot = robot_of(urdf, "velocity_command", **RATES)
     drive = replace(

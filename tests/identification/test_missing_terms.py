@@ -41,6 +41,7 @@ from tests.experiments import (
     perfect_log,
 )
 from tests.one_joint import one_joint
+from tests.representatives import quick_first
 
 CODES = ("missing-term", "nonlinear-spring")
 NAMED: tuple[FrictionTerm, ...] = ("viscous", "coulomb")
@@ -85,7 +86,7 @@ def spring_part(joint: str, power: int, share: float) -> Array:
     return np.asarray(lever * share * drive.values["stiffness"] * top * (stretch / top) ** power)
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", quick_first(range(2)))
 def test_a_right_model_has_no_finding(seed: int) -> None:
     assert findings(identify(named(), leg_log(seed))) == []
     assert findings(identify(open_robot(), leg_log(seed))) == []
@@ -93,7 +94,7 @@ def test_a_right_model_has_no_finding(seed: int) -> None:
     assert findings(identify(arm().without_nominal(), sensed)) == []
 
 
-@pytest.mark.parametrize(("power", "term"), [(3, "cubic"), (5, "fifth")])
+@pytest.mark.parametrize(("power", "term"), quick_first([(3, "cubic"), (5, "fifth")]))
 def test_a_hardening_spring_is_named_with_the_term_that_repairs_it(power: int, term: str) -> None:
     """A cubic or fifth-order part of 30 % of the largest force."""
     sensed = with_torque("hip_pitch", spring_part("hip_pitch", power, 0.3))
@@ -147,6 +148,7 @@ def test_a_weak_spring_without_such_a_term_silences_what_noise_alone_raises() ->
     assert without_echoes([weak, term]) == [weak]
 
 
+@pytest.mark.slow  # several identifications of a joint with other terms
 def test_backlash_that_looks_like_a_weak_spring_is_named(tmp_path: Path) -> None:
     """The lines of the remedy give the spring: 4000 N m/rad behind 5 mrad to each side."""
     robot = contact_backlash.robot_of(tmp_path)
@@ -176,6 +178,7 @@ def test_a_spring_whose_encoder_is_too_coarse_has_no_backlash(tmp_path: Path) ->
     assert "backlash" not in codes
 
 
+@pytest.mark.slow  # several identifications of a joint with other terms
 def test_an_offset_is_added_where_nobody_named_terms_and_named_where_somebody_did() -> None:
     sensed = with_torque("hip_roll", np.full(len(leg_log(3).time), 0.03))
     (finding,) = findings(identify(named(), sensed))
@@ -289,7 +292,7 @@ def test_what_the_low_pass_leaves_without_noise_is_no_missing_term(name: str) ->
 
 
 @pytest.mark.parametrize(
-    "make", [lambda: leg_log(3), stribeck, lambda: with_torque("hip_pitch", cubic())]
+    "make", quick_first([lambda: leg_log(3), stribeck, lambda: with_torque("hip_pitch", cubic())])
 )
 def test_screening_excludes_no_term_that_a_comparison_supports(
     make: Callable[[], Log], monkeypatch: pytest.MonkeyPatch

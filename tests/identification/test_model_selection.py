@@ -79,6 +79,7 @@ def test_hysteresis_that_is_there_is_recommended(
     assert law in getattr(found.robot.drives["knee_pitch"], field)
 
 
+@pytest.mark.slow  # a comparison of all terms
 def test_hysteresis_that_is_not_there_is_not_recommended() -> None:
     terms = {"friction": LAWS, "spring": LAWS}
     assert not compare_terms(ROBOT, plain_log(), terms=terms).recommended
@@ -170,6 +171,7 @@ def test_a_width_of_coulomb_friction_is_recommended() -> None:
     assert width == pytest.approx(15.0, rel=0.2)
 
 
+@pytest.mark.slow  # a comparison of all terms
 def test_a_hardening_spring_is_found_at_once() -> None:
     """A cubic part of a tenth of the force at the largest deflection."""
     log, motion, index = plain_log(), leg_motion(TEST_MASS), 2
@@ -195,6 +197,7 @@ def test_a_term_that_the_log_has_no_equation_for_says_so() -> None:
     assert one.reason.startswith("it has no column: the log lacks its equation")
 
 
+@pytest.mark.slow  # a comparison of all terms
 @pytest.mark.parametrize("half_width", [0.005, 0.0])
 def test_a_dead_zone_next_to_a_stiff_contact_is_found_at_the_cutoff_of_the_motion(
     tmp_path: Path, half_width: float
@@ -218,6 +221,7 @@ def test_a_dead_zone_next_to_a_stiff_contact_is_found_at_the_cutoff_of_the_motio
     assert error < 0.05 * half_width
 
 
+@pytest.mark.slow  # a comparison of all terms
 def test_a_dead_zone_whose_teeth_bounce_is_found_at_a_higher_cutoff(tmp_path: Path) -> None:
     """At the cutoff of this motion the searched dead zone explains a tenth of the residual."""
     _, contact, terms, values = hysteresis.CASES["backlash, contact of 4000 N m/rad"]

@@ -152,12 +152,14 @@ def with_damping(joint: Joint, folder: Path, **nominal: float) -> Robot:
     return robot.with_drives({"arm": replace(robot.drives["arm"], nominal=nominal)})
 
 
+@pytest.mark.slow  # a search for a stiffness behind a motor
 def test_spring_damping_from_the_motor_alone_is_exact_without_noise(tmp_path: Path) -> None:
     drive = identify(with_damping(PERFECT, tmp_path), log_of(PERFECT)).drives["arm"]
     assert drive.value("stiffness") == pytest.approx(PERFECT.k, rel=5e-5)
     assert drive.value("spring_damping") == pytest.approx(PERFECT.damping, rel=1e-3)
 
 
+@pytest.mark.slow  # a search for a stiffness behind a motor
 def test_spring_damping_with_noise_is_inside_its_interval(tmp_path: Path) -> None:
     """From four times the true damping."""
     robot = with_damping(DAMPED, tmp_path, spring_damping=4 * DAMPED.damping)
@@ -176,6 +178,7 @@ def doubts(result: Identification) -> list[Finding]:
     ]
 
 
+@pytest.mark.slow  # a search for a stiffness behind a motor
 def test_damping_that_the_drive_lacks_is_named(robot: Robot) -> None:
     (finding,) = doubts(identify(robot, log_of(DAMPED)))
     assert finding.joint == "arm"
@@ -183,6 +186,7 @@ def test_damping_that_the_drive_lacks_is_named(robot: Robot) -> None:
     assert finding.remedy == 'in the drives file:\n[arm]\nspring = ["linear", "damping"]'
 
 
+@pytest.mark.slow  # a search for a stiffness behind a motor
 def test_an_elastic_link_behind_the_spring_is_named(tmp_path: Path) -> None:
     robot = robot_of(WIDE, tmp_path)
     assert doubts(identify(robot, log_of(WIDE))) == []
@@ -238,6 +242,7 @@ def test_message_of_a_spring_without_any_trace(robot: Robot) -> None:
         identify(robot, simulated(stiff, 5.0))
 
 
+@pytest.mark.slow  # a search for a stiffness behind a motor
 def test_a_file_without_joint_position_is_read(robot: Robot, tmp_path: Path) -> None:
     path = tmp_path / "run.csv"
     seaid.write_log(log_of(ANYDRIVE), path)
@@ -249,10 +254,12 @@ def test_a_file_without_joint_position_is_read(robot: Robot, tmp_path: Path) -> 
         identify(robot, path)
 
 
+@pytest.mark.slow  # a search for a stiffness behind a motor
 def test_a_right_set_up_is_checked_without_a_finding(robot: Robot) -> None:
     assert seaid.check(robot, log_of(ANYDRIVE)).warnings == ()
 
 
+@pytest.mark.slow  # a search for a stiffness behind a motor
 def test_bodies_are_physically_consistent_if_wanted(robot: Robot, tmp_path: Path) -> None:
     result = identify(robot, log_of(ANYDRIVE), feasible=True)
     assert result.feasible is not None
@@ -280,6 +287,7 @@ def test_another_joint_is_not_predicted(found: Identification) -> None:
     assert finding.severity in ("wrong", "doubtful")
 
 
+@pytest.mark.slow  # a search for a stiffness behind a motor
 @pytest.mark.parametrize("number", ONCE_WRONG)
 def test_random_joints_whose_search_once_ended_elsewhere(number: int, tmp_path: Path) -> None:
     """From the antiresonance of a rigid robot these ended in wrong minima, or nowhere."""
@@ -329,6 +337,7 @@ def mujoco_log(joint: Joint, duration: float = 8.0) -> Log:
     )
 
 
+@pytest.mark.slow  # a search for a stiffness behind a motor
 @pytest.mark.parametrize("name", ["ANYdrive-like", "TULip-like knee"])
 def test_a_joint_of_mujoco(name: str, tmp_path: Path) -> None:
     joint = JOINTS[name]

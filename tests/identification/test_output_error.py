@@ -30,6 +30,7 @@ from seaid.log.reading import Log
 from seaid.robot.robot import Payload, Robot, load_robot
 from seaid.simulation.simulation import Noise, measure, simulate_motion
 from tests.experiments import DATA, drive_errors, drive_scores, perfect_log, wiggle
+from tests.representatives import quick_first
 from tests.standard_errors import check_scores
 from tests.terms import ELASTIC, STIFF, arm, exact_motion
 
@@ -119,11 +120,13 @@ def added(one: Identification, start: Identification) -> list[Finding]:
 
 @pytest.mark.parametrize(
     "truth",
-    [
-        SPRINGS,
-        robot("telescope", "shoulder", load=0.8),
-        robot("rail", "shoulder"),
-    ],
+    quick_first(
+        [
+            SPRINGS,
+            robot("telescope", "shoulder", load=0.8),
+            robot("rail", "shoulder"),
+        ]
+    ),
     ids=["springs", "reordered with payload", "mixed"],
 )
 def test_perfect_sensors_lead_to_the_truth(truth: Robot) -> None:
@@ -134,6 +137,7 @@ def test_perfect_sensors_lead_to_the_truth(truth: Robot) -> None:
     assert added(one, found(truth)) == []
 
 
+@pytest.mark.slow  # a refinement of two joints, simulated several times
 def test_springs_are_nearer_than_the_linear_regression() -> None:
     before = drive_errors(found(), SPRINGS, "stiffness")
     after = drive_errors(refined(), SPRINGS, "stiffness")
@@ -141,6 +145,7 @@ def test_springs_are_nearer_than_the_linear_regression() -> None:
     assert max(map(abs, after.values())) < 0.1 * max(map(abs, before.values()))
 
 
+@pytest.mark.slow  # a refinement of two joints, simulated several times
 def test_wrong_start_comes_back() -> None:
     noisy = measure(SPRINGS, motion(), SENSORS, seed=1)
     one = refine(identify(SPRINGS.without_nominal(), noisy), noisy)
@@ -160,6 +165,7 @@ def test_robot_has_the_refined_values() -> None:
     assert one.base.project(one.robot.parameters) == pytest.approx(one.load.values, abs=1e-8)
 
 
+@pytest.mark.slow  # a refinement of two joints, simulated several times
 def test_spring_torque_of_a_sensor_leaves_nothing_to_simulate() -> None:
     sensed = replace(log(), joint_torque=motion().joint_torque)
     start = identify(SPRINGS.without_nominal(), sensed)
@@ -182,6 +188,7 @@ def coarse() -> tuple[Identification, Log]:
     return identify(truth.without_nominal(), one, cutoff_hz=12.0), one
 
 
+@pytest.mark.slow  # a refinement of two joints, simulated several times
 def test_noise_in_the_accelerations_of_stiff_joints_does_not_bias() -> None:
     start, noisy_log = coarse()
     truth = robot("rail", "shoulder")
@@ -189,6 +196,7 @@ def test_noise_in_the_accelerations_of_stiff_joints_does_not_bias() -> None:
     assert base_error(one, truth) < 2 * base_error(start, truth)
 
 
+@pytest.mark.slow  # a refinement of two joints, simulated several times
 def test_start_that_predicts_better_is_returned(monkeypatch: pytest.MonkeyPatch) -> None:
     def spoiled(layout: Layout, here: Point) -> tuple[Point, bool]:
         x = here.x.copy()
@@ -204,6 +212,7 @@ def test_start_that_predicts_better_is_returned(monkeypatch: pytest.MonkeyPatch)
     assert finding.evidence["error after"] > 1.5 * finding.evidence["error before"]
 
 
+@pytest.mark.slow  # a refinement of two joints, simulated several times
 def test_lower_likelihood_is_not_returned(monkeypatch: pytest.MonkeyPatch) -> None:
     def worse(layout: Layout, here: Point) -> tuple[Point, bool]:
         step = replace(here.step, change=np.zeros_like(here.x), merit=here.step.merit + 1.0)
@@ -215,6 +224,7 @@ def test_lower_likelihood_is_not_returned(monkeypatch: pytest.MonkeyPatch) -> No
     assert "its likelihood is lower than that of the start" in finding.message
 
 
+@pytest.mark.slow  # a refinement of two joints, simulated several times
 def test_warnings_about_the_motion_stay() -> None:
     weak = Finding("weak-spring", "hardly loaded", "shoulder")
     drives = dict(found().drives)
@@ -227,7 +237,8 @@ def test_warnings_about_the_motion_stay() -> None:
 
 
 @pytest.mark.parametrize(
-    ("zero_std", "unseen"), [(0.0, ()), (0.002, ()), (0.0, ("shoulder",)), (0.002, ("shoulder",))]
+    ("zero_std", "unseen"),
+    quick_first([(0.0, ()), (0.002, ()), (0.0, ("shoulder",)), (0.002, ("shoulder",))]),
 )
 def test_sensitivities_are_those_of_differences(zero_std: float, unseen: tuple[str, ...]) -> None:
     """Where no encoder is behind the spring, the torque of the stiff rail follows the joint."""
@@ -304,6 +315,7 @@ def test_errors_are_as_large_as_the_standard_errors_say() -> None:
     check_scores(scores, band=1.2)
 
 
+@pytest.mark.slow  # a refinement of two joints, simulated several times
 def test_noise_is_found_and_errors_are_what_the_intervals_say() -> None:
     start = identify(SPRINGS.without_nominal(), noisy())
     one = refine(start, noisy())
@@ -317,6 +329,7 @@ def test_noise_is_found_and_errors_are_what_the_intervals_say() -> None:
     assert np.all(np.abs(one.load.values - true) < 4 * one.load.standard_errors)
 
 
+@pytest.mark.slow  # a refinement of two joints, simulated several times
 def test_memory_is_that_of_a_part_of_the_log(monkeypatch: pytest.MonkeyPatch) -> None:
     """The result does not depend on the size of the parts."""
     one = refine(found(), log())
@@ -328,6 +341,7 @@ def test_memory_is_that_of_a_part_of_the_log(monkeypatch: pytest.MonkeyPatch) ->
     assert_same(one, refine(found(), log()), rel=1e-6)
 
 
+@pytest.mark.slow  # a refinement of two joints, simulated several times
 def test_uncertain_encoder_offsets_of_stiff_joints_converge() -> None:
     truth = robot("rail", "shoulder")
     one = measure(truth, motion(truth), replace(SENSORS, joint_offset_rad=(2e-3, -2e-3)), 2)
@@ -337,6 +351,7 @@ def test_uncertain_encoder_offsets_of_stiff_joints_converge() -> None:
     assert np.all(np.abs(refined.load.values - true) < 4 * refined.load.standard_errors)
 
 
+@pytest.mark.slow  # a refinement of two joints, simulated several times
 def test_two_logs_are_known_better_than_one() -> None:
     start = identify(SPRINGS.without_nominal(), [noisy(0), noisy(1)])
     both, one = refine(start, [noisy(0), noisy(1)]), refine(start, noisy(0))
@@ -345,12 +360,14 @@ def test_two_logs_are_known_better_than_one() -> None:
         assert np.all(ratio < 0.9)
 
 
+@pytest.mark.slow  # a refinement of two joints, simulated several times
 def test_refining_again_changes_nothing() -> None:
     start = identify(SPRINGS.without_nominal(), noisy())
     one = refine(start, noisy())
     assert_same(one, refine(one, noisy()), rel=1e-3)
 
 
+@pytest.mark.slow  # a refinement of two joints, simulated several times
 def test_joint_zeros_are_estimated_where_they_are_uncertain() -> None:
     sensors = Noise(joint_offset_rad=(0.01, 0.0), torque_std_Nm=0.002)
     shifted_log = measure(SPRINGS, motion(), sensors)

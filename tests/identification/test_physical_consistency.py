@@ -27,6 +27,7 @@ from seaid.robot.robot import Payload, Robot, load_robot
 from seaid.simulation.simulation import measure, simulate_motion
 from tests.experiments import LEG_SENSORS, MODELS, TEST_MASS, arm, leg, leg_motion, wiggle
 from tests.measured import LOGS
+from tests.representatives import quick_first
 
 
 @cache
@@ -176,6 +177,7 @@ def test_prior_near_the_truth_makes_the_estimate_better() -> None:
     assert result.freedom < len(truth)
 
 
+@pytest.mark.slow  # identifications of the leg with possible bodies
 def test_possible_robot_simulates() -> None:
     result = found(leg(), estimated(leg(), 0.1))
     motion = wiggle(leg(), 0.6, (0.0, 0.0, -0.2, 0.7, 0.0), (0.1,) * 5)
@@ -243,9 +245,10 @@ def log_of_a_leg_without_payload() -> Log:
     return measure(leg(), leg_motion(), LEG_SENSORS, seed=0)
 
 
-@pytest.mark.parametrize("known", ["file", "nothing"])
+@pytest.mark.parametrize("known", quick_first(["file", "nothing"]))
 @pytest.mark.parametrize(
-    "payload", [TEST_MASS, Payload("foot", 2.0), Payload("shank", 2.0, (0.0, 0.0, -0.1))]
+    "payload",
+    quick_first([TEST_MASS, Payload("foot", 2.0), Payload("shank", 2.0, (0.0, 0.0, -0.1))]),
 )
 def test_payload_that_is_not_on_the_robot_is_named(payload: Payload, known: str) -> None:
     robot = leg(payload) if known == "file" else leg(payload).without_nominal()
@@ -261,6 +264,7 @@ def test_payload_that_is_not_on_the_robot_is_named(payload: Payload, known: str)
     assert result.feasible.nearest_chi_square > 1000
 
 
+@pytest.mark.slow  # identifications of the leg with possible bodies
 def test_one_of_two_payloads_that_is_not_on_the_robot_is_named() -> None:
     here, elsewhere = TEST_MASS, Payload("thigh", 3.0, (0.0, 0.0, -0.2))
     log = measure(leg(here), leg_motion(here), LEG_SENSORS, seed=0)
@@ -422,6 +426,7 @@ def test_balls_lie_along_the_links(robot: Robot) -> None:
             np.testing.assert_allclose(plain[index, 1:4], end / 2)
 
 
+@pytest.mark.slow  # identifications of the leg with possible bodies
 def test_masses_stay_near_the_prior_where_it_contradicts_other_values() -> None:
     """The prior of this arm is far off in what the log determines; its masses are all there is."""
     robot = load_robot(MODELS / "hebi_arm_2.urdf", MODELS / "hebi_arm_2.toml")

@@ -173,6 +173,7 @@ def _doubled(drive: StiffDrive | SeriesElasticDrive) -> StiffDrive | SeriesElast
     return replace(drive, **wrong)  # type: ignore[arg-type]
 
 
+@pytest.mark.slow  # identifications of whole robots
 @pytest.mark.parametrize("massless", [("hip_yaw", "hip_roll"), leg().joint_names])
 def test_bodies_without_mass_keep_their_first_moments(massless: tuple[str, ...]) -> None:
     bodies = leg().parameters.reshape(-1, 10).copy()
@@ -271,6 +272,7 @@ def test_joint_torque_of_stiff_joints_is_the_geared_motor_torque() -> None:
     assert found.load_side.values == pytest.approx(expected.load_side.values, rel=1e-9)
 
 
+@pytest.mark.slow  # identifications of whole robots
 def test_several_logs_are_one_experiment() -> None:
     truth, motion, noise = experiments()[0]
     log = measure(truth, motion, noise, seed=1)
@@ -303,6 +305,7 @@ def test_irregular_time_stamps_are_resampled() -> None:
     assert abs(errors["stiffness of shoulder"]) < 0.01
 
 
+@pytest.mark.slow  # identifications of whole robots
 def test_extra_term_is_found_with_its_value(write_chain: Callable[..., Path]) -> None:
     """A drag with the cube of the motor's speed, as large as the dry friction."""
     drive = SeriesElasticDrive(
@@ -357,6 +360,7 @@ def test_spring_of_a_free_foot_is_flagged() -> None:
     assert "stiffness of ankle_pitch is poorly identified" in found.summary()
 
 
+@pytest.mark.slow  # identifications of whole robots
 def test_test_mass_makes_the_spring_of_the_foot_known() -> None:
     robot, log = ankle(with_mass=True)
     found = identify(robot.without_nominal(), log)

@@ -100,6 +100,7 @@ def errors(found: Identification, truth: Robot, joint: str) -> dict[str, float]:
 QUICK = ("cubic", "beside")
 
 
+@pytest.mark.slow  # a refinement of a joint with other terms
 @pytest.mark.parametrize(
     "case",
     [case if case in QUICK else pytest.param(case, marks=pytest.mark.slow) for case in CASES],
@@ -143,6 +144,7 @@ def test_errors_are_as_large_as_the_standard_errors_say() -> None:
     check_scores(found, band=1.2)
 
 
+@pytest.mark.slow  # a refinement of a joint with other terms
 def test_a_dead_zone_that_the_load_does_not_cross_is_a_doubt() -> None:
     """The load of seed 3 stays on one side: only the sum of centre and half width is right."""
     truth = robot("dead zone")
@@ -162,6 +164,7 @@ def test_a_dead_zone_that_the_load_does_not_cross_is_a_doubt() -> None:
     assert [one for one in crossed.warnings if one.code == "unidentifiable"] == []
 
 
+@pytest.mark.slow  # a refinement of a joint with other terms
 def test_a_stiff_joint_with_a_width_of_friction_is_linearised_again() -> None:
     truth = with_drive(
         arm("rail", "shoulder"),
@@ -178,6 +181,7 @@ def test_a_stiff_joint_with_a_width_of_friction_is_linearised_again() -> None:
     assert max(errors(refined, truth, "shoulder").values()) < 2e-3
 
 
+@pytest.mark.slow  # a refinement of a joint with other terms
 def test_errors_of_the_gear_are_refined() -> None:
     wrong = {"motor": {1: (1e-3, 5e-4)}, "joint": {3: (0.0, 2e-3)}}
     truth = with_drive(SPRINGS, "shoulder", {"transmission_error": wrong}, {})
@@ -190,6 +194,7 @@ def test_errors_of_the_gear_are_refined() -> None:
                 assert refined.value(name) == pytest.approx(amplitude, abs=2e-6)
 
 
+@pytest.mark.slow  # a refinement of a joint with other terms
 def test_a_speed_without_its_friction_is_fixed() -> None:
     truth = with_drive(SPRINGS, "shoulder", *CASES["stribeck"])
     plain = log_of(SPRINGS, 0)

@@ -22,6 +22,7 @@ from seaid.regressor.load import LoadModel, load_columns, load_model
 from seaid.robot.robot import Robot, load_robot
 from seaid.simulation.simulation import Noise, measure, simulate_motion
 from tests.experiments import DATA, perfect_log, wiggle
+from tests.representatives import quick_first
 
 SPRINGS = ("shoulder", "telescope")
 TRUTH = load_robot(
@@ -67,6 +68,7 @@ def test_perfect_motors_drive_the_joints_to_where_they_were() -> None:
     assert np.array_equal(made.motor_velocity, motion.motor_velocity)
 
 
+@pytest.mark.slow  # simulates joints in windows of a log
 def test_joints_obey_the_fitted_model_in_every_window() -> None:
     robot, model, motion, sides = noise_free()
     made = driven(motion)
@@ -80,6 +82,7 @@ def in_rows(motion: Motion, name: str) -> Array:
     return inside(motion, getattr(driven(motion), f"joint_{name}"))
 
 
+@pytest.mark.slow  # simulates joints in windows of a log
 def test_noise_of_the_joint_encoders_stays_outside() -> None:
     """But for the initial states: four numbers a window, of which there are five periods each."""
     motion = noise_free()[2]
@@ -98,6 +101,7 @@ def test_noise_of_the_joint_encoders_stays_outside() -> None:
     assert np.all(np.std(accelerated, axis=0)[joints] < 0.01 * 10.0)
 
 
+@pytest.mark.slow  # simulates joints in windows of a log
 def test_without_springs_only_the_encoder_is_chosen() -> None:
     robot, model, motion, sides = noise_free()
     made = driven_motion(robot, motion, model, {}, sides.load_side.values)
@@ -106,7 +110,7 @@ def test_without_springs_only_the_encoder_is_chosen() -> None:
     assert np.array_equal(made.joint_acceleration, chosen.joint_acceleration)
 
 
-@pytest.mark.parametrize("side", ["joint", "motor"])
+@pytest.mark.parametrize("side", quick_first(["joint", "motor"]))
 def test_stiff_joint_moves_with_its_finer_encoder(side: str) -> None:
     robot, _, motion, _ = noise_free()
     wrist, ratio = robot.index("wrist"), robot.drives["wrist"].ratio
@@ -126,6 +130,7 @@ def test_stiff_joint_moves_with_its_finer_encoder(side: str) -> None:
     assert np.mean(made.joint_position[:, wrist]) == pytest.approx(middle, abs=1e-12)
 
 
+@pytest.mark.slow  # simulates joints in windows of a log
 def test_a_model_that_cannot_be_simulated() -> None:
     """Bodies with negative inertia run away from the motors."""
     robot, model, motion, sides = noise_free()
@@ -159,6 +164,7 @@ def test_noisy_joint_encoders_bias_the_bodies_of_least_squares_only() -> None:
     assert np.linalg.norm(freed) < 0.3 * np.linalg.norm(plain)
 
 
+@pytest.mark.slow  # simulates joints in windows of a log
 def test_where_the_model_diverges_the_smoothed_motion_stays_and_a_flag_says_so(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

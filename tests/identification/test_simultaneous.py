@@ -46,6 +46,7 @@ from tests.experiments import (
     true_value,
     wiggle,
 )
+from tests.representatives import quick_first
 from tests.standard_errors import check_scores
 
 LEG, IN_MOTION = leg(TEST_MASS), leg()
@@ -264,6 +265,7 @@ def free_foot() -> tuple[Regression, Array, Array, Array, Estimate]:
     return rows, truth_of(IN_MOTION, model, rows.names), start, errors, found
 
 
+@pytest.mark.slow  # iterations of both sides of the leg
 def test_hardly_loaded_spring_is_told_by_the_load_side() -> None:
     rows, truth, start, errors, found = free_foot()
     ankle = rows.names.index("stiffness of ankle_pitch")
@@ -423,7 +425,7 @@ def test_errors_of_iterations() -> None:
         settled(robot, rows, truth_of(robot, model, rows.names), restless)
 
 
-@pytest.mark.parametrize("sensors", [LEG_SENSORS, Noise()], ids=["noisy", "perfect"])
+@pytest.mark.parametrize("sensors", quick_first([LEG_SENSORS, Noise()]), ids=["noisy", "perfect"])
 def test_missing_friction_at_the_hip_converges(sensors: Noise) -> None:
     """0.3 N m behind the spring: weights settled in every iteration alternated between two ends."""
     table = tomllib.loads((MODELS / "tulip_leg.toml").read_text(encoding="utf-8"))

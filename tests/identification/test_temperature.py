@@ -23,6 +23,7 @@ from seaid.simulation.plant import plant_of, warmed
 from seaid.simulation.simulation import measure
 from tests.experiments import LEG_SENSORS, TEST_MASS, leg, leg_motion, leg_trajectory, wiggle
 from tests.one_joint import one_joint
+from tests.representatives import quick_first
 
 KNEE = "knee_pitch"
 TERMS: tuple[FrictionTerm, ...] = (
@@ -151,6 +152,7 @@ def test_a_plant_at_one_temperature_is_that_of_the_friction_there() -> None:
         np.testing.assert_allclose(found[0], found[1], rtol=1e-9)
 
 
+@pytest.mark.slow  # a long simulation of a warming motor
 def test_the_log_of_a_simulation_has_the_temperature_and_replays_with_it(tmp_path: Path) -> None:
     drive = StiffDrive(gear_ratio=5.0, motor_inertia_kg_m2=1e-4, friction=TERMS)
     values = {"viscous_friction": 0.02, "coulomb_friction": 0.02}
@@ -250,7 +252,7 @@ def cold_log(robot: Robot, duration: float = 62.0, seed: int = 1) -> Log:
     )
 
 
-@pytest.mark.parametrize("kind", ["stiff", "elastic"])
+@pytest.mark.parametrize("kind", quick_first(["stiff", "elastic"]))
 def test_warm_up_is_selected_and_recovered_within_its_intervals(tmp_path: Path, kind: str) -> None:
     robot = cold_arm(tmp_path, kind)
     log = cold_log(robot)
@@ -305,6 +307,7 @@ def test_a_log_that_is_shorter_than_the_warm_up_is_refused_with_the_remedy(tmp_p
     assert not selection.recommended
 
 
+@pytest.mark.slow  # a long simulation of a warming motor
 def test_a_simulated_motor_has_the_friction_of_its_time_and_replays(tmp_path: Path) -> None:
     """A motor that is cold all the time, and one that is warm, move otherwise."""
     robot = cold_arm(tmp_path)

@@ -142,6 +142,7 @@ def test_without_the_sensor_the_error_names_it() -> None:
         identify(by_current(), log, cutoff_hz=6.0, torque_joints=["hip_yaw", "hip_roll"])
 
 
+@pytest.mark.slow  # identifications of two logs of the leg
 def test_a_test_mass_in_one_of_two_logs_gives_the_constants_of_springs() -> None:
     """The currents alone leave every torque up to scale, in each log."""
     both = identify_conditions(
@@ -177,6 +178,7 @@ def test_standard_errors_of_constants_by_a_test_mass() -> None:
     assert 0.7 < np.sqrt(np.mean(np.square(scores))) < 1.3
 
 
+@pytest.mark.slow  # identifications of two logs of the leg
 def test_the_same_mass_in_both_logs_gives_no_constant() -> None:
     """It could be part of the foot."""
     robot, log = with_and_without_mass(None)["loaded"]

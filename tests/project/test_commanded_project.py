@@ -32,6 +32,7 @@ def go2(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow  # an identification and replays of a whole log
 def test_three_commands_lead_from_the_log_to_a_model_that_replays_it_better(
     go2: Path, tmp_path: Path
 ) -> None:
@@ -50,6 +51,7 @@ def test_three_commands_lead_from_the_log_to_a_model_that_replays_it_better(
     assert "all joints" in (go2 / "runs" / "latest" / "summary.txt").read_text()
 
 
+@pytest.mark.slow  # two replays of a whole log
 def test_the_replay_of_a_run_is_that_of_the_verb_and_of_the_report(
     go2: Path, tmp_path: Path
 ) -> None:

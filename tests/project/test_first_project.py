@@ -143,6 +143,7 @@ def test_no_log(tmp_path: Path) -> None:
         write_first_project(MODELS / "tulip_leg.urdf", [], folder=tmp_path)
 
 
+@pytest.mark.slow  # a whole robot is identified
 @pytest.mark.filterwarnings("ignore:.*rounded angles")
 def test_torques_without_motor_encoders_get_stiff_drives_at_the_joints(tmp_path: Path) -> None:
     """An arm with the topics of ROS: without friction and rotors, nothing of it was explained."""

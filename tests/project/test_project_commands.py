@@ -41,6 +41,7 @@ def here(project: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path
     return tmp_path
 
 
+@pytest.mark.slow  # a project from its files to its report
 def test_three_words_are_enough(here: Path) -> None:
     text = done("run").out
     assert text.startswith("small_arm: ")
