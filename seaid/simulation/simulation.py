@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -143,8 +143,8 @@ def measure(robot: Robot, motion: Motion, noise: Noise, seed: int = 0) -> Log:
     return Log(
         time=motion.time,
         joint_names=robot.joint_names,
-        motor_position=_reading(robot, noise, "motor", motion.motor_position),
-        joint_position=_reading(robot, noise, "joint", motion.joint_position),
+        motor_position=_encoder(robot, noise, "motor")(motion.motor_position),
+        joint_position=_encoder(robot, noise, "joint")(motion.joint_position),
         motor_torque=inputs.torque,
         motor_current=inputs.current,
         motor_voltage=inputs.voltage,
@@ -243,9 +243,10 @@ def _run(
     state = np.zeros((plant.rows, joints))
     state[POSITION], state[JOINT_POSITION] = controller.motor_position[0], planned[0][0]
     torque, velocity, previous = controller.feedforward[0], np.zeros(joints), None
+    encoder = _encoder(robot, noise, "motor")
     for tick in track(range(ticks), "simulating", progress):
         states[tick], torques[tick] = state, torque
-        reading = _reading(robot, noise, "motor", state[POSITION][None, back])[0][order]
+        reading = encoder(state[POSITION, back])[order]
         if previous is not None:
             velocity += controller.velocity_filter * ((reading - previous) * rate_hz - velocity)
         previous = reading
@@ -307,12 +308,20 @@ def _spring_torques(plant: Plant, states: Array) -> Array:
     return load
 
 
-def _reading(robot: Robot, noise: Noise, side: str, position: Array) -> Array:
-    """Return the reading (T, n) of the encoders on a side: offset added, rounded to whole steps."""
+def _encoder(robot: Robot, noise: Noise, side: str) -> Callable[[Array], Array]:
+    """Return the function from positions (..., n) to the readings of the encoders on a side.
+
+    The offset is added, and the sum is rounded to whole steps.
+    """
     step = _spread(robot, noise, f"{side}_resolution_rad")
-    shifted = position + _spread(robot, noise, f"{side}_offset_rad")
+    offset = _spread(robot, noise, f"{side}_offset_rad")
     whole = np.where(step > 0, step, 1.0)
-    return np.where(step > 0, np.round(shifted / whole) * whole, shifted)
+
+    def reading(position: Array) -> Array:
+        shifted = position + offset
+        return np.where(step > 0, np.round(shifted / whole) * whole, shifted)
+
+    return reading
 
 
 def _spread(robot: Robot, noise: Noise, name: str) -> Array:
