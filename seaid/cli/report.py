@@ -91,6 +91,6 @@ def report(
     with written(output, ".html") as file:
         write_report(found, every, file, facts=facts, replays=replays, frequency=response)
     content = {"validations": [one.to_dict() for one in results.values()]}
-    text = [f"{found.robot.name}: {len(found.load.values)} base parameters and its drives reported"]
-    text += warning_lines(found.warnings)
-    result.show("\n".join(text), content, output, **facts_of(found, *results.values(), *replays))
+    judged = facts_of(found, *results.values(), *replays)
+    text = [f"{found.robot.name}: {judged['verdict'].sentence}", *warning_lines(judged["warnings"])]
+    result.show("\n".join(text), content, output, **judged)
