@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from seaid._arrays import Array
+from seaid._files import toml_table
 from seaid._progress import Result, counted
 from seaid.drives import Drive, total_ratio
 from seaid.errors import Finding, IdentificationError, by_severity, checked, listed
@@ -30,6 +31,7 @@ from seaid.identification.linear_joints import (
     linearised,
     refitted,
     sticking_sign,
+    with_free_rotors,
 )
 from seaid.identification.spectra import (
     Spectra,
@@ -58,7 +60,7 @@ _STICK_ROUNDS = 3
 """Fits with the friction of motors at standstill that the fit before has."""
 
 _WANTED = 0.05
-"""Relative standard error of a stiffness that a remedy aims at."""
+"""Relative error of a stiffness that a remedy aims at, and up to which it counts as known."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -222,6 +224,7 @@ def frequency_response(
     )
     findings = _unseen(found, nominal, rate) + _disagreements(found, identification)
     findings += _unexplained(fit)
+    findings += _contradicted_rotors(found, fit, spectra, drives)
     return replace(found, warnings=by_severity(findings))
 
 
@@ -346,7 +349,7 @@ def _unseen(found: FrequencyResponse, nominal: LinearJoints, rate: float) -> lis
     """Return a finding for each joint whose spring the response does not show, and the remedy."""
     expected = np.full(len(found.drives), np.nan)
     if np.all(np.isfinite(nominal.stiffness)) and np.all(np.isfinite(nominal.mass)):
-        expected = np.abs(nominal.modes()[1]) / (2 * np.pi)
+        expected = np.abs(nominal.antiresonances()) / (2 * np.pi)
     findings = []
     for (joint, one), hz in zip(found.drives.items(), expected.tolist(), strict=True):
         size = one.value("stiffness")
@@ -391,6 +394,43 @@ def _unexplained(fit: Fit) -> list[Finding]:
             "possible",
         )
     ]
+
+
+def _contradicted_rotors(
+    found: FrequencyResponse, fit: Fit, spectra: Spectra, drives: Sequence[Drive]
+) -> list[Finding]:
+    """Return a finding for each rotor inertia of the drives file that the response contradicts.
+
+    A wrong rotor inertia changes the stiffness, which follows from it and the resonance: it is a
+    finding, twice outside its interval, if the stiffness with the rotor free is another one.
+    """
+    known = fit.joints.elastic & ~fit.parameters.rotors
+    if not np.any(known):
+        return []
+    free, findings = with_free_rotors(spectra, fit), []
+    for place in np.flatnonzero(known).tolist():
+        joint, estimate = found.joints[place], free.estimate(place, drives[place])
+        at = [estimate.names.index(name) for name in ("motor_inertia", "stiffness")]
+        stated, stiffness = (found.drives[joint].values[i] for i in at)
+        rotor, k = (float(estimate.values[i]) for i in at)
+        low, high = estimate.interval()[at[0]]
+        away, error = (abs(x) for x in (stated - rotor, 0.5 * (high - low)))
+        if not (away > 2 * error and abs(stiffness - k) > _WANTED * k):
+            continue
+        findings.append(
+            Finding(
+                "rotor-inertia",
+                f"the response of {joint} contradicts its rotor inertia of {stated:.3g} kg m^2: it "
+                f"shows {rotor:.3g} kg m^2, {low:.3g} to {high:.3g}, with which the stiffness is "
+                f"{k:.4g} {estimate.units[at[1]]} and not {stiffness:.4g}",
+                joint,
+                "doubtful",
+                {"stated": float(stated), "by the response": rotor, "stiffness with it": k},
+                f"in the drives file:\n{toml_table(joint)}\nmotor_inertia_kg_m2 = {rotor:.4g}",
+                "likely",
+            )
+        )
+    return findings
 
 
 def _remedy(

@@ -83,11 +83,13 @@ class LinearJoints:
         Resonances are poles, with all motors free; antiresonances are zeros, with all motors held.
         A mode belongs to the joint whose spring has most of its energy.
         """
-        n, e = len(self.elastic), np.flatnonzero(self.elastic)
         m, c, k = self.matrices()
-        free = np.arange(len(m))
-        held = n + np.arange(len(e))
-        return self._assigned(m, c, k, free), self._assigned(m, c, k, held)
+        return self._assigned(m, c, k, np.arange(len(m))), self.antiresonances()
+
+    def antiresonances(self) -> Array:
+        """Return the eigenvalues (m,) with all motors held, which rotors have no part in."""
+        held = np.arange(len(self.elastic), len(self.elastic) + int(np.sum(self.elastic)))
+        return self._assigned(*self.matrices(), held)
 
     def _assigned(self, m: Array, c: Array, k: Array, kept: IndexArray) -> Array:
         n, e = len(self.elastic), np.flatnonzero(self.elastic)
@@ -353,6 +355,14 @@ def refitted(spectra: Spectra, fit: Fit) -> Fit:
     """Return the fit to other spectra of the same joints, from where one ended."""
     problem = _Problem(spectra, fit.parameters)
     return problem.fit(problem.solved(fit.x, rounds=_ROUNDS)[0])
+
+
+def with_free_rotors(spectra: Spectra, fit: Fit) -> Fit:
+    """Return the fit with the rotor inertias of all elastic joints free, from where one ended."""
+    parameters = replace(fit.parameters, rotors=fit.joints.elastic)
+    problem = _Problem(spectra, parameters)
+    x = parameters.vector(fit.joints, fit.dry)
+    return problem.fit(problem.solved(x, _LEAST_ROUNDS)[0])
 
 
 def sticking_sign(record: Record, picked: Sequence[int], fit: Fit) -> Record:

@@ -63,6 +63,33 @@ def test_the_springs_of_a_linear_plant_are_found_without_a_joint_encoder(
     assert found.warnings == ()
 
 
+def test_a_rotor_inertia_that_is_not_stated_is_estimated(tmp_path: Path) -> None:
+    robot = PLANT.robot(tmp_path)
+    drive = replace(robot.drives["arm"], motor_inertia_kg_m2=None)
+    log = with_noise(clean_log(), 1)
+    found = frequency_response(robot.with_drives({"arm": drive}), log, period_s=4.0)
+    assert values(found, "motor_inertia") == pytest.approx([PLANT.motor_inertia], rel=0.01)
+    assert values(found, "stiffness") == pytest.approx([PLANT.stiffness], rel=0.01)
+    assert found.warnings == ()
+
+
+@pytest.mark.parametrize("factor", [0.7, 1.0, 1.3])
+def test_a_wrong_rotor_inertia_is_named_with_the_one_that_the_response_shows(
+    tmp_path: Path, factor: float
+) -> None:
+    robot = PLANT.robot(tmp_path)
+    drive = robot.drives["arm"].with_values({"motor_inertia": factor * PLANT.motor_inertia})
+    log = with_noise(clean_log(), 1)
+    found = frequency_response(robot.with_drives({"arm": drive}), log, period_s=4.0)
+    named = [one for one in found.warnings if one.code == "rotor-inertia"]
+    assert len(named) == (factor != 1)
+    for finding in named:
+        assert finding.evidence["stiffness with it"] == pytest.approx(PLANT.stiffness, rel=0.01)
+        line = finding.remedy.splitlines()[-1]
+        assert line.startswith("motor_inertia_kg_m2 = ")
+        assert float(line.split()[-1]) == pytest.approx(PLANT.motor_inertia, rel=0.01)
+
+
 @pytest.mark.slow  # logs of a hundred periods, simulated and fitted
 def test_links_without_a_mass_are_unknown_bodies(tmp_path: Path) -> None:
     """A robot file without inertial parameters once ended in a ValueError of scipy."""
