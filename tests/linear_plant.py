@@ -95,12 +95,14 @@ class TwoMass:
 
     def robot(self, folder: Path, *, nominal: bool = True) -> Robot:
         """The robot of a pendulum with these numbers; without `nominal` k and F are not known."""
-        length = self.gravity / 9.81 / 2  # of two kilograms
-        inertia = self.load - 2 * length**2
+        weight = self.gravity / 9.81  # mass times length, with half of the inertia
+        mass = max(1.0, 2 * weight**2 / self.load)
+        length = weight / mass
+        inertia = self.load - mass * length**2
         path = folder / "pendulum.urdf"
         path.write_text(
             '<robot name="pendulum"><link name="base"/><link name="body"><inertial>'
-            f'<origin xyz="0 0 {-length}"/><mass value="2"/>'
+            f'<origin xyz="0 0 {-length}"/><mass value="{mass}"/>'
             f'<inertia ixx="{inertia}" ixy="0" ixz="0" iyy="{inertia}" iyz="0" '
             f'izz="{inertia}"/></inertial></link>'
             '<joint name="arm" type="revolute"><parent link="base"/><child link="body"/>'
