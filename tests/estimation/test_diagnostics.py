@@ -77,6 +77,7 @@ def test_superfluous_term_is_rejected_at_the_rate_of_the_test() -> None:
     )
 
 
+@pytest.mark.slow  # 600 estimates
 def test_effective_rows_keep_the_rate_under_autocorrelation() -> None:
     """Taken as independent, correlated rows find terms that are not there."""
     naive, corrected = [], []

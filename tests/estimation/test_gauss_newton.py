@@ -124,6 +124,7 @@ def test_merit_counts_the_prior() -> None:
     assert away.merit - here.merit == pytest.approx(0.5 * (2.0 * 3.0) ** 2)
 
 
+@pytest.mark.slow  # 250 searches
 @pytest.mark.parametrize(("correlation", "blocks", "expected"), [(0.0, 50, 1.0), (0.6, 200, 1.05)])
 def test_errors_are_as_large_as_the_standard_errors_say(
     correlation: float, blocks: int, expected: float

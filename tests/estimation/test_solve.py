@@ -141,6 +141,7 @@ def test_white_errors_know_that_joints_differ() -> None:
     assert found == pytest.approx(np.sqrt(np.diag(expected)), rel=0.1)
 
 
+@pytest.mark.slow  # 700 estimates
 def test_standard_errors_are_the_spread_over_experiments_when_noise_is_correlated() -> None:
     """Slow regressor and slow noise: the white-noise formula says less than half of the spread."""
     scores, white = [], []

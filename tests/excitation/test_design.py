@@ -18,6 +18,7 @@ from seaid.excitation.problem import value_and_gradient as true_value_and_gradie
 from seaid.regressor.base import base_parameters
 from seaid.regressor.rigid_body import rigid_body_regressor
 from seaid.robot.robot import Robot
+from tests.representatives import quick_first
 
 QUICK: dict[str, Any] = {"starts": 2, "iterations": 12, "coefficients": 10}
 
@@ -91,6 +92,7 @@ def test_nominal_parameters_are_not_used(slider_arm: Robot) -> None:
     np.testing.assert_array_equal(known.trajectory.coefficients, unknown.trajectory.coefficients)
 
 
+@pytest.mark.slow  # several searches for a motion
 def test_more_search_is_never_worse_and_starts_help(leg: Robot) -> None:
     short = plan(leg, 6.0, starts=1, iterations=1, coefficients=14).condition_number
     longer = plan(leg, 6.0, starts=1, iterations=40, coefficients=14).condition_number
@@ -121,6 +123,7 @@ def test_progress_is_shown_on_stderr(slider_arm: Robot, capsys: pytest.CaptureFi
     assert not shown.out
 
 
+@pytest.mark.slow  # a search for a motion of the leg
 def test_a_search_that_still_falls_says_so(leg: Robot) -> None:
     with pytest.warns(SeaidWarning, match=r"iteration limit \(30\) while the criterion was still"):
         found = design_excitation(leg, 10.0, starts=1, iterations=30)
@@ -140,8 +143,8 @@ def interrupting(after: int) -> Any:
     return value_and_gradient
 
 
-@pytest.mark.parametrize("after", [1, 8, 40])
-@pytest.mark.parametrize("starts", [1, 3])
+@pytest.mark.parametrize("after", quick_first([1, 8, 40]))
+@pytest.mark.parametrize("starts", quick_first([1, 3]))
 def test_ctrl_c_gives_the_best_so_far(
     slider_arm: Robot, monkeypatch: pytest.MonkeyPatch, after: int, starts: int
 ) -> None:

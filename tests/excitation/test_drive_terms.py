@@ -36,6 +36,7 @@ from seaid.regressor.rigid_body import joint_torques
 from seaid.robot.robot import Robot
 from tests import terms
 from tests.excitation.test_target import assert_gradient
+from tests.representatives import quick_first
 from tests.terms import ELASTIC, STIFF, arm, exact_motion, slope, value_of, with_terms
 
 DRY: tuple[FrictionTerm, FrictionTerm] = ("viscous", "coulomb")
@@ -213,7 +214,7 @@ DRIVEN = elastic({"torque_constant": 0.05, **FRICTION}, motor_input="current", f
 @pytest.mark.parametrize("is_coupled", [False, True], ids=["", "coupled"])
 @pytest.mark.parametrize(
     ("one", "two"),
-    [(HEAVY, FULL), (SMOOTH, CUBIC), (STIFF, DEAD), (STIFF, DRIVEN)],
+    quick_first([(HEAVY, FULL), (SMOOTH, CUBIC), (STIFF, DEAD), (STIFF, DRIVEN)], 2),
     ids=["heavy", "smooth", "dead", "current"],
 )
 def test_gradient_of_the_columns_of_all_terms(
@@ -280,6 +281,7 @@ def test_current_column_is_what_the_motor_needs(tmp_path: Path) -> None:
     np.testing.assert_allclose(columns[:, place], -motion.motor_current[:, 1], atol=1e-9)
 
 
+@pytest.mark.slow  # a search with terms of all kinds
 def test_excitation_is_found_for_drives_with_terms(tmp_path: Path) -> None:
     robot = arm(tmp_path, SMOOTH, CUBIC)
     limits = Limits(velocity=2.0, acceleration=10.0, motor_torque=0.5)

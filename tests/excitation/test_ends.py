@@ -75,6 +75,7 @@ def test_free_ends_leave_all_variables_of_like_size(name: BasisName, count: int)
     np.testing.assert_array_equal(found.free, found.basis.scaling)
 
 
+@pytest.mark.slow  # a search for each kind of ends
 @settings(derandomize=True, max_examples=15, deadline=None)
 @given(
     case=st.sampled_from(BASES),
@@ -103,6 +104,7 @@ def test_all_motions_keep_the_ends_given_as_number_row_or_mapping(
     assert np.all(np.linalg.norm(rows, axis=3) > 0)
 
 
+@pytest.mark.slow  # a motion at 100 kHz
 @settings(derandomize=True, max_examples=24, deadline=None)
 @given(
     case=st.sampled_from(BASES),

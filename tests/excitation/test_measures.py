@@ -107,6 +107,7 @@ def test_measures_include_the_drives_and_do_not_depend_on_how_densely_a_motion_i
         one.d_efficiency(bodies)
 
 
+@pytest.mark.slow  # simulates a planned motion
 def test_the_motion_of_a_log_has_the_measures_of_its_plan_and_of_twice_that() -> None:
     plan = excitation_measures(leg(), ONE)
     q, v, a = ONE.sample(leg_motion().time)

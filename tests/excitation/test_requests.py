@@ -83,6 +83,7 @@ def relative_errors(robot: Robot, found: Excitation) -> Any:
     return found.standard_errors[: len(sizes)] / sizes
 
 
+@pytest.mark.slow  # many estimates of the leg
 @pytest.mark.rounding
 def test_expected_standard_errors_are_those_of_white_noise(elastic_leg: Robot) -> None:
     found = plan(elastic_leg, torque_std=0.5)
@@ -94,6 +95,7 @@ def test_expected_standard_errors_are_those_of_white_noise(elastic_leg: Robot) -
     np.testing.assert_allclose(found.standard_errors, expected, rtol=0.02)
 
 
+@pytest.mark.slow  # several searches for a motion
 def test_given_ends_are_kept(elastic_leg: Robot) -> None:
     start = EndState(position=dict.fromkeys(elastic_leg.joint_names, 0.2))
     end = EndState(position=[0.1, 0.0, -0.3, 0.9, 0.2], velocity=0.5, acceleration=None)

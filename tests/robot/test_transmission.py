@@ -64,6 +64,7 @@ from seaid.robot.transmission import (
 )
 from seaid.simulation.replaying import replay
 from tests.experiments import DATA, MODELS, drive_errors, drive_scores, motion_of, true_value
+from tests.representatives import quick_first
 from tests.standard_errors import check_scores
 
 DRIVE = ("viscous_friction", "coulomb_friction", "stiffness")
@@ -500,8 +501,17 @@ def test_the_count_of_base_parameters_does_not_change(case: Case) -> None:
     assert found.grouping == pytest.approx(expected.grouping, abs=1e-9)
 
 
-@pytest.mark.parametrize("method", ["two-step", "simultaneous"])
-@pytest.mark.parametrize("name", ["stiff differential", "elastic differential", "sliding"])
+@pytest.mark.parametrize(
+    ("name", "method"),
+    quick_first(
+        [
+            ("elastic differential", "two-step"),
+            ("elastic differential", "simultaneous"),
+            ("stiff differential", "two-step"),
+            ("sliding", "two-step"),
+        ]
+    ),
+)
 def test_a_log_gives_nearly_the_truth(name: str, method: Method) -> None:
     case = CASES[name]()
     log = log_of(true_motion(case))
@@ -517,7 +527,6 @@ def test_a_log_gives_nearly_the_truth(name: str, method: Method) -> None:
 @pytest.mark.parametrize(
     ("name", "method", "expected"),
     [
-        ("stiff differential", "two-step", 1.0),
         ("mixed differential", "two-step", 1.0),
         ("parallelogram", "two-step", 1.0),
         ("mixed differential", "simultaneous", 1.0),
@@ -536,7 +545,9 @@ def test_errors_are_as_large_as_the_standard_errors_say(
     check_scores(scores, expected, band=1.2)
 
 
-@pytest.mark.parametrize("name", ["stiff differential", "mixed differential", "parallelogram"])
+@pytest.mark.parametrize(
+    "name", quick_first(["stiff differential", "mixed differential", "parallelogram"])
+)
 def test_instruments_say_what_least_squares_say_where_columns_have_no_noise(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -578,7 +589,7 @@ def sensed(case: Case, motion: Motion) -> Array:
     return np.asarray(tau_phi @ case.C)
 
 
-@pytest.mark.parametrize("name", ["stiff differential", "elastic differential"])
+@pytest.mark.parametrize("name", quick_first(["stiff differential", "elastic differential"]))
 def test_sensors_at_all_joints_of_a_group_stand_for_its_motors(name: str) -> None:
     case = CASES[name]()
     motion = true_motion(case)
@@ -621,7 +632,7 @@ def test_shifted_zeros_are_as_far_off_as_the_standard_errors_say() -> None:
     check_scores(scores, 0.91, band=1.2)
 
 
-@pytest.mark.parametrize("method", ["two-step", "simultaneous"])
+@pytest.mark.parametrize("method", quick_first(["two-step", "simultaneous"]))
 def test_a_shifted_zero_is_inside_the_intervals(method: str) -> None:
     case = elastic_differential()
     log = log_of(true_motion(case), torque=0.003)
@@ -667,7 +678,9 @@ def test_a_shifted_zero_does_to_the_torques_what_their_slope_says(name: str) -> 
                 assert rows.propagated[mine][0] == pytest.approx(expected[i], abs=2e-3, rel=1e-3)
 
 
-@pytest.mark.parametrize("name", ["elastic differential", "mixed differential", "sliding"])
+@pytest.mark.parametrize(
+    "name", quick_first(["elastic differential", "mixed differential", "sliding"])
+)
 def test_motors_drive_coupled_joints_to_where_they_were(name: str) -> None:
     case = CASES[name]()
     known, (model, springs, theta) = case.robot.without_nominal(), truth_of(case)
@@ -685,7 +698,7 @@ def test_motors_drive_coupled_joints_to_where_they_were(name: str) -> None:
     assert np.all(np.std(residual, axis=0) < 1e-3 * np.std(torque[:, elastic_joints], axis=0))
 
 
-@pytest.mark.parametrize("name", ["stiff differential", "mixed differential"])
+@pytest.mark.parametrize("name", quick_first(["stiff differential", "mixed differential"]))
 def test_a_replay_starts_with_coupled_motors_where_they_were(name: str) -> None:
     case = CASES[name]()
     log = log_of(true_motion(case)).between(0.6, 0.8)
