@@ -20,7 +20,14 @@ from seaid.robot.robot import Robot, load_robot
 MODELS = Path(__file__).parents[1] / "models"
 
 settings.register_profile("seaid", derandomize=True, deadline=None, max_examples=25, database=None)
+settings.register_profile("quick", settings.get_profile("seaid"), max_examples=10)
 settings.load_profile("seaid")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Try fewer examples of each property in the quick tests."""
+    if "not slow" in config.getoption("markexpr"):
+        settings.load_profile("quick")
 
 
 QUICK_ROBOTS = ("double_pendulum", "panda", "solo12", "ur10_robot", "xarm7")

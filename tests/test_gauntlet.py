@@ -13,6 +13,7 @@ from scripts import gauntlet
 from scripts.gauntlet_mistakes import Case, Mistake, Setup, mistakes, scaled
 from scripts.gauntlet_robots import Columns, Subject, subjects
 from seaid.errors import Finding
+from tests.representatives import quick_first
 
 REMEDY = """in the description of the log:
 [joints.{0}]
@@ -93,12 +94,14 @@ def judged(
 
 @pytest.mark.parametrize(
     ("code", "severity", "letter"),
-    [
-        ("unit", "wrong", "R"),
-        ("unit", "note", "-"),
-        ("payload", "wrong", "D"),
-        ("", "wrong", "-"),
-    ],
+    quick_first(
+        [
+            ("unit", "wrong", "R"),
+            ("unit", "note", "-"),
+            ("payload", "wrong", "D"),
+            ("", "wrong", "-"),
+        ]
+    ),
 )
 def test_letter_of_a_case(
     arm: Subject, monkeypatch: pytest.MonkeyPatch, code: str, severity: str, letter: str

@@ -24,13 +24,13 @@ from tests.fuzz.unruly import work
 CASES = {"mesh": 5, "bag": 4, "mat": 10, "hebilog": 5, "command": 6, "identify": 12}
 """Cases of the slow targets; of the others 25."""
 
-CHILDREN = ("mesh", "bag", "mat", "hebilog", "identify")
-"""Targets with a process for each file, or an identification."""
+SLOW = ("mesh", "bag", "mat", "hebilog", "identify", "command", "scene", "json", "parquet", "npz")
+"""Targets with a process for each file, an identification or a command, or whole logs."""
 
 
 @pytest.mark.parametrize(
     "name",
-    [pytest.param(name, marks=pytest.mark.slow if name in CHILDREN else ()) for name in TARGETS],
+    [pytest.param(name, marks=pytest.mark.slow if name in SLOW else ()) for name in TARGETS],
 )
 def test_damaged_content_is_taken_or_refused_in_our_words(name: str, tmp_path: Path) -> None:
     if name == "hebilog":

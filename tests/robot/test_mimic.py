@@ -339,6 +339,7 @@ def test_a_refinement_starts_from_bodies_that_are_physically_inconsistent(grippe
     assert abs(drive_errors(refined, truth, "stiffness")["stiffness of shoulder"]) < 2e-3
 
 
+@pytest.mark.slow  # a search for a motion
 def test_plan_moves_the_leaders_within_the_limits_of_the_followers(gripper: Robot) -> None:
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "the search for an excitation ended early")

@@ -17,6 +17,7 @@ from seaid.simulation.replaying import (
     without_unknown_terms,
 )
 from tests.one_joint import chain
+from tests.representatives import quick_first
 
 MODELS = Path(__file__).parents[2] / "models"
 PENDULUM = seaid.Payload("arm", 0.49, (0.0, 0.0, -0.1))
@@ -152,6 +153,7 @@ def commanded(noise: float = 1e-4) -> seaid.Log:
     return replace(log, joint_position=moved + random)
 
 
+@pytest.mark.slow  # several replays
 def test_the_replay_of_the_truth_leaves_noise_and_that_of_the_nominal_model_its_friction() -> None:
     log = commanded()
     found = seaid.compare_replays(servo(), servo(**TRUTH), log)
@@ -183,6 +185,7 @@ def test_a_model_that_replays_worse_is_named() -> None:
     assert open_loop.severity == "doubtful"
 
 
+@pytest.mark.slow  # a replay in short steps
 def test_a_nominal_model_that_is_too_fast_to_simulate_gets_the_least_rotor_inertia() -> None:
     """An arm of 1e-5 kg m^2 at 1000 N m/rad, without damping, oscillates at 1.6 kHz."""
     bare = without_unknown_terms(servo(friction=()))
@@ -210,7 +213,7 @@ def test_a_nominal_model_that_is_too_fast_to_simulate_gets_the_least_rotor_inert
     assert "the identified model has too little rotor inertia" in other.message
 
 
-@pytest.mark.parametrize("is_held", [False, True])
+@pytest.mark.parametrize("is_held", quick_first([False, True]))
 def test_a_replay_in_long_steps_is_that_of_short_ones(is_held: bool) -> None:
     """The controllers act within the steps, and a held command counts with its mean."""
     robot = servo(**TRUTH)
@@ -225,6 +228,7 @@ def test_a_replay_in_long_steps_is_that_of_short_ones(is_held: bool) -> None:
     assert np.max(np.abs(long - short)) < (2e-4 if is_held else 2e-5) * np.ptp(short)
 
 
+@pytest.mark.slow  # a replay in short steps
 def test_friction_without_inertia_is_replayed_with_a_millisecond_of_it() -> None:
     robot, heavier = (
         servo(motor_inertia_kg_m2=x, viscous_friction_Nms_per_rad=10.0, coulomb_friction_Nm=0.05)

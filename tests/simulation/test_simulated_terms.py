@@ -40,6 +40,7 @@ from seaid.simulation.plant import (
 )
 from seaid.simulation.simulation import Noise, measure, simulate, simulate_motion
 from tests.experiments import wiggle
+from tests.representatives import quick_first
 from tests.terms import ELASTIC, STIFF, arm, exact_motion, with_terms
 
 Chain = Callable[..., Path]
@@ -222,7 +223,7 @@ HYSTERESIS = {
 }
 
 
-@pytest.mark.parametrize("case", HYSTERESIS)
+@pytest.mark.parametrize("case", quick_first(HYSTERESIS, 2))
 def test_hysteresis_follows_its_differential_equation(case: str, tmp_path: Path) -> None:
     """The motor equation (7) holds along a simulated motion with a state by `solve_ivp`."""
     law, kind, drive = HYSTERESIS[case]
@@ -279,6 +280,7 @@ def pendulum(write_chain: Chain, drive: Drive, g: float = 9.81) -> Robot:
     return load_robot(write_chain({"swing": PENDULUM}), {"swing": drive}, gravity=(0, 0, -g))
 
 
+@pytest.mark.slow  # seconds of a swing in short steps
 def test_energy_goes_where_the_terms_say(write_chain: Chain) -> None:
     """Kinetic, potential and spring energy lose what friction and damping take."""
     values = {
@@ -444,6 +446,7 @@ def test_joint_is_held_by_its_own_friction_while_its_motor_moves(write_chain: Ch
     assert np.all(joint[first:] > 0)
 
 
+@pytest.mark.slow  # seconds of a swing in short steps
 def test_joint_friction_brings_a_swinging_load_to_rest(write_chain: Chain) -> None:
     """Each half swing loses the same where a spring pulls: the amplitude falls by 2 F_C / k."""
     values = {"coulomb_friction": 1e3, "joint_coulomb_friction": 0.6}
