@@ -10,10 +10,16 @@ from pathlib import Path
 import pytest
 
 SEAID = Path(__file__).resolve().parents[1] / "seaid"
-SOURCES = {
-    path.relative_to(SEAID).as_posix(): ast.parse(path.read_text("utf-8"))
-    for path in sorted(SEAID.rglob("*.py"))
-}
+
+
+@cache
+def sources() -> dict[str, ast.Module]:
+    """Return the trees of all modules."""
+    return {
+        path.relative_to(SEAID).as_posix(): ast.parse(path.read_text("utf-8"))
+        for path in sorted(SEAID.rglob("*.py"))
+    }
+
 
 NEVER = {
     *("eval", "exec", "compile", "__import__", "execfile", "parse_expr", "pickle", "cPickle"),
@@ -61,13 +67,20 @@ def words(tree: ast.AST) -> Iterator[tuple[str, ast.AST]]:
             yield from ((f"{node.module}.{alias.name}", node) for alias in node.names)
             yield from ((alias.name, node) for alias in node.names)
         elif isinstance(node, ast.Name | ast.Attribute):
-            yield ast.unparse(node), node
+            yield dotted(node), node
+
+
+def dotted(node: ast.expr) -> str:
+    """Return a name as `a.b`; what is no name is `?`."""
+    if isinstance(node, ast.Attribute):
+        return f"{dotted(node.value)}.{node.attr}"
+    return node.id if isinstance(node, ast.Name) else "?"
 
 
 @cache
 def words_of_all() -> dict[str, set[str]]:
     """The names of each module."""
-    return {place: {word for word, _ in words(tree)} for place, tree in SOURCES.items()}
+    return {place: {word for word, _ in words(tree)} for place, tree in sources().items()}
 
 
 def users(name: str) -> set[str]:
@@ -80,9 +93,9 @@ def users(name: str) -> set[str]:
 
 
 def calls(name: str) -> Iterator[ast.Call]:
-    for tree in SOURCES.values():
+    for tree in sources().values():
         for node in ast.walk(tree):
-            if isinstance(node, ast.Call) and ast.unparse(node.func).split(".")[-1] == name:
+            if isinstance(node, ast.Call) and dotted(node.func).split(".")[-1] == name:
                 yield node
 
 
@@ -116,14 +129,14 @@ def test_sympify_is_strict_and_numpy_loads_no_objects() -> None:
     given = [{k.arg: k.value for k in call.keywords} for call in calls("sympify")]
     assert given
     assert all(ast.unparse(one["strict"]) == "True" for one in given)
-    everywhere = [k for tree in SOURCES.values() for k in ast.walk(tree)]
+    everywhere = [k for tree in sources().values() for k in ast.walk(tree)]
     pickles = [k for k in everywhere if isinstance(k, ast.keyword) and k.arg == "allow_pickle"]
     assert pickles
     assert all(ast.unparse(one.value) == "False" for one in pickles)
 
 
 def test_ast_is_used_to_parse_and_to_look_only() -> None:
-    tree = SOURCES["symbolic/expression_text.py"]
+    tree = sources()["symbolic/expression_text.py"]
     called = {ast.unparse(n.func) for n in ast.walk(tree) if isinstance(n, ast.Call)}
     assert {one for one in called if one.startswith("ast.")} == {"ast.parse"}
 

@@ -82,6 +82,7 @@ def test_what_is_not_determined_is_named(made: Randomization) -> None:
         assert one.low <= one.nominal <= one.high
 
 
+@pytest.mark.slow  # 500 robots are written
 def test_the_files_hold_the_same(found: Identification, tmp_path: Path) -> None:
     made = seaid.write_randomization(found, tmp_path / "a.json", samples=3, level=0.9, seed=5)
     content = json.loads((tmp_path / "a.json").read_text())

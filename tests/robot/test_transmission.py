@@ -706,6 +706,7 @@ def test_a_replay_starts_with_coupled_motors_where_they_were(name: str) -> None:
     assert again.motor_position[0] == pytest.approx(log.motor_position[0], abs=1e-9)
 
 
+@pytest.mark.slow  # an identification with possible bodies
 def test_possible_bodies_of_a_coupled_robot() -> None:
     case = mixed_differential()
     log = log_of(true_motion(case), torque=0.003)
