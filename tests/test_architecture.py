@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from scripts.benchmarks.house import faces, import_graph, longest_chain
+from tests.sources import tree_of
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -61,7 +62,7 @@ UPWARDS = {
 @cache
 def libraries() -> dict[str, set[str]]:
     """What each module imports, by its first name."""
-    trees = {name: ast.parse(text).body for name, text in SOURCES.items()}
+    trees = {name: tree_of(text).body for name, text in SOURCES.items()}
     return {
         name: {one.split(".")[0] for one in imported(tree, True)} for name, tree in trees.items()
     }
@@ -74,7 +75,7 @@ def package_of(module: str) -> str:
 def imports_of(name: str) -> set[str]:
     """All modules of seaid that a module imports, in its functions and for its types too."""
     found = set()
-    for node in ast.walk(ast.parse(SOURCES[name])):
+    for node in ast.walk(tree_of(SOURCES[name])):
         if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "seaid":
             for alias in node.names:
                 inner = f"{node.module}.{alias.name}"
@@ -223,7 +224,7 @@ def test_what_can_fail_in_numpy_and_scipy_is_called_safely() -> None:
     """No LinAlgError leaves seaid: `safely` says in words what was singular or not finite."""
     found: dict[str, set[str]] = {}
     for name, text in SOURCES.items():
-        for node in ast.walk(ast.parse(text)):
+        for node in ast.walk(tree_of(text)):
             if not isinstance(node, ast.Call):
                 continue
             called = ast.unparse(node.func).split(".")

@@ -20,6 +20,7 @@ from seaid.errors import (
     unknown_name,
     visible,
 )
+from tests.sources import tree_of
 
 KINDS = ("RobotError", "LogError", "ExcitationError", "SymbolicError", "IdentificationError")
 
@@ -94,7 +95,7 @@ def texts(node: ast.AST) -> str:
     "path", sorted(Path(seaid.__file__).parent.rglob("*.py")), ids=lambda path: path.name
 )
 def test_every_error_carries_the_arguments_that_it_names(path: Path) -> None:
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in ast.walk(tree_of(path.read_text())):
         if not isinstance(node, ast.Call) or not node.args:
             continue
         if not ast.unparse(node.func).lower().endswith("error"):

@@ -16,6 +16,7 @@ import pytest
 import seaid
 from seaid._files import is_replaced, real_path, whole_file, working_folder, write_csv, write_whole
 from seaid.errors import SeaidError
+from tests.sources import tree_of
 
 
 def test_file_appears_at_the_end_and_nothing_else_stays(tmp_path: Path) -> None:
@@ -283,7 +284,7 @@ def test_what_no_path_can_be_is_said(path: str) -> None:
 def calls() -> Iterator[tuple[str, ast.Call]]:
     package = Path(seaid.__file__).parent
     for path in package.rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in ast.walk(tree_of(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Call):
                 yield path.relative_to(package).as_posix(), node
 

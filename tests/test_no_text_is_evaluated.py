@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.sources import tree_of
+
 SEAID = Path(__file__).resolve().parents[1] / "seaid"
 
 
@@ -16,7 +18,7 @@ SEAID = Path(__file__).resolve().parents[1] / "seaid"
 def sources() -> dict[str, ast.Module]:
     """Return the trees of all modules."""
     return {
-        path.relative_to(SEAID).as_posix(): ast.parse(path.read_text("utf-8"))
+        path.relative_to(SEAID).as_posix(): tree_of(path.read_text("utf-8"))
         for path in sorted(SEAID.rglob("*.py"))
     }
 

@@ -80,6 +80,7 @@ def test_many_joints_share_a_panel_a_kind_each_in_its_colour(
         assert [np.ravel(line.get_ydata())[0] for line in (high, low)] == [1.0, -1.0]
 
 
+@pytest.mark.slow  # columns of several planned motions
 def test_singular_values_with_their_condition_numbers(
     tmp_path: Path, drawn: list[matplotlib.figure.Figure]
 ) -> None:
