@@ -533,6 +533,7 @@ def test_samples_of_friction_and_spring_lie_on_the_identified_lines() -> None:
         assert line_of(friction, "nominal").shape == line.shape  # the truth has values
 
 
+@pytest.mark.slow  # simulates and identifies a quadruped
 def test_samples_of_friction_lie_on_the_lines_of_a_robot_on_its_feet() -> None:
     """Its rows have no contact forces, and so neither all of the torque nor all of the friction."""
     log = swayed()
@@ -733,6 +734,7 @@ def test_page_is_written_whole_or_not_at_all(
     assert {one.name for one in tmp_path.iterdir()} == {"chain.urdf", "file", "page.html"}
 
 
+@pytest.mark.slow  # an identification, saved, and its report
 def test_report_of_a_saved_run_has_all_figures(tmp_path: Path) -> None:
     """Saved motions are thinned, those of validations too."""
     save_run(arm_found(), tmp_path / "run.npz", validations={"other": arm_result()})
