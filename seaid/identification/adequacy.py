@@ -18,7 +18,7 @@ import numpy as np
 from seaid._arrays import Array, BoolArray, FrozenMapping, safely
 from seaid._files import toml_text
 from seaid._progress import Display
-from seaid.errors import Finding, IdentificationError, SeaidError, listed
+from seaid.errors import Finding, IdentificationError, SeaidError, Severity, listed
 from seaid.estimation import (
     FEWEST_INDEPENDENT,
     RANK_TOLERANCE,
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from seaid.identification.two_step import RobotEstimate
     from seaid.regressor import Regression
 
-Level = Literal["good", "good but", "do not use"]
+Level = Literal["good", "usable with care", "do not use"]
 
 NOTHING, PART = 0.9, 0.5
 """Error of excluded blocks, over that of a constant torque, from which a model is of no use;
@@ -87,8 +87,9 @@ class Verdict(Display):
 
     Attributes
     ----------
-    level : {"good", "good but", "do not use"}
-        The worst severity of the warnings: notes only, "doubtful", or "wrong".
+    level : {"good", "usable with care", "do not use"}
+        The words with which the sentence begins, by the worst severity of the warnings: notes
+        only, "doubtful", or "wrong".
     sentence : str
         The level and its reasons.
     joints : mapping {joint: JointFit}
@@ -162,15 +163,19 @@ def explained(findings: Sequence[Finding]) -> Iterator[None]:
         raise
 
 
+_OF_SEVERITY: tuple[tuple[Severity, Level, str], ...] = (
+    ("wrong", "do not use", "do not use this result"),
+    ("doubtful", "usable with care", "usable with care"),
+)
+"""(severity, level, how the sentence begins), the worst first."""
+
+
 def verdict_of(warnings: Sequence[Finding], joints: Mapping[str, JointFit]) -> Verdict:
     """Return the verdict that follows from the warnings of a result."""
     loads = _load_sides(warnings, joints)
     if loads:
         return Verdict("do not use", loads, joints)
-    for severity, level, start in (
-        ("wrong", "do not use", "do not use this result"),
-        ("doubtful", "good but", "usable with care"),
-    ):
+    for severity, level, start in _OF_SEVERITY:
         reasons = [one for one in warnings if one.severity == severity]
         if reasons:
             names = [
@@ -180,7 +185,7 @@ def verdict_of(warnings: Sequence[Finding], joints: Mapping[str, JointFit]) -> V
                     list(dict.fromkeys(x.joint for x in reasons if x.code == code and x.joint))
                 ]
             ]
-            return Verdict(level, f"{start}: {', '.join(names)}", joints)  # type: ignore[arg-type]
+            return Verdict(level, f"{start}: {', '.join(names)}", joints)
     return Verdict("good", "good: no warning contradicts the set-up or the model", joints)
 
 

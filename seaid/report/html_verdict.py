@@ -53,8 +53,6 @@ NOT_VALIDATED = (
     "how well it predicts another."
 )
 
-_WORDS = {"good": "Good", "good but": "Usable with care", "do not use": "Do not use"}
-
 
 @dataclass(frozen=True)
 class Notice:
@@ -106,7 +104,7 @@ def page_verdict(
         note = f"in {counted(len(found.motions), 'motion')}, below {found.cutoff_hz:.3g} Hz"
         numbers.append(("Data", seconds(length), note))
     level = verdict.level.replace(" ", "-")
-    return PageVerdict(level, _WORDS[verdict.level], _sentence(sentence), tuple(numbers))
+    return PageVerdict(level, verdict.level.capitalize(), _sentence(sentence), tuple(numbers))
 
 
 def _relative_errors(estimates: Iterable[Estimate]) -> Array:

@@ -141,7 +141,7 @@ def test_a_torque_of_which_much_is_unexplained_is_doubtful() -> None:
     assert 0.5 < fit.own < fit.blocks < 0.9
     assert f"unexplained: {fit.own:.0%} of it in the own logs" in finding.message
     assert "a spring, the gear ratio or the rotor inertia" in finding.remedy
-    assert found.verdict.level == "good but"
+    assert found.verdict.level == "usable with care"
 
 
 def test_a_contact_is_named_with_its_time() -> None:

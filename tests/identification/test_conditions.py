@@ -208,7 +208,7 @@ def test_a_torque_that_the_model_does_not_explain_is_named_in_its_condition() ->
     wrist, torque = robot.index("wrist"), logs[1].motor_torque.copy()
     torque[:, wrist] = np.roll(torque[:, wrist], len(torque) // 3)
     wrong = replace(logs[1], motor_torque=torque)
-    for second, level in ((logs[1], "good"), (wrong, "good but")):
+    for second, level in ((logs[1], "good"), (wrong, "usable with care")):
         both = identify_conditions({"a": (robot, logs[0]), "b": (robot, second)})
         found = both.identifications
         errors = {name: one.joint_fits["wrist"] for name, one in found.items()}

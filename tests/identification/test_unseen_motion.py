@@ -40,7 +40,8 @@ def test_a_motion_that_is_predicted_changes_no_verdict() -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "severity", "level"), [(-1.0, "wrong", "do not use"), (0.6, "doubtful", "good but")]
+    ("change", "severity", "level"),
+    [(-1.0, "wrong", "do not use"), (0.6, "doubtful", "usable with care")],
 )
 def test_a_motion_that_contradicts_does(change: float, severity: str, level: str) -> None:
     result = validated(change)
