@@ -297,7 +297,7 @@ def main(output: Path, seed: int, duration_s: float) -> None:
         print(f"{name}: {len(found.load.values)} base parameters, {found.verdict.sentence}")
         print("\n".join(warning_lines(found.warnings)))
         found.save(output / f"{name}.json")
-    seaid.write_report(whole, [], output / "report.html")
+    seaid.write_report(whole, output / "report.html")
 
 
 if __name__ == "__main__":

@@ -152,7 +152,7 @@ def main(output: Path, seed: int, anew: bool) -> None:
     found.save(output / "parameters.json", result)
     save_actuator_figure(result, output / "actuator_side.png")
     save_load_figure(result, output / "load_side.png")
-    seaid.write_report(found, [result], output / "report.html", facts=facts)
+    seaid.write_report(found, output / "report.html", [result], facts=facts)
     written = seaid.write_urdf(found, output / "tulip_leg_identified.urdf")
     print("tulip_leg_identified.urdf has the physically consistent bodies nearest to the estimate:")
     for note in written.notes:

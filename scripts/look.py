@@ -91,7 +91,7 @@ def write_pages(folder: Path) -> Iterator[Path]:
     """Write reports of several robots and a comparison; yield the pages."""
     found, result, nominal = leg()
     facts = {"Command": "seaid report tulip_leg.urdf --from run.csv --validate other.csv"}
-    seaid.write_report(found, result, folder / "tulip_leg.html", facts=facts, nominal=nominal)
+    seaid.write_report(found, folder / "tulip_leg.html", result, facts=facts, nominal=nominal)
     yield folder / "tulip_leg.html"
     for robot, description, pattern in (
         ("hebi_arm_3", "hebi_csv_3", "hebi_arms/ps4_*.npz"),
@@ -99,7 +99,7 @@ def write_pages(folder: Path) -> Iterator[Path]:
         ("double_pendulum_a0", "double_pendulum_strong", "double_pendulum_a0/strong_torque/*.npz"),
     ):
         own, other = measured(robot, description, pattern)
-        seaid.write_report(own, other, folder / f"{robot}.html")
+        seaid.write_report(own, folder / f"{robot}.html", other)
         yield folder / f"{robot}.html"
     plan = seaid.load_trajectory(MODELS / "tulip_plan.json")
     again = experiment((TEST_MASS,), plan, sensors(9), 9)

@@ -61,7 +61,7 @@ def replay(
     moved = compare_replays(before, found.robot, unseen, found.unusable_joints)
     if output is not None:
         with written(output, ".html") as file:
-            write_report(found, list(run.validations.values()), file, replays=moved)
+            write_report(found, file, list(run.validations.values()), replays=moved)
     facts = facts_of(found, *run.validations.values(), moved)
     result.show(moved.summary(), {"log": str(log), **moved.to_dict()}, output, **facts)
     fail_on_warnings(moved.warnings, fail_on)

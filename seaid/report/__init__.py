@@ -11,7 +11,7 @@ The page is one file that opens offline; its charts are drawn in the browser.
 >>> robot = seaid.load_robot("models/tulip_leg.urdf", "models/tulip_leg.toml")
 >>> found = seaid.identify(robot, seaid.read_log("run.csv", robot))
 >>> checked = seaid.validate(found, seaid.read_log("other.csv", robot))
->>> seaid.write_report(found, checked, "report.html")
+>>> seaid.write_report(found, "report.html", checked)
 """
 
 import lazy_loader

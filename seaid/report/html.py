@@ -90,9 +90,9 @@ _FEW_BARS = 8
 
 @checked(SeaidError)
 def write_report(
-    found: Identification,
-    results: Validation | Iterable[Validation],
+    identification: Identification,
     path: str | Path,
+    validations: Validation | Iterable[Validation] = (),
     *,
     facts: Mapping[str, Fact] | None = None,
     nominal: Robot | None = None,
@@ -109,12 +109,12 @@ def write_report(
 
     Parameters
     ----------
-    found : Identification
-    results : Validation or iterable of Validation
-        Validations on motions that were not used for identification. For an empty list the page
-        says that there is no validation.
+    identification : Identification
     path : path
         The file to write, ending in .html.
+    validations : Validation or iterable of Validation
+        Validations on motions that were not used for identification. Without any the page says
+        so.
     facts : dict, optional
         Experiment metadata {name: text or number}, as seeds, files, people and places; "Command"
         is shown as code.
@@ -135,16 +135,16 @@ def write_report(
     Examples
     --------
     >>> checked = seaid.validate(result, seaid.read_log("other.csv", robot))
-    >>> seaid.write_report(result, checked, "report.html", facts={"place": "Eindhoven"})
+    >>> seaid.write_report(result, "report.html", checked, facts={"place": "Eindhoven"})
     """
-    path = _page_path(path)
+    path, found = _page_path(path), identification
     given = nominal or found.nominal or found.known
     if given.joint_names != found.robot.joint_names:
         raise SeaidError(
             f"nominal=: the joints {', '.join(given.joint_names)}, but the identified robot has "
             f"{', '.join(found.robot.joint_names)}: give the same robot with nominal values"
         )
-    results = _checked(found, results)
+    results = _checked(found, validations)
     if frequency is not None and not set(frequency.joints) <= set(found.robot.joint_names):
         raise SeaidError(
             f"frequency=: the joints {', '.join(frequency.joints)}, but the identified robot has "
@@ -335,12 +335,13 @@ def _checked(found: Identification, results: Validation | Iterable[Validation]) 
     every = [results] if isinstance(results, Validation) else list(results)
     for one in every:
         if not isinstance(one, Validation):
-            raise SeaidError(f"results= must be Validations, found {type(one).__name__}")
+            kind = type(one).__name__
+            raise SeaidError(f"validations= must be Validations, found {kind}")
         if one.joints != found.robot.joint_names:
             raise SeaidError(
-                f"results: a validation of the joints {', '.join(one.joints)}, but the identified "
-                f"robot '{found.robot.name}' has {', '.join(found.robot.joint_names)}: validate "
-                "the identification of the report"
+                f"validations: a validation of the joints {', '.join(one.joints)}, but the "
+                f"identified robot '{found.robot.name}' has {', '.join(found.robot.joint_names)}: "
+                "validate the identification of the report"
             )
     return every
 

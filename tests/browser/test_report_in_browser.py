@@ -104,7 +104,7 @@ def browser() -> Iterator[Browser]:
 def arm_page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("arm") / "report.html"
     facts = {"seed": "1", "Command": "seaid report arm.urdf --from run.csv"}
-    write_report(arm_found(), [arm_result()], path, facts=facts, nominal=arm())
+    write_report(arm_found(), path, [arm_result()], facts=facts, nominal=arm())
     return path
 
 
@@ -117,7 +117,7 @@ def doubtful_page(tmp_path_factory: pytest.TempPathFactory) -> Path:
         Finding("holes", "samples are excluded", severity="note"),
     )
     path = tmp_path_factory.mktemp("doubtful") / "report.html"
-    write_report(replace(arm_found(), findings=findings), [arm_result()], path, nominal=arm())
+    write_report(replace(arm_found(), findings=findings), path, [arm_result()], nominal=arm())
     return path
 
 
@@ -362,7 +362,7 @@ def test_nothing_is_cut_at_any_width(
     if kind == "hostile":
         path = tmp_path / "report.html"
         found, result = made_up(tmp_path, (*HOSTILE, "long_" * 60), 1000)
-        write_report(found, [result], path, facts={"x" * 200: "y" * 400})
+        write_report(found, path, [result], facts={"x" * 200: "y" * 400})
     context = browser.new_context(viewport={"width": 1280, "height": 800})
     opened = Opened(context, path)
     opened.page.add_style_tag(content="main > section { content-visibility: visible !important; }")
@@ -454,7 +454,7 @@ def test_comparison_opens_without_error_or_request(
 
 def test_hostile_names_are_text(browser: Browser, tmp_path: Path) -> None:
     found, result = made_up(tmp_path, HOSTILE)
-    write_report(found, [result], tmp_path / "report.html", facts={"<b>who</b>": "</script>"})
+    write_report(found, tmp_path / "report.html", [result], facts={"<b>who</b>": "</script>"})
     context = browser.new_context()
     opened = Opened(context, tmp_path / "report.html")
     alerts: list[str] = []
@@ -474,7 +474,7 @@ def test_hostile_names_are_text(browser: Browser, tmp_path: Path) -> None:
 def test_three_hundred_joints_open_fast(browser: Browser, tmp_path: Path) -> None:
     found, result = made_up(tmp_path, tuple(f"joint_{k:03d}" for k in range(300)), 20_000)
     path = tmp_path / "report.html"
-    write_report(found, [result, result], path)
+    write_report(found, path, [result, result])
     assert path.stat().st_size < PAGE_BYTES
     context = browser.new_context(viewport={"width": 1200, "height": 900})
     opened = Opened(context, path)

@@ -453,4 +453,4 @@ def test_a_multisine_in_the_report_and_an_identification_that_it_contradicts(
     assert (one.joint, one.severity) == ("elbow", "doubtful")
     assert "by its frequency response" in one.message
     with pytest.raises(seaid.SeaidError, match="give a response of the same robot"):
-        seaid.write_report(found, [], page, frequency=replace(response, joints=("knee", "ankle")))
+        seaid.write_report(found, page, frequency=replace(response, joints=("knee", "ankle")))

@@ -253,7 +253,7 @@ def writers() -> dict[str, Use]:
         ".xml": lambda path: seaid.write_mjcf(robot, path),
         ".usda": lambda path: seaid.write_model(robot, path),
         ".toml": lambda path: seaid.write_drives(robot.drives, path),
-        ".html": lambda path: seaid.write_report(found, (), path),
+        ".html": lambda path: seaid.write_report(found, path),
     }
 
 

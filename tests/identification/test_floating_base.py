@@ -463,7 +463,7 @@ def test_forces_of_feet_are_those_of_the_simulator(tmp_path: Path) -> None:
     assert contacts.measured_vertical == pytest.approx(contacts.vertical, rel=0.005)
     assert contacts.vertical == pytest.approx(contacts.weight, rel=0.02)
     assert validation.warnings == ()
-    seaid.write_report(found, validation, tmp_path / "go2.html")
+    seaid.write_report(found, tmp_path / "go2.html", validation)
     assert "Contact forces [N] of the validation" in (tmp_path / "go2.html").read_text()
     seaid.save_run(found, tmp_path / "go2.npz", validations={"other": validation})
     again = seaid.load_run(tmp_path / "go2.npz").validations["other"].contacts

@@ -128,7 +128,7 @@ def test_tables_report_and_file_have_the_known_offset(
     assert "spring_offset" in str(short_text(found, found.known, True))
     assert "motor-side" in str(found.summary())
     found.save(tmp_path / "parameters.json")
-    seaid.write_report(found, (), tmp_path / "report.html")
+    seaid.write_report(found, tmp_path / "report.html")
     assert "no sensor behind the spring" in (tmp_path / "report.html").read_text("utf-8")
 
 

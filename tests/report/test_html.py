@@ -102,7 +102,7 @@ def page_of(
     folder: Path, found: Identification, results: Any, facts: Mapping[str, Any] | None = None
 ) -> Page:
     path = folder / "page.html"
-    write_report(found, results, path, facts=facts)
+    write_report(found, path, results, facts=facts)
     assert path.stat().st_size < PAGE_BYTES
     return Page(path.read_text(encoding="utf-8"))
 
@@ -211,7 +211,7 @@ def test_page_is_whole_html_that_fetches_nothing(page: Page) -> None:
 
 
 def test_licence_of_the_chart_library_is_in_the_source(tmp_path: Path) -> None:
-    write_report(arm_found(), [arm_result()], tmp_path / "page.html")
+    write_report(arm_found(), tmp_path / "page.html", [arm_result()])
     text = (tmp_path / "page.html").read_text()
     assert "The MIT License" in text
     assert "Leon Sorokin" in text
@@ -594,7 +594,7 @@ def test_parameters_json_of_the_page_is_that_of_the_identification(page: Page) -
 
 def test_nominal_robot_must_have_the_same_joints(tmp_path: Path) -> None:
     with pytest.raises(SeaidError, match=r"nominal=: the joints hip_yaw.*give the same robot"):
-        write_report(arm_found(), [], tmp_path / "page.html", nominal=leg())
+        write_report(arm_found(), tmp_path / "page.html", nominal=leg())
 
 
 # Comparison
@@ -683,7 +683,7 @@ def test_validation_without_any_torque_is_a_page_too(tmp_path: Path) -> None:
     [
         ("report", "results= must be a Validation or a list of Validations, found the text"),
         ([1], "results= must be a Validation or a list of Validations, found a list with 1"),
-        (iter([1]), "results= must be Validations, found int"),
+        (iter([1]), "validations= must be Validations, found int"),
         (None, "found None; make one with seaid.validate(identification, log)"),
         (
             [prediction(("other",), 200)],
@@ -694,7 +694,7 @@ def test_validation_without_any_torque_is_a_page_too(tmp_path: Path) -> None:
 )
 def test_results_that_are_none_are_refused(tmp_path: Path, results: Any, words: str) -> None:
     with pytest.raises(SeaidError) as refused:
-        write_report(arm_found(), results, tmp_path / "page.html")
+        write_report(arm_found(), tmp_path / "page.html", results)
     assert words in str(refused.value)
     assert not list(tmp_path.iterdir())
 
@@ -704,14 +704,14 @@ def test_facts_that_are_no_text_are_refused(tmp_path: Path, facts: Any) -> None:
     with pytest.raises(
         SeaidError, match=r"facts= must be (a mapping|\{name: text or number\}), found"
     ):
-        write_report(arm_found(), [], tmp_path / "page.html", facts=facts)
+        write_report(arm_found(), tmp_path / "page.html", facts=facts)
 
 
 def test_page_has_its_ending_and_an_identification(tmp_path: Path) -> None:
     with pytest.raises(SeaidError, match=r"report.pdf' must end in .html"):
-        write_report(arm_found(), [], tmp_path / "report.pdf")
+        write_report(arm_found(), tmp_path / "report.pdf")
     with pytest.raises(SeaidError, match="must be an Identification, found a Robot"):
-        write_report(arm_found().robot, [], tmp_path / "page.html")  # type: ignore[arg-type]
+        write_report(arm_found().robot, tmp_path / "page.html")  # type: ignore[arg-type]
 
 
 def test_page_is_written_whole_or_not_at_all(
@@ -720,7 +720,7 @@ def test_page_is_written_whole_or_not_at_all(
     found, _ = made_up(tmp_path, ("a",))
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(SeaidError, match="cannot write"):
-        write_report(found, [], tmp_path / "file" / "page.html")
+        write_report(found, tmp_path / "file" / "page.html")
     path = tmp_path / "page.html"
     path.write_text("old")
 
@@ -729,7 +729,7 @@ def test_page_is_written_whole_or_not_at_all(
 
     monkeypatch.setattr(os, "replace", full)
     with pytest.raises(SeaidError, match="No space left on device"):
-        write_report(found, [], path)
+        write_report(found, path)
     assert path.read_text() == "old"
     assert {one.name for one in tmp_path.iterdir()} == {"chain.urdf", "file", "page.html"}
 

@@ -316,7 +316,7 @@ def test_log_without_followers_gives_back_the_truth(gripper: Robot, tmp_path: Pa
     np.testing.assert_allclose(
         joint_torques(again, q, v, a), joint_torques(found.robot, q, v, a), atol=1e-8
     )
-    seaid.write_report(found, [checked], tmp_path / "report.html")
+    seaid.write_report(found, tmp_path / "report.html", [checked])
     assert "cam_turn" in (tmp_path / "report.html").read_text("utf-8")
     seaid.save_run(found, tmp_path / "run.npz")
     saved = seaid.load_run(tmp_path / "run.npz").identification.robot
