@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import errno
+import fcntl
 import json
 import math
 import os
@@ -41,6 +42,72 @@ def result_folder(path: str | Path) -> Path:
         with tempfile.TemporaryFile(dir=path):
             pass
     return path
+
+
+LATEST, _TEMPORARY = "latest", ".seaid-"
+"""The link to the folder of the newest run; the start of the names of temporary files."""
+
+_LONGEST_NAME = 255
+"""Bytes of the name of a file."""
+
+
+def followed(path: str | Path) -> Path:
+    """Return a path behind `latest` where that is not a link, but a text with a folder's name."""
+    path = Path(path)
+    for link in (path, *path.parents):
+        with suppress(OSError, ValueError):
+            if link.name == LATEST and 0 < link.stat().st_size <= _LONGEST_NAME:
+                folder = link.with_name(link.read_text(encoding="utf-8").strip())
+                return folder / path.relative_to(link) if folder.is_dir() else path
+    return path
+
+
+def point_latest(target: Path) -> None:
+    """Make `latest` point to a folder next to it: a link, or a text where links are impossible.
+
+    A folder or a file of that name that is neither stays.
+    """
+    link, temporary = target.parent / LATEST, target / f".{LATEST}"
+    if link.exists() and not link.is_symlink() and followed(link) == link:
+        return
+    with _refusals(link):
+        try:
+            os.symlink(target.name, temporary)
+        except OSError:  # a file system without links
+            temporary.write_text(target.name, encoding="utf-8")
+        os.replace(temporary, link)
+
+
+@contextmanager
+def owned_folder(parent: Path) -> Iterator[Path]:
+    """Yield a new folder for results in `parent`, which is removed unless it was renamed.
+
+    This process locks it while it lives. Folders of processes that were killed are removed before.
+    """
+    for folder in parent.glob(f"{_TEMPORARY}*/"):
+        with suppress(OSError), _locked(folder) as is_abandoned:
+            if is_abandoned:
+                shutil.rmtree(folder, ignore_errors=True)
+    folder = result_folder(parent / f"{_TEMPORARY}{secrets.token_hex(8)}")
+    try:
+        with _refusals(folder), _locked(folder):
+            yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+@contextmanager
+def _locked(folder: Path) -> Iterator[bool]:
+    """Lock a folder until the block, or the process, ends; yield whether that was possible."""
+    number = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+    try:
+        is_locked = False
+        with suppress(OSError):  # another process has it, or the file system has no locks
+            fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            is_locked = True
+        yield is_locked
+    finally:
+        os.close(number)
 
 
 def real_path(path: str | Path) -> Path:
@@ -160,7 +227,7 @@ def _output_stream(there: os.stat_result) -> int | None:
 def _replacing(target: Path, old: os.stat_result | None) -> Iterator[Path]:
     """Yield a new file in the target's folder, which replaces the target at the end."""
     target.parent.mkdir(parents=True, exist_ok=True)
-    temporary = target.with_name(f".seaid-{secrets.token_hex(8)}{_suffix(target)}")
+    temporary = target.with_name(f"{_TEMPORARY}{secrets.token_hex(8)}{_suffix(target)}")
     flags = os.O_CREAT | os.O_EXCL | os.O_WRONLY
     try:
         number = os.open(temporary, flags, 0o666 if old is None else 0o600)
@@ -305,6 +372,7 @@ def _read(
     parse: Callable[[str], Any],
 ) -> Any:
     try:
+        path = followed(path)
         mode = os.stat(path).st_mode
         if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):  # reading a pipe could block
             raise error(f"{what} '{path}' is a pipe, a socket or a device; it must be a file")

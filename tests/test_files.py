@@ -14,7 +14,17 @@ import numpy as np
 import pytest
 
 import seaid
-from seaid._files import is_replaced, real_path, whole_file, working_folder, write_csv, write_whole
+from seaid._files import (
+    followed,
+    is_replaced,
+    owned_folder,
+    point_latest,
+    real_path,
+    whole_file,
+    working_folder,
+    write_csv,
+    write_whole,
+)
 from seaid.errors import SeaidError
 from tests.sources import tree_of
 
@@ -306,3 +316,54 @@ def test_files_are_written_in_one_place() -> None:
     whole = {path for path, call in calls() if ast.unparse(call.func) == "whole_file"}
     assert "_files.py" in found
     assert found - whole == {"cli/messages.py", "log/readers/child_process.py"}
+
+
+def test_folders_of_killed_processes_are_removed_and_those_of_living_ones_stay(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / ".seaid-killed" / "inputs").mkdir(parents=True)
+    (tmp_path / "2026-01-01_12-00-00").mkdir()
+    with owned_folder(tmp_path) as first:
+        assert not (tmp_path / ".seaid-killed").exists()
+        with owned_folder(tmp_path) as second:
+            assert first.is_dir()
+            second.rename(tmp_path / "done")
+        assert first.is_dir()
+    assert sorted(os.listdir(tmp_path)) == ["2026-01-01_12-00-00", "done"]
+
+
+def test_latest_may_be_a_text(tmp_path: Path) -> None:
+    (tmp_path / "runs" / "first").mkdir(parents=True)
+    (tmp_path / "runs" / "first" / "a.json").write_text("{}")
+    link = tmp_path / "runs" / "latest"
+    assert followed(link / "a.json") == link / "a.json"
+    link.write_text("first\n")
+    assert followed(link) == tmp_path / "runs" / "first"
+    assert followed(link / "a.json").read_text() == "{}"
+    for text in ("", "none", "a" * 300):
+        link.write_text(text)
+        assert followed(link / "a.json") == link / "a.json"
+
+
+def test_latest_is_a_text_where_there_are_no_links(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refused(*_: object) -> None:
+        raise PermissionError(1, "Operation not permitted")
+
+    for name in ("first", "second"):
+        (tmp_path / name).mkdir()
+    with monkeypatch.context() as patch:
+        patch.setattr("os.symlink", refused)
+        point_latest(tmp_path / "first")
+        assert (tmp_path / "latest").read_text() == "first"
+        with pytest.raises(SeaidError, match=r"no saved run at '.*first'"):
+            seaid.load_run(tmp_path / "latest")
+        point_latest(tmp_path / "second")
+        assert (tmp_path / "latest").read_text() == "second"
+    point_latest(tmp_path / "first")
+    assert (tmp_path / "latest").resolve() == tmp_path / "first"
+    (tmp_path / "latest").unlink()
+    (tmp_path / "latest").write_text("notes of mine")
+    point_latest(tmp_path / "second")
+    assert (tmp_path / "latest").read_text() == "notes of mine"

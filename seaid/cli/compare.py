@@ -36,12 +36,15 @@ def compare(
     seaid compare runs/cold runs/latest -o comparison.html
     seaid compare cold.json warm.json
     """
+    from seaid._files import followed
+
     if output is not None:
         checked_suffix(output, ".html", ".htm")
     result.check(output, read=())
     names = (first.stem, second.stem) if first.is_file() else (first.name, second.name)
     if names[0] == names[1]:
         names = str(first), str(second)
+    first, second = followed(first), followed(second)
     runs = [path.is_dir() or path.suffix.lower() == ".npz" for path in (first, second)]
     if all(runs):
         robot, found = _of_runs(first, second, names, output)

@@ -38,6 +38,9 @@ def project_here() -> Project | None:
 
 def _defaults(project: Project) -> dict[str, Any]:
     """Return {parameter of a command: default}, in the form of the command line."""
+    from seaid._files import LATEST, followed
+    from seaid.project import FILE
+
     given = project.options
     found: dict[str, Any] = {
         "urdf": str(project.urdf),
@@ -63,8 +66,8 @@ def _defaults(project: Project) -> dict[str, Any]:
     if len(project.conditions) == 1:  # logs of several conditions are for seaid run
         logs = [str(one.path) for one in project.logs_for("identify")]
         found |= {"logs": logs, "from_logs": logs}
-    latest = project.folder / "latest"
-    if (latest / "identification.npz").exists():
+    latest = project.folder / LATEST
+    if (followed(latest) / FILE).exists():
         found["run"] = str(latest)
     return {name: value for name, value in found.items() if value not in (None, "", [])}
 

@@ -5,10 +5,9 @@ from .project import Project as Project
 from .project import ProjectLog as ProjectLog
 from .project import load_project as load_project
 from .project import log_at as log_at
-from .run import LATEST as LATEST
-from .run import ProjectRun as ProjectRun
-from .run import run_project as run_project
-from .run import summary_of as summary_of
+from .running import ProjectRun as ProjectRun
+from .running import run_project as run_project
+from .running import summary_of as summary_of
 from .saved import FILE as FILE
 from .saved import Run as Run
 from .saved import changed_inputs as changed_inputs

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import os
-import secrets
 import shutil
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from datetime import datetime
 from functools import partial
+from itertools import chain, count
 from pathlib import Path
 from typing import Any, TypeVar
 from zlib import crc32
 
 from seaid._arrays import FrozenMapping
-from seaid._files import result_folder, write_json, write_whole
+from seaid._files import owned_folder, point_latest, result_folder, write_json, write_whole
 from seaid._progress import Display
 from seaid.errors import Finding, SeaidError, by_severity, checked
 from seaid.identification import (
@@ -27,15 +27,12 @@ from seaid.identification import (
     validate,
 )
 from seaid.log import Log
-from seaid.project.project import Options, Project, check_logs
+from seaid.project.project import Options, Project, check_logs, load_project
 from seaid.project.saved import FILE, Run, facts_of, provenance_of, save_run
 from seaid.robot import Robot
 from seaid.simulation import ReplayComparison, compare_replays
 
 Test = TypeVar("Test", Validation, ReplayComparison)
-
-LATEST = "latest"
-"""The link to the folder of the newest run."""
 
 _LONGEST_NAME = 50
 """Letters of a file's name before its suffixes, of up to four bytes; file systems have 255."""
@@ -81,18 +78,18 @@ class ProjectRun(Display):
 
 @checked(SeaidError)
 def run_project(
-    project: Project, *, command: Sequence[str] = (), progress: bool = False
+    project: Project | str | Path = ".", *, command: Sequence[str] = (), progress: bool = False
 ) -> ProjectRun:
     """Identify, validate, report and export a project, into a new folder of its runs.
 
     The folder has the name of the time; the link `latest` points to the newest. It appears when it
-    is complete. Logs of several conditions are identified together, and each condition has a
-    folder of its own.
+    is complete, and what a run that was killed has left is removed. Logs of several conditions are
+    identified together, and each condition has a folder of its own.
 
     Parameters
     ----------
-    project : Project
-        A project of `load_project`.
+    project : Project, str or Path
+        A project of `load_project`, its file, or the folder of the file.
     command : sequence of str
         The command line, for the provenance.
     progress : bool
@@ -109,36 +106,53 @@ def run_project(
 
     Examples
     --------
-    >>> done = seaid.run_project(seaid.load_project())
+    >>> done = seaid.run_project("leg")
     >>> print(done.runs[""].identification.summary())
     """
+    project = project if isinstance(project, Project) else load_project(project)
     check_logs(project)
     result_folder(project.folder)
     found, together = _identified(project, progress)
     notes: list[str] = []
     validations = {name: _validated(project, one, name, notes) for name, one in found.items()}
     provenance = provenance_of(project.files, _options(project), command)
-    folder = project.folder / f".seaid-{secrets.token_hex(8)}"
-    try:
-        result_folder(folder)
+    places = _folder_names(found) if together else dict.fromkeys(found, "")
+    with owned_folder(project.folder) as folder:
         names: list[Path] = []
         runs: dict[str, Run] = {}
         for name, one in found.items():
             replays = _replayed(project, one, name, notes)
             runs[name] = Run(one, validations[name], provenance, None, replays)
-            place = Path(_folder_name(name)) if together else Path()
-            result_folder(folder / place)
-            written, refused = _write(project, runs[name], folder / place)
-            names += [place / each for each in written]
+            result_folder(folder / places[name])
+            written, refused = _write(project, runs[name], folder / places[name])
+            names += [Path(places[name], each) for each in written]
             notes += refused
         _copy_inputs(project, folder)
         target = _renamed(folder, project.folder)
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
-    _point_to(target)
-    runs = {name: replace(one, folder=target) for name, one in runs.items()}
+    try:
+        point_latest(target)
+    except SeaidError as problem:  # the results are there
+        notes.append(str(problem))
+    runs = {name: replace(one, folder=target / places[name]) for name, one in runs.items()}
     files = tuple(target / name for name in names)
     return ProjectRun(target, FrozenMapping(runs), together, files, tuple(notes))
+
+
+def _folder_names(conditions: Iterable[str]) -> dict[str, str]:
+    """Return {condition: folder}, distinct also where capitals do not count, and not `inputs`."""
+    found: dict[str, str] = {}
+    taken = {_INPUTS}
+    for condition in conditions:
+        name = _folder_name(condition)
+        numbered = (f"{name}_{number}" for number in count(2))
+        names = chain([name], numbered)
+        found[condition] = next(one for one in names if one.casefold() not in taken)
+        taken.add(found[condition].casefold())
+    return found
+
+
+_INPUTS = "inputs"
+"""The folder of the copies of the inputs in that of a run."""
 
 
 def _folder_name(condition: str) -> str:
@@ -284,7 +298,7 @@ def _write(project: Project, run: Run, folder: Path) -> tuple[list[str], list[st
     if "report" in project.write:
         facts = {**project.experiment, **facts_of(run.provenance)}
         moved, results = list(run.replays.values()), list(run.validations.values())
-        write_report(found, results, folder / "report.html", facts=facts, replays=moved)
+        write_report(found, folder / "report.html", results, facts=facts, replays=moved)
         names.append("report.html")
     stem = _folder_name(robot.name)
     for kind, name in (("urdf", f"{stem}.urdf"), ("mjcf", f"{stem}.xml")):
@@ -320,7 +334,7 @@ def summary_of(run: Run, details: bool = True) -> str:
 
 def _copy_inputs(project: Project, folder: Path) -> None:
     """Copy the project file, the robot and its drives: small texts that a run rests on."""
-    inputs = result_folder(folder / "inputs")
+    inputs = result_folder(folder / _INPUTS)
     for path in (project.file, project.urdf, project.drives):
         if isinstance(path, Path) and path.is_file():
             shutil.copyfile(path, inputs / path.name)
@@ -335,13 +349,3 @@ def _renamed(folder: Path, parent: Path) -> Path:
             os.rename(folder, target)
             return target
     raise SeaidError(f"'{parent}' has too many runs of the same second")
-
-
-def _point_to(target: Path) -> None:
-    """Make the link `latest` point to a folder of runs; a real file of that name stays."""
-    link = target.parent / LATEST
-    if link.exists() and not link.is_symlink():
-        return
-    temporary = target.parent / f".seaid-{secrets.token_hex(8)}"
-    os.symlink(target.name, temporary)
-    os.replace(temporary, link)

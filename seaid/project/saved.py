@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from seaid._arrays import Array, FrozenMapping
-from seaid._files import whole_file
+from seaid._files import followed, whole_file
 from seaid._progress import Display
 from seaid.drives import IDEAL_DRIVE, JointParameter, drive_table, drives_from_mapping
 from seaid.errors import Finding, SeaidError, checked, listed
@@ -175,7 +175,7 @@ def load_run(path: str | Path) -> Run:
     >>> run = seaid.load_run("runs/latest")
     >>> print(run.identification.verdict.sentence)
     """
-    path = Path(path)
+    path = followed(path)
     file = path / FILE if path.is_dir() else path
     try:
         with file.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:

@@ -14,7 +14,7 @@ import seaid
 from seaid.errors import SeaidError
 from seaid.project.first_project import inferred_drives, write_first_project
 from seaid.project.project import load_project
-from seaid.project.run import run_project
+from seaid.project.running import run_project
 from tests import experiments
 from tests.measured import LOGS
 from tests.one_joint import one_joint

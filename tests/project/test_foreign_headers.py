@@ -20,7 +20,7 @@ from seaid.identification.identification import Identification
 from seaid.log.reading import Log
 from seaid.project.first_project import FirstProject, write_first_project
 from seaid.project.project import load_project
-from seaid.project.run import run_project
+from seaid.project.running import run_project
 from seaid.robot.robot import Robot, load_robot
 from seaid.simulation.simulation import measure, simulate_motion
 from tests import experiments

@@ -10,7 +10,7 @@ import pytest
 import seaid
 from seaid.errors import SeaidError
 from seaid.project.project import load_project, log_at
-from seaid.project.run import _folder_name, run_project
+from seaid.project.running import _folder_name, _folder_names, run_project
 from tests import experiments
 from tests.measured import LOGS
 
@@ -134,7 +134,7 @@ def test_a_run_that_fails_leaves_nothing(folder: Path, monkeypatch: pytest.Monke
     def full(*_: object, **__: object) -> None:
         raise SeaidError("the disk is full")
 
-    monkeypatch.setattr("seaid.project.run.save_run", full)
+    monkeypatch.setattr("seaid.project.running.save_run", full)
     with pytest.raises(SeaidError, match="the disk is full"):
         run_project(load_project(folder))
     assert [*(folder / "results").iterdir()] == []
@@ -222,3 +222,19 @@ def test_parts_of_logs_on_the_command_line(tmp_path: Path) -> None:
     assert log_at(Path("me@home.csv")).between_s is None
     with pytest.raises(SeaidError, match="must end after its start"):
         log_at(Path("run.csv@20:10"))
+
+
+def test_conditions_have_distinct_folders() -> None:
+    names = ["a b", "a_b", "A b", "inputs", "..", ""]
+    folders = _folder_names(names)
+    assert [*folders] == names
+    assert folders["a b"] == "a_b"
+    assert len({one.casefold() for one in folders.values()} | {"inputs"}) == len(names) + 1
+
+
+def test_a_run_is_of_a_project_or_its_folder(tmp_path: Path) -> None:
+    with pytest.raises(SeaidError, match=r"cannot read the project '.*seaid.toml'"):
+        run_project(tmp_path)
+    (tmp_path / "seaid.toml").write_text('urdf = "arm.urdf"')
+    with pytest.raises(SeaidError, match="has no log to identify from"):
+        run_project(str(tmp_path))
