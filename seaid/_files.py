@@ -63,7 +63,7 @@ def followed(path: str | Path) -> Path:
 
 
 def point_latest(target: Path) -> None:
-    """Make `latest` point to a folder next to it: a link, or a text where links are impossible.
+    """Make `latest` point to a folder next to it: a link, or a text where there are no links.
 
     A folder or a file of that name that is neither stays.
     """

@@ -22,7 +22,7 @@ from seaid.identification.repeated_identification import validate
 from seaid.log.long_log import open_long_log
 from seaid.log.motion import Motion
 from seaid.log.reading import Log, write_log
-from seaid.project.run import summary_of
+from seaid.project.running import summary_of
 from seaid.project.saved import Run
 from seaid.regressor.regression import motor_regressor, signals
 from seaid.regressor.rigid_body import joint_torques

@@ -681,8 +681,8 @@ def test_validation_without_any_torque_is_a_page_too(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("results", "words"),
     [
-        ("report", "results= must be a Validation or a list of Validations, found the text"),
-        ([1], "results= must be a Validation or a list of Validations, found a list with 1"),
+        ("report", "validations= must be a Validation or a list of Validations, found the text"),
+        ([1], "validations= must be a Validation or a list of Validations, found a list with 1"),
         (iter([1]), "validations= must be Validations, found int"),
         (None, "found None; make one with seaid.validate(identification, log)"),
         (
