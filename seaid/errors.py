@@ -320,7 +320,7 @@ def checked(
         function: Callable[_Parameters, _Result],
     ) -> Callable[_Parameters, _Result]:
         signature = inspect.signature(function)
-        hints = cache(lambda: _hints(function))
+        hints = cache(lambda: hints_of(function))
 
         @wraps(function)
         def call(*values: _Parameters.args, **named: _Parameters.kwargs) -> _Result:
@@ -340,8 +340,8 @@ def checked(
     return decorate
 
 
-def _hints(function: Callable[..., Any]) -> dict[str, Any]:
-    """Return the annotations of a function.
+def hints_of(function: Callable[..., Any]) -> dict[str, Any]:
+    """Return the annotations of a function or a class.
 
     Names that its module imports for types only are those of `seaid`, or of the own package.
     """

@@ -40,7 +40,7 @@ class Estimate(Result):
 
     Attributes
     ----------
-    names, units : tuple of str
+    names, units : tuple of p str
         Name and unit of each of the p parameters.
     values : ndarray (p,)
         Estimated values.

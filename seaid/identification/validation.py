@@ -52,6 +52,11 @@ class Fit(Display):
     `moving_relative_error` the same without standstill, where dry friction is unpredictable;
     `raw_relative_error` the same without the low pass; `r_squared` is one minus the variance of the
     error over that of the signal. NaN for a joint without such an equation.
+
+    Attributes
+    ----------
+    measured, computed : array (T, n)
+    rms_error, relative_error, r_squared, raw_relative_error, moving_relative_error : array (n,)
     """
 
     measured: Array
@@ -77,7 +82,7 @@ class Validation(Result):
 
     Attributes
     ----------
-    joints : tuple of str
+    joints : tuple of n str
         The n joints.
     time : ndarray (T,)
         Time [s].

@@ -121,7 +121,7 @@ class Motion(Display):
     ----------
     time : array (T,)
         Time [s].
-    joint_names : tuple of str
+    joint_names : tuple of n str
         Names of the n joints, in the order of the columns.
     joint_position, joint_velocity, joint_acceleration : array (T, n)
         Joint side theta_L and its derivatives [rad, rad/s, rad/s^2], of prismatic joints [m, ...].

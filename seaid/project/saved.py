@@ -9,24 +9,29 @@ is pickled or evaluated.
 from __future__ import annotations
 
 import hashlib
+import io
 import json
+import math
 import platform
+import re
 import zipfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from datetime import UTC, datetime
-from functools import partial
+from functools import cache, partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from types import UnionType
+from typing import Any, Literal, Union, get_args, get_origin
 
 import numpy as np
+from numpy.typing import NDArray
 
 from seaid._arrays import Array, FrozenMapping
-from seaid._files import followed, whole_file
+from seaid._files import MOST_JSON_BYTES, followed, whole_file
 from seaid._progress import Display
 from seaid.drives import IDEAL_DRIVE, JointParameter, drive_table, drives_from_mapping
-from seaid.errors import Finding, SeaidError, checked, listed
+from seaid.errors import Finding, SeaidError, checked, hints_of, listed, reason_of, shortened, shown
 from seaid.estimation import Estimate, ModelChecks, TermTest, Whiteness
 from seaid.identification import (
     ContactForces,
@@ -45,9 +50,12 @@ from seaid.simulation import ReplayComparison
 FILE = "identification.npz"
 """The name of the saved run in the folder of a run."""
 
-_FORMAT = "seaid run 1"
-_OLDER: dict[str, Any] = {"replays": {"is": "mapping", "items": []}}
-"""What files that are older than a field have in its place."""
+_FORMAT = "seaid run 2"
+"""The format of this version; the first one had no checksum."""
+
+_MOST_GROWTH = 20
+"""Most bytes of content per byte of a file; NaN in the place of missing sensors makes up to six."""
+
 _CLASSES = {
     kind.__name__: kind
     for kind in (
@@ -147,9 +155,20 @@ def save_run(
         "provenance": _plain(dict(provenance or {}), arrays),
         "replays": _plain(dict(replays or {}), arrays),
     }
-    text = np.frombuffer(json.dumps(content).encode(), dtype=np.uint8)
+    arrays["content"] = np.frombuffer(json.dumps(content).encode(), dtype=np.uint8)
+    arrays["checksum"] = _checksum(arrays)
     with whole_file(path) as temporary, temporary.open("wb") as file:
-        np.savez_compressed(file, allow_pickle=False, content=text, **arrays)
+        np.savez_compressed(file, allow_pickle=False, **arrays)
+
+
+def _checksum(arrays: Mapping[str, NDArray[Any]]) -> NDArray[np.uint8]:
+    """Return the SHA-256 (32,) of the names, types, shapes and numbers of arrays."""
+    digest = hashlib.sha256()
+    for name in sorted(arrays):
+        array = arrays[name]
+        digest.update(f"{name} {array.dtype.str} {array.shape}".encode())
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return np.frombuffer(digest.digest(), dtype=np.uint8)
 
 
 @checked(SeaidError)
@@ -178,17 +197,21 @@ def load_run(path: str | Path) -> Run:
     path = followed(path)
     file = path / FILE if path.is_dir() else path
     try:
-        with file.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
-            arrays = {name: archive[name] for name in archive.files}
-        content = json.loads(arrays.pop("content").tobytes())
+        arrays = _arrays(file)
+        content = json.loads(arrays["content"].tobytes())
         if content["format"] != _FORMAT:
-            raise SeaidError(f"'{file}' has the format {content['format']!r}, not {_FORMAT!r}")
-        identification, validations, provenance, replays = (
-            _restored((_OLDER | content)[name], arrays)
-            for name in ("identification", "validations", "provenance", "replays")
-        )
-        found = _with_copies(identification, file.parent / "inputs")
-        return Run(found, validations, provenance, path if path.is_dir() else None, replays)
+            raise SeaidError(
+                f"it has the format {shown(content['format'])}, not '{_FORMAT}': another version "
+                "of seaid wrote it; repeat the run with this one, or load it with that one"
+            )
+        if not np.array_equal(arrays.pop("checksum"), _checksum(arrays)):
+            raise ValueError("its content is not what was saved, by its checksum")
+        names = ("identification", "validations", "provenance", "replays")
+        parts = {name: _restored(content[name], arrays) for name in names}
+        run = _as_annotated(Run(**parts, folder=path if path.is_dir() else None))
+        _check_origin(run.provenance)
+        found = _with_copies(run.identification, file.parent / "inputs")
+        return replace(run, identification=found)
     except FileNotFoundError:
         if conditions := sorted(one.parent.name for one in path.glob(f"*/{FILE}")):
             raise SeaidError(
@@ -199,8 +222,127 @@ def load_run(path: str | Path) -> Run:
             f"no saved run at '{path}': name a folder of `seaid run`, such as runs/latest, or a "
             "file of save_run"
         ) from None
-    except (OSError, EOFError, LookupError, TypeError, ValueError, zipfile.BadZipFile) as one:
-        raise SeaidError(f"'{file}' is no saved run, or damaged: {one}") from None
+    except SeaidError as problem:
+        raise SeaidError(f"'{file}' cannot be loaded: {problem}") from None
+    except Exception as problem:  # a damaged file raises any exception of its readers
+        raise SeaidError(
+            f"'{file}' is no saved run, or damaged: {reason_of(problem)}; repeat the run"
+        ) from None
+
+
+def _arrays(file: Path) -> dict[str, NDArray[Any]]:
+    """Return the arrays of a file whose size and headers are right."""
+    arrays = {}
+    with file.open("rb") as stream, zipfile.ZipFile(stream) as archive:
+        members = archive.infolist()
+        most = MOST_JSON_BYTES + _MOST_GROWTH * file.stat().st_size
+        if sum(one.file_size for one in members) > most:
+            raise ValueError(f"it declares more than {most / 1e6:.0f} MB of content")
+        for member in members:
+            if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+                raise ValueError("it has a compression that NumPy does not write")
+            with archive.open(member) as content:
+                data = content.read(member.file_size)
+            arrays[member.filename.removesuffix(".npy")] = _array(data)
+    if len(arrays["content"]) > MOST_JSON_BYTES:
+        raise ValueError(f"its content has more than {MOST_JSON_BYTES // 2**20} MB")
+    return arrays
+
+
+def _array(data: bytes) -> NDArray[Any]:
+    """Return the array of a file of NumPy whose header declares as many numbers as follow it."""
+    stream = io.BytesIO(data)
+    header = np.lib.format.read_array_header_1_0
+    if np.lib.format.read_magic(stream) != (1, 0):
+        header = np.lib.format.read_array_header_2_0
+    shape, by_columns, kind = header(stream)
+    if kind.kind not in "biuf" or min(shape, default=0) < 0:
+        raise ValueError(f"an array of {kind} with shape {shape}")
+    if math.prod(shape) * kind.itemsize != len(data) - stream.tell():
+        raise ValueError(f"an array declares the shape {shape} and has other numbers")
+    flat = np.frombuffer(data, kind, offset=stream.tell())
+    return flat.reshape(shape, order="F" if by_columns else "C").copy()
+
+
+def _as_annotated(value: Any) -> Any:
+    """Return an object of a dataclass; raise TypeError or ValueError for a field of another kind.
+
+    Types are those of the annotations. Lengths are those of the docstring: arrays (T, n) and a
+    tuple of n str have one n, an array (10n,) is ten times as long.
+    """
+    kind, lengths = type(value), dict[str, float]()
+    for name in (one.name for one in fields(kind)):
+        content, hint = getattr(value, name), _hints_of(kind)[name]
+        place = f"{kind.__name__}.{name}"
+        if not _matches(content, hint):
+            raise TypeError(f"{place} is {shortened(content)}")
+        symbols = _documented_shapes(kind).get(name, ())
+        if not symbols or content is None:
+            continue
+        shape = content.shape if isinstance(content, np.ndarray) else (len(content),)
+        if len(shape) != len(symbols):
+            raise ValueError(f"{place} has the shape {shape}")
+        for symbol, length in zip(symbols, shape, strict=True):
+            times, letter = _LENGTH.fullmatch(symbol.strip()).groups()  # type: ignore[union-attr]
+            unit = length / float(times or 1)
+            if unit != (lengths.setdefault(letter, unit) if letter else 1.0):
+                raise ValueError(f"{place} has the shape {shape}, which others contradict")
+    return value
+
+
+_LENGTH = re.compile(r"(\d*)([A-Za-z]?)")
+_DOCUMENTED = re.compile(
+    r"^ *([\w, ]+) : (?:(?:bool |nd)?arrays? \(([^)+]*)\)|tuple of (?:str \((\w+),\)|(\w) \w+))",
+    re.MULTILINE,
+)
+
+
+_hints_of = cache(hints_of)
+
+
+@cache
+def _documented_shapes(kind: type) -> dict[str, tuple[str, ...]]:
+    """Return {field: lengths of its array or tuple} as the docstring of a class has them."""
+    return {
+        name.strip(): tuple(filter(None, "".join(lengths).split(",")))
+        for names, *lengths in _DOCUMENTED.findall(kind.__doc__ or "")
+        for name in names.split(",")
+    }
+
+
+def _matches(value: Any, hint: Any) -> bool:
+    """Return whether a value and all that it contains are what an annotation says."""
+    origin, inner = get_origin(hint) or hint, get_args(hint)
+    if origin in (Union, UnionType):
+        return any(_matches(value, one) for one in inner)
+    if origin is Literal:
+        return isinstance(value, str) and value in inner
+    if origin is np.ndarray:
+        kinds = {"f": "iuf", "i": "iu", "b": "b"}[np.dtype(get_args(inner[1])[0]).kind]
+        return isinstance(value, np.ndarray) and value.dtype.kind in kinds
+    if origin is float:
+        return isinstance(value, float | int) and not isinstance(value, bool)
+    if origin is Any:
+        return True
+    if not isinstance(value, origin) or (origin is int and isinstance(value, bool)):
+        return False
+    if isinstance(value, Mapping) and inner:
+        return all(_matches(key, inner[0]) and _matches(x, inner[1]) for key, x in value.items())
+    if isinstance(value, tuple) and inner:
+        hints = inner[:1] * len(value) if inner[-1] is ... else inner
+        return len(hints) == len(value) and all(map(_matches, value, hints))
+    return True
+
+
+def _check_origin(provenance: Mapping[str, Any]) -> None:
+    """Raise ValueError for an origin that is not one of `provenance_of`, or empty."""
+    text = str | int | None
+    hints: dict[str, Any] = {"command": tuple[str, ...], "inputs": tuple[Mapping[str, text], ...]}
+    hints |= {"options": Mapping[str, Any], "versions": Mapping[str, str]}
+    keys = {"path", "bytes", "sha256"}
+    is_right = all(_matches(provenance[name], hints[name]) for name in hints if name in provenance)
+    if not is_right or any(keys - {*one} for one in provenance.get("inputs", ())):
+        raise ValueError("its provenance is none")
 
 
 def _with_copies(found: Identification, inputs: Path) -> Identification:
@@ -293,7 +435,7 @@ def _restored(value: Any, arrays: Mapping[str, Array]) -> Any:
     if kind == "Path":
         return Path(value["path"])
     found = restored(value["fields"])
-    return _robot(found) if kind == "Robot" else _CLASSES[kind](**found)
+    return _as_annotated(_robot(found) if kind == "Robot" else _CLASSES[kind](**found))
 
 
 def _robot_fields(robot: Robot) -> dict[str, Any]:
@@ -305,15 +447,41 @@ def _robot_fields(robot: Robot) -> dict[str, Any]:
     return {**found, "model": model, "drives": tables, "urdf": urdf}
 
 
+@dataclass(frozen=True)
+class _Joint:
+    """A joint of `joints_of`.
+
+    Attributes
+    ----------
+    placement : array (4, 4)
+    axis : array (3,)
+    """
+
+    name: str
+    parent: int
+    placement: Array
+    type: Literal["prismatic", "revolute"]
+    axis: Array
+    effort: float
+    velocity: float
+    lower: float
+    upper: float
+
+
 def _robot(found: Mapping[str, Any]) -> Robot:
     """Return the robot of `_robot_fields`."""
-    model = model_of(found["name"], found["model"]["gravity"], found["model"]["joints"])
+    joints = [_as_annotated(_Joint(**one)) for one in found["model"]["joints"]]
+    if any(not 0 <= one.parent <= place for place, one in enumerate(joints)):
+        raise ValueError("a joint of the robot comes before its parent")
+    if len(joints) != len(found["body_names"]):
+        raise ValueError(f"a robot of {len(found['body_names'])} bodies has {len(joints)} joints")
+    model = model_of(found["name"], found["model"]["gravity"], [*map(vars, joints)])
     tables = {joint: _table(one) for joint, one in found["drives"].items()}
     drives = {
         joint: IDEAL_DRIVE if drive == IDEAL_DRIVE else drive
         for joint, drive in drives_from_mapping(tables).items()
     }
-    robot = Robot(**{**found, "model": model, "drives": drives})
+    robot: Robot = _as_annotated(Robot(**{**found, "model": model, "drives": drives}))
     return robot.with_values(robot.parameters, drives)
 
 

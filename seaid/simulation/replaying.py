@@ -279,7 +279,7 @@ class ReplayComparison(Result):
 
     Attributes
     ----------
-    joints : tuple of str
+    joints : tuple of n str
         The n joints that were simulated.
     time : ndarray (T,)
         Time [s].

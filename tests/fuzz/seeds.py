@@ -166,6 +166,19 @@ def parameters_text() -> str:
 
 
 @cache
+def saved_run() -> bytes:
+    """Return a saved run of the arm, validated on its own log."""
+    found = seaid.identify(robot(), log())
+    tests = {"run.csv": seaid.validate(found, log())}
+    origin = {"command": ["seaid", "run"], "inputs": [], "options": {}, "versions": {}}
+
+    def save(folder: Path) -> None:
+        seaid.save_run(found, folder / "a.npz", validations=tests, provenance=origin)
+
+    return written(save)["a.npz"]
+
+
+@cache
 def trajectory_texts() -> tuple[str, ...]:
     """Return a trajectory file of each basis."""
     planned = [wiggle(robot(), 2.0, (0.0,) * 4, (0.2,) * 4, knot_s=0.5)]

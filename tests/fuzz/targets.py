@@ -37,6 +37,7 @@ from seaid.log.description import description_for
 from seaid.log.log import column_names
 from seaid.log.reading import repaired
 from seaid.log.repair.data import Channel, Repairs
+from seaid.project.saved import _checksum
 from seaid.regressor.regression import actuator_regression
 from seaid.robot.robot import Robot
 from tests.fuzz import seeds
@@ -137,6 +138,32 @@ def parameters(rng: Random, folder: Path) -> Check:
     path = folder / "parameters.json"
     path.write_bytes(_json(rng, seeds.parameters_text()))
     return lambda: _export(seaid.read_parameters(path, seeds.robot()), folder)
+
+
+def saved_run(rng: Random, folder: Path) -> Check:
+    """A saved run, damaged as bytes, or its content or arrays, with their checksum."""
+    whole = seeds.saved_run()
+    if rng.random() < 0.4:
+        (folder / "run.npz").write_bytes(damaged_bytes(rng, whole))
+    else:
+        with np.load(io.BytesIO(whole)) as archive:
+            arrays = {name: archive[name] for name in archive.files if name != "checksum"}
+        if rng.random() < 0.7:
+            content = damaged_tree(rng, json.loads(arrays.pop("content").tobytes()))
+            text = json.dumps(content, default=str).encode("utf-8", "replace")
+            arrays["content"] = np.frombuffer(text, np.uint8)
+        else:
+            arrays = damaged_columns(rng, arrays)
+        is_plain = all(np.asarray(one).dtype.kind != "O" for one in arrays.values())
+        arrays["checksum"] = _checksum(arrays) if is_plain else np.zeros(32, np.uint8)
+        (folder / "run.npz").write_bytes(_npz(rng, arrays, 0.0))
+
+    def check() -> None:
+        run = seaid.load_run(folder / "run.npz")
+        run.identification.summary()
+        [one.summary() for one in run.validations.values()]
+
+    return check
 
 
 def _export(robot: Robot, folder: Path) -> None:
@@ -555,6 +582,7 @@ TARGETS: dict[str, Target] = {
     "drives": drives,
     "description": description,
     "parameters": parameters,
+    "run": saved_run,
     "trajectory": trajectory,
     "scene": scene,
     "mesh": mesh,

@@ -21,7 +21,7 @@ from tests.fuzz import seeds
 from tests.fuzz.targets import TARGETS, run_case
 from tests.fuzz.unruly import work
 
-CASES = {"mesh": 5, "bag": 4, "mat": 10, "hebilog": 5, "command": 6, "identify": 12}
+CASES = {"mesh": 5, "run": 12, "bag": 4, "mat": 10, "hebilog": 5, "command": 6, "identify": 12}
 """Cases of the slow targets; of the others 25."""
 
 SLOW = ("mesh", "bag", "mat", "hebilog", "identify", "command", "scene", "json", "parquet", "npz")

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import json
+import zipfile
+from contextlib import suppress
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +17,7 @@ import seaid
 from seaid.errors import SeaidError
 from seaid.identification import compared, identify, validate
 from seaid.identification.identification import Identification
-from seaid.project.saved import FILE, load_run, save_run
+from seaid.project.saved import FILE, _checksum, load_run, save_run
 from seaid.robot import load_robot
 from seaid.simulation import simulate
 from tests import experiments
@@ -119,10 +122,10 @@ def test_a_folder_without_a_run(tmp_path: Path) -> None:
     [
         (b"", "damaged"),
         (b"PK\x03\x04 no archive", "damaged"),
-        ({"format": "seaid run 0"}, "has the format 'seaid run 0', not 'seaid run 1'"),
-        ({"format": "seaid run 1"}, "damaged"),
+        ({"format": "seaid run 0"}, "has the format 'seaid run 0', not 'seaid run 2'"),
+        ({"format": "seaid run 2"}, "damaged"),
         (
-            {"format": "seaid run 1", "identification": {"is": "Popen", "fields": {}}},
+            {"format": "seaid run 2", "identification": {"is": "Popen", "fields": {}}},
             "damaged",
         ),
     ],
@@ -138,3 +141,92 @@ def test_a_damaged_file_and_a_foreign_class_are_refused(
         np.savez(file, content=text)
     with pytest.raises(SeaidError, match=words):
         load_run(tmp_path)
+
+
+def saved(folder: Path) -> tuple[Path, dict[str, np.ndarray], dict[str, Any]]:
+    """Return a saved run, its arrays, and its content."""
+    found, log = measured()
+    path = folder / "run.npz"
+    save_run(found, path, validations={"x.csv": validate(found, log)})
+    with np.load(path) as archive:
+        arrays = dict(archive)
+    return path, arrays, json.loads(arrays["content"].tobytes())
+
+
+def write(path: Path, arrays: dict[str, Any], content: Any) -> None:
+    """Write a run with the checksum of what is in it."""
+    arrays = {name: one for name, one in arrays.items() if name != "checksum"}
+    arrays["content"] = np.frombuffer(json.dumps(content).encode(), dtype=np.uint8)
+    np.savez_compressed(path, checksum=_checksum(arrays), **arrays)
+
+
+def test_a_flipped_byte_is_found(tmp_path: Path) -> None:
+    path, *_ = saved(tmp_path)
+    whole = path.read_bytes()
+    for place in range(100, len(whole), len(whole) // 25):
+        path.write_bytes(whole[:place] + bytes([whole[place] ^ 0x10]) + whole[place + 1 :])
+        with suppress(SeaidError):  # or a byte of a header that nothing reads, as a time
+            load_run(path)
+    path.write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(SeaidError, match="damaged"):
+        load_run(path)
+
+
+def test_content_that_was_changed_is_found_by_its_checksum(tmp_path: Path) -> None:
+    path, arrays, content = saved(tmp_path)
+    write(path, arrays, content)
+    load_run(path)
+    name = next(one for one in arrays if arrays[one].dtype == float and arrays[one].size)
+    arrays[name] = arrays[name] + 1.0
+    np.savez_compressed(path, **arrays)
+    with pytest.raises(SeaidError, match="by its checksum"):
+        load_run(path)
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "words"),
+    [
+        (("load", "values"), "a", "Estimate.values is a"),
+        (("load", "covariance"), np.zeros((2, 3)), r"Estimate.covariance has the shape \(2, 3\)"),
+        (("load", "names"), ["a", 1], "Estimate.names is"),
+        (("cutoff_hz",), "6", "Identification.cutoff_hz is 6"),
+        (("robot", "parameters"), np.zeros(7), r"Robot.parameters has the shape \(7,\)"),
+        (("robot",), None, "Identification.robot is None"),
+        (("motions",), [1.0], "Identification.motions is"),
+        (("joint_fits",), {"is": "mapping", "items": [["a", 1]]}, "joint_fits is"),
+    ],
+)
+def test_fields_of_a_run_are_as_annotated(
+    place: tuple[str, ...], value: Any, words: str, tmp_path: Path
+) -> None:
+    path, arrays, content = saved(tmp_path)
+    item = content["identification"]
+    for name in place[:-1]:
+        item = dict(item["fields"]["items"])[name]
+    if isinstance(value, np.ndarray):
+        arrays["new"], value = value, {"is": "array", "name": "new"}
+    (pair,) = [pair for pair in item["fields"]["items"] if pair[0] == place[-1]]
+    pair[1] = value
+    write(path, arrays, content)
+    with pytest.raises(SeaidError, match=words):
+        load_run(path)
+
+
+def test_a_small_file_does_not_take_much_memory(tmp_path: Path) -> None:
+    path, _, content = saved(tmp_path)
+    write(path, {"a0": np.zeros(2**25, dtype=np.uint8)}, content)
+    with pytest.raises(SeaidError, match="declares more than"):
+        load_run(path)
+    header = (
+        b"\x93NUMPY\x01\x00v\x00"
+        + str({"descr": "<f8", "fortran_order": False, "shape": (10**12,)}).encode().ljust(117)
+        + b"\n"
+    )
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("content.npy", header)
+    with pytest.raises(SeaidError, match=r"declares the shape \(1000000000000,\)"):
+        load_run(path)
+    deep = '{"format": ' + "[" * 10**5
+    np.savez_compressed(path, content=np.frombuffer(deep.encode(), dtype=np.uint8))
+    with pytest.raises(SeaidError, match="damaged"):
+        load_run(path)
