@@ -21,7 +21,7 @@ from seaid.drives.terms import (
     ParallelSpringTerm,
     SpringTerm,
 )
-from seaid.errors import MADE_BY, LogError, SeaidError, UnknownNameError, _hints, checked
+from seaid.errors import MADE_BY, LogError, SeaidError, UnknownNameError, checked, hints_of
 from seaid.estimation.fitting import ESTIMATORS, LinearEstimator
 from seaid.excitation.basis import _LEAST, BasisName
 from seaid.excitation.criteria import CRITERIA, CriterionName
@@ -318,7 +318,7 @@ def test_all_annotations_are_types_that_are_compared() -> None:
     unknown = {
         (name, argument)
         for name in FUNCTIONS
-        for argument, hint in _hints(getattr(seaid, name)).items()
+        for argument, hint in hints_of(getattr(seaid, name)).items()
         if hint is Any
     }
     assert unknown == {("cross_validate", "options"), ("cutoff_sensitivity", "options")}

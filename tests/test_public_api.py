@@ -40,7 +40,7 @@ FUNCTIONS = {
     "write_model": "found path format time_step_s force",
     "write_drives": "drives path",
     "read_parameters": "path robot",
-    "write_report": "found results path facts nominal",
+    "write_report": "identification path validations facts nominal",
     "write_comparison": "first second path names",
     "report.comparison_of": "first second names",
     "estimate_delays": "robot log largest_s cutoff_hz",

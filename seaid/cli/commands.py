@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from importlib import import_module
 from inspect import cleandoc, signature
 from typing import Any
@@ -11,7 +10,7 @@ import typer
 from typer.core import TyperGroup
 
 from seaid.cli.completion import completer_of
-from seaid.cli.defaults import PROJECT_FILE, set_defaults
+from seaid.cli.defaults import ARGUMENTS
 from seaid.cli.messages import begin, reported
 
 _HELP = """Identify robots with springs in their joints: from a URDF and a log to motor friction,
@@ -32,11 +31,11 @@ spring stiffness and inertias, each with its standard error.
   seaid report leg.urdf --from run.csv --validate other.csv --drives leg.toml
   seaid export leg.urdf --from run.csv --drives leg.toml -o found.urdf
 
-A seaid.toml in the working folder has the robot, logs and options of every command; the command
-line takes precedence. Each command has its own --help with examples. Results go to stdout; notes,
-errors and progress go to stderr. Exit codes: 0 success, 1 failure (one line states the reason and
-the remedy), 2 wrong usage, 3 warnings of --fail-on. Files are written completely or not at all,
-and overwritten only with --force."""
+A seaid.toml in the working folder has the robot, logs and options of every command that names no
+other robot; the command line takes precedence. Its folder may stand for the URDF. Each command has
+its own --help with examples. Results go to stdout; notes, errors and progress go to stderr. Exit
+codes: 0 success, 1 failure (one line states the reason and the remedy), 2 wrong usage, 3 warnings
+of --fail-on. Files are written completely or not at all, and overwritten only with --force."""
 
 COMMANDS = {
     "init": "Write a first project file for a robot and its logs, with each doubt as a comment.",
@@ -99,6 +98,7 @@ class _Commands(TyperGroup):
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Find the command that runs."""
         begin(args[0] if args[0] in COMMANDS else "seaid", args)
+        ctx.meta[ARGUMENTS] = args[1:]
         return super().resolve_command(ctx, args)
 
     def invoke(self, ctx: Any) -> Any:
@@ -144,10 +144,8 @@ def _version(asked: bool) -> None:
 
 @app.callback()
 def _options(
-    context: typer.Context,
     version: bool = typer.Option(
         False, "--version", callback=_version, is_eager=True, help="Print the version."
     ),
 ) -> None:
-    if context.invoked_subcommand not in ("init", "run") and os.path.isfile(PROJECT_FILE):
-        set_defaults(context, [*COMMANDS])
+    """Take the options that come before a command."""

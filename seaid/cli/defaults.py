@@ -1,7 +1,8 @@
-"""Defaults of the commands: the project file of the working folder, and its newest run."""
+"""Defaults of the commands: the project file of their robot, and its newest run."""
 
 from __future__ import annotations
 
+import os
 import warnings
 from collections.abc import Mapping, Sequence
 from contextvars import ContextVar
@@ -10,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from seaid.cli.messages import note
+
 if TYPE_CHECKING:
     from seaid.project import Project
     from seaid.robot import Contact, Payload
@@ -17,16 +20,6 @@ if TYPE_CHECKING:
 PROJECT_FILE = "seaid.toml"
 
 _CONTEXT: ContextVar[typer.Context | None] = ContextVar("the running command", default=None)
-
-
-def set_defaults(context: typer.Context, commands: Sequence[str]) -> None:
-    """Take the project file of the working folder as defaults, if there is one."""
-    from seaid.project import load_project
-
-    project = load_project(PROJECT_FILE)
-    values = _defaults(project)
-    context.obj = project
-    context.default_map = {name: _of_command(name, project, values) for name in commands}
 
 
 def project_here() -> Project | None:
@@ -104,28 +97,112 @@ def contact_text(contact: Contact) -> str:
 
 def with_project(
     context: typer.Context, values: dict[str, Any], positional: Sequence[str]
-) -> dict[str, Any]:
-    """Return the arguments of a command with the robot of the project, if the line names none.
+) -> dict[str, Any] | None:
+    """Return the arguments of a command; None if it ran with those of its project.
 
     `seaid identify run.csv` has the log where `seaid identify leg.urdf run.csv` has the robot: what
-    is no robot moves on by one place.
+    is no robot moves on by one place. `seaid check FOLDER` has a project in that place.
     """
     _CONTEXT.set(context)
+    if context.obj is None and context.command.name not in ("init", "run"):
+        project = _project_of(values)
+        if project is not None and context.parent is not None:
+            _run_again(context, context.parent, project)
+            return None
+    if context.obj is not None and "urdf" in positional:
+        _note_of_project(context, context.obj)
     first = values.get("urdf")
+    if context.obj is not None and is_typed("urdf") and _project_file(first):
+        return {**values, "urdf": Path(context.obj.urdf)}
     moves = is_typed("urdf") and first is not None and len(positional) > 1 and not _is_robot(first)
-    if not moves or not (context.obj or values.get("run")):
-        return values
-    after = positional[1]
-    later = values[after]
-    if not is_typed(after):
-        later = None
+    if moves and (context.obj or values.get("run")):
+        return _moved(values, positional[1], context.obj)
+    return values
+
+
+def _run_again(context: typer.Context, parent: Any, project: Project) -> None:
+    """Run the command with the values of a project as defaults."""
+    name = str(context.info_name)
+    parent.obj = project
+    parent.default_map = {name: _of_command(name, project, _defaults(project))}
+    with context.command.make_context(name, [*parent.meta[ARGUMENTS]], parent=parent) as again:
+        context.command.invoke(again)
+
+
+ARGUMENTS = "seaid.arguments"
+"""Where the context has the words that follow the command."""
+
+
+def _note_of_project(context: typer.Context, project: Project) -> None:
+    """Say in one line what a command has from a project file."""
+    from seaid.project import Project
+
+    usual = _defaults(Project(project.file, "")) | {"feasible": False}
+    words = _defaults(project)
+    names = []
+    for parameter in context.command.params:
+        source = context.get_parameter_source(str(parameter.name))
+        is_usual = words.get(str(parameter.name)) == usual.get(str(parameter.name))
+        if source is not None and source.name == "DEFAULT_MAP" and not is_usual:
+            is_option = parameter.opts[0].startswith("-")
+            names.append(parameter.opts[0] if is_option else str(parameter.metavar))
+    if names:
+        note(f"from '{project.file}': {', '.join(names)}")
+
+
+def _moved(values: dict[str, Any], after: str, project: Project | None) -> dict[str, Any]:
+    """Return the arguments with what is in the place of the robot in that of `after`."""
+    first, later = values["urdf"], values[after] if is_typed(after) else None
     if isinstance(later, list | tuple) or after.endswith("s"):
         later = [first, *(later or ())]
     elif later is None:
         later = first
     else:
         return values
-    return {**values, "urdf": context.obj and Path(context.obj.urdf), after: later}
+    return {**values, "urdf": project and Path(project.urdf), after: later}
+
+
+def _project_file(first: Path | None) -> bool:
+    """Return whether a path in the place of the robot is a project file or its folder."""
+    if first is None:
+        return False
+    return first.name == PROJECT_FILE or (first / PROJECT_FILE).is_file()
+
+
+def _project_of(values: Mapping[str, Any]) -> Project | None:
+    """Return the project in the place of the robot, else that of the working folder.
+
+    The latter only if its robot is that of the line, or the line names none.
+    """
+    from seaid.project import load_project
+
+    first = values.get("urdf") if is_typed("urdf") else None
+    if first is not None and _project_file(first):
+        return load_project(first)
+    if not os.path.isfile(PROJECT_FILE):
+        return None
+    project = load_project(PROJECT_FILE)
+    robot = first if first is not None and _is_robot(first) else _robot_of_run(project, values)
+    if robot is None or _is_same(robot, project.urdf):
+        return project
+    note(f"{PROJECT_FILE} is of another robot, '{project.urdf}', and is not used")
+    return None
+
+
+def _robot_of_run(project: Project, values: Mapping[str, Any]) -> Path | None:
+    """Return the robot of the saved run on the line, None for one of the project."""
+    from seaid._files import real_path
+    from seaid.project import load_run
+
+    if not is_typed("run") or real_path(values["run"]).is_relative_to(real_path(project.folder)):
+        return None
+    return load_run(values["run"]).identification.robot.urdf
+
+
+def _is_same(robot: Path, other: Path | str) -> bool:
+    from seaid._files import real_path
+
+    return str(robot) == str(other) or real_path(robot) == real_path(other)
 
 
 def _is_robot(path: Path) -> bool:

@@ -255,13 +255,11 @@ class IdentifyOptions(LogOptions):
 
         They do if they are on the line and the run is not: then it is that of the project.
         """
-        from seaid.cli.defaults import is_typed, project_here, warn_of_changes
+        from seaid.cli.defaults import is_typed, warn_of_changes
         from seaid.project import load_run
 
-        project = project_here()
         options = (one.name for one in fields(IdentifyOptions) if one.name != "urdf")
-        is_other = is_typed(*options, *names) or (project and self.urdf != Path(project.urdf))
-        if run is None or (is_other and not is_typed("run")):
+        if run is None or (is_typed(*options, *names) and not is_typed("run")):
             return None
         found = load_run(run)
         warn_of_changes(run, found.provenance)
@@ -385,7 +383,10 @@ def with_groups(command: Callable[..., None]) -> Callable[..., None]:
     def run(context: typer.Context, **values: Any) -> None:
         from seaid.cli.defaults import with_project
 
-        values = with_project(context, values, positional)
+        found = with_project(context, values, positional)
+        if found is None:
+            return
+        values = found
         for name, metavar in required.items():
             if not values[name] and not (name == "urdf" and values.get("run")):
                 here = ", or have a seaid.toml here (seaid init)" * (metavar in ("URDF", "LOG"))

@@ -155,10 +155,11 @@ def save_run(
         "provenance": _plain(dict(provenance or {}), arrays),
         "replays": _plain(dict(replays or {}), arrays),
     }
-    arrays["content"] = np.frombuffer(json.dumps(content).encode(), dtype=np.uint8)
-    arrays["checksum"] = _checksum(arrays)
+    text: Any = np.frombuffer(json.dumps(content).encode(), dtype=np.uint8)
+    arrays["content"] = text
+    checksum: Any = _checksum(arrays)
     with whole_file(path) as temporary, temporary.open("wb") as file:
-        np.savez_compressed(file, allow_pickle=False, **arrays)
+        np.savez_compressed(file, allow_pickle=False, checksum=checksum, **arrays)
 
 
 def _checksum(arrays: Mapping[str, NDArray[Any]]) -> NDArray[np.uint8]:
@@ -166,7 +167,7 @@ def _checksum(arrays: Mapping[str, NDArray[Any]]) -> NDArray[np.uint8]:
     digest = hashlib.sha256()
     for name in sorted(arrays):
         array = arrays[name]
-        digest.update(f"{name} {array.dtype.str} {array.shape}".encode())
+        digest.update(f"{name} {array.dtype.str} {array.shape}".encode("utf-8", "replace"))
         digest.update(np.ascontiguousarray(array).tobytes())
     return np.frombuffer(digest.digest(), dtype=np.uint8)
 
@@ -208,7 +209,7 @@ def load_run(path: str | Path) -> Run:
             raise ValueError("its content is not what was saved, by its checksum")
         names = ("identification", "validations", "provenance", "replays")
         parts = {name: _restored(content[name], arrays) for name in names}
-        run = _as_annotated(Run(**parts, folder=path if path.is_dir() else None))
+        run: Run = _as_annotated(Run(**parts, folder=path if path.is_dir() else None))
         _check_origin(run.provenance)
         found = _with_copies(run.identification, file.parent / "inputs")
         return replace(run, identification=found)
@@ -270,7 +271,8 @@ def _as_annotated(value: Any) -> Any:
     Types are those of the annotations. Lengths are those of the docstring: arrays (T, n) and a
     tuple of n str have one n, an array (10n,) is ten times as long.
     """
-    kind, lengths = type(value), dict[str, float]()
+    kind: Any = type(value)
+    lengths: dict[str, float] = {}
     for name in (one.name for one in fields(kind)):
         content, hint = getattr(value, name), _hints_of(kind)[name]
         place = f"{kind.__name__}.{name}"
@@ -301,7 +303,7 @@ _hints_of = cache(hints_of)
 
 
 @cache
-def _documented_shapes(kind: type) -> dict[str, tuple[str, ...]]:
+def _documented_shapes(kind: Any) -> dict[str, tuple[str, ...]]:
     """Return {field: lengths of its array or tuple} as the docstring of a class has them."""
     return {
         name.strip(): tuple(filter(None, "".join(lengths).split(",")))

@@ -126,7 +126,48 @@ def test_what_changed_since_a_run_is_said(here: Path, project: Path) -> None:
             file.write("# changed\n")
         said = done("report")
         assert "arm.toml changed since 'runs/latest' was made: repeat seaid run" in said.err
-        assert done("report", "--force", "--from", "run.csv").err == ""
+        again = done("report", "--force", "--from", "run.csv").err
+        assert "note: from 'seaid.toml': URDF, --drives" in again
+        assert "changed since" not in again
+
+
+def test_a_project_of_another_robot_does_not_count(here: Path, project: Path) -> None:
+    shutil.copy(project / "arm.urdf", here / "other.urdf")
+    named = ["run.csv", "--drives", "arm.toml", "--cutoff-hz", "6"]
+    ours = done("identify", "./arm.urdf", *named, "-o", here / "a.json").err
+    assert "note: from 'seaid.toml': --feasible" in ours
+    text = (project / "seaid.toml").read_text()
+    (project / "seaid.toml").write_text("gravity = [0, 9.81, 0]\n" + text)
+    try:
+        other = done("identify", here / "other.urdf", *named, "-o", here / "b.json")
+        assert "of another robot, 'arm.urdf', and is not used" in other.err
+        with pytest.MonkeyPatch.context() as patch:
+            patch.chdir(here)
+            files = [project / one for one in ("run.csv", "arm.toml")]
+            line: list[str | Path] = [
+                "other.urdf",
+                files[0],
+                "--drives",
+                files[1],
+                "--cutoff-hz",
+                "6",
+            ]
+            alone = done("identify", *line, "-o", "c.json")
+    finally:
+        (project / "seaid.toml").write_text(text)
+    assert "seaid.toml" not in alone.err
+    assert (here / "b.json").read_bytes() == (here / "c.json").read_bytes()
+
+
+def test_a_folder_of_a_project_stands_for_its_robot(
+    project: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    found = json.loads(done("check", project, "--json").out)
+    assert found["robot"] == "small_arm"
+    assert done("check", project / "seaid.toml").out
+    said = done("inspect", project)
+    assert f"note: from '{project / 'seaid.toml'}': --drives" in said.err
 
 
 def test_identify_saves_the_whole_result(here: Path) -> None:

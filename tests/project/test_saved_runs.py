@@ -178,7 +178,7 @@ def test_content_that_was_changed_is_found_by_its_checksum(tmp_path: Path) -> No
     load_run(path)
     name = next(one for one in arrays if arrays[one].dtype == float and arrays[one].size)
     arrays[name] = arrays[name] + 1.0
-    np.savez_compressed(path, **arrays)
+    np.savez_compressed(path, allow_pickle=False, **arrays)
     with pytest.raises(SeaidError, match="by its checksum"):
         load_run(path)
 
