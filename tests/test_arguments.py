@@ -209,8 +209,8 @@ CALLS: dict[str, Call] = {
     ),
     "a report of a robot": (
         "write_report",
-        lambda x: ([x.robot, x.result, "report.html"], {}),
-        r"found= must be an Identification, found a Robot; make one with seaid\.identify\(",
+        lambda x: ([x.robot, "report.html", x.result], {}),
+        r"identification= must be an Identification, found a Robot; make one with seaid",
     ),
 }
 
