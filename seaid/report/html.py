@@ -65,7 +65,7 @@ from seaid.report.html_tables import (
     term_table,
     whole_body_table,
 )
-from seaid.report.html_traces import Run, traces_of
+from seaid.report.html_traces import Run, axis_time, traces_of
 from seaid.report.html_verdict import (
     BeforeAfter,
     Nominal,
@@ -457,7 +457,7 @@ def _replay(found: Identification, result: ReplayComparison) -> dict[str, Any]:
             f"replays=: a replay of the joints {', '.join(result.joints)}, but the identified "
             f"robot '{found.robot.name}' has {', '.join(found.robot.joint_names)}"
         )
-    step = -(-len(result.time) // _REPLAY_SAMPLES)
+    step, time = -(-len(result.time) // _REPLAY_SAMPLES), axis_time(result.time)
     before, after = result.rms_errors
 
     def picture(index: int) -> dict[str, Any]:
@@ -466,7 +466,7 @@ def _replay(found: Identification, result: ReplayComparison) -> dict[str, Any]:
             ("replayed", result.before),
             ("computed", result.after),
         )
-        traces = [Layer(result.time[::step], x[::step, index], y, "line") for y, x in kinds]
+        traces = [Layer(time[::step], x[::step, index], y, "line") for y, x in kinds]
         unit, joint = ("m" if result.is_prismatic[index] else "rad"), result.joints[index]
         axes = Axis("time", "s"), Axis("joint position", unit)
         title = f"Replayed position of {joint}: measured, before and after"

@@ -25,7 +25,7 @@ from seaid.estimation import (
     settled_weights,
 )
 from seaid.regressor import load_regression, stacked, under_load, with_gear_torque
-from seaid.report.html_traces import SIDES
+from seaid.report.html_traces import SIDES, axis_time
 
 if TYPE_CHECKING:
     from seaid.identification import Identification
@@ -417,8 +417,9 @@ def _printed(run: Run, side: str, index: int) -> Picture:
     result = run.result
     fit, joint = getattr(result, side), result.joints[index]
     step = max(1, len(result.time) // _PRINTED_SAMPLES)
+    time = axis_time(result.time)
     layers = [
-        Layer(result.time[::step], trace[::step, index], name, "line")
+        Layer(time[::step], trace[::step, index], name, "line")
         for name, trace in (("measured", fit.measured), ("computed", fit.computed))
     ]
     of = "motor torque" if side == "actuator" else "torque on the load"

@@ -127,6 +127,18 @@ def _has_motor_torque(found: Identification, joint: str) -> bool:
     return all(bool(np.isfinite(motion.motor_torque[0, index])) for motion in found.motions)
 
 
+_LONG_STAMP_S = 1e4
+"""Stamps from which an axis would have them as powers of ten."""
+
+
+def axis_time(time: Array) -> Array:
+    """Return instants (T,) [s] for an axis: from the first one if their stamps are long.
+
+    Unix times differ in their last digits only, and have no room next to each other.
+    """
+    return time - time[0] if abs(time[0]) >= _LONG_STAMP_S else time
+
+
 def _packed_run(run: Run, room: int, lines: int) -> dict[str, Any]:
     result = run.result
     rate_hz = (len(result.time) - 1) / (result.time[-1] - result.time[0])
@@ -140,7 +152,7 @@ def _packed_run(run: Run, room: int, lines: int) -> dict[str, Any]:
         "name": run.name,
         "unseen": run.is_unseen,
         "cutoff": result.cutoff_hz,
-        "start": float(result.time[inside][0]),
+        "start": float(axis_time(result.time)[inside][0]),
         "step": (stretch / 2 if stretch else step) / rate_hz,
         "thinned": _thinned_text(step, stretch, rate_hz, result.cutoff_hz),
         "frequencies": [float(f"{one:.4g}") for one in bands.frequency],

@@ -32,8 +32,15 @@ from seaid.project.saved import load_run, save_run
 from seaid.report import html_tables, html_traces
 from seaid.report.html import runs_of, write_comparison, write_report
 from seaid.report.html_actuators import actuator_figures
-from seaid.report.html_charts import cells_of, correlation_map, packed_correlations, singular_values
+from seaid.report.html_charts import (
+    _printed,
+    cells_of,
+    correlation_map,
+    packed_correlations,
+    singular_values,
+)
 from seaid.report.html_experiment import setup_rows
+from seaid.report.html_traces import Run, axis_time
 from seaid.report.html_verdict import (
     NO_BODIES,
     NOT_VALIDATED,
@@ -748,3 +755,15 @@ def test_report_of_a_saved_run_has_all_figures(tmp_path: Path) -> None:
     rows = errors_of(run.identification, heavy, run.validations["other"])
     for one, whole in zip(rows, errors_of(arm_found(), heavy, arm_result()), strict=True):
         assert one.before == pytest.approx(whole.before, rel=0.05, abs=0.003)
+
+
+def test_unix_times_are_drawn_from_their_first_sample() -> None:
+    time = np.linspace(0.0, 20.0, 200)
+    assert axis_time(time + 1.75e9) == pytest.approx(time, abs=1e-6)
+    assert np.array_equal(axis_time(time + 30.0), time + 30.0)
+    result = prediction(("a",), 200)
+    result = replace(result, time=result.time + 1.75e9)
+    svg = str(_printed(Run("own log", result, False), "load", 0).svg)
+    ticks = re.findall(r'text-anchor="middle"[^>]*>([^<]*)</text>', svg)
+    assert "·10" not in svg
+    assert len(set(ticks)) == len(ticks)
