@@ -37,7 +37,7 @@ from seaid.log.column_meaning import Meaning, in_file, is_of_commands, joint_alo
 from seaid.log.description import Clock, LogDescription, Source
 from seaid.log.infer_base import BaseGuess, infer_base
 from seaid.log.log import UNIT_FACTORS
-from seaid.log.readers.opening import open_tables
+from seaid.log.readers.opening import IN_MEMORY, in_memory, open_tables
 from seaid.log.readers.table import Block, Table
 from seaid.log.repair.data import LARGEST
 from seaid.robot import Robot
@@ -466,7 +466,7 @@ def _vector_cells(source: VectorSource) -> tuple[str, str, str]:
 
 @checked(LogError)
 def describe_log(
-    path: str | Path | Sequence[str | Path],
+    path: str | Path | Sequence[str | Path] | Mapping[str, Any],
     robot: Robot | None = None,
     *,
     rate_hz: float | None = None,
@@ -478,8 +478,8 @@ def describe_log(
 
     Parameters
     ----------
-    path : str, Path or a list of them
-        The log, with custom columns, or the files of one log.
+    path : str, Path or a list of them, mapping or data frame
+        The log, with custom columns, or the files of one log; or its columns.
     robot : Robot, optional
         Its joints name those of the log, and its limits distinguish degrees from radians. With a
         floating base, columns of the base and of its contacts are sought too.
@@ -502,8 +502,10 @@ def describe_log(
     >>> print(guess)
     >>> Path("run.toml").write_text(guess.to_toml())
     """
-    paths = [Path(path)] if isinstance(path, str | Path) else [Path(one) for one in path]
-    path, table = Path(" + ".join(map(str, paths))), open_tables(paths)
+    held, paths = in_memory(path), [IN_MEMORY]
+    if held is None:
+        paths = [Path(path)] if isinstance(path, str | Path) else [Path(one) for one in path]
+    path, table = Path(" + ".join(map(str, paths))), held or open_tables(paths)
     joints_known = _every_joint(robot) if robot is not None else ()
     meanings = {
         name: in_file(meaning_of(table.bare(name), joints_known), table.files.get(name, ""))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
@@ -221,9 +222,15 @@ LARGEST, _LATEST_S = 1e12, 1e15
 """Largest magnitude of a sample in SI units, which no sensor measures, and of a time."""
 
 
+_UNMEASURED: Array = np.empty((0, 0))
+"""Stands for the samples of a sensor that there is not."""
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Log(Display):
     """Samples of the sensors of n joints at T instants; the column of a missing sensor is NaN.
+
+    What no joint has may be absent: `Log(time, names, motor_position=q, motor_torque=tau)`.
 
     Attributes
     ----------
@@ -275,9 +282,9 @@ class Log(Display):
 
     time: Array
     joint_names: tuple[str, ...]
-    motor_position: Array
-    joint_position: Array
-    motor_torque: Array
+    motor_position: Array = dataclasses.field(default_factory=lambda: _UNMEASURED)
+    joint_position: Array = dataclasses.field(default_factory=lambda: _UNMEASURED)
+    motor_torque: Array = dataclasses.field(default_factory=lambda: _UNMEASURED)
     joint_torque: Array | None = None
     is_prismatic: tuple[bool, ...] = ()
     motor_current: Array | None = None
@@ -303,8 +310,9 @@ class Log(Display):
         if len(set(self.joint_names)) < shape[1]:
             raise LogError(f"joint_names has a joint twice: {', '.join(self.joint_names)}")
         object.__setattr__(self, "time", frozen("time", self.time, (None,), LogError))
-        for field, value in self.sensors().items():
-            object.__setattr__(self, field, frozen(field, value, shape, LogError))
+        for name, value in self.sensors().items():
+            value = np.full(shape, np.nan) if value is _UNMEASURED else value
+            object.__setattr__(self, name, frozen(name, value, shape, LogError))
         if not self.is_prismatic:
             object.__setattr__(self, "is_prismatic", (False,) * shape[1])
         if len(self.is_prismatic) != shape[1]:

@@ -11,6 +11,7 @@ import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -32,7 +33,7 @@ from seaid.log.log import (
     wanted_columns,
     write_log,
 )
-from seaid.log.readers.opening import open_tables
+from seaid.log.readers.opening import IN_MEMORY, in_memory, open_tables
 from seaid.log.readers.table import Table, check_lengths
 from seaid.log.repair.channels import bridged_s, in_gap, on_time, repaired_channel, resampled
 from seaid.log.repair.clocks import (
@@ -55,7 +56,7 @@ values in degrees are within the limits by this slack [rad]."""
 
 @checked(LogError)
 def read_log(
-    path: str | Path | Sequence[str | Path],
+    path: str | Path | Sequence[str | Path] | Mapping[str, Any],
     robot: Robot,
     *,
     columns: Mapping[str, Column] | None = None,
@@ -66,11 +67,12 @@ def read_log(
 
     Parameters
     ----------
-    path : str, Path or a list of them
+    path : str, Path or a list of them, mapping or data frame
         CSV and other tables of text, NPZ, Parquet, HDF5, JSON, MATLAB, ROS bag (file or folder) or
         HEBI log. A file with the column names of `Log.columns` and `time_s` needs no further
         arguments. A list has the files of one log, each with its own time: they are resampled to
-        one. A description (.toml) with `files` may stand for them.
+        one. A description (.toml) with `files` may stand for them. A mapping {column: samples} and
+        a data frame are read as a file with these columns.
     robot : Robot
         The robot; the log must have the sensors that its drives need.
     columns : mapping, optional
@@ -107,7 +109,9 @@ def read_log(
     """
     if isinstance(description, Description):
         description = description.description
-    paths = [Path(path)] if isinstance(path, str | Path) else [Path(one) for one in path]
+    held, paths = in_memory(path), [IN_MEMORY]
+    if held is None:
+        paths = [Path(path)] if isinstance(path, str | Path) else [Path(one) for one in path]
     if not paths:
         raise LogError("path= is an empty list: name the files of the log")
     if columns and description is not None:
@@ -121,7 +125,7 @@ def read_log(
     if described is not None and described.files and len(paths) == 1:
         folder = (description if isinstance(description, str | Path) else None) or paths[0]
         paths = [Path(folder).parent / one for one in described.files]
-    path, table = Path(" + ".join(map(str, paths))), open_tables(paths)
+    path, table = Path(" + ".join(map(str, paths))), held or open_tables(paths)
     if columns and table.files:
         raise LogError("columns= is for a log of one file: give a description=", "description=")
     if described is not None or table.files:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -558,3 +559,30 @@ def test_what_describe_log_returns_is_a_description(
     np.testing.assert_array_equal(
         log.joint_position, read_log(path, arm, description=guess.description).joint_position
     )
+
+
+def test_columns_in_memory_are_read_as_a_file(arm: Robot, write_csv: Callable[..., Path]) -> None:
+    columns = dict(zip(NAMES, VALUES.T, strict=True))
+    expected = read_log(write_csv(), arm)
+    frame = pd.DataFrame(columns)
+    for held in (columns, frame, frame.set_index("time_s")):
+        log = read_log(held, arm)
+        assert np.array_equal(log.time, expected.time)
+        assert np.array_equal(log.motor_torque, expected.motor_torque)
+    stamps = frame.assign(time_s=pd.to_datetime(1.7e9 + TIME, unit="s"))
+    assert read_log(stamps, arm).time == pytest.approx(1.7e9 + TIME)
+    custom = {"t": TIME, "q": VALUES[:, [1]], "tau": VALUES[:, 3]}
+    names = {"time_s": "t", NAMES[1]: "q[0]", NAMES[3]: "tau"}
+    assert read_log(custom, arm, columns=names).motor_position[:, 0] == pytest.approx(VALUES[:, 1])
+    with pytest.raises(LogError, match=r"columns in memory.*'time_s'"):
+        read_log({"q": TIME}, arm)
+    with pytest.raises(LogError, match="must be a vector of numbers"):
+        read_log({**columns, NAMES[1]: ["a"] * 60}, arm)
+
+
+def test_a_log_has_what_was_measured() -> None:
+    log = Log(TIME, ("arm",), motor_position=VALUES[:, [1]], motor_torque=VALUES[:, [3]])
+    assert log.joint_position.shape == (60, 1)
+    assert np.all(np.isnan(log.joint_position))
+    assert [*log.columns()] == [NAMES[1], NAMES[3]]
+    assert len(log.between(0.0, 0.55).time) == 55

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import stat
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from difflib import get_close_matches
 from itertools import islice
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from seaid._files import working_folder
 from seaid.errors import LogError, listed, reason_of, shortened
@@ -20,7 +23,7 @@ from seaid.log.readers.matlab_file import open_mat, open_mtx
 from seaid.log.readers.npz_file import open_npy, open_npz
 from seaid.log.readers.parquet_file import open_parquet
 from seaid.log.readers.ros_bag import open_bag
-from seaid.log.readers.table import Block, Table, check_names
+from seaid.log.readers.table import Block, Table, check_names, part_of, samples, with_parts
 
 READERS: dict[str, Callable[[Path], Table]] = {
     **dict.fromkeys((".csv", ".txt", ".dat", ".tsv"), open_csv),
@@ -58,6 +61,42 @@ def open_table(path: Path) -> Table:
         raise LogError(f"cannot read '{path}': {reason_of(problem)}") from None
     check_names(path, table.names)
     return table
+
+
+IN_MEMORY = Path("columns in memory")
+"""What messages name in the place of a file."""
+
+
+def in_memory(log: Any) -> Table | None:
+    """Return the columns of a mapping or a data frame, with its named index; None for a path."""
+    names = getattr(log, "columns", log)
+    if isinstance(log, str | Path) or not (names is not log or isinstance(log, Mapping)):
+        return None
+    data = {str(name): _plain_numbers(log[name]) for name in names}
+    index = getattr(log, "index", None)
+    if isinstance(getattr(index, "name", None), str):
+        data = {str(index.name): _plain_numbers(index), **data}  # type: ignore[union-attr]
+    columns = {}
+    for name, values in data.items():
+        for part in with_parts(name, values.shape):
+            place = None if part == name else part_of(part)[1]
+            columns[part] = values if place is None else values[:, place]
+    check_names(IN_MEMORY, list(columns))
+
+    def load(wanted: list[str]) -> Block:
+        return {name: samples(IN_MEMORY, name, columns[name]) for name in wanted}
+
+    return Table(list(columns), load)
+
+
+def _plain_numbers(values: Any) -> Any:
+    """Return a column as an array, with instants as seconds since 1970."""
+    array = np.asarray(values)
+    with suppress(TypeError, ValueError):
+        if array.dtype.kind in "mM":
+            return array.astype(f"{array.dtype.kind}8[ns]").astype(np.int64) * 1e-9
+        return array.astype(np.float64) if array.dtype.kind == "O" else array
+    return array
 
 
 def open_tables(paths: Sequence[Path]) -> Table:
