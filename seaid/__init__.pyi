@@ -92,6 +92,7 @@ from .project import ProjectRun as ProjectRun
 from .project import Run as Run
 from .project import load_project as load_project
 from .project import load_run as load_run
+from .project import run as run
 from .project import run_project as run_project
 from .project import save_run as save_run
 from .project import write_first_project as write_first_project

@@ -44,8 +44,8 @@ def result_folder(path: str | Path) -> Path:
     return path
 
 
-LATEST, _TEMPORARY = "latest", ".seaid-"
-"""The link to the folder of the newest run; the start of the names of temporary files."""
+PROJECT_FILE, LATEST, _TEMPORARY = "seaid.toml", "latest", ".seaid-"
+"""The file of a project; the link to the folder of its newest run; how temporary names begin."""
 
 _LONGEST_NAME = 255
 """Bytes of the name of a file."""

@@ -124,7 +124,7 @@ ONE_IMPORTER = {
     "functions that users call": (
         "identification.static_calibration",
         *("identification.frequency", "identification.model_selection"),
-        *("log.long_log", "project.saved"),
+        *("log.long_log", "project.first_project", "project.project", "project.saved"),
         *("regressor.exact.base", "report.comparison", "symbolic.expression_text"),
         *("export.mjcf", "export.urdf"),
         "identification.repeated_identification",

@@ -33,6 +33,8 @@ FUNCTIONS = {
     "simulate": "robot trajectory rate_hz noise seed",
     "read_log": "path robot columns description repair",
     "describe_log": "path robot",
+    "run": "urdf logs folder progress",
+    "run_project": "project command progress",
     "write_log": "log path",
     "write_urdf": "found path source force",
     "write_mjcf": "found path force",

@@ -6,6 +6,7 @@ from .project import ProjectLog as ProjectLog
 from .project import load_project as load_project
 from .project import log_at as log_at
 from .running import ProjectRun as ProjectRun
+from .running import run as run
 from .running import run_project as run_project
 from .running import summary_of as summary_of
 from .saved import FILE as FILE

@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 
 from seaid._arrays import Array, safely
-from seaid._files import toml_key, write_whole
+from seaid._files import PROJECT_FILE, toml_key, write_whole
 from seaid._progress import Display
 from seaid.drives import (
     COMMANDS,
@@ -41,7 +41,6 @@ from seaid.log import (
     open_tables,
     read_log,
 )
-from seaid.project.project import FILE_NAME
 from seaid.robot import BaseKind, Contact, FloatingBase, Payload, Robot, load_robot
 
 _OWN_PART = 0.7
@@ -80,7 +79,7 @@ class FirstProject(Display):
 @checked(SeaidError)
 def write_first_project(
     urdf: str | Path,
-    logs: Sequence[str | Path],
+    logs: str | Path | Sequence[str | Path],
     *,
     drives: str | Path | None = None,
     joints: Sequence[str] | None = None,
@@ -106,7 +105,7 @@ def write_first_project(
     Parameters
     ----------
     urdf : str or Path
-    logs : sequence of str or Path
+    logs : str, Path or a sequence of them
     drives : str or Path, optional
     joints : sequence of str, optional
         The joints that move.
@@ -142,9 +141,13 @@ def write_first_project(
     >>> made.doubts
     """
     folder = Path(folder)
-    file = folder / FILE_NAME
+    file = folder / PROJECT_FILE
     if file.exists():
-        raise SeaidError(f"'{file}' is there already: change it, or remove it first")
+        raise SeaidError(
+            f"'{file}' is there already: change it and run it, with `seaid run` or "
+            "seaid.run_project(folder), or remove it first"
+        )
+    logs = [logs] if isinstance(logs, str | Path) else logs
     if not logs:
         raise SeaidError("a project needs a log: give the URDF and at least one log")
     doubts: list[str] = []

@@ -10,7 +10,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from seaid._arrays import FrozenMapping
-from seaid._files import read_toml
+from seaid._files import PROJECT_FILE, read_toml
 from seaid._progress import Display, counted
 from seaid.errors import SEVERITIES, SeaidError, Severity, checked, listed, shown, unknown_name
 from seaid.estimation import EstimatorName
@@ -18,7 +18,7 @@ from seaid.identification import Method, find_contacts
 from seaid.log import Log, Repairs, read_log
 from seaid.robot import BaseKind, Contact, Payload, Robot, load_robot
 
-FILE_NAME = "seaid.toml"
+FILE_NAME = PROJECT_FILE
 
 Use = Literal["identify", "validate"]
 Output = Literal["parameters", "report", "urdf", "mjcf"]

@@ -27,6 +27,7 @@ from seaid.identification import (
     validate,
 )
 from seaid.log import Log
+from seaid.project.first_project import write_first_project
 from seaid.project.project import Options, Project, check_logs, load_project
 from seaid.project.saved import FILE, Run, facts_of, provenance_of, save_run
 from seaid.robot import Robot
@@ -136,6 +137,50 @@ def run_project(
     runs = {name: replace(one, folder=target / places[name]) for name, one in runs.items()}
     files = tuple(target / name for name in names)
     return ProjectRun(target, FrozenMapping(runs), together, files, tuple(notes))
+
+
+@checked(SeaidError)
+def run(
+    urdf: str | Path,
+    logs: str | Path | Sequence[str | Path],
+    *,
+    folder: str | Path = ".",
+    progress: bool = False,
+    **options: Any,
+) -> ProjectRun:
+    """Write a first project of a robot and its logs, and run it, as `seaid init` and `seaid run`.
+
+    Parameters
+    ----------
+    urdf : str or Path
+        The robot.
+    logs : str, Path or a sequence of them
+        Its logs; of several the last one validates.
+    folder : str or Path
+        The folder of the project, in which no seaid.toml is yet.
+    progress : bool
+        Show progress bars.
+    **options
+        Those of `write_first_project`, as drives, payloads, controllers, base and contacts.
+
+    Returns
+    -------
+    ProjectRun
+        Its `notes` begin with what was inferred and has to be checked.
+
+    Raises
+    ------
+    SeaidError
+        As `write_first_project` and `run_project`.
+
+    Examples
+    --------
+    >>> done = seaid.run("leg.urdf", ["run.csv", "other.csv"], folder="leg")
+    >>> print(done.runs[""].identification.verdict.sentence)
+    """
+    made = write_first_project(urdf, logs, folder=folder, **options)
+    done = run_project(folder, progress=progress)
+    return replace(done, notes=(*made.doubts, *done.notes))
 
 
 def _folder_names(conditions: Iterable[str]) -> dict[str, str]:

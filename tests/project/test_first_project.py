@@ -289,3 +289,20 @@ def test_an_inferred_ratio_always_has_an_error(monkeypatch: pytest.MonkeyPatch) 
         ratio, error = (float(str(table[key])) for key in ("gear_ratio", "gear_ratio_std"))
         assert 0 < abs(ratio - true) < 3 * error < 0.05 * true
         assert f" +- {error:.2g} from both encoders" in said
+
+
+def test_one_call_makes_and_runs_a_project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[object] = []
+
+    def project_run(folder: Path, progress: bool = False) -> seaid.ProjectRun:
+        asked.append((folder, progress, (folder / "seaid.toml").is_file()))
+        return seaid.ProjectRun(folder, {}, None, (), ("not written",))
+
+    monkeypatch.setattr("seaid.project.running.run_project", project_run)
+    urdf, log = MODELS / "hebi_arm_2.urdf", LOGS / "hebi_arms/grav_comp_bad.npz"
+    done = seaid.run(urdf, log, folder=tmp_path)
+    assert asked == [(tmp_path, False, True)]
+    assert "lies next to the URDF and is used" in done.notes[0]
+    assert done.notes[-1] == "not written"
+    with pytest.raises(SeaidError, match=r"is there already: .* seaid.run_project\(folder\)"):
+        seaid.run(urdf, [log], folder=tmp_path)
