@@ -67,7 +67,6 @@ from .identification import find_contacts as find_contacts
 from .identification import frequency_response as frequency_response
 from .identification import identify as identify
 from .identification import identify_conditions as identify_conditions
-from .identification import plan_gain_set as plan_gain_set
 from .identification import read_statics as read_statics
 from .identification import refine as refine
 from .identification import validate as validate

@@ -23,8 +23,6 @@ from scripts.legged_plant import GO2, plant
 from scripts.legged_plant import simulate as simulate_legged
 from seaid.simulation.simulation import measure, simulate_motion
 from tests.experiments import LEG_SENSORS, leg, leg_motion, wiggle
-from tests.identification.test_position_commands import SOFT, mujoco_log, robot_of
-from tests.identification.test_position_commands import URDF as ONE_JOINT
 
 MODELS = Path(__file__).parents[1] / "models"
 PACKAGES = ("drives", "robot", "log", "regressor", "excitation", "simulation", "identification")
@@ -156,24 +154,10 @@ def walking(place: Path) -> dict[str, Any]:
     return {"robot": robot, "log": replace(log, base=replace(log.base, contacts={}))}
 
 
-def commanded(place: Path) -> dict[str, Any]:
-    """Return a joint under position commands, and its log."""
-    (place / "one.urdf").write_text(ONE_JOINT)
-    log = mujoco_log(SOFT, 0.005, 3e-3, 0).between(0, 10)
-    return {"seaid": seaid, "robot": robot_of(place / "one.urdf", SOFT), "log": log}
+OTHER_ROBOTS = {"find_contacts": walking}
 
 
-OTHER_ROBOTS = {"find_contacts": walking, "plan_gain_set": commanded}
-SLOW = ("plan_gain_set",)  # simulates each candidate
-
-
-@pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param(name, marks=pytest.mark.slow if name in SLOW else ())
-        for name in (*FUNCTIONS, *CLASSES)
-    ],
-)
+@pytest.mark.parametrize("name", [*FUNCTIONS, *CLASSES])
 def test_example_of_a_public_name_runs(
     name: str,
     prepared: tuple[Path, dict[str, Any]],

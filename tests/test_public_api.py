@@ -56,7 +56,6 @@ FUNCTIONS = {
     "compare_terms": "robot logs joints terms torque_joints cutoff_hz progress",
     "identify_conditions": "conditions condition_specific torque_joints estimator cutoff_hz "
     "progress",
-    "plan_gain_set": "found log gain_factors duration_s seed progress",
     "cross_validate": "robot logs parts progress",
     "cutoff_sensitivity": "robot logs cutoffs_hz progress",
     "open_long_log": "path robot columns cutoff_hz chunk_samples",

@@ -59,7 +59,6 @@ COMMANDS = {
     "refine": "Refine an identification to the maximum-likelihood estimate of both sides at once.",
     "cross-validate": "Validate each log on the model identified from all the others.",
     "conditions": "Identify several conditions together, such as cold and warm.",
-    "gains": "Plan a second log with other controller gains that separates armature and delay.",
     "compare": "Compare two identifications: which parameters differ significantly.",
     "report": "Identify, validate, and write the results with their reliability as one HTML page.",
     "export": "Write the identified robot for a simulator: URDF, MuJoCo, Isaac Lab and others.",

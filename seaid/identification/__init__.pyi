@@ -22,10 +22,6 @@ from .delays import estimate_delays as estimate_delays
 from .drive_estimates import POORLY_IDENTIFIED as POORLY_IDENTIFIED
 from .frequency import FrequencyResponse as FrequencyResponse
 from .frequency import frequency_response as frequency_response
-from .gain_sets import GAIN_FACTORS as GAIN_FACTORS
-from .gain_sets import GainSet as GainSet
-from .gain_sets import GainSetPlan as GainSetPlan
-from .gain_sets import plan_gain_set as plan_gain_set
 from .identification import Identification as Identification
 from .identification import Method as Method
 from .identification import identify as identify

@@ -18,7 +18,6 @@ from .text import excitation_table as excitation_table
 from .text import feasible_text as feasible_text
 from .text import fields_table as fields_table
 from .text import frequency_table as frequency_table
-from .text import gain_set_table as gain_set_table
 from .text import identification_table as identification_table
 from .text import log_table as log_table
 from .text import measure_lines as measure_lines

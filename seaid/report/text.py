@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from html import escape
 from io import StringIO
 from itertools import compress
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
         Conditions,
         FeasibleParameters,
         FrequencyResponse,
-        GainSetPlan,
         Identification,
         SetupCheck,
         StaticCalibration,
@@ -726,34 +725,6 @@ def conditions_table(together: Conditions) -> Text:
     title = f"{count} conditions: condition-specific parameters {size}"
     header = ["parameter", *together.identifications, "F", "BIC", "differ"]
     return joined([table(title, header, rows), "", common])
-
-
-def gain_set_table(plan: GainSetPlan) -> Text:
-    """Return the candidates of a second gain set with what they would determine."""
-    header = ["K_p", "K_d", "commands", "largest torque", "armature +-", "delay +- [ms]"]
-    rows = [["first log alone", "", "", "", _range_of(plan.armature_errors), ""]]
-    rows[0][-1] = number(1e3 * plan.delay_error_s)
-    for one in plan.candidates:
-        laws = one.controllers.values()
-        gains = [
-            _span(law.position_gain_Nm_per_rad for law in laws),
-            _span(law.velocity_gain_Nms_per_rad for law in laws),
-        ]
-        errors = [_range_of(one.armature_errors), number(1e3 * one.delay_error_s)]
-        rows.append([*gains, one.commands, _span(one.torques.values()), *errors])
-    title = "Predicted standard errors with a second gain set, the best first"
-    lines = [f"errors are multiplied by {plan.model_error:.3g}: the residual of the log over that "]
-    lines[0] += "of its simulation"
-    return joined([table(title, header, rows), *lines, *map("excluded: {}".format, plan.rejected)])
-
-
-def _range_of(values: Mapping[str, float]) -> str:
-    return _span(values.values()) if values else "-"
-
-
-def _span(values: Iterable[float]) -> str:
-    found = sorted(set(values))
-    return number(found[0]) if len(found) == 1 else f"{number(found[0])} to {number(found[-1])}"
 
 
 def _text(found: Identification, name: str) -> str:

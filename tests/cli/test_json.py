@@ -78,8 +78,7 @@ SUFFIX |= {
 
 
 def test_every_command_but_the_view_is_tried_here() -> None:
-    # gains needs a log of commands: tests/identification/test_gain_sets.py
-    assert {*ARGUMENTS} == {*COMMANDS} - {"view", "gains", *OF_PROJECTS}
+    assert {*ARGUMENTS} == {*COMMANDS} - {"view", *OF_PROJECTS}
     outputs = {
         name for name in ARGUMENTS if any("--output" in one.opts for one in command_of(name).params)
     }
