@@ -15,20 +15,7 @@ from seaid.errors import SEVERITIES
 Completer = Callable[[Any, str], list[str]]
 
 LOGS = (
-    *(
-        ".csv",
-        ".txt",
-        ".tsv",
-        ".dat",
-        ".npy",
-        ".npz",
-        ".parquet",
-        ".h5",
-        ".hdf5",
-        ".json",
-        ".mat",
-        ".mtx",
-    ),
+    *(".csv", ".txt", ".tsv", ".dat", ".npy", ".npz", ".parquet", ".h5", ".hdf5", ".json", ".mat"),
     *(".db3", ".mcap", ".bag", ".hebilog"),
 )
 CHOICES = {

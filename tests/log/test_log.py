@@ -289,6 +289,7 @@ def test_missing_file_and_unknown_format_are_named(arm: Robot, tmp_path: Path) -
         ("run.csv.gz", "unpack it first"),
         ("run.pkl", "it could run any code; write it as .npz or .parquet"),
         ("run.tdms", "export it as CSV, .parquet or .h5"),
+        ("run.mtx", "export it as CSV, .parquet or .h5"),
     ],
 )
 def test_files_of_other_programs_are_named_with_the_way_out(

@@ -1,11 +1,11 @@
-"""MATLAB files (.mat), read with scipy, from version 7.3 on with h5py; and Matrix Market (.mtx).
+"""MATLAB files (.mat), read with scipy, from version 7.3 on with h5py.
 
-The readers run in a child process, since a compressed part of a file may request any memory.
+The reader runs in a child process, since a compressed part of a file may request any memory.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -30,29 +30,16 @@ def open_mat(path: Path) -> Table:
     A field of a structure is "log.q". The longer side of a matrix is time. Raises LogError for an
     invalid file, one without an array of numbers, and from version 7.3 on if h5py is not installed.
     """
-    names, data = _in_child(mat_columns, path, "a MATLAB file")
+    seconds = _SECONDS + path.stat().st_size / _BYTES_PER_SECOND
+    with damaged(path, "a MATLAB file"):
+        names, found = run_in_child(mat_columns, {"path": str(path)}, seconds=seconds)
+    check_columns(path, len(found))
+    data = dict(found)
     if not data:
         raise LogError(
             f"'{path}' has no array of numbers, found: {listed(names) or 'none'}; {_HINT}"
         )
     return Table(list(data), lambda wanted: {name: data[name] for name in wanted})
-
-
-def open_mtx(path: Path) -> Table:
-    """Return the columns of a matrix in the format Matrix Market, 1, 2, 3, ...
-
-    Raises LogError for an invalid file.
-    """
-    _, data = _in_child(mtx_columns, path, "a Matrix Market file")
-    return Table(list(data), lambda wanted: {name: data[name] for name in wanted})
-
-
-def _in_child(function: Callable[..., Answer], path: Path, kind: str) -> tuple[Any, Block]:
-    seconds = _SECONDS + path.stat().st_size / _BYTES_PER_SECOND
-    with damaged(path, kind):
-        names, data = run_in_child(function, {"path": str(path)}, seconds=seconds)
-    check_columns(path, len(data))
-    return names, dict(data)
 
 
 def mat_columns(path: str) -> Answer:
@@ -97,15 +84,3 @@ def _arrays(name: str, value: Any, depth: int) -> Iterator[tuple[str, Any]]:
     elif isinstance(value, np.ndarray) and value.size > 1 and value.ndim <= 2:
         values = value.reshape(len(value), -1)
         yield from [(name, values)] if is_number(value.dtype) else []
-
-
-def mtx_columns(path: str) -> Answer:
-    """Return the columns of a dense matrix; runs in the child."""
-    from scipy import io
-
-    matrix = io.mmread(path)
-    if not isinstance(matrix, np.ndarray) or not is_number(matrix.dtype):
-        raise LogError(f"'{path}' has a sparse or complex matrix; write it as 'array real'")
-    check_columns(Path(path), matrix.shape[1])
-    columns = {str(place): column.astype(np.float64) for place, column in enumerate(matrix.T, 1)}
-    return list(columns), columns

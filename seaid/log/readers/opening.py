@@ -19,7 +19,7 @@ from seaid.log.readers.csv_file import open_csv
 from seaid.log.readers.hdf5_file import open_hdf5
 from seaid.log.readers.hebi_log import open_hebilog
 from seaid.log.readers.json_file import open_json
-from seaid.log.readers.matlab_file import open_mat, open_mtx
+from seaid.log.readers.matlab_file import open_mat
 from seaid.log.readers.npz_file import open_npy, open_npz
 from seaid.log.readers.parquet_file import open_parquet
 from seaid.log.readers.ros_bag import open_bag
@@ -34,7 +34,6 @@ READERS: dict[str, Callable[[Path], Table]] = {
     ".hdf5": open_hdf5,
     ".json": open_json,
     ".mat": open_mat,
-    ".mtx": open_mtx,
     ".db3": open_bag,
     ".mcap": open_bag,
     ".bag": open_bag,
@@ -47,7 +46,7 @@ _INSTEAD = {
     **dict.fromkeys((".xlsx", ".xls", ".xlsm", ".ods"), "save the sheet as CSV in UTF-8"),
     **dict.fromkeys((".gz", ".zip", ".bz2", ".xz", ".7z"), "unpack it first"),
     **dict.fromkeys((".pkl", ".pickle"), "it could run any code; write it as .npz or .parquet"),
-    **dict.fromkeys((".tdms", ".mf4", ".ulg"), "export it as CSV, .parquet or .h5"),
+    **dict.fromkeys((".tdms", ".mf4", ".ulg", ".mtx"), "export it as CSV, .parquet or .h5"),
 }
 """What to do with files of other programs, by their suffix."""
 

@@ -142,18 +142,6 @@ def test_a_matlab_file_without_numbers_or_damaged_is_named(tmp_path: Path) -> No
         open_table(tmp_path / "run.mat")
 
 
-def test_a_matrix_of_one_number_a_line_says_its_shape(tmp_path: Path) -> None:
-    path = tmp_path / "run.mtx"
-    io.mmwrite(path, ROWS)
-    assert len(path.read_text().splitlines()[-1].split()) == 1
-    table = open_table(path)
-    assert table.names == ["1", "2", "3"]
-    np.testing.assert_allclose(table.load(["3"])["3"], ROWS[:, 2])
-    path.write_text("%%MatrixMarket matrix coordinate real general\n2 2 1\n1 1 3.0\n")
-    with pytest.raises(LogError, match="has a sparse or complex matrix; write it as 'array real'"):
-        open_table(path)
-
-
 def test_lists_in_cells_are_a_column_per_number(tmp_path: Path) -> None:
     path = tmp_path / "run.csv"
     path.write_text(
