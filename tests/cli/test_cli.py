@@ -6,13 +6,15 @@ import importlib
 import json
 import os
 import re
+import resource
 import shlex
 import subprocess
 import sys
-import time
 import tomllib
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import get_args
 
 import numpy as np
@@ -94,10 +96,15 @@ def refused(*arguments: str | Path) -> str:
     return lines[-1]
 
 
-@pytest.fixture(scope="module")
-def arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a folder with a small arm, motions planned for it and their logs."""
-    folder = tmp_path_factory.mktemp("arm")
+@cache
+def experiment() -> dict[str, bytes]:
+    """Return the files of a small arm, of motions planned for it and of their logs."""
+    with TemporaryDirectory() as folder:
+        run_experiment(Path(folder))
+        return {file.name: file.read_bytes() for file in Path(folder).iterdir()}
+
+
+def run_experiment(folder: Path) -> None:
     (folder / "arm.urdf").write_text(URDF)
     (folder / "arm.toml").write_text(DRIVES)
     urdf, drives = folder / "arm.urdf", ("--drives", folder / "arm.toml")
@@ -109,6 +116,18 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
         done("simulate", urdf, plan, *drives, *noise, "-o", log)
     lines = (f"{load},{load / 250}" for load in range(-6, 7))
     (folder / "weights.csv").write_text("load_Nm,deflection_rad\n" + "\n".join(lines))
+    values = np.zeros((10, 2))
+    values[4:6] = 0.05
+    basis = seaid.excitation.make_basis("bspline", 0.5, 10)
+    seaid.Trajectory(("shoulder", "elbow"), basis, values).save(folder / "short_plan.json")
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder of the module with the files of the experiment."""
+    folder = tmp_path_factory.mktemp("arm")
+    for name, content in experiment().items():
+        (folder / name).write_bytes(content)
     return folder
 
 
@@ -571,12 +590,13 @@ def test_help_and_reference_name_all_estimators() -> None:
 
 
 def test_help_and_version_come_at_once() -> None:
-    def seconds(option: str) -> float:
-        begin = time.perf_counter()
-        subprocess.run([sys.executable, "-m", "seaid", option], check=True, capture_output=True)
-        return time.perf_counter() - begin
+    def processor_seconds() -> float:
+        used = resource.getrusage(resource.RUSAGE_CHILDREN)
+        return used.ru_utime + used.ru_stime
 
-    assert min(seconds("--help") for _ in range(3)) < HELP_SECONDS
+    before = processor_seconds()
+    subprocess.run([sys.executable, "-m", "seaid", "--help"], check=True, capture_output=True)
+    assert processor_seconds() - before < HELP_SECONDS
     assert done("--version").out == f"seaid {seaid.__version__}\n"
     assert all(command in done("--help").out for command in COMMANDS)
 

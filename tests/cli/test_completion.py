@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 from dataclasses import fields
 from pathlib import Path
 from typing import get_args
@@ -113,18 +110,14 @@ def test_every_file_of_a_command_is_completed() -> None:
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_completion_is_installed_and_shown(tmp_path: Path, shell: str) -> None:
-    home = {"HOME": str(tmp_path), "PYTHONPATH": str(ROOT), "PATH": os.environ["PATH"]}
-    detection = {"_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION": "1"}
+def test_completion_is_installed_and_shown(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, shell: str
+) -> None:
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setenv("_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION", "1")
     for option in ("--show-completion", "--install-completion"):
-        said = subprocess.run(
-            [sys.executable, "-m", "seaid", option, shell],
-            env={**home, **detection},
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        assert said.returncode == 0, said.stderr
+        said = CliRunner().invoke(app, [option, shell], prog_name="seaid")
+        assert said.exit_code == 0, said.stderr
     assert f"{shell} completion installed in" in said.stdout
     written = [one.read_text() for one in tmp_path.rglob("*") if one.is_file()]
     assert any("_SEAID_COMPLETE=complete_" + shell in text for text in written)

@@ -32,7 +32,7 @@ ARGUMENTS = {
     "inspect": "arm.urdf --drives arm.toml",
     "crosscheck": "arm.urdf",
     "excite": "arm.urdf --duration 2 --starts 1 --iterations 3",
-    "simulate": "arm.urdf run_plan.json --drives arm.toml",
+    "simulate": "arm.urdf short_plan.json --drives arm.toml",
     "describe": "run.csv",
     "check": "arm.urdf run.csv --drives arm.toml",
     "identify": "arm.urdf run.csv --drives arm.toml",
@@ -52,6 +52,9 @@ ARGUMENTS = {
     "calibrate": "weights.csv",
 }
 """A line for each command, without its output."""
+
+SLOW = ("frequency", "refine", "replay")
+"""Commands that fit or simulate for more than a second."""
 
 OF_PROJECTS = ("init", "run")
 """Commands that are tried in tests/project."""
@@ -85,13 +88,19 @@ def test_every_command_but_the_view_is_tried_here() -> None:
     assert outputs == {*SUFFIX}
 
 
-@pytest.mark.parametrize("command", ARGUMENTS)
-def test_json_has_the_same_keys_for_every_command(
+@pytest.mark.parametrize(
+    "command",
+    [pytest.param(name, marks=pytest.mark.slow if name in SLOW else ()) for name in ARGUMENTS],
+)
+def test_json_of_a_command_and_its_result_on_stdout(
     arm: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str
 ) -> None:
+    """With --json stdout has the JSON, with `-o -` what the file has; else nothing is written."""
     monkeypatch.chdir(arm)
-    output = ("-o", tmp_path / f"out.{SUFFIX[command]}") if command in SUFFIX else ()
-    content = json.loads(done(command, *ARGUMENTS[command].split(), *output, "--json").out)
+    before = {*arm.iterdir()}
+    line, suffix = ARGUMENTS[command].split(), SUFFIX.get(command)
+    file = tmp_path / f"out.{suffix}"
+    content = json.loads(done(command, *line, *(("-o", file) if suffix else ()), "--json").out)
     assert [*content] == KEYS
     assert content["format"] == f"seaid {command} 1"
     assert content["command"] == command
@@ -101,23 +110,19 @@ def test_json_has_the_same_keys_for_every_command(
     assert {*content["files"]} == {str(one) for one in tmp_path.iterdir()}
     has_verdict = command in ("identify", "validate", "report", "export", "refine", "replay")
     assert (content["verdict"] is not None) == has_verdict
+    if suffix:
+        check_stdout(command, line, file)
+    assert {*arm.iterdir()} == before
 
 
-@pytest.mark.parametrize("command", SUFFIX)
-def test_a_dash_writes_the_result_to_stdout_and_the_text_to_stderr(
-    arm: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str
-) -> None:
-    monkeypatch.chdir(arm)
-    before = {*arm.iterdir()}
-    line, file = ARGUMENTS[command].split(), tmp_path / f"out.{SUFFIX[command]}"
+def check_stdout(command: str, line: list[str], file: Path) -> None:
+    """Check that `-o -` writes the result to stdout and the text to stderr."""
     printed = done(command, *line, "-o", "-")
-    done(command, *line, "-o", file)
     if command != "report":
         written = [re.sub(r"\d\d:\d\d UTC", "", x) for x in (printed.out, file.read_text())]
         assert written[0].rstrip("\n") == written[1].rstrip("\n")
     READ[SUFFIX[command]](printed.out)
     assert "Results: " not in printed.out + printed.err
-    assert {*arm.iterdir()} == before
     said = run(command, *line, "-o", "-", "--json")
     assert said.code == 2
     assert "stdout has the JSON: name a file" in said.err
