@@ -22,6 +22,11 @@ def name_of(path: Path) -> str:
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
+@cache
+def graph_of_imports() -> dict[str, set[str]]:
+    return import_graph("seaid", ROOT / "seaid")
+
+
 SOURCES = {name_of(path): path.read_text() for path in sorted((ROOT / "seaid").rglob("*.py"))}
 
 
@@ -107,7 +112,7 @@ def test_nothing_else_stands_at_the_root() -> None:
 
 
 def test_no_module_imports_one_that_imports_it() -> None:
-    order = list(TopologicalSorter(import_graph("seaid", ROOT / "seaid")).static_order())
+    order = list(TopologicalSorter(graph_of_imports()).static_order())
     assert order.index("seaid.robot.robot") < order.index("seaid.identification.identification")
 
 
@@ -157,7 +162,7 @@ ONE_PER_FORMAT = ("seaid.cli.", "seaid.export.", "seaid.log.readers.", "seaid.ro
 
 
 def test_modules_with_one_importer_have_a_reason() -> None:
-    graph = import_graph("seaid", ROOT / "seaid")
+    graph = graph_of_imports()
     importers = {name: [one for one, others in graph.items() if name in others] for name in graph}
     alone = {name: found[0] for name, found in importers.items() if len(found) == 1}
     single = {name for name, importer in alone.items() if importer not in DISPATCHERS}
@@ -165,7 +170,7 @@ def test_modules_with_one_importer_have_a_reason() -> None:
 
 
 def test_no_chain_of_imports_is_long() -> None:
-    assert longest_chain(import_graph("seaid", ROOT / "seaid")) <= 15
+    assert longest_chain(graph_of_imports()) <= 15
     assert len([name for name in SOURCES if not name.startswith(ONE_PER_FORMAT)]) <= 186
 
 

@@ -25,6 +25,7 @@ from seaid.simulation.simulation import measure, simulate_motion
 from tests.experiments import LEG_SENSORS, leg, leg_motion, wiggle
 
 MODELS = Path(__file__).parents[1] / "models"
+SLOW_PACKAGES = ("simulation", "excitation", "export", "report")
 PACKAGES = ("drives", "robot", "log", "regressor", "excitation", "simulation", "identification")
 
 
@@ -42,9 +43,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.parametrize(
     "name",
-    # that of the simulation simulates a whole plan
+    # they simulate a whole plan, search for one, or identify with a report or an export
     [
-        pytest.param(name, marks=pytest.mark.slow if name == "simulation" else ())
+        pytest.param(name, marks=pytest.mark.slow if name in SLOW_PACKAGES else ())
         for name in (*PACKAGES, "export", "report")
     ],
 )
@@ -157,7 +158,19 @@ def walking(place: Path) -> dict[str, Any]:
 OTHER_ROBOTS = {"find_contacts": walking}
 
 
-@pytest.mark.parametrize("name", [*FUNCTIONS, *CLASSES])
+SLOW = (
+    *("add_run_in", "compare_replays", "frequency_response", "replay"),  # simulate in small steps
+    *("cross_validate", "find_contacts"),  # identify from each log, and simulate a quadruped
+)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.slow if name in SLOW else ())
+        for name in (*FUNCTIONS, *CLASSES)
+    ],
+)
 def test_example_of_a_public_name_runs(
     name: str,
     prepared: tuple[Path, dict[str, Any]],

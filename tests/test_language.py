@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -63,12 +64,18 @@ def files() -> list[Path]:
     return sorted(path for path in found if path.suffix in (".py", ".pyi", ".md", ".js", ".j2"))
 
 
+@cache
+def texts() -> dict[str, str]:
+    return {path.relative_to(ROOT).as_posix(): path.read_text("utf-8") for path in files()}
+
+
 def dialect(words: Iterable[str] = tuple(INSTEAD)) -> list[str]:
     """Return the lines that have one of the words, with their places."""
     pattern, found = re.compile("|".join(words), re.IGNORECASE), []
-    for path in files():
-        name = path.relative_to(ROOT).as_posix()
-        for number, line in enumerate(path.read_text("utf-8").splitlines(), 1):
+    for name, text in texts().items():
+        if not pattern.search(text):
+            continue
+        for number, line in enumerate(text.splitlines(), 1):
             if pattern.search(line) and not any(one in line for one in PLAIN.get(name, ())):
                 found.append(f"{name}:{number}: {line.strip()}")
     return found

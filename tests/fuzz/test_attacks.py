@@ -105,10 +105,18 @@ PLACES: dict[str, Use] = {
 }
 
 
+IN_CHILDREN = {*product((".db3", ".mcap", ".mat", ".mtx"), ("empty", "zeros"))}
+IN_CHILDREN |= {(ending, "folder") for ending in ENDINGS if ending != ".bag"}
+"""Files and folders that a process of their own reads; those of .bag are of that kind too."""
+
+
 @pytest.mark.parametrize(
     ("reader", "place"),
-    # an empty TOML says that all drives are ideal
-    [pair for pair in product(READERS, PLACES) if pair != ("drives", "empty")],
+    [
+        pytest.param(*pair, marks=pytest.mark.slow if pair in IN_CHILDREN else ())
+        for pair in product(READERS, PLACES)
+        if pair != ("drives", "empty")  # an empty TOML says that all drives are ideal
+    ],
 )
 def test_what_is_no_file_is_refused(tmp_path: Path, reader: str, place: str) -> None:
     path = tmp_path / "x"

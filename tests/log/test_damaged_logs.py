@@ -25,6 +25,7 @@ from seaid.robot.robot import Robot
 from seaid.simulation.simulation import measure
 from tests.experiments import ELASTIC, LEG_SENSORS, leg, leg_motion, true_value
 from tests.measured import LOGS
+from tests.representatives import quick_first
 
 Damaged = tuple[Array, Array]
 Damage = Callable[[str, Array, Array, np.random.Generator], Damaged]
@@ -140,7 +141,19 @@ WAYS = (
 )
 
 
-@pytest.mark.parametrize("damage", WAYS, ids=lambda damage: damage.__name__)
+QUICK = (jitter, everything)
+"""The other ways are parts of the last one, but for zeros and disorder, in which time stays."""
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        pytest.param(  # an identification of a leg each
+            way, id=way.__name__, marks=() if way in QUICK else pytest.mark.slow
+        )
+        for way in WAYS
+    ],
+)
 def test_a_damaged_log_is_repaired_and_its_estimate_holds(damage: Damage) -> None:
     robot = leg().without_nominal()
     log = log_of(robot, channels_of(clean(), damage))
@@ -158,8 +171,12 @@ def test_a_damaged_log_is_repaired_and_its_estimate_holds(damage: Damage) -> Non
     assert np.sqrt(np.mean(off**2)) < 2.0
 
 
-@pytest.mark.parametrize("described", [False, True])
-@pytest.mark.parametrize("hole", [(3.0, 3.15), (3.0, 3.3), (2.5, 3.5)])
+@pytest.mark.parametrize(
+    ("hole", "described"),
+    quick_first(  # an identification of a leg each
+        [((3.0, 3.3), True), ((3.0, 3.15), False), ((2.5, 3.5), False)]
+    ),
+)
 def test_a_hole_is_excluded_and_said(hole: tuple[float, float], described: bool) -> None:
     """Bridged, holes of 0.3 and of 1 s put a stiffness 30 and 20 standard errors off."""
     robot, (start, end) = leg().without_nominal(), hole

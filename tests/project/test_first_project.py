@@ -116,7 +116,8 @@ def test_drives_next_to_the_robot_and_payloads_are_taken(tmp_path: Path) -> None
 
 def test_one_long_log_is_divided(tmp_path: Path) -> None:
     shutil.copy(MODELS / "tulip_leg.urdf", tmp_path / "leg.urdf")
-    log = experiments.perfect_log(experiments.leg(), experiments.leg_motion())
+    motion = experiments.leg_motion(experiments.TEST_MASS)
+    log = experiments.perfect_log(experiments.leg(experiments.TEST_MASS), motion)
     slow = seaid.Log(
         **{
             **{name: getattr(log, name) for name in log.__dataclass_fields__},

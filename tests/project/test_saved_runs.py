@@ -19,7 +19,6 @@ from seaid.identification import compared, identify, validate
 from seaid.identification.identification import Identification
 from seaid.project.saved import FILE, _checksum, load_run, save_run
 from seaid.robot import load_robot
-from seaid.simulation import simulate
 from tests import experiments
 from tests.measured import LOGS
 
@@ -38,8 +37,7 @@ def measured() -> tuple[Identification, seaid.Log]:
 @cache
 def leg() -> tuple[Identification, seaid.Log]:
     robot = experiments.leg(experiments.TEST_MASS)
-    log = simulate(robot, experiments.leg_trajectory(), noise=experiments.LEG_SENSORS, seed=1)
-    return identify(robot, log), log
+    return identify(robot, experiments.leg_log()), experiments.leg_log()
 
 
 @pytest.mark.parametrize("case", [measured, leg])

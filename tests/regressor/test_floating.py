@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -91,6 +93,12 @@ LEFT_OUT = {
 }
 """Robots of example-robot-data that are no free-flyers on feet or in the air, and why."""
 FREE_FLYERS = (*FEET, *SOLES, *FLYING)
+QUICK = ("go2.urdf", "bolt.urdf", "alexander_v1.lowerBodyOnly.urdf", "iris.urdf")
+
+
+def of_robots(names: Iterable[str]) -> list[Any]:
+    """Return robots as parameters of a test: all slow but for one with each kind of feet."""
+    return [pytest.param(x, marks=() if x in QUICK else pytest.mark.slow) for x in names]
 
 
 def test_every_robot_is_a_free_flyer_or_has_a_reason() -> None:
@@ -125,7 +133,7 @@ def states_in_the_world(
     return joints, (w[None], e[None], f[None]), rows, model, q
 
 
-@pytest.mark.parametrize("name", FREE_FLYERS)
+@pytest.mark.parametrize("name", of_robots(FREE_FLYERS))
 def test_rows_of_base_and_joints_are_inverse_dynamics_at_any_pose(name: str) -> None:
     robot, rng = floating(name), np.random.default_rng(1)
     for _ in range(2):
@@ -301,14 +309,8 @@ def stances_of_feet(links: tuple[str, ...]) -> list[tuple[tuple[str, ...], tuple
     return [*unmeasured, *([(links, links[:1]), (links, links)] if links else [])]
 
 
-QUICK = ("go2.urdf", "solo12.urdf", "bolt.urdf", "solo.urdf", "alexander_v1.lowerBodyOnly.urdf")
 OF_ALL = [
-    *(name for name in FREE_FLYERS if name in (*QUICK, *FLYING[:3])),
-    *(  # 1 to 20 s each
-        pytest.param(name, marks=pytest.mark.slow)
-        for name in FREE_FLYERS
-        if name not in (*QUICK, *FLYING[:3])
-    ),
+    *of_robots(FREE_FLYERS),  # 1 to 20 s each
     *(pytest.param(x, marks=pytest.mark.skip(reason=f"{x}: {LEFT_OUT[x]}")) for x in LEFT_OUT),
 ]
 
@@ -329,7 +331,7 @@ def test_exact_columns_of_stances_are_the_numeric_ones(name: str) -> None:
         assert columns_of_stances(robot, apart) == columns_of_stances(robot, [[]])
 
 
-@pytest.mark.parametrize("name", [*FEET, *SOLES])
+@pytest.mark.parametrize("name", of_robots([*FEET, *SOLES]))
 def test_rows_of_each_stance_are_inverse_dynamics_with_contact_forces(name: str) -> None:
     robot, rng, links = standing(name), np.random.default_rng(5), {**FEET, **SOLES}[name]
     joints, base, rows, model, q = states_in_the_world(robot, rng)

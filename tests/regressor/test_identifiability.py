@@ -291,8 +291,8 @@ def test_torques_modulo_the_prime_are_those_of_the_exact_program(path: Path) -> 
     assert np.array_equal(numbers.torques(q, turned, v, a, bodies), Y @ bodies % PRIME)
 
 
-def test_all_terms_come_along(load_quietly: Callable[..., Robot]) -> None:
-    robot = load_quietly(TREE, DRIVES)
+def test_all_terms_come_along() -> None:
+    robot = load_robot(TREE, DRIVES)
     found = identifiability(robot)
     assert found.agree
     assert found.ratios == ()

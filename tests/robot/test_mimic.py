@@ -162,6 +162,7 @@ def test_torques_are_those_of_the_lagrangian_with_the_follower_substituted(
         assert found == pytest.approx(float(by_hand(*(x[0] for x in one))), rel=1e-10)
 
 
+QUICK = ("panda", "ur5_gripper", "xarm7")
 MIMICS = [path for path in example_urdfs() if b"<mimic" in path.read_bytes()]
 
 
@@ -435,7 +436,15 @@ def check_same_base(robot: Robot) -> None:
     np.testing.assert_allclose(exact.grouping, numeric.grouping, atol=1e-9)
 
 
-@pytest.mark.parametrize("path", MIMICS, ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "path",
+    [
+        pytest.param(  # up to seconds each
+            path, id=path.stem, marks=() if path.stem in QUICK else pytest.mark.slow
+        )
+        for path in MIMICS
+    ],
+)
 def test_exact_base_parameters_are_the_numeric_ones(path: Path) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SeaidWarning)

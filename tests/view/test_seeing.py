@@ -197,6 +197,7 @@ def test_what_cannot_be_done_is_said_in_one_line(arguments: tuple[str, ...], wor
     assert words in line
 
 
+@pytest.mark.slow  # a process of its own, with its window
 def test_it_is_shown_until_it_is_interrupted() -> None:
     # a shell lets what it starts in the background ignore Ctrl-C, and its children after it
     heard = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
