@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.representatives import quick_first
+
 ROOT = Path(__file__).parents[2]
 TULIP = ROOT / "models" / "tulip_leg.urdf"
 
@@ -34,14 +36,17 @@ def test_full_output_is_said_in_one_line(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("line", "code"),
-    [
-        ("seaid --help | true", 1),
-        ("seaid inspect nothing.urdf 2> /dev/full", 1),
-        ("seaid inspect nothing.urdf > /dev/full 2>&1", 1),
-        ("seaid inspect nothing.urdf 2>&-", 1),
-        ("seaid --help >&-", 0),
-        ("seaid --version >&- 2>&- <&-", 0),
-    ],
+    quick_first(  # a process each; those after the first load what a command needs
+        [
+            ("seaid --help | true", 1),
+            ("seaid --help >&-", 0),
+            ("seaid --version >&- 2>&- <&-", 0),
+            ("seaid inspect nothing.urdf 2> /dev/full", 1),
+            ("seaid inspect nothing.urdf > /dev/full 2>&1", 1),
+            ("seaid inspect nothing.urdf 2>&-", 1),
+        ],
+        4,
+    ),
 )
 def test_streams_that_are_closed_or_lost_end_it_quietly(
     tmp_path: Path, line: str, code: int
@@ -71,6 +76,7 @@ def test_a_plain_terminal_gets_letters_it_has_not_as_others(tmp_path: Path) -> N
     assert b"\x1b" not in out + error
 
 
+@pytest.mark.slow  # two commands in processes of their own
 def test_a_deleted_working_folder_is_said(tmp_path: Path) -> None:
     (tmp_path / "gone").mkdir()
     line = "cd gone; rmdir ../gone; seaid inspect a.urdf; seaid describe a.csv -o b.toml"

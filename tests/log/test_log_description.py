@@ -589,7 +589,6 @@ UR10 = tuple(
             marks=pytest.mark.hebi,
         ),
         ("ur10_exciting/ur10_exciting_trajectory.npz", "ur10_csv", STIFF, UR10, 125),
-        ("ur10_exciting/ur10_exciting_trajectory.db3", "ur10_bag", STIFF, UR10, 125),
         ("double_pendulum_a0/strong_torque", "double_pendulum_strong", STIFF, 2, 500),
         ("double_pendulum_a0/weak_torque", "double_pendulum_weak", STIFF, 2, 500),
         ("xl330_pendulum/raw", "xl330", STIFF, ("pendulum",), 187),

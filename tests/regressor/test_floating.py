@@ -397,6 +397,7 @@ def test_stances_of_a_log_have_the_flat_feet_whose_wrench_is_measured() -> None:
     assert (set(*touching), measured) == ({*soles}, soles[:1])  # type: ignore[misc]
 
 
+@pytest.mark.slow  # base parameters of a humanoid, four times
 def test_a_flat_foot_with_a_sensor_that_always_stands_shows_its_weight_only() -> None:
     robot, soles = standing("talos_reduced.urdf"), SOLES["talos_reduced.urdf"]
     counts = [

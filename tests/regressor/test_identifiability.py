@@ -596,6 +596,7 @@ def test_script_compares_choices_of_sensors() -> None:
     assert counts["the same, no torque at stiff joints"][0] == "21"
 
 
+@pytest.mark.slow  # a script in a process of its own
 def test_script_refuses_an_unknown_sensor_in_one_line() -> None:
     done = script("--sensors", "motor_position", "--of", "hip_pitch", "motor_tork")
     assert done.returncode == 1

@@ -480,6 +480,7 @@ def test_failure_while_it_opens_closes_the_server(
     assert in_time(lambda: set(threading.enumerate()) <= before)
 
 
+@pytest.mark.slow  # a process of its own
 def test_nothing_of_the_window_is_imported_before_it_opens() -> None:
     code = "import sys, seaid.cli.commands, seaid.view.picture, seaid.view.playback, seaid; "
     code += "seaid.view_robot; print([m for m in ('viser', 'trimesh', 'yourdfpy') if m in "
