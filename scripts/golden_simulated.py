@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import re
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -414,23 +415,27 @@ _STORE = tempfile.TemporaryDirectory()
 """A folder of this process: exported files need the URDF from which a robot was loaded."""
 
 
-def lasting_robot(setup: Setup | None = None, name: str = "leg", **changed: Any) -> seaid.Robot:
-    """Return the robot of a set-up, or the true leg with other drives {joint: keys}."""
+def lasting_robot(
+    setup: Setup | None = None,
+    name: str = "leg",
+    changed: Mapping[str, Mapping[str, Any]] = MappingProxyType({}),
+) -> seaid.Robot:
+    """Return the robot of a set-up, or the true one, with other drives {joint: keys}."""
     subject = subjects()[name]
     path = Path(_STORE.name) / f"{name}{'' if setup is None else '_nominal'}.urdf"
     path.write_text(subject.urdf if setup is None else setup.urdf, "utf-8")
-    drives = {joint: dict(table) for joint, table in (setup or subject).drives.items()}
-    for joint, table in changed.items():
-        drives[joint] |= table
+    given = (subject if setup is None else setup).drives or {}
+    drives = {joint: {**table, **changed.get(joint, {})} for joint, table in given.items()}
     link, mass, place = subject.payload.split(":")
-    payload = seaid.Payload(link, float(mass), tuple(map(float, place.split(","))))
+    x, y, z = map(float, place.split(","))
+    payload = seaid.Payload(link, float(mass), (x, y, z))
     return seaid.load_robot(path, drives, payloads=[payload])
 
 
 @cache
 def _simulated_leg(joint: str, *changed: tuple[str, Any]) -> seaid.Log:
     """Return a log of the leg with another drive at a joint."""
-    truth = lasting_robot(**{joint: dict(changed)})
+    truth = lasting_robot(changed={joint: dict(changed)})
     noise = seaid.Noise(
         motor_resolution_rad=2 * np.pi / 2000,
         joint_resolution_rad=2 * np.pi / 2**14,
@@ -449,7 +454,7 @@ _CUBIC = ("spring", ("linear", "cubic"))
 def _quadratic(declared: bool) -> seaid.Identification:
     """Identify quadratic friction of a hip, with a drive that has it or not."""
     log = _simulated_leg("hip_pitch", *_QUADRATIC)
-    robot = lasting_robot(hip_pitch=dict(_QUADRATIC[:1]) if declared else {})
+    robot = lasting_robot(changed={"hip_pitch": dict(_QUADRATIC[:1])} if declared else {})
     return seaid.identify(robot.without_nominal(), log)
 
 
@@ -471,7 +476,7 @@ def _cubic() -> seaid.Identification:
     key, joint = "cubic_stiffness_N_per_m3", "knee_pitch"
     value = true_drives(subjects()["leg"], "cubic20")[joint][key]
     log = _simulated_leg(joint, _CUBIC, (key, value))
-    return seaid.identify(lasting_robot(knee_pitch=dict([_CUBIC])), log, feasible=True)
+    return seaid.identify(lasting_robot(changed={"knee_pitch": dict([_CUBIC])}), log, feasible=True)
 
 
 def _printed(build: Build) -> Records:

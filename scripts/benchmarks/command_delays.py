@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import mujoco
@@ -49,8 +49,11 @@ def truths(draws: int, rng: np.random.Generator, delay_s: Array) -> dict[str, Ar
     )
 
 
-def motion(gains: tuple[float, float], truth: dict[str, Array], command: Array) -> Array:
-    """Return the positions (T, draws): velocity Verlet, with friction that may stick."""
+def motion(gains: Sequence[float | Array], truth: dict[str, Array], command: Array) -> Array:
+    """Return the positions (T, draws): velocity Verlet, with friction that may stick.
+
+    The two gains, of position and velocity, are numbers or (draws,).
+    """
     inertia, viscous, coulomb, delay = (truth[name] for name in NAMES)
     inertia = BODY + inertia
     q, v = np.full(len(delay), command[0]), np.zeros(len(delay))

@@ -114,11 +114,11 @@ def test_without_a_temperature_no_such_term_is_compared() -> None:
         )
 
 
-@pytest.mark.parametrize("warmth", [ramp(31.0, 31.4), ramp(31.0, 31.0)])
-def test_a_temperature_that_does_not_change_is_named_with_its_range(warmth: Array) -> None:
-    text = rf"ranges from 31 to {warmth[-1]:g} degC: friction by temperature needs a range of 2 K"
+@pytest.mark.parametrize("last", [31.4, 31.0])
+def test_a_temperature_that_does_not_change_is_named_with_its_range(last: float) -> None:
+    text = rf"ranges from 31 to {last:g} degC: friction by temperature needs a range of 2 K"
     with pytest.raises(IdentificationError, match=text):
-        seaid.identify(robot_of(), log_at(warmth))
+        seaid.identify(robot_of(), log_at(ramp(31.0, last)))
 
 
 def test_a_cold_and_a_warm_log_are_a_range_together() -> None:

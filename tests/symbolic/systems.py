@@ -6,8 +6,9 @@ The count of each is that of its source or of its formula, None for arms without
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property, partial
 
 import sympy as sp
 
@@ -22,17 +23,22 @@ Offset = tuple[sp.Expr | float, ...]
 class System:
     """Equations that are zero, with the number of their base parameters.
 
-    `near` {signal: (centre, width)} says where the functions of a signal are alive, default around
+    `given` are the equations, or what derives them when they are first used. `near`
+    {signal: (centre, width)} says where the functions of a signal are alive, default around
     0 +- 2; `base` are the base parameters where they are published.
     """
 
     name: str
-    equations: list[sp.Expr]
+    given: list[sp.Expr] | Callable[[], list[sp.Expr]]
     motion: list[sp.Expr]
     unknowns: list[sp.Symbol]
     count: int | None
     near: Mapping[sp.Expr, tuple[float, float]] = field(default_factory=dict)
     base: tuple[sp.Expr, ...] = ()
+
+    @cached_property
+    def equations(self) -> list[sp.Expr]:
+        return self.given() if callable(self.given) else self.given
 
 
 def coordinates(number: int) -> list[sp.Expr]:
@@ -99,7 +105,7 @@ def lagrangian_system(
 ) -> System:
     """A system by its Lagrangian; the forces are inputs u1, u2 ... unless given."""
     applied = forces or list(sp.symbols(f"u1:{len(q) + 1}"))
-    equations = equations_of_motion(lagrangian, q, applied, dissipation=loss)
+    equations = partial(equations_of_motion, lagrangian, q, applied, dissipation=loss)
     return System(name, equations, q, unknowns, count, base=base)
 
 
