@@ -15,8 +15,11 @@ import sys
 import tempfile
 import time
 import warnings
+from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import seaid
 from seaid.identification import identification
@@ -24,16 +27,16 @@ from seaid.identification import identification
 ROOT = Path(__file__).resolve().parents[2]
 NAMES = ("leg", "stiff", "scara", "arm", "elastic arm")
 PARTS = (
-    *("datasets_by_log", "check_excitation", "check_channels", "experiment_of", "setup_findings"),
-    *("log_findings", "base_parameters", "estimate_two_step", "resolved_widths", "supported_terms"),
+    *("log_findings", "datasets_by_log", "check_channels", "experiment_of", "with_setup_findings"),
+    *("load_model_of", "estimate_two_step", "resolved_widths", "supported_terms"),
     *("sensitivity_findings", "with_known_std", "identification_of", "joint_fits", "fit_findings"),
     "periodic_findings",
 )
 """Functions that `identify` and `warnings` call."""
 
 
-def write_experiments(folder: Path) -> None:
-    """Write the files of each robot of `NAMES`."""
+def write_experiments(folder: Path, names: Sequence[str]) -> None:
+    """Write the files of each of these robots."""
     sys.path.insert(0, str(ROOT))
     from scripts import gauntlet_robots
     from scripts import identify_philips_arm as philips
@@ -41,17 +44,21 @@ def write_experiments(folder: Path) -> None:
     from seaid._files import read_toml
     from seaid.errors import RobotError
 
-    leg = gauntlet_robots.subjects()["leg"]
-    log = tulip.experiment((tulip.TEST_MASS,), tulip.shipped_plan(), tulip.sensors(0), 0)
-    _write(folder / "leg", leg.urdf, leg.drives, log, payloads=[["foot", 2.0, [0.15, 0.0, 0.0]]])
+    if "leg" in names:
+        leg = gauntlet_robots.subjects()["leg"]
+        log = tulip.experiment((tulip.TEST_MASS,), tulip.shipped_plan(), tulip.sensors(0), 0)
+        mass = ["foot", 2.0, [0.15, 0.0, 0.0]]
+        _write(folder / "leg", leg.urdf, leg.drives, log, payloads=[mass])
     sensors = seaid.Noise(motor_resolution_rad=3e-3, joint_resolution_rad=2e-4, torque_std_Nm=3e-3)
-    for name in ("stiff", "scara"):
+    for name in [name for name in ("stiff", "scara") if name in names]:
         subject = gauntlet_robots.subjects()[name]
         robot = gauntlet_robots.load(subject.urdf, subject.drives)
         log = seaid.simulate(robot, gauntlet_robots.wiggle(robot, 0.8, 0), noise=sensors, seed=0)
         _write(folder / name, subject.urdf, subject.drives, log)
     urdf, gravity = philips.MODELS / "philips_arm.urdf", (-9.81, 0.0, 0.0)
     for name, drives in (("arm", philips.STIFF), ("elastic arm", philips.ELASTIC)):
+        if name not in names:
+            continue
         robot = philips.load_arm(drives, gravity)
         motion = gauntlet_robots.wiggle(robot, 0.3, 0)
         log = seaid.simulate(robot, motion, noise=philips.sensors(robot), seed=0)
@@ -81,7 +88,7 @@ def identified(robot: seaid.Robot, log: seaid.Log) -> Any:
 
 def serve(folder: Path) -> None:
     """Print a processor time [s] of the experiment that each line of the input names."""
-    experiments = {name: read_experiment(folder / name) for name in NAMES}
+    experiments = {path.stem: read_experiment(path) for path in folder.glob("*.csv")}
     for line in sys.stdin:
         robot, log = experiments[line.strip()]
         begin = time.process_time()
@@ -89,8 +96,11 @@ def serve(folder: Path) -> None:
         print(time.process_time() - begin, flush=True)
 
 
-def timed(times: dict[str, float], name: str) -> None:
-    """Add the processor time of a function that `identify` calls to `times` from now on."""
+def timed(times: dict[str, float], name: str) -> Any:
+    """Return a patch that adds the processor time of a function that `identify` calls to `times`.
+
+    A name that `identify` does not have is an AttributeError.
+    """
     function = getattr(identification, name)
 
     def call(*arguments: Any, **options: Any) -> Any:
@@ -100,33 +110,34 @@ def timed(times: dict[str, float], name: str) -> None:
         finally:
             times[name] += time.process_time() - begin
 
-    setattr(identification, name, call)
+    return patch.object(identification, name, call)
 
 
-def parts(folder: Path, runs: int) -> list[list[str]]:
+def parts(folder: Path, names: Sequence[str], runs: int) -> list[list[str]]:
     """Return a line per part with its median time [ms] for each robot."""
     times: dict[str, float] = {}
-    for name in PARTS:
-        timed(times, name)
     found: dict[str, list[str]] = {part: [] for part in (*PARTS, "all")}
-    for name in NAMES:
-        robot, log = read_experiment(folder / name)
-        several: list[dict[str, float]] = []
-        for _ in range(runs + 1):
-            times |= dict.fromkeys(PARTS, 0.0)
-            begin = time.process_time()
-            identified(robot, log)
-            several.append(times | {"all": time.process_time() - begin})
-        for part, cells in found.items():
-            cells.append(f"{1e3 * statistics.median(one[part] for one in several[1:]):.0f}")
+    with ExitStack() as patches:
+        for part in PARTS:
+            patches.enter_context(timed(times, part))
+        for name in names:
+            robot, log = read_experiment(folder / name)
+            several: list[dict[str, float]] = []
+            for _ in range(runs + 1):
+                times |= dict.fromkeys(PARTS, 0.0)
+                begin = time.process_time()
+                identified(robot, log)
+                several.append(times | {"all": time.process_time() - begin})
+            for part, cells in found.items():
+                cells.append(f"{1e3 * statistics.median(one[part] for one in several[1:]):.0f}")
     return [[part, *cells] for part, cells in found.items()]
 
 
-def compared(folder: Path, trees: list[Path], runs: int) -> list[list[str]]:
+def compared(folder: Path, names: Sequence[str], trees: list[Path], runs: int) -> list[list[str]]:
     """Return a line per robot: the median times [ms] of the trees in turns, and their ratio."""
     servers = [_server(folder, tree) for tree in trees]
     lines = []
-    for name in NAMES:
+    for name in names:
         times: list[list[float]] = [[] for _ in trees]
         for _ in range(runs + 1):
             for own, server in zip(times, servers, strict=True):
@@ -154,28 +165,29 @@ def _server(folder: Path, tree: Path) -> subprocess.Popen[str]:
     )
 
 
-def main(against: Path | None, runs: int) -> None:
+def main(against: Path | None, names: Sequence[str], runs: int) -> None:
     """Print the tables."""
     from seaid.report.text import table
 
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        write_experiments(folder)
+        write_experiments(folder, names)
         if against is not None:
-            lines = compared(folder, [ROOT, against], runs)
+            lines = compared(folder, names, [ROOT, against], runs)
             print(table("Processor time of identify", ["robot", "ms", "before", "ratio"], lines))
         else:
-            print(table("Parts of identify [ms]", ["", *NAMES], parts(folder, runs)))
+            print(table("Parts of identify [ms]", ["", *names], parts(folder, names, runs)))
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--against", type=Path, help="another checkout of seaid")
     parser.add_argument("--runs", type=int, default=7)
+    parser.add_argument("--robot", action="append", choices=NAMES, help="may be repeated")
     parser.add_argument("--serve", type=Path, help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     warnings.simplefilter("ignore")
     if arguments.serve is None:
-        main(arguments.against, arguments.runs)
+        main(arguments.against, arguments.robot or NAMES, arguments.runs)
     else:
         serve(arguments.serve)
