@@ -40,10 +40,11 @@ from scripts.identify_tulip_leg import (
     load_leg,
     sensors,
 )
+from scripts.short_form import add_quick, few, plan, sized
 
 DEFAULT = "wls"
 WAYS = ("wls", "ols", "huber", "tukey", "iv", "simultaneous", "refine")
-MOTIONS = 4
+MOTIONS = sized(4, 1)
 
 
 @dataclass(frozen=True)
@@ -105,7 +106,7 @@ def main(output: Path, experiments: int, others: int, jobs: int) -> None:
             track(list(executor.map(simulated, range(MOTIONS))), "simulating", progress_wanted())
         )
         found: dict[str, list[Outcome]] = {}
-        for way in WAYS:
+        for way in few(WAYS, 2):
             runs = range(experiments if way == DEFAULT else others)
             chosen = [motions[run % MOTIONS] for run in runs]
             done = executor.map(partial(experiment, way), chosen, runs, chunksize=2)
@@ -131,10 +132,10 @@ def simulated(number: int) -> Motion:
     """Return the motion of the leg along one of the plans."""
     truth = load_leg((TEST_MASS,))
     basis = get_args(BasisName)[number % 3]
-    plan = seaid.design_excitation(
+    planned = plan(
         truth.without_nominal(), DURATION_S, basis=basis, limits=LIMITS, seed=number, starts=1
     )
-    return simulate_motion(truth, plan.trajectory, noise=sensors(number))
+    return simulate_motion(truth, planned.trajectory, noise=sensors(number))
 
 
 def experiment(way: str, motion: Motion, run: int) -> Outcome | None:
@@ -251,5 +252,6 @@ if __name__ == "__main__":
     parser.add_argument("--others", type=int, default=40, help="of each other estimator")
     parser.add_argument("--jobs", type=int, default=2, help="processes")
     parser.add_argument("--output", type=Path, default=Path("out/coverage"), help="result folder")
+    add_quick(parser)
     arguments = parser.parse_args()
     main(arguments.output, arguments.experiments, arguments.others, arguments.jobs)

@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 import seaid
+from scripts.short_form import add_quick, few, plan
 from seaid._arrays import Array
 from seaid._progress import track
 from seaid.simulation.simulation import measure, simulate_motion
@@ -109,11 +110,9 @@ def errors_of(bench: Bench, draws: int) -> tuple[float, Array, Array]:
     The deflection is its rms without the mean, in steps of the joint encoder. Errors are relative.
     """
     robot = robot_of(bench)
-    plan = seaid.design_excitation(
-        robot, bench.duration_s, drive_parameters=True, starts=1, iterations=30
-    )
+    planned = plan(robot, bench.duration_s, drive_parameters=True, starts=1, iterations=30)
     plant_noise = noise_of(bench, 0)
-    motion = simulate_motion(robot, plan.trajectory, rate_hz=bench.rate_hz, noise=plant_noise)
+    motion = simulate_motion(robot, planned.trajectory, rate_hz=bench.rate_hz, noise=plant_noise)
     stated, true = [], []
     for seed in range(draws):
         log = measure(robot, motion, noise_of(bench, seed), seed)
@@ -149,7 +148,7 @@ def main(draws: int, only: str) -> None:
             continue
         print(f"\n| {title} | deflection [steps] | k [%] | F_v [%] | F_C [%] | inertia [%] |")
         print("|---:|---:|---:|---:|---:|---:|")
-        for bench in track(benches, title, True):
+        for bench in track(few(benches), title, True):
             if bench not in done:
                 done[bench] = errors_of(bench, draws)
             steps, stated, true = done[bench]
@@ -163,5 +162,6 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--draws", type=int, default=24, help="logs per row")
     parser.add_argument("--only", default="", help="tables whose title contains this")
+    add_quick(parser)
     given = parser.parse_args()
     main(given.draws, given.only)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -640,7 +639,3 @@ def mistakes() -> tuple[Mistake, ...]:
     unknown = {code for one in found for code in one.codes} - set(CODES)
     assert not unknown, unknown
     return found
-
-
-if __name__ == "__main__":
-    sys.exit("These are the mistakes of scripts/gauntlet.py: run that.")

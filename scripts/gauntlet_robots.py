@@ -7,7 +7,6 @@ geometry, ratios and rotor inertias; masses, friction and stiffness in them are 
 from __future__ import annotations
 
 import math
-import sys
 import tempfile
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping
@@ -424,7 +423,3 @@ def nominal_drives(drives: Tables, rng: np.random.Generator) -> dict[str, dict[s
             elif "friction_N" in key:
                 table[key] *= float(2 ** rng.uniform(-1, 1))
     return found
-
-
-if __name__ == "__main__":
-    sys.exit("These are the robots of scripts/gauntlet.py: run that.")

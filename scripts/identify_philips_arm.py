@@ -19,6 +19,7 @@ from seaid.report.text import drive_table, load_table, validation_table
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from scripts.short_form import add_quick, plan
 from scripts.torque_figures import save_actuator_figure, save_load_figure
 
 MODELS = Path(__file__).resolve().parents[1] / "models"
@@ -52,12 +53,11 @@ def main(output: Path, drives: str, seed: int) -> None:
     upright = seaid.base_parameters(load_arm(drives, (0.0, 0.0, -9.81)))
     known = truth.without_nominal()
     plans = [
-        seaid.design_excitation(known, DURATION_S, limits=LIMITS, seed=one, progress=True)
-        for one in (seed, seed + 1)
+        plan(known, DURATION_S, limits=LIMITS, seed=one, progress=True) for one in (seed, seed + 1)
     ]
     log, other_log = (
-        seaid.simulate(truth, plan.trajectory, noise=sensors(truth), seed=seed + run, progress=True)
-        for run, plan in enumerate(plans)
+        seaid.simulate(truth, one.trajectory, noise=sensors(truth), seed=seed + run, progress=True)
+        for run, one in enumerate(plans)
     )
     found = seaid.identify(known, log, progress=True)
     result = seaid.validate(found, other_log)
@@ -84,6 +84,7 @@ if __name__ == "__main__":
     parser.add_argument("--elastic", action="store_true", help="a spring in every joint")
     parser.add_argument("--output", type=Path, default=Path("out/philips_arm"), help="folder")
     parser.add_argument("--seed", type=int, default=0, help="of everything random")
+    add_quick(parser)
     arguments = parser.parse_args()
     warnings.formatwarning = lambda message, *_: f"note: {message}\n"
     try:

@@ -23,6 +23,7 @@ from scripts.identify_tulip_leg import (
     load_leg,
     sensors,
 )
+from scripts.short_form import add_quick, few, is_quick, leg_plan
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
@@ -63,7 +64,8 @@ KINDS = (
 def leg() -> tuple[seaid.Identification, seaid.Validation, seaid.Robot]:
     """Return the simulated TULip leg, and a nominal leg as wrong as a drawing may be."""
     truth = load_leg((TEST_MASS,))
-    plans = (seaid.load_trajectory(MODELS / f"tulip_{name}.json") for name in PLANS)
+    shipped = [seaid.load_trajectory(MODELS / f"tulip_{name}.json") for name in PLANS]
+    plans = [leg_plan(), leg_plan()] if is_quick() else shipped
     log, other = (experiment((TEST_MASS,), plan, sensors(0), k) for k, plan in enumerate(plans))
     drives = {
         joint: drive.with_values({"stiffness": 0.8 * drive.values["stiffness"]})
@@ -153,21 +155,25 @@ def take_view(browser: Browser, folder: Path) -> None:
 
 def main(folder: Path, docs: Path) -> None:
     """Write all pages and their pictures."""
+    program = next(filter(None, map(shutil.which, PROGRAMS)), None)
+    if program is None:
+        print("skipped: there is no Chromium: make look installs it")
+        return
     from playwright.sync_api import sync_playwright
 
     folder.mkdir(parents=True, exist_ok=True)
-    program = next(filter(None, map(shutil.which, PROGRAMS)), None)
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=program, args=["--no-sandbox", *WEBGL])
-        for page in write_pages(folder):
-            take(browser, page, folder)
-        for name in DOCUMENTS:
+        for page in few(write_pages(folder)):
+            take(browser, page, folder, few(KINDS))
+        for name in few(DOCUMENTS, 0):
             page = docs.resolve() / f"{name}.html"
             if page.exists():
                 take(browser, page, folder, KINDS[:3])
             else:
                 print(f"{page} is not there: make docs")
-        take_view(browser, folder)
+        if not is_quick():
+            take_view(browser, folder)
         browser.close()
     print(f"{len(list(folder.glob('*.png')))} pictures: {folder}")
 
@@ -176,5 +182,6 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--output", type=Path, default=ROOT / "out" / "look")
     parser.add_argument("--docs", type=Path, default=ROOT / "out" / "docs")
+    add_quick(parser)
     given = parser.parse_args()
     main(given.output.resolve(), given.docs)

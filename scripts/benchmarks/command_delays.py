@@ -20,6 +20,7 @@ import mujoco
 import numpy as np
 
 import seaid
+from scripts.short_form import few, sized, words
 from seaid._arrays import Array
 
 URDF = """<robot name="one"><link name="base"/><link name="arm"><inertial><origin xyz="0.2 0 0"/>
@@ -29,7 +30,7 @@ URDF = """<robot name="one"><link name="base"/><link name="arm"><inertial><origi
 BODY, WEIGHT = 0.02 + 1.5 * 0.2**2, 1.5 * 9.81 * 0.2
 GAINS = ((40.0, 1.0), (20.0, 3.0))
 STEP_S, PARTS = 5e-5, 100
-TIME = np.arange(0, 20, STEP_S * PARTS)
+TIME = np.arange(0, sized(20, 3), STEP_S * PARTS)
 NAMES = ("motor_inertia", "viscous_friction", "coulomb_friction", "command_delay")
 FAST = 0.4 * np.sin(2 * np.pi * (0.1 * TIME + 0.0625 * TIME**2)) + 0.2 * np.sin(2.3 * TIME)
 SLOW = 0.3 * np.sin(2 * np.pi * 0.15 * TIME) + 0.15 * np.sin(2 * np.pi * 0.26 * TIME + 1)
@@ -181,12 +182,16 @@ def main(draws: int, plant: Plant) -> None:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "one.urdf"
         path.write_text(URDF)
-        study(path, "two gain sets, chirp, 0 to 20 ms", 2, FAST, 2e-4, draws, plant)
-        study(path, "one gain set, chirp, 0 to 20 ms", 1, FAST, 2e-4, draws, plant)
-        study(path, "stated range, one gain set, slow", 1, SLOW, 1e-3, draws, plant)
-        study(path, "stated range, one gain set, slow, little noise", 1, SLOW, 1e-4, draws, plant)
+        cases = (
+            ("two gain sets, chirp, 0 to 20 ms", 2, FAST, 2e-4),
+            ("one gain set, chirp, 0 to 20 ms", 1, FAST, 2e-4),
+            ("stated range, one gain set, slow", 1, SLOW, 1e-3),
+            ("stated range, one gain set, slow, little noise", 1, SLOW, 1e-4),
+        )
+        for case in few(cases):
+            study(path, *case, draws, plant)
 
 
 if __name__ == "__main__":
-    numbers = [int(one) for one in sys.argv[1:] if one.isdigit()]
+    numbers = [int(one) for one in words() if one.isdigit()]
     main(numbers[0] if numbers else 100, mujoco_motion if "mujoco" in sys.argv else motion)

@@ -9,7 +9,6 @@ MuJoCo moves them, with a true delay of 6 ms; each log is identified at several 
 
 from __future__ import annotations
 
-import sys
 import tempfile
 import warnings
 from dataclasses import replace
@@ -20,6 +19,7 @@ import numpy as np
 
 import seaid
 from scripts.example_robots import example_urdf
+from scripts.short_form import few, words
 from seaid._arrays import Array
 from seaid.regressor.rigid_body import joint_torques
 
@@ -154,8 +154,8 @@ def main(seconds: float, seeds: int, cutoffs: list[float]) -> None:
     """Print the table."""
     print("| arm | friction | seed | cutoff | delay [ms] | armature | viscous | Coulomb |")
     with tempfile.TemporaryDirectory() as name:
-        for friction in (1.0, 0.1):
-            for title, (true, robot) in robots_of(Path(name), friction).items():
+        for friction in few((1.0, 0.1)):
+            for title, (true, robot) in few(robots_of(Path(name), friction).items()):
                 for seed in range(1, seeds + 1):
                     log = log_of(true, seconds, seed, Path(name))
                     for cutoff_hz in (None, *cutoffs):
@@ -179,7 +179,7 @@ def _row(found: seaid.Identification, true: seaid.Robot) -> str:
 
 
 if __name__ == "__main__":
-    numbers = [float(one) for one in sys.argv[1:]]
+    numbers = [float(one) for one in words()]
     seconds, seeds = numbers[0] if numbers else 20.0, numbers[1] if len(numbers) > 1 else 1
     warnings.simplefilter("ignore", seaid.SeaidWarning)
     main(seconds, int(seeds), numbers[2:])

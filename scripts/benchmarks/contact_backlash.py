@@ -20,6 +20,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import seaid
+from scripts.short_form import add_quick, few, sized
 from seaid._arrays import Array
 from seaid.drives import SeriesElasticDrive
 from seaid.report.text import table
@@ -100,12 +101,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--motions", type=int, default=20)
     parser.add_argument("--logs", type=int, default=200, help="without backlash; with: --motions")
+    add_quick(parser)
     given = parser.parse_args()
     rows = []
     with TemporaryDirectory() as folder:
         robot = robot_of(Path(folder))
-        for name, (k, g, has) in CASES.items():
-            time, *states = motions_of(robot, k, g, given.motions)
+        for name, (k, g, has) in few(CASES.items()):
+            time, *states = motions_of(robot, k, g, given.motions, sized(12.0, 2.0))
             hits, errors = 0, []
             logs = given.motions if has else given.logs // 2
             for seed in range(logs):

@@ -11,6 +11,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy.signal import butter, lfilter, sosfiltfilt
 
+from scripts.short_form import few, sized
 from seaid._arrays import Array
 from seaid.estimation.covariance import (
     bartlett,
@@ -21,7 +22,7 @@ from seaid.estimation.covariance import (
 )
 from seaid.report.text import table
 
-JOINTS, EXPERIMENTS, ROWS_PER_PERIOD = 3, 300, 4
+JOINTS, EXPERIMENTS, ROWS_PER_PERIOD = 3, sized(300, 2), 4
 METHODS = (
     "white noise",
     "8 lags",
@@ -141,7 +142,7 @@ def main() -> None:
     """Print coverage by kind of noise, length of the log and number of parameters."""
     rows = [
         coverage(noise, instants, p)
-        for instants, p in ((150, 4), (150, 20), (1000, 4), (1000, 20))
+        for instants, p in few(((150, 4), (150, 20), (1000, 4), (1000, 20)))
         for noise in NOISES
     ]
     header = ["noise", "instants", "p", *METHODS]

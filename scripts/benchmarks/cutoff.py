@@ -34,10 +34,11 @@ from seaid.simulation.simulation import Noise, measure
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from scripts.real_data import DATA, Case, read_cases, value_of
+from scripts.short_form import add_quick, few, sized
 from tests.experiments import ARM_SENSORS, LEG_SENSORS, TEST_MASS, arm, arm_motion, leg, leg_motion
 
-CUTOFFS_HZ = (2.0, 3.0, 4.0, 6.0, 8.0, 12.0)
-RULES = {
+CUTOFFS_HZ = sized((2.0, 3.0, 4.0, 6.0, 8.0, 12.0), (4.0,))
+ALL_RULES = {
     "3": (3.0, np.inf),
     "4": (4.0, np.inf),
     "6": (6.0, np.inf),
@@ -47,8 +48,9 @@ RULES = {
 }
 """{rule: largest cutoff over the bandwidth of the velocity, and smallest one by coloured noise}."""
 
-STEPS_A_TURN = (2**11, 2**14, 2**20)
-MOTION_SEEDS = (3, 4)
+RULES = dict(few(ALL_RULES.items()))
+STEPS_A_TURN = few((2**11, 2**14, 2**20))
+MOTION_SEEDS = few((3, 4))
 ROBOTS: dict[str, tuple[Callable[[], Robot], Callable[..., Motion], Noise]] = {
     "leg": (partial(leg, TEST_MASS), partial(leg_motion, TEST_MASS), LEG_SENSORS),
     "arm": (arm, arm_motion, ARM_SENSORS),
@@ -59,12 +61,13 @@ _TELESCOPE_M = 0.05
 
 def main(draws: int) -> None:
     """Print both tables."""
-    cases = list(product(ROBOTS, STEPS_A_TURN, MOTION_SEEDS, range(draws)))
+    robots = few(ROBOTS)
+    cases = list(product(robots, STEPS_A_TURN, MOTION_SEEDS, range(draws)))
     with ProcessPoolExecutor(2) as executor:
         futures = [executor.submit(errors, *case) for case in cases]
         drawn = [future.result() for future in track(futures, "identifying", True)]
     rows = []
-    for name, steps in product(ROBOTS, STEPS_A_TURN):
+    for name, steps in product(robots, STEPS_A_TURN):
         found = [one for case, one in zip(cases, drawn, strict=True) if case[:2] == (name, steps)]
         sizes = []
         for side in (1, 2):
@@ -79,7 +82,8 @@ def main(draws: int) -> None:
         rows.append([f"{name}, {steps}", *cells])
     title = f"Error over that of the best of {CUTOFFS_HZ} Hz: drives, bodies; {len(found)} draws"
     print(table(title, ["robot, joint encoder", *RULES], rows))
-    real = [row for case in read_cases() if case.name.startswith("Double") for row in of_logs(case)]
+    sets = few(case for case in read_cases() if case.name.startswith("Double"))
+    real = [row for case in sets for row in few(of_logs(case))]
     print(table("Single logs of the double pendulum: cutoff, error", ["log", *RULES], real))
 
 
@@ -132,5 +136,6 @@ def of_logs(case: Case) -> Iterator[list[str]]:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--draws", type=int, default=4, help="measurements of each motion")
+    add_quick(parser)
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     main(parser.parse_args().draws)

@@ -13,6 +13,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import seaid
 from scripts.example_robots import example_urdfs
+from scripts.short_form import few, sized
 from seaid.regressor.exact.grouping import Route
 from seaid.report.text import table
 
@@ -28,7 +29,7 @@ FIGURES: list[tuple[str, list[str] | None, dict[Route, float]]] = [
     ("romeo.urdf", None, {"recursion": 0.5}),
     ("tiago_dual.urdf", None, {"recursion": 2.0}),
 ]
-TURNS = 3
+TURNS = sized(3, 1)
 
 
 def seconds(function: Callable[[], object]) -> float:
@@ -57,7 +58,7 @@ def main() -> None:
     paths = {path.name: path for path in MODELS.glob("*.urdf")}
     paths = {path.name: path for path in example_urdfs()} | paths
     rows = []
-    for name, joints, figures in FIGURES:
+    for name, joints, figures in few(FIGURES):
         robot = seaid.load_robot(paths[name], joints=joints)
         rows += [line(robot, way, figure) for way, figure in figures.items()]
     header = ["robot", "through", "base", "functions", "different rows", "time [s]", "figure [s]"]

@@ -23,6 +23,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import seaid
 from scripts.example_robots import example_urdf
+from scripts.short_form import add_quick, few, plan, sized
 from seaid.excitation import (
     CRITERIA,
     CriterionName,
@@ -59,8 +60,8 @@ FIGURES: list[tuple[str, str, bool, float | None, float | None]] = [
 ]
 """Robot, basis, rest to rest, and the targets of condition number and seconds."""
 
-COEFFICIENTS, SAMPLES = (8, 16, 32, 64), (256, 512, 1024, 2048)
-TURNS, MOST_RATIO = 7, 12.0
+COEFFICIENTS, SAMPLES = sized((8, 16, 32, 64), (8,)), sized((256, 512, 1024, 2048), (256,))
+TURNS, MOST_RATIO = sized(7, 1), 12.0
 
 
 def load_robots() -> dict[str, tuple[seaid.Robot, seaid.Limits]]:
@@ -81,16 +82,16 @@ def cpu_seconds() -> float:
 def timed_plan(robot: seaid.Robot, **request: Any) -> tuple[seaid.Excitation, float, float]:
     """Return a plan with its wall and process seconds."""
     wall, cpu = time.perf_counter(), cpu_seconds()
-    plan = seaid.design_excitation(robot, DURATION_S, **request)
+    planned = plan(robot, DURATION_S, **request)
     wall = time.perf_counter() - wall
     get_reusable_executor().shutdown(wait=True)
-    return plan, wall, cpu_seconds() - cpu
+    return planned, wall, cpu_seconds() - cpu
 
 
 def figures(seeds: int) -> str:
     """Return the table of condition numbers and seconds, worst of the seeds next to seed 0."""
     robots, rows = load_robots(), []
-    for name, basis, rest, condition, seconds in FIGURES:
+    for name, basis, rest, condition, seconds in few(FIGURES):
         robot, limits = robots[name]
         found = [
             timed_plan(
@@ -148,7 +149,7 @@ def costs(problem: Problem) -> tuple[float, float]:
 def ratios() -> str:
     """Return the table of the time of value and gradient over value, by coefficients per joint."""
     rows = []
-    for name, (robot, limits) in load_robots().items():
+    for name, (robot, limits) in few(load_robots().items()):
         for criterion in CRITERIA:
             found = [
                 costs(make(robot, limits, criterion, count, SAMPLES[0])) for count in COEFFICIENTS
@@ -163,7 +164,7 @@ def ratios() -> str:
 def scaling() -> str:
     """Return the table of the time of value and gradient over samples."""
     rows = []
-    for name, (robot, limits) in load_robots().items():
+    for name, (robot, limits) in few(load_robots().items()):
         found = [
             costs(make(robot, limits, "condition_number", 32, samples))[1] for samples in SAMPLES
         ]
@@ -180,6 +181,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--seeds", type=int, default=1, help="of each plan (default 1)")
     parser.add_argument("--only", choices=("plans", "gradient"), help="one of the parts")
+    add_quick(parser)
     arguments = parser.parse_args()
     begin = time.perf_counter()
     warnings.simplefilter("ignore", seaid.SeaidWarning)

@@ -42,9 +42,12 @@ from scripts.identify_tulip_leg import (
     load_leg,
     sensors,
 )
+from scripts.short_form import PLAN_S, add_quick, few, sized
+from scripts.short_form import plan as planned
 
 SHOWN = ("stiffness", "coulomb_friction", "viscous_friction")
-COEFFICIENTS, SAMPLES = 35, 140
+COEFFICIENTS, SAMPLES = sized((35, 140), (12, 40))
+PLANNED_S = sized(DURATION_S, PLAN_S)
 
 
 def torque_std(truth: seaid.Robot) -> list[float]:
@@ -54,9 +57,9 @@ def torque_std(truth: seaid.Robot) -> list[float]:
 
 def plan(truth: seaid.Robot, criterion: CriterionName, **request: Any) -> seaid.Excitation:
     """Return a plan that excites bodies and drives; nominal values are the true ones."""
-    return seaid.design_excitation(
+    return planned(
         truth,
-        DURATION_S,
+        PLANNED_S,
         limits=LIMITS,
         criterion=criterion,
         drive_parameters=True,
@@ -126,7 +129,7 @@ def value_table(plans: Sequence[seaid.Excitation], draws: int) -> str:
         "Errors of the random motion (stated: 'random') over those of the planned one: predicted, "
         f"stated, actual of {draws} draws"
     )
-    return table(title, ["parameter", "random", *CRITERIA], rows)
+    return table(title, ["parameter", "random", *few(CRITERIA)], rows)
 
 
 def line(ratios: Array) -> str:
@@ -141,7 +144,7 @@ def sequential_table(truth: seaid.Robot, first: seaid.Excitation, random: seaid.
     """
     alone = plan(truth, "relative_error", seed=4, progress=True)
     target, columns = relative_target(truth, first), []
-    for previous_logs in (first, random):
+    for previous_logs in few((first, random)):
         motion = simulate_motion(truth, previous_logs.trajectory, noise=sensors(0))
         log = measure(truth, motion, sensors(0), 0)
         factor = previous_logs_factor(target, truth, [log])
@@ -156,14 +159,14 @@ def sequential_table(truth: seaid.Robot, first: seaid.Excitation, random: seaid.
         "and a motion planned with previous_logs=[log]",
     )
     rows = [list(row) for row in zip(names, *columns, strict=True)]
-    header = ["data", "log of the planned motion", "log of the random motion"]
+    header = ["data", *few(("log of the planned motion", "log of the random motion"))]
     return table("Sequential design: worst relative standard error", header, rows)
 
 
 def relative_target(truth: seaid.Robot, found: seaid.Excitation) -> Target:
     """Return the target of the plans for "relative_error", with the same scaling."""
     bounds = joint_limits(truth, LIMITS)
-    basis = make_basis("bspline", DURATION_S, COEFFICIENTS)
+    basis = make_basis("bspline", PLANNED_S, COEFFICIENTS)
     space = motion_space(basis, truth.joint_names, bounds, EndState(), EndState())
     target = drive_target(truth, None, found.base, bounds.velocity)
     problem = make_problem(target, "relative_error", space, SAMPLES, bounds, None, None)
@@ -174,7 +177,7 @@ def worst_error(target: Target, factor: Array, found: seaid.Excitation | None) -
     """Return the worst relative error from a QR factor, and from another motion if there is one."""
     H = np.empty((0, len(target.names)))
     if found is not None:
-        instants = np.linspace(0.0, DURATION_S, 10 * SAMPLES)
+        instants = np.linspace(0.0, PLANNED_S, 10 * SAMPLES)
         H = stacked_regressor(target, instants, found.trajectory.sample(instants))
     R = triangular_factor(H, factor)
     return float(np.exp(CRITERIA["relative_error"].log_value(R)))
@@ -184,14 +187,15 @@ def main() -> None:
     """Plan, simulate, identify, print both tables."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--draws", type=int, default=16, help="of noise and encoder offsets")
+    add_quick(parser)
     draws = parser.parse_args().draws
     begin = time.perf_counter()
     warnings.simplefilter("ignore", seaid.SeaidWarning)
     truth = load_leg((TEST_MASS,))
-    plans = [plan(truth, criterion, seed=2, progress=True) for criterion in CRITERIA]
+    plans = [plan(truth, criterion, seed=2, progress=True) for criterion in few(CRITERIA)]
     random = plan(truth, "condition_number", seed=2, starts=1, iterations=1)
     conditions = [f"{found.condition_number:.0f}" for found in (*plans, random)]
-    print(f"Condition numbers: {', '.join(conditions)} ({', '.join(CRITERIA)}, random)")
+    print(f"Condition numbers: {', '.join(conditions)} ({', '.join(few(CRITERIA))}, random)")
     print(value_table([*plans, random], draws))
     print(sequential_table(truth, plans[-1], random))
     print(f"{time.perf_counter() - begin:.0f} s")

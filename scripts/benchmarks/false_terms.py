@@ -26,6 +26,7 @@ from seaid.simulation.simulation import measure, simulate_motion
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from scripts.benchmarks.hysteresis import SENSORS
+from scripts.short_form import add_quick, sized
 from tests.experiments import wiggle
 from tests.terms import ELASTIC, STIFF, arm
 
@@ -35,7 +36,7 @@ FAMILIES = {
     "temperature": ("viscous_temperature", "coulomb_temperature"),
     "warm-up": ("viscous_warm_up", "coulomb_warm_up"),
 }
-_SECONDS = 66.0
+_SECONDS = sized(66.0, 4.0)
 
 
 def main() -> None:
@@ -43,6 +44,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--logs", type=int, default=200)
     parser.add_argument("--motions", type=int, default=8)
+    add_quick(parser)
     given = parser.parse_args()
     picks: Counter[str] = Counter()
     families: Counter[str] = Counter()

@@ -31,6 +31,7 @@ from scripts.benchmarks.random_programs import (
     run,
     summary,
 )
+from scripts.short_form import add_quick, few
 from seaid._arrays import Array
 from seaid.estimation.estimate import Estimate
 from seaid.identification.physical_consistency import FeasibleParameters, feasible_parameters
@@ -113,7 +114,7 @@ def robots_table() -> str:
     header = ["robot", "p", "weight 0 [s]", "weight selected [s]", "least chi2", "chi2", "weight"]
     header += ["freedom", "file", "estimate", "weight 0", "selected"]
     title = "Physically consistent bodies; the last four are errors of the torque at unseen states"
-    return table(title, header, [row(robot) for robot in robots()])
+    return table(title, header, [row(robot) for robot in few(robots())])
 
 
 def programs_table(folder: Path) -> str:
@@ -127,6 +128,7 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--programs", type=int, help="number of random ones, instead of robots")
     parser.add_argument("--output", type=Path, default=Path("out/feasible"), help="result folder")
+    add_quick(parser)
     arguments = parser.parse_args()
     warnings.simplefilter("ignore", seaid.SeaidWarning)
     if arguments.programs is None:

@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 
 import seaid
+from scripts.short_form import PLAN_S, add_quick, few, plan, sized
 from seaid._arrays import Array
 from tests.experiments import ELASTIC, TEST_MASS, leg
 from tests.linear_plant import ThreeMass, TwoMass, multisine_torque
@@ -73,20 +74,19 @@ def of_leg(seed: int) -> list[tuple[float, float]]:
     """Return error and standard error of each spring of the leg, relative to it."""
     robot = leg(TEST_MASS)
     sizes = {"hip_yaw": 0.0, "hip_roll": 0.0, "hip_pitch": 0.012, "knee_pitch": 0.02}
+    period_s = sized(10.0, PLAN_S)
     shape = seaid.Multisine(
         band_hz=(1.2, 14.0),
-        period_s=10.0,  # one period: with twice the lines, phases that fit badly count less
+        period_s=period_s,  # one period: with twice the lines, phases that fit badly count less
         amplitude={**sizes, "ankle_pitch": 0.2},
         omit_one_of=0,
     )
     limits = seaid.Limits(acceleration=200.0)
-    plan = seaid.design_excitation(
-        robot, 10.0, basis="multisine", multisine=shape, limits=limits, seed=seed
-    )
+    planned = plan(robot, period_s, basis="multisine", multisine=shape, limits=limits, seed=seed)
     noise = seaid.Noise(motor_resolution_rad=STEP_RAD, torque_std_Nm=0.005)
-    log = seaid.simulate(robot, plan.trajectory, noise=noise, seed=seed)
+    log = seaid.simulate(robot, planned.trajectory, noise=noise, seed=seed)
     blind = replace(log, joint_position=np.full_like(log.joint_position, np.nan))
-    found = seaid.frequency_response(robot, blind, plan=plan.trajectory)
+    found = seaid.frequency_response(robot, blind, plan=planned.trajectory)
     truth = [robot.drives[joint].values["stiffness"] for joint in ELASTIC]
     return [
         (one.value("stiffness") / k - 1, one.standard_error("stiffness") / k)
@@ -99,11 +99,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--draws", type=int, default=10)
     parser.add_argument("--leg", type=int, default=10)
+    add_quick(parser)
     given = parser.parse_args()
     print(f"rms (largest) relative error of {given.draws} draws of 10 s")
     print(f"{'drive':28s}", *(f"{name:>22s}" for name in NAMES))
     with tempfile.TemporaryDirectory() as folder:
-        for times, name in product((0.0, 3.0, 5.0), DRIVES):
+        for times, name in product(few((0.0, 3.0, 5.0)), few(DRIVES)):
             draws = range(given.draws if not times else min(given.draws, 3))
             errors = np.array([errors_of(name, draw, Path(folder), times) for draw in draws])
             rms, most = np.sqrt(np.mean(errors**2, axis=0)), np.abs(errors).max(axis=0)

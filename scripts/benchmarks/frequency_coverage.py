@@ -19,6 +19,7 @@ import numpy as np
 
 import seaid
 from scripts.benchmarks.frequency import DRIVES, STEP_RAD
+from scripts.short_form import add_quick, few
 from seaid._arrays import Array
 from tests.linear_plant import TwoMass, multisine_torque
 
@@ -68,6 +69,7 @@ def main() -> None:
     """Print the shares."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--draws", type=int, default=100)
+    add_quick(parser)
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -80,7 +82,7 @@ def main() -> None:
             "dry friction of 30 %": partial(of_drive, share=0.3, folder=folder),
         }
         print(f"{'share inside of 95 % intervals':32s}", *(f"{one[:12]:>12s}" for one in NAMES))
-        for case, run in cases.items():
+        for case, run in few(cases.items(), 3):
             inside = np.mean(np.abs([run(draw) for draw in range(given.draws)]) < 1.96, axis=0)
             cells = (f"{100 * one:12.0f}" for one in inside)
             print(f"{case:32s}", *cells, f"mean {100 * np.mean(inside):.1f} %", flush=True)

@@ -15,6 +15,7 @@ from types import FrameType
 from typing import Any
 
 import seaid
+from scripts.short_form import leg_plan
 
 MODELS = Path(__file__).resolve().parents[2] / "models"
 PACKAGE = str(Path(seaid.__file__).parent)
@@ -23,7 +24,7 @@ PACKAGE = str(Path(seaid.__file__).parent)
 def hops() -> tuple[Counter[str], int]:
     """Return the calls per file of seaid, and the number of calls from one file to another."""
     robot = seaid.load_robot(MODELS / "tulip_leg.urdf", MODELS / "tulip_leg.toml")
-    plan = seaid.load_trajectory(MODELS / "tulip_plan.json")
+    plan = leg_plan()
     log = seaid.simulate(robot, plan, seed=1)
     known = robot.without_nominal()
     seaid.identify(known, log)

@@ -19,6 +19,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from scripts.benchmarks.hops import hops
+from scripts.short_form import sized
 from seaid.report.text import table
 from tests.test_language import INSTEAD, dialect
 
@@ -166,7 +167,7 @@ ROWS = (
 
 def main() -> None:
     """Print the table."""
-    names = ("seaid", "pink", "mujoco.sysid")
+    names = sized(("seaid", "pink", "mujoco.sysid"), ("seaid.estimation",))
     columns = {}
     for name in names:
         top = importlib.util.find_spec(name.split(".")[0])

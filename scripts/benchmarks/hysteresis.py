@@ -26,6 +26,7 @@ from seaid.simulation.simulation import measure, simulate_motion
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
+from scripts.short_form import add_quick, few, sized
 from tests.experiments import wiggle
 from tests.terms import ELASTIC, STIFF, arm, with_terms
 
@@ -90,7 +91,7 @@ def robot(folder: Path, joint: str, drive: Any) -> seaid.Robot:
 def motion_of(truth: seaid.Robot, seed: int) -> Motion:
     """Return the true motion of twelve seconds."""
     return simulate_motion(
-        truth, wiggle(truth, 12.0, (0.2, 0.3), (1.0, 1.3), seed=seed), rate_hz=500.0
+        truth, wiggle(truth, sized(12.0, 3.0), (0.2, 0.3), (1.0, 1.3), seed=seed), rate_hz=500.0
     )
 
 
@@ -113,7 +114,7 @@ def loop_area(law: str, values: Mapping[str, float], width: float) -> float:
 def recovered(draws: int, motions: int, refined: bool) -> None:
     """Print the errors of backlash and of the areas of loops."""
     rows = []
-    cases = {name: case for name, case in CASES.items() if not refined or case[3] == _SPRING}
+    cases = {name: case for name, case in few(CASES.items()) if not refined or case[3] == _SPRING}
     for name, (joint, plain, terms, values) in cases.items():
         drive = with_terms(plain, terms, values)
         errors, inside = [], []
@@ -171,20 +172,20 @@ def selected(draws: int, motions: int) -> None:
                 picks.append(str(dict(found.recommended)))
                 print(seed, picks[-1], flush=True)
         rows.append(["without any", f"{len(picks)} of {draws}", percent(len(picks) / draws)])
-        for name, (joint, plain, terms, values) in CASES.items():
+        for name, (joint, plain, terms, values) in few(CASES.items()):
             truth = robot(Path(folder), joint, with_terms(plain, terms, values))
             known = robot(Path(folder), joint, plain).without_nominal()
             runs = [motion_of(truth, seed) for seed in range(motions)]
             hits = exact = 0
-            few = max(draws // 10, 1)
-            for seed in track(range(few), name, True):
+            tried = max(draws // 10, 1)
+            for seed in track(range(tried), name, True):
                 log = measure(truth, runs[seed % motions], SENSORS, seed)
                 found = seaid.compare_terms(known, log, joints=[joint], terms=CHOICES)
                 chosen = {term for _, term in dict(found.recommended).get(joint, ())}
                 hits += bool(chosen)
                 right = {x.replace("smooth_", "") for of in terms.values() for x in of}
                 exact += bool(chosen & right)
-            rows.append([name, f"{hits} of {few}", f"{exact} of {few} this law"])
+            rows.append([name, f"{hits} of {tried}", f"{exact} of {tried} this law"])
             print(rows[-1], flush=True)
     print(table(f"Laws selected, {draws} draws", ["logs", "selected", ""], rows))
 
@@ -195,6 +196,7 @@ if __name__ == "__main__":
     parser.add_argument("--motions", type=int, default=2)
     parser.add_argument("--selection", action="store_true", help="the selection of laws instead")
     parser.add_argument("--refine", action="store_true", help="refine springs with a law")
+    add_quick(parser)
     given = parser.parse_args()
     if given.selection:
         selected(given.draws, given.motions)

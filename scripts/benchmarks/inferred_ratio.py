@@ -17,6 +17,7 @@ import numpy as np
 
 import seaid
 from scripts.identify_tulip_leg import MODELS, TEST_MASS, load_leg
+from scripts.short_form import add_quick, sized
 from seaid.drives import drives_from_mapping
 from seaid.project.first_project import inferred_drives
 from seaid.robot import Robot
@@ -91,12 +92,15 @@ def main(motions: int, noises: int) -> None:
 def _trajectory(robot: Robot, seed: int) -> seaid.Trajectory:
     from tests.experiments import wiggle
 
-    return wiggle(robot, 6.0, (0.0, 0.0, -0.2, 0.7, 0.0), (0.8, 0.6, 0.7, 0.7, 1.1), seed=seed)
+    return wiggle(
+        robot, sized(6.0, 2.0), (0.0, 0.0, -0.2, 0.7, 0.0), (0.8, 0.6, 0.7, 0.7, 1.1), seed=seed
+    )
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--motions", type=int, default=12)
     parser.add_argument("--noises", type=int, default=3)
+    add_quick(parser)
     given = parser.parse_args()
     main(given.motions, given.noises)

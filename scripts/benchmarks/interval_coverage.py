@@ -26,9 +26,10 @@ from seaid.simulation.simulation import Noise, measure, simulate_motion
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
+from scripts.short_form import add_quick, few, sized
 from tests.experiments import ELASTIC, LEG_SENSORS, TEST_MASS, leg, wiggle
 
-MOTIONS = 5
+MOTIONS = sized(5, 1)
 MIDDLE, REACH = (0.0, 0.0, -0.2, 0.7, 0.0), (0.8, 0.6, 0.7, 0.7, 1.1)
 PARAMETERS = ("viscous_friction", "coulomb_friction", "stiffness")
 
@@ -173,10 +174,10 @@ def row(case: Case, runs: Sequence[Motion], experiments: int) -> list[str]:
 
 def main(experiments: int, duration_s: float) -> None:
     """Print the table."""
-    runs = {stribeck: motions(stribeck, duration_s) for stribeck in (False, True)}
+    runs = {stribeck: motions(stribeck, duration_s) for stribeck in few((False, True))}
     header = ["imperfection", "experiments", "drives", "base", "least of a parameter", "flagged"]
     rows = []
-    for case in CASES:
+    for case in few(CASES, 3):
         rows.append(row(case, runs[case.stribeck], experiments))
         print("  ".join(rows[-1]), file=sys.stderr, flush=True)
     print(table("Share of 95 % intervals that hold the true value", header, rows))
@@ -186,5 +187,6 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--experiments", type=int, default=200, help="per imperfection")
     parser.add_argument("--duration", type=float, default=6.0, help="of each motion [s]")
+    add_quick(parser)
     arguments = parser.parse_args()
     main(arguments.experiments, arguments.duration)

@@ -22,6 +22,7 @@ from pathlib import Path
 import numpy as np
 
 import seaid
+from scripts.short_form import add_quick, few
 
 ROOT = Path(__file__).resolve().parents[2]
 MODELS, LOGS = ROOT / "models", ROOT / "models/logs/hebi_arms"
@@ -72,7 +73,8 @@ def ratios(file: Path) -> dict[str, float]:
 
 def main(repeats: int) -> None:
     """Print the table of both ways."""
-    for name, prepare in (("HEBI arm, measured", hebi), ("TULip leg, simulated", leg)):
+    ways = (("HEBI arm, measured", hebi), ("TULip leg, simulated", leg))
+    for name, prepare in few(ways):
         with tempfile.TemporaryDirectory() as place:
             folder = Path(place)
             begin = prepare(folder)
@@ -122,4 +124,5 @@ def _true(joint: str) -> str:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--repeats", type=int, default=3)
+    add_quick(parser)
     main(parser.parse_args().repeats)

@@ -5,7 +5,6 @@ Run from the folder of the project: python -m scripts.benchmarks.legged [motions
 
 from __future__ import annotations
 
-import sys
 import tempfile
 import time
 from dataclasses import replace
@@ -29,6 +28,7 @@ from scripts.legged_plant import (
     plant,
     simulate,
 )
+from scripts.short_form import few, sized, words
 from seaid._arrays import Array
 from seaid.identification import whole_body
 from seaid.log import turned_to_world
@@ -65,7 +65,7 @@ def quadruped(legs: Quadruped, urdf: Path | None = None, balls: bool = True) -> 
     return seaid.load_robot(path, base="floating", contacts=contacts)
 
 
-def intervals(legs: Quadruped, motions: int, draws: int) -> None:
+def intervals(legs: Quadruped, motions: int, draws: int, duration_s: float) -> None:
     """Print coverage, errors of the mass, and torques of an unseen motion, of changed bodies."""
     nominal, z, masses, unseen, seconds = quadruped(legs).without_nominal(), [], [], [], []
     holds: list[Array] = []
@@ -74,8 +74,8 @@ def intervals(legs: Quadruped, motions: int, draws: int) -> None:
             path = changed_bodies(example_urdf(legs.urdf), Path(folder), motion)
             robot = quadruped(legs, path)
             model = plant(robot)
-        log = simulate(robot, model, DURATION_S, 2 * motion, legs=legs)
-        other = simulate(robot, model, 12.0, 2 * motion + 1, legs=legs)
+        log = simulate(robot, model, duration_s, 2 * motion, legs=legs)
+        other = simulate(robot, model, min(12.0, duration_s), 2 * motion + 1, legs=legs)
         for draw in range(draws):
             start = time.process_time()
             found = seaid.identify(nominal, noisy(log, 1000 * motion + draw, legs))
@@ -97,7 +97,7 @@ def intervals(legs: Quadruped, motions: int, draws: int) -> None:
             flush=True,
         )
     every = np.array(z)
-    print(f"{legs.urdf}: {motions} motions and bodies, {draws} draws each of {DURATION_S:g} s")
+    print(f"{legs.urdf}: {motions} motions and bodies, {draws} draws each of {duration_s:g} s")
     print(f"  95 % intervals that hold: {np.mean(holds):.1%} of {every.size}")
     print(f"  rms score: {np.mean(every**2) ** 0.5:.2f}")
     print(f"  largest error of the total mass: {np.max(np.abs(masses)):.2%}")
@@ -128,7 +128,9 @@ def standing(motions: int, draws: int, legs: Quadruped = GO2) -> None:
     """Print the coverage of motions in stance, swayed by hand and planned, of changed bodies."""
     of_file = quadruped(legs)
     nominal = of_file.without_nominal()
-    for name, duration_s in (("sways", 8.0), ("sways", 40.0), ("planned", 8.0)):
+    for name, duration_s in sized(
+        (("sways", 8.0), ("sways", 40.0), ("planned", 8.0)), (("sways", 3.0),)
+    ):
         z, holds, errors, counts = [], [], [], set()
         for motion in range(FIRST_SEED, FIRST_SEED + motions):
             with tempfile.TemporaryDirectory() as folder:
@@ -159,7 +161,7 @@ def standing(motions: int, draws: int, legs: Quadruped = GO2) -> None:
 def estimator(draws: int, legs: Quadruped = GO2) -> None:
     """Print scores of the whole robot with the velocity of a state estimator in place of an IMU."""
     robot = quadruped(legs)
-    log = simulate(robot, plant(robot), 40.0, 3)
+    log = simulate(robot, plant(robot), sized(40.0, 3.0), 3)
     base = log.base
     assert base is not None
     assert base.orientation is not None
@@ -196,18 +198,19 @@ def estimator(draws: int, legs: Quadruped = GO2) -> None:
 
 def main() -> None:
     """Print the tables."""
-    motions, draws = (int(x) for x in [*sys.argv[1:], "3", "2"][:2])
+    motions, draws = (int(x) for x in [*words(), "3", "2"][:2])
     robot = quadruped(GO2)
-    for kind, soft in (("stiff", False), ("soft", True)):
-        log = simulate(robot, plant(robot, soft=soft), DURATION_S)
-        for name, one in (("balls", robot), ("points", quadruped(GO2, balls=False))):
+    duration_s = sized(DURATION_S, 3.0)
+    for kind, soft in few((("stiff", False), ("soft", True))):
+        log = simulate(robot, plant(robot, soft=soft), duration_s)
+        for name, one in few((("balls", robot), ("points", quadruped(GO2, balls=False)))):
             fits = seaid.identify(one, log, cutoff_hz=5.0).joint_fits.values()
             own = np.mean([x.own for x in fits])
             print(f"unexplained torque without noise, {kind} feet as {name}: {own:.2%}")
-    for legs in (GO2, SOLO12):
-        intervals(legs, motions, draws)
+    for legs in few((GO2, SOLO12)):
+        intervals(legs, motions, draws, duration_s)
     standing(motions, draws)
-    estimator(12)
+    estimator(sized(12, 1))
 
 
 if __name__ == "__main__":

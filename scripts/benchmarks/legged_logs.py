@@ -5,7 +5,6 @@ Run from the folder of the project: python -m scripts.benchmarks.legged_logs [fo
 
 from __future__ import annotations
 
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Mapping
@@ -25,10 +24,11 @@ from scripts.example_robots import example_urdf
 from scripts.legged_plant import HOME, SOLO12, changed_bodies, foot_positions, plant
 from scripts.legged_plant import _waves as waves
 from scripts.legged_plant import _with_feet_at as with_feet_at
+from scripts.short_form import sized, words
 from seaid._arrays import Array
 from seaid.identification import whole_body
 
-DURATION_S, RATE_HZ, PERIOD_S, SWING = 20.0, 1000, 0.6, 0.4
+DURATION_S, RATE_HZ, PERIOD_S, SWING = sized(20.0, 2.0), 1000, 0.6, 0.4
 FRICTION, VISCOUS, ROTOR = 0.02, 0.01, 8e-4
 """Of each joint [N m], [N m s/rad], [kg m^2]."""
 
@@ -203,7 +203,7 @@ def main() -> None:
         urdf = changed_bodies(example_urdf(SOLO12.urdf), Path(place), 1)
         robot = quadruped(SOLO12, urdf)
         one, mass = simulated(robot, 1), float(robot.parameters[::10].sum())
-        for name in sys.argv[1:] or FORMS:
+        for name in words() or FORMS:
             write, rate_hz = FORMS[name]
             folder = Path(place) / name
             folder.mkdir()

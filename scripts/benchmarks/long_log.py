@@ -22,6 +22,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import seaid
 from scripts.example_robots import example_urdf
+from scripts.short_form import sized, words
 from seaid._arrays import Array
 from seaid.estimation.fitting import estimator_named, fit
 from seaid.estimation.least_squares import ordinary
@@ -164,7 +165,7 @@ def rows_to_estimate() -> list[list[str]]:
     cells = []
     for name, work in (("information (QR)", qr_factor_of), ("estimate, covariance", ordinary)):
         times = []
-        for _ in range(9):
+        for _ in range(sized(9, 1)):
             begin = time.perf_counter()
             work(rows)
             times.append(time.perf_counter() - begin)
@@ -175,13 +176,14 @@ def rows_to_estimate() -> list[list[str]]:
 def main() -> None:
     """Print the table; `long_log.py [samples] [.npz or .csv] [identify]`."""
     warnings.simplefilter("ignore", seaid.SeaidWarning)
-    samples = int(sys.argv[1]) if len(sys.argv) > 1 else 1_000_000
-    ending = sys.argv[2] if len(sys.argv) > 2 else ".npz"
-    springs = sys.argv[3:] == ["identify"]
+    given = words()
+    samples = int(given[0]) if given else 1_000_000
+    ending = given[1] if len(given) > 1 else ".npz"
+    springs = given[2:] == ["identify"]
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"log{ending}"
         subprocess.run(
-            [sys.executable, __file__, "write", path, str(samples), *sys.argv[3:]], check=True
+            [sys.executable, __file__, "write", path, str(samples), *given[2:]], check=True
         )
         found = {}
         for way in ("identify",) if springs else ("streamed", "in memory"):

@@ -12,7 +12,6 @@ python scripts/benchmarks/motor_side.py --lacking [draws] [first seed]
 
 from __future__ import annotations
 
-import sys
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -22,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import seaid
+from scripts.short_form import few, words
 from seaid._arrays import Array
 from seaid.drives.terms import SpringTerm
 from seaid.report.text import percent, table
@@ -267,7 +267,7 @@ def coverage(draws: int = 20, first: int = 1000) -> None:
     cases = {name: [joint] * draws for name, joint in JOINTS.items()}
     cases["random joints"] = [random_joint(seed) for seed in seeds]
     rows = []
-    for name, joints in cases.items():
+    for name, joints in few(cases.items()):
         found, failed = [], 0
         for joint, log in zip(joints, simulated_together(joints, seeds), strict=True):
             with tempfile.TemporaryDirectory() as folder:
@@ -297,8 +297,8 @@ def lacking(draws: int = 20, first: int = 500) -> None:
             replace(one, link_k=times**2 * one.k * one.share) for one in plain
         ]
     rows = []
-    for name, joints in cases.items():
-        for band in (None, 2.0):
+    for name, joints in few(cases.items()):
+        for band in few((None, 2.0)):
             wider = [
                 one if band is None else replace(one, highest_hz=band * one.antiresonance_hz)
                 for one in joints
@@ -330,7 +330,7 @@ def main(draws: int = 3) -> None:
     """Print the errors of each joint."""
     rows = []
     with tempfile.TemporaryDirectory() as folder:
-        for name, joint in JOINTS.items():
+        for name, joint in few(JOINTS.items()):
             robot = robot_of(joint, folder)
             found = [
                 errors(joint, seaid.identify(robot, simulated(joint, seed=seed)))
@@ -350,7 +350,7 @@ def main(draws: int = 3) -> None:
                 )
             )
             # the link's own antiresonance at 3 and 6 times that of the joint
-            for times in (3.0, 6.0):
+            for times in few((3.0, 6.0)):
                 stiff = (times**2) * joint.k * joint.share
                 three = replace(joint, link_k=stiff)
                 bias = errors(joint, seaid.identify(robot, simulated(three)))
@@ -378,9 +378,10 @@ def main(draws: int = 3) -> None:
 
 
 if __name__ == "__main__":
-    if sys.argv[1:2] == ["--coverage"]:
-        coverage(*map(int, sys.argv[2:4]))
-    elif sys.argv[1:2] == ["--lacking"]:
-        lacking(*map(int, sys.argv[2:4]))
+    given = words()
+    if given[:1] == ["--coverage"]:
+        coverage(*map(int, given[1:3]))
+    elif given[:1] == ["--lacking"]:
+        lacking(*map(int, given[1:3]))
     else:
-        main(*map(int, sys.argv[1:2]))
+        main(*map(int, given[:1]))

@@ -20,6 +20,7 @@ import numpy as np
 
 import seaid
 from scripts.example_robots import example_urdfs
+from scripts.short_form import add_quick, few
 from seaid._arrays import Array
 
 GAINS = seaid.Controller(position_gain_Nm_per_rad=20.0, velocity_gain_Nms_per_rad=1.5)
@@ -150,12 +151,13 @@ def main() -> None:
     """Print the errors of both replays."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("log", type=Path, nargs="?")
+    add_quick(parser)
     path = parser.parse_args().log
     warnings.simplefilter("ignore", seaid.SeaidWarning)
     with tempfile.TemporaryDirectory() as folder:
         if path is not None:
             go2(path, Path(folder))
-        for seed, delay_s in enumerate((0.0, 0.005, 0.0123, 0.02)):
+        for seed, delay_s in few(enumerate((0.0, 0.005, 0.0123, 0.02)), 2):
             simulated(Path(folder), delay_s, seed)
 
 

@@ -34,8 +34,9 @@ from scripts.identify_tulip_leg import (
     load_leg,
     sensors,
 )
+from scripts.short_form import plan, sized
 
-DRAWS = 40
+DRAWS = sized(40, 1)
 WANTED = {
     "stiffness of hip_pitch": 0.005,
     "stiffness of knee_pitch": 0.005,
@@ -52,10 +53,8 @@ WANTED = {
 def true_motion() -> tuple[seaid.Robot, seaid.Motion]:
     """Return the true leg with the test mass, and its motion."""
     truth = load_leg((TEST_MASS,))
-    plan = seaid.design_excitation(
-        truth.without_nominal(), DURATION_S, basis="polynomial", limits=LIMITS, seed=2
-    )
-    return truth, simulate_motion(truth, plan.trajectory, noise=sensors(0))
+    planned = plan(truth.without_nominal(), DURATION_S, basis="polynomial", limits=LIMITS, seed=2)
+    return truth, simulate_motion(truth, planned.trajectory, noise=sensors(0))
 
 
 def true_values(truth: seaid.Robot) -> dict[str, float]:

@@ -7,12 +7,12 @@ python -m scripts.benchmarks.refined_terms [draws] [cases]
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 
 import numpy as np
 
 import seaid
+from scripts.short_form import words
 from seaid.report.text import percent, table
 from tests.identification.test_refined_terms import CASES, errors, log_of, robot, scores
 
@@ -54,8 +54,9 @@ def _bodies(found: seaid.Identification, truth: seaid.Robot) -> float:
 
 def main() -> None:
     """Print the table."""
-    draws = int(sys.argv[1]) if len(sys.argv) > 1 else 20
-    rows = [row for case in sys.argv[2:] or CASES for row in rows_of(case, draws)]
+    given = words()
+    draws = int(given[0]) if given else 20
+    rows = [row for case in given[1:] or CASES for row in rows_of(case, draws)]
     print(table(f"Median errors, {draws} draws", ["", "identify", "refine"], rows))
 
 

@@ -16,12 +16,13 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import seaid
 from scripts.example_robots import example_urdf
+from scripts.short_form import sized
 from seaid._arrays import Array
 from seaid.regressor.rigid_body import rigid_body_regressor
 from seaid.report.text import table
 
 MODELS = Path(__file__).resolve().parents[2] / "models"
-SAMPLES, TURNS = 10_000, 15
+SAMPLES, TURNS = sized((10_000, 15), (1000, 2))
 
 
 def bare(model: pin.Model, q: Array, v: Array, a: Array) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import sys
 import warnings
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from seaid.report.text import table
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
+from scripts.short_form import add_quick, few
 from seaid.simulation.simulation import measure
 from tests.experiments import (
     ARM_SENSORS,
@@ -44,10 +46,13 @@ def flags(found: seaid.Identification) -> list[str]:
 def false_flags(draws: int) -> list[list[str]]:
     """Return a line per right robot: the flags of so many draws of its sensors."""
     lines = []
-    for truth, motion, sensors in (
-        (leg(TEST_MASS), leg_motion(TEST_MASS), LEG_SENSORS),
-        (arm(), arm_motion(), ARM_SENSORS),
+    for make, move, sensors in few(
+        (
+            (partial(leg, TEST_MASS), partial(leg_motion, TEST_MASS), LEG_SENSORS),
+            (arm, arm_motion, ARM_SENSORS),
+        )
     ):
+        truth, motion = make(), move()
         known = truth.without_nominal()
         found = [
             flags(seaid.identify(known, measure(truth, motion, sensors, seed)))
@@ -64,9 +69,9 @@ def measured(data: Path) -> list[list[str]]:
     lines = []
     for kind in ("weak", "strong"):
         description = models / "logs" / f"double_pendulum_{kind}.toml"
-        for path in sorted(data.glob(f"double_pendulum_a0/{kind}_torque/*")):
+        for path in few(sorted(data.glob(f"double_pendulum_a0/{kind}_torque/*"))):
             log = seaid.read_log(path, robot, description=description)
-            for cutoff_hz in (None, 2.5):
+            for cutoff_hz in few((None, 2.5)):
                 found = seaid.identify(robot, log, cutoff_hz=cutoff_hz)
                 off = [found.load.values[place] / value - 1 for place, value in PUBLISHED.items()]
                 worst = f"{np.max(np.abs(off)):.0%}"
@@ -79,6 +84,7 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--draws", type=int, default=60)
     parser.add_argument("--data", type=Path, default=ROOT / "models" / "logs")
+    add_quick(parser)
     arguments = parser.parse_args()
     warnings.simplefilter("ignore", seaid.SeaidWarning)
     print(table("Right set-ups", ["robot", "draws", "flagged"], false_flags(arguments.draws)))

@@ -11,6 +11,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+from scripts.short_form import sized
+
 ROOT = Path(__file__).resolve().parents[2]
 LEG = ("models/tulip_leg.urdf", "--drives", "models/tulip_leg.toml")
 REFERENCES = {"python -c pass": ("-c", "pass"), "import numpy": ("-c", "import numpy")}
@@ -19,7 +21,7 @@ COMMANDS = {
     "seaid identify --help": ("-m", "seaid", "identify", "--help"),
     "seaid inspect tulip_leg": ("-m", "seaid", "inspect", *LEG),
 }
-ROUNDS = 9
+ROUNDS = sized(9, 1)
 
 
 def seconds(arguments: tuple[str, ...]) -> float:

@@ -15,9 +15,10 @@ from seaid.symbolic import equations_of_motion, reduce, separate
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
+from scripts.short_form import sized
 from tests.symbolic.systems import Offset, arm
 
-TURNS = 3
+TURNS = sized(3, 1)
 
 
 def seconds(axes: str, offsets: list[Offset]) -> tuple[list[float], int]:

@@ -22,6 +22,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import seaid
+from scripts.short_form import add_quick, few
 from tests.experiments import TEST_MASS, leg
 from tests.identification.test_temperature import (
     COLD,
@@ -44,9 +45,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--draws", type=int, default=20)
     parser.add_argument("--warm-up", action="store_true")
+    add_quick(parser)
     given = parser.parse_args()
     if given.warm_up:
-        for kind in ("stiff", "elastic"):
+        for kind in few(("stiff", "elastic")):
             warm_up(kind, given.draws)
     else:
         temperature(given.draws)

@@ -19,10 +19,10 @@ from scripts.identify_tulip_leg import (
     TEST_MASS,
     load_leg,
     sensors,
-    shipped_plan,
 )
+from scripts.short_form import leg_plan, sized
 
-RUNS = 24
+RUNS = sized(24, 1)
 ALLOWED = {
     ("hip_pitch", "stiffness"): 0.01,
     ("knee_pitch", "stiffness"): 0.01,
@@ -39,7 +39,7 @@ def main() -> None:
     """Print errors over the draws, also in standard errors."""
     truth = load_leg((TEST_MASS,))
     known = truth.without_nominal()
-    motion = simulate_motion(truth, shipped_plan(), noise=sensors(0), progress=True)
+    motion = simulate_motion(truth, leg_plan(), noise=sensors(0), progress=True)
     errors, scores, load_scores = [], [], []
     for run in track(range(RUNS), "identifying", True):
         log = measure(truth, motion, sensors(run), run)
