@@ -2,9 +2,12 @@
 
 import json
 import os
+import runpy
+import shlex
 import shutil
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -240,3 +243,125 @@ def test_unwritable_folder_is_one_line(tmp_path: Path) -> None:
     assert done.returncode != 0
     assert "Traceback" not in done.stderr
     assert "cannot write" in done.stderr
+
+
+SCRIPTS = ROOT / "scripts"
+SHORT_FORMS = {
+    "benchmarks/bias.py": ("--quick --pairs 1",),
+    "benchmarks/command_delays.py": ("--quick 1",),
+    "benchmarks/commanded_arms.py": ("--quick 2 1",),
+    "benchmarks/contact_backlash.py": ("--quick --motions 1",),
+    "benchmarks/covariance.py": ("--quick",),
+    "benchmarks/cutoff.py": ("--quick --draws 1",),
+    "benchmarks/exact_base.py": ("--quick",),
+    "benchmarks/excitation.py": ("--quick",),
+    "benchmarks/excitation_measures.py": ("--choices 2",),
+    "benchmarks/excitation_peer.py": ("",),
+    "benchmarks/excitation_value.py": ("--quick --draws 1",),
+    "benchmarks/false_terms.py": ("--quick --logs 1 --motions 1",),
+    "benchmarks/feasible.py": ("--quick", "--programs 5 --output OUT"),
+    "benchmarks/frequency.py": ("--quick --draws 1 --leg 1",),
+    "benchmarks/frequency_coverage.py": ("--quick --draws 1",),
+    "benchmarks/go2_commands.py": ("--quick",),
+    "benchmarks/halves.py": ("--quick",),
+    "benchmarks/hops.py": ("--quick",),
+    "benchmarks/house.py": ("--quick",),
+    "benchmarks/humanoid_time.py": ("1",),
+    "benchmarks/hysteresis.py": (
+        "--quick --draws 1 --motions 1",
+        "--quick --draws 1 --motions 1 --selection",
+    ),
+    "benchmarks/identifiability_time.py": ("3",),
+    "benchmarks/identify_cost.py": ("--robot stiff --runs 1",),
+    "benchmarks/inferred_ratio.py": ("--quick --motions 1 --noises 1",),
+    "benchmarks/interval_coverage.py": ("--quick --experiments 1 --duration 2",),
+    "benchmarks/journey.py": ("--quick --repeats 1",),
+    "benchmarks/legged.py": ("--quick 1 1",),
+    "benchmarks/legged_findings.py": ("1 'feet slip'",),
+    "benchmarks/legged_logs.py": ("--quick hips",),
+    "benchmarks/limits_kept.py": ("--cases 1",),
+    "benchmarks/log_headers.py": ("",),
+    "benchmarks/long_log.py": ("--quick 2000",),
+    "benchmarks/motor_side.py": ("--quick 1", "--quick --coverage 1 0", "--quick --lacking 1 0"),
+    "benchmarks/mujoco_replay.py": ("--quick",),
+    "benchmarks/output_error.py": ("--quick",),
+    "benchmarks/peer_least_squares.py": ("",),
+    "benchmarks/randomization_coverage.py": ("--robots 1",),
+    "benchmarks/refined_terms.py": ("--quick 1 cubic",),
+    "benchmarks/regressor.py": ("--quick",),
+    "benchmarks/sensitivity.py": ("--quick --draws 1",),
+    "benchmarks/start_up.py": ("--quick",),
+    "benchmarks/static_calibration.py": ("--draws 10",),
+    "benchmarks/sympy_path.py": ("--quick",),
+    "benchmarks/take_home.py": ("--quick",),
+    "benchmarks/temperature.py": ("--quick --draws 1", "--quick --draws 1 --warm-up"),
+    "benchmarks/term_selection.py": ("--quick --draws 1", "--quick --draws 1 --findings"),
+    "benchmarks/tulip_seeds.py": ("--quick",),
+    "benchmarks/two_step_or_simultaneous.py": (
+        "--quick --runs 1",
+        "--quick --runs 1 --mistakes",
+    ),
+    "coverage.py": ("--quick --experiments 1 --others 1 --jobs 1 --output OUT",),
+    "design_table.py": ("--quick --draws 1 --only rate",),
+    "gauntlet.py": ("--quick --only gravity --workers 1 --output OUT",),
+    "identify_biped.py": ("--duration 3 --output OUT",),
+    "identify_philips_arm.py": ("--quick --output OUT",),
+    "look.py": ("--quick --output OUT",),
+    "so101.py": ("--logs OUT/none",),
+}
+"""Arguments of the short forms of each script; OUT is the folder of the test."""
+RUN_ELSEWHERE = {
+    "cross_check.py": "tests/regressor/test_cross_check.py",
+    "design_excitation.py": "tests/test_scripts.py",
+    "fuzz.py": "tests/test_scripts.py",
+    "gallery.py": "tests/test_scripts.py",
+    "golden.py": "tests/test_golden.py",
+    "identifiability.py": "tests/regressor/test_identifiability.py",
+    "identify_tulip_leg.py": "tests/test_scripts.py",
+    "real_data.py": "tests/test_scripts.py",
+    "ship_measured_logs.py": "tests/test_scripts.py",
+}
+"""Scripts that other tests run."""
+
+
+def test_every_script_has_a_short_form() -> None:
+    files = {
+        path.relative_to(SCRIPTS).as_posix()
+        for path in SCRIPTS.rglob("*.py")
+        if "\nif __name__ == " in path.read_text(encoding="utf-8")
+    }
+    assert files == SHORT_FORMS.keys() | RUN_ELSEWHERE.keys()
+    assert not SHORT_FORMS.keys() & RUN_ELSEWHERE.keys()
+    for file, test in RUN_ELSEWHERE.items():
+        assert file.removesuffix(".py") in (ROOT / test).read_text(encoding="utf-8")
+
+
+@pytest.mark.slow  # starts a process that starts others
+def test_fuzzer_runs_two_cases(tmp_path: Path) -> None:
+    cases = ("--target", "urdf", "--cases", "2", "--workers", "1", "--output", str(tmp_path))
+    done = run("scripts/fuzz.py", *cases)
+    assert done.returncode == 0, done.stderr
+    assert "2 cases in " in done.stdout
+
+
+@pytest.mark.slow  # every script
+@pytest.mark.filterwarnings("ignore::seaid.SeaidWarning")
+@pytest.mark.parametrize(
+    ("file", "arguments"), [(file, form) for file, forms in SHORT_FORMS.items() for form in forms]
+)
+def test_script_runs_in_its_short_form(
+    file: str, arguments: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    words = [word.replace("OUT", str(tmp_path)) for word in shlex.split(arguments)]
+    monkeypatch.setattr(sys, "argv", [file, *words])
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "1")
+    monkeypatch.chdir(tmp_path)  # results without a stated folder
+    code: object = None
+    try:
+        runpy.run_path(str(SCRIPTS / file), run_name="__main__")
+    except SystemExit as end:
+        code = end.code
+    assert not code

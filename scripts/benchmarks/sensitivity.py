@@ -9,7 +9,6 @@ from __future__ import annotations
 import argparse
 import sys
 import warnings
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -43,16 +42,19 @@ def flags(found: seaid.Identification) -> list[str]:
     return sorted({one.code for one in found.warnings if one.code in CODES})
 
 
+def _leg() -> tuple[seaid.Robot, seaid.Motion]:
+    return leg(TEST_MASS), leg_motion(TEST_MASS)
+
+
+def _arm() -> tuple[seaid.Robot, seaid.Motion]:
+    return arm(), arm_motion()
+
+
 def false_flags(draws: int) -> list[list[str]]:
     """Return a line per right robot: the flags of so many draws of its sensors."""
     lines = []
-    for make, move, sensors in few(
-        (
-            (partial(leg, TEST_MASS), partial(leg_motion, TEST_MASS), LEG_SENSORS),
-            (arm, arm_motion, ARM_SENSORS),
-        )
-    ):
-        truth, motion = make(), move()
+    for make, sensors in few(((_leg, LEG_SENSORS), (_arm, ARM_SENSORS))):
+        truth, motion = make()
         known = truth.without_nominal()
         found = [
             flags(seaid.identify(known, measure(truth, motion, sensors, seed)))
