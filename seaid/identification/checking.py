@@ -68,7 +68,8 @@ class JointCheck:
         Motor angle per joint angle over the gear ratio: 1 for a right set-up.
     nominal, bodies, motor : float
         Share (rms) of the torque that is left by the bodies of the robot file, by any bodies, and
-        by the motor equation (7) of a spring joint.
+        by the motor equation (7) of a spring joint, where the motor moves: its friction at
+        standstill is anything up to that of Coulomb.
     gear_ratio, gear_ratio_error : float
         Gear ratio between both encoders, without the deflection of a spring, and standard error.
     delay_s, delay_error_s : float
@@ -159,14 +160,14 @@ def check(
 def joint_checks(given: Experiment, motions: Sequence[Motion]) -> Mapping[str, JointCheck]:
     """Return what the motions of an experiment say of each joint."""
     swings = np.max([np.ptp(one.joint_position, axis=0) for one in motions], axis=0)
-    nothing = (float("nan"), float("nan"))
+    nothing, moving = (float("nan"), float("nan")), given.in_motion
     found = {
         joint: JointCheck(
             float(swings[j]),
             encoder_slope(given, j) if given.both[j] else float("nan"),
-            float(given.nominal[j]),
-            float(given.free[j]),
-            float(given.of_motors[j]),
+            float(moving.nominal[j]),
+            float(moving.free[j]),
+            float(moving.of_motors[j]),
             *given.encoder_ratios.get(j, nothing),
             *given.torque_delays.get(j, nothing),
         )

@@ -66,7 +66,7 @@ class Experiment:
     (n,): gear ratios and rotor inertias; `bodies` (10n,): standard parameters with payloads;
     `sources`: of each log {joint: {quantity: column or entry of its description}}; `left` (n,):
     misfit of any bodies that counts as noise, None for the own one; `has_wrenches`: whether contact
-    forces were measured.
+    forces were measured; `counted` (R, n): the instants at which misfits are taken, None for all.
     """
 
     robot: Robot
@@ -86,6 +86,7 @@ class Experiment:
     sources: tuple[Mapping[str, Mapping[str, Any]], ...]
     left: Array | None = None
     has_wrenches: bool = False
+    counted: BoolArray | None = None
 
     def source(self, j: int, quantity: str, log: int = 0) -> str | Mapping[str, Any]:
         """Return how a quantity of joint j was read: its column, or its entry in a description."""
@@ -161,15 +162,16 @@ class Experiment:
         for place, j in enumerate(used):
             H[:, place, m + 3 * j : m + 3 * j + 3] = self.friction[j]
         weight = 1.0 / np.std(self.target[:, used], axis=0)
-        A = (H * weight[:, None]).reshape(-1, m + 3 * n)
-        b = (self.target[:, used] * weight).ravel()
+        counts = np.stack([self._counted(j) for j in used], axis=1)
+        A = (H * weight[:, None] * counts[:, :, None]).reshape(-1, m + 3 * n)
+        b = (self.target[:, used] * weight * counts).ravel()
         size = np.linalg.norm(A, axis=0)
         A[:, size < 1e-9 * np.max(size)] = 0.0
         x = scaled_svd(A).solve(b, RANK_TOLERANCE)
         left = (b - A @ x).reshape(count, -1)
         for place, j in enumerate(used):
             own = x[m + 3 * j : m + 3 * j + 2] / weight[place]
-            found[j] = self._size(j, left[:, place] / weight[place], own)
+            found[j] = self._size(j, left[counts[:, place], place] / weight[place], own)
         return found
 
     @cached_property
@@ -375,6 +377,21 @@ class Experiment:
         left = self.weighed(self.target - self.regressor @ self.bodies)
         return float(left @ left) / len(left)
 
+    @cached_property
+    def in_motion(self) -> Experiment:
+        """The experiment whose misfits are taken where the motor of a joint has a direction.
+
+        The friction of a motor that stands is anything up to that of Coulomb. A joint with too few
+        such instants has all.
+        """
+        few = np.sum(self._moving, axis=0) < _FEWEST_ROWS
+        return replace(self, counted=np.asarray(self._moving | few))
+
+    def _counted(self, j: int) -> BoolArray:
+        """Return the mask (R,) of the instants at which the misfits of joint j are taken."""
+        every = np.ones(len(self.target), dtype=bool)
+        return every if self.counted is None else np.asarray(self.counted[:, j])
+
     @property
     def _elastic(self) -> list[int]:
         names = self.robot.elastic_joints
@@ -383,8 +400,9 @@ class Experiment:
 
     def _misfit(self, j: int, y: Array, columns: Array, stretch: int | None = None) -> float:
         """Return the misfit of joint j: of y (R,) by columns (R, k), friction first."""
-        x = scaled_svd(columns).solve(y)
-        left = y - columns @ x
+        rows = self._counted(j)
+        x = scaled_svd(columns[rows]).solve(y[rows])
+        left = (y - columns @ x)[rows]
         if stretch is None:
             return self._size(j, left, x[:2])
         # a spring of negative stiffness explains nothing
@@ -475,6 +493,10 @@ def stands_locked(joint: Array, motor: Array) -> bool:
     """Return whether a joint stands still while its motor moves, both (T,) at the same side."""
     return bool(np.ptp(joint) < _LOCKED * np.ptp(motor))
 
+
+_FEWEST_ROWS = 30
+"""Fewest instants in motion of a joint: three for each of seven base parameters that a body adds
+and of three columns of friction."""
 
 _MOVING = 0.99
 """Mean sign of the speed behind the low pass below which a motor may have stuck: friction then

@@ -39,6 +39,7 @@ from tests.experiments import (
     leg_motion,
 )
 from tests.measured import LOGS
+from tests.one_joint import one_joint
 from tests.representatives import quick_first
 
 SO101 = Path(__file__).parents[3] / "shared" / "data" / "so101_commands"
@@ -640,3 +641,35 @@ def test_a_jump_of_the_clock_is_not_its_unit() -> None:
     assert "time-unit" not in {one.code for one in log_findings(robot, [replace(log, time=time)])}
     slow = replace(log, time=1e3 * log.time)
     assert "time-unit" in {one.code for one in log_findings(robot, [slow])}
+
+
+def test_a_motor_that_sticks_leaves_no_torque_unexplained(tmp_path: Path) -> None:
+    """Its friction at standstill is anything up to that of Coulomb, and was 30 % of the torque."""
+    rng = np.random.default_rng(1)
+    ratio, inertia, coulomb, rate_hz = 50.0, 1e-5, 0.1, 500.0
+    friction = ["viscous", "coulomb"]
+    drive = {"type": "stiff", "gear_ratio": ratio, "friction": friction}
+    robot = one_joint(tmp_path, drive={**drive, "motor_inertia_kg_m2": inertia})
+    angles, signs, at = list[Array](), list[Array](), 0.0
+    for to, moves, rests in rng.uniform(
+        [-1.0, 300.0, 150.0], [1.0, 750.0, 500.0], (20, 3)
+    ).tolist():
+        s = np.arange(int(moves)) / int(moves)
+        angles += [at + (to - at) * s**3 * (10 - 15 * s + 6 * s**2), np.full(int(rests), to)]
+        signs += [np.full(int(moves), np.sign(to - at)), np.full(int(rests), np.nan)]
+        at = to
+    angle, sign = np.concatenate(angles), np.concatenate(signs)
+    time, known = np.arange(len(angle)) / rate_hz, np.isfinite(sign)
+    speed = np.gradient(ratio * angle, time)
+    friction_torque = coulomb * np.interp(time, time[known], sign[known]) + 4e-5 * speed
+    torque = (inertia + 1 / ratio**2) * np.gradient(speed, time) + friction_torque
+    sensed = Log(
+        time=time,
+        joint_names=robot.joint_names,
+        joint_position=angle[:, None],
+        motor_position=np.full((len(time), 1), np.nan),
+        motor_torque=torque[:, None],
+    )
+    found = check(robot, sensed)
+    assert not found.warnings
+    assert max(found.joints["arm"].bodies, found.joints["arm"].nominal) < 0.02
