@@ -34,7 +34,7 @@ from seaid.identification.term_columns import (
     with_term,
 )
 from seaid.identification.two_step import RobotEstimate
-from seaid.log import Log, Motion
+from seaid.log import Log, Motion, still_speed
 from seaid.robot import Robot
 
 DEFAULTS = ("offset", "smooth_coulomb")
@@ -153,6 +153,8 @@ def resolved_widths(
 
     One encoder step per sample, and the change of the speed within a sample at a reversal. The step
     is that of a quantised position of the same noise, whose standard deviation is step / sqrt(12).
+    Not less than the speed below which a motor counts as standing: a smaller width would describe
+    the friction of a motor that sticks, which has no sign, in rows next to standstill.
     """
     widths = {}
     motions = [one for one in datasets if isinstance(one, Motion)]
@@ -167,8 +169,10 @@ def resolved_widths(
             speeds.append(ratio * np.sqrt(12.0) * noise / float(np.median(np.diff(log.time))))
         width = float(np.median(speeds)) if speeds else 0.0
         if np.isfinite(width) and width > 0:
-            turns = [_change_at_reversal(one, robot.index(joint)) for one in motions]
-            widths[joint] = float(np.hypot(width, np.median(turns) if turns else 0.0))
+            index = robot.index(joint)
+            turns = [_change_at_reversal(one, index) for one in motions]
+            width = float(np.hypot(width, np.median(turns) if turns else 0.0))
+            widths[joint] = max([width, *(still_speed(one, index) for one in motions)])
     return widths
 
 

@@ -73,9 +73,7 @@ from seaid.identification.two_step import split_load_side, without_torque
 from seaid.identification.validation import compared
 from seaid.log import (
     POSITION_BAND,
-    REST_RAD_S,
     SHORTEST_STRETCH,
-    STANDSTILL,
     Log,
     Motion,
     decimated,
@@ -83,6 +81,7 @@ from seaid.log import (
     reconstruct_motion,
     reconstruct_motions,
     row_samples,
+    still_speed,
     stretches,
     usable,
 )
@@ -593,8 +592,7 @@ def _turning(robot: Robot, motion: Motion, joint: str) -> BoolArray:
     if not (is_dry(drive) or isinstance(drive.friction, DefaultTerms)):
         return np.zeros(len(motion.time), dtype=bool)
     speed = motion.motor_velocity[:, robot.index(joint)]
-    fastest = motion.largest_speeds[0, robot.index(joint)]
-    still = np.abs(speed) < max(STANDSTILL * fastest, REST_RAD_S)
+    still = np.abs(speed) < still_speed(motion, robot.index(joint))
     still[1:] |= speed[1:] * speed[:-1] < 0
     seen = round(motion.rate_hz / (POSITION_BAND * motion.cutoff_hz))
     return np.asarray(maximum_filter1d(still.astype(np.uint8), 2 * seen + 1) > 0)

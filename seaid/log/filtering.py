@@ -525,8 +525,14 @@ def standstill(motion: Motion, index: int, share: float = STANDSTILL_SHARE) -> B
     up more than `share` of that average. A reversal without a stop is no standstill.
     """
     speed = np.abs(motion.motor_velocity[:, index])
-    fastest = np.max(speed) if motion.fastest is None else motion.fastest[0, index]
-    return _still(motion, speed, float(fastest), share)
+    return _still(motion, speed, still_speed(motion, index), share)
+
+
+def still_speed(motion: Motion, index: int) -> float:
+    """Return the speed [rad/s] below which a motor counts as standing."""
+    speed = motion.motor_velocity[:, index]
+    fastest = np.max(np.abs(speed)) if motion.fastest is None else motion.fastest[0, index]
+    return max(STANDSTILL * float(fastest), REST_RAD_S)
 
 
 def still_share(drive: Drive) -> float:
@@ -538,9 +544,10 @@ def joint_standstill(motion: Motion, index: int) -> BoolArray:
     """Return the mask (T,) of samples at which a joint stands, as `standstill` for its motor."""
     speed = np.abs(motion.joint_velocity[:, index])
     fastest = np.max(speed) if motion.fastest is None else motion.fastest[1, index]
-    return _still(motion, speed, float(fastest), STANDSTILL_SHARE)
+    least = max(STANDSTILL * float(fastest), REST_RAD_S)
+    return _still(motion, speed, least, STANDSTILL_SHARE)
 
 
-def _still(motion: Motion, speed: Array, fastest: float, share: float) -> BoolArray:
-    still = (speed < max(STANDSTILL * fastest, REST_RAD_S)).astype(float)
+def _still(motion: Motion, speed: Array, least: float, share: float) -> BoolArray:
+    still = (speed < least).astype(float)
     return np.asarray((still > 0) | (in_band(motion, still) > share))

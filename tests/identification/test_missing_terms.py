@@ -248,6 +248,23 @@ def test_the_width_that_encoders_resolve_is_one_step_per_sample(tmp_path: Path) 
     assert both == pytest.approx(np.hypot(alone, 10.0 / 5), rel=0.1)
 
 
+def test_a_motor_that_counts_as_standing_shows_no_width(tmp_path: Path) -> None:
+    """Sharp friction of a motor that sticks, without noise, had a width of 0.2 % of its speed."""
+    robot = one_joint(tmp_path, drive={"type": "stiff", "gear_ratio": 10.0})
+    time = np.arange(8000) / 1000.0
+    position = np.sin(time)[:, None]
+    fine = Log(
+        time=time,
+        joint_names=robot.joint_names,
+        joint_position=position,
+        motor_position=np.full_like(position, np.nan),
+        motor_torque=position,
+    )
+    motion = seaid.reconstruct_motion(robot, fine, cutoff_hz=5.0)
+    fastest = float(np.max(np.abs(motion.motor_velocity)))
+    assert resolved_widths(robot, [fine], [motion])["arm"] == pytest.approx(0.01 * fastest)
+
+
 def test_a_width_that_the_sampling_explains_is_noted_only() -> None:
     robot, term = leg(), next(iter(terms_of_a_smooth_leg()))
     for resolved, severity in ((4.0, "note"), (8.0, "note"), (2.0, "doubtful")):
