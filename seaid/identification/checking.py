@@ -36,7 +36,7 @@ from seaid.identification.datasets import Source, datasets_by_log, first_motion,
 from seaid.identification.experiment import Experiment, experiment_of, stands_locked
 from seaid.identification.motor_side import with_regressed_angles, without_joint_encoder
 from seaid.identification.setup_hypotheses import encoder_slope, mistakes
-from seaid.log import Log, Motion, changed_source, row_samples
+from seaid.log import Log, Motion, changed_source, held_over, row_samples
 from seaid.regressor import INPUT_FIELDS, actuator_rows, motor_regressor, usable_rows
 from seaid.robot import Robot
 
@@ -182,6 +182,7 @@ def with_setup_findings(given: Experiment, known: Sequence[Finding]) -> list[Fin
     Torques beyond their limits are no finding of joints whose gains are in another unit, or whose
     limit is another one.
     """
+    known = [one for one in known if one.code != "delay"] + [*_decided_delays(given, known)]
     found = [*known, *_setup_findings(given, known)]
     joints = [joint for one in found for joint in one.joints]
     return [x for x in found if x.code != "saturation" or x.joints or x.joint not in joints]
@@ -206,7 +207,8 @@ def _setup_findings(given: Experiment, known: Sequence[Finding]) -> list[Finding
         return [one for one in found if one.joint not in stopped]
     found, without = mistakes(given)
     beyond = [] if found else list(limit_findings(given))
-    return [*found, *beyond, *delay_findings(without)]
+    is_late = any(one.code == "delay" and one.severity == "doubtful" for one in known)
+    return [*found, *beyond, *(() if is_late else delay_findings(without))]
 
 
 _EXPLAINING = ("time-unit", "missing-drives")
@@ -229,6 +231,7 @@ def log_findings(
     standing = locked_findings(locked) if locked else _standing(logs)
     of_torques += _saturated(logs)
     used = robot.joint_names if torque_joints is None else torque_joints
+    own += () if robot.has_controllers else _held_torques(logs, used)
     return [*own, *(one for one in of_torques if one.joint in used), *standing]
 
 
@@ -353,6 +356,41 @@ def _saturated(logs: Sequence[Log]) -> Iterator[Finding]:
             "record a slower motion, or log the measured current",
             "certain",
         )
+
+
+def _held_torques(logs: Sequence[Log], used: Collection[str]) -> Iterator[Finding]:
+    """Yield the motor torques that come more rarely than the samples of their log.
+
+    A value that is held over n samples is (n - 1) / 2 samples late on average.
+    """
+    for number, log in enumerate(logs, 1):
+        held: dict[int, list[str]] = {}
+        for j, joint in enumerate(log.joint_names):
+            source = log.sources()[joint].get("motor_torque", {"delay_s": np.nan})
+            if joint in used and (isinstance(source, str) or not source.get("delay_s")):
+                sides = (log.motor_position[:, j], log.joint_position[:, j])
+                count = held_over(log.time, log.motor_torque[:, j])
+                if count > max(held_over(log.time, one) for one in sides):
+                    held.setdefault(count, []).append(joint)
+        where = f" {number}" if len(logs) > 1 else ""
+        for count, joints in held.items():
+            late = 0.5 * (count - 1) * float(np.median(np.diff(log.time)))
+            lines = [f"in the description of {f'log{where}' if where else 'the log'}:"]
+            for joint in joints:
+                source = changed_source(log.sources()[joint]["motor_torque"], delay_s=late)
+                lines += [toml_table("joints", joint), f"motor_torque = {source}"]
+            yield Finding(
+                "delay",
+                f"the motor torques of {', '.join(joints)} are held over {count} samples"
+                f"{where and f' of log{where}'}, and so {1e3 * late:.3g} ms late on average, which "
+                "biases friction, unless the motors give them so",
+                joints[0] if len(joints) == 1 else "",
+                "note",
+                {"samples": count, "delay [s]": late},
+                "\n".join(lines),
+                "possible",
+                tuple(joints),
+            )
 
 
 def _share_at_limit(values: Array) -> float:
@@ -515,6 +553,23 @@ def limit_findings(given: Experiment) -> Iterator[Finding]:
                     {f"{name} over its limit": largest / limit},
                     certainty="possible",
                 )
+
+
+def _decided_delays(given: Experiment, known: Sequence[Finding]) -> Iterator[Finding]:
+    """Yield the findings of torques that are held over samples, unless the motion excludes a delay.
+
+    Torques that a motor gets held are not late; a longer delay has another cause.
+    """
+    for one in (one for one in known if one.code == "delay"):
+        places = {given.robot.index(joint) for joint in one.joints}
+        delays = [delay for j, delay in given.torque_delays.items() if j in places]
+        late = one.evidence["delay [s]"]
+        values, errors = np.array(delays).reshape(-1, 2).T
+        weights = 1.0 / (errors**2 + late**2)
+        if not delays or float(np.linalg.norm(weights * errors) / np.sum(weights)) > late / 2:
+            yield one
+        elif late / 2 < np.average(values, weights=weights) < max(1.5 * late, LEAST_DELAY_S):
+            yield replace(one, severity="doubtful", certainty="likely")
 
 
 def delay_findings(given: Experiment) -> Iterator[Finding]:

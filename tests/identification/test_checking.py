@@ -673,3 +673,42 @@ def test_a_motor_that_sticks_leaves_no_torque_unexplained(tmp_path: Path) -> Non
     found = check(robot, sensed)
     assert not found.warnings
     assert max(found.joints["arm"].bodies, found.joints["arm"].nominal) < 0.02
+
+
+def test_torques_held_over_samples_are_named_and_the_remedy_repairs_them(tmp_path: Path) -> None:
+    """Viscous friction was too large by the inertia times the delay times the squared frequency."""
+    drive = {"type": "stiff", "gear_ratio": 50.0, "friction": ["viscous", "coulomb"]}
+    robot = one_joint(tmp_path, drive={**drive, "motor_inertia_kg_m2": 1e-5})
+    rng = np.random.default_rng(0)
+    time, frequencies = np.arange(4000) / 1000.0, 2 * np.pi * np.arange(1, 5) / 2
+    phases = rng.uniform(0, 6, 4) + np.outer(time, frequencies)
+    angle, speed = 0.2 * np.sin(phases).sum(axis=1), 0.2 * np.cos(phases) @ frequencies
+    torque = (1e-5 + 1 / 50**2) * -50 * 0.2 * np.sin(phases) @ frequencies**2
+    torque += 4e-5 * 50 * speed + 0.01 * np.sign(speed) + 1e-4 * rng.normal(size=len(time))
+    angle += 1e-6 * rng.normal(size=len(time))
+
+    def read(torques: Array, description: Any = None) -> Log:
+        path, header = tmp_path / "run.csv", "time_s,arm.joint_position_rad,arm.motor_torque_Nm"
+        np.savetxt(
+            path, np.column_stack([time, angle, torques]), "%.9g", ",", header=header, comments=""
+        )
+        return seaid.read_log(path, robot, description=description)
+
+    pairs = np.arange(len(time)) // 2 * 2
+    held = read(torque[pairs])
+    (finding,) = check(robot, held).warnings
+    assert (finding.code, finding.severity, finding.joints) == ("delay", "doubtful", ("arm",))
+    assert finding.evidence == pytest.approx({"samples": 2, "delay [s]": 0.0005})
+    head, text = finding.remedy.split("\n", 1)
+    assert head == "in the description of the log:"
+    repaired = read(torque[pairs], tomllib.loads(text))
+    # a motor that gets held torques has them on average when they are logged, and is not late
+    given = np.interp(pairs + 0.5, np.arange(len(time)), torque)
+    coarse = np.round(torque / 0.05) * 0.05
+    for right in (repaired, read(torque), read(given), read(coarse)):
+        assert check(robot, right).warnings == ()
+    name = "viscous_friction"
+    fits = [seaid.identify(robot, log).drives["arm"] for log in (held, repaired)]
+    errors = [(fit.value(name) - 4e-5) / fit.standard_error(name) for fit in fits]
+    assert errors[0] > 5
+    assert abs(errors[1]) < 2

@@ -348,6 +348,25 @@ def held_dropouts(values: Array, fewest: int = 2) -> BoolArray:
     return found
 
 
+_CHANCE = 1e-6
+"""Probability below which changes of a channel do not fall on every nth sample by chance."""
+
+
+def held_over(time: Array, values: Array) -> int:
+    """Return the number of samples over which a channel (T,) is held throughout, 1 if it is not.
+
+    It changes only at every nth sample of its log, always the same ones. A coarse channel, or one
+    at rest, repeats values too, but changes at any sample: C changes fall on the same of n samples
+    with a probability of n^(1 - C).
+    """
+    steps = np.diff(time)
+    samples = np.cumsum(np.rint(steps / np.median(steps))).astype(np.intp)  # gaps have theirs
+    changes = samples[np.diff(values) != 0.0]
+    count = int(np.gcd.reduce(np.diff(changes))) if len(changes) > 1 else 1
+    by_chance = (1 - len(changes)) * math.log(max(count, 1)) > math.log(_CHANCE)
+    return 1 if by_chance else count
+
+
 def _is_sudden_zero(values: Array, start: int, end: int, step: float) -> bool:
     sides = []
     for edge, near in ((start - 1, values[:start][-8:]), (end, values[end:][:8][::-1])):
