@@ -112,7 +112,7 @@ def main() -> None:
             logs = given.motions if has else given.logs // 2
             for seed in range(logs):
                 log = log_of(time, [x[:, seed % given.motions] for x in states], seed)
-                terms = {"spring": ("cubic", "dahl", "maxwell_slip", "dead_zone")}
+                terms = {"spring": ("cubic", "dahl", "dead_zone")}
                 selection = seaid.compare_terms(robot, log, terms=terms)
                 terms_of = [term for _, term in selection.recommended.get("arm", ())]
                 hits += "dead_zone" in terms_of

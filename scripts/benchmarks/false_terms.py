@@ -31,7 +31,7 @@ from tests.experiments import wiggle
 from tests.terms import ELASTIC, STIFF, arm
 
 FAMILIES = {
-    "memory": ("dahl", "maxwell_slip"),
+    "memory": ("dahl",),
     "backlash": ("dead_zone", "smooth_dead_zone"),
     "temperature": ("viscous_temperature", "coulomb_temperature"),
     "warm-up": ("viscous_warm_up", "coulomb_warm_up"),

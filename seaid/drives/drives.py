@@ -23,7 +23,6 @@ from seaid.drives.terms import (
     DEAD_ZONES,
     DRY,
     FIELDS,
-    MEMORY,
     NONLINEAR_SPRING,
     PARAMETERS,
     PARAMETERS_OF,
@@ -177,7 +176,7 @@ def _check_terms(drive: Drive) -> None:
     if drive.controller is not None:
         object.__setattr__(drive, "controller", controller_of(drive.controller))
     _check_controller(drive)
-    for field, alike in (("friction", COULOMB), ("spring", DEAD_ZONES), ("spring", MEMORY)):
+    for field, alike in (("friction", COULOMB), ("spring", DEAD_ZONES)):
         found = [term for term in getattr(drive, field) if term in alike]
         if len(found) > 1:
             raise RobotError(
@@ -370,11 +369,11 @@ class _Parameters(Display):
 
     def without_memory(self) -> Self:
         """Return the drive with sharp Coulomb friction, and a spring without hysteresis."""
-        if not {*MEMORY} & {*self.friction, *self.spring}:  # type: ignore[attr-defined]
+        if "dahl" not in (*self.friction, *self.spring):  # type: ignore[attr-defined]
             return self
-        bare: Any = {"friction": tuple("coulomb" if x in MEMORY else x for x in self.friction)}
+        bare: Any = {"friction": tuple("coulomb" if x == "dahl" else x for x in self.friction)}
         if self.is_elastic:
-            bare["spring"] = tuple(x for x in self.spring if x not in MEMORY)  # type: ignore[attr-defined]
+            bare["spring"] = tuple(x for x in self.spring if x != "dahl")  # type: ignore[attr-defined]
         gone = ("presliding_angle", "hysteresis_force", "hysteresis_deflection")
         bare["nominal"] = {name: x for name, x in self.nominal.items() if name not in gone}
         return replace(self, **bare, known=tuple(name for name in self.known if name not in gone))

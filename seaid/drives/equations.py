@@ -14,7 +14,7 @@ from functools import lru_cache
 import sympy as sp
 
 from seaid.drives.drives import Drive, is_smooth
-from seaid.drives.hysteresis import LAWS
+from seaid.drives.hysteresis import Dahl
 from seaid.drives.symbols import (
     F_0,
     F_C,
@@ -194,7 +194,7 @@ def spring_force(drive: Drive) -> sp.Expr:
         "damping": c_k * stretch.diff(t),
         "preload": f_0 if drive.is_nonlinear_spring else 0,
         **dict.fromkeys(DEAD_ZONES, 0),
-        **{term: F_H * law(stretch, w_H) for term, law in LAWS.items()},
+        "dahl": F_H * Dahl(stretch, w_H),
     }
     offset = f_0 if drive.is_elastic and not drive.is_nonlinear_spring else 0
     whole = sum((terms[term] for term in drive.spring), sp.Integer(0)) + offset
@@ -218,9 +218,8 @@ def periodic(drive: Drive, field: str) -> sp.Expr:
 def direction(drive: Drive) -> sp.Expr:
     """Return sign(w) of the motor speed w, its tanh for smooth friction, or a presliding state."""
     w = theta_M.diff(t)
-    for term in drive.friction:
-        if term in LAWS:
-            return LAWS[term](theta_M, w_M)
+    if "dahl" in drive.friction:
+        return Dahl(theta_M, w_M)
     if "shifted_coulomb" in drive.friction:
         return sp.tanh((w - w_0) / w_C)
     return sp.tanh(w / w_C) if "smooth_coulomb" in drive.friction else sp.sign(w)

@@ -28,7 +28,7 @@ from seaid.drives.equations import (
     smooth_friction,
     spring_force,
 )
-from seaid.drives.hysteresis import Law, Slope
+from seaid.drives.hysteresis import Dahl, DahlSlope
 from seaid.drives.regressor import DriveRegressor, flat_names
 from seaid.drives.symbols import (
     PARAMETER_NAMES,
@@ -193,10 +193,10 @@ def _with_values(drive: Drive, expression: sp.Expr, needed: Sequence[str] | None
                 "nominal value"
             )
     given = flat.subs({symbol_of(name): value for name, value in values.items()})
-    return given.replace(lambda e: isinstance(e, Law), _state_of)
+    return given.replace(lambda e: isinstance(e, Dahl), _state_of)
 
 
-def _state_of(law: Law) -> sp.Symbol:
+def _state_of(law: Dahl) -> sp.Symbol:
     """Return the symbol of the state of a law, that of the motor or of the spring."""
     is_spring = any(str(symbol) == "theta_L" for symbol in law.free_symbols)
     return sp.Symbol("z_F" if is_spring else "z_M")
@@ -294,8 +294,8 @@ def smooth_columns(regressor: DriveRegressor) -> SmoothColumns:
 def _without_memory(entry: sp.Expr) -> sp.Expr:
     """Return a flat expression with sign(w) as the state of the motor, and none of the spring."""
     states = {sp.Symbol("z_M"): sp.sign(sp.Symbol("theta_M_dot")), sp.Symbol("z_F"): sp.Integer(0)}
-    sharp = entry.replace(lambda e: isinstance(e, Law), lambda e: states[_state_of(e)])
-    return sharp.replace(lambda e: isinstance(e, Slope), lambda _: sp.Integer(0))
+    sharp = entry.replace(lambda e: isinstance(e, Dahl), lambda e: states[_state_of(e)])
+    return sharp.replace(lambda e: isinstance(e, DahlSlope), lambda _: sp.Integer(0))
 
 
 def _with_input(entry: sp.Expr, drive: Drive) -> sp.Expr:

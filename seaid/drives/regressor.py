@@ -16,7 +16,7 @@ import sympy as sp
 from seaid._arrays import Array
 from seaid.drives.drives import Drive, unit_of
 from seaid.drives.equations import DriveEquation
-from seaid.drives.hysteresis import Law
+from seaid.drives.hysteresis import Dahl
 from seaid.drives.symbols import PARAMETER_NAMES, SIGNALS, known_values, symbol_of, t
 from seaid.errors import RobotError
 from seaid.symbolic import separate
@@ -99,7 +99,7 @@ def drive_regressor(equation: DriveEquation, drive: Drive, joint: str = "") -> D
     """Derive the regressor of a drive's equation by Algorithm 1; if nonlinear, by derivatives."""
     own = PARAMETER_NAMES.keys() | set(map(symbol_of, drive.parameter_names))
     nonlinear = () if _hides_a_parameter(equation, own) else non_linear(equation)
-    has_memory = equation.expression.has(Law)
+    has_memory = equation.expression.has(Dahl)
     if (nonlinear or has_memory) and own >= set(nonlinear):
         row = tuple(_slope(equation.expression, symbol) for symbol in equation.unknowns)
         linear = {symbol: 0 for symbol in equation.unknowns if symbol not in nonlinear}

@@ -6,7 +6,7 @@
 - coulomb F_C sign(w); or smooth_coulomb F_C tanh(w / w_C) of width w_C; or shifted_coulomb
   F_C tanh((w - w_0) / w_C), zero at the speed w_0 (Gaz et al. 2019). The smooth ones are known at
   standstill too, and their tanh replaces sign(w) in the next two terms;
-- or dahl or maxwell_slip F_C z: presliding, with a state z that follows the motor's travel over the
+- or dahl F_C z: presliding, with a state z that follows the motor's travel over the
   angle w_M, see `seaid.drives.hysteresis`; z replaces sign(w) in the next two terms, too;
 - stribeck F_S exp(-(w / w_S)^2) sign(w), static friction above the sliding one;
 - load F_L |torque through the gear| sign(w): the spring's torque, or the load of a stiff drive;
@@ -21,7 +21,7 @@
 
 `spring`, with deflection d: linear k d, cubic k_3 d^3, fifth k_5 d^5; dead_zone subtracts a half
 width g from |d| (backlash), smooth_dead_zone with corners that are round over w_g; damping c_k d'
-parallel to the spring; dahl or maxwell_slip F_H z, hysteresis whose state z follows the deflection
+parallel to the spring; dahl F_H z, hysteresis whose state z follows the deflection
 over w_H; preload a constant force f_0.
 A nonlinear spring has the unknown zero of its deflection, `deflection_zero`; a linear one has a
 force at zero measured deflection instead, `spring_offset`, which contains its preload.
@@ -150,7 +150,6 @@ FrictionTerm = Literal[
     "smooth_coulomb",
     "shifted_coulomb",
     "dahl",
-    "maxwell_slip",
     "offset",
     "asymmetric",
     "quadratic",
@@ -170,7 +169,6 @@ SpringTerm = Literal[
     "smooth_dead_zone",
     "damping",
     "dahl",
-    "maxwell_slip",
     "preload",
 ]
 ParallelSpringTerm = Literal["linear", "preload"]
@@ -183,7 +181,6 @@ PARAMETERS_OF: dict[str, dict[str, tuple[str, ...]]] = {
         "smooth_coulomb": ("coulomb_friction", "coulomb_width"),
         "shifted_coulomb": ("coulomb_friction", "coulomb_width", "coulomb_shift"),
         "dahl": ("coulomb_friction", "presliding_angle"),
-        "maxwell_slip": ("coulomb_friction", "presliding_angle"),
         "offset": ("friction_offset",),
         "asymmetric": ("asymmetric_friction",),
         "quadratic": ("quadratic_friction",),
@@ -203,7 +200,6 @@ PARAMETERS_OF: dict[str, dict[str, tuple[str, ...]]] = {
         "smooth_dead_zone": ("dead_zone", "dead_zone_rounding"),
         "damping": ("spring_damping",),
         "dahl": ("hysteresis_force", "hysteresis_deflection"),
-        "maxwell_slip": ("hysteresis_force", "hysteresis_deflection"),
         "preload": ("spring_offset",),
     },
     "parallel_spring": {"linear": ("parallel_stiffness",), "preload": ("parallel_preload",)},
@@ -234,10 +230,7 @@ MotorInput = Literal["torque", "current", "voltage", "position_command", "veloci
 COMMANDS = ("position_command", "velocity_command")
 """Motor inputs of drives whose controller gives the torque."""
 
-MEMORY = ("dahl", "maxwell_slip")
-"""Terms with a state, of friction and of springs: a drive has at most one of each."""
-
-COULOMB = ("coulomb", "smooth_coulomb", "shifted_coulomb", *MEMORY)
+COULOMB = ("coulomb", "smooth_coulomb", "shifted_coulomb", "dahl")
 """Friction terms of which a drive has at most one."""
 
 BY_TEMPERATURE = {

@@ -14,7 +14,6 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid.drives import (
-    MEMORY,
     PARAMETERS_OF,
     Drive,
     NonlinearSpring,
@@ -112,7 +111,7 @@ def check_spring(joint: str, drive: Drive) -> None:
     """Raise ExcitationError if a value of a drive's spring is missing."""
     for term in drive.spring:
         for name in PARAMETERS_OF["spring"][term]:
-            if term not in ("damping", *MEMORY) and name not in drive.values:
+            if term not in ("damping", "dahl") and name not in drive.values:
                 raise missing_value(joint, name)
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from seaid.drives import MEMORY, Drive, total_ratio, unit_of
+from seaid.drives import Drive, total_ratio, unit_of
 from seaid.errors import Finding, Severity, listed
 from seaid.export.mjcf_drives import SMOOTH, of_term, value_of
 from seaid.robot import Robot
@@ -179,7 +179,7 @@ _BY_OTHERS = ("viscous", "coulomb", *SMOOTH, "offset", "stribeck")
 
 def _other_terms(drive: Drive) -> list[str]:
     """Return the terms of a drive that no simulator has."""
-    springs = [f"{term} of the spring" for term in getattr(drive, "spring", ()) if term in MEMORY]
+    springs = ["dahl of the spring"] * ("dahl" in getattr(drive, "spring", ()))
     periodic = dict.fromkeys(one.field.replace("_", " ") for one in drive.harmonics)
     own = [term for term in drive.friction if term not in _BY_OTHERS]
     law, of_law = drive.law, list[str]()

@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from seaid._arrays import spaced
-from seaid.drives import COULOMB, DEAD_ZONES, MEMORY, PARAMETERS_OF, WARM_UP, Drive, key_of, unit_of
+from seaid.drives import COULOMB, DEAD_ZONES, PARAMETERS_OF, WARM_UP, Drive, key_of, unit_of
 from seaid.errors import RobotError, listed
 from seaid.export.mjcf_bodies import TINY
 from seaid.robot import Robot
@@ -44,7 +44,7 @@ def note_drive(joint: str, drive: Drive, notes: list[str]) -> None:
         if term in SMOOTH
     ]
     excluded: list[str] = [term for term in drive.friction if term not in _SUPPORTED]
-    excluded += [f"{term} of the spring" for term in drive.spring if term in MEMORY]
+    excluded += ["dahl of the spring"] * ("dahl" in drive.spring)
     excluded += map("extra term {}".format, drive.extra_terms)
     excluded += dict.fromkeys(one.field.replace("_", " ") for one in drive.harmonics)
     if "cubic" in drive.spring:

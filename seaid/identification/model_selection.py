@@ -17,7 +17,6 @@ from seaid._progress import MOST_NAMES, Result, counted, track
 from seaid.drives import (
     BY_TEMPERATURE,
     DEAD_ZONES,
-    MEMORY,
     PARAMETERS_OF,
     WARM_UP,
     Drive,
@@ -203,7 +202,7 @@ def backlash_findings(
         joint
         for joint, estimate in estimates.items()
         if any(one.code == "weak-spring" for one in estimate.warnings)
-        and not {*DEAD_ZONES, *MEMORY} & {*robot.drives[joint].spring}
+        and not {*DEAD_ZONES, "dahl"} & {*robot.drives[joint].spring}
     ]
     for joint in weak if robot.floating_base is None else ():
         try:
@@ -317,7 +316,7 @@ def _with_backlash(
     """
     drive = model.robot.drives[joint]
     fields = {"spring": [term for term in asked.get("spring", ()) if term in DEAD_ZONES]}
-    has_law = drive.is_elastic and {*DEAD_ZONES, *MEMORY} & {*drive.spring}
+    has_law = drive.is_elastic and {*DEAD_ZONES, "dahl"} & {*drive.spring}
     terms = list(possible_terms(drive, fields))
     if not drive.is_elastic or has_law or not terms:
         return model

@@ -25,7 +25,6 @@ from seaid.drives import (
     COULOMB,
     DEAD_ZONES,
     LEVEL_OF,
-    MEMORY,
     PARAMETERS,
     WARM_UP,
     Drive,
@@ -391,8 +390,7 @@ def check_reversals(robot: Robot, motions: Sequence[Motion], joints: Sequence[st
             ("friction", "angle of the motor", "rad"),
             ("spring", "deflection", drive.spring_units[1]),
         ):
-            term = next((term for term in getattr(drive, field) if term in MEMORY), None)
-            if term is None:
+            if "dahl" not in getattr(drive, field):
                 continue
             returns, ranges = [0.0], [1e-12]
             for motion in motions:
@@ -409,11 +407,11 @@ def check_reversals(robot: Robot, motions: Sequence[Motion], joints: Sequence[st
                 ranges.append(max(up, down))
             if max(returns) < _LEAST_RETURN * max(ranges):
                 raise IdentificationError(
-                    f"joint '{joint}': its {field} has hysteresis ('{term}'), and the {what} never "
+                    f"joint '{joint}': its {field} has hysteresis ('dahl'), and the {what} never "
                     f"turns back: it moves by {max(ranges):.3g} {unit} and returns by "
                     f"{max(returns):.2g} {unit}. Log a motion with reversals, whose {what} returns "
                     f"by more than {_LEAST_RETURN * max(ranges):.2g} {unit} and many times the "
-                    f"width of the law, such as one of design_excitation, or remove '{term}'"
+                    f"width of the law, such as one of design_excitation, or remove 'dahl'"
                 )
 
 

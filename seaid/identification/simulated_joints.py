@@ -19,7 +19,7 @@ import numpy as np
 import pinocchio as pin
 
 from seaid._arrays import Array, safely, white_noise
-from seaid.drives import MEMORY, states
+from seaid.drives import states
 from seaid.errors import IdentificationError
 from seaid.identification.datasets import Dataset, first_motion
 from seaid.identification.method_limits import linear_spring
@@ -323,7 +323,7 @@ def with_joints(
 
 def with_hysteresis(robot: Robot, joints: Sequence[str]) -> list[str]:
     """Return those of the joints whose spring has a law of hysteresis."""
-    return [joint for joint in joints if {*robot.drives[joint].spring} & {*MEMORY}]
+    return [joint for joint in joints if "dahl" in robot.drives[joint].spring]
 
 
 def hysteresis_corrections(
@@ -346,11 +346,10 @@ def hysteresis_corrections(
     found, length = {}, len(motion.time)
     for joint in with_hysteresis(robot, joints):
         drive = robot.drives[joint]
-        law = next(term for term in drive.spring if term in MEMORY)
         place = columns.get(f"hysteresis_deflection of {joint}")
         width = drive.values["hysteresis_deflection"]
         there, here = (
-            np.array(states(law, _deflection(robot, one, joint), width))[:, -length:]
+            np.array(states(_deflection(robot, one, joint), width))[:, -length:]
             for one in (measured, motion)
         )
         state, by_width = drive.load_radius * (there - here)

@@ -18,7 +18,6 @@ from seaid._files import toml_table
 from seaid.drives import (
     COULOMB,
     DEAD_ZONES,
-    MEMORY,
     PARAMETERS,
     Drive,
     DriveRegressor,
@@ -61,10 +60,10 @@ _DIRECTED = (
 def with_term(drive: Drive, field: str, term: str) -> Drive:
     """Return the drive with one more term, without the values of parameters that it then lacks.
 
-    A Coulomb term takes the place of another one, and so do dead zones and laws of hysteresis.
+    A Coulomb term takes the place of another one, and so do dead zones.
     Raises RobotError for a term that the drive cannot have.
     """
-    alike = [*map(set, (COULOMB, DEAD_ZONES, MEMORY))]
+    alike = [*map(set, (COULOMB, DEAD_ZONES))]
     own = getattr(drive, field)
     terms = tuple(one for one in own if not any({one, term} <= some for some in alike))
     bare = replace(drive, nominal={}, known=(), **{field: (*terms, term)})  # type: ignore[arg-type]
@@ -77,7 +76,7 @@ def possible_terms(drive: Drive, asked: Mapping[str, Sequence[str]]) -> Iterator
     """Yield the terms (field, term) among those asked for that a drive lacks and can have."""
     for field, terms in asked.items():
         own = getattr(drive, field) if field in term_fields(drive) else terms
-        smooth = {"friction": COULOMB[1:], "spring": (*DEAD_ZONES, *MEMORY)}.get(field, ())
+        smooth = {"friction": COULOMB[1:], "spring": (*DEAD_ZONES, "dahl")}.get(field, ())
         for term in terms:
             instead = {*smooth, "coulomb"} - {"shifted_coulomb"} if {*smooth} & {*own} else ()
             if term in own or term in instead:

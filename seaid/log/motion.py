@@ -11,7 +11,7 @@ import numpy as np
 
 from seaid._arrays import Array, BoolArray
 from seaid._progress import Display, sampled_text
-from seaid.drives import DEAD_ZONES, MEMORY, is_dry
+from seaid.drives import DEAD_ZONES, is_dry
 from seaid.errors import Finding, LogError, checked
 from seaid.log.base_log import BaseLog, BaseMotion, base_motion
 from seaid.log.commands import commanded_torque, is_commanded
@@ -356,7 +356,7 @@ def _selected(robot: Robot, time: Array, signals: dict[str, Array]) -> CutoffSel
     found = select_cutoff(
         joint, motor, _rate_hz(time), robot.joint_names, of_commands=robot.has_controllers
     )
-    corners = {*DEAD_ZONES, *MEMORY}
+    corners = {*DEAD_ZONES, "dahl"}
     elastic = [(joint, drive) for joint, drive in robot.drives.items() if drive.is_elastic]
     sharp = [joint for joint, drive in elastic if corners & {*drive.spring, *drive.friction}]
     if not sharp:

@@ -15,7 +15,6 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid.drives import (
-    MEMORY,
     PARAMETERS,
     PARAMETERS_OF,
     Drive,
@@ -258,7 +257,7 @@ def _spring_figure(joint: str, samples: _Samples, identified: Drive, nominal: Dr
         Layer(samples.x[~is_up], samples.force[~is_up], "sample down"),
     ]
     x = np.linspace(float(np.min(samples.x)), float(np.max(samples.x)), _CURVE)
-    if {*MEMORY} & {*identified.spring}:
+    if "dahl" in identified.spring:
         x = np.concatenate([x, x[::-1]])  # around the loop
     for name, drive in (("nominal", nominal), ("identified", identified)):
         curve = _spring_force(drive, x)
@@ -284,8 +283,8 @@ def _spring_force(drive: Drive, x: Array) -> Array | None:
         if "deflection_zero" in plain.values:
             plain = replace(plain, nominal={**plain.nominal, "deflection_zero": 0.0})
         force = spring_curve(plain).force(x)
-        for law in {*MEMORY} & {*plain.spring}:
-            z = states(law, np.tile(x, 2), plain.values["hysteresis_deflection"])[0][len(x) :]
+        if "dahl" in plain.spring:
+            z = states(np.tile(x, 2), plain.values["hysteresis_deflection"])[0][len(x) :]
             force = force + plain.values["hysteresis_force"] * z
         return force
     except SeaidError:

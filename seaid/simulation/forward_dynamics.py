@@ -101,9 +101,9 @@ def with_memory(plant: Plant, before: Array, state: Array) -> Array:
     """Return a state with its hysteresis moved on by the travel since `before`."""
     if plant.memory:
         change = drive_states(plant, state - before)
-        for index, row, (motor, joint), law, width in plant.memory:
+        for index, row, (motor, joint), width in plant.memory:
             travel = motor * change[POSITION, index] + joint * change[JOINT_POSITION, index]
-            state[row, index] = after_travel(law, before[row, index], travel, width)
+            state[row, index] = after_travel(before[row, index], travel, width)
     return state
 
 

@@ -16,7 +16,6 @@ import pinocchio as pin
 from seaid._arrays import Array, BoolArray, IndexArray, safely
 from seaid.drives import (
     BY_TEMPERATURE,
-    MEMORY,
     PARAMETERS_OF,
     WARM_UP,
     Drive,
@@ -125,8 +124,8 @@ class Plant:
         return any({*BY_TEMPERATURE, *WARM_UP} & {*drive.friction} for drive in self.drives)
 
     @cached_property
-    def memory(self) -> tuple[tuple[int, int, tuple[float, float], str, float], ...]:
-        """Joint, row of the state, levers of motor and joint, law and width of each hysteresis."""
+    def memory(self) -> tuple[tuple[int, int, tuple[float, float], float], ...]:
+        """Joint, row of the state, levers of motor and joint, and width of each hysteresis."""
         return tuple(_memory(self.drives))
 
     @cached_property
@@ -195,15 +194,13 @@ def warmed(plant: Plant, temperature: Array | None, time_s: float = 0.0) -> Plan
     return replace(plant, functions=functions)
 
 
-def _memory(
-    drives: Sequence[Drive],
-) -> Iterator[tuple[int, int, tuple[float, float], str, float]]:
+def _memory(drives: Sequence[Drive]) -> Iterator[tuple[int, int, tuple[float, float], float]]:
     for index, drive in enumerate(drives):
         stretch = drive.motor_radius / drive.ratio, -drive.load_radius
         for field, levers in (("friction", (1.0, 0.0)), ("spring", stretch)):
-            for term in set(MEMORY) & set(getattr(drive, field)):
-                width = drive.values[PARAMETERS_OF[field][term][1]]
-                yield index, MEMORY_ROWS[field], levers, term, width
+            if "dahl" in getattr(drive, field):
+                width = drive.values[PARAMETERS_OF[field]["dahl"][1]]
+                yield index, MEMORY_ROWS[field], levers, width
 
 
 def inertia(plant: Plant, data: pin.Data, position: Array) -> Array:

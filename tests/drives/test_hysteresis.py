@@ -1,10 +1,9 @@
-"""Laws of hysteresis: against differential equations, known loops, and their limits."""
+"""The law of hysteresis: against its differential equation, known loops, and its limit."""
 
 from __future__ import annotations
 
 import pickle
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +14,7 @@ from seaid._arrays import Array
 from seaid.drives.drives import SeriesElasticDrive, StiffDrive
 from seaid.drives.equations import motor_equation, spring_force
 from seaid.drives.functions import friction_curve, smooth_columns, spring_curve
-from seaid.drives.hysteresis import LAWS, after_travel, states
+from seaid.drives.hysteresis import Dahl, after_travel, states
 from seaid.drives.regressor import drive_regressor
 
 TIME = np.linspace(0.0, 6.0, 6001)
@@ -35,72 +34,57 @@ def dahl_rate(time: float, z: Array) -> Array:
     return np.asarray((v - abs(v) * z) / WIDTH)
 
 
-def slip_rate(time: float, z: Array) -> Array:
-    v = speed(time)
-    return np.where((np.abs(z) >= 1) & (z * v > 0), 0.0, v / WIDTH)
+def test_states_solve_the_differential_equation_of_the_law() -> None:
+    exact = solve_ivp(dahl_rate, (0, 6), [0.0], t_eval=TIME, rtol=1e-8, atol=1e-8, max_step=1e-3)
+    np.testing.assert_allclose(states(position(TIME), WIDTH)[0], exact.y[0], atol=3e-3)
 
 
-@pytest.mark.parametrize(("law", "rate"), [("dahl", dahl_rate), ("maxwell_slip", slip_rate)])
-def test_states_solve_the_differential_equation_of_the_law(law: str, rate: Any) -> None:
-    exact = solve_ivp(rate, (0, 6), [0.0], t_eval=TIME, rtol=1e-8, atol=1e-8, max_step=1e-3)
-    np.testing.assert_allclose(states(law, position(TIME), WIDTH)[0], exact.y[0], atol=3e-3)
-
-
-@pytest.mark.parametrize("law", LAWS)
-def test_a_step_after_another_is_the_whole(law: str) -> None:
+def test_a_step_after_another_is_the_whole() -> None:
     x, z = position(TIME), 0.0
-    whole = states(law, x, WIDTH)[0]
+    whole = states(x, WIDTH)[0]
     for place, step in enumerate(np.diff(x).tolist()):
-        z = after_travel(law, z, step, WIDTH)
+        z = after_travel(z, step, WIDTH)
         assert z == pytest.approx(whole[place + 1], abs=1e-9)
 
 
-@pytest.mark.parametrize("law", LAWS)
-def test_the_slope_by_the_width_is_the_difference(law: str) -> None:
+def test_the_slope_by_the_width_is_the_difference() -> None:
     x = position(TIME)
-    more, less = (states(law, x, WIDTH + step)[0] for step in (1e-6, -1e-6))
-    slope, found = (more - less) / 2e-6, states(law, x, WIDTH)[1]
+    more, less = (states(x, WIDTH + step)[0] for step in (1e-6, -1e-6))
+    slope, found = (more - less) / 2e-6, states(x, WIDTH)[1]
     agree = np.abs(slope - found) < 1e-4 * (1 + np.abs(found))
-    assert np.mean(agree) > (0.99 if law == "maxwell_slip" else 0.9999)  # corners
+    assert np.mean(agree) > 0.9999
 
 
-@pytest.mark.parametrize("law", LAWS)
-def test_speed_and_rests_do_not_matter(law: str) -> None:
+def test_speed_and_rests_do_not_matter() -> None:
     x = np.concatenate([np.linspace(0, 0.5, 200), np.linspace(0.5, -0.2, 300)])
     slow = np.concatenate([np.repeat(np.linspace(0, 0.5, 900), 2), np.linspace(0.5, -0.2, 40)])
-    assert states(law, x, WIDTH)[0][-1] == pytest.approx(states(law, slow, WIDTH)[0][-1])
-    assert not np.any(states(law, np.zeros(5), WIDTH))
+    assert states(x, WIDTH)[0][-1] == pytest.approx(states(slow, WIDTH)[0][-1])
+    assert not np.any(states(np.zeros(5), WIDTH))
 
 
-def test_areas_of_the_loops() -> None:
-    """Maxwell slip over +-A: 4 (A - w) of unit force; Dahl: the integral of its exponentials."""
+def test_the_area_of_a_loop() -> None:
+    """Over +-A it is the integral of its exponentials."""
     A = 0.3
     cycle = np.concatenate([np.linspace(-A, A, 4001), np.linspace(A, -A, 4001)])
     x = np.tile(cycle, 3)
-
-    def area(law: str) -> float:
-        return float(abs(np.trapezoid(states(law, x, WIDTH)[0][-8002:], cycle)))
-
-    assert area("maxwell_slip") == pytest.approx(4 * (A - WIDTH), rel=1e-3)
+    area = float(abs(np.trapezoid(states(x, WIDTH)[0][-8002:], cycle)))
     # up: z = 1 - (1 + z_A) e^(-(x + A)/w), with z_A = tanh(A / w) at the ends
     end = np.tanh(A / WIDTH)
     up = 2 * A - (1 + end) * WIDTH * (1 - np.exp(-2 * A / WIDTH))
-    assert area("dahl") == pytest.approx(2 * up, rel=1e-3)
+    assert area == pytest.approx(2 * up, rel=1e-3)
 
 
-def test_narrow_laws_are_the_direction_of_motion() -> None:
+def test_a_narrow_law_is_the_direction_of_motion() -> None:
     x = position(TIME)
     direction = np.sign(np.diff(x, prepend=0))
-    for law in LAWS:
-        assert states(law, x, 1e-9)[0][1:] == pytest.approx(direction[1:])
+    assert states(x, 1e-9)[0][1:] == pytest.approx(direction[1:])
 
 
-def test_laws_are_data_of_an_equation() -> None:
+def test_the_law_is_data_of_an_equation() -> None:
     x, w = sp.symbols("x w")
-    for law in LAWS.values():
-        expression = law(x, w) + law(x, w).diff(w)
-        assert pickle.loads(pickle.dumps(expression)) == expression
-        assert law(x, w).diff(x).has(sp.Derivative)  # what follows the travel has no such slope
+    expression = Dahl(x, w) + Dahl(x, w).diff(w)
+    assert pickle.loads(pickle.dumps(expression)) == expression
+    assert Dahl(x, w).diff(x).has(sp.Derivative)  # what follows the travel has no such slope
 
 
 DAHL = StiffDrive(gear_ratio=50.0, friction=("viscous", "dahl", "load")).with_values(

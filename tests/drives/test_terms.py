@@ -85,7 +85,7 @@ CHOICES = [
         ("dead_zone", "dead_zone_rounding", "deflection_zero"),
     ),
     (("viscous", "dahl"), ("linear",), ("presliding_angle",)),
-    (("viscous",), ("linear", "maxwell_slip"), ("hysteresis_deflection",)),
+    (("viscous",), ("linear", "dahl"), ("hysteresis_deflection",)),
 ]
 
 
@@ -115,7 +115,7 @@ def with_own_values(drive: SeriesElasticDrive) -> SeriesElasticDrive:
 MEMORY = replace(
     ELASTIC,
     friction=("viscous", "dahl", "load", "stribeck", "viscous_warm_up", "coulomb_warm_up"),
-    spring=("linear", "smooth_dead_zone", "maxwell_slip"),
+    spring=("linear", "smooth_dead_zone", "dahl"),
 )
 
 
@@ -284,9 +284,8 @@ def test_values_are_read_under_keys_with_units() -> None:
         ({"spring": ["dead_zone"]}, "needs a stiffness term"),
         (
             {"friction": ["coulomb", "smooth_coulomb"]},
-            "shifted_coulomb, dahl, maxwell_slip, found coulomb, smooth_coulomb",
+            "shifted_coulomb, dahl, found coulomb, smooth_coulomb",
         ),
-        ({"spring": ["linear", "dahl", "maxwell_slip"]}, "spring may have one of dahl, maxwell_s"),
         (
             {"spring": ["linear", "dead_zone", "smooth_dead_zone"]},
             "one of dead_zone, smooth_dead_zone, found dead_zone, smooth_dead_zone",

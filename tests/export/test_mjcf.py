@@ -230,7 +230,7 @@ def test_play_of_a_gear_turns_the_motor_alone(tmp_path: Path) -> None:
 
 def test_hysteresis_is_left_out_and_said(tmp_path: Path) -> None:
     values = {"presliding_angle": 0.3, "hysteresis_force": 1.0, "hysteresis_deflection": 0.01}
-    spring = ("linear", "maxwell_slip", "smooth_dead_zone")
+    spring = ("linear", "dahl", "smooth_dead_zone")
     drive = elastic(
         {**values, "dead_zone": 0.01, "dead_zone_rounding": 0.001},
         friction=("viscous", "dahl"),
@@ -239,7 +239,7 @@ def test_hysteresis_is_left_out_and_said(tmp_path: Path) -> None:
     written = write_mjcf(two_joints(tmp_path, STIFF, drive), tmp_path / "out.xml")
     text = "\n".join(written.notes)
     assert "'two': its dahl is written as dry friction (friction loss)" in text
-    assert "'two': excluded, not available in MuJoCo: maxwell_slip of the spring" in text
+    assert "'two': excluded, not available in MuJoCo: dahl of the spring" in text
     assert "'two': its smooth_dead_zone is written with sharp corners" in text
 
 

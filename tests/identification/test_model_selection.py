@@ -50,38 +50,32 @@ def test_a_term_that_is_there_is_recommended_alone() -> None:
     assert [one.term for one in found.comparisons if one.selected] == ["stribeck"]
 
 
-LAWS = ("dahl", "maxwell_slip")
-
-
 @pytest.mark.parametrize(
-    ("field", "law", "width", "level"),
-    [("friction", "dahl", 6.0, 0.01), ("spring", "maxwell_slip", 4e-4, 20.0)],
+    ("field", "width", "level"), [("friction", 6.0, 0.01), ("spring", 4e-4, 20.0)]
 )
-def test_hysteresis_that_is_there_is_recommended(
-    field: str, law: str, width: float, level: float
-) -> None:
-    """Of both laws the right one, in the place of Coulomb friction or next to the spring."""
+def test_hysteresis_that_is_there_is_recommended(field: str, width: float, level: float) -> None:
+    """In the place of Coulomb friction or next to the spring."""
     motion, torque = leg_motion(TEST_MASS), plain_log().motor_torque.copy()
     drive = leg().drives["knee_pitch"]
     motor = motion.motor_position[:, 3]
     lever = drive.motor_radius / drive.ratio
     if field == "spring":
         stretch = lever * motor - drive.load_radius * motion.joint_position[:, 3]
-        torque[:, 3] += lever * level * states(law, stretch, width)[0]
+        torque[:, 3] += lever * level * states(stretch, width)[0]
     else:
         coulomb = drive.values["coulomb_friction"] + level
-        torque[:, 3] += coulomb * states(law, motor, width)[0]
+        torque[:, 3] += coulomb * states(motor, width)[0]
         torque[:, 3] -= drive.values["coulomb_friction"] * np.sign(motion.motor_velocity[:, 3])
     log = replace(plain_log(), motor_torque=torque)
-    terms = {"friction": LAWS, "spring": (*LAWS, "dead_zone")}
+    terms = {"friction": ("dahl",), "spring": ("dahl", "dead_zone")}
     found = compare_terms(ROBOT, log, joints=["knee_pitch"], terms=terms)
-    assert dict(found.recommended)["knee_pitch"][0] == (field, law)
-    assert law in getattr(found.robot.drives["knee_pitch"], field)
+    assert dict(found.recommended)["knee_pitch"][0] == (field, "dahl")
+    assert "dahl" in getattr(found.robot.drives["knee_pitch"], field)
 
 
 @pytest.mark.slow  # a comparison of all terms
 def test_hysteresis_that_is_not_there_is_not_recommended() -> None:
-    terms = {"friction": LAWS, "spring": LAWS}
+    terms = {"friction": ("dahl",), "spring": ("dahl",)}
     assert not compare_terms(ROBOT, plain_log(), terms=terms).recommended
 
 
@@ -92,19 +86,20 @@ def test_a_log_without_reversals_has_a_reason_in_the_place_of_a_comparison(tmp_p
     joint[:, 0] = 0.3 * TIME + 0.05 * np.sin(TIME)
     motor[:, 0] = 40 * joint[:, 0]
     log = noisy_log(replace(motion, joint_position=joint, motor_position=motor), 0.003, 2e-5)
-    terms = {"friction": (*LAWS, "offset")}
+    terms = {"friction": ("dahl", "offset")}
     known = robot.without_nominal()
     found = compare_terms(known, log, joints=["one"], terms=terms, cutoff_hz=10.0)
     for one in found.comparisons:
-        is_law = one.term in LAWS
+        is_law = one.term == "dahl"
         assert (one.comparison is None) == is_law
         assert ("the angle of the motor never turns back" in one.reason) == is_law
 
 
 def test_a_law_takes_the_place_of_another() -> None:
-    drive = replace(ROBOT.drives["knee_pitch"], friction=("viscous", "dahl"))
-    assert with_term(drive, "friction", "maxwell_slip").friction == ("viscous", "maxwell_slip")
-    asked = {"friction": ("coulomb", "smooth_coulomb", "dahl", "maxwell_slip", "load")}
+    drive = replace(ROBOT.drives["knee_pitch"], friction=("viscous", "smooth_coulomb"))
+    drive = with_term(drive, "friction", "dahl")
+    assert drive.friction == ("viscous", "dahl")
+    asked = {"friction": ("coulomb", "smooth_coulomb", "dahl", "load")}
     assert [term for _, term in possible_terms(drive, asked)] == ["load"]
 
 
@@ -228,7 +223,7 @@ def test_a_dead_zone_whose_teeth_bounce_is_found_at_a_higher_cutoff(tmp_path: Pa
     truth = arm(tmp_path, STIFF, with_terms(contact, terms, values))
     log = measure(truth, hysteresis.motion_of(truth, 0), hysteresis.SENSORS, 0)
     known = arm(tmp_path, STIFF, contact).without_nominal()
-    terms = {"spring": ("dahl", "maxwell_slip", "dead_zone")}
+    terms = {"spring": ("dahl", "dead_zone")}
     found = compare_terms(known, log, joints=["two"], terms=terms)
     assert dict(found.recommended) == {"two": (("spring", "dead_zone"),)}
     (chosen,) = (one for one in found.comparisons if one.selected)
