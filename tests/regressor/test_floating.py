@@ -318,7 +318,10 @@ OF_ALL = [
 @pytest.mark.parametrize("name", OF_ALL)
 def test_exact_columns_of_stances_are_the_numeric_ones(name: str) -> None:
     robot, links = standing(name), {**FEET, **SOLES}.get(name, ())
-    for touching, measured in stances_of_feet(links):
+    all_stances = stances_of_feet(links)
+    # in flight, on all feet, and with a wrench measured; those between with robots of each kind
+    stances = all_stances if name in QUICK else [*all_stances[:1], *all_stances[-3:-1]]
+    for touching, measured in stances:
         exact = columns_of_stances(robot, [touching], measured=measured)
         if not exact:
             with pytest.raises(ExcitationError, match="is identifiable from"):
@@ -327,7 +330,7 @@ def test_exact_columns_of_stances_are_the_numeric_ones(name: str) -> None:
         found = seaid.base_parameters(robot, stances=[touching], measured=measured)
         assert exact == found.columns, (touching, measured)
     apart = [[link] for link in links]
-    if apart:
+    if apart and name in QUICK:
         assert columns_of_stances(robot, apart) == columns_of_stances(robot, [[]])
 
 
