@@ -41,6 +41,7 @@ def test_full_output_is_said_in_one_line(tmp_path: Path) -> None:
             ("seaid --help | true", 1),
             ("seaid --help >&-", 0),
             ("seaid --version >&- 2>&- <&-", 0),
+            ("seaid compare nothing.json 2> /dev/full", 1),
             ("seaid inspect nothing.urdf 2> /dev/full", 1),
             ("seaid inspect nothing.urdf > /dev/full 2>&1", 1),
             ("seaid inspect nothing.urdf 2>&-", 1),
