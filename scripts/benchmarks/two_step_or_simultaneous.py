@@ -54,8 +54,12 @@ def three_ways(known: seaid.Robot, log: seaid.Log, zero_std: float) -> tuple[Arr
     motion, springs = reconstruct_motion(known, log), tuple(first.springs)
     regress = partial(simultaneous_regression, known, model=first.model, springs=springs)
     # `identify` may have added terms that the log supports, such as an offset of a torque
-    columns = [column for column in regress(motion).names if isinstance(column, JointParameter)]
-    drives = [first.drives[column.joint].value(column.parameter) for column in columns]
+    columns = regress(motion).names[: -len(first.model.names)]
+    drives = [
+        first.drives[column.joint].value(column.parameter)
+        for column in columns
+        if isinstance(column, JointParameter)
+    ]
     start = np.append(drives, first.load_side.values)
     rows = offset_sensitivity(known, motion, regress, start)
     zeros = zero_std**2 * np.eye(known.n)
