@@ -28,7 +28,7 @@ from scripts.short_form import sized, words
 from seaid._arrays import Array
 from seaid.identification import whole_body
 
-DURATION_S, RATE_HZ, PERIOD_S, SWING = sized(20.0, 2.0), 1000, 0.6, 0.4
+DURATION_S, RATE_HZ, PERIOD_S, SWING = sized(20.0, 4.0), 1000, 0.6, 0.4
 FRICTION, VISCOUS, ROTOR = 0.02, 0.01, 8e-4
 """Of each joint [N m], [N m s/rad], [kg m^2]."""
 
