@@ -182,7 +182,7 @@ def with_setup_findings(given: Experiment, known: Sequence[Finding]) -> list[Fin
     Torques beyond their limits are no finding of joints whose gains are in another unit, or whose
     limit is another one.
     """
-    known = [one for one in known if one.code != "delay"] + [*_decided_delays(given, known)]
+    known = [one for one in known if _HELD not in one.evidence] + [*_decided_delays(given, known)]
     found = [*known, *_setup_findings(given, known)]
     joints = [joint for one in found for joint in one.joints]
     return [x for x in found if x.code != "saturation" or x.joints or x.joint not in joints]
@@ -207,7 +207,7 @@ def _setup_findings(given: Experiment, known: Sequence[Finding]) -> list[Finding
         return [one for one in found if one.joint not in stopped]
     found, without = mistakes(given)
     beyond = [] if found else list(limit_findings(given))
-    is_late = any(one.code == "delay" and one.severity == "doubtful" for one in known)
+    is_late = any(_HELD in one.evidence and one.severity == "doubtful" for one in known)
     return [*found, *beyond, *(() if is_late else delay_findings(without))]
 
 
@@ -358,6 +358,10 @@ def _saturated(logs: Sequence[Log]) -> Iterator[Finding]:
         )
 
 
+_HELD = "samples held"
+"""The evidence of torques that are held over samples of their log."""
+
+
 def _held_torques(logs: Sequence[Log], used: Collection[str]) -> Iterator[Finding]:
     """Yield the motor torques that come more rarely than the samples of their log.
 
@@ -386,7 +390,7 @@ def _held_torques(logs: Sequence[Log], used: Collection[str]) -> Iterator[Findin
                 "biases friction, unless the motors give them so",
                 joints[0] if len(joints) == 1 else "",
                 "note",
-                {"samples": count, "delay [s]": late},
+                {_HELD: count, "delay [s]": late},
                 "\n".join(lines),
                 "possible",
                 tuple(joints),
@@ -560,7 +564,7 @@ def _decided_delays(given: Experiment, known: Sequence[Finding]) -> Iterator[Fin
 
     Torques that a motor gets held are not late; a longer delay has another cause.
     """
-    for one in (one for one in known if one.code == "delay"):
+    for one in (one for one in known if _HELD in one.evidence):
         places = {given.robot.index(joint) for joint in one.joints}
         delays = [delay for j, delay in given.torque_delays.items() if j in places]
         late = one.evidence["delay [s]"]

@@ -698,7 +698,7 @@ def test_torques_held_over_samples_are_named_and_the_remedy_repairs_them(tmp_pat
     held = read(torque[pairs])
     (finding,) = check(robot, held).warnings
     assert (finding.code, finding.severity, finding.joints) == ("delay", "doubtful", ("arm",))
-    assert finding.evidence == pytest.approx({"samples": 2, "delay [s]": 0.0005})
+    assert finding.evidence == pytest.approx({"samples held": 2, "delay [s]": 0.0005})
     head, text = finding.remedy.split("\n", 1)
     assert head == "in the description of the log:"
     repaired = read(torque[pairs], tomllib.loads(text))
