@@ -86,6 +86,7 @@ def test_a_deleted_working_folder_is_said(tmp_path: Path) -> None:
     assert error.count(b"\n") == error.count(b"the working folder has been deleted: change") == 2
 
 
+@pytest.mark.slow  # two commands in processes of their own
 def test_output_may_be_the_terminal_or_nothing(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("time,angle\n" + "".join(f"{n},{n}\n" for n in range(60)))
     code, out, error = shell("seaid describe a.csv -o /dev/stdout", tmp_path)

@@ -343,6 +343,7 @@ def test_runs_and_parameters_are_not_mixed(
     assert "give runs, for a page" in run("compare", file, file, "-o", tmp_path / "a.html").err
 
 
+@pytest.mark.slow  # two replays of a log by two sets of drives
 def test_replay_compares_the_given_drives_with_the_identified_ones(
     arm: Path, tmp_path: Path
 ) -> None:
