@@ -184,9 +184,9 @@ def test_content_that_was_changed_is_found_by_its_checksum(tmp_path: Path) -> No
 @pytest.mark.parametrize(
     ("place", "value", "words"),
     [
-        (("load", "values"), "a", "Estimate.values is a"),
-        (("load", "covariance"), np.zeros((2, 3)), r"Estimate.covariance has the shape \(2, 3\)"),
-        (("load", "names"), ["a", 1], "Estimate.names is"),
+        (("load", "values"), "a", "values must be numbers of shape"),
+        (("load", "covariance"), np.zeros((2, 3)), r"covariance must have shape .* found \(2, 3\)"),
+        (("load", "names"), ["a", 1], r"values must have shape \(2\)"),
         (("cutoff_hz",), "6", "Identification.cutoff_hz is 6"),
         (("robot", "parameters"), np.zeros(7), r"Robot.parameters has the shape \(7,\)"),
         (("robot",), None, "Identification.robot is None"),
