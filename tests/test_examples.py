@@ -41,6 +41,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return place
 
 
+@pytest.mark.slow  # 0.9 s
 @pytest.mark.parametrize(
     "name",
     # they simulate a whole plan, search for one, or identify with a report or an export

@@ -307,6 +307,7 @@ def writes(name: str, call: ast.Call) -> bool:
     return opened or name in ("write_text", "write_bytes", "tofile")
 
 
+@pytest.mark.slow  # 0.7 s
 def test_files_are_written_in_one_place() -> None:
     """Elsewhere only what `whole_file` gave is written to, what closed streams say, and messages
     between a process and its child, in a temporary folder of theirs.

@@ -121,6 +121,7 @@ def test_right_set_up_predicts_the_unseen_motion(arm: Subject) -> None:
     assert not gauntlet.is_right(Case(arm), errors + 0.05)
 
 
+@pytest.mark.slow  # 0.8 s
 def test_report_counts_what_was_found(arm: Subject, monkeypatch: pytest.MonkeyPatch) -> None:
     outcomes = [judged(arm, monkeypatch, "unit")]
     assert gauntlet.matrix(outcomes, ["leg", "stiff"]) == [["mN m", "severe", ".", "R"]]

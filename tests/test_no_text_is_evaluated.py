@@ -101,6 +101,7 @@ def calls(name: str) -> Iterator[ast.Call]:
                 yield node
 
 
+@pytest.mark.slow  # 0.5 s
 @pytest.mark.parametrize("name", sorted(NEVER))
 def test_what_runs_text_does_not_occur(name: str) -> None:
     allowed = {"re.compile"} if name == "compile" else set()
@@ -127,6 +128,7 @@ def test_what_could_run_text_occurs_for_a_reason(name: str, places: set[str]) ->
     assert users(name) == places
 
 
+@pytest.mark.slow  # 0.7 s
 def test_sympify_is_strict_and_numpy_loads_no_objects() -> None:
     given = [{k.arg: k.value for k in call.keywords} for call in calls("sympify")]
     assert given

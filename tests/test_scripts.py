@@ -146,6 +146,7 @@ def test_main_job_flags_the_unloaded_spring(tulip: tuple[Path, str]) -> None:
     assert "21 base parameters are identifiable, from all five 29" in tulip[1]
 
 
+@pytest.mark.slow  # 4.5 s
 def test_gallery_draws_what_the_page_shows(tmp_path: Path) -> None:
     done = run("scripts/gallery.py", "excitation", "--output", str(tmp_path))
     assert done.returncode == 0, done.stderr
@@ -156,6 +157,7 @@ def test_gallery_draws_what_the_page_shows(tmp_path: Path) -> None:
     assert "no picture is named nothing" in run("scripts/gallery.py", "nothing").stderr
 
 
+@pytest.mark.slow  # 2.1 s
 def test_missing_measured_sets_are_one_line_each(tmp_path: Path) -> None:
     done = run("scripts/real_data.py", "--data", str(tmp_path), "--output", str(tmp_path / "out"))
     assert done.returncode == 0, done.stderr
@@ -163,6 +165,7 @@ def test_missing_measured_sets_are_one_line_each(tmp_path: Path) -> None:
     assert "0 of 0 asked figures met" in done.stdout
 
 
+@pytest.mark.slow  # 2.2 s
 def test_broken_measured_log_is_a_line_of_the_table(tmp_path: Path) -> None:
     (tmp_path / "ur10_exciting").mkdir()
     (tmp_path / "ur10_exciting" / "broken.npz").write_text("t_stamp,pos\n0,1\n1,x\n")
@@ -179,6 +182,7 @@ def test_measured_logs_without_their_originals_are_left_as_they_are(tmp_path: Pa
     assert done.stdout.startswith("skipped: the originals are not here, no folder '")
 
 
+@pytest.mark.slow  # 0.7 s
 def test_shipped_log_that_is_not_its_original_is_found(tmp_path: Path) -> None:
     (tmp_path / "hebi_x5_unloaded").mkdir()
     for name in ("exampleLog.csv", "exampleLog.hebilog", "LICENSE.txt"):
@@ -220,6 +224,7 @@ def test_plan_writes_every_file_and_says_where(tmp_path: Path) -> None:
         assert f"\n  {joint} " in done.stdout
 
 
+@pytest.mark.slow  # 4.1 s
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -237,6 +242,7 @@ def test_bad_plan_is_one_line(arguments: tuple[str, ...], message: str, tmp_path
     assert done.stderr.count("\n") == 1
 
 
+@pytest.mark.slow  # 2.4 s
 def test_unwritable_folder_is_one_line(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("in the way")
     done = run("scripts/identify_tulip_leg.py", "--output", str(tmp_path / "file" / "out"))

@@ -107,7 +107,7 @@ def run_project(
 
     Examples
     --------
-    >>> done = seaid.run_project("leg")
+    >>> done = seaid.run_project("seaid.toml")  # or its folder
     >>> print(done.runs[""].identification.summary())
     """
     project = project if isinstance(project, Project) else load_project(project)

@@ -226,6 +226,7 @@ def test_inspect_as_json_is_what_the_library_says(arm: Path) -> None:
     assert found["by_derivatives"] == list(derivatives.expressions)
 
 
+@pytest.mark.slow  # 0.6 s
 def test_inspect_measures_planned_motions(arm: Path, tmp_path: Path) -> None:
     robot = seaid.load_robot(arm / "arm.urdf", arm / "arm.toml")
     basis = seaid.excitation.make_basis("bspline", 4.0, 10)
@@ -313,6 +314,7 @@ def test_json_of_identify_is_what_it_writes(arm: Path, tmp_path: Path) -> None:
     assert said.err.splitlines()[-1] == f"Results: {file}"
 
 
+@pytest.mark.slow  # 0.8 s
 def test_check_names_a_mistake_and_fails_on_request(arm: Path, tmp_path: Path) -> None:
     right = done("check", *robot_and_drives(arm), arm / "run.csv")
     assert "nothing contradicts the set-up" in right.out
@@ -574,6 +576,7 @@ def examples() -> list[str]:
     return [line.partition("  ")[0] for line in lines if re.match(r"seaid [a-z]+ [\w/]+\.", line)]
 
 
+@pytest.mark.slow  # 0.6 s
 def test_every_example_is_right_usage() -> None:
     found = examples()
     assert len(found) > 20

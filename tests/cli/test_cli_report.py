@@ -47,6 +47,7 @@ def test_report_without_validation_says_so_and_is_json_for_machines(
     assert "Physically consistent parameters" in text
 
 
+@pytest.mark.slow  # 2.3 s
 def test_report_keeps_what_is_there_and_what_it_reads(arm: Path, tmp_path: Path) -> None:
     page = tmp_path / "report.html"
     page.write_text("mine")

@@ -34,6 +34,7 @@ def test_full_output_is_said_in_one_line(tmp_path: Path) -> None:
     assert (code, error) == (1, b"error: cannot write the output: No space left on device\n")
 
 
+@pytest.mark.slow  # 1.7 s
 @pytest.mark.parametrize(
     ("line", "code"),
     quick_first(  # a process each; those after the first load what a command needs
@@ -67,6 +68,7 @@ def test_a_path_that_is_no_text_is_read_and_named(tmp_path: Path) -> None:
     assert (code, error.count(b"\n")) == (1, 1)
 
 
+@pytest.mark.slow  # 1.7 s
 def test_a_plain_terminal_gets_letters_it_has_not_as_others(tmp_path: Path) -> None:
     plain = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0", "TERM": "dumb"}
     head = "time,höhe_position\n"

@@ -34,6 +34,7 @@ def test_contacts_are_those_of_their_text() -> None:
     assert "no base is named 'float'" in refused("inspect", "go2", "--base", "float")
 
 
+@pytest.mark.slow  # 1.2 s
 def test_inspect_shows_what_stances_determine() -> None:
     found = json.loads(done("inspect", *GO2, "--json").out)["result"]["stances"]
     assert [one["base_parameters"] for one in found.values()] == [94, 93, 93, 93, 93, 90]

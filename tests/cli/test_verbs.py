@@ -31,6 +31,7 @@ def result_of(*arguments: str | Path) -> dict[str, object]:
     return content
 
 
+@pytest.mark.slow  # 2.0 s
 def test_refine_is_that_of_the_library_and_starts_from_a_run_too(
     arm: Path, runs: tuple[Path, Path], tmp_path: Path
 ) -> None:
@@ -105,6 +106,7 @@ def test_gear_ratio_behind_a_spring_uses_its_deflection(arm: Path, tmp_path: Pat
     assert found["elbow"]["ratio"] == pytest.approx(100.0)
 
 
+@pytest.mark.slow  # 0.7 s
 def test_cross_validation_is_that_of_the_library(arm: Path) -> None:
     robot, logs = robot_of(arm), [log_of(arm), log_of(arm, "other.csv")]
     options = ("--estimator", "ols", "--cutoff-hz", "6")
@@ -256,6 +258,7 @@ def test_code_is_that_of_the_library(arm: Path, tmp_path: Path, suffix: str) -> 
     assert "must end in .py or .c" in run("codegen", arm / "arm.urdf", "-o", "arm.m").err
 
 
+@pytest.mark.slow  # 0.9 s
 def test_encoder_offsets_of_a_simulation(arm: Path, tmp_path: Path) -> None:
     line = ("simulate", *robot_and_drives(arm), arm / "short_plan.json")
     noise = ("--joint-offset", "elbow=0.02", "--motor-offset", "0.3", "--torque-std", "0.001")
@@ -273,6 +276,7 @@ def test_encoder_offsets_of_a_simulation(arm: Path, tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.slow  # 1.1 s
 def test_every_limit_of_the_library_is_an_option(arm: Path, tmp_path: Path) -> None:
     from dataclasses import fields
 

@@ -128,6 +128,7 @@ def test_force_and_torque_of_the_errors() -> None:
     assert spring_curve(drive).force(np.array([0.01]))[0] == pytest.approx(3.0)  # not the spring's
 
 
+@pytest.mark.slow  # 3.4 s
 def test_transmission_error_is_recovered_in_rad() -> None:
     drive = found(truth()).drives["shoulder"]
     true = {
@@ -194,6 +195,7 @@ def test_remedy_as_printed_repairs_the_result() -> None:
     assert "transmission-error" not in {flag.code for flag in one.warnings}
 
 
+@pytest.mark.slow  # 2.1 s
 def test_a_second_log_may_turn_the_gear_less_than_once() -> None:
     """The slide's gear turns 2.6 times in the whole log and 0.7 times in a part of it."""
     log = arm_log(0)

@@ -53,6 +53,7 @@ def test_windows_sum_to_the_textbook_formula(lags: int) -> None:
     assert np.allclose(white, x.T @ x, rtol=1e-12)
 
 
+@pytest.mark.slow  # 0.5 s
 @pytest.mark.rounding
 @given(cuts=st.lists(st.integers(0, 100), max_size=6), lags=st.integers(0, 60))
 def test_chunks_give_what_the_whole_gives(cuts: list[int], lags: int) -> None:

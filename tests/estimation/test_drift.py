@@ -72,6 +72,7 @@ def held(estimate: Estimate) -> Array:
     return np.asarray((lower <= TRUTH) & (upper >= TRUTH))[[0, 2]]
 
 
+@pytest.mark.slow  # 0.6 s
 def test_intervals_hold_where_a_torque_drifts() -> None:
     """Of gravity 79 % hold without drift in the covariance, and of the offset 56 %."""
     draws = [data(seed, (0.1,)) for seed in range(80)]

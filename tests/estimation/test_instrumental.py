@@ -50,6 +50,7 @@ def experiment(
     return rows, Z
 
 
+@pytest.mark.slow  # 0.5 s
 def test_noise_in_a_column_biases_least_squares_and_not_instruments() -> None:
     plain, freed = [], []
     for seed in range(60):
@@ -61,6 +62,7 @@ def test_noise_in_a_column_biases_least_squares_and_not_instruments() -> None:
     assert abs(np.mean(plain, axis=0)[1] - TRUTH[1]) > 20 * error[1]
 
 
+@pytest.mark.slow  # 2.0 s
 def test_errors_are_as_large_as_the_standard_errors_say() -> None:
     scores = []
     for seed in range(300):
@@ -175,6 +177,7 @@ def test_noise_of_one_equation_in_one_column_is_regressed_the_other_way_round() 
     assert again.residual_std == pytest.approx(np.std(rows.y - rows.H @ theta), rel=0.01)
 
 
+@pytest.mark.slow  # 2.8 s
 def test_noise_of_logged_currents_biases_least_squares_only() -> None:
     noisy, scores, plain, truth = [0, 1, 2], [], [], np.empty(0)
     for seed in range(250):

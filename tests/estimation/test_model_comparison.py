@@ -59,6 +59,7 @@ def test_a_term_that_is_there_is_worth_it_and_one_that_is_not_is_not() -> None:
     assert not missing.is_supported
 
 
+@pytest.mark.slow  # 0.9 s
 def test_what_is_not_there_is_seldom_found() -> None:
     """The rate of false alarms of one question of six, 400 draws."""
     draws = (rows((1.0, -2.0, 0.0, 0.0), seed=seed) for seed in range(400))

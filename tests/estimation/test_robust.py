@@ -69,6 +69,7 @@ def scatter(estimator: Solver, runs: int, **setting: float) -> Array:
     return np.array([estimator(experiment(seed, **setting)).values for seed in range(runs)])  # type: ignore[arg-type]
 
 
+@pytest.mark.slow  # 3.8 s
 @ROBUST
 def test_five_of_a_hundred_gaussian_rows_are_lost(estimator: Solver) -> None:
     """95 % efficiency: errors grow by 1 / sqrt(0.95)."""
@@ -76,6 +77,7 @@ def test_five_of_a_hundred_gaussian_rows_are_lost(estimator: Solver) -> None:
     assert robust == pytest.approx(plain / np.sqrt(0.95), rel=0.025)
 
 
+@pytest.mark.slow  # 10.6 s
 @ROBUST
 @pytest.mark.parametrize(("phi", "share"), [(0.0, 0.0), (0.8, 0.2)])
 def test_errors_are_as_large_as_the_standard_errors_say(
@@ -125,6 +127,7 @@ def test_weights_solve_the_estimating_equation(estimator: Solver) -> None:
     assert np.all(np.abs(data.H.T @ (psi / scale)) < 1e-3 * size)
 
 
+@pytest.mark.slow  # 0.8 s
 @ROBUST
 def test_equations_have_their_own_scales(estimator: Solver) -> None:
     good = np.array([estimator(experiment(seed, 300, (0.1, 5.0))).values for seed in range(20)])
@@ -188,6 +191,7 @@ def test_what_does_not_settle_is_refused(monkeypatch: pytest.MonkeyPatch) -> Non
         huber(spoiled(experiment(7), 0.2))
 
 
+@pytest.mark.slow  # 2.4 s
 @pytest.mark.parametrize("name", ["huber", "tukey"])
 def test_a_saturated_amplifier_in_a_log(name: LinearEstimator) -> None:
     """The torque sensor of one joint stands at a wrong value for a tenth of the log."""

@@ -174,6 +174,7 @@ def test_no_room_for_rows_is_said(npz: Path, monkeypatch: pytest.MonkeyPatch) ->
         stream_estimate([opened(npz)], actuator)
 
 
+@pytest.mark.slow  # 2.0 s
 def test_logs_are_stacked(npz: Path, tmp_path: Path) -> None:
     write_log(log(1), tmp_path / "other.npz")
     logs = [opened(npz), opened(tmp_path / "other.npz")]

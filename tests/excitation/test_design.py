@@ -54,6 +54,7 @@ def test_leg_from_ten_seconds_rest_to_rest(leg: Robot) -> None:
     kept(leg, found, limits)
 
 
+@pytest.mark.slow  # 1.9 s
 @pytest.mark.rounding
 def test_condition_number_is_raw_and_of_the_columns_in_base(slider_arm: Robot) -> None:
     found = plan(slider_arm)
@@ -105,6 +106,7 @@ def test_only_some_torques_known(leg: Robot) -> None:
     assert np.isfinite(found.condition_number)
 
 
+@pytest.mark.slow  # 1.6 s
 def test_free_ends_reach_further(leg: Robot) -> None:
     """Rest is one of the free ends: the least condition number is no more, here 25 for 27.
 

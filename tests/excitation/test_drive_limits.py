@@ -97,6 +97,7 @@ def test_gradient_of_loads_equals_differences(elastic_leg: Robot) -> None:
         np.testing.assert_allclose(found, numeric, rtol=1e-6, atol=1e-9 * np.abs(numeric).max())
 
 
+@pytest.mark.slow  # 1.5 s
 def test_limits_on_drives_hold_between_the_samples_too(elastic_leg: Robot) -> None:
     limits = Limits(
         velocity=2.5,
@@ -148,6 +149,7 @@ def test_a_limit_that_the_middle_breaks_is_kept_by_going_elsewhere(elastic_leg: 
     assert abs(joint_torques(elastic_leg, middle, still, still)[0, 2]) > 6.5
 
 
+@pytest.mark.slow  # 2.2 s
 @pytest.mark.parametrize(
     ("limits", "words"),
     [

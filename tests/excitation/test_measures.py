@@ -96,6 +96,7 @@ def test_a_determinant_is_that_of_an_independent_route() -> None:
         assert scaled_condition_and_d_value(dependent) == (np.inf, 0.0)
 
 
+@pytest.mark.slow  # 0.5 s
 def test_measures_include_the_drives_and_do_not_depend_on_how_densely_a_motion_is_sampled() -> None:
     one, other = (excitation_measures(leg(), motion) for motion in (ONE, OTHER))
     assert one.has_drives

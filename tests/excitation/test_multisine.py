@@ -67,6 +67,7 @@ def test_a_multisine_uses_and_keeps_the_limits() -> None:
     assert np.all(np.abs(torque) <= leg().effort_limits)
 
 
+@pytest.mark.slow  # 3.5 s
 def test_experiments_are_orthogonal_and_realisations_differ() -> None:
     free = Limits(acceleration=60.0, joint_torque=math.inf)
     plans = [plan(replace(SHAPE, experiment=e, amplitude=0.05), limits=free) for e in range(5)]

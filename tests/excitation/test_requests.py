@@ -149,6 +149,7 @@ def test_one_long_log_counts_as_its_parts(leg: Robot) -> None:
 PEDESTAL = Box(center=(0.3, 0.1, -0.4), size=(0.2, 0.3, 0.3), name="pedestal")
 
 
+@pytest.mark.slow  # 1.2 s
 def test_bodies_and_boxes_stay_apart(slider_arm_with_bodies: tuple[Path, Robot]) -> None:
     path, robot = slider_arm_with_bodies
     scene = load_scene(path, robot, keep_out=[PEDESTAL], clearance_m=0.02)
@@ -162,6 +163,7 @@ def test_bodies_and_boxes_stay_apart(slider_arm_with_bodies: tuple[Path, Robot])
     assert np.isfinite(found.condition_number)
 
 
+@pytest.mark.slow  # 1.2 s
 def test_a_box_that_cannot_be_left_is_named(slider_arm_with_bodies: tuple[Path, Robot]) -> None:
     path, robot = slider_arm_with_bodies
     wall = Box(center=(0.0, 0.1, -0.2), size=(0.2, 0.2, 0.2), name="wall")

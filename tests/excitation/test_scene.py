@@ -268,6 +268,7 @@ def mesh_arm(filename: str) -> str:
     return PLANAR.replace(ball, link("lower", f"{mesh} at 0.4 0 0"))
 
 
+@pytest.mark.slow  # 0.6 s
 @pytest.mark.parametrize(
     ("filename", "folder"),
     quick_first(
@@ -291,6 +292,7 @@ def test_meshes_beside_the_file_are_found_and_are_hulls(
     assert found[1, 0] < 0
 
 
+@pytest.mark.slow  # 0.6 s
 @pytest.mark.parametrize("package_dirs", quick_first(["packages", ["packages"], ["packages/arm"]]))
 def test_package_dirs_hold_packages_or_are_one(
     write_urdf: Write, tmp_path: Path, package_dirs: Any, monkeypatch: pytest.MonkeyPatch
@@ -312,12 +314,14 @@ def test_a_mesh_with_a_name_too_long_for_a_file_is_not_found(write_urdf: Write, 
         load_scene(path, load_robot(path))
 
 
+@pytest.mark.slow  # 0.6 s
 def test_a_file_url_is_a_full_path(write_urdf: Write, tmp_path: Path) -> None:
     (tmp_path / "part.obj").write_text(TETRAHEDRON)
     path = write_urdf(mesh_arm(f"file://{tmp_path / 'part.obj'}"))
     assert load_scene(path, load_robot(path)).pairs == (("ground", "lower"),)
 
 
+@pytest.mark.slow  # 0.6 s
 def test_a_flat_mesh_has_no_hull(write_urdf: Write, tmp_path: Path) -> None:
     (tmp_path / "flat.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nf 1 2 3\nf 2 4 3\n")
     path = write_urdf(mesh_arm("flat.obj"))
@@ -339,6 +343,7 @@ PLY = (
 )
 
 
+@pytest.mark.slow  # 1.7 s
 @pytest.mark.parametrize(
     ("name", "content", "words"),
     [
@@ -362,6 +367,7 @@ def test_a_damaged_mesh_does_not_end_the_process(
     assert f"link 'lower': collision mesh '{tmp_path / name}'" in str(caught.value)
 
 
+@pytest.mark.slow  # 0.6 s
 def test_a_mesh_has_three_scales(write_urdf: Write, tmp_path: Path) -> None:
     (tmp_path / "part.obj").write_text(TETRAHEDRON)
     for scale in ("1 1", "1 0 1", "1 1 inf"):
@@ -373,6 +379,7 @@ def test_a_mesh_has_three_scales(write_urdf: Write, tmp_path: Path) -> None:
     assert found[0, 0] < 0.8
 
 
+@pytest.mark.slow  # 0.8 s
 def test_ur10_has_the_pairs_one_expects_and_exact_gradients(
     example_path: Callable[[str], Path], load_quietly: Callable[..., Robot]
 ) -> None:

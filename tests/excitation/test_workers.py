@@ -53,6 +53,7 @@ def by_default(slider_arm: Robot) -> Excitation:
     return plan(slider_arm)
 
 
+@pytest.mark.slow  # 0.5 s
 @pytest.mark.parametrize(
     "executors",
     [

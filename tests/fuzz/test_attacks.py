@@ -162,6 +162,7 @@ def bomb_joints(path: Path) -> None:
 XML_BOMBS = (bomb_entities, bomb_external, bomb_depth, bomb_joints)
 
 
+@pytest.mark.slow  # 0.9 s
 @pytest.mark.parametrize("bomb", XML_BOMBS, ids=lambda one: one.__name__)
 @pytest.mark.parametrize("reader", ["urdf", "srdf"])
 def test_xml_bombs_are_refused(tmp_path: Path, bomb: Callable[[Path], None], reader: str) -> None:
@@ -228,6 +229,7 @@ LOG_BOMBS: dict[str, tuple[str, Use]] = {
 }
 
 
+@pytest.mark.slow  # 1.4 s
 @pytest.mark.parametrize(
     "bomb",
     # the file of the last is as large as it says: twelve million rows

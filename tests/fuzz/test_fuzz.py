@@ -29,6 +29,7 @@ SLOW = ("mesh", "bag", "mat", "hebilog", "identify", "scene", "json", "parquet",
 """Targets with a process for each file, an identification, or whole logs."""
 
 
+@pytest.mark.slow  # 2.1 s
 @pytest.mark.parametrize(
     "name",
     [
@@ -64,6 +65,7 @@ def test_a_case_is_its_target_and_seed(name: str, tmp_path: Path) -> None:
     assert one == two
 
 
+@pytest.mark.slow  # 0.8 s
 def test_children_that_end_or_hang_are_counted_kept_and_replaced(tmp_path: Path) -> None:
     child = Child(tmp_path / "child", tmp_path, work, 0.5)
     cases = [(name, seed) for seed, name in enumerate(("good", "crash", "good", "time", "good"))]

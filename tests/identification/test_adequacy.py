@@ -63,6 +63,7 @@ def test_a_channel_in_no_equation_is_said() -> None:
     ]
 
 
+@pytest.mark.slow  # 0.9 s
 def test_torques_that_are_noise_are_named() -> None:
     log = leg_log()
     noise = np.random.default_rng(0).normal(size=len(log.time))
@@ -76,6 +77,7 @@ def test_torques_that_are_noise_are_named() -> None:
     assert found.verdict.level == "do not use"
 
 
+@pytest.mark.slow  # 0.5 s
 def test_a_torque_of_the_wrong_sign_is_named_where_no_spring_explains_it() -> None:
     """The search for a spring that is not linear fails before a result can have findings."""
     log = leg_log()
@@ -144,6 +146,7 @@ def test_a_torque_of_which_much_is_unexplained_is_doubtful() -> None:
     assert found.verdict.level == "usable with care"
 
 
+@pytest.mark.slow  # 0.8 s
 def test_a_contact_is_named_with_its_time() -> None:
     log = leg_log()
     torque = log.motor_torque.copy()

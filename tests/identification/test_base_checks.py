@@ -71,6 +71,7 @@ def test_a_right_log_has_no_findings() -> None:
     assert found(orientation=-np.array(base.orientation)) == []  # the same rotation
 
 
+@pytest.mark.slow  # 4.4 s
 def test_exchanged_flags_are_named_with_their_columns() -> None:
     own = flags()
     one, other = GO2_FEET[0], GO2_FEET[3]

@@ -90,6 +90,7 @@ def test_right_set_ups_have_no_warning(case: str, seed: int) -> None:
     assert seaid.check(robot.without_nominal(), log).warnings == ()
 
 
+@pytest.mark.slow  # 1.1 s
 @pytest.mark.parametrize("seed", range(4))
 def test_nominal_bodies_that_are_a_fifth_off_are_no_mistake(seed: int) -> None:
     random = np.random.default_rng(seed)
@@ -109,6 +110,7 @@ FLIPPED = [  # each channel of a spring, and each kind of joint
 ]
 
 
+@pytest.mark.slow  # 0.7 s
 @pytest.mark.parametrize(("case", "j", "channels"), quick_first(FLIPPED))
 def test_a_flipped_channel_is_named_and_the_remedy_repairs_it(
     case: str, j: int, channels: str
@@ -121,6 +123,7 @@ def test_a_flipped_channel_is_named_and_the_remedy_repairs_it(
     assert seaid.check(robot, described(wrong, finding.remedy)).warnings == ()
 
 
+@pytest.mark.slow  # 1.6 s
 @pytest.mark.parametrize(("unit", "factor"), quick_first([("mNm", 1e3), ("kNm", 1e-3)]))
 @pytest.mark.parametrize("case", quick_first(CASES))
 def test_torques_in_another_unit(case: str, unit: str, factor: float) -> None:
@@ -148,6 +151,7 @@ def test_torques_behind_the_gears_under_the_name_of_the_motors() -> None:
     assert seaid.check(robot, right).warnings == ()
 
 
+@pytest.mark.slow  # 0.7 s
 @pytest.mark.parametrize(("j", "channels"), quick_first([(3, "q"), (3, "m"), (0, "qm")]))
 def test_angles_in_degrees(j: int, channels: str) -> None:
     wrong = of_joint(leg_log(), j, **{CHANNELS[one]: 180 / np.pi for one in channels})
@@ -156,6 +160,7 @@ def test_angles_in_degrees(j: int, channels: str) -> None:
     assert seaid.check(leg(TEST_MASS), described(wrong, finding.remedy)).warnings == ()
 
 
+@pytest.mark.slow  # 0.8 s
 @pytest.mark.parametrize(
     ("i", "j", "channels"), quick_first([(0, 1, "t"), (2, 3, "t"), (2, 3, "qm"), (1, 4, "tqm")])
 )
@@ -194,6 +199,7 @@ def custom(folder: Path, log: Log) -> tuple[Path, dict[str, Any]]:
     return folder / "run.npz", {"time": "t", "joints": joints}
 
 
+@pytest.mark.slow  # 1.2 s
 @pytest.mark.parametrize(
     ("quantity", "change", "code"),
     quick_first(
@@ -239,6 +245,7 @@ def test_exchanged_channels_keep_what_a_description_says_of_them(tmp_path: Path)
     }
 
 
+@pytest.mark.slow  # 1.0 s
 @pytest.mark.parametrize("joint", quick_first(["knee_pitch", "hip_yaw", "ankle_pitch"]))
 def test_a_gear_ratio_and_a_rotor_inertia_that_the_motion_contradicts(joint: str) -> None:
     robot = leg(TEST_MASS)
@@ -271,6 +278,7 @@ def with_gravity(robot: Robot, *gravity: float) -> Robot:
     return replace(robot, model=model)
 
 
+@pytest.mark.slow  # 0.5 s
 @pytest.mark.parametrize(
     "gravity", quick_first([[9.81, 0, 0], [0, -9.81, 0], [0, 0, 9.81], [0, 2.54, -9.48]])
 )
@@ -347,6 +355,7 @@ def test_a_payload_is_estimated_where_nominal_masses_matter_least() -> None:
     assert mass == pytest.approx(2.0, rel=0.02)
 
 
+@pytest.mark.slow  # 0.8 s
 def test_two_mistakes_are_both_named() -> None:
     wrong = of_joint(of_joint(leg_log(), 1, motor_torque=1e3), 3, joint_position=-1.0)
     warnings = seaid.check(leg(TEST_MASS), wrong).warnings

@@ -119,6 +119,7 @@ def test_what_differs_is_said_and_what_does_not_too() -> None:
     assert line.split()[-1] == "yes"
 
 
+@pytest.mark.slow  # 0.5 s
 @pytest.mark.rounding
 def test_all_shared_is_one_identification_of_both_logs(monkeypatch: pytest.MonkeyPatch) -> None:
     """Conditions have no torque offsets."""

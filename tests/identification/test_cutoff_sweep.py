@@ -43,6 +43,7 @@ def test_a_band_that_tells_other_parameters_is_refused(monkeypatch: pytest.Monke
     assert np.all(np.isnan(result.values[result.cutoffs_hz == 6.0]))
 
 
+@pytest.mark.slow  # 2.0 s
 def test_rows_are_those_of_identify_and_the_proposed_band_is_among_them() -> None:
     result = scanned()
     plain, six = identify(KNOWN, log()), identify(KNOWN, log(), cutoff_hz=6.0)

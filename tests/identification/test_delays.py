@@ -145,6 +145,7 @@ def test_errors_are_as_large_as_the_standard_errors_say() -> None:
     check_scores(scores, 1.3, band=1.2)
 
 
+@pytest.mark.slow  # 1.6 s
 @pytest.mark.parametrize("torque_std", quick_first([5e-4, 5e-3]))
 def test_no_delay_is_not_found(torque_std: float) -> None:
     for seed in range(6):

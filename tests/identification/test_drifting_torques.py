@@ -25,6 +25,7 @@ def found(trend_Nm: float, method: Method = "two-step") -> Identification:
     return identify(robot.without_nominal(), log, method=method)
 
 
+@pytest.mark.slow  # 0.7 s
 @pytest.mark.parametrize("method", quick_first(["two-step", "simultaneous"]))
 def test_the_drifting_joints_are_named(method: Method) -> None:
     drifting = found(2e-3, method)

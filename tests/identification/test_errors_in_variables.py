@@ -53,6 +53,7 @@ def test_the_line_lies_between_both_regressions(seed: int, slope: float, ratio: 
     assert deming(y, x, 1 / ratio) == pytest.approx(1 / deming(x, y, ratio))  # neither is special
 
 
+@pytest.mark.slow  # 2.3 s
 @pytest.mark.parametrize(
     ("torque_std", "deflection_std"), quick_first([(0.3, 0.02), (1.0, 0.005), (0.05, 0.03)])
 )

@@ -180,6 +180,7 @@ def test_forces_on_the_base_determine_its_bodies_without_any_torque() -> None:
     assert "no joint has a torque that could be compared" in again.summary()
 
 
+@pytest.mark.slow  # 1.5 s
 @pytest.mark.parametrize("has_torques", quick_first([True, False]))
 def test_zeros_of_force_sensors_are_identified_with_the_bodies(has_torques: bool) -> None:
     log, zero = measured() if has_torques else felt(), np.array([3.0, -2.0, 4.0])
@@ -224,6 +225,7 @@ def test_zeros_count_for_all_force_sensors_or_none() -> None:
     assert _significant(value, covariance, places, 50.0, (limits[0], 0.4 * limits[0])) == []
 
 
+@pytest.mark.slow  # 1.2 s
 @pytest.mark.parametrize("lacking", quick_first([["RL_calf_joint"], list(GO2_JOINTS)]))
 def test_joints_without_a_torque_are_named(lacking: list[str]) -> None:
     log = measured()
@@ -240,6 +242,7 @@ def test_joints_without_a_torque_are_named(lacking: list[str]) -> None:
     assert "no-torque" not in {one.code for one in chosen.warnings}
 
 
+@pytest.mark.slow  # 2.4 s
 @pytest.mark.parametrize("touching", [0.0, 1.0])
 @pytest.mark.parametrize("given", [None, []])
 def test_message_of_a_log_without_any_force(touching: float, given: list[str] | None) -> None:
@@ -251,6 +254,7 @@ def test_message_of_a_log_without_any_force(touching: float, given: list[str] | 
         seaid.identify(STANDING, silent, cutoff_hz=4.0, torque_joints=given)
 
 
+@pytest.mark.slow  # 0.9 s
 @pytest.mark.parametrize(
     ("factor", "severity", "message"),
     [
@@ -272,6 +276,7 @@ def test_forces_with_another_sign_or_unit_show_in_the_total_mass(
     assert ("[contacts.FL_foot]\nforce = { ..., scale = -1 }" in finding.remedy) == (factor < 0)
 
 
+@pytest.mark.slow  # 0.5 s
 def test_exchanged_force_sensors_leave_the_base_unexplained() -> None:
     log = felt()
     assert log.base is not None
@@ -388,6 +393,7 @@ HELD: dict[str, Callable[[], Any]] = {
 }
 
 
+@pytest.mark.slow  # 4.0 s
 @pytest.mark.parametrize("what", HELD)
 def test_message_of_what_needs_a_fixed_base(what: str) -> None:
     message = f"{what} needs a robot with a fixed base, and that of 'go2_description' floats"
@@ -395,6 +401,7 @@ def test_message_of_what_needs_a_fixed_base(what: str) -> None:
         HELD[what]()
 
 
+@pytest.mark.slow  # 0.6 s
 def test_hanging_adds_what_four_feet_lack() -> None:
     feet = list(GO2.feet)
     alone, hanging, both = (

@@ -44,6 +44,7 @@ def values(found: FrequencyResponse, *names: str) -> Array:
     return np.array([found.drives["arm"].value(name) for name in names])
 
 
+@pytest.mark.slow  # 0.6 s
 @pytest.mark.parametrize("nominal", quick_first([True, False]))
 def test_the_springs_of_a_linear_plant_are_found_without_a_joint_encoder(
     tmp_path: Path, nominal: bool
@@ -73,6 +74,7 @@ def test_a_rotor_inertia_that_is_not_stated_is_estimated(tmp_path: Path) -> None
     assert found.warnings == ()
 
 
+@pytest.mark.slow  # 2.2 s
 @pytest.mark.parametrize("factor", [0.7, 1.0, 1.3])
 def test_a_wrong_rotor_inertia_is_named_with_the_one_that_the_response_shows(
     tmp_path: Path, factor: float
@@ -102,6 +104,7 @@ def test_links_without_a_mass_are_unknown_bodies(tmp_path: Path) -> None:
     assert values(found, *NAMES) == pytest.approx(PLANT.modes, rel=3e-3)
 
 
+@pytest.mark.slow  # 1.1 s
 def test_the_response_is_that_of_the_plant_and_lies_within_its_standard_deviations(
     tmp_path: Path,
 ) -> None:
@@ -234,6 +237,7 @@ def test_logs_without_a_motor_channel_or_of_two_rates_are_refused(tmp_path: Path
         frequency_response(robot, log, plan=plan)
 
 
+@pytest.mark.slow  # 0.5 s
 def test_uneven_time_stamps_are_put_on_whole_periods(tmp_path: Path) -> None:
     """A clock that is 0.02 % fast makes a period of no whole number of samples."""
     robot, log = PLANT.robot(tmp_path), clean_log()
@@ -354,6 +358,7 @@ def test_dry_friction_of_a_third_of_the_torque_leaves_the_spring(tmp_path: Path)
     assert found.drives["arm"].standard_error("stiffness") < 3e-3 * plant.stiffness
 
 
+@pytest.mark.slow  # 1.0 s
 def test_an_elastic_load_leaves_spring_and_resonance(tmp_path: Path) -> None:
     """A third mass on a light spring, whose mode is five times the resonance."""
     plant = ThreeMass(50.0, 6e-5, 2e-4, 159.8, 0.3, 0.3, 8.0, 0.3, 2500.0, 0.3)
@@ -426,6 +431,7 @@ class Coupled:
         return seaid.load_robot(folder / "chain.urdf", drives).without_nominal()
 
 
+@pytest.mark.slow  # 0.9 s
 @pytest.mark.parametrize("rotors", quick_first([True, False]))
 @pytest.mark.parametrize(
     "plant",

@@ -259,6 +259,7 @@ def test_refinement_does_not_know_the_deflection_of_the_spring() -> None:
         refine(found_with_deflection(), log_with_deflection())
 
 
+@pytest.mark.slow  # 1.1 s
 def test_instruments_with_a_measured_deflection() -> None:
     one = identify(arm().without_nominal(), log_with_deflection(), estimator="iv")
     truth = with_gear(arm(), GEAR).drives["shoulder"].own_values["stiffness"]

@@ -152,6 +152,7 @@ def test_springs_make_the_load_side_less_sure() -> None:
     assert np.median(found().load.standard_errors / sure.load.standard_errors) > 1.5
 
 
+@pytest.mark.slow  # 0.7 s
 def test_uncertain_joint_zeros_widen_the_errors_and_move_nothing() -> None:
     wide = identify(KNOWN, leg_log(), encoder_offset_std=0.002)
     assert wide.load.values == pytest.approx(found().load.values, rel=1e-9)
@@ -160,6 +161,7 @@ def test_uncertain_joint_zeros_widen_the_errors_and_move_nothing() -> None:
     assert np.max(ratio) > 2.0
 
 
+@pytest.mark.slow  # 1.0 s
 def test_wrong_joint_zeros_are_within_errors_that_know_of_them() -> None:
     noise = replace(LEG_SENSORS, joint_offset_rad=(0.01, -0.01, 0.01, 0.01, -0.01))
     shifted = measure(leg(TEST_MASS), leg_motion(TEST_MASS), noise, 1)
@@ -308,6 +310,7 @@ def test_log_that_lacks_a_joint_or_a_torque() -> None:
         )
 
 
+@pytest.mark.slow  # 0.8 s
 def test_logs_with_other_sensors_do_not_go_together() -> None:
     torque = np.full_like(leg_log().motor_torque, np.nan)
     torque[:, 3] = leg_motion(TEST_MASS).joint_torque[:, 3]

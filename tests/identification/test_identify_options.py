@@ -75,6 +75,7 @@ def test_both_sides_at_once_tell_the_springs_better() -> None:
     assert validate(both, log(2)).load.relative_error[2:].max() < 0.02
 
 
+@pytest.mark.slow  # 1.5 s
 def test_possible_bodies_are_possible_and_near_the_estimate() -> None:
     possible = found(feasible=True)
     bodies = possible.robot.parameters.reshape(-1, 10)
@@ -94,11 +95,13 @@ def test_possible_bodies_are_possible_and_near_the_estimate() -> None:
     assert "a ball of 1 kg replaces" in text
 
 
+@pytest.mark.slow  # 0.6 s
 def test_possible_bodies_of_both_sides_at_once() -> None:
     possible = identify(KNOWN, log(), method="simultaneous", feasible=True)
     assert all(is_physical(body, 0.0) for body in possible.robot.parameters.reshape(-1, 10))
 
 
+@pytest.mark.slow  # 1.8 s
 @pytest.mark.parametrize("suffix", quick_first([".csv", ".npz"]))
 def test_a_file_is_identified_as_the_log_in_memory(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"log{suffix}"
@@ -116,6 +119,7 @@ def test_a_file_is_identified_as_the_log_in_memory(tmp_path: Path, suffix: str) 
         assert one.warnings == found().warnings
 
 
+@pytest.mark.slow  # 0.6 s
 def test_a_long_log_in_another_pass_band_is_opened_anew(tmp_path: Path) -> None:
     write_log(log(), tmp_path / "log.npz")
     opened = open_long_log(tmp_path / "log.npz", KNOWN, cutoff_hz=6.0)
@@ -123,6 +127,7 @@ def test_a_long_log_in_another_pass_band_is_opened_anew(tmp_path: Path) -> None:
     assert identify(KNOWN, opened).cutoff_hz == 6.0
 
 
+@pytest.mark.slow  # 1.1 s
 @pytest.mark.parametrize("executor", quick_first([ThreadPoolExecutor, ProcessPoolExecutor]))
 def test_an_executor_works_on_the_logs(executor: type[Executor], tmp_path: Path) -> None:
     write_log(log(2), tmp_path / "second.npz")
@@ -137,6 +142,7 @@ def test_an_executor_works_on_the_logs(executor: type[Executor], tmp_path: Path)
         assert_same(there.drives[joint], here.drives[joint])
 
 
+@pytest.mark.slow  # 0.8 s
 def test_two_logs_tell_more_than_one() -> None:
     two = identify(KNOWN, [log(), log(2)])
     one = identify(KNOWN, log())

@@ -91,6 +91,7 @@ def test_spring_carries_the_torque_of_the_fitted_bodies() -> None:
         assert np.max(np.abs(residual)) < 1e-9 * np.max(np.abs(rows.y[mine]))
 
 
+@pytest.mark.slow  # 1.4 s
 def test_perfect_sensors_give_the_same_as_least_squares() -> None:
     log = perfect_log(arm(), arm_motion())
     errors = [

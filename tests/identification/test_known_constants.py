@@ -60,6 +60,7 @@ def test_a_common_scale_moves_all_parameters_together_and_is_said_once() -> None
     np.testing.assert_allclose(stated.load.values, plain.load.values)
 
 
+@pytest.mark.slow  # 0.9 s
 def test_the_summary_names_the_constants_that_were_taken_as_exact() -> None:
     stated, plain = found(known_std={"torque": 0.05, "payload": 0.02}), found()
     radii = {"motor_pulley_radius_m": 0.005, "load_pulley_radius_m": 0.005}
@@ -76,6 +77,7 @@ def test_the_summary_names_the_constants_that_were_taken_as_exact() -> None:
     assert "taken as exact" not in everything.summary()
 
 
+@pytest.mark.slow  # 0.6 s
 def test_a_payload_of_uncertain_mass_moves_the_foot() -> None:
     stated, plain = found(known_std={"payload": 0.1}), found()
     ratio = stated.load.standard_errors / plain.load.standard_errors

@@ -115,6 +115,7 @@ RATES: dict[str, Any] = {
 }
 
 
+@pytest.mark.slow  # 3.0 s
 def test_positions_velocities_and_torques_are_one_command(urdf: Path) -> None:
     position = moved((30.0, 1.5), REFERENCE, VELOCITY, GRAVITY)
     sent = {"position_command": REFERENCE, "velocity_command": VELOCITY, "torque_command": GRAVITY}
@@ -127,6 +128,7 @@ def test_positions_velocities_and_torques_are_one_command(urdf: Path) -> None:
     assert float(np.sqrt(np.mean(error**2))) < 2e-4
 
 
+@pytest.mark.slow  # 0.7 s
 def test_a_command_that_is_left_out_shows(urdf: Path) -> None:
     """Without its feed-forward torque the friction is not that of the plant."""
     position = moved((30.0, 1.5), REFERENCE, VELOCITY, GRAVITY)

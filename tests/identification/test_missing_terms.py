@@ -86,6 +86,7 @@ def spring_part(joint: str, power: int, share: float) -> Array:
     return np.asarray(lever * share * drive.values["stiffness"] * top * (stretch / top) ** power)
 
 
+@pytest.mark.slow  # 0.9 s
 @pytest.mark.parametrize("seed", quick_first(range(2)))
 def test_a_right_model_has_no_finding(seed: int) -> None:
     assert findings(identify(named(), leg_log(seed))) == []
@@ -94,6 +95,7 @@ def test_a_right_model_has_no_finding(seed: int) -> None:
     assert findings(identify(arm().without_nominal(), sensed)) == []
 
 
+@pytest.mark.slow  # 0.9 s
 @pytest.mark.parametrize(("power", "term"), quick_first([(3, "cubic"), (5, "fifth")]))
 def test_a_hardening_spring_is_named_with_the_term_that_repairs_it(power: int, term: str) -> None:
     """A cubic or fifth-order part of 30 % of the largest force."""
@@ -167,6 +169,7 @@ def test_backlash_that_looks_like_a_weak_spring_is_named(tmp_path: Path) -> None
         assert again.drives["arm"].value(name) == pytest.approx(truth, rel=0.02)
 
 
+@pytest.mark.slow  # 2.0 s
 def test_a_spring_whose_encoder_is_too_coarse_has_no_backlash(tmp_path: Path) -> None:
     robot = contact_backlash.robot_of(tmp_path)
     time, *states = contact_backlash.motions_of(robot, 10000.0, 0.0, 1, duration=6.0)
@@ -195,6 +198,7 @@ def test_an_offset_is_added_where_nobody_named_terms_and_named_where_somebody_di
     assert found.known.drives["hip_yaw"].friction == NAMED
 
 
+@pytest.mark.slow  # 0.6 s
 def test_a_width_is_added_as_a_known_value() -> None:
     own = leg().drives["hip_roll"].values["coulomb_friction"]
     w = speed("hip_roll")
@@ -299,6 +303,7 @@ PERFECT: dict[str, Callable[[], tuple[Robot, Motion]]] = {
 }
 
 
+@pytest.mark.slow  # 2.1 s
 @pytest.mark.parametrize("name", PERFECT)
 def test_what_the_low_pass_leaves_without_noise_is_no_missing_term(name: str) -> None:
     """The friction of the arm is not named: a term of 0.1 % of the torque is not added either."""
@@ -308,6 +313,7 @@ def test_what_the_low_pass_leaves_without_noise_is_no_missing_term(name: str) ->
     assert found.known.drives == truth.without_nominal().drives
 
 
+@pytest.mark.slow  # 0.7 s
 @pytest.mark.parametrize(
     "make", quick_first([lambda: leg_log(3), stribeck, lambda: with_torque("hip_pitch", cubic())])
 )

@@ -110,6 +110,7 @@ def test_the_table_and_the_words_say_what_to_do() -> None:
     assert line.split()[-1] == "selected"
 
 
+@pytest.mark.slow  # 0.7 s
 def test_what_is_not_there_is_not_recommended() -> None:
     terms = {
         "friction": ("offset", "quadratic", "load"),
@@ -149,6 +150,7 @@ def test_unknown_terms_are_refused(terms: dict[str, tuple[str, ...]], words: str
         compare_terms(ROBOT, plain_log(), terms=terms)
 
 
+@pytest.mark.slow  # 1.2 s
 def test_a_width_of_coulomb_friction_is_recommended() -> None:
     """A torque that turns with the direction of the hip over 15 rad/s, a tenth of its speeds."""
     motion, index = leg_motion(TEST_MASS), 1

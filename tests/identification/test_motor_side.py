@@ -74,6 +74,7 @@ def found(robot: Robot) -> Identification:
     return identify(robot, log_of(ANYDRIVE))
 
 
+@pytest.mark.slow  # 6.9 s
 def test_joints_without_a_sensor_behind_the_spring_are_found(robot: Robot) -> None:
     log = log_of(ANYDRIVE)
     assert without_joint_encoder(robot, [log]) == ("arm",)
@@ -101,6 +102,7 @@ def test_the_angle_by_the_motor_equation_is_the_true_one() -> None:
         assert error < 0.05 * size
 
 
+@pytest.mark.slow  # 1.5 s
 def test_stiffness_and_resonance_from_the_motor_alone(found: Identification) -> None:
     error = errors(ANYDRIVE, found)
     assert abs(error["k"]) < 0.03

@@ -205,6 +205,7 @@ def test_springs_are_found(term: str) -> None:
     check_values(found, truth, "two")
 
 
+@pytest.mark.slow  # 0.5 s
 @pytest.mark.parametrize("term", STIFF_FRICTION)
 def test_terms_of_a_stiff_drive_are_found(term: str) -> None:
     truth = robot(with_terms(STIFF, *STIFF_FRICTION[term]))
@@ -327,6 +328,7 @@ NONLINEAR = ("shifted", "load", "stribeck")
 NONLINEAR_SPRINGS = ("cubic", "dead zone", "damping")
 
 
+@pytest.mark.slow  # 2.4 s
 @pytest.mark.parametrize("term", [*NONLINEAR, "dahl"])
 def test_friction_is_inside_its_interval(term: str) -> None:
     for joint, drives in (
@@ -405,6 +407,7 @@ def test_spring_terms_that_are_not_there_are_found_to_be_nothing(term: str) -> N
     assert any(f"{name} of two is poorly identified" in one for one in map(str, found.warnings))
 
 
+@pytest.mark.slow  # 1.1 s
 @pytest.mark.parametrize("term", ["smooth", "shifted", "stribeck"])
 def test_bent_friction_that_is_not_there_is_flagged(term: str) -> None:
     terms = FRICTION[term][0]
@@ -542,6 +545,7 @@ def test_a_payload_that_comes_and_goes_tells_motor_constants() -> None:
         assert estimate.value("torque_constant") == pytest.approx(0.05, rel=2e-3)
 
 
+@pytest.mark.slow  # 0.5 s
 def test_conditions_share_what_bends() -> None:
     drive = with_terms(STIFF, FRICTION["smooth"][0], {"coulomb_width": 10.0})
     found = together(drive, drive)
@@ -576,6 +580,7 @@ def behind_the_friction() -> Log:
     return replace(log, motor_torque=np.full_like(torque, np.nan), joint_torque=torque + noise)
 
 
+@pytest.mark.slow  # 1.4 s
 @pytest.mark.parametrize(
     ("terms", "names"),
     [
@@ -644,6 +649,7 @@ def test_hysteresis_without_reversals_is_named(joint: str, field: str, words: st
     assert "Log a motion with reversals" in str(caught.value)
 
 
+@pytest.mark.slow  # 0.9 s
 def test_laws_of_known_and_unknown_shape_are_refined() -> None:
     shape = {"presliding_angle": 0.4}
     drive = with_terms(ELASTIC, {"friction": ("viscous", "dahl")}, shape)

@@ -66,14 +66,14 @@ def log_of(angle: Array, time: Array = TIME, **sensors: Array) -> Log:
     )
 
 
-@pytest.mark.parametrize("value", [1e155, -1e300, 2e15])
+@pytest.mark.parametrize("value", [1e155, -1e300, 2e12])
 @pytest.mark.parametrize("sensor", ["joint_position", "motor_torque", "joint_torque"])
 def test_one_absurd_sample_is_named(pendulum: Robot, sensor: str, value: float) -> None:
     samples = {"joint_position": ANGLE.copy(), "motor_torque": torque(pendulum)}
     samples["joint_torque"] = torque(pendulum)
     samples[sensor][700] = value
     place = (
-        rf"column 'hinge.{sensor}.*' has .* in sample 700 \(t = 3.5 s\), allowed is up to 1e\+15"
+        rf"column 'hinge.{sensor}.*' has .* in sample 700 \(t = 3.5 s\), allowed is up to 1e\+12"
     )
     with pytest.raises(LogError, match=place):
         log_of(samples.pop("joint_position"), **samples)

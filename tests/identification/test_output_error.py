@@ -156,6 +156,7 @@ def test_wrong_start_comes_back() -> None:
     assert np.all(np.abs(other.load.values - one.load.values) < 1e-3 * one.load.standard_errors)
 
 
+@pytest.mark.slow  # 1.6 s
 def test_robot_has_the_refined_values() -> None:
     one = refined(robot("rail", "shoulder"))
     for joint, drive in one.robot.drives.items():
@@ -236,6 +237,7 @@ def test_warnings_about_the_motion_stay() -> None:
 # The derivatives are those of the simulation.
 
 
+@pytest.mark.slow  # 1.4 s
 @pytest.mark.parametrize(
     ("zero_std", "unseen"),
     quick_first([(0.0, ()), (0.002, ()), (0.0, ("shoulder",)), (0.002, ("shoulder",))]),
@@ -407,6 +409,7 @@ def test_values_that_are_no_numbers_are_no_start() -> None:
         refine(replace(found(), load_side=bad), log())
 
 
+@pytest.mark.slow  # 1.1 s
 def test_log_of_other_sensors_and_of_another_robot() -> None:
     springs_only = replace(
         log(),

@@ -94,6 +94,7 @@ def test_without_noise_the_base_parameters_are_the_truth(
     assert_possible(result)
 
 
+@pytest.mark.slow  # 0.6 s
 def test_without_covariance_the_base_parameters_are_the_truth() -> None:
     estimate = estimated(leg(), 0.0)
     assert not np.any(estimate.covariance)
@@ -245,6 +246,7 @@ def log_of_a_leg_without_payload() -> Log:
     return measure(leg(), leg_motion(), LEG_SENSORS, seed=0)
 
 
+@pytest.mark.slow  # 1.8 s
 @pytest.mark.parametrize("known", quick_first(["file", "nothing"]))
 @pytest.mark.parametrize(
     "payload",

@@ -215,6 +215,7 @@ def written(path: Path, table: dict[str, Array]) -> Path:
     return path
 
 
+@pytest.mark.slow  # 1.2 s
 def test_bodies_on_a_boom_are_recovered_from_what_moves_in_the_plane(folder: Path) -> None:
     robot = loaded(folder)
     log = seaid.read_log(written(folder / "log.csv", columns(folder)), robot)
@@ -272,6 +273,7 @@ def signals(folder: Path) -> dict[str, Array]:
     return {**table, **{f"@{name}": values for name, values in own.items()}}
 
 
+@pytest.mark.slow  # 0.7 s
 @pytest.mark.parametrize("kind", NAMES)
 def test_columns_of_a_planar_base_are_described_by_their_names(folder: Path, kind: str) -> None:
     robot, table, names = loaded(folder), signals(folder), NAMES[kind]

@@ -137,6 +137,7 @@ def values_of(found: seaid.Identification) -> dict[str, tuple[float, float]]:
     return dict(zip(names, zip(side.values, side.standard_errors, strict=True), strict=True))
 
 
+@pytest.mark.slow  # 1.9 s
 @pytest.mark.parametrize("delay_s", [0.0, 0.007, 0.02])
 def test_two_gain_sets_separate_delay_armature_and_friction(urdf: Path, delay_s: float) -> None:
     """The plant is MuJoCo's."""
@@ -152,6 +153,7 @@ def test_two_gain_sets_separate_delay_armature_and_friction(urdf: Path, delay_s:
         assert values[name][0] == pytest.approx(truth, rel=bound), name
 
 
+@pytest.mark.slow  # 0.6 s
 def test_two_gain_sets_separate_the_bias_of_an_encoder_from_an_offset(urdf: Path) -> None:
     """The drive's own encoder reads 0.01 rad too much: its torques are K_p times that smaller."""
     bias, conditions = 0.01, {}
@@ -168,6 +170,7 @@ def test_two_gain_sets_separate_the_bias_of_an_encoder_from_an_offset(urdf: Path
     assert (offsets[0] - offsets[1]) / (SOFT[0] - HARD[0]) == pytest.approx(bias, rel=0.01)
 
 
+@pytest.mark.slow  # 0.5 s
 def test_a_delay_is_linearised_where_it_is(urdf: Path) -> None:
     """One gain set tells a delay by the gravity and the higher frequencies of this motion."""
     log = mujoco_log(SOFT, 0.015, 0.0, 0)
@@ -252,6 +255,7 @@ def joined(logs: list[seaid.Log]) -> seaid.Log:
     )
 
 
+@pytest.mark.slow  # 1.4 s
 def test_drives_with_one_nominal_delay_share_their_delay(tmp_path: Path) -> None:
     """The delay of two joints is between those of each alone, and its error less than either's."""
     logs = [mujoco_log(SOFT, 0.008, 5e-4, seed) for seed in (1, 2)]
@@ -297,6 +301,7 @@ def test_directions_are_those_of_drives_with_position_commands(tmp_path: Path) -
     np.testing.assert_array_equal(regressor.evaluate(by_name)[1][:, column], other)
 
 
+@pytest.mark.slow  # 0.8 s
 def test_a_delay_that_the_log_does_not_determine_is_as_stated(urdf: Path) -> None:
     """The interval of the armature holds what every delay in the stated range gives."""
     rng = np.random.default_rng(3)
@@ -354,6 +359,7 @@ def test_an_unknown_delay_is_in_the_error_of_the_armature(urdf: Path) -> None:
         assert unsure[name][0] == pytest.approx(exact[name][0], rel=1e-6)
 
 
+@pytest.mark.slow  # 1.0 s
 def test_the_replay_closes_the_loop_with_the_controller(urdf: Path) -> None:
     """The replay of the truth is MuJoCo's motion; identified from it, it is that once more."""
     log = mujoco_log(HARD, 0.01, 0.0, 0).between(2.0, 7.0)
@@ -375,6 +381,7 @@ def test_the_replay_closes_the_loop_with_the_controller(urdf: Path) -> None:
     assert np.std(again) < 3e-3 * moved
 
 
+@pytest.mark.slow  # 1.9 s
 def test_a_residual_that_follows_the_position_is_said(urdf: Path) -> None:
     """The finding names the term and the reference position; with it, the slope is the true one."""
     log = mujoco_log(SOFT, 0.004, 2e-4, 0, slope=0.25)
@@ -424,6 +431,7 @@ def test_refine_closes_the_loop(urdf: Path) -> None:
     assert found.drives["j"].value("motor_inertia") == values["motor_inertia"][0]
 
 
+@pytest.mark.slow  # 1.0 s
 def test_refine_returns_its_start_where_the_positions_get_worse(
     urdf: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -440,6 +448,7 @@ def test_refine_returns_its_start_where_the_positions_get_worse(
     assert "its positions follow the commands more closely" in finding.message
 
 
+@pytest.mark.slow  # 1.1 s
 def test_refine_returns_its_start_where_the_search_stops_far_from_an_optimum(
     urdf: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -491,6 +500,7 @@ def test_commands_between_samples_are_those_of_straight_lines(urdf: Path, delay_
     assert gain == pytest.approx(np.sinc(frequency_hz * 0.005) ** 2, abs=2e-5)
 
 
+@pytest.mark.slow  # 0.8 s
 def test_the_ends_of_a_moving_log_have_no_weight(urdf: Path) -> None:
     """Without noise and dry friction nothing but rounding is left, wherever the log is cut."""
     robot = robot_of(urdf, SOFT, 0.0025)
@@ -532,6 +542,7 @@ def test_refine_needs_stiff_drives_with_commands(urdf: Path) -> None:
         seaid.refine(replace(found, known=robot.with_drives({"j": elastic})), log)
 
 
+@pytest.mark.slow  # 0.9 s
 def test_a_spring_behind_a_position_controller(tmp_path: Path, urdf: Path) -> None:
     controller = seaid.Controller(
         position_gain_Nm_per_rad=60.0, velocity_gain_Nms_per_rad=2.0, torque_limit_Nm=50.0
@@ -646,6 +657,7 @@ LIMIT = 3.3
 """Torque limit of the models in MuJoCo [N m], which their motion hits; the arm weighs 2.9 N m."""
 
 
+@pytest.mark.slow  # 3.5 s
 @pytest.mark.parametrize(("speed", "delay_s"), [(np.inf, 0.01), (np.inf, 0.0), (4.0, 0.01)])
 @pytest.mark.parametrize("is_elastic", [False, True])
 def test_mujoco_moves_the_exported_model_as_the_replay(
@@ -795,6 +807,7 @@ def test_identifiability_says_what_a_gain_set_determines(urdf: Path) -> None:
     assert "within 3.92 ms" in known
 
 
+@pytest.mark.slow  # 1.1 s
 def test_a_torque_limit_that_is_not_stated_is_found_and_its_lines_repair_it(urdf: Path) -> None:
     robot = robot_of(urdf, SOFT)
     drive = robot.drives["j"].with_values({**TRUTH, "friction_offset": 0.0, "command_delay": 0.004})
@@ -872,6 +885,7 @@ def test_a_commanded_go2_has_no_mistake() -> None:
     assert 'known = ["command_delay"]' in found[0].remedy
 
 
+@pytest.mark.slow  # 1.2 s
 @pytest.mark.parametrize("units", [256.0, 4096 / (2 * np.pi), 0.01])
 def test_gains_in_another_unit_are_named_by_the_bodies(
     urdf: Path, tmp_path: Path, units: float
@@ -1008,6 +1022,7 @@ def in_units_of_the_drive(robot: seaid.Robot, **changes: Any) -> seaid.Robot:
     return robot.with_drives({"j": replace(drive, controller=law, **changes)})
 
 
+@pytest.mark.slow  # 1.2 s
 def test_gains_in_units_of_the_drive(urdf: Path) -> None:
     """A known arm gives their scale, a rotor inertia does not; all are multiples without it."""
     log = mujoco_log(SOFT, 0.012, 2e-4, 0)
@@ -1071,6 +1086,7 @@ def chain(tmp_path_factory: pytest.TempPathFactory) -> tuple[seaid.Robot, seaid.
     return robot, replace(plan, joint_position=moved.joint_position)
 
 
+@pytest.mark.slow  # 1.2 s
 @pytest.mark.parametrize(
     ("signs", "zeros"),
     [
@@ -1195,6 +1211,7 @@ def test_drives_of_one_bus_stay_on_it(tmp_path: Path) -> None:
     assert [one.command_delay_s for one in apart.drives.values()] == [0.003, 0.004]
 
 
+@pytest.mark.slow  # 2.8 s
 def test_a_refinement_starts_within_its_bounds(urdf: Path) -> None:
     """A regression may find a negative armature, with which nothing can be simulated."""
     log = mujoco_log(SOFT, 0.0, 1e-4, 0).between(0, 3)

@@ -150,6 +150,7 @@ def test_errors_are_as_large_as_the_standard_errors_say(number: int, draws: int)
     check_scores(loads, band=1.2)
 
 
+@pytest.mark.slow  # 2.8 s
 def test_nothing_of_the_nominal_values_leaks(experiment: Experiment) -> None:
     truth, motion, noise = experiment
     log = measure(truth, motion, noise, seed=7)
@@ -351,6 +352,7 @@ def ankle(with_mass: bool) -> tuple[Robot, Log]:
     return robot, measure(robot, motion, noise)
 
 
+@pytest.mark.slow  # 2.0 s
 def test_spring_of_a_free_foot_is_flagged() -> None:
     robot, log = ankle(with_mass=False)
     found = identify(robot.without_nominal(), log)

@@ -83,6 +83,7 @@ def test_a_current_is_scaled_by_the_mass_that_the_spring_moves(urdf: Path) -> No
         assert found.value(name) == pytest.approx(value, rel=3e-3), name
 
 
+@pytest.mark.slow  # 1.7 s
 def test_the_constant_has_the_error_of_the_spring_that_it_is_found_with(urdf: Path) -> None:
     """Scores of all values; without the error of the spring in (7) that of the constant is 2500."""
     scores = []

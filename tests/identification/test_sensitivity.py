@@ -153,6 +153,7 @@ def rows(seed: int, every: int) -> Regression:
 EQUAL, WEIGHTED = np.ones(2), np.array([5.0, 1.0])
 
 
+@pytest.mark.slow  # 0.8 s
 @pytest.mark.parametrize(
     "ways", [((1, WEIGHTED), (1, EQUAL)), ((1, EQUAL), (2, EQUAL))], ids=["weights", "rows"]
 )

@@ -58,6 +58,7 @@ def inside(motion: Motion, values: Array) -> Array:
     return values[trim:-trim]
 
 
+@pytest.mark.slow  # 2.1 s
 def test_perfect_motors_drive_the_joints_to_where_they_were() -> None:
     motion = noise_free()[2]
     made = driven(motion)

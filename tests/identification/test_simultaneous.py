@@ -277,6 +277,7 @@ def test_hardly_loaded_spring_is_told_by_the_load_side() -> None:
         assert abs(found.values[column] - truth[column]) < 3 * found.standard_errors[column]
 
 
+@pytest.mark.slow  # 1.2 s
 def test_least_squares_on_the_measured_deflection_would_lose_the_spring() -> None:
     """(8) of an elastic joint is zero on the left: noise in the deflection then eats k."""
     rows, truth, *_ = free_foot()
@@ -404,6 +405,7 @@ def test_errors_of_rows_that_cannot_be_made() -> None:
         )
 
 
+@pytest.mark.slow  # 0.5 s
 def test_errors_of_iterations() -> None:
     robot, model = two_springs(), model_of(two_springs())
     rows = simultaneous_regression(robot, swing(robot), model, robot.joint_names)
@@ -425,6 +427,7 @@ def test_errors_of_iterations() -> None:
         settled(robot, rows, truth_of(robot, model, rows.names), restless)
 
 
+@pytest.mark.slow  # 5.0 s
 @pytest.mark.parametrize("sensors", quick_first([LEG_SENSORS, Noise()]), ids=["noisy", "perfect"])
 def test_missing_friction_at_the_hip_converges(sensors: Noise) -> None:
     """0.3 N m behind the spring: weights settled in every iteration alternated between two ends."""

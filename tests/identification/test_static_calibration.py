@@ -46,6 +46,7 @@ def ramp(seed: int, friction: float = 0.3, cubic: float = 2000.0) -> Statics:
     return Statics(load, reading + noise)
 
 
+@pytest.mark.slow  # 0.6 s
 def test_a_copy_of_the_published_experiment_has_its_interval_and_rms() -> None:
     """Published are 159.8 +- 0.4 N m/rad: one standard error of 18 equal steps is 0.32."""
     found = [anydrive(seed) for seed in range(400)]
@@ -101,6 +102,7 @@ def test_one_direction_knows_no_hysteresis() -> None:
     assert "no hysteresis without loads up and down" in str(found)
 
 
+@pytest.mark.slow  # 0.7 s
 def test_correlated_readings_have_a_wider_interval() -> None:
     """A drifting sensor on a long ramp: the scatter is that of the standard errors."""
     load = np.linspace(-10.0, 10.0, 400)

@@ -67,6 +67,7 @@ def found() -> Identification:
     return seaid.identify(robot_of(), log_at(ramp()))
 
 
+@pytest.mark.slow  # 0.6 s
 def test_friction_of_a_warming_motor_is_recovered_within_its_intervals() -> None:
     estimate, true = found().drives[KNEE], {**leg(TEST_MASS).drives[KNEE].values, **SLOPES}
     for name, value, error in zip(
@@ -90,6 +91,7 @@ def test_the_temperature_of_another_run_is_predicted() -> None:
     assert errors[1] > 3 * errors[0]
 
 
+@pytest.mark.slow  # 1.6 s
 @pytest.mark.parametrize(
     ("slopes", "expected"),
     [(tuple(SLOPES.values()), ((("friction", "viscous_temperature")),)), ((0.0, 0.0), ())],
@@ -252,6 +254,7 @@ def cold_log(robot: Robot, duration: float = 62.0, seed: int = 1) -> Log:
     )
 
 
+@pytest.mark.slow  # 1.4 s
 @pytest.mark.parametrize("kind", quick_first(["stiff", "elastic"]))
 def test_warm_up_is_selected_and_recovered_within_its_intervals(tmp_path: Path, kind: str) -> None:
     robot = cold_arm(tmp_path, kind)

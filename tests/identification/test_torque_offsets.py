@@ -33,6 +33,7 @@ def found(with_offsets: bool) -> Identification:
     return identify(leg(TEST_MASS).without_nominal(), log(with_offsets), cutoff_hz=4.0)
 
 
+@pytest.mark.slow  # 0.5 s
 def test_an_offset_moves_nothing_but_itself() -> None:
     """The equations are linear: the constant is in one column, whatever the data are."""
     plain, off = found(False), found(True)

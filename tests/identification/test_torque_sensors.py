@@ -84,6 +84,7 @@ def with_and_without_mass(seed: int | None) -> dict[str, tuple[Robot, Log]]:
     return found
 
 
+@pytest.mark.slow  # 0.5 s
 def test_without_noise_all_parameters_of_the_drives_are_exact() -> None:
     log = with_sensors(perfect_log(truth(), leg_motion(TEST_MASS)))
     result = identify(by_current(), log, cutoff_hz=6.0)

@@ -349,6 +349,7 @@ def test_messages_of_a_description(what: str, tmp_path: Path) -> None:
         seaid.read_log(tmp_path / "a.npz", go2(), description=given)
 
 
+@pytest.mark.slow  # 1.2 s
 def test_a_first_project_has_the_base_and_the_logs_without_time(tmp_path: Path) -> None:
     one = states()
     q = np.hstack([one["position"], one["orientation"][:, [1, 2, 3, 0]], one["joints"]])

@@ -145,6 +145,7 @@ QUICK = (jitter, everything)
 """The other ways are parts of the last one, but for zeros and disorder, in which time stays."""
 
 
+@pytest.mark.slow  # 2.3 s
 @pytest.mark.parametrize(
     "damage",
     [
@@ -171,6 +172,7 @@ def test_a_damaged_log_is_repaired_and_its_estimate_holds(damage: Damage) -> Non
     assert np.sqrt(np.mean(off**2)) < 2.0
 
 
+@pytest.mark.slow  # 1.0 s
 @pytest.mark.parametrize(
     ("hole", "described"),
     quick_first(  # an identification of a leg each

@@ -483,6 +483,7 @@ def test_names_with_line_breaks_and_quotes_make_a_toml_that_reads(tmp_path: Path
         assert line.isprintable()
 
 
+@pytest.mark.slow  # 1.3 s
 def test_ten_thousand_columns_are_described_shortly(tmp_path: Path) -> None:
     path = tmp_path / "log.npz"
     np.savez(path, t=TIME, q=wave(0.5), x=np.tile(wave(1.0)[:, None], (1, 9_000)))
@@ -551,6 +552,7 @@ UNPOWERED = (*HEBI[:4], HEBI[-1])
 STIFF = ("joint_position", "motor_torque")
 
 
+@pytest.mark.slow  # 0.8 s
 @pytest.mark.parametrize(
     ("folder", "ending", "joints", "quantities"),
     [
@@ -611,6 +613,7 @@ def counted(names: list[str], texts: set[str]) -> tuple[Table, list[int]]:
     return Table(names, load), reads
 
 
+@pytest.mark.slow  # 1.1 s
 def test_a_text_among_many_columns_is_found_in_few_reads(monkeypatch: pytest.MonkeyPatch) -> None:
     names = ["t", "pos_0", "note", *(f"pos_{index}" for index in range(1, 2000))]
     table, reads = counted(names, {"note"})
@@ -621,6 +624,7 @@ def test_a_text_among_many_columns_is_found_in_few_reads(monkeypatch: pytest.Mon
     assert "note: no column of numbers: excluded" in found.unsure
 
 
+@pytest.mark.slow  # 0.9 s
 def test_many_texts_among_many_columns_are_not_looked_for_for_ever(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

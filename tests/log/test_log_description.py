@@ -187,6 +187,7 @@ def same(log: Log, other: Log) -> bool:
     )
 
 
+@pytest.mark.slow  # 1.6 s
 @pytest.mark.parametrize("sensors", [LEG_SENSORS, Noise()])
 def test_a_clean_log_is_not_changed_by_a_description_of_nothing(
     tmp_path: Path, sensors: Noise
@@ -613,6 +614,7 @@ def test_unpowered_motor_encoders_are_named(tmp_path: Path) -> None:
     assert "'joint_0.motor_position_rad' is 0 all the time while the other side" in text
 
 
+@pytest.mark.slow  # 0.7 s
 def test_bag_and_table_of_the_same_motion_agree(tmp_path: Path) -> None:
     robot = robot_of(tmp_path, STIFF, UR10)
     folder = LOGS / "ur10_exciting"

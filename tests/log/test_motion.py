@@ -37,6 +37,7 @@ def picked(source: Log, joints: list[int], names: tuple[str, ...]) -> Log:
     )
 
 
+@pytest.mark.slow  # 1.5 s
 @pytest.mark.parametrize(
     ("signal", "allowed"),
     [

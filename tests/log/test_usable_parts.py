@@ -154,6 +154,7 @@ def test_a_frozen_channel_is_excluded_and_said(field: str, start: int, end: int)
             reconstruct_motion(leg(), log, 8.0)
 
 
+@pytest.mark.slow  # 0.9 s
 def test_an_estimate_holds_in_spite_of_a_frozen_encoder() -> None:
     plain = measure(leg(), leg_motion(), LEG_SENSORS, seed=1)
     values = frozen_at(plain.joint_position[:, KNEE], 2000, 2300)

@@ -373,6 +373,7 @@ def servo_project(folder: Path, validate_s: tuple[float, float], more: str = "")
     return folder
 
 
+@pytest.mark.slow  # 0.6 s
 def test_a_joint_that_stands_still_loses_neither_the_run_nor_the_replay(tmp_path: Path) -> None:
     run = seaid.run_project(seaid.load_project(servo_project(tmp_path, (8.0, 11.0))))
     found, (moved,) = run.runs[""].identification, run.runs[""].replays.values()

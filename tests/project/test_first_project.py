@@ -56,6 +56,7 @@ def test_gear_ratios_and_springs_come_from_both_encoders(leg_folder: Path) -> No
     assert text.count("# unsure: ") == len(made.doubts)
 
 
+@pytest.mark.slow  # 2.3 s
 @pytest.mark.parametrize("is_sensed", [False, True])
 def test_springs_are_recognised_by_currents(is_sensed: bool) -> None:
     """Without a torque the current is that of the spring, and a torque sensor gives the scale."""

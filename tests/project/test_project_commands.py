@@ -49,6 +49,7 @@ def test_three_words_are_enough(here: Path) -> None:
     assert Path("runs/latest/report.html").stat().st_size > 1e5
 
 
+@pytest.mark.slow  # 3.6 s
 def test_every_command_has_the_robot_and_logs_of_the_project(here: Path) -> None:
     assert "elbow" in done("inspect").out
     assert done("check").out
@@ -116,6 +117,7 @@ def test_a_saved_run_needs_no_project(
     assert "no saved run at 'none'" in refused("report", "--run", "none")
 
 
+@pytest.mark.slow  # 0.9 s
 def test_what_changed_since_a_run_is_said(here: Path, project: Path) -> None:
     copy = here / "copy"
     shutil.copytree(project, copy, symlinks=True)

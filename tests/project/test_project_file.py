@@ -130,6 +130,7 @@ def test_long_names_of_robots_are_cut_in_names_of_files(tmp_path: Path, letter: 
     assert _folder_name("a b/c") == "a_b_c"
 
 
+@pytest.mark.slow  # 0.5 s
 def test_a_run_that_fails_leaves_nothing(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(*_: object, **__: object) -> None:
         raise SeaidError("the disk is full")

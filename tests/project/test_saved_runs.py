@@ -40,6 +40,7 @@ def leg() -> tuple[Identification, seaid.Log]:
     return identify(robot, experiments.leg_log()), experiments.leg_log()
 
 
+@pytest.mark.slow  # 1.5 s
 @pytest.mark.parametrize("case", [measured, leg])
 def test_what_is_loaded_is_what_was_saved(case, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
     found, log = case()

@@ -72,6 +72,7 @@ def rank_of_simulations(gravity: float) -> int:
     return rank - len(start)
 
 
+@pytest.mark.slow  # 1.8 s
 @pytest.mark.parametrize(("axis", "gravity", "rank"), [("0 1 0", 9.81, 6), ("0 0 1", 0.0, 4)])
 def test_the_count_is_that_of_simulated_motor_angles(
     tmp_path: Path, axis: str, gravity: float, rank: int

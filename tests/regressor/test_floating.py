@@ -216,6 +216,7 @@ def test_each_foot_that_always_stands_hides_one_parameter(name: str) -> None:
     assert union(robot, (feet[0], feet[3]), (feet[1], feet[2])) == in_flight  # a trot
 
 
+@pytest.mark.slow  # 1.2 s
 def test_flat_feet_hide_the_bodies_of_the_feet() -> None:
     soles = ("left_sole_link", "right_sole_link")
     robot = floating("talos_reduced.urdf", contacts=[Contact(x, is_flat=True) for x in soles])
@@ -430,6 +431,7 @@ def test_two_flat_feet_of_three_joints_each_leave_nothing() -> None:
         seaid.base_parameters(robot, stances=[FEET["bolt.urdf"]])
 
 
+@pytest.mark.slow  # 0.7 s
 def test_balls_that_stand_determine_what_points_do() -> None:
     feet = FEET["go2.urdf"]
     balls = floating("go2.urdf", contacts=[Contact(foot, radius_m=0.02) for foot in feet])

@@ -32,6 +32,7 @@ def _warm(log: Log) -> Log:
     return replace(log, motor_torque=log.motor_torque - friction * arm_motion().motor_velocity)
 
 
+@pytest.mark.slow  # 0.7 s
 def test_what_changed_is_significant_and_nothing_else() -> None:
     result = comparison_of(arm_found(), warm(), names=("cold", "warm"))
     (changed,) = [one for one in result.differences if one.is_significant]

@@ -38,6 +38,7 @@ def planned(n: int) -> tuple[Trajectory, JointLimits]:
     return polynomial_trajectory(names, 2.0, powers, names[1:2]), limits
 
 
+@pytest.mark.slow  # 1.0 s
 def test_a_row_a_joint_with_limits_and_units(
     tmp_path: Path, drawn: list[matplotlib.figure.Figure]
 ) -> None:
@@ -106,6 +107,7 @@ def test_bad_singular_values(tmp_path: Path, bad: list[float]) -> None:
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow  # 0.6 s
 def test_limits_of_another_robot_and_a_path_that_cannot_be(tmp_path: Path) -> None:
     motion, limits = planned(3)
     with pytest.raises(SeaidError, match="3 joints in the trajectory, limits of 2"):

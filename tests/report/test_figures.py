@@ -36,6 +36,7 @@ def png_size(path: Path) -> tuple[int, int]:
     return int.from_bytes(head[16:20]), int.from_bytes(head[20:24])
 
 
+@pytest.mark.slow  # 2.1 s
 def test_files_are_png_of_a_sensible_size(tmp_path: Path) -> None:
     save_actuator_figure(arm_result(), tmp_path / "new folder" / "actuator_side.png")
     save_load_figure(arm_result(), tmp_path / "load_side.png")

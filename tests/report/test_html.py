@@ -264,6 +264,7 @@ def test_spectrum_of_a_sine_has_its_amplitude_at_its_frequency(tmp_path: Path) -
     assert amplitude[peak] == pytest.approx(0.7, rel=0.1)
 
 
+@pytest.mark.slow  # 0.5 s
 def test_residuals_are_drawn_over_the_temperature_of_a_motor_that_has_one(tmp_path: Path) -> None:
     warmth = np.linspace(25.0, 60.0, len(arm_result().motions[0].time))
     columns = np.column_stack([warmth, *[np.full_like(warmth, np.nan)] * (arm_found().robot.n - 1)])

@@ -381,6 +381,7 @@ def test_joints_in_another_order_have_the_matrix_in_that_order() -> None:
     np.testing.assert_array_equal(robot.transmission, stiff_differential().C[np.ix_(order, order)])
 
 
+@pytest.mark.slow  # 1.1 s
 def test_an_identity_written_out_changes_nothing_bit_by_bit() -> None:
     plain = MODELS / "differential_wrist.urdf"
     drives: dict[str, Drive] = {
@@ -544,6 +545,7 @@ def test_errors_are_as_large_as_the_standard_errors_say(
     check_scores(scores, expected, band=1.2)
 
 
+@pytest.mark.slow  # 0.5 s
 @pytest.mark.parametrize(
     "name", quick_first(["stiff differential", "mixed differential", "parallelogram"])
 )
@@ -631,6 +633,7 @@ def test_shifted_zeros_are_as_far_off_as_the_standard_errors_say() -> None:
     check_scores(scores, 0.91, band=1.2)
 
 
+@pytest.mark.slow  # 0.5 s
 @pytest.mark.parametrize("method", quick_first(["two-step", "simultaneous"]))
 def test_a_shifted_zero_is_inside_the_intervals(method: str) -> None:
     case = elastic_differential()
@@ -733,6 +736,7 @@ def test_validation_predicts_the_torques_on_what_the_drives_turn(case: Case) -> 
 # The complete model in symbols.
 
 
+@pytest.mark.slow  # 0.8 s
 def test_the_complete_model_is_zero_along_a_motion() -> None:
     for case in (mixed_differential(), compensated_differential(), parallelogram()):
         motion, model, at = true_motion(case), complete_model(case.robot), 1234

@@ -173,6 +173,7 @@ def test_the_replay_of_the_truth_leaves_noise_and_that_of_the_nominal_model_its_
     assert "mrad before" in repr(found)
 
 
+@pytest.mark.slow  # 0.7 s
 def test_a_model_that_replays_worse_is_named() -> None:
     worse = without_unknown_terms(servo())
     (warning,) = seaid.compare_replays(servo(**TRUTH), worse, commanded()).warnings
@@ -213,6 +214,7 @@ def test_a_nominal_model_that_is_too_fast_to_simulate_gets_the_least_rotor_inert
     assert "the identified model has too little rotor inertia" in other.message
 
 
+@pytest.mark.slow  # 5.6 s
 @pytest.mark.parametrize("is_held", quick_first([False, True]))
 def test_a_replay_in_long_steps_is_that_of_short_ones(is_held: bool) -> None:
     """The controllers act within the steps, and a held command counts with its mean."""

@@ -216,6 +216,7 @@ HYSTERESIS: dict[str, Drive] = {
 }
 
 
+@pytest.mark.slow  # 4.8 s
 @pytest.mark.parametrize("kind", quick_first(HYSTERESIS, 2))
 def test_hysteresis_follows_its_differential_equation(kind: str, tmp_path: Path) -> None:
     """The motor equation (7) holds along a simulated motion with a state by `solve_ivp`."""
@@ -253,6 +254,7 @@ def test_hysteresis_follows_its_differential_equation(kind: str, tmp_path: Path)
     assert np.max(np.abs(error)) < 0.02 * values["coulomb_friction"]
 
 
+@pytest.mark.slow  # 1.0 s
 def test_a_stuck_motor_yields_like_its_bristles(write_chain: Chain) -> None:
     """Without gravity a small torque turns a motor by tau w / F, and lets it back when it goes."""
     drive = stiff({"presliding_angle": 0.5}, friction=("viscous", "dahl"))

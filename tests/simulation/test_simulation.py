@@ -233,6 +233,7 @@ def short(robot: Robot, duration: float = 0.2) -> Trajectory:
     return Trajectory(robot.joint_names, basis, random)
 
 
+@pytest.mark.slow  # 0.9 s
 def test_same_seed_gives_the_same_log_and_another_only_other_torque_noise(
     write_chain: Chain,
 ) -> None:
@@ -279,6 +280,7 @@ def test_perfect_sensors_add_nothing() -> None:
     assert np.array_equal(log.motor_torque, motion.motor_torque)
 
 
+@pytest.mark.slow  # 1.1 s
 def test_joints_in_the_users_order_move_the_same() -> None:
     usual = leg()
     names = usual.joint_names[::-1]

@@ -139,6 +139,7 @@ def states(given: Linkage, start: list[float]) -> list[list[float]]:
     return found
 
 
+@pytest.mark.slow  # 2.9 s
 @pytest.mark.parametrize("name", CASES)
 def test_base_set_is_that_of_qr_along_a_motion_that_closes_the_loop(name: str) -> None:
     system, count, start = CASES[name]
@@ -164,6 +165,7 @@ def test_base_set_is_that_of_qr_along_a_motion_that_closes_the_loop(name: str) -
     assert H[:, list(base.pivots)] @ echelon == pytest.approx(H, rel=1e-9, abs=1e-11)
 
 
+@pytest.mark.slow  # 1.6 s
 def test_factors_are_quotients_of_the_lengths() -> None:
     """A coupler's mass is shared by its two ends, as the books have it (Wittenburg 1977)."""
     for name, expected in {
@@ -188,6 +190,7 @@ def test_factors_are_quotients_of_the_lengths() -> None:
         assert list(reduce(form).parameters) == expected
 
 
+@pytest.mark.slow  # 0.8 s
 def test_length_that_is_a_function_of_a_known_angle() -> None:
     system, angle = CASES["four-bar in a horizontal plane"][0], sp.Symbol("alpha")
     system = system.given({l1: cos(angle), l2: 2, l3: 3, l4: 4})
@@ -250,6 +253,7 @@ def test_known_square_root_is_kept() -> None:
     assert sp.simplify(second - J1 - J2 * sp.sqrt(rod) / (rod - r**2)) == 0
 
 
+@pytest.mark.slow  # 1.2 s
 @pytest.mark.parametrize(
     ("along", "up", "factor"),
     [

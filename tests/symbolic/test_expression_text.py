@@ -123,6 +123,7 @@ def test_any_order_of_what_is_allowed_is_read_or_refused(text: str) -> None:
     assert not found.has(sp.zoo, sp.oo, sp.nan)
 
 
+@pytest.mark.slow  # 1.1 s
 @given(st.text(max_size=40))
 def test_any_text_is_read_or_refused(text: str) -> None:
     try:

@@ -61,6 +61,7 @@ def test_arm_with_numbers_of_45_degrees_keeps_its_count() -> None:
     assert len(base.pivots) == 6
 
 
+@pytest.mark.slow  # 1.6 s
 def test_planar_arm_with_decimal_lengths_in_expanded_equations() -> None:
     """Three links with centres at their middles and a load: six of the seven are independent."""
     q, masses, inertias = coordinates(3), sp.symbols("m1:5"), sp.symbols("I1:4")

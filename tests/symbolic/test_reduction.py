@@ -245,6 +245,7 @@ SHARP_AND_DEPENDENT = [
 ]
 
 
+@pytest.mark.slow  # 1.2 s
 @pytest.mark.parametrize(("functions", "base"), SHARP_AND_DEPENDENT)
 def test_sharp_and_far_dependences_are_found(functions: list[sp.Expr], base: list[sp.Expr]) -> None:
     equation = sum(p * f for p, f in zip(P, functions, strict=False)) - a

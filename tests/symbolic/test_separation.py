@@ -469,6 +469,7 @@ def as_numbers(entries: sp.ImmutableMatrix, *signals: sp.Expr) -> Callable[..., 
     return found
 
 
+@pytest.mark.slow  # 0.6 s
 @pytest.mark.parametrize("times", [1, 2, 3, 4, 5, 6, 9, 12, 20, 84, 137])
 def test_multiples_of_an_angle_are_as_exact_as_the_sine(times: int) -> None:
     equation = m * sp.sin(times * x) + r * sp.cos(times * x) + J * x - a

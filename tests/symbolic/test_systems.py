@@ -58,6 +58,7 @@ def leftmost(columns: list[list[mpf]]) -> tuple[int, ...]:
     return tuple(pivots)
 
 
+@pytest.mark.slow  # 1.5 s
 @pytest.mark.parametrize("system", SYSTEMS, ids=[system.name for system in SYSTEMS])
 def test_base_form(system: System) -> None:
     started = time.perf_counter()

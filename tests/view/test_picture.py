@@ -69,6 +69,7 @@ def largest_difference(found: dict[str, pin.SE3], expected: dict[str, pin.SE3]) 
     )
 
 
+@pytest.mark.slow  # 1.4 s
 @pytest.mark.parametrize("name", ROBOTS)
 def test_links_are_where_pinocchio_has_them(
     name: str, example_path: Callable[[str], Path], load_quietly: Load

@@ -151,6 +151,7 @@ def test_columns_of_a_log_are_found_by_name(robot: Robot) -> None:
     np.testing.assert_array_equal(playback_of(robot, turned, "run").position, joint)
 
 
+@pytest.mark.slow  # 0.7 s
 def test_plan_is_played_with_the_deflections_of_the_nominal_model(robot: Robot) -> None:
     trajectory = plan(robot)
     played = playback_of(robot, trajectory, "plan")

@@ -237,6 +237,7 @@ def test_another_motion_is_seen_beside(view: View) -> None:
     assert not any(lines.visible for lines in ghost)
 
 
+@pytest.mark.slow  # 0.7 s
 def test_time_goes_on_while_it_plays(view: View) -> None:
     view.panel.speed.value = "4x"
     start = pose(view, "/robot/5")

@@ -48,6 +48,7 @@ def test_facts_and_arrays_come_back() -> None:
     assert arrays["a/b[0]"].tolist() == [False, True]
 
 
+@pytest.mark.slow  # 5.0 s
 @pytest.mark.parametrize(
     ("kind", "seconds", "words"),
     [
@@ -75,6 +76,7 @@ def test_own_errors_pass_as_they_are() -> None:
         run_in_child(failing, {"kind": "own"}, seconds=20)
 
 
+@pytest.mark.slow  # 0.5 s
 def test_threads_have_children_too() -> None:
     with ThreadPoolExecutor(2) as pool:
         answers = [
@@ -83,6 +85,7 @@ def test_threads_have_children_too() -> None:
         assert [one.result()[1]["file"][0] for one in answers] == [6.0, 8.0]
 
 
+@pytest.mark.slow  # 0.6 s
 def test_a_script_needs_no_guard(tmp_path: Path) -> None:
     script = tmp_path / "script.py"
     script.write_text(

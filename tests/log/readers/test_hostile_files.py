@@ -249,6 +249,7 @@ def encrypted() -> bytes:
     return bytes(content)
 
 
+@pytest.mark.slow  # 1.1 s
 @pytest.mark.parametrize(
     ("content", "words"),
     [
@@ -347,6 +348,7 @@ def test_samples_in_other_files_are_not_read(tmp_path: Path) -> None:
             next(table.blocks([name], 50))
 
 
+@pytest.mark.slow  # 0.7 s
 def test_hdf5_that_declares_too_much(tmp_path: Path) -> None:
     path = tmp_path / "log.h5"
     with h5py.File(path, "w") as file:
@@ -544,6 +546,7 @@ def greedy(path: str) -> Answer:
     return None, {"a": np.ones(10**12)}
 
 
+@pytest.mark.slow  # 0.9 s
 def test_a_bag_that_asks_for_all_memory_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -136,6 +136,7 @@ def described(position: str) -> dict[str, Any]:
     }
 
 
+@pytest.mark.slow  # 0.8 s
 def test_topics_with_clocks_of_their_own_become_one_log(tmp_path: Path, arm: Robot) -> None:
     path = write_bag(tmp_path / "bag")
     log = read_log(path, arm, description=described(f"{JOINTS}/position[a]"))
@@ -145,6 +146,7 @@ def test_topics_with_clocks_of_their_own_become_one_log(tmp_path: Path, arm: Rob
     np.testing.assert_allclose(log.motor_position[:, 0], -np.deg2rad(100.0) * steps, atol=1e-6)
 
 
+@pytest.mark.slow  # 0.8 s
 @pytest.mark.parametrize(
     ("position", "words"),
     quick_first(  # a process each
@@ -168,6 +170,7 @@ def test_bag_without_the_topic_or_field_says_what_is_there(
     assert words in text
 
 
+@pytest.mark.slow  # 1.0 s
 @pytest.mark.parametrize("ending", quick_first([".bag", ".mcap", ".db3"]))  # three processes each
 def test_bag_that_is_cut_off_is_named(
     bags: Sequence[Path], tmp_path: Path, arm: Robot, ending: str
@@ -181,6 +184,7 @@ def test_bag_that_is_cut_off_is_named(
             read_log(path, arm, description=described(f"{JOINTS}/position[a]"))
 
 
+@pytest.mark.slow  # 0.7 s
 def test_folder_without_a_bag_and_bag_without_messages_are_named(
     tmp_path: Path, arm: Robot
 ) -> None:
@@ -193,6 +197,7 @@ def test_folder_without_a_bag_and_bag_without_messages_are_named(
         read_log(tmp_path / "bag", arm)
 
 
+@pytest.mark.slow  # 0.7 s
 def test_interfaces_of_ros2_control_have_their_names(tmp_path: Path) -> None:
     types = get_typestore(Stores.ROS2_JAZZY)
     value, state = "control_msgs/msg/InterfaceValue", "control_msgs/msg/DynamicJointState"

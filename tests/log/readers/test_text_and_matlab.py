@@ -106,6 +106,7 @@ def test_a_line_with_a_number_too_many_is_named_without_a_header(tmp_path: Path)
         open_table(tmp_path / "log.csv").load(["1"])
 
 
+@pytest.mark.slow  # 2.4 s
 @pytest.mark.parametrize("version", ["5", "4", "7.3"])
 def test_a_matlab_file_is_read(arm: Robot, tmp_path: Path, version: str) -> None:
     path = tmp_path / "run.mat"
@@ -133,6 +134,7 @@ def test_a_matlab_file_is_read(arm: Robot, tmp_path: Path, version: str) -> None
     np.testing.assert_allclose(log.joint_position[:, 0], ROWS[:, 1])
 
 
+@pytest.mark.slow  # 0.7 s
 def test_a_matlab_file_without_numbers_or_damaged_is_named(tmp_path: Path) -> None:
     io.savemat(tmp_path / "run.mat", {"name": "a text"})
     with pytest.raises(LogError, match=r"has no array of numbers, found: name; save arrays of num"):
