@@ -8,7 +8,6 @@ The headers are those of tests/data/headers/headers.toml, with samples that fit 
 from __future__ import annotations
 
 import sys
-import tempfile
 import time
 from importlib.util import find_spec
 from pathlib import Path
@@ -18,6 +17,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 from seaid.log.readers.opening import open_table
 from seaid.report.text import table
 from tests.log.test_real_headers import (
+    ALL,
     DEVELOP,
     FIRST_HALF,
     HELD_OUT,
@@ -35,10 +35,7 @@ def main() -> None:
     groups = {"59, developed on": DEVELOP, "59, others": HELD_OUT}
     groups |= {"42, first half": FIRST_HALF, "42, second half": SECOND_HALF, "9": LAST}
     for name, headers in groups.items():
-        columns = []
-        for header in headers:
-            with tempfile.TemporaryDirectory() as folder:
-                columns += judged(header, Path(folder))
+        columns = [column for header in headers for column in judged(ALL.index(header))]
         right = [one for _, one, _ in columns]
         silent = sum(not right and not listed for _, right, listed in columns)
         rows.append([name, str(len(headers)), str(len(columns)), f"{sum(right) / len(right):.1%}"])

@@ -23,6 +23,7 @@ from scripts.example_robots import example_urdfs
 from scripts.short_form import add_quick, few
 from seaid._arrays import Array
 
+MODELS = Path(__file__).resolve().parents[2] / "models"
 GAINS = seaid.Controller(position_gain_Nm_per_rad=20.0, velocity_gain_Nms_per_rad=1.5)
 
 
@@ -127,7 +128,7 @@ def simulated(folder: Path, delay_s: float, seed: int) -> None:
         command_delay_s=delay_s,
     )
     mass = seaid.Payload("arm", 0.49, (0.0, 0.0, -0.1))
-    robot = seaid.load_robot("models/xl330_pendulum.urdf", {"pendulum": true}, payloads=[mass])
+    robot = seaid.load_robot(MODELS / "xl330_pendulum.urdf", {"pendulum": true}, payloads=[mass])
     nothing = np.full((len(time), 1), np.nan)
     plan = seaid.Log(
         time=time,

@@ -475,8 +475,9 @@ def _robot(found: Mapping[str, Any]) -> Robot:
     joints = [_as_annotated(_Joint(**one)) for one in found["model"]["joints"]]
     if any(not 0 <= one.parent <= place for place, one in enumerate(joints)):
         raise ValueError("a joint of the robot comes before its parent")
-    if len(joints) != len(found["body_names"]):
-        raise ValueError(f"a robot of {len(found['body_names'])} bodies has {len(joints)} joints")
+    own_bodies = len(found["body_names"]) - (found["floating_base"] is not None)
+    if len(joints) != own_bodies:
+        raise ValueError(f"a robot of {own_bodies} bodies that move has {len(joints)} joints")
     model = model_of(found["name"], found["model"]["gravity"], [*map(vars, joints)])
     tables = {joint: _table(one) for joint, one in found["drives"].items()}
     drives = {

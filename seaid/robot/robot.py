@@ -56,7 +56,8 @@ class Robot(Display):
         `model_order[k]` of the robot and its dependent joints; the orders differ only if `joints`
         of `load_robot` deviates from the tree, or for dependent joints. `to_model` and `from_model`
         convert states and torques.
-    model_order : tuple of N int
+    model_order : tuple of J int
+        J is N without a floating base.
     drives : mapping {joint: StiffDrive or SeriesElasticDrive}
     parameters, payload_parameters : arrays (10N,)
         Standard inertial parameters of the bodies without payloads, and of the payloads alone.

@@ -56,9 +56,15 @@ def test_the_replay_of_a_run_is_that_of_the_verb_and_of_the_report(
     go2: Path, tmp_path: Path
 ) -> None:
     part, latest = f"{GO2}@20:25", go2 / "runs" / "latest"
-    content = json.loads(done("replay", part, "--run", latest, "--json").out)["result"]
+
+    def rounded(text: str) -> object:
+        """Return JSON without the last digits, which depend on where arrays lie in memory."""
+        return json.loads(text, parse_float=lambda number: float(f"{float(number):.9g}"))
+
+    content = rounded(done("replay", part, "--run", latest, "--json").out)
     (moved,) = seaid.load_run(latest).replays.values()
-    assert content == {"log": part, **json.loads(json.dumps(moved.to_dict()))}
+    assert isinstance(content, dict)
+    assert content["result"] == rounded(json.dumps({"log": part, **moved.to_dict()}))
     page = tmp_path / "other.html"
     done("report", "--run", latest, "--validate", f"{GO2}@20:25", "-o", page)
     assert page.read_text(encoding="utf-8").count("Replayed position of") == 3

@@ -111,7 +111,7 @@ def test_drives_next_to_the_robot_and_payloads_are_taken(tmp_path: Path) -> None
     project = load_project(tmp_path)
     assert project.drives == tmp_path / "leg.toml"
     assert project.payloads[""] == (payload,)
-    with pytest.raises(SeaidError, match=r"seaid.toml' is there already: change it, or remove"):
+    with pytest.raises(SeaidError, match=r"seaid.toml' is there already: change it and run it"):
         write_first_project(tmp_path / "leg.urdf", [tmp_path / "a.npz"], folder=tmp_path)
 
 
