@@ -47,7 +47,11 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Skip what reads .hebilog files where HEBI's reader is not installed."""
+    """Skip what reads .hebilog files without HEBI's reader; begin with statistics over many draws.
+
+    A test of minutes that is the last one of a process keeps the other processes waiting.
+    """
+    items.sort(key=lambda item: "as_large_as_the_standard_errors" not in item.name)
     if find_spec("hebi") is None:
         skip = pytest.mark.skip(
             reason="reads a .hebilog, for which hebi-py is built: make test-hebi"
