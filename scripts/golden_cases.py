@@ -67,7 +67,7 @@ def _base_of(equations: Any, motion: Sequence[Any], unknowns: Sequence[Any]) -> 
 
 
 def _link_with_unknown_ratio() -> Records:
-    """(7) and (8) of one link on which a known torque acts, with an unknown gear ratio: rank 7."""
+    """(7) and (8) of one link on which a known torque acts, with an unknown gear ratio."""
     import sympy as sp
 
     motor, joint, torque, outside = (
@@ -139,30 +139,6 @@ def cases() -> tuple[Case, ...]:
 GROUPS: tuple[str, ...] = tuple(dict.fromkeys(case.group for case in cases()))
 
 KNOWN_WRONG: tuple[KnownWrong, ...] = (
-    KnownWrong(
-        "one link, unknown gear ratio",
-        "*",
-        "8 base parameters for a rank of 7: k, k/N and k/N^2 depend on two numbers",
-    ),
-    KnownWrong(
-        "ball and beam, unknown radius",
-        "*",
-        "4 base parameters for a rank of 3: m, R^2 m and J depend on two numbers up to scale",
-    ),
-    KnownWrong("*", "active bound: *", "bounds are reported as active that bind nothing"),
-    KnownWrong(
-        "quadratic friction, missing, free foot",
-        "codes hip_pitch",
-        "the missing term is deleted, since its joint has a weak spring",
-    ),
-    KnownWrong(
-        "cubic spring, table",
-        "nominal * of knee_pitch",
-        "a drive without a nominal value shows its own result as the nominal one",
-    ),
-    KnownWrong("cubic spring, files", "mjcf*", "MJCF has springs with polynomials"),
-    KnownWrong("init, *", "*.gear_ratio_std", "errors of inferred gear ratios are too small"),
-    KnownWrong("frequency, *", "warnings of seaid", "a negative moment of inertia is not reported"),
     KnownWrong(
         "*, no drives, or one missing (*)",
         "codes *",

@@ -482,7 +482,7 @@ def _cubic() -> seaid.Identification:
 def _printed(build: Build) -> Records:
     """Return the nominal values in the table of drives that is printed."""
     found = build()
-    lines = str(seaid.report.short_text(found, found.known)).splitlines()
+    lines = str(seaid.report.short_text(found, found.nominal or found.known)).splitlines()
     rows = [re.split(r"\s{2,}", line.strip()) for line in lines]
     heads = [row for row in rows if "nominal" in row and "parameter" in row]
     if not heads:
