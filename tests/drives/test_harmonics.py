@@ -294,6 +294,7 @@ def test_load_friction_of_a_spring_with_an_error() -> None:
     assert abs(one.value("load_friction")) < 3 * one.standard_error("load_friction")
 
 
+@pytest.mark.slow  # 5.2 s
 @pytest.mark.parametrize(("error_rad", "is_named"), [(1e-3, True), (2e-5, False)])
 def test_an_error_is_named_if_its_torque_matters(error_rad: float, is_named: bool) -> None:
     """Without noise 0.02 mrad is most of the residual, and less than 0.1 % of the torque."""

@@ -88,6 +88,7 @@ def test_limits_hold_at_every_instant(
     kept(robot, plan(robot, duration, limits=limits, **options), limits)
 
 
+@pytest.mark.slow  # 3.1 s
 def test_nominal_parameters_are_not_used(slider_arm: Robot) -> None:
     known, unknown = plan(slider_arm), plan(slider_arm.without_nominal())
     np.testing.assert_array_equal(known.trajectory.coefficients, unknown.trajectory.coefficients)

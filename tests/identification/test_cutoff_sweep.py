@@ -61,6 +61,7 @@ def test_rows_are_those_of_identify_and_the_proposed_band_is_among_them() -> Non
     assert len(result.units) == len(result.names)
 
 
+@pytest.mark.slow  # 1.7 s
 def test_band_that_cannot_be_is_told_and_does_not_stop_the_others() -> None:
     result = scanned()
     assert list(result.refused) == [700.0]

@@ -111,6 +111,7 @@ def test_without_springs_only_the_encoder_is_chosen() -> None:
     assert np.array_equal(made.joint_acceleration, chosen.joint_acceleration)
 
 
+@pytest.mark.slow  # 1.8 s
 @pytest.mark.parametrize("side", quick_first(["joint", "motor"]))
 def test_stiff_joint_moves_with_its_finer_encoder(side: str) -> None:
     robot, _, motion, _ = noise_free()

@@ -115,6 +115,7 @@ def test_drives_next_to_the_robot_and_payloads_are_taken(tmp_path: Path) -> None
         write_first_project(tmp_path / "leg.urdf", [tmp_path / "a.npz"], folder=tmp_path)
 
 
+@pytest.mark.slow  # 3.5 s
 def test_one_long_log_is_divided(tmp_path: Path) -> None:
     shutil.copy(MODELS / "tulip_leg.urdf", tmp_path / "leg.urdf")
     motion = experiments.leg_motion(experiments.TEST_MASS)

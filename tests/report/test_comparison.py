@@ -47,6 +47,7 @@ def test_what_changed_is_significant_and_nothing_else() -> None:
     assert len(result.differences) == count
 
 
+@pytest.mark.slow  # 2.2 s
 def test_a_log_in_common_makes_estimates_correlated() -> None:
     """The same planned motion recorded twice is not the same log."""
     log = arm_log()  # that of arm_found

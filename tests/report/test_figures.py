@@ -47,6 +47,7 @@ def test_files_are_png_of_a_sensible_size(tmp_path: Path) -> None:
         assert path.stat().st_size > 20_000
 
 
+@pytest.mark.slow  # 4.8 s
 def test_actuator_figure_shows_best_and_worst_joint(
     tmp_path: Path, drawn: list[matplotlib.figure.Figure]
 ) -> None:
