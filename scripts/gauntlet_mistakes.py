@@ -26,7 +26,7 @@ from scripts.gauntlet_robots import (
     true_robot,
 )
 from seaid._arrays import Array
-from seaid.errors import CODES
+from seaid.checks import CODES
 
 HELD_OUT = 99
 """The motion on which predictions are judged."""

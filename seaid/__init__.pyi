@@ -49,6 +49,7 @@ from .identification import CutoffSensitivity as CutoffSensitivity
 from .identification import Delay as Delay
 from .identification import FeasibleParameters as FeasibleParameters
 from .identification import FrequencyResponse as FrequencyResponse
+from .identification import GearRatio as GearRatio
 from .identification import Identification as Identification
 from .identification import SetupCheck as SetupCheck
 from .identification import StaticCalibration as StaticCalibration
@@ -65,6 +66,7 @@ from .identification import cutoff_sensitivity as cutoff_sensitivity
 from .identification import estimate_delays as estimate_delays
 from .identification import find_contacts as find_contacts
 from .identification import frequency_response as frequency_response
+from .identification import gear_ratio as gear_ratio
 from .identification import identify as identify
 from .identification import identify_conditions as identify_conditions
 from .identification import read_statics as read_statics
@@ -72,7 +74,6 @@ from .identification import refine as refine
 from .identification import validate as validate
 from .log import BaseLog as BaseLog
 from .log import Description as Description
-from .log import GearRatio as GearRatio
 from .log import Log as Log
 from .log import LogDescription as LogDescription
 from .log import LongLog as LongLog
@@ -80,7 +81,6 @@ from .log import Motion as Motion
 from .log import Repair as Repair
 from .log import Repairs as Repairs
 from .log import describe_log as describe_log
-from .log import gear_ratio as gear_ratio
 from .log import open_long_log as open_long_log
 from .log import read_log as read_log
 from .log import reconstruct_motion as reconstruct_motion

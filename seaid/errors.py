@@ -95,76 +95,6 @@ Certainty = Literal["certain", "likely", "possible"]
 """How sure a finding is of its cause: nothing else explains the evidence; best of several; one of
 several that the data cannot tell apart."""
 
-CODES = {
-    "unit": "a channel in another unit than its column says",
-    "time-unit": "the time in another unit than seconds",
-    "sign": "a channel, or a whole joint, with the opposite sign",
-    "encoder-offset": "a joint whose zero is not that of the robot file",
-    "swapped-joints": "the channels of joints, or of legs, exchanged",
-    "gear-ratio": "a gear ratio that the two encoders contradict",
-    "missing-drives": "motor channels in the log without drives for them",
-    "payload": "a payload that is absent, or differs from the one given",
-    "gravity": "another direction of gravity than the one given",
-    "nominal-values": "values of the robot file that the motion contradicts",
-    "geometry": "a length of the robot file that the motion contradicts",
-    "delay": "a channel that is late or early",
-    "command-delay": "a delay of commands that the log does not separate from the rotor inertia",
-    "rotor-inertia": "a rotor inertia that the motion contradicts",
-    "torque-scale": "a factor on the torques of a joint, such as a wrong torque constant",
-    "gain-scale": "gains in units of the drive: not declared, or a scale that nothing determines",
-    "unused-command": "velocity commands for which the controller of a drive has no gain",
-    "no-measurement": "a torque without sign, or computed from the tracking error",
-    "torque-offset": "a constant error of a torque",
-    "encoder-offsets-differ": "encoder offsets that differ between the logs",
-    "weak-spring": "a spring that the motion hardly loads, or whose deflection is mostly noise",
-    "backlash": "a gear or spring with backlash, which looks like a weak spring",
-    "nonlinear-spring": "a spring that is not linear",
-    "gear-compliance": "a stiffness that includes the gear between the encoders",
-    "transmission-error": "an error of the gear that is periodic in its angles",
-    "reference-position": "a reference position of friction that the motion does not reach",
-    "loose-encoder": "play or hysteresis between the encoders of a spring joint",
-    "missing-term": "a term of friction that the data support and the drive lacks",
-    "needless-term": "a term of a drive that is not distinguishable from zero",
-    "drift": "a slow change of a sensor or of the friction",
-    "no-fit": "a joint whose torque the model does not explain",
-    "contact-forces": "a foot whose predicted force is not that measured, or pulls at the ground",
-    "unseen-motion": "a torque or a force that the model does not predict in another motion",
-    "not-replayed": "a joint without a usable model, which a replay moves as measured",
-    "replay-worse": "a joint that the identified model replays worse than the nominal one",
-    "poorly-identified": "a parameter with a large standard error",
-    "unidentifiable": "a parameter that this motion cannot identify",
-    "negative-parameter": "a parameter with the wrong sign",
-    "inconsistent-inertia": "base parameters that no physically consistent bodies have",
-    "weak-instruments": "instruments that are hardly correlated with their columns",
-    "few-rows": "too few independent rows for reliable intervals",
-    "homogeneous": "an equation without a known torque, which a zero solution fits",
-    "estimator-disagrees": "an estimate that another estimator contradicts",
-    "blocks-disagree": "estimates from parts of the data that differ by more than their errors",
-    "cutoff-sensitive": "an estimate that depends on the cutoff",
-    "worse-than-start": "a search that ended with a worse prediction than its start",
-    "motor-side": "springs and loads from motor angle and torque alone",
-    "hidden-resonance": "a spring that the motor torque hardly shows",
-    "wrong-minimum": "springs of coupled joints whose errors follow the motor angles",
-    "nothing-to-simulate": "a log without springs, which `refine` cannot improve",
-    "contact-flags": "flags of contacts that the motion of the feet contradicts",
-    "base-frames": "orientation, angular velocity and gravity of a base that contradict each other",
-    "base-sensor": "an axis of an IMU that is missing",
-    "base-bias": "a bias of an accelerometer",
-    "soft-feet": "feet or legs that give way under their load",
-    "sensor-zero": "a zero of a force sensor that is off",
-    "no-torque": "joints of a floating base without a torque in the log",
-    "total-mass": "a total mass that is negative, or far from that of the robot file",
-    "base-jumps": "jumps of the pose of a base",
-    "contact": "bursts of torque that the model cannot explain: contact, or hands",
-    "locked-output": "a spring whose load is held from outside",
-    "standstill": "a joint that hardly moves, or samples at rest that were excluded",
-    "saturation": "a channel at its limit",
-    "holes": "samples excluded because of gaps in time",
-    "unused-channel": "a logged channel that nothing uses",
-    "not-in-format": "a part of the model that the written file cannot hold",
-}
-"""{code of a finding: what it stands for}."""
-
 
 @dataclass(frozen=True)
 class Finding:
@@ -173,7 +103,7 @@ class Finding:
     Attributes
     ----------
     code : str
-        One of `CODES`.
+        One of `seaid.checks.CODES`, such as "delay".
     message : str
         What was found, in a sentence with the joint, the numbers and the likely cause.
     joint : str
@@ -204,10 +134,6 @@ class Finding:
     remedy: str = ""
     certainty: Certainty = "likely"
     joints: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        if self.code not in CODES:
-            raise SeaidError(unknown_name("code of a finding", self.code, CODES))
 
     def __str__(self) -> str:
         return self.message

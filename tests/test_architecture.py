@@ -45,8 +45,8 @@ def imported(nodes: Iterable[ast.AST], within: bool) -> Iterator[str]:
 
 
 FLOORS = (
-    *("symbolic", "drives", "robot", "log", "regressor", "estimation", "excitation"),
-    *("simulation", "identification", "export", "report", "project", "view", "cli"),
+    *("symbolic", "drives", "robot", "log", "regressor", "estimation", "checks"),
+    *("excitation", "simulation", "identification", "export", "report", "project", "view", "cli"),
 )
 """The packages along the way of the data: each imports only from those before it."""
 

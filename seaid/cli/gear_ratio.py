@@ -54,7 +54,7 @@ def _ratio(robot: Robot, logs: Sequence[Log], joint: str) -> dict[str, Any]:
     """Return the ratio of a joint, or the reason why there is none."""
     import numpy as np
 
-    from seaid.log import gear_ratio as ratio_of
+    from seaid.identification import gear_ratio as ratio_of
 
     drive = robot.drives[joint]
     if np.count_nonzero(robot.transmission[robot.index(joint)]) > 1:

@@ -22,6 +22,8 @@ from .delays import estimate_delays as estimate_delays
 from .drive_estimates import POORLY_IDENTIFIED as POORLY_IDENTIFIED
 from .frequency import FrequencyResponse as FrequencyResponse
 from .frequency import frequency_response as frequency_response
+from .gear import GearRatio as GearRatio
+from .gear import gear_ratio as gear_ratio
 from .identification import Identification as Identification
 from .identification import Method as Method
 from .identification import identify as identify

@@ -90,7 +90,6 @@ from seaid.identification.known_constants import (
     scale_of_bodies,
     with_known_std,
 )
-from seaid.identification.method_limits import check_refinable
 from seaid.identification.missing_terms import (
     MOST_ROUNDS,
     missing_terms,
@@ -110,7 +109,7 @@ from seaid.identification.nonlinear_terms import linearised_robot, with_fixed_wa
 from seaid.identification.output_error import FirstEstimate, first_estimate, refined_with_logs
 from seaid.identification.physical_consistency import FeasibleParameters, feasible_parameters
 from seaid.identification.sensitivity import sensitivity_findings
-from seaid.identification.simulated_joints import with_passed_reversals
+from seaid.identification.simulated_joints import check_refinable, with_passed_reversals
 from seaid.identification.simultaneous import estimate_simultaneous
 from seaid.identification.soft_feet import soft_feet_findings
 from seaid.identification.transmission_error import periodic_findings

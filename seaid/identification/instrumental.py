@@ -31,8 +31,7 @@ from seaid.errors import Finding, IdentificationError, Severity
 from seaid.estimation import Estimate, Estimator, instrumental
 from seaid.identification.datasets import Dataset
 from seaid.identification.drive_estimates import spring_of
-from seaid.identification.method_limits import check_instruments, linear_spring
-from seaid.identification.simulated_joints import driven_motion
+from seaid.identification.simulated_joints import check_instruments, driven_motion, linear_spring
 from seaid.identification.two_step import LOAD, RobotEstimate, estimate_two_step, without_torque
 from seaid.log import Motion, in_band, low_pass, spline_derivatives
 from seaid.regressor import (

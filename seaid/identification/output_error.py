@@ -47,7 +47,6 @@ from seaid.identification.drive_estimates import (
     with_values,
     with_warnings,
 )
-from seaid.identification.method_limits import check_refinable
 from seaid.identification.motor_side import (
     SAMPLES,
     with_angles,
@@ -59,6 +58,7 @@ from seaid.identification.motor_side import (
 from seaid.identification.simulated_joints import (
     Response,
     TorqueJacobians,
+    check_refinable,
     finer_side,
     friction_corrections,
     hysteresis_corrections,

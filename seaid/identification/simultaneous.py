@@ -39,7 +39,7 @@ from seaid.estimation import (
 )
 from seaid.identification.datasets import Dataset, rows_in_memory
 from seaid.identification.drive_estimates import spring_of, with_warnings
-from seaid.identification.method_limits import check_simultaneous
+from seaid.identification.simulated_joints import check_simultaneous
 from seaid.identification.two_step import RobotEstimate, without_torque
 from seaid.log import Motion
 from seaid.regressor import (

@@ -31,8 +31,6 @@ from .filtering import spline_derivatives as spline_derivatives
 from .filtering import standstill as standstill
 from .filtering import still_share as still_share
 from .filtering import still_speed as still_speed
-from .gear_ratios import GearRatio as GearRatio
-from .gear_ratios import gear_ratio as gear_ratio
 from .infer_columns import Description as Description
 from .infer_columns import describe_log as describe_log
 from .infer_columns import logs_of_files as logs_of_files

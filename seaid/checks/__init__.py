@@ -1,0 +1,15 @@
+"""Checks: what can be wrong with a set-up, its log or a result, and how it shows.
+
+- `codes`: what each finding stands for, with its usual cause and what to do;
+- `engine`: tests of mistakes that are columns of the fitted equations, and their selection.
+
+Findings are made here only: a room for each thing that is looked at, such as `channels` of a log.
+Nothing here knows the steps of an identification.
+
+>>> from seaid.checks import CODES
+>>> CODES["delay"].advice
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,2 @@
+from .codes import CODES as CODES
+from .codes import Code as Code
