@@ -8,6 +8,8 @@ INSTALLED_DEV := $(VENV)/.installed-dev
 RUN := $(VENV)/bin/python
 # Matrices here are small: a second BLAS thread only waits, and takes the core of another process.
 export OPENBLAS_NUM_THREADS ?= 1
+# Without cached bytecode every process of the tests would compile the package again, 100 s of processor time in all.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: tulip biped test test-slow test-all test-rounding test-hebi test-simulators test-browser look lint docs wheel env dev clean
 
