@@ -118,9 +118,9 @@ def test_no_module_imports_one_that_imports_it() -> None:
 
 ONE_IMPORTER = {
     "a method with a source of its own, read and tested alone": (
-        *("estimation.feasible", "estimation.robust"),
+        *("estimation.feasible", "estimation.robust", "checks.check"),
         *("identification.instrumental", "identification.simultaneous"),
-        *("identification.transmission_error", "identification.linear_joints"),
+        "identification.linear_joints",
         "excitation.multisine",
         *("regressor.exact.lagrangian", "regressor.exact.newton_euler"),
         "regressor.exact.recursion",

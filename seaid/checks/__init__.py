@@ -1,7 +1,7 @@
 """Checks: what can be wrong with a set-up, its log or a result, and how it shows.
 
-- `codes`: what each finding stands for, with its usual cause and what to do;
-- `engine`: tests of mistakes that are columns of the fitted equations, and their selection.
+- `check`: the objects by which checks are declared;
+- `codes`: what each finding stands for, with its usual cause and what to do.
 
 Findings are made here only: a room for each thing that is looked at, such as `channels` of a log.
 Nothing here knows the steps of an identification.

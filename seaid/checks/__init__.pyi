@@ -1,2 +1,4 @@
+from .check import Code as Code
+from .check import Observation as Observation
+from .check import observed as observed
 from .codes import CODES as CODES
-from .codes import Code as Code

@@ -8,44 +8,9 @@ code is given in one place.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 from seaid._arrays import FrozenMapping
-from seaid.errors import Certainty, Finding, Severity
-
-
-@dataclass(frozen=True)
-class Code:
-    """What a finding stands for.
-
-    Attributes
-    ----------
-    name : str
-        The word by which users and scripts refer to it, such as "delay".
-    meaning : str
-        What it stands for, in a phrase.
-    cause, advice : str
-        The usual cause, and what to do, in sentences.
-    """
-
-    name: str
-    meaning: str
-    cause: str
-    advice: str
-
-    def finding(
-        self,
-        message: str,
-        joint: str = "",
-        severity: Severity = "doubtful",
-        evidence: Mapping[str, float] = FrozenMapping({}),
-        remedy: str = "",
-        certainty: Certainty = "likely",
-        joints: tuple[str, ...] = (),
-    ) -> Finding:
-        """Return a finding of this code; the arguments are the attributes of `Finding`."""
-        return Finding(self.name, message, joint, severity, evidence, remedy, certainty, joints)
-
+from seaid.checks.check import Code
 
 UNIT = Code(
     "unit",

@@ -93,6 +93,7 @@ from seaid.identification.known_constants import (
 from seaid.identification.missing_terms import (
     MOST_ROUNDS,
     missing_terms,
+    periodic_findings,
     resolved_widths,
     supported_terms,
     with_default_terms,
@@ -112,7 +113,6 @@ from seaid.identification.sensitivity import sensitivity_findings
 from seaid.identification.simulated_joints import check_refinable, with_passed_reversals
 from seaid.identification.simultaneous import estimate_simultaneous
 from seaid.identification.soft_feet import soft_feet_findings
-from seaid.identification.transmission_error import periodic_findings
 from seaid.identification.two_step import (
     RobotEstimate,
     check_forces,

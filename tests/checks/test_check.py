@@ -1,0 +1,26 @@
+"""Checks as objects: what they yield, and what becomes of one that fails."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from seaid.checks import CODES, Observation, observed
+from seaid.errors import Finding, LogError
+
+DRIFT, HOLES = CODES["drift"], CODES["holes"]
+
+
+def holes(count: int) -> Iterator[Finding]:
+    yield HOLES.finding(f"{count} holes")
+
+
+def broken(count: int) -> Iterator[Finding]:
+    yield DRIFT.finding("a drift")
+    raise LogError(f"{count} rows are too few")
+
+
+def test_a_check_that_raises_becomes_a_note_with_its_name() -> None:
+    found = observed([Observation(DRIFT, broken), Observation(HOLES, holes)], 3)
+    assert [finding.code for finding in found] == ["drift", "drift", "holes"]
+    assert found[1].severity == "note"
+    assert found[1].message == "the check 'drift' could not be made: 3 rows are too few"
