@@ -2,3 +2,17 @@ from .check import Code as Code
 from .check import Observation as Observation
 from .check import observed as observed
 from .codes import CODES as CODES
+from .experiment import FALLS as FALLS
+from .experiment import LEAST_GAIN as LEAST_GAIN
+from .experiment import SEVERE as SEVERE
+from .experiment import SUSPICIOUS as SUSPICIOUS
+from .experiment import TIE as TIE
+from .experiment import Experiment as Experiment
+from .experiment import experiment_of as experiment_of
+from .experiment import fitted as fitted
+from .experiment import flipped as flipped
+from .experiment import scaled as scaled
+from .experiment import stands_locked as stands_locked
+from .experiment import with_torques_of as with_torques_of
+from .setup import encoder_slope as encoder_slope
+from .setup import mistakes as mistakes

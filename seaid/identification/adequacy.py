@@ -33,7 +33,7 @@ from seaid.regressor import INPUT_FIELDS, motor_regressor
 from seaid.robot import BASE_ROWS
 
 if TYPE_CHECKING:
-    from seaid.identification.experiment import Experiment
+    from seaid.checks import Experiment
     from seaid.identification.identification import Identification
     from seaid.identification.two_step import RobotEstimate
     from seaid.regressor import Regression

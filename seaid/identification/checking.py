@@ -1,6 +1,6 @@
 """`check`: the set-up of an experiment before any fit, from the logs and what was given.
 
-Time, motion and channels are looked at one by one, then the torques by `setup_hypotheses`. Every
+Time, motion and channels are looked at one by one, then the torques by `seaid.checks.setup`. Every
 mistake is a `Finding` with its evidence and the one change that repairs it; what no fit can
 use, a robot at rest or a dead channel, is an error.
 """
@@ -15,6 +15,7 @@ import numpy as np
 from seaid._arrays import Array, FrozenMapping, is_constant, resolution, white_noise
 from seaid._files import toml_key, toml_table
 from seaid._progress import Result, counted
+from seaid.checks import Experiment, encoder_slope, experiment_of, mistakes, stands_locked
 from seaid.drives import IDEAL_DRIVE, Drive
 from seaid.errors import (
     ExcitationError,
@@ -33,9 +34,7 @@ from seaid.identification.command_checks import (
 )
 from seaid.identification.command_hypotheses import gain_findings, hidden_limits, pose_findings
 from seaid.identification.datasets import Source, datasets_by_log, first_motion, sources_of
-from seaid.identification.experiment import Experiment, experiment_of, stands_locked
 from seaid.identification.motor_side import with_regressed_angles, without_joint_encoder
-from seaid.identification.setup_hypotheses import encoder_slope, mistakes
 from seaid.log import Log, Motion, changed_source, held_over, row_samples
 from seaid.regressor import INPUT_FIELDS, actuator_rows, motor_regressor, usable_rows
 from seaid.robot import Robot

@@ -1,7 +1,7 @@
 """Mistakes of a set-up with commands in place of torques: gains in another unit, signs and zeros.
 
 Gravity and inertia of known bodies are compared with the torque of the controllers. The other
-hypotheses of `setup_hypotheses` need a measured torque.
+mistakes of `seaid.checks.setup` need a measured torque.
 """
 
 from __future__ import annotations
@@ -15,9 +15,7 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid._files import toml_table
-from seaid.errors import Finding, listed
-from seaid.estimation import scaled_svd
-from seaid.identification.experiment import (
+from seaid.checks import (
     FALLS,
     LEAST_GAIN,
     SEVERE,
@@ -28,6 +26,8 @@ from seaid.identification.experiment import (
     flipped,
     scaled,
 )
+from seaid.errors import Finding, listed
+from seaid.estimation import scaled_svd
 from seaid.log import changed_source
 
 _OTHER_UNIT = 2.0

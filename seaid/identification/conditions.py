@@ -17,6 +17,7 @@ from scipy import linalg
 
 from seaid._arrays import Array, BoolArray, FrozenMapping
 from seaid._progress import MOST_NAMES, Result, counted
+from seaid.checks import Experiment, experiment_of
 from seaid.drives import PARAMETERS, JointParameter
 from seaid.errors import Finding, IdentificationError, checked, listed, shown, unknown_name
 from seaid.estimation import (
@@ -47,7 +48,6 @@ from seaid.identification.datasets import (
     sources_of,
 )
 from seaid.identification.drive_estimates import merged_estimates, spring_of, with_warnings
-from seaid.identification.experiment import Experiment, experiment_of
 from seaid.identification.gear import deflection_joints, with_rigid_gears
 from seaid.identification.identification import (
     Identification,

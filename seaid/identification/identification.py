@@ -16,6 +16,7 @@ import numpy as np
 from seaid._arrays import Array, FrozenMapping
 from seaid._files import write_json
 from seaid._progress import Result, counted
+from seaid.checks import experiment_of, with_torques_of
 from seaid.errors import (
     ExcitationError,
     Finding,
@@ -73,7 +74,6 @@ from seaid.identification.datasets import (
     sources_of,
 )
 from seaid.identification.drive_estimates import negative_inertias, with_estimate
-from seaid.identification.experiment import experiment_of, with_torques_of
 from seaid.identification.gear import (
     deflection_joints,
     gear_estimates,

@@ -18,12 +18,12 @@ import pytest
 import seaid
 from seaid._arrays import Array
 from seaid.checks import CODES
+from seaid.checks.experiment import _slope, experiment_of, fitted
+from seaid.checks.setup import hypotheses
 from seaid.drives.toml import drives_from_mapping
 from seaid.errors import Finding, SeaidError, by_severity
 from seaid.identification.checking import check, log_findings
 from seaid.identification.command_checks import _is_folded, _is_magnitude, no_measurements
-from seaid.identification.experiment import _slope, experiment_of, fitted
-from seaid.identification.setup_hypotheses import hypotheses
 from seaid.log.log import Log
 from seaid.log.motion import reconstruct_motions
 from seaid.robot.robot import Payload, Robot, load_robot

@@ -12,9 +12,9 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 import seaid
+from seaid.checks import experiment_of
 from seaid.errors import LogError
 from seaid.identification.delays import Delay, correct_delays, estimate_delays
-from seaid.identification.experiment import experiment_of
 from seaid.log.motion import reconstruct_motions
 from seaid.log.reading import Log
 from seaid.robot.robot import Robot

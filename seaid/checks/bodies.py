@@ -10,8 +10,8 @@ from functools import partial
 import numpy as np
 
 from seaid._arrays import Array
+from seaid.checks.experiment import Experiment, Hypothesis
 from seaid.estimation import scaled_svd, triangle
-from seaid.identification.experiment import Experiment, Hypothesis
 from seaid.regressor import regressor_at_drives
 
 _USUAL = (2.0, 3.0, 4.0, 5.0, 10.0, 100.0, 1000.0)

@@ -17,9 +17,7 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid._files import toml_table
-from seaid.errors import Certainty, Finding, Severity
-from seaid.estimation import scaled_svd
-from seaid.identification.body_hypotheses import (
+from seaid.checks.bodies import (
     CORRELATED_ROWS,
     gravities,
     lengths,
@@ -28,7 +26,7 @@ from seaid.identification.body_hypotheses import (
     penalty_of,
     with_bodies,
 )
-from seaid.identification.experiment import (
+from seaid.checks.experiment import (
     FALLS,
     LEAST_GAIN,
     SEVERE,
@@ -39,6 +37,8 @@ from seaid.identification.experiment import (
     flipped,
     scaled,
 )
+from seaid.errors import Certainty, Finding, Severity
+from seaid.estimation import scaled_svd
 from seaid.log import changed_source
 from seaid.robot import Robot
 
