@@ -1,3 +1,4 @@
+from . import checks as checks
 from . import cli as cli
 from . import drives as drives
 from . import estimation as estimation
@@ -12,6 +13,7 @@ from . import robot as robot
 from . import simulation as simulation
 from . import symbolic as symbolic
 from . import view as view
+from .checks import Verdict as Verdict
 from .drives import Controller as Controller
 from .drives import SeriesElasticDrive as SeriesElasticDrive
 from .drives import StiffDrive as StiffDrive
@@ -56,7 +58,6 @@ from .identification import StaticCalibration as StaticCalibration
 from .identification import Statics as Statics
 from .identification import TermSelection as TermSelection
 from .identification import Validation as Validation
-from .identification import Verdict as Verdict
 from .identification import calibrate_statics as calibrate_statics
 from .identification import check as check
 from .identification import compare_terms as compare_terms

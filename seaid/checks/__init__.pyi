@@ -16,3 +16,17 @@ from .experiment import stands_locked as stands_locked
 from .experiment import with_torques_of as with_torques_of
 from .setup import encoder_slope as encoder_slope
 from .setup import mistakes as mistakes
+from .tolerances import NOTHING as NOTHING
+from .tolerances import PART as PART
+from .verdict import JointFit as JointFit
+from .verdict import RobotFit as RobotFit
+from .verdict import Verdict as Verdict
+from .verdict import consequences as consequences
+from .verdict import excluding_torque as excluding_torque
+from .verdict import explained as explained
+from .verdict import fit_findings as fit_findings
+from .verdict import is_wrong as is_wrong
+from .verdict import robot_fit as robot_fit
+from .verdict import unused_findings as unused_findings
+from .verdict import verdict_of as verdict_of
+from .verdict import without_echoes as without_echoes

@@ -1,5 +1,3 @@
-from .adequacy import JointFit as JointFit
-from .adequacy import Verdict as Verdict
 from .base_estimates import BodyValue as BodyValue
 from .base_estimates import whole_body as whole_body
 from .checking import LEAST_DELAY_S as LEAST_DELAY_S

@@ -13,10 +13,10 @@ import numpy as np
 
 from seaid._arrays import Array, is_constant, resolution
 from seaid._files import toml_table
+from seaid.checks import excluding_torque
 from seaid.drives import NORMAL_95, Controller, Drive, JointParameter, stated_delay_s
 from seaid.errors import Finding
 from seaid.estimation import scaled_svd
-from seaid.identification.adequacy import excluding_torque
 from seaid.identification.command_delays import DELAY, buses_of
 from seaid.log import (
     Log,

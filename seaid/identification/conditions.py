@@ -17,7 +17,13 @@ from scipy import linalg
 
 from seaid._arrays import Array, BoolArray, FrozenMapping
 from seaid._progress import MOST_NAMES, Result, counted
-from seaid.checks import Experiment, experiment_of
+from seaid.checks import (
+    Experiment,
+    consequences,
+    experiment_of,
+    fit_findings,
+    robot_fit,
+)
 from seaid.drives import PARAMETERS, JointParameter
 from seaid.errors import Finding, IdentificationError, checked, listed, shown, unknown_name
 from seaid.estimation import (
@@ -32,7 +38,6 @@ from seaid.estimation import (
     settled_weights,
     term_test,
 )
-from seaid.identification.adequacy import consequences, fit_findings, joint_fits
 from seaid.identification.checking import joint_checks, log_findings, with_setup_findings
 from seaid.identification.command_delays import (
     MOST_DELAY_ROUNDS,
@@ -47,7 +52,13 @@ from seaid.identification.datasets import (
     rows_in_memory,
     sources_of,
 )
-from seaid.identification.drive_estimates import merged_estimates, spring_of, with_warnings
+from seaid.identification.drive_estimates import (
+    merged_estimates,
+    spring_of,
+    weak_springs,
+    with_spring_torque,
+    with_warnings,
+)
 from seaid.identification.gear import deflection_joints, with_rigid_gears
 from seaid.identification.identification import (
     Identification,
@@ -57,7 +68,6 @@ from seaid.identification.identification import (
 )
 from seaid.identification.nonlinear_terms import linearised_robot, with_fixed_warnings
 from seaid.identification.simulated_joints import with_passed_reversals
-from seaid.identification.torque_offsets import with_spring_torque
 from seaid.identification.two_step import (
     LOAD,
     RobotEstimate,
@@ -424,14 +434,14 @@ def _with_fits(
     """Return the identification of a condition with how well it explains its `own` (R,) rows."""
     joints, bodies = found.known.joint_names, found.robot.parameters
     bodies = bodies + found.known.payload_parameters
-    fits, residual, per_parameter = joint_fits(joints, sides, given, bodies, own)
+    weak = weak_springs(sides.drives)
+    fit = robot_fit(joints, sides.fit, sides.actuators, given, bodies, own, weak=weak)
     of_fit = [
         replace(one, remedy=f"{one.remedy}{_DIFFERENT}") if one.code == "no-fit" else one
-        for one in consequences(
-            found.findings, fit_findings(joints, sides, fits, per_parameter, own)
-        )
+        for one in consequences(found.findings, fit_findings(fit))
     ]
-    return replace(found, findings=(*found.findings, *of_fit), joint_fits=fits, residual=residual)
+    findings = (*found.findings, *of_fit)
+    return replace(found, findings=findings, joint_fits=fit.joints, residual=fit.residual)
 
 
 def _fitted(

@@ -16,7 +16,20 @@ import numpy as np
 from seaid._arrays import Array, FrozenMapping
 from seaid._files import write_json
 from seaid._progress import Result, counted
-from seaid.checks import experiment_of, with_torques_of
+from seaid.checks import (
+    JointFit,
+    Verdict,
+    consequences,
+    experiment_of,
+    explained,
+    fit_findings,
+    is_wrong,
+    robot_fit,
+    unused_findings,
+    verdict_of,
+    with_torques_of,
+    without_echoes,
+)
 from seaid.errors import (
     ExcitationError,
     Finding,
@@ -26,19 +39,6 @@ from seaid.errors import (
     checked,
 )
 from seaid.estimation import Estimate, Estimator, EstimatorName, ModelChecks, estimator_named
-from seaid.identification.adequacy import (
-    JointFit,
-    Verdict,
-    consequences,
-    explained,
-    fit_findings,
-    is_wrong,
-    joint_fits,
-    unused_findings,
-    verdict_of,
-    without_echoes,
-    without_loads,
-)
 from seaid.identification.base_checks import base_findings, missing_torques
 from seaid.identification.base_estimates import (
     SensorBias,
@@ -73,7 +73,11 @@ from seaid.identification.datasets import (
     processing_of,
     sources_of,
 )
-from seaid.identification.drive_estimates import negative_inertias, with_estimate
+from seaid.identification.drive_estimates import (
+    negative_inertias,
+    weak_springs,
+    with_estimate,
+)
 from seaid.identification.gear import (
     deflection_joints,
     gear_estimates,
@@ -231,7 +235,8 @@ class Identification(Result):
         feasible = () if self.feasible is None else (self.feasible,)
         parts = (*self.drives.values(), self.load, *feasible, *self.processing)
         own = [warning for one in parts for warning in one.warnings]
-        of_fit = [*own, *unused_findings(self), *gear_findings(self), *periodic_findings(self)]
+        unused = unused_findings(self.known, self.drives, self.model.torque_joints, self.motions)
+        of_fit = [*own, *unused, *gear_findings(self), *periodic_findings(self)]
         every = [*self.findings, *consequences(self.findings, of_fit)]
         return by_severity(without_echoes(every, self.joint_fits))
 
@@ -471,10 +476,10 @@ def _identify(
     consistent = _feasible(robot, model, found) if feasible else None
     result = identification_of(robot, model, found, datasets, consistent, declared)
     bodies = result.robot.parameters + robot.payload_parameters
-    fits, residual, per_parameter = joint_fits(robot.joint_names, found, experiment, bodies)
-    fits = without_loads(fits, locked)
-    of_fit = fit_findings(robot.joint_names, found, fits, per_parameter)
-    findings += consequences(findings, of_fit)
+    weak = weak_springs(found.drives)
+    sides = found.fit, found.actuators
+    explains = robot_fit(robot.joint_names, *sides, experiment, bodies, locked=locked, weak=weak)
+    findings += consequences(findings, fit_findings(explains))
     findings += consequences(findings, backlash_findings(given, sources, result.drives, used))
     exact = exact_constants(robot, known_std)
     findings += scale_of_bodies(result.drives, exact)
@@ -485,8 +490,8 @@ def _identify(
     return replace(
         result,
         findings=tuple(findings),
-        joint_fits=fits,
-        residual=residual,
+        joint_fits=explains.joints,
+        residual=explains.residual,
         exact_constants=exact,
         setup=setup,
         nominal=given,

@@ -23,8 +23,8 @@ from seaid._files import toml_table
 from seaid.drives import total_ratio
 from seaid.errors import ExcitationError, Finding, IdentificationError, LogError
 from seaid.estimation import LEAST_STD, RANK_TOLERANCE, scaled_svd
+from seaid.identification.drive_estimates import TORQUE_OFFSET
 from seaid.identification.simulated_joints import torque_jacobians, with_joints
-from seaid.identification.torque_offsets import TORQUE_OFFSET
 from seaid.identification.two_step import joints_with_torque
 from seaid.log import (
     FEWEST_PERIODS,

@@ -46,7 +46,7 @@ from seaid.estimation import (
     separable_least_squares,
 )
 from seaid.identification.datasets import Dataset, first_motion, rows_in_memory
-from seaid.identification.drive_estimates import spring_of, with_values
+from seaid.identification.drive_estimates import spring_of, with_spring_torque, with_values
 from seaid.identification.term_columns import (
     Scale,
     deflection_scale,
@@ -55,7 +55,6 @@ from seaid.identification.term_columns import (
     size_of,
     speed_scale,
 )
-from seaid.identification.torque_offsets import with_spring_torque
 from seaid.identification.two_step import (
     LOAD,
     spring_torque_joints,

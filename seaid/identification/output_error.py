@@ -42,6 +42,7 @@ from seaid.estimation import (
 )
 from seaid.identification.command_refinement import refine_commanded
 from seaid.identification.drive_estimates import (
+    TORQUE_OFFSET,
     merged_estimates,
     with_estimate,
     with_values,
@@ -68,7 +69,6 @@ from seaid.identification.simulated_joints import (
     with_encoder_noise,
     with_hysteresis,
 )
-from seaid.identification.torque_offsets import TORQUE_OFFSET
 from seaid.identification.two_step import split_load_side, without_torque
 from seaid.identification.validation import compared
 from seaid.log import (

@@ -16,8 +16,8 @@ import numpy as np
 
 from seaid._arrays import Array, frozen
 from seaid._progress import Result, counted, track
+from seaid.checks import NOTHING, PART
 from seaid.errors import Finding, IdentificationError, SeaidError, checked
-from seaid.identification.adequacy import NOTHING, PART
 from seaid.identification.contact_forces import contact_findings, contact_forces
 from seaid.identification.datasets import Source
 from seaid.identification.identification import Identification, identify

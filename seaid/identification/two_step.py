@@ -39,15 +39,13 @@ from seaid.identification.command_delays import with_shared_delays
 from seaid.identification.datasets import Dataset, first_motion, rows_of_equations
 from seaid.identification.drive_estimates import (
     has_only_spring_torque,
+    identifiable_offsets,
     merged_estimates,
     noise_ratio,
     spring_of,
-    with_warnings,
-)
-from seaid.identification.torque_offsets import (
-    identifiable_offsets,
     with_torque_columns,
     with_torque_offsets,
+    with_warnings,
 )
 from seaid.log import Motion
 from seaid.regressor import (

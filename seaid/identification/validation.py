@@ -10,10 +10,10 @@ import numpy as np
 
 from seaid._arrays import Array, BoolArray
 from seaid._progress import Display, Result, sampled_text
+from seaid.checks import Verdict, verdict_of
 from seaid.errors import Finding, by_severity
-from seaid.identification.adequacy import Verdict, verdict_of
+from seaid.identification.drive_estimates import TORQUE_OFFSET
 from seaid.identification.gear import for_sensors
-from seaid.identification.torque_offsets import TORQUE_OFFSET
 from seaid.identification.two_step import CONSTANTS
 from seaid.log import Motion, in_band, smoothed_where, standstill
 from seaid.regressor import (

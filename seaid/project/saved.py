@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 from seaid._arrays import Array, FrozenMapping
 from seaid._files import MOST_JSON_BYTES, followed, whole_file
 from seaid._progress import Display
+from seaid.checks import JointFit
 from seaid.drives import IDEAL_DRIVE, JointParameter, drive_table, drives_from_mapping
 from seaid.errors import Finding, SeaidError, checked, hints_of, listed, reason_of, shortened, shown
 from seaid.estimation import Estimate, ModelChecks, TermTest, Whiteness
@@ -39,7 +40,6 @@ from seaid.identification import (
     Fit,
     Identification,
     JointCheck,
-    JointFit,
     Validation,
 )
 from seaid.log import BaseMotion, CutoffSelection, Motion, Processing, Repair, decimated

@@ -15,13 +15,13 @@ import pytest
 import seaid
 from scripts.benchmarks import contact_backlash
 from seaid._arrays import Array, FrozenMapping
+from seaid.checks import without_echoes
 from seaid.drives.drives import DefaultTerms
 from seaid.drives.terms import FrictionTerm
 from seaid.drives.toml import drive_table, drives_from_mapping
 from seaid.errors import Finding
 from seaid.estimation.model_comparison import ModelComparison
 from seaid.identification import term_columns
-from seaid.identification.adequacy import without_echoes
 from seaid.identification.identification import Identification, identify
 from seaid.identification.missing_terms import missing_terms, resolved_widths
 from seaid.identification.term_columns import TermComparison

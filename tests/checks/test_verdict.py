@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 import seaid
+from seaid.checks import JointFit, RobotFit, fit_findings, unused_findings
+from seaid.checks.verdict import _blocks
 from seaid.estimation import FittedRows, ordinary, qr_factor_of
-from seaid.identification.adequacy import JointFit, _blocks, _few_rows, unused_findings
 from seaid.log.reading import Log
 from seaid.regressor import Regression
 from seaid.simulation.simulation import measure
@@ -32,27 +33,31 @@ def with_sensed_torque(joint: str, *, only: bool) -> Log:
     return replace(log, joint_torque=sensed, motor_torque=motor)
 
 
+def unused(found: seaid.Identification) -> tuple[seaid.Finding, ...]:
+    """Return what of the log no equation uses."""
+    joints = found.model.torque_joints
+    return tuple(unused_findings(found.known, found.drives, joints, found.motions))
+
+
 @pytest.mark.slow  # an identification of the leg and its checks
 def test_friction_that_a_log_cannot_identify_is_said() -> None:
     found = seaid.identify(leg(), with_sensed_torque("knee_pitch", only=True))
-    assert [str(one) for one in unused_findings(found)] == [
+    assert [str(one) for one in unused(found)] == [
         "the log has the joint torque of knee_pitch and not its motor torque, which alone would "
         "identify viscous friction, coulomb friction"
     ]
-    assert set(unused_findings(found)) < set(found.warnings)
+    assert set(unused(found)) < set(found.warnings)
     assert found.drives["knee_pitch"].names == ("stiffness", "spring_offset")
 
 
 @pytest.mark.slow  # an identification of the leg and its checks
 def test_a_channel_in_no_equation_is_said() -> None:
-    assert unused_findings(seaid.identify(leg(), leg_log())) == ()
-    assert (
-        unused_findings(seaid.identify(leg(), with_sensed_torque("knee_pitch", only=False))) == ()
-    )
+    assert unused(seaid.identify(leg(), leg_log())) == ()
+    assert unused(seaid.identify(leg(), with_sensed_torque("knee_pitch", only=False))) == ()
     log = with_sensed_torque("hip_roll", only=False)
     log = replace(log, motor_current=20.0 * log.motor_torque)
     names = "hip_yaw, hip_roll, hip_pitch, knee_pitch, ankle_pitch"
-    findings = unused_findings(seaid.identify(leg(), log))
+    findings = unused(seaid.identify(leg(), log))
     assert [(one.code, one.joint, str(one)) for one in findings] == [
         ("unused-channel", "", f"the motor current of {names} is in the log and in no equation"),
         (
@@ -203,14 +208,19 @@ def test_independent_rows_are_counted_by_what_blocks_contradict(count: int, p: i
 
 
 def test_blocks_that_contradict_each_other_are_few_rows() -> None:
-    joints = {"knee": JointFit(0.1, 0.4, np.nan, 0.1, 0.1)}
-    (few,) = _few_rows(joints, 1.2)
-    assert (few.code, few.severity) == ("few-rows", "doubtful")
+    fit = replace(fitted(24, 16, 0), rows=None)
+
+    def findings(blocks: float, rows_per_parameter: float) -> list[seaid.Finding]:
+        joints = {"knee": JointFit(0.1, blocks)}
+        given = RobotFit(("knee",), fit, joints, rows_per_parameter=rows_per_parameter)
+        return [one for one in fit_findings(given) if one.code == "few-rows"]
+
+    (few,) = findings(0.4, 1.2)
+    assert few.severity == "doubtful"
     assert "only 1.2 independent rows per parameter" in few.message
-    assert not list(_few_rows(joints, 1.6))
+    assert not findings(0.4, 1.6)
     # what an exact log leaves, and a model that does not fit, say nothing of their number
-    for blocks in (1e-3, 1.5):
-        assert not list(_few_rows({"knee": replace(joints["knee"], blocks=blocks)}, 1.2))
+    assert not findings(1e-3, 1.2) + findings(1.5, 1.2)
 
 
 def test_what_one_block_alone_determines_is_not_predicted_by_the_others() -> None:
@@ -220,7 +230,7 @@ def test_what_one_block_alone_determines_is_not_predicted_by_the_others() -> Non
         assert blocks is not None
         assert fit.rows is not None
         # the others have a 2500th of the information on the row that acts once
-        error = np.std(fit.rows.y - blocks.predicted)
+        error = np.std(fit.rows.y - blocks.targets)
         assert error < 1.3 * fit.estimate.residual_std
         assert blocks.rows_per_parameter == pytest.approx(20, rel=0.6)
 

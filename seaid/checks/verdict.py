@@ -1,0 +1,620 @@
+"""How much of the torques the identified model explains, and the verdict on the result.
+
+The model of a joint is compared with what the same rows can do: a constant torque, and the nominal
+bodies of the robot file. The error is given for the own logs, and for blocks of them that were
+excluded from the fit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+
+from seaid._arrays import Array, BoolArray, FrozenMapping, safely
+from seaid._files import toml_text
+from seaid._progress import Display
+from seaid.checks.check import Observation, observed
+from seaid.checks.codes import CONTACT, FEW_ROWS, NO_FIT, UNIDENTIFIABLE, UNUSED_CHANNEL
+from seaid.checks.experiment import Experiment
+from seaid.checks.tolerances import (
+    BURST,
+    CORRELATED_ROWS,
+    HALF_POWER,
+    NEGLIGIBLE,
+    NOTHING,
+    PART,
+    POOR,
+    RARE,
+    SLIGHT,
+    SURE,
+    WINDOW_S,
+)
+from seaid.errors import Finding, IdentificationError, SeaidError, Severity, listed
+from seaid.estimation import (
+    FEWEST_INDEPENDENT,
+    RANK_TOLERANCE,
+    Estimate,
+    FittedRows,
+    qr_factor_of,
+    row_step,
+    scaled_svd,
+    time_blocks,
+    triangle,
+)
+from seaid.log import Motion
+from seaid.regressor import INPUT_FIELDS, Regression, motor_regressor
+from seaid.robot import BASE_ROWS, Robot
+
+Level = Literal["good", "usable with care", "do not use"]
+
+NAN = float("nan")
+
+
+@dataclass(frozen=True, repr=False)
+class JointFit(Display):
+    """Errors of the torques of one joint, over the rms of their deviation from the mean.
+
+    Attributes
+    ----------
+    own, blocks : float
+        Error on the load side: of the own logs, and of blocks that were excluded from the fit.
+    motor : float
+        Error of the motor equation (7) of a spring joint; NaN without one.
+    identified, nominal : float
+        Error of the identified bodies and of the nominal ones of the robot file with any friction,
+        against the torque of the motor, or of the sensor at the joint.
+    """
+
+    own: float
+    blocks: float
+    motor: float = NAN
+    identified: float = NAN
+    nominal: float = NAN
+
+
+@dataclass(frozen=True, repr=False)
+class Verdict(Display):
+    """Whether to use a result.
+
+    Attributes
+    ----------
+    level : {"good", "usable with care", "do not use"}
+        The words with which the sentence begins, by the worst severity of the warnings: notes
+        only, "doubtful", or "wrong".
+    sentence : str
+        The level and its reasons.
+    joints : mapping {joint: JointFit}
+        How much of the torque of each joint the model explains.
+    """
+
+    level: Level
+    sentence: str
+    joints: Mapping[str, JointFit]
+
+
+# What a wrong set-up, or another finding, explains
+
+
+def is_wrong(setup: Iterable[Finding]) -> bool:
+    """Whether findings say that the set-up, and not only the model, is wrong."""
+    return any(one.severity == "wrong" and one.code != NO_FIT.name for one in setup)
+
+
+def consequences(setup: Sequence[Finding], findings: Iterable[Finding]) -> list[Finding]:
+    """Return findings about a fit: mere notes if the set-up is already known to be wrong."""
+    return [replace(one, severity="note") if is_wrong(setup) else one for one in findings]
+
+
+_ECHOES = (
+    *("nonlinear-spring", "missing-term", "transmission-error", "estimator-disagrees"),
+    "drift",
+)
+"""Findings that noise alone raises where the deflection of a spring is mostly noise."""
+
+_SYMPTOMS = ("weak-spring", "loose-encoder", "backlash", "nonlinear-spring")
+"""What a drive looks like whose equation lacks a term, of friction for instance."""
+
+
+def without_echoes(
+    findings: Sequence[Finding], fits: Mapping[str, JointFit] = FrozenMapping({})
+) -> list[Finding]:
+    """Return findings without those that follow from another finding of their joint.
+
+    What explains most of the squared residual of a joint, more than half, is no echo, and its
+    symptoms are. Without it a weak spring, or backlash, has echoes. What a model lacks is a note
+    where its torque errors do not matter.
+    """
+    parts = sorted((one.evidence.get("explained", 0.0), n) for n, one in enumerate(findings)
+                   if one.severity != "note")  # fmt: skip
+    explaining = {findings[n].joint: findings[n] for part, n in parts if part > PART}
+    weak = {one.joint for one in findings if one.code == "weak-spring"}
+    loose = {one.joint for one in findings if one.code == "backlash"}
+    echoes = {**dict.fromkeys(_ECHOES, weak), "weak-spring": loose}
+    echoes |= {code: {*echoes.get(code, ()), *explaining} for code in _SYMPTOMS}
+    exact = {name for name, one in fits.items() if not max(one.own, one.motor) > NEGLIGIBLE}
+    return [
+        replace(one, severity="note") if one.code in _ECHOES and one.joint in exact else one
+        for one in findings
+        if one is explaining.get(one.joint) or one.joint not in echoes.get(one.code, ())
+    ]
+
+
+@contextmanager
+def explained(findings: Sequence[Finding]) -> Iterator[None]:
+    """Put before an error of seaid the finding that explains it: a wrong set-up, and its remedy."""
+    try:
+        yield
+    except SeaidError as problem:
+        wrong = [one for one in findings if one.severity == "wrong"]
+        if not wrong:
+            raise
+        text = f"{wrong[0].code}: {wrong[0].message}; {wrong[0].remedy}\nand so: {problem}"
+        problem.args = SeaidError(text).args
+        raise
+
+
+# The verdict
+
+_OF_SEVERITY: tuple[tuple[Severity, Level, str], ...] = (
+    ("wrong", "do not use", "do not use this result"),
+    ("doubtful", "usable with care", "usable with care"),
+)
+"""(severity, level, how the sentence begins), the worst first."""
+
+_MOST_NAMED = 6
+"""Joints that the verdict names per code; the warnings name all."""
+
+
+def verdict_of(warnings: Sequence[Finding], joints: Mapping[str, JointFit]) -> Verdict:
+    """Return the verdict that follows from the warnings of a result."""
+    loads = _load_sides(warnings, joints)
+    if loads:
+        return Verdict("do not use", loads, joints)
+    for severity, level, start in _OF_SEVERITY:
+        reasons: dict[str, dict[str, None]] = {}  # {code: its joints}
+        for finding in warnings:
+            if finding.severity == severity:
+                reasons.setdefault(finding.code, {})[finding.joint] = None
+        names = [
+            code + (f" ({listed([*filter(None, own)], _MOST_NAMED)})" if any(own) else "")
+            for code, own in reasons.items()
+        ]
+        if names:
+            return Verdict(level, f"{start}: {', '.join(names)}", joints)
+    return Verdict("good", "good: no warning contradicts the set-up or the model", joints)
+
+
+def _load_sides(warnings: Sequence[Finding], joints: Mapping[str, JointFit]) -> str:
+    """Return the sentence if only the torques of some joints are wrong, "" otherwise.
+
+    It names load sides of springs, and less than half of the joints otherwise.
+    """
+    wrong = [one for one in warnings if one.severity == "wrong"]
+    if not all(one.code == NO_FIT.name and one.joint in joints for one in wrong):
+        return ""
+    motors = {one.joint: joints[one.joint].motor for one in wrong}
+    stiff = [joint for joint, error in motors.items() if np.isnan(error)]
+    if not motors or 2 * len(stiff) >= len(joints):
+        return ""
+    springs = [joint for joint in motors if joint not in stiff]
+    parts = [f"do not use the load side of {listed(springs)}: no-fit"] if springs else []
+    parts += [f"do not use the torque of {listed(stiff)}: no-fit"] if stiff else []
+    doubtful = [one for one in warnings if one.severity == "doubtful"]
+    for joint in (one for one in springs if motors[one] < PART):
+        care = _care(one for one in doubtful if one.joint == joint)
+        parts.append(f"the drive of {joint} is {care}")
+    if stiff:
+        parts.append(f"the rest is {_care(one for one in doubtful if one.joint not in motors)}")
+    return "; ".join(parts)
+
+
+def _care(doubts: Iterable[Finding]) -> str:
+    codes = dict.fromkeys(one.code for one in doubts)
+    return f"usable with care: {', '.join(codes)}" if codes else "good"
+
+
+# How much of the torques the model explains
+
+
+@dataclass(frozen=True, eq=False)
+class RobotFit:
+    """The fit of a robot, and how much of its torques it explains.
+
+    `fit` is that of the load side, or of both sides at once; `joints` {joint: its errors}, or those
+    of the rows of a floating base where no joint has a torque. `residual` is the norm of the
+    residual of all joints over that of their torques without contact forces, of a floating base, in
+    the own logs and in excluded blocks. `rows_per_parameter` are the independent ones, infinite
+    without blocks. `own` (R,) are the rows of the logs concerned, None for all; `weak` are joints
+    whose spring is hardly loaded.
+    """
+
+    joint_names: tuple[str, ...]
+    fit: FittedRows
+    joints: Mapping[str, JointFit] = FrozenMapping({}, "joint")
+    residual: tuple[float, float] = (NAN, NAN)
+    rows_per_parameter: float = float("inf")
+    own: BoolArray | None = None
+    weak: Collection[str] = ()
+
+    @property
+    def rows(self) -> Regression | None:
+        """The own rows, if they are in memory."""
+        rows = self.fit.rows
+        return rows if rows is None or self.own is None else rows.at(self.own)
+
+    @cached_property
+    def contact(self) -> tuple[float, float, float, tuple[str, ...]] | None:
+        """Start, end and window [s] of a contact, and the joints that feel it, None without one.
+
+        A contact pulls the fit towards itself: the rows of suspicious windows are predicted by a
+        fit of the others, in units of the error of a prediction. That counts if it shows at two
+        joints. Bursts that are scattered come from a friction that the model lacks.
+        """
+        rows = self.rows
+        if rows is None:
+            return None
+        instants = np.unique(rows.time[rows.run == rows.run[0]])
+        window_s = max(WINDOW_S, CORRELATED_ROWS * row_step(instants))
+        residual = rows.y - rows.H @ self.fit.estimate.values
+        bursts = _bursts(self.joint_names, rows, residual, BURST, window_s)
+        suspects = _bursts(self.joint_names, rows, residual, SURE, window_s)
+        apart = np.isin(np.floor(rows.time / window_s), list(suspects))
+        if np.any(apart) and np.mean(apart) < RARE:
+            deleted = _deleted_residual(self.fit, rows, apart)
+            others = _bursts(self.joint_names, rows, deleted, BURST, window_s)
+            bursts = others if len(set().union(*others.values())) > 1 else bursts
+        windows = sorted(bursts)
+        if not windows or windows[-1] + 1 - windows[0] > 2 * len(windows):
+            return None
+        joints = sorted(set.union(*bursts.values()), key=self.joint_names.index)
+        return windows[0] * window_s, (windows[-1] + 1) * window_s, window_s, tuple(joints)
+
+
+def robot_fit(
+    joint_names: Sequence[str],
+    fit: FittedRows,
+    actuators: Mapping[str, FittedRows],
+    experiment: Experiment,
+    bodies: Array,
+    own: BoolArray | None = None,
+    locked: Collection[str] = (),
+    weak: Collection[str] = (),
+) -> RobotFit:
+    """Return how much of the torques of all joints with rows in memory a fit explains.
+
+    `actuators` are the fits of motor equations; `bodies` (10n,) the identified standard parameters
+    with the payloads; `experiment` is what has the `own` rows. Load sides of `locked` joints are
+    unknown, NaN.
+    """
+    bare = RobotFit(tuple(joint_names), fit, own=own, weak=weak)
+    rows = bare.rows
+    if rows is None or fit.rows is None:
+        return bare
+    n, computed, by_blocks = len(rows.joint_names), rows.H @ fit.estimate.values, _blocks(fit)
+    predicted = np.full(len(rows.y), NAN)
+    if by_blocks is not None:
+        predicted = by_blocks.targets if own is None else by_blocks.targets[own]
+    sizes = _load_sizes(experiment, bodies)
+    errors, blocks = (_errors(rows, targets, sizes) for targets in (computed, predicted))
+    motors = {rows.joint_names[j - n]: error for j, error in errors.items() if j >= n}
+    for joint, side in actuators.items():
+        if side.rows is not None:
+            (motors[joint],) = _errors(side.rows, side.rows.H @ side.estimate.values).values()
+    of_bodies = experiment.of_bodies(bodies), experiment.nominal
+    joints = {
+        joint: JointFit(
+            errors[j], blocks[j], motors.get(joint, NAN), *(float(one[j]) for one in of_bodies)
+        )
+        if joint not in locked
+        else JointFit(NAN, NAN, motors.get(joint, NAN))
+        for j, joint in enumerate(joint_names)
+        if j in errors
+    }
+    names = rows.joint_names
+    joints = joints or {names[j]: JointFit(errors[j], blocks[j]) for j in errors if j < n}
+    residual = NAN, NAN
+    if experiment.robot.floating_base is not None:
+        of_joints = np.isin(rows.joint, [j for j, name in enumerate(names) if name in joints])
+        residual = _whole(rows, computed, of_joints), _whole(rows, predicted, of_joints)
+    return replace(
+        bare,
+        joints=FrozenMapping(joints, "joint"),
+        residual=residual,
+        rows_per_parameter=float("inf") if by_blocks is None else by_blocks.rows_per_parameter,
+    )
+
+
+def _whole(rows: Regression, computed: Array, some: BoolArray) -> float:
+    """Return the norm of the error of some rows over that of their targets; NaN without."""
+    size = float(np.linalg.norm(rows.y[some]))
+    return float(np.linalg.norm((rows.y - computed)[some])) / size if size else NAN
+
+
+def _load_sizes(experiment: Experiment, bodies: Array) -> Mapping[int, float]:
+    """Return {equation: rms of a torque without its mean} that is not in the y of the rows, (8).
+
+    That is the torque of all bodies if some are known, and with measured wrenches that of the
+    joint, of which they leave little.
+    """
+    robot, target = experiment.robot, experiment.target
+    if experiment.has_wrenches:
+        logged = np.flatnonzero(np.all(np.isfinite(target), axis=0)).tolist()
+        return {j: float(np.std(target[:, j])) for j in logged}
+    is_free = robot.floating_base is not None
+    if is_free or not robot.known_bodies or not np.all(np.isfinite(bodies)):
+        return {}
+    return dict(enumerate(np.std(experiment.regressor @ bodies, axis=0).tolist()))
+
+
+def _errors(
+    rows: Regression, computed: Array, sizes: Mapping[int, float] | None = None
+) -> dict[int, float]:
+    """Return {equation: rms of the error over that of the torque without its mean}.
+
+    The latter is not below that in `sizes`.
+    """
+    errors, least = {}, sizes or {}
+    for equation in np.unique(rows.joint).astype(int).tolist():
+        mine = rows.joint == equation
+        size = max(float(np.std(rows.y[mine])), least.get(equation, 0.0), 1e-300)
+        rms = float(np.sqrt(np.mean((rows.y[mine] - computed[mine]) ** 2)))
+        errors[equation] = rms / size
+    return errors
+
+
+_ALONE = 0.9
+"""Part of the information on a direction of the parameters from which a block alone determines it.
+The other blocks then predict it with ten times the variance of the noise, for an eighth with 1/7
+of it."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Blocks:
+    """Targets (R,) of blocks of the rows, each predicted by the fit of the others.
+
+    `rows_per_parameter` are the independent ones, by how much farther blocks are from the fit of
+    all, in each direction of the parameters, than in white noise.
+    """
+
+    targets: Array
+    rows_per_parameter: float
+
+
+def _blocks(fit: FittedRows) -> _Blocks | None:
+    """Return the predictions of blocks, None if there are too few rows for them.
+
+    Directions of the parameters that a block alone determines, such as the mass at a foot that is
+    in the air once, are those of the fit of all: the others predict nothing of them.
+    """
+    rows = fit.rows
+    assert rows is not None
+    try:
+        masks = time_blocks(rows)
+    except IdentificationError:  # too few rows
+        return None
+    parts = [qr_factor_of(rows.at(mask)) for mask in masks]
+    factors = [
+        part.weighted_factor(fit.weights[np.searchsorted(fit.qr_factor.equations, part.equations)])
+        for part in parts
+    ]
+    R = triangle(np.concatenate(factors))
+    svd = scaled_svd(R[:, :-1])
+    theta, kept = svd.solve(R[:, -1]), svd.rank()
+    root = (svd.vectors[:kept] / svd.norms).T / svd.sizes[:kept]
+    targets, scores = np.empty(len(rows.y)), []
+    for mask, factor in zip(masks, factors, strict=True):
+        # X^T X of all blocks is 1, of this one V S V^T: white noise leaves V^T X^T e the variances
+        # S (1 - S), and the fit of the others differs from that of all by -(1 - V S V^T)^-1 X^T e
+        X = factor[:, :-1] @ root
+        shares, V = safely(np.linalg.eigh, X.T @ X, what="a block of the logs")
+        gradient = V.T @ (X.T @ (factor[:, -1] - factor[:, :-1] @ theta))
+        variance = shares * (1 - shares)
+        real = variance > RANK_TOLERANCE
+        scores.append(gradient[real] ** 2 / variance[real])
+        change = np.where(shares < _ALONE, gradient / np.maximum(1 - shares, 1 - _ALONE), 0.0)
+        targets[mask] = rows.H[mask] @ (theta - root @ (V @ change))
+    score, squares = np.concatenate(scores), np.sum((R[:, -1] - R[:, :-1] @ theta) ** 2)
+    if not np.sum(score) > 0:  # each direction is determined by a block alone
+        return _Blocks(targets, float("inf"))
+    # of n independent rows the residuals have (1 - kept / n) of the variance of the noise
+    return _Blocks(targets, 1 + float(squares / np.mean(score)) / kept)
+
+
+def _bursts(
+    joint_names: Sequence[str], rows: Regression, residual: Array, times: float, window_s: float
+) -> dict[int, set[str]]:
+    """Return {number of a window: joints whose residual exceeds that of their median window}."""
+    bursts: dict[int, set[str]] = {}
+    for j, joint in enumerate(joint_names):
+        for run in np.unique(rows.run[rows.joint == j]).tolist():
+            mine = (rows.joint == j) & (rows.run == run)
+            window = np.floor(rows.time[mine] / window_s)
+            starts, place, counts = np.unique(window, return_inverse=True, return_counts=True)
+            size = np.sqrt(np.bincount(place, residual[mine] ** 2) / counts)
+            least = SLIGHT * float(np.std(rows.y[mine]))
+            far = size > max(times * float(np.median(size)), least)
+            if len(size) >= 8 and np.sum(far) > 1 and np.mean(far) < RARE:
+                for start in starts[far].astype(int).tolist():
+                    bursts.setdefault(start, set()).add(joint)
+    return bursts
+
+
+def _deleted_residual(fit: FittedRows, rows: Regression, apart: BoolArray) -> Array:
+    """Return the residual of a fit without the rows `apart`; theirs by the error of prediction.
+
+    A row h that is not in the fit is predicted with (1 + c h (H^T H)^-1 h^T) times the variance of
+    the noise, c for autocorrelated rows.
+    """
+    weight = np.asarray(fit.weights)[np.searchsorted(fit.qr_factor.equations, rows.joint)]
+    H, p = weight[:, None] * rows.H, rows.H.shape[1]
+    R = triangle(np.column_stack([H, weight * rows.y])[~apart])
+    svd = scaled_svd(R[:, :p])
+    residual = rows.y - rows.H @ svd.solve(R[:, p], RANK_TOLERANCE)
+    sizes = np.maximum(svd.sizes, RANK_TOLERANCE * svd.sizes[0])
+    reach = (H[apart] / svd.norms) @ svd.vectors.T / sizes
+    residual[apart] /= np.sqrt(1 + CORRELATED_ROWS * np.sum(reach**2, axis=1))
+    return np.asarray(residual)
+
+
+# What a fit shows
+
+_OF_JOINT = "check signs, units and zeros of this joint"
+_OF_BASE = (
+    "check the signs, units, axes and links of the force sensors and of the IMU, and that nothing "
+    "else touches the robot"
+)
+_LACKS = (
+    "look at the residual of this joint in the report. What may lack: a spring, the gear ratio or "
+    "the rotor inertia in the drives file, the torque limit of a controller, a payload; or the "
+    "torque is mostly noise"
+)
+
+
+def excluding_torque(kept: Sequence[str]) -> str:
+    """Return how to use the torques of some joints only, after words to which ", or" fits."""
+    if not kept:
+        return ""
+    return (
+        f", or exclude its torque (--torque-joints {','.join(kept)}), in [identify] of "
+        f"seaid.toml:\ntorque_joints = [{', '.join(map(toml_text, kept))}]"
+    )
+
+
+def _percent(part: float) -> str:
+    return f"{part:.0%}" if part * POOR < 1 else f"over {1 / POOR:.0%}"
+
+
+def _unexplained(given: RobotFit) -> Iterator[Finding]:
+    """Yield the joints whose torque the model does not explain."""
+    kept = [x for x, fit in given.joints.items() if x not in BASE_ROWS and fit.own < NOTHING]
+    for joint, fit in given.joints.items():
+        error = fit.blocks if np.isfinite(fit.blocks) else fit.own
+        evidence = {"error": fit.own, "error of excluded blocks": fit.blocks}
+        is_base, is_nothing = joint in BASE_ROWS, error > NOTHING
+        of = f"the {joint}" if is_base else f"the torque on the load of {joint}"
+        remedy = _OF_BASE if is_base else _OF_JOINT + excluding_torque(kept)
+        holds = f"; its motor equation holds, with an error of {fit.motor:.1%}"
+        holds = holds if fit.motor < PART else ""
+        if is_nothing and fit.own > PART:
+            yield NO_FIT.finding(
+                f"the model explains nothing of {of}: its error is {_percent(fit.own)} of it in "
+                f"the own logs and {_percent(error)} in excluded blocks, that of a constant 100%"
+                f"{holds}",
+                joint,
+                "wrong",
+                evidence,
+                remedy,
+                "certain",
+            )
+        elif is_nothing:
+            yield NO_FIT.finding(
+                f"the model of {joint} fits the own logs, with an error of {fit.own:.0%} of the "
+                f"{'force' if is_base else 'torque'}, and predicts excluded blocks of them with "
+                f"{error:.0%}: the motion of a part of the log does not determine its parameters",
+                joint,
+                evidence=evidence,
+                remedy="record a longer motion"
+                + ("" if is_base else ", or remove terms of this drive"),
+            )
+        elif error > PART and fit.own > PART and joint not in given.weak:
+            yield NO_FIT.finding(
+                f"the model leaves much of {of} unexplained: {fit.own:.0%} of it in the own logs "
+                f"and {error:.0%} in excluded blocks, a constant 100%{holds}",
+                joint,
+                evidence=evidence,
+                remedy=remedy if is_base else _LACKS,
+            )
+        elif fit.nominal < HALF_POWER * fit.identified and fit.identified > POOR:
+            yield NO_FIT.finding(
+                f"the bodies of the robot file predict the torque of {joint} better, with an error "
+                f"of {fit.nominal:.1%}, than the identified ones, with {fit.identified:.1%}",
+                joint,
+                evidence={"identified bodies": fit.identified, "nominal bodies": fit.nominal},
+                remedy="record a longer motion that moves this joint and those behind it more",
+            )
+
+
+def _contacts(given: RobotFit) -> Iterator[Finding]:
+    """Yield the times at which residuals of several windows are far beyond those of the others."""
+    if given.contact is not None:
+        start, end, softly_s, joints = given.contact  # it begins and ends softly, within a window
+        yield CONTACT.finding(
+            f"between {start:.2f} and {end:.2f} s the torques of {', '.join(joints)} are far from "
+            f"the model, more than {BURST:g} times as far as at other times: contact, or a hand",
+            joints[0],
+            evidence={"start [s]": start, "end [s]": end},
+            remedy="in the description of the log:\n"
+            f"exclude_s = [[{max(start - softly_s, 0):.3f}, {end + softly_s:.3f}]]",
+        )
+
+
+def _few_rows(given: RobotFit) -> Iterator[Finding]:
+    """Yield that blocks of the logs contradict each other as so few independent rows do."""
+    has_fit = any(NEGLIGIBLE < one.blocks <= NOTHING for one in given.joints.values())
+    if has_fit and given.rows_per_parameter < FEWEST_INDEPENDENT and given.contact is None:
+        yield FEW_ROWS.finding(
+            "blocks of the logs contradict each other as if there were only "
+            f"{given.rows_per_parameter:.2g} independent rows per parameter: the logs are too "
+            "short for so many parameters",
+            evidence={"independent rows per parameter": given.rows_per_parameter},
+            remedy="record a longer motion, or remove terms of the drives",
+        )
+
+
+_OF_FIT = (
+    Observation(NO_FIT, _unexplained),
+    Observation(CONTACT, _contacts),
+    Observation(FEW_ROWS, _few_rows),
+)
+
+
+def fit_findings(fit: RobotFit) -> list[Finding]:
+    """Return what the fit of a robot shows: torques without a model, contacts, too few rows."""
+    return observed(_OF_FIT, fit)
+
+
+# What of a log no equation uses
+
+_CHANNELS = (*INPUT_FIELDS.values(), "joint_torque")
+
+
+def unused_findings(
+    robot: Robot,
+    drives: Mapping[str, Estimate],
+    torque_joints: Sequence[str],
+    motions: Sequence[Motion],
+) -> Iterator[Finding]:
+    """Yield notes on parameters of `drives` that no equation has, and on channels without use."""
+    for joint in robot.elastic_joints:  # without the motor equation (7), where one is missing
+        own, names = robot.drives[joint], motor_regressor(robot, joint).names
+        missing = [name.replace("_", " ") for name in names if name not in drives[joint].names]
+        if missing:
+            message = (
+                f"the log has the joint torque of {joint} and not its motor {own.motor_input}, "
+                f"which alone would identify {listed(missing)}"
+            )
+            yield UNIDENTIFIABLE.finding(message, joint, "note", certainty="certain")
+
+    def is_logged(channel: str, joint: str) -> bool:
+        signals = [getattr(motion, channel) for motion in motions]
+        index = robot.index(joint)
+        return any(one is not None and np.any(np.isfinite(one[:, index])) for one in signals)
+
+    used = {x: INPUT_FIELDS[robot.drives[x].motor_input] for x in torque_joints}
+    for channel in _CHANNELS:
+        unused = [
+            joint
+            for joint in robot.joint_names
+            if joint in used and channel != used[joint] and is_logged(channel, joint)
+            if channel != "joint_torque"
+            or (not robot.drives[joint].is_elastic and is_logged(used[joint], joint))
+        ]
+        if unused:
+            name, joint = channel.replace("_", " "), unused[0] if len(unused) == 1 else ""
+            message = f"the {name} of {listed(unused)} is in the log and in no equation"
+            yield UNUSED_CHANNEL.finding(message, joint, "note", certainty="certain")
