@@ -34,8 +34,6 @@ from .functions import nonlinear_spring as nonlinear_spring
 from .functions import smooth_columns as smooth_columns
 from .functions import spring_curve as spring_curve
 from .functions import stretch_of as stretch_of
-from .hysteresis import after_travel as after_travel
-from .hysteresis import states as states
 from .regressor import DriveRegressor as DriveRegressor
 from .regressor import drive_regressor as drive_regressor
 from .regressor import flat_names as flat_names
@@ -44,11 +42,13 @@ from .symbols import SIGNALS as SIGNALS
 from .symbols import K_t as K_t
 from .symbols import K_u as K_u
 from .symbols import N as N
+from .symbols import after_travel as after_travel
 from .symbols import i_M as i_M
 from .symbols import known_values as known_values
 from .symbols import r_L as r_L
 from .symbols import r_M as r_M
 from .symbols import s_K as s_K
+from .symbols import states as states
 from .symbols import t as t
 from .symbols import tau_G as tau_G
 from .symbols import tau_L as tau_L

@@ -14,7 +14,6 @@ from functools import lru_cache
 import sympy as sp
 
 from seaid.drives.drives import Drive, is_smooth
-from seaid.drives.hysteresis import Dahl
 from seaid.drives.symbols import (
     F_0,
     F_C,
@@ -28,6 +27,7 @@ from seaid.drives.symbols import (
     STATES,
     T_0,
     T_C,
+    Dahl,
     Delta_T,
     F_a,
     F_q,

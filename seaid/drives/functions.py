@@ -28,10 +28,11 @@ from seaid.drives.equations import (
     smooth_friction,
     spring_force,
 )
-from seaid.drives.hysteresis import Dahl, DahlSlope
 from seaid.drives.regressor import DriveRegressor, flat_names
 from seaid.drives.symbols import (
     PARAMETER_NAMES,
+    Dahl,
+    DahlSlope,
     K_t,
     K_u,
     N,

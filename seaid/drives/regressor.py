@@ -16,8 +16,7 @@ import sympy as sp
 from seaid._arrays import Array
 from seaid.drives.drives import Drive, unit_of
 from seaid.drives.equations import DriveEquation
-from seaid.drives.hysteresis import Dahl
-from seaid.drives.symbols import PARAMETER_NAMES, SIGNALS, known_values, symbol_of, t
+from seaid.drives.symbols import PARAMETER_NAMES, SIGNALS, Dahl, known_values, symbol_of, t
 from seaid.errors import RobotError
 from seaid.symbolic import separate
 

@@ -40,7 +40,7 @@ POSITION, SPEED, JOINT_POSITION, JOINT_SPEED = range(4)
 """Rows of a state (4, n): motor angle and speed, joint position and speed."""
 
 MEMORY_ROWS = {"friction": 4, "spring": 5}
-"""Further rows (6, n) of a robot with hysteresis: states of its laws, `drives.hysteresis`."""
+"""Further rows (6, n) of a robot with hysteresis: states of its laws, `drives.symbols`."""
 
 _STEP_PER_TIME_CONSTANT = 1.0
 """Longest step, as part of the time constant inertia / damping of a joint."""

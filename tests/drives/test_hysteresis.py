@@ -14,8 +14,8 @@ from seaid._arrays import Array
 from seaid.drives.drives import SeriesElasticDrive, StiffDrive
 from seaid.drives.equations import motor_equation, spring_force
 from seaid.drives.functions import friction_curve, smooth_columns, spring_curve
-from seaid.drives.hysteresis import Dahl, after_travel, states
 from seaid.drives.regressor import drive_regressor
+from seaid.drives.symbols import Dahl, after_travel, states
 
 TIME = np.linspace(0.0, 6.0, 6001)
 WIDTH = 0.07

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from scripts.benchmarks import contact_backlash, hysteresis
-from seaid.drives.hysteresis import states
+from seaid.drives.symbols import states
 from seaid.errors import IdentificationError
 from seaid.identification.identification import identify
 from seaid.identification.model_selection import TermSelection, compare_terms

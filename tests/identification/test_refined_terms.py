@@ -11,7 +11,7 @@ import pytest
 
 from seaid._arrays import Array
 from seaid.drives.drives import Drive
-from seaid.drives.hysteresis import states
+from seaid.drives.symbols import states
 from seaid.errors import IdentificationError
 from seaid.identification.identification import Identification, identify
 from seaid.identification.output_error import refine
