@@ -118,7 +118,7 @@ def test_no_module_imports_one_that_imports_it() -> None:
 
 ONE_IMPORTER = {
     "a method with a source of its own, read and tested alone": (
-        *("estimation.feasible", "estimation.robust", "checks.codes"),
+        *("estimation.feasible", "estimation.robust"),
         *("identification.instrumental", "identification.simultaneous"),
         "identification.linear_joints",
         "excitation.multisine",

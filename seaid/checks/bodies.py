@@ -1,4 +1,4 @@
-"""Mistakes about bodies as hypotheses: gravity, lengths and payloads other than those given."""
+"""Mistakes about bodies as transforms: gravity, lengths and payloads other than those given."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from functools import partial
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.checks.experiment import Experiment, Hypothesis
+from seaid.checks.codes import GEOMETRY, GRAVITY, PAYLOAD
+from seaid.checks.experiment import Experiment, Transform
 from seaid.estimation import scaled_svd, triangle
 from seaid.regressor import regressor_at_drives
 
@@ -23,7 +24,7 @@ def near(factor: float, *others: float) -> list[float]:
     return [*(one for one in usual if abs(math.log(factor / one)) < 0.2), factor]
 
 
-def penalty_of(factor: float, estimated: float) -> float:
+def penalty_of(factor: float, estimated: float | None) -> float:
     """Return the penalty of a factor that is not a usual one, but estimated."""
     return ROUND if factor == estimated else 0.0
 
@@ -41,7 +42,7 @@ def _with_gravity(given: Experiment, gravity: Array) -> Experiment:
     return replace(given, robot=replace(given.robot, model=model))
 
 
-def gravities(given: Experiment) -> Iterator[Hypothesis]:
+def gravities(given: Experiment) -> Iterator[Transform]:
     """Yield the directions of gravity along the axes, and the one that explains most."""
     now = np.array(given.robot.model.gravity.linear)
     size = float(np.linalg.norm(now))
@@ -58,8 +59,8 @@ def gravities(given: Experiment) -> Iterator[Hypothesis]:
         if angle < _LEAST_TILT_DEG:
             continue
         text = ",".join(f"{x:.4g}" for x in one + 0.0)
-        yield Hypothesis(
-            "gravity",
+        yield Transform(
+            GRAVITY,
             f"gravity has the direction ({text}) m/s^2 in the base frame, {angle:.0f} degrees from "
             "the one given: a tilted base",
             partial(_with_gravity, gravity=one),
@@ -96,7 +97,7 @@ _SEEN = 0.05
 _LENGTH_STEP, _LEAST_LENGTH = 0.01, 0.03
 
 
-def lengths(given: Experiment) -> Iterator[Hypothesis]:
+def lengths(given: Experiment) -> Iterator[Transform]:
     """Yield other distances between joints, by the first-order effect on the nominal torque."""
     before = given.regressor @ given.bodies
     for joint in given.robot.joint_names[1:]:
@@ -109,8 +110,8 @@ def lengths(given: Experiment) -> Iterator[Hypothesis]:
         factor = 1 + float(x @ given.weighed(given.target - before)) / size if size else 1
         if abs(factor - 1) < _LEAST_LENGTH or not 0.3 < factor < 3.0:
             continue
-        yield Hypothesis(
-            "geometry",
+        yield Transform(
+            GEOMETRY,
             f"the distance of {joint} from the joint before it is {factor:.3g} times that of the "
             "robot file",
             partial(_with_length, joint=joint, factor=factor),
@@ -134,7 +135,7 @@ def _with_length(given: Experiment, joint: str, factor: float) -> Experiment:
     return replace(given, robot=replace(robot, model=model))
 
 
-def payloads(given: Experiment) -> Iterator[Hypothesis]:
+def payloads(given: Experiment) -> Iterator[Transform]:
     """Yield a payload that is absent, there twice, or on another link."""
     robot = given.robot
     known = robot.payload_parameters.reshape(-1, 10)
@@ -153,17 +154,15 @@ def payloads(given: Experiment) -> Iterator[Hypothesis]:
             words = f"{text} has {other * mass:.3g} kg"
             choices.append(((other - 1) * own, words, heavier, penalty_of(other, factor)))
         for change, message, remedy, penalty in choices:
-            undo = partial(with_bodies, bodies=given.bodies + change.ravel())
+            undo = partial(replace, bodies=given.bodies + change.ravel())
             joint = robot.joint_of(body)
-            yield Hypothesis("payload", message, undo, joint, remedy, penalty=penalty)
+            yield Transform(PAYLOAD, message, undo, joint, remedy, penalty=penalty)
         yield from _placed(given, given.bodies - own.ravel(), text, mass)
     if not np.any(known) and not robot.known_bodies:
         yield from _placed(given, given.bodies, "a payload that was not named", None)
 
 
-def _placed(
-    given: Experiment, bodies: Array, text: str, mass: float | None
-) -> Iterator[Hypothesis]:
+def _placed(given: Experiment, bodies: Array, text: str, mass: float | None) -> Iterator[Transform]:
     """Yield a point mass at each body, where it explains the torques best: of a `mass`, or any."""
     robot = given.robot
     for body, link in enumerate(robot.body_names):
@@ -173,10 +172,10 @@ def _placed(
         com = ",".join(f"{x:.3g}" for x in point[1:4] / point[0] + 0.0)
         changed = bodies.copy()
         changed[10 * body : 10 * body + 10] += point
-        yield Hypothesis(
-            "payload",
+        yield Transform(
+            PAYLOAD,
             f"{text} is on {link}, {point[0]:.3g} kg at ({com}) m",
-            partial(with_bodies, bodies=changed),
+            partial(replace, bodies=changed),
             robot.joint_of(body),
             f"option: --payload {link}:{point[0]:.3g}:{com}",
             "wrong" if mass is not None else "doubtful",
@@ -247,8 +246,3 @@ def _share(given: Experiment, part: Array) -> tuple[float, float]:
     size = float(x @ x)
     error = math.sqrt(CORRELATED_ROWS / max(size, 1e-300))
     return float(x @ y) / size if size > 0 else 1.0, error
-
-
-def with_bodies(given: Experiment, bodies: Array) -> Experiment:
-    """Return the experiment with other nominal bodies (10n,)."""
-    return replace(given, bodies=bodies)

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from seaid._arrays import Array, BoolArray, IndexArray, safely
+from seaid.checks.check import Code
 from seaid.drives import IDEAL_DRIVE
 from seaid.errors import IdentificationError, Severity
 from seaid.estimation import RANK_TOLERANCE, scaled_svd
@@ -600,10 +601,10 @@ def _unscaled(robot: Robot, motion: Motion) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Hypothesis:
-    """A possible mistake: how to undo it, and the finding if it explains the log."""
+class Transform:
+    """A possible mistake: how to undo it, and the finding if that explains the log."""
 
-    code: str
+    code: Code
     message: str
     undo: Callable[[Experiment], Experiment]
     joint: str = ""
@@ -618,9 +619,11 @@ def flipped(given: Experiment, j: int, channels: str) -> Experiment:
     return scaled(given, j, dict.fromkeys(channels, -1.0))
 
 
-def scaled(given: Experiment, j: int, factors: dict[str, float]) -> Experiment:
-    """Return the experiment with channels (q, m, t) of joint j multiplied by factors."""
-    own = np.arange(given.robot.n) == j
+def scaled(
+    given: Experiment, joints: int | Sequence[int], factors: Mapping[str, float]
+) -> Experiment:
+    """Return the experiment with channels (q, m, t) of one joint or several times factors."""
+    own = np.isin(np.arange(given.robot.n), joints)
     factor = {one: np.where(own, factors.get(one, 1.0), 1.0) for one in "qmt"}
     return replace(
         given,
