@@ -140,7 +140,7 @@ ONE_IMPORTER = {
     ),
     "one step of a long way, which would make its importer longer than 400 lines": (
         *("excitation.run_in", "excitation.search"),
-        *("checks.bodies", "checks.setup", "identification.command_hypotheses"),
+        *("checks.bodies", "checks.setup"),
         "identification.base_checks",
         *("identification.command_refinement", "identification.sensitivity"),
         *("identification.consistency_program", "identification.soft_feet"),

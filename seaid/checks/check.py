@@ -7,11 +7,12 @@ becomes a note.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 from seaid._arrays import FrozenMapping
+from seaid._files import toml_table, toml_text
 from seaid.errors import Certainty, Finding, Severity, reason_of
 
 Given = TypeVar("Given")
@@ -75,4 +76,29 @@ def not_made(code: Code, problem: Exception) -> Finding:
         f"the check '{code.name}' could not be made: {reason_of(problem)}",
         severity="note",
         certainty="certain",
+    )
+
+
+def in_drives(tables: Mapping[tuple[str, ...], str], only: str = "") -> str:
+    """Return the remedy that adds lines to tables of the drives file: {keys of a table: lines}."""
+    parts = [f"{toml_table(*keys)}\n{lines}" for keys, lines in tables.items()]
+    return "\n".join([f"in the drives file{only and f', {only}'}:", *parts])
+
+
+def in_description(sources: Mapping[str, Mapping[str, str]], log: str = "the log") -> str:
+    """Return the remedy that changes channels of a log: {joint: {quantity: its source as TOML}}."""
+    lines = [f"in the description of {log}:"]
+    for joint, entries in sources.items():
+        lines.append(toml_table("joints", joint))
+        lines += [f"{quantity} = {source}" for quantity, source in entries.items()]
+    return "\n".join(lines)
+
+
+def excluding_torque(kept: Sequence[str]) -> str:
+    """Return how to use the torques of some joints only, after words to which ", or" fits."""
+    if not kept:
+        return ""
+    return (
+        f", or exclude its torque (--torque-joints {','.join(kept)}), in [identify] of "
+        f"seaid.toml:\ntorque_joints = [{', '.join(map(toml_text, kept))}]"
     )

@@ -26,15 +26,57 @@ HALF_POWER = 0.7
 """Error over another from which its square is half of that."""
 
 POOR = 0.1
-"""Relative error from which it matters: of a parameter, or of the torque of a joint."""
+"""Relative error, or part of a size, from which it matters: of a parameter, or of the torque of a
+joint."""
 
 SURE = 3.0
 """Standard errors from which a value is not zero: of twenty parameters that are zero, one is two
-standard errors below it in four of ten logs. Of windows of a residual, a multiple of the median."""
+standard errors below it in four of ten logs. Of windows of a residual, a multiple of the median;
+of a noise, the multiple below which a third or more of a signal is noise."""
 
 BURST, WINDOW_S, RARE, SLIGHT = 6.0, 0.25, 0.2, 0.05
 """A contact is where the residual of a window [s] exceeds so many times that of the median window
-(rms), unless it does so in more than a part of the windows, or is a small part of the torque."""
+(rms), unless it does so in more than a part of the windows, or is a slight part of the torque. A
+slight share of some hundred samples shows."""
 
 CORRELATED_ROWS = 4.0
 """Rows of a regression per independent one. A window has at least one."""
+
+FEW = 0.01
+"""Share of the samples, or of a correlation below one, that no mistake of a set-up is needed for:
+ends of a motion, single lost messages."""
+
+MOST = 0.5
+"""Share from which something holds for most of a log, and correlation from which two channels
+follow each other."""
+
+TWICE = 2.0
+"""Ratio of two sizes that errors of nominal bodies or of a mounting do not explain: masses by CAD
+are nearer, and the controllers of a measured Go2 gave 1.1 to 1.7 of the torque of its bodies."""
+
+MANY_TIMES = 5.0
+"""Multiple of a limit from which a unit, and not the size of a motion, explains it: torques beyond
+a limit that saturates them were at most 1.5 times beyond on average."""
+
+FAR = 20.0
+"""Ratio of two ranges, or of a torque, from which another unit, and neither a soft controller nor
+nominal values, explains it: a degree is 1/57 rad."""
+
+LATE_S = 0.05
+"""Delay of a command [s] that no bus has."""
+
+LEAST_DELAY_S = 0.0015
+"""Delay [s] below which neither filters nor friction that a model lacks can be excluded."""
+
+HELD_S = 0.25
+"""Time [s] beyond which equal commands are a rest and not a message that was lost."""
+
+LEVELS = 50
+"""Least number of different values of a channel whose extremes and zeros mean something."""
+
+RETURNS = 8
+"""Least number of events that noise does not make: a signed torque is below zero after half of
+its returns to it, so that none of eight is has a probability of 1/256."""
+
+BEYOND_RAD = 0.17
+"""Angle [rad] by which the zero of a joint may move its range beyond the limits of a robot file."""

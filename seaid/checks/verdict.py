@@ -16,9 +16,8 @@ from typing import Literal
 import numpy as np
 
 from seaid._arrays import Array, BoolArray, FrozenMapping, safely
-from seaid._files import toml_text
 from seaid._progress import Display
-from seaid.checks.check import Observation, observed
+from seaid.checks.check import Observation, excluding_torque, observed
 from seaid.checks.codes import CONTACT, FEW_ROWS, NO_FIT, UNIDENTIFIABLE, UNUSED_CHANNEL
 from seaid.checks.experiment import Experiment
 from seaid.checks.tolerances import (
@@ -473,16 +472,6 @@ _LACKS = (
     "the rotor inertia in the drives file, the torque limit of a controller, a payload; or the "
     "torque is mostly noise"
 )
-
-
-def excluding_torque(kept: Sequence[str]) -> str:
-    """Return how to use the torques of some joints only, after words to which ", or" fits."""
-    if not kept:
-        return ""
-    return (
-        f", or exclude its torque (--torque-joints {','.join(kept)}), in [identify] of "
-        f"seaid.toml:\ntorque_joints = [{', '.join(map(toml_text, kept))}]"
-    )
 
 
 def _percent(part: float) -> str:

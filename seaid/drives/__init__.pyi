@@ -1,7 +1,12 @@
+from .controller import DELAY_PARAMETER as DELAY_PARAMETER
 from .controller import NORMAL_95 as NORMAL_95
 from .controller import STATED_DELAY_S as STATED_DELAY_S
+from .controller import Bus as Bus
 from .controller import Controller as Controller
+from .controller import buses_of as buses_of
+from .controller import delay_std_s as delay_std_s
 from .controller import delay_sums as delay_sums
+from .controller import is_stated as is_stated
 from .controller import stated_delay_s as stated_delay_s
 from .drives import IDEAL_DRIVE as IDEAL_DRIVE
 from .drives import STD_OF_TORQUE as STD_OF_TORQUE

@@ -22,6 +22,9 @@ STATED_DELAY_S = 12.5e-3
 """An unknown delay [s] of commands is within this of its nominal value, with 95 %, if the drive
 states no standard deviation: two or three samples of a bus at 200 Hz."""
 
+DELAY_PARAMETER = "command_delay"
+"""The parameter of the delay of commands."""
+
 
 _SUPPLY = "nominal_supply_V"
 _LEAST, _MOST = np.nextafter(0.0, 1.0), np.finfo(float).max
@@ -156,6 +159,44 @@ def stated_delay_s(drive: Drive) -> float:
     known = drive.controller is None or "command_delay" in drive.known
     own = drive.std.get("command_delay_s")
     return (0.0 if known else STATED_DELAY_S) if own is None else NORMAL_95 * own
+
+
+def delay_std_s(drive: Drive) -> float:
+    """Return the standard deviation [s] of a delay before an identification."""
+    return float(drive.std.get("command_delay_s", STATED_DELAY_S / NORMAL_95))
+
+
+def is_stated(std_s: float, stated_s: float) -> bool:
+    """Return whether a delay with a standard error is as stated, and not estimated."""
+    return bool(np.isclose(std_s, stated_s, rtol=1e-6))
+
+
+@dataclass(frozen=True)
+class Bus:
+    """Drives with one delay: the `places` of its columns, nominal value and standard deviation."""
+
+    places: tuple[int, ...]
+    nominal_s: float
+    std_s: float
+
+
+def buses_of(drives: Mapping[str, Drive], names: Sequence[str], joint: str = "") -> list[Bus]:
+    """Return the groups of columns; drives with one nominal delay are on one bus.
+
+    `joint` owns names without one. A condition has delays of its own if they are specific to it.
+    """
+    places: dict[tuple[float, str], list[int]] = {}
+    stds: dict[tuple[float, str], float] = {}
+    for place, name in enumerate(names):
+        text, _, condition = str(name).partition(" [")
+        parameter, _, owner = text.partition(" of ")
+        if parameter != DELAY_PARAMETER:
+            continue
+        drive = drives[owner or joint]
+        key = (drive.command_delay_s or 0.0, condition)
+        places.setdefault(key, []).append(place)
+        stds[key] = max(stds.get(key, 0.0), delay_std_s(drive))
+    return [Bus(tuple(places[key]), key[0], stds[key]) for key in places]
 
 
 def delay_sums(joint: str, drives: Sequence[Drive]) -> str:

@@ -4,8 +4,6 @@ from .checking import LEAST_DELAY_S as LEAST_DELAY_S
 from .checking import JointCheck as JointCheck
 from .checking import SetupCheck as SetupCheck
 from .checking import check as check
-from .command_checks import is_unsigned as is_unsigned
-from .command_checks import no_measurements as no_measurements
 from .conditions import CONDITION_SPECIFIC as CONDITION_SPECIFIC
 from .conditions import Conditions as Conditions
 from .conditions import identify_conditions as identify_conditions

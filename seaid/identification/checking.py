@@ -15,7 +15,19 @@ import numpy as np
 from seaid._arrays import Array, FrozenMapping, is_constant, resolution, white_noise
 from seaid._files import toml_key, toml_table
 from seaid._progress import Result, counted
-from seaid.checks import Experiment, encoder_slope, experiment_of, mistakes, stands_locked
+from seaid.checks import (
+    Experiment,
+    command_findings,
+    encoder_slope,
+    experiment_of,
+    gain_findings,
+    hidden_limits,
+    mistakes,
+    no_measurements,
+    pose_findings,
+    separation_findings,
+    stands_locked,
+)
 from seaid.drives import IDEAL_DRIVE, Drive
 from seaid.errors import (
     ExcitationError,
@@ -27,12 +39,6 @@ from seaid.errors import (
     listed,
 )
 from seaid.estimation import scaled_svd
-from seaid.identification.command_checks import (
-    command_findings,
-    no_measurements,
-    separation_findings,
-)
-from seaid.identification.command_hypotheses import gain_findings, hidden_limits, pose_findings
 from seaid.identification.datasets import Source, datasets_by_log, first_motion, sources_of
 from seaid.identification.motor_side import with_regressed_angles, without_joint_encoder
 from seaid.log import Log, Motion, changed_source, held_over, row_samples
@@ -197,7 +203,7 @@ def _setup_findings(given: Experiment, known: Sequence[Finding]) -> list[Finding
         # the channels of a torque are not there, and an unknown armature looks like another mistake
         if any(one.severity == "wrong" for one in known):
             return []
-        limited = hidden_limits(given)
+        limited = list(hidden_limits(given))
         if limited:  # which looks like gains in another unit, or another zero
             return limited
         stopped = {one.joint for one in known if one.code == "contact"}

@@ -7,20 +7,18 @@ the model; the delay is then as stated, and its uncertainty in all intervals.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
 from seaid._arrays import Array, safely
 from seaid._files import toml_table
-from seaid.drives import NORMAL_95, STATED_DELAY_S, Drive, JointParameter
-from seaid.errors import Finding, IdentificationError, listed
+from seaid.drives import DELAY_PARAMETER, NORMAL_95, Drive, buses_of, is_stated
+from seaid.errors import IdentificationError
 from seaid.estimation import Estimate, FittedRows
 from seaid.regressor import Regression
 from seaid.robot import Robot
-
-DELAY = "command_delay"
 
 MOST_DELAY_ROUNDS = 3
 """Most repetitions with commands delayed by the estimate: the error of one is of its square."""
@@ -36,44 +34,6 @@ _SCALE = 0.01
 
 LARGEST_DELAY_S = 0.25
 """Largest delay of a command [s] for which the linearisation is tried."""
-
-
-@dataclass(frozen=True)
-class Bus:
-    """Drives with one delay: the `places` of its columns, nominal value and standard deviation."""
-
-    places: tuple[int, ...]
-    nominal_s: float
-    std_s: float
-
-
-def delay_std_s(drive: Drive) -> float:
-    """Return the standard deviation [s] of a delay before an identification."""
-    return float(drive.std.get("command_delay_s", STATED_DELAY_S / NORMAL_95))
-
-
-def buses_of(drives: Mapping[str, Drive], names: tuple[str, ...], joint: str = "") -> list[Bus]:
-    """Return the groups of columns; drives with one nominal delay are on one bus.
-
-    `joint` owns names without one. A condition has delays of its own if they are specific to it.
-    """
-    places: dict[tuple[float, str], list[int]] = {}
-    stds: dict[tuple[float, str], float] = {}
-    for place, name in enumerate(names):
-        text, _, condition = str(name).partition(" [")
-        parameter, _, owner = text.partition(" of ")
-        if parameter != DELAY:
-            continue
-        drive = drives[owner or joint]
-        key = (drive.command_delay_s or 0.0, condition)
-        places.setdefault(key, []).append(place)
-        stds[key] = max(stds.get(key, 0.0), delay_std_s(drive))
-    return [Bus(tuple(places[key]), key[0], stds[key]) for key in places]
-
-
-def is_stated(estimate: Estimate, place: int, std_s: float) -> bool:
-    """Return whether an estimate has a delay as stated, with `std_s`, and not one of its own."""
-    return bool(np.isclose(estimate.standard_errors[place], std_s, rtol=1e-6))
 
 
 def with_shared_delays(
@@ -135,7 +95,7 @@ def with_fixed_delays(
     rows: list[Array] = []
     unit = np.eye(len(white))
     for bus in buses_of(drives, estimate.names, joint):
-        if is_stated(estimate, bus.places[0], bus.std_s):
+        if is_stated(estimate.standard_errors[bus.places[0]], bus.std_s):
             stated += bus.places
             rows += [unit[place] for place in bus.places]
         else:
@@ -165,7 +125,7 @@ def with_merged_delays(
     gone: list[int] = []
     for bus in buses:
         first, *others = bus.places
-        if is_stated(estimate, first, bus.std_s):
+        if is_stated(estimate.standard_errors[first], bus.std_s):
             y -= bus.nominal_s * H[:, list(bus.places)].sum(axis=1)
             gone.append(first)
         else:
@@ -227,9 +187,9 @@ def with_estimated_delays(robot: Robot, found: Robot) -> Robot:
     drives: dict[str, Drive] = {}
     of_buses: dict[float, list[float]] = {}
     for joint, drive in robot.drives.items():
-        if drive.controller is None or DELAY in drive.known:
+        if drive.controller is None or DELAY_PARAMETER in drive.known:
             continue
-        delay, near = found.drives[joint].values[DELAY], drive.command_delay_s or 0.0
+        delay, near = found.drives[joint].values[DELAY_PARAMETER], drive.command_delay_s or 0.0
         if drive.is_up_to_scale and "gain_scale" not in drive.known:
             # the slope by the delay was that of the nominal scale
             scale, before = (max(one.scale_of_gains, 1e-9) for one in (found.drives[joint], drive))
@@ -251,80 +211,3 @@ def with_estimated_delays(robot: Robot, found: Robot) -> Robot:
         if abs(delay - near) > _DELAY_S:
             drives[joint] = replace(drive, command_delay_s=delay)
     return robot.with_drives(drives) if drives else robot
-
-
-def delay_findings(robot: Robot, load_side: Estimate) -> tuple[Finding, ...]:
-    """Return what the log determines in place of a delay that it does not, and unusual delays."""
-    return (*_sums_with_delays(robot, load_side), *_unusual_delays(robot, load_side))
-
-
-def _unusual_delays(robot: Robot, load_side: Estimate) -> Iterator[Finding]:
-    """Yield delays that no bus has: commands logged after they acted, or very late ones."""
-    joints: dict[float, list[str]] = {}
-    for name, value, error in zip(
-        load_side.names, load_side.values, load_side.standard_errors, strict=True
-    ):
-        if isinstance(name, JointParameter) and name.parameter == DELAY:
-            is_sure = abs(value) > _SURE * error and DELAY not in robot.drives[name.joint].known
-            if is_sure and not -_EARLY_S < value < _LATE_S:
-                joints.setdefault(round(float(value), 4), []).append(name.joint)
-    for value, own in joints.items():
-        cause = (
-            "they are logged late, or the positions early"
-            if value < 0
-            else "no bus is so slow: positions or commands have another clock, or the drive "
-            "filters or interpolates commands"
-        )
-        yield Finding(
-            "delay",
-            f"the commands of {listed(own, 12)} act {1e3 * abs(value):.3g} ms "
-            f"{'before' if value < 0 else 'after'} their time in the log: {cause}",
-            own[0] if len(own) == 1 else "",
-            "note" if value < 0 else "doubtful",
-            {"delay [s]": value},
-            "log command and position with one clock, each with the time at which it is sent or "
-            "measured; the other parameters do not depend on it",
-            "likely",
-        )
-
-
-_SURE, _EARLY_S, _LATE_S = 5.0, 2e-3, 0.05
-"""Multiple of the standard error of a delay, and delays from which one is unusual."""
-
-
-def _sums_with_delays(robot: Robot, load_side: Estimate) -> tuple[Finding, ...]:
-    """Return the note of what the log determines in place of a delay that it does not."""
-    names = load_side.names
-    sums, evidence, stds = [], {}, []
-    for place, name in enumerate(names):
-        if not isinstance(name, JointParameter) or name.parameter != DELAY:
-            continue
-        drive, std = robot.drives[name.joint], load_side.standard_errors[place]
-        inertia = JointParameter("motor_inertia", name.joint)
-        if not is_stated(load_side, place, delay_std_s(drive)) or inertia not in names:
-            continue
-        own = names.index(inertia)
-        slope = -load_side.covariance[own, place] / std**2  # K_d + F_v, over N^2
-        error = np.sqrt(max(load_side.covariance[own, own] - (slope * std) ** 2, 0.0))
-        value = load_side.values[own] + slope * load_side.values[place]
-        scale = drive.ratio**2
-        half = NORMAL_95 * scale * error
-        sums.append(f"{name.joint} {scale * value:.3g} +- {half:.2g}")
-        evidence[f"armature and {scale * slope:.3g} delay of {name.joint}"] = float(scale * value)
-        stds.append(float(std))
-    if not sums:
-        return ()
-    return (
-        Finding(
-            "command-delay",
-            "the log does not separate the delay of the commands from rotor inertia and friction: "
-            f"it counts as known to +-{NORMAL_95 * max(stds) * 1e3:.3g} ms, which is in all "
-            "intervals. Within one gain set it determines armature + (K_d + F_v) delay "
-            f"[kg m^2], with 95 %: {listed(sums, 12)}",
-            severity="note",
-            evidence=evidence,
-            remedy="add a log with other gains to identify_conditions, or a known delay in the "
-            'drives file:\ncommand_delay_s = 0.004\nknown = ["command_delay"]',
-            certainty="certain",
-        ),
-    )

@@ -18,10 +18,9 @@ import numpy as np
 
 from seaid._arrays import Array, FrozenMapping, safely
 from seaid._progress import track
-from seaid.drives import PARAMETERS, readable
+from seaid.drives import PARAMETERS, Bus, buses_of, is_stated, readable
 from seaid.errors import IdentificationError, SeaidError
 from seaid.estimation import Residuals, Step, gauss_newton_step
-from seaid.identification.command_delays import Bus, buses_of, is_stated
 from seaid.identification.drive_estimates import with_estimate
 from seaid.identification.simulated_joints import response_to, torque_jacobians
 from seaid.identification.two_step import split_load_side
@@ -158,7 +157,7 @@ def _task(found: Identification, logs: Sequence[Log]) -> _Task:
         first, *others = bus.places
         free[others, first] = 1.0
         gone |= set(others)
-        if is_stated(side, first, bus.std_s):
+        if is_stated(side.standard_errors[first], bus.std_s):
             stated.append(bus)
             gone.add(first)
     kept = [place for place in range(len(names)) if place not in gone]

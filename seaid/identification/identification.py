@@ -20,6 +20,7 @@ from seaid.checks import (
     JointFit,
     Verdict,
     consequences,
+    delay_estimate_findings,
     experiment_of,
     explained,
     fit_findings,
@@ -60,7 +61,6 @@ from seaid.identification.checking import (
 )
 from seaid.identification.command_delays import (
     MOST_DELAY_ROUNDS,
-    delay_findings,
     with_estimated_delays,
     with_fixed_delays,
 )
@@ -367,8 +367,10 @@ def identify(
         if later is robot:
             break
         robot, found = later, once(later)
-    unclear = delay_findings(robot, found.load_side)
-    unclear += scale_findings(found.robot, found.load_side, unscaled)
+    unclear = (
+        *delay_estimate_findings(robot, found.load_side),
+        *scale_findings(found.robot, found.load_side, unscaled),
+    )
     scaled = with_free_scale(found.robot, unscaled)
     return replace(found, robot=scaled, nominal=nominal, findings=(*found.findings, *unclear))
 

@@ -15,6 +15,7 @@ import numpy as np
 from seaid._arrays import Array, safely
 from seaid._files import PROJECT_FILE, toml_key, write_whole
 from seaid._progress import Display
+from seaid.checks import is_unsigned, no_measurements
 from seaid.drives import (
     COMMANDS,
     Controller,
@@ -28,8 +29,6 @@ from seaid.errors import LogError, SeaidError, abridged, checked, listed
 from seaid.identification import (
     JointCheck,
     check,
-    is_unsigned,
-    no_measurements,
     with_leg_order,
 )
 from seaid.log import (

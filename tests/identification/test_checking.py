@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import json
-import re
 import tomllib
 from collections.abc import Callable, Mapping
 from copy import deepcopy
@@ -21,10 +18,8 @@ from seaid.checks import CODES
 from seaid.checks.codes import GRAVITY
 from seaid.checks.experiment import _slope, experiment_of, fitted
 from seaid.checks.setup import transforms
-from seaid.drives.toml import drives_from_mapping
 from seaid.errors import Finding, SeaidError, by_severity
 from seaid.identification.checking import check, log_findings
-from seaid.identification.command_checks import _is_folded, _is_magnitude, no_measurements
 from seaid.log.log import Log
 from seaid.log.motion import reconstruct_motions
 from seaid.robot.robot import Payload, Robot, load_robot
@@ -40,12 +35,8 @@ from tests.experiments import (
     leg_log,
     leg_motion,
 )
-from tests.measured import LOGS
 from tests.one_joint import one_joint
 from tests.representatives import quick_first
-
-SO101 = Path(__file__).parents[3] / "shared" / "data" / "so101_commands"
-"""Measured logs that are not shipped."""
 
 CASES: dict[str, tuple[Callable[[], Robot], Callable[..., Log]]] = {
     "leg": (lambda: leg(TEST_MASS), leg_log),
@@ -514,89 +505,6 @@ def test_values_are_judged_only_by_bodies_that_explain_the_torques() -> None:
     later = whole.between(float(np.mean(whole.time[[0, -1]])), np.inf)
     found = check(robot, later).warnings
     assert not {"torque-scale", "payload", "geometry"} & {one.code for one in found}
-
-
-def _servo_log(torque: Array, command: Array | None = None) -> tuple[seaid.Robot, seaid.Log]:
-    """Return the pendulum and a log of it with a torque (T,), and perhaps a command (T,)."""
-    robot = seaid.load_robot(Path(__file__).parents[2] / "models" / "xl330_pendulum.urdf")
-    nothing = np.full((len(torque), 1), np.nan)
-    position = _tracked()[1][:, None]
-    log = seaid.Log(
-        time=_tracked()[0],
-        joint_names=robot.joint_names,
-        motor_position=nothing,
-        joint_position=position,
-        motor_torque=torque[:, None],
-        position_command=None if command is None else command[:, None],
-    )
-    return robot, log
-
-
-def _tracked() -> tuple[Array, Array, Array]:
-    """Return time, position and tracking error of a servo that follows two sines."""
-    time = np.arange(0, 10, 0.01)
-    error = 0.03 * np.sin(2.9 * time + 1) + 0.02 * np.sin(7.1 * time)
-    return time, 0.5 * np.sin(2.9 * time) + 0.3 * np.sin(7.1 * time), error
-
-
-def test_torques_without_sign_and_outputs_of_a_controller_are_named() -> None:
-    _, position, error = _tracked()
-    noise = np.random.default_rng(5).normal(size=len(error)) * 0.02
-    torque = 20 * error + 0.1 * np.sign(np.gradient(position)) + noise
-
-    def named(given: Array, command: Array | None = None) -> list[seaid.Finding]:
-        return list(no_measurements(*_servo_log(given, command)))
-
-    (magnitude,) = named(np.abs(torque))
-    assert (magnitude.code, magnitude.severity) == ("no-measurement", "wrong")
-    assert "has no sign: it is a magnitude" in magnitude.message
-    (coarse,) = named(np.round(5 * np.abs(torque)) / 5, position + error)
-    assert coarse.severity == "wrong"
-    (computed,) = named(20 * error, position + error)
-    assert computed.severity == "doubtful"
-    assert "is 20 times the tracking error (correlation 1.0000)" in computed.message
-    head, _, table = computed.remedy.partition("\n")
-    assert head == "in the drives file:"
-    (drive,) = drives_from_mapping(tomllib.loads(table)).values()
-    assert drive.controller == seaid.Controller(position_gain_Nm_per_rad=20.0)
-    # a signed torque with noise, one of gravity that never changes sign, one with a free sign
-    assert named(torque) == named(torque, position + error) == []
-    assert named(5 + 20 * error + noise) == []
-    assert named(np.maximum(torque, 0) - np.maximum(-torque, 0) * 0.01) == []
-
-
-def test_a_load_that_vanishes_once_is_no_magnitude() -> None:
-    """A foot that is hardly loaded for a second, with noise: eight returns to zero before."""
-    time = _tracked()[0]
-    noise = 0.02 * np.random.default_rng(5).normal(size=len(time))
-    load = 5 * (1 - np.exp(-(((time - 5) / 1.5) ** 6)))
-    torque = load + 0.09 + noise
-    near = np.abs(torque) < 0.02 * np.percentile(torque, 99)
-    assert np.min(torque) > 0
-    assert np.count_nonzero(near[1:] & ~near[:-1]) > 8
-    assert not _is_magnitude(torque)
-    assert _is_magnitude(np.abs(torque * np.sin(9 * time)))
-
-
-@pytest.mark.parametrize("path", sorted(LOGS.rglob("*.npz")), ids=lambda path: path.stem)
-def test_no_torque_of_a_measured_log_is_taken_for_a_magnitude(path: Path) -> None:
-    with np.load(path) as columns:
-        for name in columns:
-            if re.match(r"(eff|tau|wcur)", name) and np.all(np.isfinite(columns[name])):
-                assert not _is_magnitude(columns[name])
-
-
-@pytest.mark.skipif(not SO101.is_dir(), reason="the SO-101 logs are not here")
-def test_the_torques_of_a_so101_are_magnitudes() -> None:
-    def of(name: str, column: str) -> Array:
-        with (SO101 / f"chirp_sweep.{name}.csv").open(newline="") as file:
-            return np.array([json.loads(row[column]) for row in csv.DictReader(file)])
-
-    torques, position = of("state_motor", "torques"), of("state_motor", "positions")
-    command = of("control", "positions")[: len(position)]
-    assert all(_is_magnitude(one) for one in torques.T)
-    found = [_is_folded(*pair) for pair in zip((command - position).T, torques.T, strict=True)]
-    assert sum(found) >= 3  # gravity pulls the others to one side
 
 
 @pytest.mark.slow  # several checks of the leg or the arm

@@ -6,20 +6,18 @@ import math
 import re
 import tomllib
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 from typing import Any
 
 import mujoco
 import numpy as np
 import pytest
-from mujoco.rollout import rollout as mujoco_rollout
 
 import seaid
 from scripts.benchmarks import command_delays
 from scripts.benchmarks.commanded_arms import ARMS
 from seaid._arrays import Array
-from seaid.errors import IdentificationError, LogError, RobotError
+from seaid.errors import IdentificationError, RobotError
 from seaid.estimation import Estimate
 from seaid.identification.checking import log_findings
 from seaid.identification.command_delays import with_estimated_delays
@@ -29,17 +27,18 @@ from seaid.log.commands import commanded_torque
 from seaid.regressor import motor_regressor, signals
 from seaid.robot import nominal_model
 from seaid.simulation import rollout
-
-URDF = """<robot name="one"><link name="base"/><link name="arm"><inertial><origin xyz="0.2 0 0"/>
-<mass value="1.5"/><inertia ixx="0.01" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial>
-</link><joint name="j" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/>
-<limit lower="-3" upper="3" effort="50" velocity="20"/></joint></robot>"""
-TRUTH = {"viscous_friction": 0.12, "coulomb_friction": 0.18, "motor_inertia": 0.0243}
-"""Of the MuJoCo plant at the joint: damping, friction loss and armature."""
-SOFT, HARD = (40.0, 1.0), (20.0, 3.0)
-"""Two gain sets: K_p [N m/rad] and K_d [N m s/rad]."""
-TIME = np.arange(0, 20, 0.005)
-CHIRP = 0.4 * np.sin(2 * np.pi * (0.1 * TIME + 0.0625 * TIME**2)) + 0.2 * np.sin(2.3 * TIME)
+from tests.commanded_joint import (
+    CHIRP,
+    HARD,
+    SOFT,
+    TIME,
+    TRUTH,
+    URDF,
+    log_of,
+    mujoco_log,
+    robot_of,
+    values_of,
+)
 
 
 @pytest.fixture(scope="module")
@@ -49,92 +48,25 @@ def urdf(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def robot_of(
-    urdf: Path, gains: tuple[float, float], delay_s: float | None = None, std_s: float = 0.0
-) -> seaid.Robot:
-    """Return the robot with a known arm; `delay_s` None: to be estimated."""
-    controller = seaid.Controller(
-        position_gain_Nm_per_rad=gains[0], velocity_gain_Nms_per_rad=gains[1]
-    )
-    drive = seaid.StiffDrive(
-        friction=("viscous", "coulomb", "offset"),
-        motor_input="position_command",
-        controller=controller,
-        command_delay_s=delay_s,
-        known=() if delay_s is None else ("command_delay",),
-        std={"command_delay_s": std_s} if std_s else {},
-    )
-    return seaid.load_robot(urdf, {"j": drive}, known_bodies=["arm"])
+def test_friction_stated_where_the_joint_never_is_has_the_line_of_the_remedy(urdf: Path) -> None:
+    """A servo that moves between 1.6 and 2.8 rad has its own friction at 0 rad extrapolated."""
+    robot = robot_of(urdf, SOFT, 0.0)
+    terms = (*robot.drives["j"].friction, "coulomb_position")
+    log = mujoco_log(SOFT, 0.0, 1e-5, 1)
+    log = replace(log, joint_position=log.joint_position + 2.2)
 
+    def codes(reference: float) -> list[seaid.Finding]:
+        drive = replace(robot.drives["j"], friction=terms, reference_position_rad=reference)
+        found = log_findings(robot.with_drives({"j": drive}), [log])
+        return [one for one in found if one.code == "reference-position"]
 
-def log_of(position: Array) -> seaid.Log:
-    unknown = np.full((len(TIME), 1), np.nan)
-    return seaid.Log(
-        time=TIME,
-        joint_names=("j",),
-        joint_position=position[:, None],
-        motor_position=unknown,
-        motor_torque=unknown,
-        position_command=CHIRP[:, None],
-    )
-
-
-def mujoco_log(
-    gains: tuple[float, float],
-    delay_s: float,
-    noise: float,
-    seed: int,
-    slope: float = 0.0,
-    stiffness: float = 0.0,
-) -> seaid.Log:
-    """Return the log of MuJoCo's own position actuator, whose command is late.
-
-    Friction loss grows by `slope` [N m/rad], and a spring acts parallel to the drive.
-    """
-    position = mujoco_positions(gains, delay_s, slope, stiffness)
-    return log_of(position + np.random.default_rng(seed).normal(size=len(TIME)) * noise)
-
-
-@cache
-def mujoco_positions(
-    gains: tuple[float, float], delay_s: float, slope: float, stiffness: float
-) -> Array:
-    """Return the positions at TIME, from steps of 0.25 ms."""
-    step_s, parts = 2.5e-4, 20
-    model = mujoco.MjModel.from_xml_string(
-        f"""<mujoco><option timestep="{step_s}" integrator="implicitfast" gravity="0 0 -9.81"/>
-        <worldbody><body><joint name="j" axis="0 1 0" armature="{TRUTH["motor_inertia"]}"
-        damping="{TRUTH["viscous_friction"]}" frictionloss="{TRUTH["coulomb_friction"]}"
-        stiffness="{stiffness}" solreffriction="0.001 1"/>
-        <inertial pos="0.2 0 0" mass="1.5" diaginertia="0.01 0.02 0.02"/>
-        </body></worldbody>
-        <actuator><position joint="j" kp="{gains[0]}" kv="{gains[1]}"/></actuator></mujoco>"""
-    )
-    data = mujoco.MjData(model)
-    data.qpos[0] = CHIRP[0]
-    ticks = np.arange(len(TIME) * parts) * step_s
-    commands = np.interp(ticks - delay_s, TIME, CHIRP)
-    if slope == 0:
-        start = np.empty(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS))
-        mujoco.mj_getState(model, data, start, mujoco.mjtState.mjSTATE_FULLPHYSICS)
-        states, _ = mujoco_rollout(model, data, start, commands[:, None])
-        # a state is that after a step, and its first number is the time
-        return np.append(CHIRP[0], states[0, parts - 1 : -1 : parts, 1])
-    position = np.empty(len(TIME))
-    for tick, command in enumerate(commands):
-        if tick % parts == 0:
-            position[tick // parts] = data.qpos[0]
-        data.ctrl[0] = command
-        model.dof_frictionloss[0] = TRUTH["coulomb_friction"] + slope * data.qpos[0]
-        mujoco.mj_step(model, data)
-    return position
-
-
-def values_of(found: seaid.Identification) -> dict[str, tuple[float, float]]:
-    """Return {parameter: (value, standard error)}."""
-    side = found.load_side
-    names = [str(name).removesuffix(" of j") for name in side.names]
-    return dict(zip(names, zip(side.values, side.standard_errors, strict=True), strict=True))
+    assert codes(2.2) == []
+    (one,) = codes(0.0)
+    assert "stated at 0 rad, outside its motion from 1." in one.message
+    assert one.remedy.splitlines()[:2] == ["in the drives file:", "[j]"]
+    middle = 0.5 * float(np.min(log.joint_position) + np.max(log.joint_position))
+    stated = tomllib.loads(one.remedy.split("\n", 1)[1])["j"]["reference_position_rad"]
+    assert stated == pytest.approx(middle, rel=0.025)
 
 
 @pytest.mark.slow  # 1.9 s
@@ -575,47 +507,6 @@ def test_a_spring_behind_a_position_controller(tmp_path: Path, urdf: Path) -> No
     assert found.drives["j"].value("command_delay") == pytest.approx(0.004, abs=2e-4)
 
 
-def test_what_is_wrong_with_commands_is_said(urdf: Path) -> None:
-    robot, log = robot_of(urdf, SOFT), mujoco_log(SOFT, 0.0, 0.0, 0)
-    blind = replace(log, position_command=None)
-    with pytest.raises(LogError, match=r"no column 'j\.position_command_rad'"):
-        seaid.identify(robot, blind)
-    with pytest.raises(LogError, match=r"no column 'j\.position_command_rad'"):
-        seaid.replay(seaid.identify(robot, log).robot, blind)
-    assert [one.code for one in wrong_of(robot, log)] == []
-    backwards = replace(log, position_command=-CHIRP[:, None])
-    (sign,) = wrong_of(robot, backwards)
-    assert sign.code == "sign"
-    assert 'position_command = { column = "j.position_command_rad", sign = -1 }' in sign.remedy
-    (unit,) = wrong_of(robot, replace(log, position_command=np.rad2deg(CHIRP)[:, None]))
-    assert unit.code == "unit"
-    assert "it is in degrees" in unit.message
-    assert "scale = 0.01745 }" in unit.remedy
-    late = replace(log, position_command=np.interp(TIME + 0.3, TIME, CHIRP)[:, None])
-    drive = replace(robot.drives["j"], command_delay_s=0.3)
-    words = r"delayed by 299 ms, more than 250 ms either way(.|\n)*, delay_s = -0\.299 \}"
-    with pytest.raises(IdentificationError, match=words):
-        seaid.identify(robot.with_drives({"j": drive}), late)
-    (unfit,) = (x for x in seaid.identify(robot, late).warnings if x.code == "no-fit")
-    assert unfit.severity == "wrong"
-
-
-@pytest.mark.parametrize("delay_s", [-0.04, -0.001, 0.01, 0.08])
-def test_delays_that_no_bus_has_are_identified_and_said(urdf: Path, delay_s: float) -> None:
-    log = mujoco_log(SOFT, 0.0, 1e-4, 0)
-    shifted = np.interp(TIME + delay_s, TIME, CHIRP)[:, None]
-    found = seaid.identify(robot_of(urdf, SOFT), replace(log, position_command=shifted))
-    assert values_of(found)["command_delay"][0] == pytest.approx(delay_s, abs=3e-4)
-    assert values_of(found)["motor_inertia"][0] == pytest.approx(TRUTH["motor_inertia"], rel=0.02)
-    said = [(one.severity, one.message) for one in found.warnings if one.code == "delay"]
-    if -0.002 < delay_s < 0.05:
-        assert not said
-        return
-    ((severity, message),) = said
-    assert severity == ("note" if delay_s < 0 else "doubtful")
-    assert f" ms {'before' if delay_s < 0 else 'after'} their time in the log" in message
-
-
 @pytest.mark.parametrize(
     ("drive", "words"),
     [
@@ -773,25 +664,6 @@ def test_a_mujoco_model_is_the_nominal_one_with_its_dynamics(urdf: Path, tmp_pat
     assert nominal_model(drives, robot).drives["j"].motor_inertia_kg_m2 == 0.01
 
 
-def wrong_of(robot: seaid.Robot, log: seaid.Log) -> list[seaid.Finding]:
-    """Return the findings of a check but notes."""
-    return [one for one in seaid.check(robot, log).warnings if one.severity != "note"]
-
-
-def test_the_sums_that_one_gain_set_determines_are_said_before_a_fit(urdf: Path) -> None:
-    """Those of the check are the effect of a delay on the estimates, within 5 %."""
-    log = mujoco_log(SOFT, 0.0, 2e-3, 0)
-    (found,) = seaid.check(robot_of(urdf, SOFT), log).warnings
-    assert found.code == "command-delay"
-    fits = [values_of(seaid.identify(robot_of(urdf, SOFT, delay), log)) for delay in (0, 1e-3)]
-    for name, parameter in (("armature", "motor_inertia"), ("friction", "viscous_friction")):
-        slope = (fits[0][parameter][0] - fits[1][parameter][0]) / 1e-3
-        evidence = found.evidence[f"{name} of j per second of delay"]
-        assert evidence == pytest.approx(slope, rel=0.05)
-    assert "this log separates the delay T" in found.message  # by gravity and inertia
-    assert not seaid.check(robot_of(urdf, SOFT, 0.0), log).warnings
-
-
 def test_identifiability_says_what_a_gain_set_determines(urdf: Path) -> None:
     soft, hard = robot_of(urdf, SOFT), robot_of(urdf, HARD)
     (text,) = seaid.identifiability(soft).commands
@@ -805,148 +677,6 @@ def test_identifiability_says_what_a_gain_set_determines(urdf: Path) -> None:
     assert seaid.identifiability(robot_of(urdf, SOFT, 0.004)).commands == ()
     (known,) = seaid.identifiability(robot_of(urdf, SOFT, 0.004, 0.002)).commands
     assert "within 3.92 ms" in known
-
-
-@pytest.mark.slow  # 1.1 s
-def test_a_torque_limit_that_is_not_stated_is_found_and_its_lines_repair_it(urdf: Path) -> None:
-    robot = robot_of(urdf, SOFT)
-    drive = robot.drives["j"].with_values({**TRUTH, "friction_offset": 0.0, "command_delay": 0.004})
-    law = drive.controller
-    assert law is not None
-    limited = replace(drive, controller=replace(law, torque_limit_Nm=4.0))
-    plan = log_of(np.full(len(TIME), CHIRP[0])).between(0.0, 8.0)
-    noise = np.random.default_rng(5).normal(size=(len(plan.time), 1)) * 1e-4
-
-    def logged(true: Any) -> seaid.Log:
-        moved = rollout(robot.with_drives({"j": true}), plan, longest_closed_s=5e-3)
-        return replace(plan, joint_position=moved.joint_position + noise)
-
-    log = logged(limited)
-    (found,) = wrong_of(robot, log)
-    assert (found.code, found.joint, found.severity) == ("saturation", "j", "wrong")
-    assert found.evidence["torque limit"] == pytest.approx(4.0, rel=0.06)
-    assert "torque_limit_Nm = " in found.remedy
-    stated = replace(law, torque_limit_Nm=found.evidence["torque limit"])
-    repaired = robot.with_drives({"j": replace(robot.drives["j"], controller=stated)})
-    assert wrong_of(repaired, log) == []
-    assert wrong_of(robot, logged(drive)) == []
-
-
-def test_commands_that_are_repeated_limited_or_followed_too_well_are_said(
-    urdf: Path, tmp_path: Path
-) -> None:
-    log, robot = mujoco_log(SOFT, 0.0, 0.0, 0), robot_of(urdf, SOFT)
-    command = log.position_command
-    assert command is not None
-    rng = np.random.default_rng(1)
-    twice = np.flatnonzero(rng.random(len(TIME)) < 0.1)[1:]
-    late = command.copy()
-    late[twice] = late[twice - 1]
-    (repeated,) = wrong_of(robot, replace(log, position_command=late))
-    assert repeated.code == "delay"
-    assert repeated.evidence["share of repeated commands"] == pytest.approx(0.1, abs=0.02)
-    held = np.repeat(command[::4], 4, axis=0)[: len(command)]
-    assert wrong_of(robot, replace(log, position_command=held)) == []
-    limited = seaid.Controller(
-        position_gain_Nm_per_rad=40.0, velocity_gain_Nms_per_rad=1.0, torque_limit_Nm=6.0
-    )
-    drive = replace(robot.drives["j"], controller=limited)
-    found = seaid.check(robot.with_drives({"j": drive}), log).warnings
-    (saturated,) = [one for one in found if one.code == "saturation"]
-    assert saturated.severity == "note"
-    asked = 40.0 * (command - log.joint_position) - np.gradient(log.joint_position, TIME, axis=0)
-    share = float(np.mean(np.abs(asked) > 6.0))
-    assert saturated.evidence["share at the limit"] == pytest.approx(share, abs=0.01)
-    weak = tmp_path / "weak.urdf"
-    weak.write_text(URDF.replace('effort="50"', 'effort="6"'))
-    (beyond,) = wrong_of(robot_of(weak, SOFT), log)
-    assert beyond.code == "saturation"
-    assert beyond.evidence == saturated.evidence
-    assert "torque_limit_Nm = 6" in beyond.remedy
-    noise = rng.normal(size=command.shape) * 1e-3
-    (close,) = wrong_of(robot, replace(log, joint_position=command + noise))
-    assert close.code == "unidentifiable"
-    assert close.evidence["tracking error over noise"] == pytest.approx(1.0, abs=0.1)
-
-
-@pytest.mark.slow  # all checks of a measured quadruped
-def test_a_commanded_go2_has_no_mistake() -> None:
-    """Its armature, which the file lacks, looked like exchanged joints and late torques."""
-    bare = seaid.load_robot("go2")
-    gains = seaid.Controller(position_gain_Nm_per_rad=20.0, velocity_gain_Nms_per_rad=1.5)
-    drive = seaid.StiffDrive(motor_input="position_command", controller=gains)
-    drives = dict.fromkeys(bare.joint_names, drive)
-    robot = seaid.load_robot("go2", drives, known_bodies=bare.body_names)
-    log = seaid.read_log("models/logs/go2_commands/go2_second_half.npz", robot)
-    found = seaid.check(robot, log).warnings
-    assert [one.code for one in found] == ["command-delay"]
-    assert "does not separate" in found[0].message
-    assert "FL_hip_joint armature + " in found[0].message
-    assert 'known = ["command_delay"]' in found[0].remedy
-
-
-@pytest.mark.slow  # 1.2 s
-@pytest.mark.parametrize("units", [256.0, 4096 / (2 * np.pi), 0.01])
-def test_gains_in_another_unit_are_named_by_the_bodies(
-    urdf: Path, tmp_path: Path, units: float
-) -> None:
-    """The finding has the factor, and its line of TOML ends it; limits are no finding then."""
-    log, (kp, kd) = mujoco_log(SOFT, 0.006, 2e-4, 0), SOFT
-    robot = robot_of(urdf, (units * kp, units * kd))
-    (finding,) = wrong_of(robot, log)
-    assert (finding.code, finding.severity, finding.joint) == ("gain-scale", "wrong", "j")
-    assert finding.evidence["torque of j over that of the bodies"] == pytest.approx(units, rel=0.03)
-    assert "known bodies (known_bodies=)" not in finding.remedy
-    drives = tmp_path / "drives.toml"
-    seaid.write_drives(robot.drives, drives)
-    head, _, table = finding.remedy.partition("in the drives file:\n[j.controller]\n")
-    assert head
-    assert table == "is_up_to_scale = true"
-    text = drives.read_text().replace("[j.controller]", f"[j.controller]\n{table}")
-    drives.write_text(text)
-    declared = seaid.load_robot(urdf, drives, known_bodies=["arm"])
-    assert wrong_of(declared, log) == []
-    scale, error = values_of(seaid.identify(declared, log))["gain_scale"]
-    assert scale == pytest.approx(1 / units, rel=0.01)
-    assert error < 0.01 * scale
-    unknown = seaid.load_robot(urdf, robot.drives)
-    (same,) = wrong_of(unknown, log)
-    assert same.code == "gain-scale"
-    assert "known bodies (known_bodies=)" in same.remedy
-
-
-def test_gains_in_another_unit_are_named_by_a_limit(urdf: Path, tmp_path: Path) -> None:
-    """With limits of the drive or, of bodies without masses, of the robot file."""
-    log, (kp, kd) = mujoco_log(SOFT, 0.006, 2e-4, 0), SOFT
-    robot = robot_of(urdf, (256 * kp, 256 * kd))
-    drive = robot.drives["j"]
-    assert drive.controller is not None
-    limited = replace(drive, controller=replace(drive.controller, torque_limit_Nm=50.0))
-    empty = tmp_path / "empty.urdf"
-    start, _, end = URDF.partition("<inertial>")
-    empty.write_text(start + end.partition("</inertial>")[2])
-    for one in (robot.with_drives({"j": limited}), seaid.load_robot(empty, robot.drives)):
-        (finding,) = (x for x in wrong_of(one, log) if x.code == "gain-scale")
-        assert finding.severity == "doubtful"
-        assert finding.evidence["median torque over its limit"] > 5
-        assert "[j.controller]\nis_up_to_scale = true" in finding.remedy
-
-
-@pytest.mark.slow  # all checks of a measured quadruped
-def test_a_wrong_gain_of_a_joint_whose_gravity_is_small_is_named_with_the_others() -> None:
-    """All hips and thighs of the measured Go2 show the factor; calves are too uncertain to."""
-    bare = seaid.load_robot("go2")
-    gains = seaid.Controller(position_gain_Nm_per_rad=20.0 * 256, velocity_gain_Nms_per_rad=384.0)
-    drive = seaid.StiffDrive(motor_input="position_command", controller=gains)
-    drives = dict.fromkeys(bare.joint_names, drive)
-    robot = seaid.load_robot("go2", drives, known_bodies=bare.body_names)
-    log = seaid.read_log("models/logs/go2_commands/go2_second_half.npz", robot)
-    (found,) = wrong_of(robot, log)
-    assert (found.code, found.severity, found.joint) == ("gain-scale", "wrong", "")
-    assert found.remedy.count(".controller]\nis_up_to_scale = true") == 12
-    assert len(found.evidence) < 12
-    assert all(256 < factor < 1.7 * 256 for factor in found.evidence.values())
-    assert "FL_calf_joint" in found.message.partition("as the others")[0].rpartition(";")[2]
 
 
 LAWS: dict[str, dict[str, Any]] = {
@@ -1058,70 +788,6 @@ def test_gains_in_units_of_the_drive(urdf: Path) -> None:
     assert "gain_scale" not in free.robot.drives["j"].known
 
 
-@pytest.fixture(scope="module")
-def chain(tmp_path_factory: pytest.TempPathFactory) -> tuple[seaid.Robot, seaid.Log]:
-    """Return two arms of known bodies in a chain, and a log of their commands."""
-    path = tmp_path_factory.mktemp("chain") / "chain.urdf"
-    path.write_text(ARMS)
-    time = np.arange(0, 12, 0.01)
-    slow, fast = np.sin(1.7 * time), np.sin(2.3 * time + 1)
-    commands = np.column_stack([0.6 * slow + 0.2 * np.sin(5 * time), 0.5 * fast])
-    gains = seaid.Controller(position_gain_Nm_per_rad=60.0, velocity_gain_Nms_per_rad=2.0)
-    drive = seaid.StiffDrive(
-        motor_input="position_command",
-        controller=gains,
-        command_delay_s=0.0,
-        known=("command_delay",),
-    )
-    robot = seaid.load_robot(path, {"j0": drive, "j1": drive}, known_bodies=["a", "b"])
-    true = replace(
-        drive,
-        motor_inertia_kg_m2=0.03,
-        viscous_friction_Nms_per_rad=0.3,
-        coulomb_friction_Nm=0.2,
-    )
-    unknown = np.full_like(commands, np.nan)
-    plan = seaid.Log(time, ("j0", "j1"), unknown, commands, unknown, position_command=commands)
-    moved = rollout(robot.with_drives({"j0": true, "j1": true}), plan, longest_closed_s=2.5e-3)
-    return robot, replace(plan, joint_position=moved.joint_position)
-
-
-@pytest.mark.slow  # 1.2 s
-@pytest.mark.parametrize(
-    ("signs", "zeros"),
-    [
-        ((1, 1), (0.0, 0.0)),
-        ((1, -1), (0.0, 0.0)),
-        ((-1, -1), (0.0, 0.0)),
-        ((1, 1), (-1.5708, 0.0)),
-        ((-1, 1), (0.0, 0.8)),
-        ((1, -1), (0.0, 1.5708)),
-    ],
-)
-def test_signs_and_zeros_are_found_by_gravity(
-    chain: tuple[seaid.Robot, seaid.Log], signs: tuple[int, int], zeros: tuple[float, float]
-) -> None:
-    """A log has sign * (position - zero); the remedy is the way back, sign * value + offset."""
-    robot, log = chain
-    assert log.position_command is not None
-    other = replace(
-        log,
-        joint_position=np.array(signs) * (log.joint_position - np.array(zeros)),
-        position_command=np.array(signs) * (log.position_command - np.array(zeros)),
-    )
-    found = [x for x in wrong_of(robot, other) if x.code in ("sign", "encoder-offset")]
-    wanted = {f"j{k}": pair for k, pair in enumerate(zip(signs, zeros, strict=True))}
-    wanted = {joint: pair for joint, pair in wanted.items() if pair != (1, 0.0)}
-    assert {one.joint for one in found} == set(wanted)
-    for one in found:
-        sign, zero = wanted[one.joint]
-        assert one.code == ("sign" if sign < 0 else "encoder-offset")
-        assert one.evidence["offset [rad]"] == pytest.approx(zero, abs=0.03)
-        assert f"[joints.{one.joint}]" in one.remedy
-        assert one.remedy.count("sign = -1") == (2 if sign < 0 else 0)
-        assert one.remedy.count("offset") == (2 if zero else 0)
-
-
 @pytest.mark.parametrize(("std_s", "delays"), [(0.005, 1), (1e-7, 0)], ids=["own", "stated"])
 def test_compared_cutoffs_share_the_delay_as_the_estimate_does(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, std_s: float, delays: int
@@ -1221,27 +887,6 @@ def test_a_refinement_starts_within_its_bounds(urdf: Path) -> None:
     wrong = replace(found, load_side=replace(found.load_side, values=values))
     refined = values_of(seaid.refine(wrong, log))
     assert refined["motor_inertia"][0] == pytest.approx(TRUTH["motor_inertia"], rel=0.05)
-
-
-def test_friction_stated_where_the_joint_never_is_has_the_line_of_the_remedy(urdf: Path) -> None:
-    """A servo that moves between 1.6 and 2.8 rad has its own friction at 0 rad extrapolated."""
-    robot = robot_of(urdf, SOFT, 0.0)
-    terms = (*robot.drives["j"].friction, "coulomb_position")
-    log = mujoco_log(SOFT, 0.0, 1e-5, 1)
-    log = replace(log, joint_position=log.joint_position + 2.2)
-
-    def codes(reference: float) -> list[seaid.Finding]:
-        drive = replace(robot.drives["j"], friction=terms, reference_position_rad=reference)
-        found = log_findings(robot.with_drives({"j": drive}), [log])
-        return [one for one in found if one.code == "reference-position"]
-
-    assert codes(2.2) == []
-    (one,) = codes(0.0)
-    assert "stated at 0 rad, outside its motion from 1." in one.message
-    assert one.remedy.splitlines()[:2] == ["in the drives file:", "[j]"]
-    middle = 0.5 * float(np.min(log.joint_position) + np.max(log.joint_position))
-    stated = tomllib.loads(one.remedy.split("\n", 1)[1])["j"]["reference_position_rad"]
-    assert stated == pytest.approx(middle, rel=0.025)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,125 @@
+"""A joint with a position controller: its robot, and logs of MuJoCo's own actuator."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from mujoco.rollout import rollout as mujoco_rollout
+
+import seaid
+from seaid._arrays import Array
+
+URDF = """<robot name="one"><link name="base"/><link name="arm"><inertial><origin xyz="0.2 0 0"/>
+<mass value="1.5"/><inertia ixx="0.01" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial>
+</link><joint name="j" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/>
+<limit lower="-3" upper="3" effort="50" velocity="20"/></joint></robot>"""
+
+
+TRUTH = {"viscous_friction": 0.12, "coulomb_friction": 0.18, "motor_inertia": 0.0243}
+"""Of the MuJoCo plant at the joint: damping, friction loss and armature."""
+
+
+SOFT, HARD = (40.0, 1.0), (20.0, 3.0)
+"""Two gain sets: K_p [N m/rad] and K_d [N m s/rad]."""
+
+
+TIME = np.arange(0, 20, 0.005)
+
+
+CHIRP = 0.4 * np.sin(2 * np.pi * (0.1 * TIME + 0.0625 * TIME**2)) + 0.2 * np.sin(2.3 * TIME)
+
+
+def robot_of(
+    urdf: Path, gains: tuple[float, float], delay_s: float | None = None, std_s: float = 0.0
+) -> seaid.Robot:
+    """Return the robot with a known arm; `delay_s` None: to be estimated."""
+    controller = seaid.Controller(
+        position_gain_Nm_per_rad=gains[0], velocity_gain_Nms_per_rad=gains[1]
+    )
+    drive = seaid.StiffDrive(
+        friction=("viscous", "coulomb", "offset"),
+        motor_input="position_command",
+        controller=controller,
+        command_delay_s=delay_s,
+        known=() if delay_s is None else ("command_delay",),
+        std={"command_delay_s": std_s} if std_s else {},
+    )
+    return seaid.load_robot(urdf, {"j": drive}, known_bodies=["arm"])
+
+
+def log_of(position: Array) -> seaid.Log:
+    unknown = np.full((len(TIME), 1), np.nan)
+    return seaid.Log(
+        time=TIME,
+        joint_names=("j",),
+        joint_position=position[:, None],
+        motor_position=unknown,
+        motor_torque=unknown,
+        position_command=CHIRP[:, None],
+    )
+
+
+def mujoco_log(
+    gains: tuple[float, float],
+    delay_s: float,
+    noise: float,
+    seed: int,
+    slope: float = 0.0,
+    stiffness: float = 0.0,
+) -> seaid.Log:
+    """Return the log of MuJoCo's own position actuator, whose command is late.
+
+    Friction loss grows by `slope` [N m/rad], and a spring acts parallel to the drive.
+    """
+    position = mujoco_positions(gains, delay_s, slope, stiffness)
+    return log_of(position + np.random.default_rng(seed).normal(size=len(TIME)) * noise)
+
+
+@cache
+def mujoco_positions(
+    gains: tuple[float, float], delay_s: float, slope: float, stiffness: float
+) -> Array:
+    """Return the positions at TIME, from steps of 0.25 ms."""
+    step_s, parts = 2.5e-4, 20
+    model = mujoco.MjModel.from_xml_string(
+        f"""<mujoco><option timestep="{step_s}" integrator="implicitfast" gravity="0 0 -9.81"/>
+        <worldbody><body><joint name="j" axis="0 1 0" armature="{TRUTH["motor_inertia"]}"
+        damping="{TRUTH["viscous_friction"]}" frictionloss="{TRUTH["coulomb_friction"]}"
+        stiffness="{stiffness}" solreffriction="0.001 1"/>
+        <inertial pos="0.2 0 0" mass="1.5" diaginertia="0.01 0.02 0.02"/>
+        </body></worldbody>
+        <actuator><position joint="j" kp="{gains[0]}" kv="{gains[1]}"/></actuator></mujoco>"""
+    )
+    data = mujoco.MjData(model)
+    data.qpos[0] = CHIRP[0]
+    ticks = np.arange(len(TIME) * parts) * step_s
+    commands = np.interp(ticks - delay_s, TIME, CHIRP)
+    if slope == 0:
+        start = np.empty(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS))
+        mujoco.mj_getState(model, data, start, mujoco.mjtState.mjSTATE_FULLPHYSICS)
+        states, _ = mujoco_rollout(model, data, start, commands[:, None])
+        # a state is that after a step, and its first number is the time
+        return np.append(CHIRP[0], states[0, parts - 1 : -1 : parts, 1])
+    position = np.empty(len(TIME))
+    for tick, command in enumerate(commands):
+        if tick % parts == 0:
+            position[tick // parts] = data.qpos[0]
+        data.ctrl[0] = command
+        model.dof_frictionloss[0] = TRUTH["coulomb_friction"] + slope * data.qpos[0]
+        mujoco.mj_step(model, data)
+    return position
+
+
+def values_of(found: seaid.Identification) -> dict[str, tuple[float, float]]:
+    """Return {parameter: (value, standard error)}."""
+    side = found.load_side
+    names = [str(name).removesuffix(" of j") for name in side.names]
+    return dict(zip(names, zip(side.values, side.standard_errors, strict=True), strict=True))
+
+
+def wrong_of(robot: seaid.Robot, log: seaid.Log) -> list[seaid.Finding]:
+    """Return the findings of a check but notes."""
+    return [one for one in seaid.check(robot, log).warnings if one.severity != "note"]
