@@ -1,9 +1,10 @@
 """Pages of Markdown whose code runs: their blocks in order, in a folder, with one namespace.
 
 A `python` block runs in this interpreter, an `sh` block in bash with the commands of this
-environment, and so do the lines behind `$` of a `console` block. A `text` block right behind one is
-what it prints. There `...` stands for anything, as a line of its own for any lines. A `toml` block
-whose first line names a file (`# arm.toml`) is written as that file.
+environment, and so do the lines behind `$` of a `console` block; lines that are all plain commands
+of seaid run in this interpreter too, which saves its start for each. A `text` block right behind
+one is what it prints. There `...` stands for anything, as a line of its own for any lines. A `toml`
+block whose first line names a file (`# arm.toml`) is written as that file.
 
 Figures have to be right to the last digit shown, on every processor. Where they cannot be, since a
 search ends elsewhere after other rounding, the page says so to its readers, and the figures have to
@@ -19,6 +20,7 @@ import contextlib
 import io
 import os
 import re
+import shlex
 import subprocess
 import sys
 import tempfile
@@ -29,11 +31,21 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
+from typer.testing import CliRunner
+
+from seaid.cli.commands import app
+
 ROOT = Path(__file__).parents[1]
 SHARED = ("models", "scripts", "docs")
 """Folders of the project that a page may name."""
 
 SHELLS = ("sh", "console")
+
+COLUMNS = "110"
+"""Width of the terminal in which commands print."""
+
+RUN_BY_CI = ROOT / "README.md"
+"""The page whose commands `.ci/run` runs as they stand; here only those whose output it shows."""
 
 _BLOCK = re.compile(r"^```([a-z]*)[^\n]*\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 _NUMBER = re.compile(r"[-+]?\d+(?:\.(\d+))?(?:e([-+]?\d+))?")
@@ -87,7 +99,7 @@ def run_page(path: Path, folder: Path) -> Iterator[tuple[Block, str]]:
         where = f"{path.relative_to(ROOT)}:{block.line}"
         if block.language == "python":
             yield block, _python(block, where, names, folder)
-        elif block.language in SHELLS:
+        elif block.language in SHELLS and (path != RUN_BY_CI or block.printed):
             yield block, _shell(block, where, folder)
         elif block.language == "toml" and (name := re.match(r"# (\S+\.toml)\n", block.code)):
             (folder / name[1]).write_text(block.code, encoding="utf-8")
@@ -188,13 +200,31 @@ def _ending(command: str) -> str:
     return f"{command} --port 0 --seconds 0.1" if endless else command
 
 
+_PLAIN = re.compile(r"seaid [^$`|&;<>*?~#(){}!]*")
+"""A command of seaid in which the shell replaces nothing."""
+
+
+def _plain_commands(lines: list[str], where: str, folder: Path) -> str:
+    printed = ""
+    for line in lines:
+        with contextlib.chdir(folder), warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            done = CliRunner(env={"COLUMNS": COLUMNS}).invoke(app, shlex.split(line)[1:])
+        if done.exit_code:
+            raise RuntimeError(f"{where}: {done.stderr.strip()}") from done.exception
+        printed += done.stdout
+    return printed
+
+
 def _shell(block: Block, where: str, folder: Path) -> str:
     lines = [_ending(line) for line in commands(block) if is_run(line)]
+    if all(map(_PLAIN.fullmatch, lines)):
+        return _plain_commands(lines, where, folder)
     environment = {
         **os.environ,
         "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}",
         "OPENBLAS_NUM_THREADS": "1",
-        "COLUMNS": "110",
+        "COLUMNS": COLUMNS,
     }
     done = subprocess.run(
         ["bash", "-e", "-c", "\n".join(lines)],

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import re
+import subprocess
+import sys
 import tomllib
 from pathlib import Path
 from xml.etree import ElementTree
@@ -21,6 +23,7 @@ from seaid.log.readers.opening import READERS
 from tests import notebook
 from tests.pages import (
     ROOT,
+    RUN_BY_CI,
     SHELLS,
     Block,
     blocks,
@@ -92,6 +95,7 @@ def leg_files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 
 
 @pytest.mark.slow  # pages simulate the leg with its springs, or begin with logs of it
+@pytest.mark.page
 @pytest.mark.parametrize("name", WITH_CODE)
 def test_code_of_a_page_runs_and_prints_what_the_page_says(
     name: str, tmp_path: Path, request: pytest.FixtureRequest
@@ -105,6 +109,21 @@ def test_code_of_a_page_runs_and_prints_what_the_page_says(
             said = block.printed[2]
             right = same(said, printed, block.within)
             assert right, f"{name}:{block.line} prints\n{printed}\nand not\n{said}"
+
+
+def test_commands_of_the_readme_are_run_by_ci_as_they_stand() -> None:
+    script = (ROOT / ".ci/run").read_text("utf-8")
+    assert 'python3 .ci/readme_commands.py README.md >"$stranger/commands"\n' in script
+    assert 'step bash -euxo pipefail "$stranger/commands"\n' in script
+    printed = subprocess.run(
+        [sys.executable, ROOT / ".ci/readme_commands.py", RUN_BY_CI],
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout
+    shells = [block for block in blocks(RUN_BY_CI.read_text("utf-8")) if block.language in SHELLS]
+    assert len(shells) >= 5
+    assert printed == "".join(block.code for block in shells)
 
 
 @pytest.mark.parametrize("block", of_language(*SHELLS))
