@@ -30,20 +30,21 @@ test-slow: dev
 test-all: test test-slow
 
 # What rests on rounding (decisions of rank, factors, programs near singularity) and the figures of a page, on other
-# processors: OpenBLAS has a kernel for each kind. SkylakeX is one with AVX-512.
+# processors: OpenBLAS has a kernel for each kind. Only a processor with AVX-512 has that of SkylakeX, which all other
+# tests use there.
 PAGE := tests/test_documents.py::test_code_of_a_page_runs_and_prints_what_the_page_says[docs/first_result.md]
-KERNELS ?= Prescott Haswell $(shell grep -qs avx512f /proc/cpuinfo && echo SkylakeX)
+ROUNDING := $(shell grep -rl --include='*.py' 'pytest.mark.rounding' tests)
+KERNELS ?= Prescott Haswell
 test-rounding: dev
 	@for kernel in $(KERNELS); do \
 	  echo "Kernels of OpenBLAS: $$kernel"; \
-	  OPENBLAS_CORETYPE=$$kernel $(RUN) -m pytest -n 2 --dist worksteal -m 'rounding and not slow'; \
-	  OPENBLAS_CORETYPE=$$kernel $(RUN) -m pytest '$(PAGE)'; \
+	  OPENBLAS_CORETYPE=$$kernel $(RUN) -m pytest -n 2 --dist worksteal -m 'page or rounding and not slow' '$(PAGE)' $(ROUNDING); \
 	done
 
 # HEBI's reader has no wheel: it is built from its sources, so it is no part of `make test`, which skips these tests.
 test-hebi: dev
 	$(RUN) -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[hebi]'
-	$(RUN) -m pytest -m hebi
+	$(RUN) -m pytest -m hebi $(shell grep -rl --include='*.py' 'pytest.mark.hebi' tests)
 
 # Exported files, read by the packages of their simulators.
 test-simulators: dev
