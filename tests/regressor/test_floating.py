@@ -93,6 +93,13 @@ LEFT_OUT = {
 }
 """Robots of example-robot-data that are no free-flyers on feet or in the air, and why."""
 FREE_FLYERS = (*FEET, *SOLES, *FLYING)
+SAME_ROBOT = {
+    "talos_full_v2_box.urdf": "talos_full_v2.urdf",
+    **dict.fromkeys(
+        ("talos_reduced_box.urdf", "talos_reduced_corrected.urdf"), "talos_reduced.urdf"
+    ),
+}
+"""Files with the joints and links of another one, which represents them where that takes long."""
 QUICK = ("go2.urdf", "bolt.urdf", "alexander_v1.lowerBodyOnly.urdf", "iris.urdf")
 
 
@@ -311,9 +318,16 @@ def stances_of_feet(links: tuple[str, ...]) -> list[tuple[tuple[str, ...], tuple
 
 
 OF_ALL = [
-    *of_robots(FREE_FLYERS),  # 1 to 20 s each
+    *of_robots(x for x in FREE_FLYERS if x not in SAME_ROBOT),  # 1 to 12 s each
     *(pytest.param(x, marks=pytest.mark.skip(reason=f"{x}: {LEFT_OUT[x]}")) for x in LEFT_OUT),
 ]
+
+
+@pytest.mark.parametrize(("name", "other"), SAME_ROBOT.items())
+def test_files_of_the_same_robot_have_the_same_joints_and_links(name: str, other: str) -> None:
+    robot, representative = floating(name), floating(other)
+    assert robot.joint_names == representative.joint_names
+    assert robot.body_names == representative.body_names
 
 
 @pytest.mark.parametrize("name", OF_ALL)
