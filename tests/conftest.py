@@ -123,6 +123,19 @@ def tulip_leg(tulip_urdf: Path) -> Robot:
 
 
 @pytest.fixture
+def estimates_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave out findings that need fits or spectra of their own, for statistics over many draws.
+
+    They are a quarter of the time of `identify`, and change no estimate: test_recovery.py.
+    """
+    module = "seaid.identification.identification"
+    monkeypatch.setattr(f"{module}.log_findings", lambda *_: [])
+    monkeypatch.setattr(f"{module}.with_setup_findings", lambda _, known: known)
+    monkeypatch.setattr(f"{module}.sensitivity_findings", lambda *_: [])
+    monkeypatch.setattr(f"{module}.joint_checks", lambda *_: {})
+
+
+@pytest.fixture
 def write_urdf(tmp_path: Path) -> Callable[[str], Path]:
     """Return a function that writes the inside of a <robot name="test"> and returns the path."""
 

@@ -348,6 +348,7 @@ def test_springs_are_inside_their_intervals(term: str) -> None:
 
 
 @pytest.mark.slow  # 20 searches for each of eight terms
+@pytest.mark.usefixtures("estimates_only")
 def test_errors_are_as_large_as_the_standard_errors_say() -> None:
     """All but those of Stribeck friction behind a spring, which at times has two minima."""
     stretch = {"two": free_stretch(0.15)}
@@ -370,6 +371,7 @@ def test_errors_are_as_large_as_the_standard_errors_say() -> None:
 
 
 @pytest.mark.slow  # 96 searches at each joint
+@pytest.mark.usefixtures("estimates_only")
 def test_errors_of_hysteresis_are_as_large_as_the_standard_errors_say() -> None:
     scores = []
     spring, stretch = with_terms(ELASTIC, *SPRINGS["dahl"]), {"two": free_stretch(0.15)}

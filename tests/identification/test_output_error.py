@@ -299,6 +299,7 @@ def settled(layout: Layout, run: Run, x: Array) -> Run:
 
 
 @pytest.mark.slow  # 70 refinements
+@pytest.mark.usefixtures("estimates_only")
 def test_errors_are_as_large_as_the_standard_errors_say() -> None:
     plain, scores = log(), []
     for seed in range(70):

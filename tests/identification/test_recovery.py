@@ -132,7 +132,25 @@ def test_perfect_sensors_give_nearly_the_truth(experiment: Experiment) -> None:
 # Real sensors: inside the intervals.
 
 
+def test_findings_change_no_estimate(
+    experiment: Experiment, request: pytest.FixtureRequest
+) -> None:
+    truth, motion, noise = experiment
+    log = measure(truth, motion, noise, seed=0)
+    whole = identify(truth.without_nominal(), log)
+    request.getfixturevalue("estimates_only")
+    alone = identify(truth.without_nominal(), log)
+    assert whole.setup
+    assert not alone.setup
+    for one, other in zip(
+        (whole.load, *whole.drives.values()), (alone.load, *alone.drives.values()), strict=True
+    ):
+        np.testing.assert_array_equal(one.values, other.values)
+        np.testing.assert_array_equal(one.covariance, other.covariance)
+
+
 @pytest.mark.slow  # 80 and 300 identifications of whole robots
+@pytest.mark.usefixtures("estimates_only")
 @pytest.mark.parametrize(("number", "draws"), [(0, 80), (1, 300)], ids=ROBOTS)
 def test_errors_are_as_large_as_the_standard_errors_say(number: int, draws: int) -> None:
     """1.13 is the standard deviation of Student's t with the degrees of freedom of six seconds.

@@ -525,6 +525,7 @@ def test_a_log_gives_nearly_the_truth(name: str, method: Method) -> None:
 
 
 @pytest.mark.slow  # 60 identifications each
+@pytest.mark.usefixtures("estimates_only")
 @pytest.mark.parametrize(
     ("name", "method", "expected"),
     [
@@ -620,6 +621,7 @@ def test_a_sensor_at_one_joint_of_a_group_is_not_enough() -> None:
 
 
 @pytest.mark.slow  # 120 identifications, each load side twice
+@pytest.mark.usefixtures("estimates_only")
 def test_shifted_zeros_are_as_far_off_as_the_standard_errors_say() -> None:
     """They are 9 % too large in two steps."""
     case, scores = elastic_differential(), []
