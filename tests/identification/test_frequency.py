@@ -134,13 +134,13 @@ def test_a_log_without_periods_gives_the_same_spring(tmp_path: Path) -> None:
     assert np.median(near) < 0.03
 
 
-@pytest.mark.slow  # 60 fits
+@pytest.mark.slow  # 30 fits of eight parameters
 def test_intervals_hold_the_truth_as_often_as_they_say(tmp_path: Path) -> None:
     robot = PLANT.robot(tmp_path)
     truth = [*PLANT.modes, PLANT.stiffness, PLANT.damping, PLANT.load, PLANT.friction]
     names = (*NAMES, "stiffness", "spring_damping", "load_inertia", "viscous_friction")
     scores = []
-    for seed in range(60):
+    for seed in range(30):
         found = frequency_response(robot, with_noise(clean_log(), seed), period_s=4.0)
         errors = [found.drives["arm"].standard_error(name) for name in names]
         scores.append((values(found, *names) - truth) / errors)
