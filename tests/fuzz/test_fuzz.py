@@ -21,7 +21,7 @@ from tests.fuzz import seeds
 from tests.fuzz.targets import TARGETS, run_case
 from tests.fuzz.unruly import work
 
-CASES = {"mesh": 5, "run": 12, "bag": 4, "mat": 10, "hebilog": 5, "identify": 12}
+CASES = {"mesh": 5, "run": 12, "bag": 4, "mat": 5, "hebilog": 5, "identify": 12}
 CASES |= {"parquet": 10, "hdf5": 10, "csv": 10, "parameters": 10}
 """Cases of the targets that take longer; of the others 25."""
 
