@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import seaid
-from scripts.short_form import few, words
+from scripts.short_form import few, sized, words
 from seaid._arrays import Array
 from seaid.drives.terms import SpringTerm
 from seaid.report.text import percent, table
@@ -129,6 +129,11 @@ def multisine(joint: Joint, duration: float, seed: int) -> tuple[Array, NDArray[
     t = np.linspace(0, duration, 4000)
     peak = np.max(np.abs(np.real(np.exp(1j * np.outer(t, rates)) @ sizes)))
     return np.asarray(rates, dtype=float), np.asarray(joint.reach * sizes / peak)
+
+
+def duration_s() -> float:
+    """Return the duration of the logs [s], in the short form a short one."""
+    return sized(10.0, 4.0)
 
 
 def simulated(joint: Joint, duration: float = 10.0, seed: int = 0) -> seaid.Log:
@@ -269,7 +274,7 @@ def coverage(draws: int = 20, first: int = 1000) -> None:
     rows = []
     for name, joints in few(cases.items()):
         found, failed = [], 0
-        for joint, log in zip(joints, simulated_together(joints, seeds), strict=True):
+        for joint, log in zip(joints, simulated_together(joints, seeds, duration_s()), strict=True):
             with tempfile.TemporaryDirectory() as folder:
                 try:
                     found.append(scores(joint, seaid.identify(robot_of(joint, folder), log)))
@@ -305,7 +310,9 @@ def lacking(draws: int = 20, first: int = 500) -> None:
             ]
             said = {"damping": 0, "link": 0, "within the bound": 0, "failed": 0}
             biases = []
-            for joint, log in zip(wider, simulated_together(wider, seeds), strict=True):
+            for joint, log in zip(
+                wider, simulated_together(wider, seeds, duration_s()), strict=True
+            ):
                 with tempfile.TemporaryDirectory() as folder:
                     try:
                         found = seaid.identify(robot_of(joint, folder), log)
@@ -333,7 +340,7 @@ def main(draws: int = 3) -> None:
         for name, joint in few(JOINTS.items()):
             robot = robot_of(joint, folder)
             found = [
-                errors(joint, seaid.identify(robot, simulated(joint, seed=seed)))
+                errors(joint, seaid.identify(robot, simulated(joint, duration_s(), seed)))
                 for seed in range(draws)
             ]
             worst = {key: max(abs(one[key]) for one in found) for key in found[0]}
@@ -353,7 +360,7 @@ def main(draws: int = 3) -> None:
             for times in few((3.0, 6.0)):
                 stiff = (times**2) * joint.k * joint.share
                 three = replace(joint, link_k=stiff)
-                bias = errors(joint, seaid.identify(robot, simulated(three)))
+                bias = errors(joint, seaid.identify(robot, simulated(three, duration_s())))
                 rows.append(
                     (
                         f"  with a link of {times:g} times",
