@@ -128,7 +128,7 @@ ONE_IMPORTER = {
     ),
     "functions that users call": (
         *("identification.conditions", "identification.static_calibration"),
-        *("identification.frequency", "identification.model_selection"),
+        "identification.frequency",
         *("log.long_log", "project.first_project", "project.project", "project.saved"),
         *("regressor.exact.base", "report.comparison", "symbolic.expression_text"),
         *("export.mjcf", "export.urdf"),

@@ -19,6 +19,7 @@ from seaid._arrays import Array, BoolArray, FrozenMapping, safely
 from seaid._progress import Display
 from seaid.checks.check import Observation, excluding_torque, observed
 from seaid.checks.codes import CONTACT, FEW_ROWS, NO_FIT, UNIDENTIFIABLE, UNUSED_CHANNEL
+from seaid.checks.engine import time_blocks
 from seaid.checks.experiment import Experiment
 from seaid.checks.tolerances import (
     BURST,
@@ -42,7 +43,6 @@ from seaid.estimation import (
     qr_factor_of,
     row_step,
     scaled_svd,
-    time_blocks,
     triangle,
 )
 from seaid.log import Motion

@@ -12,7 +12,7 @@ from seaid.cli.messages import is_terminal, written
 from seaid.cli.options import LogOptions, Logs, ResultOptions, check_joints, names
 
 if TYPE_CHECKING:
-    from seaid.identification import TermComparison
+    from seaid.checks import TermComparison
 
 
 def terms(

@@ -39,12 +39,6 @@ from .least_squares import settled_weights as settled_weights
 from .least_squares import solve as solve
 from .least_squares import weights_at as weights_at
 from .least_squares import with_drifts_of as with_drifts_of
-from .model_comparison import LEAST_EXPLAINED as LEAST_EXPLAINED
-from .model_comparison import Alternative as Alternative
-from .model_comparison import ModelComparison as ModelComparison
-from .model_comparison import best_supported as best_supported
-from .model_comparison import compare_models as compare_models
-from .model_comparison import time_blocks as time_blocks
 from .nonlinear_least_squares import LEAST_STD as LEAST_STD
 from .nonlinear_least_squares import Residuals as Residuals
 from .nonlinear_least_squares import Step as Step
@@ -55,6 +49,7 @@ from .nonlinear_least_squares import nuisance_draw as nuisance_draw
 from .nonlinear_least_squares import separable_least_squares as separable_least_squares
 from .nonlinear_least_squares import without_information as without_information
 from .qr_factor import RANK_TOLERANCE as RANK_TOLERANCE
+from .qr_factor import ROUNDING as ROUNDING
 from .qr_factor import QRFactor as QRFactor
 from .qr_factor import directions as directions
 from .qr_factor import first_term as first_term

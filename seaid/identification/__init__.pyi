@@ -1,6 +1,5 @@
 from .base_estimates import BodyValue as BodyValue
 from .base_estimates import whole_body as whole_body
-from .checking import LEAST_DELAY_S as LEAST_DELAY_S
 from .checking import JointCheck as JointCheck
 from .checking import SetupCheck as SetupCheck
 from .checking import check as check
@@ -36,7 +35,6 @@ from .static_calibration import Statics as Statics
 from .static_calibration import calibrate_statics as calibrate_statics
 from .static_calibration import held_poses as held_poses
 from .static_calibration import read_statics as read_statics
-from .term_columns import TermComparison as TermComparison
 from .validation import Fit as Fit
 from .validation import Validation as Validation
 from .validation import compared as compared

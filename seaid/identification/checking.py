@@ -8,6 +8,7 @@ use, a robot at rest or a dead channel, is an error.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,15 +17,21 @@ from seaid._arrays import Array, FrozenMapping, is_constant, resolution, white_n
 from seaid._files import toml_key, toml_table
 from seaid._progress import Result, counted
 from seaid.checks import (
+    LEAST_DELAY_S,
     Experiment,
     command_findings,
     encoder_slope,
     experiment_of,
     gain_findings,
     hidden_limits,
+    is_wrong,
     mistakes,
+    model_findings,
+    model_sides,
     no_measurements,
     pose_findings,
+    resolved_widths,
+    selections,
     separation_findings,
     stands_locked,
 )
@@ -34,15 +41,25 @@ from seaid.errors import (
     Finding,
     IdentificationError,
     LogError,
+    SeaidError,
     by_severity,
     checked,
     listed,
 )
-from seaid.estimation import scaled_svd
-from seaid.identification.datasets import Source, datasets_by_log, first_motion, sources_of
+from seaid.estimation import estimator_named, scaled_svd
+from seaid.identification.datasets import Dataset, Source, datasets_by_log, first_motion, sources_of
 from seaid.identification.motor_side import with_regressed_angles, without_joint_encoder
+from seaid.identification.nonlinear_terms import linearised_robot
+from seaid.identification.two_step import estimate_two_step, joints_with_torque
 from seaid.log import Log, Motion, changed_source, held_over, row_samples
-from seaid.regressor import INPUT_FIELDS, actuator_rows, motor_regressor, usable_rows
+from seaid.regressor import (
+    INPUT_FIELDS,
+    actuator_rows,
+    is_linear,
+    load_model_of,
+    motor_regressor,
+    usable_rows,
+)
 from seaid.robot import Robot
 
 _SLOWEST_HZ, _FASTEST_HZ = 8.0, 2e5
@@ -159,7 +176,29 @@ def check(
     found = with_setup_findings(given, first)
     every = [one for own in motions for one in own]
     found += separation_findings(robot, every)
+    if not is_wrong(found):
+        found += _of_quick_fit(robot, in_memory, every, found)
     return SetupCheck(by_severity(found), joint_checks(given, every))
+
+
+def _of_quick_fit(
+    robot: Robot, logs: Sequence[Log], motions: Sequence[Motion], known: Sequence[Finding]
+) -> list[Finding]:
+    """Return what the equations lack that matters, by weighted least squares; [] without a fit."""
+    with suppress(SeaidError):
+        used = joints_with_torque(robot, motions)
+        datasets: list[Dataset] = [*motions]
+        if not is_linear(robot, used):
+            robot, datasets = linearised_robot(robot, datasets, used)
+        model = load_model_of(robot, list(map(first_motion, datasets)), used)
+        solver = estimator_named("wls")
+        found = estimate_two_step(robot, datasets, model, solver, 0.0, None, False)
+        in_memory = [one for one in datasets if isinstance(one, Motion)]
+        widths = resolved_widths(robot, logs, motions)
+        sides = model_sides(robot, in_memory, (found.actuators, found.fit), widths)
+        findings = model_findings(selections(sides), known)
+        return [finding for finding in findings if finding.severity != "note"]
+    return []
 
 
 def joint_checks(given: Experiment, motions: Sequence[Motion]) -> Mapping[str, JointCheck]:
@@ -212,8 +251,7 @@ def _setup_findings(given: Experiment, known: Sequence[Finding]) -> list[Finding
         return [one for one in found if one.joint not in stopped]
     found, without = mistakes(given)
     beyond = [] if found else list(limit_findings(given))
-    is_late = any(_HELD in one.evidence and one.severity == "doubtful" for one in known)
-    return [*found, *beyond, *(() if is_late else delay_findings(without))]
+    return [*found, *beyond]
 
 
 _EXPLAINING = ("time-unit", "missing-drives")
@@ -579,56 +617,6 @@ def _decided_delays(given: Experiment, known: Sequence[Finding]) -> Iterator[Fin
             yield one
         elif late / 2 < np.average(values, weights=weights) < max(1.5 * late, LEAST_DELAY_S):
             yield replace(one, severity="doubtful", certainty="likely")
-
-
-def delay_findings(given: Experiment) -> Iterator[Finding]:
-    """Yield the delay of the torques against the motion: of all joints, or of one.
-
-    A torque that is late by d is, to first order, the torque minus d times its derivative.
-    """
-    delays = given.torque_delays
-    if not delays:
-        return
-    values, errors = np.array(list(delays.values())).T
-    weights = 1.0 / (errors**2 + LEAST_DELAY_S**2)
-    common = float(np.sum(weights * values) / np.sum(weights))
-    spread = float(np.sqrt(np.sum(weights**2 * errors**2)) / np.sum(weights))
-    scatter = float(np.sqrt(np.sum(weights * (values - common) ** 2) / np.sum(weights)))
-    spread = float(np.hypot(spread, scatter / np.sqrt(len(values))))
-    late = abs(common) > _SURE_DELAY * spread and abs(common) > LEAST_DELAY_S
-    rest = values - (common if late else 0.0)
-    alone = np.flatnonzero((np.abs(rest) > _SURE * errors) & (np.abs(rest) > 3 * LEAST_DELAY_S))
-    joints = list(delays)
-    if late:
-        yield _delay(given, joints, common, spread)
-    elif len(alone):
-        yield from (_delay(given, [joints[i]], *delays[joints[i]]) for i in alone.tolist())
-
-
-_SURE_DELAY = 4.0
-"""Multiple of the standard error, scatter between the joints included, of a common delay."""
-
-LEAST_DELAY_S = 0.0015
-"""Delay below which neither filters nor friction that a model lacks can be excluded."""
-
-
-def _delay(given: Experiment, joints: Sequence[int], delay: float, error: float) -> Finding:
-    robot = given.robot
-    lines = ["in the description of the log:"]
-    for j in joints:
-        lines.append(toml_table("joints", robot.joint_names[j]))
-        source = changed_source(given.source(j, "motor_torque"), delay_s=round(delay, 5))
-        lines.append(f"motor_torque = {source}")
-    names = ", ".join(robot.joint_names[j] for j in joints)
-    return Finding(
-        "delay",
-        f"the motor torques of {names} are {1e3 * abs(delay):.2f} +- {1e3 * error:.2f} ms "
-        f"{'late' if delay > 0 else 'early'} against the positions",
-        robot.joint_names[joints[0]] if len(joints) == 1 else "",
-        "doubtful",
-        {"delay [s]": delay, "standard error [s]": error},
-        "\n".join(lines),
-    )
 
 
 _INDEPENDENT, _SURE = 10, 5.0

@@ -25,7 +25,11 @@ from seaid.checks import (
     explained,
     fit_findings,
     is_wrong,
+    model_findings,
+    model_sides,
+    resolved_widths,
     robot_fit,
+    selections,
     unused_findings,
     verdict_of,
     with_torques_of,
@@ -94,15 +98,7 @@ from seaid.identification.known_constants import (
     scale_of_bodies,
     with_known_std,
 )
-from seaid.identification.missing_terms import (
-    MOST_ROUNDS,
-    missing_terms,
-    periodic_findings,
-    resolved_widths,
-    supported_terms,
-    with_default_terms,
-)
-from seaid.identification.model_selection import backlash_findings
+from seaid.identification.model_selection import MOST_ROUNDS, backlash_findings, with_default_terms
 from seaid.identification.motor_side import (
     cutoff_of,
     noisy_findings,
@@ -236,7 +232,7 @@ class Identification(Result):
         parts = (*self.drives.values(), self.load, *feasible, *self.processing)
         own = [warning for one in parts for warning in one.warnings]
         unused = unused_findings(self.known, self.drives, self.model.torque_joints, self.motions)
-        of_fit = [*own, *unused, *gear_findings(self), *periodic_findings(self)]
+        of_fit = [*own, *unused, *gear_findings(self)]
         every = [*self.findings, *consequences(self.findings, of_fit)]
         return by_severity(without_echoes(every, self.joint_fits))
 
@@ -455,16 +451,21 @@ def _identify(
             datasets = [*bias.removed(datasets)]
             experiment = experiment_of(declared, [bias.removed(group) for group in moved])
             model, found = _two_step(robot, datasets, used, options, bias)
-        widths = resolved_widths(robot, logs_in_memory, datasets)
-        terms = supported_terms(robot, datasets, found, widths)
+        whole = [one for one in datasets if isinstance(one, Motion)]
+        whole = whole if len(whole) == len(datasets) else []
+        widths = resolved_widths(robot, logs_in_memory, whole)
+        gears = deflection_joints(robot, datasets)
+        lacking = selections(model_sides(robot, whole, (found.actuators, found.fit), widths, gears))
         for _ in range(MOST_ROUNDS):
-            robot, given, notes = with_default_terms(robot, given, terms)
+            robot, given, notes = with_default_terms(robot, given, lacking)
             if not notes:
                 break
             findings += notes
             model, found = _two_step(robot, datasets, used, options, bias)
-            terms = supported_terms(robot, datasets, found, widths)
-    findings += consequences(findings, missing_terms(robot, terms, widths, datasets))
+            lacking = selections(
+                model_sides(robot, whole, (found.actuators, found.fit), widths, gears)
+            )
+    findings += consequences(findings, model_findings(lacking, findings))
     found = _continued(robot, datasets, model, found, (method, estimator), options)
 
     def again(robot: Robot, datasets: Sequence[Dataset]) -> RobotEstimate:

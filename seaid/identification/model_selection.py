@@ -4,24 +4,45 @@ Each drive with one more term is compared with the drive as it is, on the same l
 recommended if both the extended Bayesian information criterion and the prediction of excluded
 blocks support it. The next term is then compared with that model, until no term is supported. The
 result is a table and a robot; no term is added silently.
+
+A drive whose friction nobody named gets the supported ones of `DEFAULTS`, by the first step of the
+selection among all columns that the rows of a fit may lack (`seaid.checks`).
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 from seaid._arrays import FrozenMapping
 from seaid._progress import MOST_NAMES, Result, counted, track
+from seaid.checks import (
+    DriveRows,
+    SideSelection,
+    TermComparison,
+    Trial,
+    actuator_drive,
+    backlash,
+    best_comparison,
+    best_of,
+    compared_terms,
+    duration_s,
+    included_term,
+    load_drive,
+    possible_terms,
+    reference_position,
+    with_term,
+)
 from seaid.drives import (
     BY_TEMPERATURE,
     DEAD_ZONES,
     PARAMETERS_OF,
     WARM_UP,
+    DefaultTerms,
     Drive,
     parameter_named,
-    unit_of,
 )
 from seaid.errors import Finding, IdentificationError, LogError, checked, listed, unknown_name
 from seaid.estimation import (
@@ -43,20 +64,6 @@ from seaid.identification.nonlinear_terms import (
     linearised_load,
     starting_load_fit,
     with_gear_torques,
-)
-from seaid.identification.term_columns import (
-    DriveRows,
-    TermComparison,
-    actuator_drive,
-    best_term,
-    compared_columns,
-    duration_s,
-    evidence_of,
-    load_drive,
-    possible_terms,
-    reference_position,
-    toml_of,
-    with_term,
 )
 from seaid.identification.two_step import joints_with_torque
 from seaid.log import Motion
@@ -214,16 +221,7 @@ def backlash_findings(
         selected = [one for one in found.comparisons if one.selected and one.term == "dead_zone"]
         if not selected or selected[0].comparison is None:
             continue
-        best, share = selected[0], selected[0].comparison.explained
-        unit = unit_of(with_term(robot.drives[joint], best.field, best.term), "dead_zone")
-        message = (
-            f"the gear or the spring of {joint} has backlash, with a half width of about "
-            f"{best.values['dead_zone']:.2g} {unit}: "
-            f"'dead_zone' in its spring would explain {share:.0%} of the squared residual of its "
-            "motor equation, and its stiffness without it is not that of the spring"
-        )
-        remedy = f"in the drives file:\n{toml_of(robot.drives[joint], best)}"
-        yield Finding("backlash", message, joint, "doubtful", evidence_of(best), remedy)
+        yield backlash(joint, robot.drives[joint], selected[0])
 
 
 _LAWS = ("cubic", "dead_zone")
@@ -281,7 +279,7 @@ def _extended(
     """
     for step in range(_MOST_STEPS):
         found = _compared_terms(model, joint, asked, count, step)
-        best = best_term(found)
+        best = best_comparison(found)
         if best is not None:
             try:
                 model = model.with_term(best)
@@ -441,7 +439,7 @@ def _compared_terms(
         side = model.drive(joint, at_motor) if terms else None
         if side is not None:
             drive, fitted = side
-            one_step = compared_columns([drive], fitted, {joint: terms}, count, step)
+            one_step = compared_terms(drive, fitted, terms, count, step)
             found += [_with_searched_zone(model, drive, fitted, one, count) for one in one_step]
     return found
 
@@ -465,10 +463,79 @@ def _with_searched_zone(
     except IdentificationError:
         return one
     grid = {name: (values[name],) for name in ("dead_zone", "deflection_zero") if name in values}
-    asked = {one.joint: [(one.field, one.term)]}
-    found = compared_columns([drive], fitted, asked, count, one.step, {one.joint: grid})[0]
+    (found,) = compared_terms(drive, fitted, [(one.field, one.term)], count, one.step, grid)
     return found if _explained(found) > _explained(one) else one
 
 
 def _explained(one: TermComparison) -> float:
     return one.comparison.explained if one.comparison is not None else 0.0
+
+
+DEFAULTS = ("offset", "smooth_coulomb")
+"""Friction terms that a drive gets by itself where the data support them."""
+
+MOST_ROUNDS = 4
+"""Largest number of fits with more terms of drives whose friction nobody named."""
+
+
+def with_default_terms(
+    robot: Robot, given: Robot, selected: Sequence[SideSelection]
+) -> tuple[Robot, Robot, list[Finding]]:
+    """Return the robot with the supported terms of drives whose friction nobody named, and notes.
+
+    The same drives stand in the robot as it was `given`.
+
+    An offset is included if it is supported, a width of Coulomb friction if no other term is
+    supported better: it is that of the comparison, as a known value. Other terms only compete: the
+    criterion does not count them.
+    """
+    open_drives = {
+        joint: drive
+        for joint, drive in robot.drives.items()
+        if isinstance(drive.friction, DefaultTerms)
+    }
+    of_joint: dict[str, list[Trial]] = {joint: [] for joint in open_drives}
+    for one in (one for side in selected for one in side.selection.first):
+        candidate = one.candidate
+        if candidate.joint in of_joint and candidate.field in ("friction", "spring"):
+            of_joint[candidate.joint].append(one)
+    # a term is asked of each drive
+    penalty = 2 * math.log(max(len(DEFAULTS) * len(of_joint), 1))
+    drives: dict[str, Drive] = {}
+    notes = []
+    for joint, terms in of_joint.items():
+        compared = [
+            replace(one, comparison=replace(one.comparison, bic=one.comparison.bic - penalty))
+            for one in terms
+            if one.comparison is not None
+        ]
+        best = best_of(compared)
+        for one in compared:
+            term = one.candidate.term
+            is_added = term == "offset" or (one is best and term in DEFAULTS)
+            if is_added and one.comparison is not None and one.comparison.is_supported:
+                drive = with_term(drives.get(joint, robot.drives[joint]), "friction", term)
+                drive = drive.with_values(one.values)
+                drives[joint] = replace(
+                    drive,
+                    friction=DefaultTerms(drive.friction),
+                    known=(*drive.known, *one.values),
+                )
+                notes.append(included_term(one))
+    if drives:
+        robot, given = robot.with_drives(drives), given.with_drives(drives)
+    return robot, given, notes
+
+
+def with_closed_terms(robot: Robot, identified: Robot) -> Robot:
+    """Return the robot with the terms of an `identified` one where nobody named friction terms."""
+    drives: dict[str, Drive] = {}
+    for joint, drive in robot.drives.items():
+        if isinstance(drive.friction, DefaultTerms):
+            other = identified.drives[joint]
+            drive = replace(drive, friction=tuple(other.friction))
+            if "coulomb_width" in other.known:
+                drive = drive.with_values({"coulomb_width": other.values["coulomb_width"]})
+                drive = replace(drive, known=(*drive.known, "coulomb_width"))
+            drives[joint] = drive
+    return robot.with_drives(drives)

@@ -21,6 +21,14 @@ import numpy as np
 
 from seaid._arrays import Array, BoolArray, IndexArray
 from seaid._files import toml_table
+from seaid.checks import (
+    Scale,
+    deflection_scale,
+    duration_s,
+    load_samples,
+    size_of,
+    speed_scale,
+)
 from seaid.drives import (
     COULOMB,
     DEAD_ZONES,
@@ -47,14 +55,6 @@ from seaid.estimation import (
 )
 from seaid.identification.datasets import Dataset, first_motion, rows_in_memory
 from seaid.identification.drive_estimates import spring_of, with_spring_torque, with_values
-from seaid.identification.term_columns import (
-    Scale,
-    deflection_scale,
-    duration_s,
-    load_samples,
-    size_of,
-    speed_scale,
-)
 from seaid.identification.two_step import (
     LOAD,
     spring_torque_joints,

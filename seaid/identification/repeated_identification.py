@@ -21,7 +21,7 @@ from seaid.errors import Finding, IdentificationError, SeaidError, checked
 from seaid.identification.contact_forces import contact_findings, contact_forces
 from seaid.identification.datasets import Source
 from seaid.identification.identification import Identification, identify
-from seaid.identification.missing_terms import with_closed_terms
+from seaid.identification.model_selection import with_closed_terms
 from seaid.identification.motor_side import without_joint_encoder
 from seaid.identification.output_error import simulated_from_motors
 from seaid.identification.validation import Fit, Validation, compared

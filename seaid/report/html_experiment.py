@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from seaid.checks import LEAST_DELAY_S
 from seaid.drives import IDEAL_DRIVE, JointParameter, drive_table, readable
-from seaid.identification import LEAST_DELAY_S
 from seaid.log import has_holes, row_samples
 from seaid.report.html_tables import (
     NONE,

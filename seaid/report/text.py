@@ -19,6 +19,7 @@ from seaid.log import has_holes
 from seaid.robot import BASE_ROWS
 
 if TYPE_CHECKING:
+    from seaid.checks import TermComparison
     from seaid.errors import Finding
     from seaid.estimation import Estimate, TermTest
     from seaid.excitation import Excitation, ExcitationMeasures
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
         Identification,
         SetupCheck,
         StaticCalibration,
-        TermComparison,
         TermSelection,
         Validation,
     )

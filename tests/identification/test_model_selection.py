@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from scripts.benchmarks import contact_backlash, hysteresis
+from seaid.checks.terms import possible_terms, with_term
 from seaid.drives.symbols import states
 from seaid.errors import IdentificationError
 from seaid.identification.identification import identify
 from seaid.identification.model_selection import TermSelection, compare_terms
-from seaid.identification.term_columns import possible_terms, with_term
 from seaid.log.reading import Log
 from seaid.simulation.simulation import measure
 from tests.experiments import TEST_MASS, leg, leg_log, leg_motion

@@ -6,15 +6,25 @@ coarse grid. Other columns are derivatives at the fit, where the level of the te
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 from itertools import product
 
 import numpy as np
 
 from seaid._arrays import Array, BoolArray, FrozenMapping, IndexArray
 from seaid._files import toml_table
+from seaid.checks.engine import (
+    Alternative,
+    Candidate,
+    Equation,
+    ModelComparison,
+    Point,
+    Trial,
+    best_supported,
+    compared_candidates,
+)
 from seaid.drives import (
     COULOMB,
     DEAD_ZONES,
@@ -26,15 +36,8 @@ from seaid.drives import (
     term_fields,
     unit_of,
 )
-from seaid.errors import IdentificationError, RobotError
-from seaid.estimation import (
-    LEAST_EXPLAINED,
-    Alternative,
-    FittedRows,
-    ModelComparison,
-    best_supported,
-    compare_models,
-)
+from seaid.errors import RobotError
+from seaid.estimation import FittedRows
 from seaid.log import Motion, in_band_at, row_samples
 from seaid.regressor import (
     Regression,
@@ -99,16 +102,6 @@ def reference_position(motions: Sequence[Motion], place: int) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class TermColumns:
-    """A term, its nonlinear parameters with their `values`, and the model that has it."""
-
-    field: str
-    term: str
-    values: Mapping[str, float]
-    alternative: Alternative
-
-
-@dataclass(frozen=True, eq=False)
 class DriveRows:
     """A drive at the rows of the side that has its equation.
 
@@ -131,7 +124,7 @@ class DriveRows:
 
     def terms(
         self, field: str, term: str, given: Mapping[str, Sequence[float]] | None = None
-    ) -> Iterator[TermColumns]:
+    ) -> Iterator[Point]:
         """Yield a term at each point of its grid; `given` {parameter: values} replaces a grid."""
         drive = self.robot.drives[self.joint]
         larger = self.robot.with_drives({self.joint: with_term(drive, field, term)})
@@ -161,7 +154,7 @@ class DriveRows:
         for at, columns in zip(points, found, strict=True):
             if self.is_coarse:
                 columns[:, : len(changed)] -= before
-            yield TermColumns(field, term, at | zero, Alternative(columns, more, tuple(places)))
+            yield Point(at | zero, Alternative(columns, more, tuple(places)))
 
     def _grid(
         self, names: Sequence[str], given: Mapping[str, Sequence[float]]
@@ -205,12 +198,17 @@ class DriveRows:
             np.hstack([of.columns(one, values, names) for of, values, names in wanted])
             for one in self.signals
         ]
+        ends = np.cumsum([len(names) for _, _, names in wanted])[:-1]
+        return np.split(self.at_rows(parts), ends, axis=1)
+
+    def at_rows(self, parts: Sequence[Array]) -> Array:
+        """Return columns (T, c) of torques at the samples of each motion at all rows (R, c)."""
         found = np.zeros((len(self.rows.y), parts[0].shape[1]))
         for mine, samples, factor in self.placed:
             known = self._where_known(mine, parts)
             banded = map(in_band_at, self.motions, known, samples)
             found[mine] = factor * np.concatenate(list(banded))
-        return np.split(found, np.cumsum([len(names) for _, _, names in wanted])[:-1], axis=1)
+        return found
 
     def _where_known(self, mine: BoolArray, parts: Sequence[Array]) -> Sequence[Array]:
         """Return columns of the load side, zero where friction in the equation is not known."""
@@ -328,21 +326,6 @@ _JOINT = ("theta_L", "theta_L_dot", "theta_L_ddot")
 _COARSE = 40.0
 """Samples per period of the cutoff at which terms are screened."""
 
-PROMISING = 0.5 * LEAST_EXPLAINED
-"""Part of the squared residual that a term explains at coarse samples, to be compared at all: half
-of what supports it, since narrow widths are coarsely sampled."""
-
-
-LEAST_TORQUE = 0.004
-"""Least rms of what a term adds, over that of the changes of the joint's torque, to be compared.
-
-Less does not matter, and is what the low pass leaves at reversals: at most 0.22 % in nine logs
-without noise of the simulated leg and arm of the tests. An error of 1 mrad between the encoders is
-0.6 to 1.3 % of the torques of that leg."""
-
-_LOST = 1e-6
-"""Part of a column below which nothing is left of it next to the others but interpolation."""
-
 
 def decimated_by(motion: Motion) -> int:
     """Return the number of samples of a motion per coarse one."""
@@ -354,57 +337,23 @@ def coarse_motions(motions: Sequence[Motion]) -> list[Motion]:
     return [one.samples(slice(None, None, decimated_by(one))) for one in motions]
 
 
-def promising_terms(
-    drives: Sequence[DriveRows],
-    fitted: FittedRows,
-    asked: Mapping[str, Sequence[tuple[str, str]]],
-    grids: Mapping[str, Mapping[str, Sequence[float]]],
-) -> dict[str, list[tuple[str, str]]]:
-    """Return the terms {joint: (field, term)} that may explain enough of the residual.
+def term_candidates(
+    exact: DriveRows,
+    coarse: DriveRows,
+    terms: Iterable[tuple[str, str]],
+    grids: Mapping[str, Sequence[float]] = FrozenMapping({}),
+    about: object = None,
+) -> list[Candidate]:
+    """Return terms (field, term) of a drive as candidates; `coarse` is the drive at few samples."""
 
-    The drives are coarse. A term in place of columns explains no more than its changes of them do
-    next to all columns.
-    """
-    rows = drives[0].rows
-    weight = fitted.weights[np.searchsorted(np.unique(rows.joint), rows.joint)]
-    basis = np.linalg.qr(weight[:, None] * rows.H)[0]
-    y = weight * rows.y
-    y -= basis @ (basis.T @ y)
-    found: dict[str, list[tuple[str, str]]] = {}
-    for drive in drives:
-        own = drive.placed[0][0]
-        scale = float(np.std(rows.y[own]) * np.linalg.norm(weight[own]))
-        needed = max(PROMISING * float(y @ y), (LEAST_TORQUE * scale) ** 2)
-        found[drive.joint] = []
-        if np.linalg.norm(y[own]) < LEAST_TORQUE * scale:
-            continue
-        terms = [
-            one
-            for field, term in asked[drive.joint]
-            for one in drive.terms(field, term, grids.get(drive.joint))
-        ]
-        whole = [weight[:, None] * one.alternative.columns for one in terms]
-        columns = np.hstack([*whole, np.zeros((len(y), 0))])
-        left = columns - basis @ (basis.T @ columns)
-        left[:, np.linalg.norm(left, axis=0) <= _LOST * np.linalg.norm(columns, axis=0)] = 0.0
-        split = np.split(left, np.cumsum([one.shape[1] for one in whole])[:-1], axis=1)
-        found[drive.joint] = list(
-            dict.fromkeys(
-                (one.field, one.term)
-                for one, part in zip(terms, split, strict=False)
-                if explained_squares(part, y) > needed
-            )
-        )
-    return found
+    def points(of_few: bool, field: str, term: str) -> list[Point]:
+        drive = coarse if of_few else exact
+        return list(drive.terms(field, term, grids))
 
-
-def explained_squares(columns: Array, y: Array) -> float:
-    """Return the sum of squares of y (R,) that columns (R, c) explain."""
-    norms = np.linalg.norm(columns, axis=0)
-    if len(norms) == 1:
-        return float(columns[:, 0] @ y / max(norms[0], 1e-300)) ** 2
-    span = np.linalg.qr(columns / np.maximum(norms, 1e-300))[0]
-    return float(np.sum((span.T @ y) ** 2))
+    return [
+        Candidate(exact.joint, *one, partial(points, field=one[0], term=one[1]), about)
+        for one in terms
+    ]
 
 
 @dataclass(frozen=True)
@@ -486,79 +435,65 @@ class TermComparison:
         return self.comparison is not None and self.comparison.is_supported
 
 
-def best_term(found: Sequence[TermComparison]) -> TermComparison | None:
+def best_comparison(comparisons: Sequence[TermComparison]) -> TermComparison | None:
     """Return the best of the supported terms, None without any."""
-    tested = [one for one in found if one.comparison is not None]
-    place = best_supported([one.comparison for one in tested if one.comparison is not None])
-    return None if place is None else tested[place]
+    compared = [one for one in comparisons if one.comparison is not None]
+    place = best_supported([one.comparison for one in compared if one.comparison is not None])
+    return None if place is None else compared[place]
 
 
-def evidence_of(one: TermComparison) -> dict[str, float]:
-    """Return the numbers of a comparison, as a finding has them."""
-    found = one.comparison
-    assert found is not None
+def evidence_of(comparison: ModelComparison, values: Mapping[str, float]) -> dict[str, float]:
+    """Return the numbers of a comparison at `values` of nonlinear parameters, as evidence."""
     return {
-        "explained": found.explained,
-        "F": found.F,
-        "BIC": found.bic,
-        "improvement": found.improvement,
-        "standard error": found.improvement_std,
-        **one.values,
+        "explained": comparison.explained,
+        "F": comparison.F,
+        "BIC": comparison.bic,
+        "improvement": comparison.improvement,
+        "standard error": comparison.improvement_std,
+        **values,
     }
 
 
-def toml_of(drive: Drive, one: TermComparison) -> str:
-    """Return the TOML of a drive's field with a further term, and where its search starts."""
-    larger = with_term(drive, one.field, one.term)
-    terms = ", ".join(f'"{term}"' for term in getattr(larger, one.field))
-    values = [
+def toml_of(
+    joint: str, drive: Drive, field: str, terms: Iterable[str], values: Mapping[str, float]
+) -> str:
+    """Return the TOML of a drive's field with further terms, and where their search starts."""
+    larger = drive
+    for term in terms:
+        larger = with_term(larger, field, term)
+    names = ", ".join(f'"{term}"' for term in getattr(larger, field))
+    starts = [
         f"{key_of(name, unit_of(larger, name))} = {value:.3g}"
-        for name, value in one.values.items()
-        if name != "deflection_zero"  # that of these logs
+        for name, value in values.items()
+        if name in larger.parameter_names and name != "deflection_zero"  # that of these logs
     ]
-    return "\n".join([toml_table(one.joint), f"{one.field} = [{terms}]", *values])
+    return "\n".join([toml_table(joint), f"{field} = [{names}]", *starts])
 
 
-_NO_COLUMN = "it has no column: the log lacks its equation, or the fit the stiffness of the spring"
-
-
-def compared_columns(
-    drives: Sequence[DriveRows],
+def compared_terms(
+    drive: DriveRows,
     fitted: FittedRows,
-    asked: Mapping[str, Sequence[tuple[str, str]]],
+    terms: Sequence[tuple[str, str]],
     count: int,
-    step: int = 0,
-    grids: Mapping[str, Mapping[str, Sequence[float]]] = FrozenMapping({}),
-    only_promising: bool = False,
+    step: int,
+    grids: Mapping[str, Sequence[float]] = FrozenMapping({}),
 ) -> list[TermComparison]:
-    """Return the comparisons of terms {joint: (field, term)}, each at the best point of its grid.
+    """Return the comparison of each term (field, term) of a drive, at the best point of its grid.
 
-    The drives are at the same rows. `count` is the number of all comparisons; `grids` {joint:
-    {nonlinear parameter: values}} replace those of the search; `only_promising` as in
-    `compare_models`.
+    `count` is the number of all comparisons, `grids` {nonlinear parameter: values} replace those of
+    the search.
     """
-    columns = [
-        (drive.joint, one)
-        for drive in drives
-        for field, term in asked[drive.joint]
-        for one in drive.terms(field, term, grids.get(drive.joint))
-    ]
-    best = {
-        (drive.joint, *key): TermComparison(drive.joint, *key, step, None, _NO_COLUMN)
-        for drive in drives
-        for key in asked[drive.joint]
-    }
-    if not columns:
-        return list(best.values())
-    alternatives = [one.alternative for _, one in columns]
-    try:
-        found = compare_models(drives[0].rows, fitted.weights, alternatives, count, only_promising)
-    except IdentificationError as problem:
-        return [replace(one, reason=str(problem)) for one in best.values()]
-    for (joint, one), comparison in zip(columns, found, strict=True):
-        key = (joint, one.field, one.term)
-        previous = best[key].comparison
-        if previous is None or comparison.explained > previous.explained:
-            values = FrozenMapping(one.values)
-            best[key] = TermComparison(*key, step, comparison, values=values)
-    return list(best.values())
+    equation = Equation(fitted_rows(fitted), fitted.weights)
+    candidates = term_candidates(drive, drive, terms, grids)
+    return [comparison_of(one, step) for one in compared_candidates(equation, candidates, count)]
+
+
+def fitted_rows(fitted: FittedRows) -> Regression:
+    """Return the rows of a fit, which are in memory."""
+    assert fitted.rows is not None
+    return fitted.rows
+
+
+def comparison_of(one: Trial, step: int) -> TermComparison:
+    """Return a tested term of a drive as the comparison of a step."""
+    return TermComparison(*one.candidate.name, step, one.comparison, one.reason, values=one.values)

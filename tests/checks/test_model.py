@@ -15,16 +15,15 @@ import pytest
 import seaid
 from scripts.benchmarks import contact_backlash
 from seaid._arrays import Array, FrozenMapping
-from seaid.checks import without_echoes
+from seaid.checks import engine, without_echoes
+from seaid.checks.codes import MISSING_TERM
+from seaid.checks.engine import Accepted, Candidate, ModelComparison, Trial
+from seaid.checks.model import COLUMN_CHECKS, Side, resolved_widths
 from seaid.drives.drives import DefaultTerms
 from seaid.drives.terms import FrictionTerm
 from seaid.drives.toml import drive_table, drives_from_mapping
 from seaid.errors import Finding
-from seaid.estimation.model_comparison import ModelComparison
-from seaid.identification import term_columns
 from seaid.identification.identification import Identification, identify
-from seaid.identification.missing_terms import missing_terms, resolved_widths
-from seaid.identification.term_columns import TermComparison
 from seaid.log.motion import Motion
 from seaid.log.reading import Log
 from seaid.robot.robot import Robot
@@ -270,20 +269,18 @@ def test_a_motor_that_counts_as_standing_shows_no_width(tmp_path: Path) -> None:
 
 
 def test_a_width_that_the_sampling_explains_is_noted_only() -> None:
-    robot, term = leg(), next(iter(terms_of_a_smooth_leg()))
-    for resolved, severity in ((4.0, "note"), (8.0, "note"), (2.0, "doubtful")):
-        (finding,) = missing_terms(robot, {"hip_roll": [term]}, {"hip_roll": resolved})
-        assert finding.severity == severity
-
-
-def terms_of_a_smooth_leg() -> list[TermComparison]:
-    """Return a supported width of 8 rad/s at the hip."""
     support = ModelComparison(
         bic=50.0, F=90.0, explained=0.5, improvement=0.5, improvement_std=0.1, better=8, blocks=8,
         t=9.0, independent=200.0, parameters=1,
     )  # fmt: skip
-    values = FrozenMapping({"coulomb_width": 8.0})
-    return [TermComparison("hip_roll", "friction", "smooth_coulomb", 0, support, values=values)]
+    candidate = Candidate("hip_roll", "friction", "smooth_coulomb", lambda _: (), MISSING_TERM)
+    width = Trial(candidate, support, FrozenMapping({"coulomb_width": 8.0}))
+    accepted = [Accepted(width, np.ones(1), np.ones(1))]
+    check = next(check for check in COLUMN_CHECKS if check.code is MISSING_TERM)
+    nothing: Any = None
+    for resolved, severity in ((4.0, "note"), (8.0, "note"), (2.0, "doubtful")):
+        side = Side(leg(), [], nothing, ("hip_roll",), False, {"hip_roll": resolved})
+        assert check.finding(side, "hip_roll", accepted, 0.5).severity == severity
 
 
 def test_the_width_is_that_of_the_joint_in_a_log_of_another_order() -> None:
@@ -321,8 +318,8 @@ def test_screening_excludes_no_term_that_a_comparison_supports(
     make: Callable[[], Log], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     screened = identify(open_robot(), make())
-    monkeypatch.setattr(term_columns, "PROMISING", 0.0)
-    monkeypatch.setattr(term_columns, "LEAST_TORQUE", 0.0)
+    monkeypatch.setattr(engine, "PROMISING", 0.0)
+    monkeypatch.setattr(engine, "LEAST_TORQUE", 0.0)
     whole = identify(open_robot(), make())
     assert [str(one) for one in screened.warnings] == [str(one) for one in whole.warnings]
     assert screened.known.drives == whole.known.drives

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from seaid._arrays import Array
-from seaid.errors import IdentificationError
-from seaid.estimation.estimate import term_test
-from seaid.estimation.model_comparison import (
+from seaid.checks.engine import (
     SEGMENTS,
     Alternative,
     ModelComparison,
     compare_models,
     time_blocks,
 )
+from seaid.errors import IdentificationError
+from seaid.estimation.estimate import term_test
 from seaid.estimation.qr_factor import qr_factor_of
 from seaid.regressor.regression import Regression
 

@@ -1,0 +1,554 @@
+"""Checks of the fitted model: what its equations lack, as columns next to those of the fit.
+
+Every `ColumnCheck` proposes candidates for an equation: terms of friction and springs that a drive
+lacks, errors of the gear that are periodic, a torque that is late. `model_findings` selects among
+all of them, equation by equation, and each check words what was accepted of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+
+import numpy as np
+
+from seaid._arrays import Array, white_noise
+from seaid._files import toml_table
+from seaid.checks.check import Code
+from seaid.checks.codes import BACKLASH, DELAY, MISSING_TERM, NONLINEAR_SPRING, TRANSMISSION_ERROR
+from seaid.checks.engine import (
+    Accepted,
+    Alternative,
+    Candidate,
+    Equation,
+    Point,
+    Selection,
+    Trial,
+    accepted_with_errors,
+    forward_selection,
+)
+from seaid.checks.terms import (
+    DriveRows,
+    TermComparison,
+    actuator_drive,
+    coarse_motions,
+    evidence_of,
+    load_drive,
+    possible_terms,
+    reference_position,
+    term_candidates,
+    toml_of,
+    with_term,
+)
+from seaid.drives import Drive, unit_of
+from seaid.errors import Finding
+from seaid.estimation import FittedRows
+from seaid.log import Log, Motion, changed_source, still_speed
+from seaid.regressor import motor_regressor
+from seaid.robot import Robot
+
+
+@dataclass(frozen=True, eq=False)
+class Side:
+    """An equation of the fit: (7) of an elastic joint, or the load side (8).
+
+    `joints` are those whose drives are in its rows, `widths` {joint: width of Coulomb friction}
+    those that the encoders resolve, `gears` the joints whose gear was measured.
+    """
+
+    robot: Robot
+    motions: Sequence[Motion]
+    fitted: FittedRows
+    joints: tuple[str, ...]
+    is_motor: bool
+    widths: Mapping[str, float]
+    gears: frozenset[str] = frozenset()
+
+    @cached_property
+    def equation(self) -> Equation:
+        """The rows of the fit with the weights of its equations."""
+        assert self.fitted.rows is not None
+        return Equation(self.fitted.rows, self.fitted.weights)
+
+    @cached_property
+    def coarse(self) -> list[Motion]:
+        """The motions with as few samples as screening needs."""
+        return coarse_motions(self.motions)
+
+    def drive(self, joint: str, *, at_joint: bool = False, few: bool = False) -> DriveRows:
+        """Return a drive at the rows, at its motor or `at_joint`, by `few` samples or all."""
+        coarse = self.coarse if few else ()
+        rows, theta = self.equation.rows, self.fitted.estimate.values
+        if self.is_motor:
+            return actuator_drive(self.robot, self.motions, joint, rows, theta, coarse)
+        return load_drive(self.robot, self.motions, joint, rows, theta, coarse, at_joint=at_joint)
+
+
+@dataclass(frozen=True)
+class ColumnCheck:
+    """A check of an equation: `candidates` are its columns for a joint, with a code each.
+
+    `finding` words what was accepted of a joint, and the part of its squared residual that all that
+    was accepted explains.
+    """
+
+    code: Code
+    candidates: Callable[[Side, str], Iterable[Candidate]]
+    finding: Callable[[Side, str, Sequence[Accepted], float], Finding]
+
+
+_STIFF = ("offset", "smooth_coulomb", "asymmetric", "quadratic", "stribeck")
+_ELASTIC = ("smooth_coulomb", "asymmetric", "quadratic", "load", "stribeck")
+"""Friction of a stiff drive has no part that depends on the load, which needs another fit."""
+
+_LAWS = ("cubic", "fifth", "dead_zone", "damping", "dahl")
+
+
+def _terms(
+    side: Side, joint: str, field: str, terms: Sequence[str], *, at_joint: bool = False
+) -> list[Candidate]:
+    """Return the terms of a field that a drive lacks and can have, as candidates."""
+    possible = list(possible_terms(side.robot.drives[joint], {field: terms}))
+    if not possible:
+        return []
+    width = side.widths.get(joint)
+    grids = {} if width is None else {"coulomb_width": [width * k for k in _MULTIPLES]}
+    few = side.drive(joint, at_joint=at_joint, few=True)
+    return term_candidates(side.drive(joint, at_joint=at_joint), few, possible, grids)
+
+
+_MULTIPLES = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
+"""Widths of Coulomb friction that are tried, over the one that the encoders resolve."""
+
+
+def _friction(side: Side, joint: str) -> list[Candidate]:
+    drive = side.robot.drives[joint]
+    found = _terms(side, joint, "friction", _ELASTIC if drive.is_elastic else _STIFF)
+    if drive.controller is None or drive.is_elastic:
+        return found
+    # the closed loop of a drive with a controller shows errors over its position
+    return found + _terms(side, joint, "friction", ("coulomb_position",))
+
+
+def _parallel_springs(side: Side, joint: str) -> list[Candidate]:
+    drive = side.robot.drives[joint]
+    if side.is_motor or drive.controller is None or drive.is_elastic:
+        return []
+    return _terms(side, joint, "parallel_spring", ("linear",), at_joint=True)
+
+
+def _spring_laws(side: Side, joint: str) -> list[Candidate]:
+    return _terms(side, joint, "spring", _LAWS) if side.is_motor else []
+
+
+_ORDERS = {"motor": (1, 2, 3, 4, 6), "joint": (1, 2, 3, 4, 5, 6, 8, 10, 12), "mesh": (1, 2)}
+"""Orders that are tried: turns and poles of the motor, turns of the joint, and the two lobes of
+strain-wave gears. Higher orders of the motor turn faster than a cutoff lets pass."""
+
+_LEAST_PERIODS = 0.5
+"""An order is tried if the motion covers so many of its periods; fewer look like the spring."""
+
+
+def _orders(side: Side, joint: str) -> Iterator[Candidate]:
+    """Yield the cosine and sine of the orders that a drive lacks and the motion covers."""
+    if not side.is_motor:
+        return
+    drive, exact, few = side.robot.drives[joint], side.drive(joint), side.drive(joint, few=True)
+    angles = _angles(drive, exact.signals)
+    own = {(one.angle, one.order) for one in drive.harmonics}
+    for name, orders in _ORDERS.items():
+        width = max((float(np.ptp(angle)) for angle in angles.get(name, ())), default=0.0)
+        if name == "mesh" and width < 2 * np.pi * drive.ratio:  # it has the orders of the motor
+            continue
+        for order in orders:
+            if (name, order) not in own and order * width >= 2 * np.pi * _LEAST_PERIODS:
+                points = partial(_harmonic, side.equation, exact, few, name, order)
+                yield Candidate(joint, name, str(order), points)
+
+
+def _angles(drive: Drive, signals: Sequence[Mapping[str, Array]]) -> dict[str, list[Array]]:
+    """Return the angles of each motion by name."""
+    angles = {
+        "motor": [one["theta_M"] for one in signals],
+        "mesh": [one["theta_M"] * (1 - 1 / drive.ratio) for one in signals],
+    }
+    if drive.joint_units[1] == "rad":
+        angles["joint"] = [one["theta_L"] for one in signals]
+    return angles
+
+
+_LEAST_LEFT = 0.1
+"""Least part of a harmonic that the low pass and the other columns leave, to be tried at all."""
+
+
+def _harmonic(
+    equation: Equation, exact: DriveRows, few: DriveRows, name: str, order: int, of_few: bool
+) -> list[Point]:
+    drive = few if of_few else exact
+    angles = _angles(exact.robot.drives[exact.joint], drive.signals)[name]
+    parts = [np.column_stack([np.cos(order * x), np.sin(order * x)]) for x in angles]
+    pair = drive.at_rows(parts)
+    left = np.abs(np.diag(np.linalg.qr(equation.left(pair))[1]))
+    if np.min(left) < _LEAST_LEFT * np.sqrt(0.5 * len(pair)):  # norm of a cosine over its periods
+        return []
+    return [Point({}, Alternative(pair, 2))]
+
+
+def _late_torque(side: Side, joint: str) -> Iterator[Candidate]:
+    """Yield the slope of the motor torque: one late by d is tau - d tau' to first order."""
+    drive = side.robot.drives[joint]
+    if drive.motor_input != "torque":
+        return
+    index = side.robot.index(joint)
+    if all(np.all(np.isfinite(one.motor_torque[:, index])) for one in side.motions):
+        yield Candidate(joint, "delay", "motor_torque", partial(_slope, side, joint))
+
+
+def _slope(side: Side, joint: str, of_few: bool) -> list[Point]:
+    """Return -tau' at the rows, without what friction of another shape than the drive's explains.
+
+    Friction that changes gradually near reversals resembles an early torque.
+    """
+    del of_few  # few samples of a noisy torque do not have its slope
+    drive, index = side.drive(joint), side.robot.index(joint)
+    fastest = max(float(np.max(np.abs(one.motor_velocity[:, index]))) for one in side.motions)
+    parts = [
+        np.column_stack(
+            [
+                -np.gradient(one.motor_torque[:, index], one.time),
+                np.tanh(one.motor_velocity[:, index] / (_WIDTH * fastest)),
+            ]
+        )
+        for one in side.motions
+    ]
+    equation = side.equation
+    weighted = equation.weight[:, None] * drive.at_rows(parts)
+    slope, gradual = equation.left(weighted).T
+    shared = gradual @ slope / max(float(gradual @ gradual), 1e-300)
+    columns = (weighted[:, [0]] - shared * weighted[:, [1]]) / equation.weight[:, None]
+    return [Point({}, Alternative(columns, 1))]
+
+
+_WIDTH = 0.1
+"""Speed over the largest one at which friction may have another shape than that of the drive."""
+
+
+def _missing_terms(side: Side, joint: str, accepted: Sequence[Accepted], share: float) -> Finding:
+    """Return the finding of terms that a drive lacks, with the field of the drive that has them."""
+    drive, field = side.robot.drives[joint], accepted[0].trial.candidate.field
+    terms = [one.trial.candidate.term for one in accepted]
+    is_spring = field == "spring"
+    width = next((x.trial.values.get("coulomb_width") for x in accepted), None)
+    is_sampled = len(terms) == 1 and (width or np.inf) <= _UNRESOLVED * side.widths.get(joint, 0)
+    matters = is_spring or (share > _MATTERS and not is_sampled)
+    what = f"the spring of {joint} is not linear" if is_spring else f"{joint} lacks a term"
+    what = _FOLLOWS.get(terms[0], what).format(joint)
+    names = " and ".join(f"'{term}'" for term in terms)
+    comparison = accepted[0].trial.comparison
+    assert comparison is not None
+    values = {name: value for one in accepted for name, value in one.trial.values.items()}
+    remedy = f"in the drives file:\n{toml_of(joint, drive, field, terms, values)}"
+    if "coulomb_position" in terms and not drive.reference_position_rad:
+        middle = reference_position(side.motions, side.robot.index(joint))
+        remedy += f"\nreference_position_rad = {middle:g}"
+    message = (
+        f"{what}: {names} in its {field} would explain {share:.0%} of the squared residual of its "
+        f"{'motor' if side.is_motor else 'torque'} equation and improve the prediction of excluded "
+        f"blocks by {comparison.improvement:.0%}"
+    )
+    code = NONLINEAR_SPRING if is_spring else MISSING_TERM
+    evidence = evidence_of(comparison, values) | {"explained": share}
+    return code.finding(message, joint, "doubtful" if matters else "note", evidence, remedy)
+
+
+_MATTERS = 0.25
+"""Part of the squared residual of a joint that makes what its drive lacks doubtful: the residual
+falls by an eighth. A spring that is not linear always is, since its stiffness has no single
+value."""
+
+_UNRESOLVED = 2.0
+"""Width of Coulomb friction, over the one that the logs resolve, up to which it is that of the
+sampling: of an encoder step, or of a sample in which the speed changes its sign."""
+
+_FOLLOWS = {
+    "coulomb_position": "the residual of {} follows its position, with the sign of its speed",
+    "linear": "the residual of {} follows its position",
+}
+"""{candidate of a drive with a controller: what its support means}."""
+
+
+_DOUBTFUL_ORDERS = 0.3
+"""Share of the residual that orders must explain to make a result doubtful."""
+
+
+def _periodic(side: Side, joint: str, accepted: Sequence[Accepted], share: float) -> Finding:
+    """Return the finding of periodic errors, with their orders as TOML."""
+    drive, estimate = side.robot.drives[joint], side.fitted.estimate
+    is_error = joint not in side.gears and not drive.is_nonlinear_spring
+    field = "transmission_error" if is_error else "torque_ripple"
+    orders = [(one.trial.candidate.field, int(one.trial.candidate.term)) for one in accepted]
+    text = ", ".join(f"order {order} of the {angle}" for angle, order in orders)
+    evidence = {"share of the residual": share}
+    if is_error and "stiffness" in estimate.names and estimate.value("stiffness") > 0:
+        is_motor = side.drive(joint).regressor is motor_regressor
+        lever = drive.motor_radius / drive.ratio if is_motor else 1.0
+        largest = max(float(np.linalg.norm(one.coefficients)) for one in accepted)
+        error = largest / (lever * estimate.value("stiffness"))
+        evidence["amplitude"] = error
+        text += f"; up to {1e3 * error:.2g} m{drive.spring_units[1]} between the encoders"
+    by_angle: dict[str, list[int]] = {}
+    own = [(one.angle, one.order) for one in drive.harmonics if one.field == field]
+    for angle, order in [*own, *orders]:
+        by_angle.setdefault(angle, []).append(order)
+    table = ", ".join(f"{angle} = {sorted(numbers)}" for angle, numbers in by_angle.items())
+    return TRANSMISSION_ERROR.finding(
+        f"{share:.0%} of the residual of (10) of {joint} is periodic ({text}): an error of the "
+        "gear or its encoders, or ripple of the motor",
+        joint,
+        "doubtful" if share >= _DOUBTFUL_ORDERS else "note",
+        evidence,
+        f"in the drives file:\n{toml_table(joint)}\n{field} = {{ {table} }}",
+    )
+
+
+def _late(side: Side, joint: str, accepted: Sequence[Accepted], share: float) -> Finding:
+    """Return the finding of a motor torque that is late or early against the positions."""
+    (delay,), (error,) = accepted[0].coefficients.tolist(), accepted[0].errors.tolist()
+    return late_torques(side, [joint], delay, error, {"explained": share})
+
+
+def late_torques(
+    side: Side, joints: Sequence[str], delay: float, error: float, evidence: Mapping[str, float]
+) -> Finding:
+    """Return the finding that the motor torques of joints are late by a delay [s], or early."""
+    processing = side.motions[0].processing
+    sources = (processing and processing.sources) or {}
+    lines = ["in the description of the log:"]
+    for joint in joints:
+        source = changed_source(sources[joint]["motor_torque"], delay_s=round(delay, 5))
+        lines += [toml_table("joints", joint), f"motor_torque = {source}"]
+    return DELAY.finding(
+        f"the motor torques of {', '.join(joints)} are {1e3 * abs(delay):.2f} +- "
+        f"{1e3 * error:.2f} ms {'late' if delay > 0 else 'early'} against the positions",
+        joints[0] if len(joints) == 1 else "",
+        "doubtful" if abs(delay) > LEAST_DELAY_S else "note",
+        {"delay [s]": delay, "standard error [s]": error, **evidence},
+        "\n".join(lines),
+    )
+
+
+LEAST_DELAY_S = 0.0015
+"""Delay [s] below which neither filters nor friction that a model lacks can be excluded."""
+
+
+COLUMN_CHECKS = (
+    ColumnCheck(MISSING_TERM, _friction, _missing_terms),
+    ColumnCheck(MISSING_TERM, _parallel_springs, _missing_terms),
+    ColumnCheck(NONLINEAR_SPRING, _spring_laws, _missing_terms),
+    ColumnCheck(TRANSMISSION_ERROR, _orders, _periodic),
+    ColumnCheck(DELAY, _late_torque, _late),
+)
+"""The checks of an equation, in the order in which their findings are listed."""
+
+
+def included_term(one: Trial) -> Finding:
+    """Return the note that a term was added to a drive whose friction nobody named."""
+    candidate, comparison = one.candidate, one.comparison
+    assert comparison is not None
+    width = "".join(f" over {value:.2g} rad/s" for value in one.values.values())
+    return MISSING_TERM.finding(
+        f"friction of {candidate.joint}, of which the drive names no terms: "
+        f"'{candidate.term}'{width} is included and explains {comparison.explained:.0%} of the "
+        "squared residual; name the terms in friction = [...] to decide it",
+        candidate.joint,
+        "note",
+        evidence_of(comparison, one.values),
+        certainty="certain",
+    )
+
+
+def backlash(joint: str, drive: Drive, one: TermComparison) -> Finding:
+    """Return the finding of backlash that looks like a weak spring, by a comparison of laws."""
+    comparison = one.comparison
+    assert comparison is not None
+    unit = unit_of(with_term(drive, one.field, one.term), "dead_zone")
+    return BACKLASH.finding(
+        f"the gear or the spring of {joint} has backlash, with a half width of about "
+        f"{one.values['dead_zone']:.2g} {unit}: 'dead_zone' in its spring would explain "
+        f"{comparison.explained:.0%} of the squared residual of its motor equation, and its "
+        "stiffness without it is not that of the spring",
+        joint,
+        "doubtful",
+        evidence_of(comparison, one.values),
+        f"in the drives file:\n{toml_of(joint, drive, one.field, [one.term], one.values)}",
+    )
+
+
+STRONG = 6.0
+"""Least decrease of the information criterion, "strong" by Kass and Raftery (1995).
+
+`compare_terms` is asked, this is not: above zero 3 of 120 right set-ups have a
+finding, all of them below 4 (scripts/benchmarks/term_selection.py --findings)."""
+
+
+@dataclass(frozen=True, eq=False)
+class SideSelection:
+    """What was accepted into the equation of a side."""
+
+    side: Side
+    selection: Selection
+
+    def coefficient(self, candidate: Candidate) -> tuple[float, float]:
+        """Return the coefficient of a candidate with one column, and its standard error."""
+        for one in self.selection.accepted:
+            if one.trial.candidate.name == candidate.name:
+                return float(one.coefficients[0]), float(one.errors[0])
+        (point,) = candidate.points(False)
+        equation = self.selection.after.with_alternative(point.alternative)
+        last = Trial(candidate, None, alternative=point.alternative)
+        (one,) = accepted_with_errors(equation, [last])
+        return float(one.coefficients[0]), float(one.errors[0])
+
+    def findings(self) -> Iterator[Finding]:
+        """Yield what was accepted, of each joint and check."""
+        for joint in self.side.joints:
+            accepted = [x for x in self.selection.accepted if x.trial.candidate.joint == joint]
+            share = self.selection.share(self.side.robot.index(joint)) if accepted else 0.0
+            for check in COLUMN_CHECKS:
+                own = [x for x in accepted if x.trial.candidate.about is check]
+                if own:
+                    yield check.finding(self.side, joint, own, share)
+
+
+def model_sides(
+    robot: Robot,
+    motions: Sequence[Motion],
+    fits: tuple[Mapping[str, FittedRows], FittedRows],
+    widths: Mapping[str, float],
+    gears: Iterable[str] = (),
+) -> list[Side]:
+    """Return the equations of `fits` that are checked: (7) of elastic joints, and the load side.
+
+    `widths` {joint: width of Coulomb friction} are those that the encoders resolve, `gears` the
+    joints whose gear was measured. Rows that are not in memory are not checked, nor those of robust
+    estimators, which lack some instants.
+    """
+    actuators, load = fits
+    rows = load.rows
+    if rows is None or not motions:
+        return []
+    stiff = tuple(
+        joint
+        for place, joint in enumerate(robot.joint_names)
+        if joint not in robot.elastic_joints and np.any(rows.joint == place)
+    )
+    given = widths, frozenset(gears)
+    sides = [
+        Side(robot, motions, fitted, (joint,), True, *given) for joint, fitted in actuators.items()
+    ]
+    sides += [Side(robot, motions, load, stiff, False, *given)] if stiff else []
+    return [
+        side
+        for side in sides
+        if side.fitted.rows is not None and (side.fitted.settled is not None or side.fitted.equal)
+    ]
+
+
+def resolved_widths(
+    robot: Robot, logs: Sequence[Log], motions: Sequence[Motion]
+) -> dict[str, float]:
+    """Return {joint: motor speed [rad/s] below which logs do not resolve the direction of motion}.
+
+    One encoder step per sample, and the change of the speed within a sample at a reversal. The step
+    is that of a quantised position of the same noise, whose standard deviation is step / sqrt(12).
+    Not less than the speed below which a motor counts as standing: a smaller width would describe
+    the friction of a motor that sticks, which has no sign, in rows next to standstill.
+    """
+    widths = {}
+    for joint in robot.joint_names:
+        speeds = []
+        for log in logs:
+            place = log.joint_names.index(joint)
+            motor, ratio = log.motor_position[:, place], 1.0
+            if not np.all(np.isfinite(motor)):
+                motor, ratio = log.joint_position[:, place], robot.drives[joint].ratio
+            noise = white_noise(motor)
+            speeds.append(ratio * np.sqrt(12.0) * noise / float(np.median(np.diff(log.time))))
+        width = float(np.median(speeds)) if speeds else 0.0
+        if np.isfinite(width) and width > 0:
+            index = robot.index(joint)
+            turns = [_change_at_reversal(one, index) for one in motions]
+            width = float(np.hypot(width, np.median(turns) if turns else 0.0))
+            widths[joint] = max([width, *(still_speed(one, index) for one in motions)])
+    return widths
+
+
+def _change_at_reversal(motion: Motion, place: int) -> float:
+    """Return the median change of a motor's speed [rad/s] within a sample at its reversals."""
+    speed = motion.motor_velocity[:, place]
+    reversals = np.flatnonzero(speed[1:] * speed[:-1] < 0)
+    changes = np.abs(motion.motor_acceleration[reversals, place]) / motion.rate_hz
+    return float(np.median(changes)) if len(changes) else 0.0
+
+
+def selections(sides: Sequence[Side]) -> list[SideSelection]:
+    """Return what the rows of each side support next to the columns of its fit."""
+    proposed = [
+        [
+            replace(candidate, about=check)
+            for check in COLUMN_CHECKS
+            for joint in side.joints
+            for candidate in check.candidates(side, joint)
+        ]
+        for side in sides
+    ]
+    asked = sum(map(len, proposed))
+    return [
+        SideSelection(side, forward_selection(side.equation, candidates, asked, STRONG))
+        for side, candidates in zip(sides, proposed, strict=True)
+    ]
+
+
+def model_findings(
+    selected: Sequence[SideSelection], known: Sequence[Finding] = ()
+) -> list[Finding]:
+    """Return what the equations of a fit lack: torques that are all late by as much are one.
+
+    What is `known` already, such as a torque that is held over samples, is not repeated.
+    """
+    findings = [finding for one in selected for finding in one.findings()]
+    common = common_delay(selected)
+    if common is not None:
+        findings = [common, *(one for one in findings if one.code != DELAY.name)]
+    codes = {finding.code for finding in known if finding.severity != "note"}
+    return [one for one in findings if one.code != DELAY.name or one.code not in codes]
+
+
+_SURE_DELAY = 4.0
+"""Multiple of the standard error, scatter between the joints included, of a common delay."""
+
+
+def common_delay(selected: Sequence[SideSelection]) -> Finding | None:
+    """Return the finding that all motor torques are late by as much, None without it.
+
+    Delays of single joints that the rows hardly show add up: the weighted mean has the error of
+    its parts, and their scatter (Birge 1932). Each is estimated next to what was accepted.
+    """
+    delays = {
+        candidate.joint: one.coefficient(candidate)
+        for one in selected
+        for joint in one.side.joints
+        for candidate in _late_torque(one.side, joint)
+    }
+    if len(delays) < 2:
+        return None
+    values, errors = np.array(list(delays.values())).T
+    weights = 1.0 / (errors**2 + LEAST_DELAY_S**2)
+    common = float(np.average(values, weights=weights))
+    spread = float(np.linalg.norm(weights * errors) / np.sum(weights))
+    scatter = float(np.sqrt(np.average((values - common) ** 2, weights=weights) / len(values)))
+    error = float(np.hypot(spread, scatter))
+    if abs(common) < max(_SURE_DELAY * error, LEAST_DELAY_S):
+        return None
+    return late_torques(selected[0].side, list(delays), common, error, {})
