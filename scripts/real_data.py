@@ -287,8 +287,9 @@ def torque_rows(
         half = seaid.identify(robot, logs[0].between(-np.inf, middle))
         results["unseen_half"] = seaid.validate(half, logs[0].between(middle, np.inf))
     for kind, known in case.torque.items():
-        errors = 100 * results[kind].load.relative_error
-        raw = 100 * results[kind].load.raw_relative_error
+        fit = results[kind].load
+        errors = 100 * fit.relative_error_with_standstill  # published errors have standstill, too
+        raw = 100 * fit.raw_relative_error
         yield Row(
             case.name,
             f"torque error, {kind.replace('_', ' ')} [%]",

@@ -59,9 +59,11 @@ def _torques(
         axes = figure.add_subplot(len(shown), 1, position + 1)
         axes.plot(result.time, scale * fit.measured[:, index], **_MEASURED)
         axes.plot(result.time, scale * fit.computed[:, index], **_COMPUTED)
+        counted = fit.counted_share[index]
+        part = f" in {counted:.0%} of the samples, those in motion" if counted < 0.995 else ""
         axes.set_title(
             f"({chr(97 + position)}) {result.joints[index]}{', ' + note if note else ''}: "
-            f"relative error {fit.relative_error[index]:.1%} below {result.cutoff_hz:.3g} Hz "
+            f"relative error {fit.relative_error[index]:.1%} below {result.cutoff_hz:.3g} Hz{part} "
             f"({fit.raw_relative_error[index]:.1%} raw), rms {scale * fit.rms_error[index]:.3g} "
             f"{unit}, R² {fit.r_squared[index]:.4f}",
             fontsize=9,

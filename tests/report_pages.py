@@ -112,8 +112,9 @@ def fit(measured: Array, computed: Array) -> Fit:
     told = np.isfinite(measured[:, 0])
     if not np.any(told):
         none = np.full(measured.shape[1], np.nan)
-        return Fit(measured, computed, none, none, none, none, none)
+        return Fit(measured, computed, np.isfinite(measured), *[none] * 6)
     error, signal = (measured - computed)[told], measured[told]
     relative = np.linalg.norm(error, axis=0) / np.linalg.norm(signal, axis=0)
     rms = np.sqrt(np.mean(error**2, axis=0))
-    return Fit(measured, computed, rms, relative, 1 - relative**2, relative, relative)
+    counted, r_squared, shares = np.isfinite(measured), 1 - relative**2, np.ones(len(rms))
+    return Fit(measured, computed, counted, rms, relative, r_squared, relative, relative, shares)

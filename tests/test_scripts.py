@@ -113,12 +113,17 @@ def test_results_say_what_the_main_job_finds(tulip: tuple[Path, str]) -> None:
         assert shows(value, entry["value"])
         assert shows(error, entry["standard_error"])
         assert shows(off.removesuffix(" %"), relative)
-    errors = [cells for cells in lines if len(cells) == 6]
+    errors = [cells for cells in lines if len(cells) == 9]
     assert len(errors) == 5
     for joint, *cells in errors:
         actuator, load = (found["validation"][side][joint] for side in ("actuator", "load"))
-        kinds = ("relative_error", "moving_relative_error", "raw_relative_error")
-        values = [actuator[kind] for kind in kinds] + [load[kinds[0]], load[kinds[2]]]
+        kinds = (
+            "relative_error",
+            "counted_share",
+            "relative_error_with_standstill",
+            "raw_relative_error",
+        )
+        values = [side[kind] for side in (actuator, load) for kind in kinds]
         for cell, share in zip(cells, values, strict=True):
             assert (cell == "-") == (share is None)
             assert cell == "-" or shows(cell.removesuffix(" %"), 100 * share)

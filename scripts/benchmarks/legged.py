@@ -88,8 +88,7 @@ def intervals(legs: Quadruped, motions: int, draws: int, duration_s: float) -> N
             row = found.base.names.index(f"m_{nominal.floating_base.link}")  # type: ignore[union-attr]
             masses.append(error[row] / truth[row])
         fit = seaid.validate(found, other).load
-        signal = fit.measured[np.all(np.isfinite(fit.measured), axis=1)]
-        unseen.append(np.linalg.norm(fit.rms_error) / np.sqrt(np.mean(np.sum(signal**2, axis=1))))
+        unseen.append(fit.whole_relative_error)
         print(
             f"  motion {motion}: {np.mean(holds[-draws:]):.1%} hold, rms score "
             f"{np.mean(np.square(z[-draws:])) ** 0.5:.2f}, cutoff {found.cutoff_hz:.3g} Hz, unseen "

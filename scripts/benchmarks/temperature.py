@@ -97,7 +97,10 @@ def temperature(draws: int) -> None:
         sizes.append([estimate.standard_error(name) for name in names])
         hot = log_at(ramp(58.0, 62.0), seed=1000 + seed)
         predicted.append(
-            [seaid.validate(one, hot).actuator.relative_error[index] for one in models]
+            [
+                seaid.validate(one, hot).actuator.relative_error_with_standstill[index]
+                for one in models
+            ]
         )
         for slopes in (tuple(SLOPES.values()), (0.0, 0.0)):
             one = log_at(ramp(), slopes, seed)

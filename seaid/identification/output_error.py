@@ -933,14 +933,19 @@ def _worse(
 
 
 def _torque_errors(found: Identification, motions: list[Motion]) -> tuple[Array, Array]:
-    """Return the rms errors (2 n,) of motor and load torques below the cutoff, and their rms."""
-    squares = np.zeros((2, 2, found.known.n))
+    """Return the rms errors (2 n,) of motor and load torques below the cutoff, and their rms.
+
+    NaN where no sample counts.
+    """
+    squares, count = np.zeros((2, 2, found.known.n)), np.zeros((2, found.known.n))
     for one in motions:
         fits = compared(found, one)
         for side, fit in enumerate((fits.actuator, fits.load)):
-            size = fit.rms_error / fit.relative_error
-            squares[:, side] += len(one.time) * np.square([fit.rms_error, size])
-    error, size = np.sqrt(squares / sum(len(one.time) for one in motions)).reshape(2, -1)
+            pair = np.stack([fit.measured - fit.computed, fit.measured])
+            squares[:, side] += np.sum(pair**2, axis=1, where=fit.counted)
+            count[side] += np.sum(fit.counted, axis=0)
+    with np.errstate(invalid="ignore"):
+        error, size = np.sqrt(squares / count).reshape(2, -1)
     return error, size
 
 

@@ -41,8 +41,9 @@ def validate(identification: Identification, log: Log) -> Validation:
     identification : Identification
         The identified model.
     log : Log
-        A log that was not used in the identification. All its instants count, standstill included,
-        but for the filter transients at its ends and around gaps in time.
+        A log that was not used in the identification. All its instants count but those of the
+        filter transients at its ends and around gaps in time, and those at which a motor with dry
+        friction stands.
 
     Returns
     -------
@@ -74,7 +75,7 @@ def _without(fit: Fit, joints: Sequence[int]) -> Fit:
     """Return a fit without the values of some joints."""
     values = {one.name: getattr(fit, one.name).copy() for one in fields(fit)}
     for value in values.values():
-        value[..., joints] = np.nan
+        value[..., joints] = False if value.dtype == bool else np.nan
     return Fit(**values)
 
 
@@ -115,7 +116,8 @@ def _contradictions(
     where = {False: "on the load", True: "of the motor"}
     for place in suspects:
         joint, error = result.joints[place], errors[place]
-        ratio = of(result, "rms_error")[place] / np.max([each[place] for each in own])
+        known = [float(each[place]) for each in own if np.isfinite(each[place])]
+        ratio = float(of(result, "rms_error")[place]) / max(known, default=np.inf)
         if ratio > _ABOVE_OWN:
             yield Finding(
                 "unseen-motion",

@@ -15,7 +15,7 @@ from seaid.errors import Finding, by_severity
 from seaid.identification.drive_estimates import TORQUE_OFFSET
 from seaid.identification.gear import for_sensors
 from seaid.identification.two_step import CONSTANTS
-from seaid.log import Motion, in_band, smoothed_where, standstill
+from seaid.log import Motion, in_band, smoothed_where
 from seaid.regressor import (
     INPUTS,
     actuator_columns,
@@ -23,6 +23,7 @@ from seaid.regressor import (
     measured_contact_torques,
     signals,
     under_load,
+    unknown_actuator_friction,
     unknown_friction,
     with_gear_torque,
 )
@@ -36,9 +37,10 @@ if TYPE_CHECKING:
 NUMBERS = (
     "rms_error",
     "relative_error",
-    "moving_relative_error",
+    "relative_error_with_standstill",
     "raw_relative_error",
     "r_squared",
+    "counted_share",
 )
 """Fields of a Fit that tables and files contain."""
 
@@ -47,32 +49,40 @@ NUMBERS = (
 class Fit(Display):
     """Measured and computed torque (T, n) below the cutoff, and error measures (n,).
 
-    Both torques are NaN in the filter transients at the ends. `rms_error` is in the unit of the
-    torque; `relative_error` is the norm of the error over that of the signal;
-    `moving_relative_error` the same without standstill, where dry friction is unpredictable;
-    `raw_relative_error` the same without the low pass; `r_squared` is one minus the variance of the
-    error over that of the signal. NaN for a joint without such an equation.
+    Both torques are NaN in the filter transients at the ends. The samples that count are those from
+    which parameters are identified, too: not those at which a motor with dry friction stands, since
+    the model has no torque there, only one anywhere within Coulomb friction. `counted_share` is
+    their share.
+
+    `rms_error` is in the unit of the torque; `relative_error` is the norm of the error over that of
+    the signal; `relative_error_with_standstill` the same with the samples at standstill;
+    `raw_relative_error` as `relative_error`, without the low pass; `r_squared` is one minus the
+    variance of the error over that of the signal. NaN for a joint without such an equation, and,
+    but for the one with standstill, for a motor that never moves.
 
     Attributes
     ----------
     measured, computed : array (T, n)
-    rms_error, relative_error, r_squared, raw_relative_error, moving_relative_error : array (n,)
+    counted : bool array (T, n)
+    rms_error, relative_error, r_squared, raw_relative_error : array (n,)
+    relative_error_with_standstill, counted_share : array (n,)
     """
 
     measured: Array
     computed: Array
+    counted: BoolArray
     rms_error: Array
     relative_error: Array
     r_squared: Array
     raw_relative_error: Array
-    moving_relative_error: Array
+    relative_error_with_standstill: Array
+    counted_share: Array
 
     @property
     def whole_relative_error(self) -> float:
         """The norm of the errors of all joints over that of their torques."""
-        there = np.isfinite(self.measured)
-        size = float(np.linalg.norm(self.measured[there]))
-        error = float(np.linalg.norm((self.measured - self.computed)[there]))
+        size = float(np.linalg.norm(self.measured[self.counted]))
+        error = float(np.linalg.norm((self.measured - self.computed)[self.counted]))
         return error / size if size > 0 else float("nan")
 
 
@@ -164,16 +174,13 @@ def compared(identification: Identification, *given: Motion) -> Validation:
             )
             for one in motions
         ]
-    actuator = [
-        _traces(one, *_actuator(identification, one), [standstill(one, i) for i in range(robot.n)])
-        for one in motions
-    ]
+    actuator = [_traces(one, *_actuator(identification, one)) for one in motions]
     sides = [_load(identification, one) for one in motions]
     load = [
         _traces(
             one,
             *side[:2],
-            [unknown_friction(robot, one, joint) for joint in robot.joint_names],
+            np.column_stack([unknown_friction(robot, one, joint) for joint in robot.joint_names]),
         )
         for one, side in zip(motions, sides, strict=True)
     ]
@@ -204,13 +211,14 @@ def _base_fit(motions: Sequence[Motion], rows: Sequence[Array]) -> Fit | None:
     return _fit(parts) if any(np.any(one.inside) for one in parts) else None
 
 
-def _actuator(identification: Identification, motion: Motion) -> tuple[Array, Array]:
+def _actuator(identification: Identification, motion: Motion) -> tuple[Array, Array, BoolArray]:
     """Return measured and computed motor torque (T, n) by (7), NaN at stiff joints.
 
-    If only the spring torque was measured, it is compared, transformed to the motor.
+    If only the spring torque was measured, it is compared, transformed to the motor. The third
+    array has the samples at which friction is unknown.
     """
     measured = np.full_like(motion.motor_torque, np.nan)
-    computed = measured.copy()
+    computed, still = measured.copy(), np.zeros(measured.shape, dtype=bool)
     for joint in identification.known.elastic_joints:
         index, estimate = identification.robot.index(joint), identification.drive_side[joint]
         regressor, zeta, R = actuator_columns(identification.known, motion, joint)
@@ -227,7 +235,8 @@ def _actuator(identification: Identification, motion: Motion) -> tuple[Array, Ar
             force = motion.joint_torque[:, index] / drive.load_radius
             measured[:, index], error = lever * force, lever * error
         computed[:, index] = measured[:, index] + error
-    return measured, computed
+        still[:, index] = unknown_actuator_friction(identification.known, motion, joint, regressor)
+    return measured, computed, still
 
 
 def _input_torque(identification: Identification, motion: Motion, joint: str) -> Array:
@@ -292,16 +301,13 @@ class _Traces:
     inside: BoolArray
 
 
-def _traces(
-    motion: Motion, measured: Array, computed: Array, stands: Sequence[BoolArray]
-) -> _Traces:
+def _traces(motion: Motion, measured: Array, computed: Array, still: BoolArray) -> _Traces:
     """Return the torques of a motion for the comparison, without filter transients."""
     samples = np.arange(len(measured))
     transient = round(motion.transient_s * motion.rate_hz)
     inside = (samples >= transient) & (samples < len(samples) - transient)
     smooth_measured, smooth_computed = _smooth(motion, measured), _smooth(motion, computed)
     smooth_measured[~inside] = smooth_computed[~inside] = np.nan
-    still = np.column_stack(stands)
     return _Traces(measured, computed, smooth_measured, smooth_computed, still, inside)
 
 
@@ -309,23 +315,29 @@ def _fit(parts: Sequence[_Traces]) -> Fit:
     """Return the fit of the torques of all parts together."""
     names = [field.name for field in fields(_Traces)]
     whole = _Traces(*(np.concatenate([getattr(one, name) for one in parts]) for name in names))
-    measured, computed, inside = whole.smooth_measured, whole.smooth_computed, whole.inside
-    raw, signal = whole.measured[inside], measured[inside]
-    error, moving = (measured - computed)[inside], ~whole.still[inside]
+    measured, computed = whole.smooth_measured, whole.smooth_computed
+    error, raw_error = measured - computed, whole.measured - whole.computed
+    every = np.isfinite(error) & whole.inside[:, None]
+    counted = every & ~whole.still
+    count = np.sum(counted, axis=0)
     with np.errstate(divide="ignore", invalid="ignore"):
+        mean = np.sum(measured, axis=0, where=counted) / count
         return Fit(
             measured=measured,
             computed=computed,
-            rms_error=np.sqrt(np.mean(error**2, axis=0)),
-            relative_error=_ratio(error, signal),
-            r_squared=1 - _ratio(error, signal - signal.mean(axis=0)) ** 2,
-            raw_relative_error=_ratio(raw - whole.computed[inside], raw),
-            moving_relative_error=_ratio(error * moving, signal * moving),
+            counted=counted,
+            rms_error=_norm(error, counted) / np.sqrt(count),
+            relative_error=_norm(error, counted) / _norm(measured, counted),
+            r_squared=1 - (_norm(error, counted) / _norm(measured - mean, counted)) ** 2,
+            raw_relative_error=_norm(raw_error, counted) / _norm(whole.measured, counted),
+            relative_error_with_standstill=_norm(error, every) / _norm(measured, every),
+            counted_share=count / np.sum(every, axis=0),
         )
 
 
-def _ratio(error: Array, signal: Array) -> Array:
-    return np.asarray(np.linalg.norm(error, axis=0) / np.linalg.norm(signal, axis=0))
+def _norm(values: Array, counted: BoolArray) -> Array:
+    """Return the norm (n,) of values (T, n) at the samples that count."""
+    return np.asarray(np.sqrt(np.sum(values**2, axis=0, where=counted)))
 
 
 def _smooth(motion: Motion, torque: Array) -> Array:

@@ -380,7 +380,10 @@ def _thinned_validation(one: Validation) -> Validation:
         ]
     )
     actuator, load = (
-        replace(fit, measured=fit.measured[kept], computed=fit.computed[kept])
+        replace(
+            fit,
+            **{name: getattr(fit, name)[kept] for name in ("measured", "computed", "counted")},
+        )
         for fit in (one.actuator, one.load)
     )
     contacts = one.contacts

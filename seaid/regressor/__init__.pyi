@@ -61,6 +61,7 @@ from .regression import spring_regression as spring_regression
 from .regression import spring_regressor as spring_regressor
 from .regression import stacked as stacked
 from .regression import under_load as under_load
+from .regression import unknown_actuator_friction as unknown_actuator_friction
 from .rigid_body import joint_torques as joint_torques
 from .rigid_body import regressor_at_drives as regressor_at_drives
 from .rigid_body import rigid_body_regressor as rigid_body_regressor

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from seaid._arrays import Array, BoolArray, IndexArray, frozen
-from seaid.drives import LEVEL_OF, JointParameter, is_dry
+from seaid.drives import LEVEL_OF, JointParameter
 from seaid.errors import IdentificationError, LogError
 from seaid.log import (
     LEAST_LIFT,
@@ -27,8 +27,6 @@ from seaid.log import (
     joint_standstill,
     loaded,
     row_samples,
-    standstill,
-    still_share,
 )
 from seaid.regressor.base import (
     base_parameters,
@@ -60,6 +58,7 @@ from seaid.regressor.regression import (
     sensed_torque,
     signals,
     spring_regressor,
+    unknown_motor_friction,
 )
 from seaid.regressor.rigid_body import regressor_at_drives
 from seaid.robot import (
@@ -772,12 +771,12 @@ def unknown_friction(robot: Robot, motion: Motion, joint: str) -> BoolArray:
     These are the standstills of a stiff drive with dry friction, and of joints with dry friction
     of their own.
     """
-    drive, index = robot.drives[joint], robot.index(joint)
+    index = robot.index(joint)
     unknown = _other_rests(robot, motion, joint)
     if motion.friction_known is not None and motion.has_known_friction(index):
         unknown |= motion.friction_known[:, index] == 0
-    elif not drive.is_elastic and is_dry(drive):
-        unknown |= standstill(motion, index, still_share(drive))
+    elif not robot.drives[joint].is_elastic:
+        unknown |= unknown_motor_friction(robot, motion, joint)
     return unknown
 
 

@@ -328,14 +328,36 @@ def actuator_rows(
 
     The spring equation (4b) has no derivatives, so that its rows reach the ends of the log.
     """
-    if "tau_M" not in regressor.signals and not regressor.signals & {"i_M", "u_M"}:
+    if not _has_motor(regressor):
         return row_samples(replace(motion, transient_s=0.0)), 0
     rows = row_samples(motion)
+    kept = rows[~unknown_actuator_friction(robot, motion, joint, regressor)[rows]]
+    return kept, len(rows) - len(kept)
+
+
+def unknown_actuator_friction(
+    robot: Robot, motion: Motion, joint: str, regressor: DriveRegressor
+) -> BoolArray:
+    """Return the samples (T,) at which an actuator side has unknown friction: (4b) has none."""
+    if not _has_motor(regressor):
+        return np.zeros(len(motion.time), dtype=bool)
+    return unknown_motor_friction(robot, motion, joint)
+
+
+def unknown_motor_friction(robot: Robot, motion: Motion, joint: str) -> BoolArray:
+    """Return the samples (T,) at which a motor with dry friction stands.
+
+    Its friction there is anything up to that of Coulomb, and so is its torque.
+    """
     drive = robot.drives[joint]
     if not is_dry(drive):
-        return rows, 0
-    kept = rows[~standstill(motion, robot.index(joint), still_share(drive))[rows]]
-    return kept, len(rows) - len(kept)
+        return np.zeros(len(motion.time), dtype=bool)
+    return standstill(motion, robot.index(joint), still_share(drive))
+
+
+def _has_motor(regressor: DriveRegressor) -> bool:
+    """Return whether an equation is that of the motor (7), and not that of the spring (4b)."""
+    return bool(regressor.signals & {"tau_M", "i_M", "u_M"})
 
 
 def stacked(regressions: Sequence[Regression]) -> Regression:

@@ -76,6 +76,7 @@ from seaid.report.html_verdict import (
     page_verdict,
     with_nominal_values,
 )
+from seaid.report.text import is_partial
 from seaid.robot import Robot
 from seaid.simulation import ReplayComparison
 
@@ -483,19 +484,27 @@ def _replay(found: Identification, result: ReplayComparison) -> dict[str, Any]:
 
 def _labels(found: Identification, pictured: Sequence[Run], flagged: set[str]) -> dict[str, Label]:
     """Return how well each joint is explained: on the load side, else on the actuator side."""
-    errors = np.full(found.robot.n, np.nan)
+    errors, rests = np.full(found.robot.n, np.nan), np.zeros(found.robot.n, dtype=bool)
     for run in pictured:
-        load, actuator = run.result.load.relative_error, run.result.actuator.relative_error
-        errors = np.where(np.isfinite(load), load, actuator)
+        load, actuator = run.result.load, run.result.actuator
+        errors = np.where(
+            np.isfinite(load.relative_error), load.relative_error, actuator.relative_error
+        )
+        rests = (load.counted_share == 0) | (actuator.counted_share == 0)
     return {
         joint: Label(
             joint,
-            f"{share(error)} error" if np.isfinite(error) else "no torque",
+            f"{share(error)} error" if np.isfinite(error) else _NO_ERROR[is_at_rest],
             explained_as(error),
             joint in flagged,
         )
-        for joint, error in zip(found.robot.joint_names, errors.tolist(), strict=True)
+        for joint, error, is_at_rest in zip(
+            found.robot.joint_names, errors.tolist(), rests.tolist(), strict=True
+        )
     }
+
+
+_NO_ERROR = {False: "no torque", True: "stands still"}
 
 
 def _bars(found: Identification, pictured: Sequence[Run], nominal: Nominal) -> dict[str, Any]:
@@ -510,6 +519,7 @@ def _bars(found: Identification, pictured: Sequence[Run], nominal: Nominal) -> d
             "after": share(row.after),
             "before": share(row.before) if np.isfinite(row.before) else "",
             "reason": row.reason,
+            "counted": share(row.counted) if is_partial(row.counted) else "",
             "colour": explained_as(row.after),
             "after_length": round(100 * min(row.after / full, 1.0), 2),
             "before_length": round(100 * min(np.nan_to_num(row.before) / full, 1.0), 2),
@@ -523,7 +533,8 @@ def _bars(found: Identification, pictured: Sequence[Run], nominal: Nominal) -> d
         reason = reasons.pop() if len(reasons) == 1 else ""
         parts = {"few": every[:_FEW_BARS], "more": every[_FEW_BARS:]}
         sides += [{"name": name, "reason": reason, **parts}] if every else []
-    return {"sides": sides, "full": share(full)}
+    has_rests = any(one["counted"] for one in shown)
+    return {"sides": sides, "full": share(full), "has_rests": has_rests}
 
 
 def _before_and_after(

@@ -26,6 +26,7 @@ from seaid.estimation import (
 )
 from seaid.regressor import load_regression, stacked, under_load, with_gear_torque
 from seaid.report.html_traces import SIDES, axis_time
+from seaid.report.text import is_partial
 
 if TYPE_CHECKING:
     from seaid.identification import Identification
@@ -431,7 +432,12 @@ def _printed(run: Run, side: str, index: int) -> Picture:
         width=760.0,
         height=230.0,
     )
-    error = f"{100 * fit.relative_error[index]:.2g}\N{NO-BREAK SPACE}%"
+    error, counted = (
+        f"{100 * value[index]:.2g}\N{NO-BREAK SPACE}%"
+        for value in (fit.relative_error, fit.counted_share)
+    )
+    if is_partial(float(fit.counted_share[index])):
+        error += f" in the {counted} of the samples that are away from standstill"
     caption = (
         f"{joint}, {side} side, {run.name}: measured (wide) and computed (thin), error {error}."
     )

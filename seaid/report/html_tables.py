@@ -510,7 +510,8 @@ def error_table(rows: Sequence[ErrorRow]) -> Table:
     """Return the table of the 1500 largest errors, in their order."""
     largest = sorted(range(len(rows)), key=lambda k: -rows[k].relative_error)[:_MOST_ERRORS]
     kept = [rows[k] for k in sorted(largest)]
-    heads = ("Motion", "Joint", "Side", "Error", "While moving", "Unfiltered", "RMS error", "R²")
+    numbers = ("Error", "Counted", "With standstill", "Unfiltered", "RMS error", "R²")
+    heads = ("Motion", "Joint", "Side", *numbers)
     cells = [
         (f"{one.run}{' (unseen)' * one.is_unseen}", one.joint, one.side, *one.cells) for one in kept
     ]
@@ -524,7 +525,8 @@ def _torque_unit(found: Identification, side: str, index: int) -> str:
 def _error_cells(fit: Fit, index: int, unit: str) -> tuple[str, ...]:
     return (
         share(float(fit.relative_error[index])),
-        share(float(fit.moving_relative_error[index])),
+        share(float(fit.counted_share[index])),
+        share(float(fit.relative_error_with_standstill[index])),
         share(float(fit.raw_relative_error[index])),
         f"{short(float(fit.rms_error[index]))} {unit}",
         f"{float(fit.r_squared[index]):.4f}".replace("-", "−"),

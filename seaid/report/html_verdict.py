@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from seaid.drives import Drive
     from seaid.errors import Finding
     from seaid.estimation import Estimate
-    from seaid.identification import Identification, Validation
+    from seaid.identification import Fit, Identification, Validation
     from seaid.report.html_tables import ErrorRow
     from seaid.report.html_traces import Run
     from seaid.robot import Robot
@@ -352,13 +352,17 @@ def with_nominal_values(found: Identification, nominal: Nominal) -> Identificati
 
 @dataclass(frozen=True)
 class BeforeAfter:
-    """Relative errors of the torque of a joint; `reason` why `before` is NaN, or what it lacks."""
+    """Relative errors of the torque of a joint; `reason` why `before` is NaN, or what it lacks.
+
+    `counted` is the share of the samples that count.
+    """
 
     joint: str
     side: str
     before: float
     after: float
     reason: str
+    counted: float
 
 
 def before_and_after(
@@ -368,11 +372,13 @@ def before_and_after(
     unkept = "the motion of this validation is not kept"
     rows = []
     for side in ("load", "actuator"):
-        after = getattr(result, side).relative_error
+        fit: Fit = getattr(result, side)
+        after, counted = fit.relative_error, fit.counted_share.tolist()
         for index in np.flatnonzero(np.isfinite(after)).tolist():
             joint = result.joints[index]
             reason = nominal.missing.get((side, joint), "" if before else unkept)
             error = np.nan if reason else getattr(before, side).relative_error[index]
             note = reason or nominal.zero.get((side, joint), "")
-            rows.append(BeforeAfter(joint, side, float(error), float(after[index]), note))
+            row = BeforeAfter(joint, side, float(error), float(after[index]), note, counted[index])
+            rows.append(row)
     return rows

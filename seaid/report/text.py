@@ -490,10 +490,24 @@ def _feasible_text(found: FeasibleParameters) -> list[str]:
 
 
 def validation_table(result: Validation) -> Text:
-    """Return relative errors by joint and side: below the cutoff, in motion, and unfiltered."""
-    title = "Unseen motion: relative error below the cutoff; away from standstill; unfiltered"
-    header = ["joint", "motor torque", "moving", "raw", "load torque", "moving", "raw"]
-    kinds = ("relative_error", "moving_relative_error", "raw_relative_error")
+    """Return relative errors by joint and side: below the cutoff, and unfiltered.
+
+    If samples at standstill do not count, also the share of those that do, and the error of all.
+    """
+    shares = np.concatenate([result.actuator.counted_share, result.load.counted_share])
+    if any(map(is_partial, shares.tolist())):
+        title = (
+            "Unseen motion: relative error below the cutoff; share of the samples counted, those "
+            "away from standstill; error at all samples; unfiltered"
+        )
+        names = ["counted", "all", "raw"]
+        kinds = ["relative_error", "counted_share", "relative_error_with_standstill"]
+        kinds += ["raw_relative_error"]
+    else:
+        title = "Unseen motion: relative error below the cutoff; unfiltered"
+        names, kinds = ["raw"], ["relative_error", "raw_relative_error"]
+    header = ["joint", "motor torque", *names, "load torque", *names]
+    empty = ["-"] * len(names)
     rows = [
         [
             joint,
@@ -506,17 +520,22 @@ def validation_table(result: Validation) -> Text:
         for index, joint in enumerate(result.joints)
     ]
     whole = [percent(one.whole_relative_error) for one in (result.actuator, result.load)]
-    rows += [["all joints", whole[0], "-", "-", whole[1], "-", "-"]] * (len(rows) > 1)
+    rows += [["all joints", whole[0], *empty, whole[1], *empty]] * (len(rows) > 1)
     if result.base is not None:
         columns = [getattr(result.base, kind) for kind in kinds]
         rows += [
-            [row, "-", "-", "-", *(percent(one[place]) for one in columns)]
+            [row, "-", *empty, *(percent(one[place]) for one in columns)]
             for place, row in enumerate(BASE_ROWS)
         ]
     is_empty = all(np.all(np.isnan(one.measured)) for one in (result.actuator, result.load))
     nothing = Text("Unseen motion: no joint has a torque that could be compared")
     tables = [nothing if is_empty else table(title, header, rows), *_contact_tables(result)]
     return joined([*tables, *warning_lines(result.warnings)])
+
+
+def is_partial(share: float) -> bool:
+    """Return whether a share is visibly less than all."""
+    return bool(np.isfinite(share)) and percent(share) != percent(1.0)
 
 
 def _contact_tables(result: Validation) -> list[Text]:

@@ -471,8 +471,8 @@ def test_found_terms_predict_another_log() -> None:
     )
     found = found_in(noisy_log(exact_motion(truth), 0.003, 2e-5), truth)
     fit = validate(found, noisy_log(exact_motion(truth, seed=2), 0.003, 2e-5, seed=4))
-    assert fit.actuator.moving_relative_error[1] < 0.03
-    assert np.all(fit.load.moving_relative_error < 0.03)
+    assert fit.actuator.relative_error[1] < 0.03
+    assert np.all(fit.load.relative_error < 0.03)
 
 
 def test_possible_bodies_beside_friction_at_the_joint() -> None:

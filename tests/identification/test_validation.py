@@ -8,17 +8,24 @@ import numpy as np
 import pytest
 
 from seaid.errors import LogError
+from seaid.excitation.trajectory import load_trajectory
 from seaid.identification.identification import identify
 from seaid.identification.repeated_identification import validate
-from seaid.log.filtering import low_pass
-from seaid.simulation.simulation import Noise, measure
+from seaid.identification.validation import compared
+from seaid.log.filtering import low_pass, row_samples
+from seaid.report.html import runs_of
+from seaid.report.html_tables import error_rows
+from seaid.report.html_verdict import explained_as
+from seaid.simulation.simulation import Noise, measure, simulate_motion
 from tests.experiments import (
     ARM_SENSORS,
+    MODELS,
     arm,
     arm_found,
     arm_log,
     arm_motion,
     arm_result,
+    leg,
     perfect_log,
 )
 
@@ -43,7 +50,8 @@ def test_elastic_joints_have_an_actuator_side_and_stiff_ones_do_not() -> None:
 def test_numbers_are_those_of_the_traces() -> None:
     for fit, joints in ((arm_result().actuator, (1, 2)), (arm_result().load, (0, 1, 2, 3))):
         for joint in joints:
-            measured, computed = (x[inside(), joint] for x in (fit.measured, fit.computed))
+            counted = fit.counted[:, joint]
+            measured, computed = (x[counted, joint] for x in (fit.measured, fit.computed))
             error = measured - computed
             rms = np.sqrt(np.mean(error**2))
             assert fit.rms_error[joint] == pytest.approx(rms)
@@ -52,6 +60,10 @@ def test_numbers_are_those_of_the_traces() -> None:
             assert fit.r_squared[joint] == pytest.approx(
                 1 - np.var(error) / np.var(measured), abs=1e-3
             )
+            measured, computed = (x[inside(), joint] for x in (fit.measured, fit.computed))
+            relative = np.linalg.norm(measured - computed) / np.linalg.norm(measured)
+            assert fit.relative_error_with_standstill[joint] == pytest.approx(relative)
+            assert fit.counted_share[joint] == pytest.approx(np.mean(counted[inside()]))
 
 
 def test_measured_motor_torque_is_the_logs_in_the_pass_band() -> None:
@@ -79,17 +91,55 @@ def test_raw_error_has_the_noise_that_the_pass_band_leaves_out() -> None:
     assert np.all(silent.actuator.raw_relative_error[elastic] < raw[elastic])
 
 
-def test_moving_error_leaves_standstill_out() -> None:
+def test_errors_count_the_samples_that_identification_uses() -> None:
+    (motion,) = arm_found().motions
+    rows, fits = row_samples(motion), compared(arm_found(), motion)
+    for joint in arm().elastic_joints:
+        counted = fits.actuator.counted[rows, arm().index(joint)]
+        assert 0 < np.sum(~counted) == arm_found().excluded[joint]
+    assert np.sum(~fits.load.counted[rows]) == arm_found().excluded["load"] > 0
     for fit in (arm_result().actuator, arm_result().load):
         there = np.isfinite(fit.relative_error)
-        assert np.all(fit.moving_relative_error[there] < 1.2 * fit.relative_error[there])
-        assert np.array_equal(np.isfinite(fit.moving_relative_error), there)
+        assert np.all(fit.relative_error[there] < 1.2 * fit.relative_error_with_standstill[there])
+        assert np.all(fit.counted_share[there] > 0.5)
+        assert np.array_equal(np.isfinite(fit.counted_share), there)
+
+
+def test_a_motor_that_never_moves_has_no_error() -> None:
+    (motion,) = arm_found().motions
+    velocity = motion.motor_velocity.copy()
+    velocity[:, [1, 3]] = 0.0
+    still = compared(arm_found(), replace(motion, motor_velocity=velocity))
+    assert still.actuator.counted_share[1] == still.load.counted_share[3] == 0
+    for fit, joint in ((still.actuator, 1), (still.load, 3)):
+        for errors in (fit.relative_error, fit.rms_error, fit.r_squared, fit.raw_relative_error):
+            assert np.isnan(errors[joint])
+        assert fit.relative_error_with_standstill[joint] > 0
+        assert np.isfinite(fit.whole_relative_error)
+
+
+@pytest.mark.slow  # 10 s
+def test_a_motor_that_sticks_half_of_the_time_is_predicted() -> None:
+    """The spring of the ankle has little load without a test mass: its motor often stands.
+
+    With the samples at which it does, the error of the motor torque was 26 %.
+    """
+    plan = load_trajectory(MODELS / "tulip_plan.json")
+    found = identify(leg(), perfect_log(leg(), simulate_motion(leg(), plan)))
+    (motion,) = found.motions
+    ankle, fit = leg().index("ankle_pitch"), compared(found, motion).actuator
+    assert fit.counted_share[ankle] < 0.6
+    assert fit.relative_error[ankle] < 0.03
+    assert fit.relative_error_with_standstill[ankle] > 0.2
+    errors = error_rows(found, runs_of(found, []))
+    assert len(errors) == 8
+    assert all(explained_as(row.relative_error) == "good" for row in errors)
 
 
 def test_perfect_model_and_sensors_leave_almost_nothing() -> None:
     exact = identify(arm().without_nominal(), perfect_log(arm(), arm_motion()), cutoff_hz=20.0)
     fit = validate(exact, perfect_log(arm(), arm_motion(seed=5))).load
-    assert np.max(fit.moving_relative_error) < 0.01
+    assert np.max(fit.relative_error) < 0.01
 
 
 def test_wrong_parameters_show() -> None:
@@ -112,9 +162,10 @@ def test_to_dict_has_null_where_there_is_no_equation() -> None:
     assert content["actuator"]["rail"]["relative_error"] is None
     assert content["load"]["rail"]["relative_error"] == float(arm_result().load.relative_error[0])
     assert list(content["load"]) == list(arm().joint_names)
-    assert {"rms_error", "relative_error", "r_squared", "raw_relative_error"} <= set(
-        content["load"]["wrist"]
-    )
+    assert set(content["load"]["wrist"]) == {
+        *("rms_error", "relative_error", "r_squared", "raw_relative_error"),
+        *("relative_error_with_standstill", "counted_share"),
+    }
 
 
 def test_log_that_does_not_fit_is_refused() -> None:

@@ -160,6 +160,9 @@ def test_first_screen_says_how_well_the_unseen_motion_is_predicted(page: Page) -
     assert float(said) / 100 == pytest.approx(float(np.max(errors)), rel=0.051)
     assert page.words.index("Good") < page.words.index("Before and after")
     assert page.words.index("Before and after") < page.words.index("Warnings")
+    for shown in result.actuator.counted_share[1:3]:
+        words = " ".join(html_tables.share(shown).split())  # without the no-break space
+        assert f"{words} of samples" in page.words
 
 
 def test_page_has_logs_known_drives_conditions_facts_and_versions(page: Page) -> None:
@@ -404,6 +407,18 @@ def test_bad_predictions_are_flagged_and_good_ones_not() -> None:
     )
     assert (said.joints, said.severity) == (("shoulder",), "doubtful")
     assert "badly-predicted" not in notices(arm_found(), result)
+
+
+def test_a_joint_whose_motor_never_moves_stands_still_in_the_picture(tmp_path: Path) -> None:
+    result = arm_result()
+    load = replace(
+        result.load,
+        relative_error=np.where(np.arange(4) == 3, np.nan, result.load.relative_error),
+        counted_share=np.where(np.arange(4) == 3, 0.0, result.load.counted_share),
+    )
+    words = page_of(tmp_path, arm_found(), replace(result, load=load)).words
+    assert "stands still" in words
+    assert "stands still" not in page_of(tmp_path, arm_found(), result).words
 
 
 def test_an_unseen_motion_that_is_not_predicted_is_part_of_the_verdict() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -16,7 +18,7 @@ from seaid.report.text import (
     table,
     validation_table,
 )
-from tests.experiments import arm, arm_found, arm_log
+from tests.experiments import arm, arm_found, arm_log, arm_result
 
 
 def estimates(summary: str) -> str:
@@ -112,4 +114,20 @@ def test_validation_table_has_both_sides_and_dashes_where_there_is_none() -> Non
     assert percent(result.actuator.relative_error[1]) in line
     assert percent(result.load.relative_error[1]) in line
     (line,) = lines(text, "rail")
-    assert line.split()[1:4] == ["-", "-", "-"]
+    assert line.split()[1:5] == ["-", "-", "-", "-"]
+
+
+def test_validation_table_has_the_share_of_the_samples_counted_where_it_is_not_all() -> None:
+    result = arm_result()
+    (line,) = lines(validation_table(result), "wrist")
+    assert percent(result.load.counted_share[3]) in line
+    assert percent(result.load.relative_error_with_standstill[3]) in line
+    every = np.ones(4)
+    sides = [replace(one, counted_share=every) for one in (result.actuator, result.load)]
+    text = validation_table(replace(result, actuator=sides[0], load=sides[1]))
+    (line,) = lines(text, "wrist")
+    numbers = [
+        percent(one[3]) for one in (result.load.relative_error, result.load.raw_relative_error)
+    ]
+    assert line.split() == ["wrist", "-", "-", *" ".join(numbers).split()]
+    assert "counted" not in str(text)

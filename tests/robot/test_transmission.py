@@ -725,7 +725,7 @@ def test_possible_bodies_of_a_coupled_robot() -> None:
 def test_validation_predicts_the_torques_on_what_the_drives_turn(case: Case) -> None:
     found = identify(case.robot.without_nominal(), log_of(true_motion(case)), cutoff_hz=12.0)
     told = validate(found, log_of(true_motion(case, 5)))
-    assert np.all(told.load.moving_relative_error < 0.02)
+    assert np.all(told.load.relative_error < 0.02)
     motion = true_motion(case, 5)
     tau_phi = motor_angles(case, motion.time, 5)[1]
     inside = np.isfinite(told.load.measured[:, 0])
