@@ -89,7 +89,10 @@ def report(
         response = frequency_response(found.known, sines, plan=motion, identification=found)
     every = list(results.values())
     with written(output, ".html") as file:
-        write_report(found, file, every, facts=facts, replays=replays, frequency=response)
+        notes = () if is_typed("validation") else run.provenance.get("notes", ())
+        write_report(
+            found, file, every, facts=facts, replays=replays, frequency=response, notes=notes
+        )
     content = {"validations": [one.to_dict() for one in results.values()]}
     judged = facts_of(found, *results.values(), *replays)
     text = [f"{found.robot.name}: {judged['verdict'].sentence}", *warning_lines(judged["warnings"])]

@@ -115,15 +115,18 @@ def run_project(
     result_folder(project.folder)
     found, together = _identified(project, progress)
     notes: list[str] = []
-    validations = {name: _validated(project, one, name, notes) for name, one in found.items()}
     provenance = provenance_of(project.files, _options(project), command)
     places = _folder_names(found) if together else dict.fromkeys(found, "")
     with owned_folder(project.folder) as folder:
         names: list[Path] = []
         runs: dict[str, Run] = {}
         for name, one in found.items():
-            replays = _replayed(project, one, name, notes)
-            runs[name] = Run(one, validations[name], provenance, None, replays)
+            refusals: list[str] = []
+            validations = _validated(project, one, name, refusals)
+            replays = _replayed(project, one, name, refusals)
+            origin = {**provenance, "notes": refusals}
+            runs[name] = Run(one, validations, origin, None, replays)
+            notes += refusals
             result_folder(folder / places[name])
             written, refused = _write(project, runs[name], folder / places[name])
             names += [Path(places[name], each) for each in written]
@@ -343,7 +346,14 @@ def _write(project: Project, run: Run, folder: Path) -> tuple[list[str], list[st
     if "report" in project.write:
         facts = {**project.experiment, **facts_of(run.provenance)}
         moved, results = list(run.replays.values()), list(run.validations.values())
-        write_report(found, folder / "report.html", results, facts=facts, replays=moved)
+        write_report(
+            found,
+            folder / "report.html",
+            results,
+            facts=facts,
+            replays=moved,
+            notes=run.provenance["notes"],
+        )
         names.append("report.html")
     stem = _folder_name(robot.name)
     for kind, name in (("urdf", f"{stem}.urdf"), ("mjcf", f"{stem}.xml")):

@@ -341,6 +341,7 @@ def _check_origin(provenance: Mapping[str, Any]) -> None:
     text = str | int | None
     hints: dict[str, Any] = {"command": tuple[str, ...], "inputs": tuple[Mapping[str, text], ...]}
     hints |= {"options": Mapping[str, Any], "versions": Mapping[str, str]}
+    hints |= {"notes": tuple[str, ...]}
     keys = {"path", "bytes", "sha256"}
     is_right = all(_matches(provenance[name], hints[name]) for name in hints if name in provenance)
     if not is_right or any(keys - {*one} for one in provenance.get("inputs", ())):

@@ -99,6 +99,7 @@ def write_report(
     nominal: Robot | None = None,
     frequency: FrequencyResponse | None = None,
     replays: ReplayComparison | Iterable[ReplayComparison] = (),
+    notes: Iterable[str] = (),
 ) -> None:
     """Write the report of an identification as one HTML file that opens offline.
 
@@ -126,6 +127,8 @@ def write_report(
         computed responses with resonance and antiresonance, and its warnings.
     replays : ReplayComparison or iterable of ReplayComparison, optional
         Replays of logs before and after the identification, of `compare_replays`.
+    notes : iterable of str, optional
+        Why logs that were to validate do not, among the warnings.
 
     Raises
     ------
@@ -157,7 +160,7 @@ def write_report(
     content = {
         **_parameters(found, given, values, posture),
         **_experiment(found, _checked_facts(facts or {})),
-        **_motions(found, runs, values, posture, moved),
+        **_motions(found, runs, values, posture, moved, tuple(notes)),
         "replays": [_replay(found, one) for one in moved],
         "frequency": frequency,
         "responses": [] if frequency is None else response_figures(frequency),
@@ -414,12 +417,13 @@ def _motions(
     nominal: Nominal,
     posture: Posture,
     replays: Sequence[ReplayComparison],
+    notes: Sequence[str],
 ) -> dict[str, Any]:
     """Return the template values of the first screen and of the motions."""
     errors = error_rows(found, runs)
     traces = traces_of(found, runs)
     pictured = ([run for run in runs if run.is_unseen] or list(runs))[:1]
-    notices = notices_of(found, runs, replays)
+    notices = notices_of(found, runs, replays, notes)
     labels = _labels(
         found, pictured, {x for one in notices if one.severity != "note" for x in one.joints}
     )

@@ -131,13 +131,20 @@ def explained_as(error: float) -> str:
 
 
 def notices_of(
-    found: Identification, runs: Sequence[Run], replays: Sequence[ReplayComparison] = ()
+    found: Identification,
+    runs: Sequence[Run],
+    replays: Sequence[ReplayComparison] = (),
+    notes: Sequence[str] = (),
 ) -> list[Notice]:
-    """Return the notices of a page, the worst first; those that differ in their joint are one."""
+    """Return the notices of a page, the worst first; those that differ in their joint are one.
+
+    `notes` are the reasons why logs that were to validate do not.
+    """
     every = [
         *map(_notice, found.warnings),
         *(_notice(one) for run in runs for one in run.result.warnings),
         *(_notice(one) for result in replays for one in result.warnings),
+        *(Notice("not-validated", "doubtful", (_sentence(text),)) for text in notes),
         *_of_validation(found, runs),
         *(Notice("inconsistent-inertia", "note", (text,)) for text in _of_bodies(found)),
         *(Notice("poorly-determined", "note", (text,)) for text in _poorly_determined(found)),

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import html
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -392,7 +394,16 @@ def test_a_joint_that_stands_still_loses_neither_the_run_nor_the_replay(tmp_path
 
 
 def test_a_part_too_short_to_validate_loses_no_result(tmp_path: Path) -> None:
-    run = seaid.run_project(seaid.load_project(servo_project(tmp_path, (11.5, 12.0))))
-    assert run.runs[""].validations == {}
-    assert set(run.runs[""].identification.drives) == {"shoulder"}
-    assert run.notes[0].startswith("run.csv@11.5:12 was not validated: the log is too short")
+    project = seaid.load_project(servo_project(tmp_path, (11.5, 12.0)))
+    finished = seaid.run_project(replace(project, write=("report",)))
+    assert finished.runs[""].validations == {}
+    assert set(finished.runs[""].identification.drives) == {"shoulder"}
+    message = "run.csv@11.5:12 was not validated: the log is too short"
+    assert finished.notes[0].startswith(message)
+    saved, again = seaid.load_run(finished.folder), tmp_path / "again.html"
+    assert saved.provenance["notes"] == finished.notes
+    done("report", "--run", finished.folder, "-o", again)
+    for page in (finished.folder / "report.html", again):
+        text = html.unescape(page.read_text("utf-8"))
+        for note in finished.notes:
+            assert f"{note[:1].upper()}{note[1:]}" in text
