@@ -140,10 +140,9 @@ ONE_IMPORTER = {
     ),
     "one step of a long way, which would make its importer longer than 400 lines": (
         *("excitation.run_in", "excitation.search"),
-        *("checks.bodies", "checks.setup"),
-        "identification.base_checks",
+        *("checks.base", "checks.bodies", "checks.setup"),
         *("identification.command_refinement", "identification.sensitivity"),
-        *("identification.consistency_program", "identification.soft_feet"),
+        "identification.consistency_program",
         "identification.known_constants",
         *("export.joint_actuators", "regressor.structural.equations"),
     ),

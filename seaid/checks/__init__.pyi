@@ -1,3 +1,6 @@
+from .base import base_findings as base_findings
+from .base import missing_torques as missing_torques
+from .base import sensor_errors as sensor_errors
 from .check import Code as Code
 from .check import Observation as Observation
 from .check import observed as observed
@@ -10,6 +13,8 @@ from .commands import is_unsigned as is_unsigned
 from .commands import no_measurements as no_measurements
 from .commands import pose_findings as pose_findings
 from .commands import separation_findings as separation_findings
+from .contacts import FeetInMotion as FeetInMotion
+from .contacts import best_order as best_order
 from .engine import Trial as Trial
 from .engine import best_of as best_of
 from .engine import time_blocks as time_blocks
@@ -17,6 +22,11 @@ from .experiment import Experiment as Experiment
 from .experiment import experiment_of as experiment_of
 from .experiment import stands_locked as stands_locked
 from .experiment import with_torques_of as with_torques_of
+from .feet import FEET_CHECKS as FEET_CHECKS
+from .feet import LeggedFit as LeggedFit
+from .feet import LoadedFeet as LoadedFeet
+from .feet import force_findings as force_findings
+from .feet import mass_findings as mass_findings
 from .model import LEAST_DELAY_S as LEAST_DELAY_S
 from .model import SideSelection as SideSelection
 from .model import backlash as backlash

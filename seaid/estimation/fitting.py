@@ -18,7 +18,7 @@ from typing import IO, TYPE_CHECKING, Any, Literal, Union
 import numpy as np
 
 from seaid._arrays import Array, FrozenMapping
-from seaid.errors import LogError, reason_of
+from seaid.errors import ExcitationError, LogError, reason_of
 from seaid.estimation.covariance import at_slots, long_run, slots
 from seaid.estimation.drift import block_factors
 from seaid.estimation.estimate import Estimate, ModelChecks, model_checks, whiteness
@@ -257,6 +257,30 @@ class FittedRows:
         names = () if self.rows is None else self.rows.joint_names
         named = {names[index % len(names)]: one for index, one in found.items()}
         return model_checks(self.qr_factor, self.estimate, optional, named, self.weights)
+
+
+def with_further_columns(
+    fit: FittedRows, columns: Array, counts: Callable[[Array], bool]
+) -> Estimate | None:
+    """Return a fit with further columns (R, k) of y, the last k parameters.
+
+    None if it has none, or if their values do not count.
+    """
+    assert fit.rows is not None
+    k = columns.shape[1]
+    rows = replace(
+        fit.rows,
+        names=(*fit.rows.names, *(f"further {place}" for place in range(k))),
+        units=(*fit.rows.units, *k * ("",)),
+        H=np.hstack([fit.rows.H, -columns]),
+    )
+    try:
+        factor = qr_factor_of(rows)
+        if not counts(solve(factor, fit.weights).values[-k:]):
+            return None
+        return estimate_of_rows(rows, factor, fit.weights, fit.propagated)
+    except ExcitationError:
+        return None
 
 
 def qr_factor_of_rows(rows: Rows, change: Change) -> QRFactor:

@@ -6,10 +6,7 @@ from .checking import check as check
 from .conditions import CONDITION_SPECIFIC as CONDITION_SPECIFIC
 from .conditions import Conditions as Conditions
 from .conditions import identify_conditions as identify_conditions
-from .contact_checks import with_leg_order as with_leg_order
 from .contact_forces import ContactForces as ContactForces
-from .contact_forces import FoundContacts as FoundContacts
-from .contact_forces import find_contacts as find_contacts
 from .datasets import Source as Source
 from .delays import Delay as Delay
 from .delays import correct_delays as correct_delays
@@ -22,6 +19,9 @@ from .gear import gear_ratio as gear_ratio
 from .identification import Identification as Identification
 from .identification import Method as Method
 from .identification import identify as identify
+from .inferred_contacts import FoundContacts as FoundContacts
+from .inferred_contacts import find_contacts as find_contacts
+from .inferred_contacts import with_leg_order as with_leg_order
 from .model_selection import TermSelection as TermSelection
 from .model_selection import compare_terms as compare_terms
 from .output_error import refine as refine

@@ -8,14 +8,11 @@ A bias b of the accelerometer, constant in the axes of the base, is as a constan
 adds M_0 b to the equations, with the first three columns M_0 of the mass matrix. Next to the bodies
 it is identified from the change of gravity in these axes. The zero z of a force sensor adds J_c^T z
 in the axes of its link, and is identified as the foot turns, or as it leaves the ground.
-
-A radius that is wrong by d puts the contact forces f too low by d: it adds d times the moments of f
-about the vertical displacement to J_c^T f. With the f of the fit that is one more column.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -25,19 +22,10 @@ import pinocchio as pin
 from scipy.special import fdtrc, stdtrit
 
 from seaid._arrays import Array, FrozenMapping, safely
-from seaid._files import toml_table
-from seaid.errors import ExcitationError, Finding, listed
-from seaid.estimation import Estimate, FittedRows, estimate_of_rows, qr_factor_of, solve
+from seaid.estimation import Estimate, FittedRows, with_further_columns
 from seaid.identification.datasets import Dataset, rows_in_memory
 from seaid.log import BaseMotion, Motion
-from seaid.regressor import (
-    LoadModel,
-    Regress,
-    accelerometer_rows,
-    late_flag_rows,
-    radius_rows,
-    wrench_rows,
-)
+from seaid.regressor import LoadModel, Regress, accelerometer_rows, wrench_rows
 from seaid.robot import Robot
 
 if TYPE_CHECKING:
@@ -78,6 +66,12 @@ def whole_body(found: Identification) -> tuple[BodyValue, ...]:
         for name, rows in (("whole robot", moments), (base, alone))
         for one in _mass_and_center(found, name, rows)
     )
+
+
+def whole_mass(found: Identification) -> tuple[float, float]:
+    """Return the mass of the whole robot and its standard error [kg], NaN for a fixed base."""
+    mass = next(iter(whole_body(found)), None)
+    return (np.nan, np.nan) if mass is None else (mass.value, mass.standard_error)
 
 
 def mean_posture(found: Identification) -> Array:
@@ -143,7 +137,8 @@ class SensorBias:
 
     `places` are the k axes: (link of the sensor, axis in its frame), the link "" for those of the
     base. `columns` are the changes of y by the errors (R, k), which have a `covariance` (k, k).
-    `hidden` are axes of force sensors whose zeros the logs do not determine.
+    `hidden` are axes of force sensors whose zeros the logs do not determine; `imu` (3, 3) turns
+    from the frame of the accelerometer.
     """
 
     places: tuple[tuple[str, int], ...]
@@ -151,6 +146,12 @@ class SensorBias:
     covariance: Array
     columns: Array
     hidden: tuple[tuple[str, int], ...]
+    imu: Array | None = None
+
+    @property
+    def errors(self) -> Array:
+        """The standard errors (k,)."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
 
     def of(self, link: str, width: int = 3) -> Array:
         """Return the errors (width,) of one sensor, zero where none was found."""
@@ -188,7 +189,7 @@ that always stand rest on small accelerations, whose noise makes the mass small 
 """
 
 _LEVEL = 0.999
-"""Level of the tests for errors of sensors and for another radius."""
+"""Level of the tests for errors of sensors."""
 
 
 def sensor_bias(
@@ -220,7 +221,7 @@ def sensor_bias(
     def counts(values: Array) -> bool:
         return bool(np.any(np.abs(values) > least))
 
-    found = _with_columns(fit, columns, counts)
+    found = with_further_columns(fit, columns, counts)
     if found is None:  # the base does not tilt, or no error counts
         return None
     k, freedom = len(places), _freedom(found)
@@ -229,7 +230,7 @@ def sensor_bias(
     far = np.sqrt(np.diag(covariance)) > _HIDDEN_ZERO / _NO_ZERO * most
     hidden = [place for place, own in zip(places, far, strict=True) if own and place[0]]
     if len(kept) < k:
-        found = _with_columns(fit, columns[:, kept], lambda _: len(kept) > 0)
+        found = with_further_columns(fit, columns[:, kept], lambda _: len(kept) > 0)
     if found is None:
         return None
     k = len(kept)
@@ -240,6 +241,7 @@ def sensor_bias(
         covariance=normal * found.covariance[-k:, -k:],
         columns=columns[:, kept],
         hidden=tuple(hidden),
+        imu=bases[0].imu,
     )
 
 
@@ -315,30 +317,6 @@ _FAR = 3.0
 """Standard errors by which an error of a sensor is beyond the largest that is one."""
 
 
-def _with_columns(
-    fit: FittedRows, columns: Array, counts: Callable[[Array], bool]
-) -> Estimate | None:
-    """Return a fit with further columns (R, k) of y, the last k parameters.
-
-    None if it has none, or if their values do not count.
-    """
-    assert fit.rows is not None
-    k = columns.shape[1]
-    both = replace(
-        fit.rows,
-        names=(*fit.rows.names, *(f"further {place}" for place in range(k))),
-        units=(*fit.rows.units, *k * ("",)),
-        H=np.hstack([fit.rows.H, -columns]),
-    )
-    try:
-        factor = qr_factor_of(both)
-        if not counts(solve(factor, fit.weights).values[-k:]):
-            return None
-        return estimate_of_rows(both, factor, fit.weights, fit.propagated)
-    except ExcitationError:
-        return None
-
-
 def _freedom(estimate: Estimate) -> float:
     """Return the fewest degrees of freedom of the covariance of an estimate."""
     every = estimate.degrees_of_freedom
@@ -350,213 +328,3 @@ _MOST_FREEDOM = 1e4
 
 _NOTHING = 1e-9
 """Part of the largest column below which one is rounding."""
-
-
-def bias_findings(bias: SensorBias, motions: Sequence[Motion]) -> Iterator[Finding]:
-    """Yield findings on errors that were removed: of an IMU in its axes, and of force sensors."""
-    base, links = motions[0].base, dict.fromkeys(link for link, _ in bias.places)
-    errors = np.sqrt(np.diag(bias.covariance))
-    if "" in links:
-        assert base is not None
-        assert base.imu is not None
-        own = bias.of("") @ base.imu
-        error = float(np.max(errors[[not link for link, _ in bias.places]]))
-        yield Finding(
-            "base-bias",
-            f"the accelerometer has a bias of {', '.join(f'{x:.2g}' for x in own)} m/s^2 (x, y, z, "
-            f"standard error {error:.1g}): it was identified with the bodies and subtracted",
-            severity="note",
-            evidence={f"{axis} [m/s^2]": float(x) for axis, x in zip("xyz", own, strict=True)},
-            remedy="calibrate the accelerometer in several orientations, or let the base tilt "
-            "more: the bodies are less certain by the error of the bias",
-            certainty="likely",
-        )
-    zeros = {
-        f"{_AXES[axis]} of {link} [{'N' if axis < 3 else 'N m'}]": (float(value), float(error))
-        for (link, axis), value, error in zip(bias.places, bias.value, errors, strict=True)
-        if link
-    }
-    if zeros:
-        texts = [f"{name} {value:.3g} +- {error:.1g}" for name, (value, error) in zeros.items()]
-        hidden = [f"{_AXES[axis]} of {link}" for link, axis in bias.hidden]
-        unknown = f"; not determined: {listed(hidden)}" if hidden else ""
-        yield Finding(
-            "sensor-zero",
-            f"force sensors have zeros of {', '.join(texts)}: they were identified with the bodies "
-            f"and subtracted{unknown}",
-            next(link for link in links if link),
-            "note",
-            {name: value for name, (value, _) in zeros.items()},
-            "set the sensors to zero with the feet in the air: the bodies are less certain by the "
-            "errors of the zeros",
-        )
-
-
-_AXES = ("force x", "force y", "force z", "moment x", "moment y", "moment z")
-
-
-_LATE_S, _LATE_FORCE = 0.06, 0.01
-"""Time next to a contact in which a foot that is flagged as in the air may push at the ground, and
-that force over the weight, from which it has a finding. The time was chosen on two trots of a Go2
-on soft feet, flagged above 20 N; with any touch as the flag, and on stiff feet, none is found."""
-
-
-def _late_flag_findings(
-    found: Identification,
-    datasets: Sequence[Dataset],
-    fit: FittedRows,
-    bias: SensorBias | None,
-) -> Iterator[Finding]:
-    """Yield feet that the rows of a `fit` need to push at the ground before or after their flag."""
-    motions = [one for one in datasets if isinstance(one, Motion) and one.base is not None]
-    if found.known.floating_base is None or fit.rows is None or len(motions) < len(datasets):
-        return
-    bases = [one.base for one in motions if one.base is not None]
-    if any(one.up is None or all(np.all(x) for x in one.contacts.values()) for one in bases):
-        return
-    regress = partial(late_flag_rows, found.known, model=found.model, reach_s=_LATE_S)
-    columns = rows_in_memory(datasets, {"": regress})[""].H
-    columns = columns if bias is None else np.hstack([bias.columns, columns])
-    nominal = float(np.mean([np.linalg.norm(one.specific_force, axis=1).mean() for one in bases]))
-    mass = whole_body(found)[0].value
-    if not np.isfinite(mass):
-        return
-    least = _LATE_FORCE * mass * nominal
-    own = _with_columns(fit, columns, lambda x: bool(np.any(x[-2:] > least)))
-    if own is None:
-        return
-    sure = float(stdtrit(_freedom(own), 0.5 + _LEVEL / 2))
-    values, errors = own.values[-2:], own.standard_errors[-2:]
-    late = [
-        (text, float(value), float(error))
-        for text, value, error in zip(
-            ("before a landing", "after it leaves"), values, errors, strict=True
-        )
-        if value > max(least, sure * error)
-    ]
-    if late:
-        texts = [f"{value:.2g} +- {error:.1g} N {text}" for text, value, error in late]
-        yield Finding(
-            "contact-flags",
-            f"a foot pushes at the ground while it is flagged as in the air, with {listed(texts)}, "
-            f"fading within {_LATE_S:g} s: these forces go into the bodies and the total mass",
-            severity="doubtful",
-            evidence={f"{text} [N]": value for text, value, _ in late},
-            remedy="flag a foot from the first touch on: lower the threshold of its force (above = "
-            "... in the description of the log), or make each flag longer by "
-            f"{_LATE_S:g} s at both ends",
-        )
-
-
-_LEAST_RADIUS_M = 0.0005
-"""Error of the radius of feet from which it has a finding. 1 mm is 0.2 % of the mass of a Go2."""
-
-
-_SURE_MASS, _MASS_RATIO = 3.0, 2.0
-"""Standard errors from which a mass is below zero, or not that of the robot file, and the ratio of
-the two, or its inverse, above which that is said."""
-
-
-def mass_findings(found: Identification, given: Robot) -> Iterator[Finding]:
-    """Yield a total mass that no force of the ground can come from, or far from the nominal one."""
-    body = whole_body(found)
-    if not body or not np.isfinite(body[0].value):
-        return
-    mass, error = body[0].value, body[0].standard_error
-    nominal = float(np.sum((given.parameters + given.payload_parameters)[::10]))
-    sensors = sorted({link for one in found.motions if one.base for link in one.base.wrenches})
-    tables = "\n".join(
-        f"{toml_table('contacts', link)}\nforce = {{ ..., scale = -1 }}" for link in sensors
-    )
-    evidence = {"mass [kg]": mass, "standard error [kg]": error, "robot file [kg]": nominal}
-    if mass < -_SURE_MASS * error:
-        where = "; in the description of the log, and so for each moment:\n" if sensors else ""
-        yield Finding(
-            "total-mass",
-            f"the mass of the whole robot is negative, {mass:.3g} kg",
-            "",
-            "wrong",
-            evidence,
-            "force sensors have the force of the ground on the robot, and torques act on the "
-            f"robot along its joint angles: turn their signs round{where}{tables}",
-            "certain",
-        )
-    elif (
-        min(mass, nominal) > 0
-        and not 1 < _MASS_RATIO * mass / nominal < _MASS_RATIO**2
-        and abs(mass - nominal) > _SURE_MASS * error
-    ):
-        yield Finding(
-            "total-mass",
-            f"the mass of the whole robot is {mass:.3g} kg, {mass / nominal:.2g} of that of the "
-            f"robot file, {nominal:.3g} kg",
-            "",
-            "doubtful",
-            evidence,
-            "weigh the robot; is a force sensor or a torque in another unit (1 kgf is 9.81 N), or "
-            "does a force act that is not in the log?",
-            "likely",
-        )
-
-
-def feet_findings(
-    found: Identification,
-    datasets: Sequence[Dataset],
-    fit: FittedRows,
-    bias: SensorBias | None,
-) -> Iterator[Finding]:
-    """Yield what the rows of a `fit` contradict in the feet: their radius, and their flags."""
-    yield from _radius_findings(found, datasets, fit, bias)
-    yield from _late_flag_findings(found, datasets, fit, bias)
-
-
-def _radius_findings(
-    found: Identification,
-    datasets: Sequence[Dataset],
-    fit: FittedRows,
-    bias: SensorBias | None,
-) -> Iterator[Finding]:
-    """Yield a radius of the feet, one for all of them, that the rows of a `fit` contradict.
-
-    A `bias` that was removed may come of the wrong radius: it is identified again, next to it.
-    """
-    motions = [one for one in datasets if isinstance(one, Motion) and one.base is not None]
-    base = found.known.floating_base
-    if base is None or fit.rows is None or len(motions) < len(datasets):
-        return
-    contacts = [one for one in base.contacts if not one.is_flat]
-    feet = [one.link for one in contacts]
-    radii = {one.radius_m for one in contacts}
-    if len(radii) != 1 or any(one.base is None or one.base.up is None for one in motions):
-        return
-    if not all(set(feet) <= set(one.base.contacts) for one in motions if one.base is not None):
-        return
-    regress = partial(
-        radius_rows,
-        found.known,
-        model=found.model,
-        springs=found.springs,
-        theta=found.load_side.values,
-        bodies=bodies_of_fit(found)[0],
-    )
-    columns = rows_in_memory(datasets, {"": regress})[""].H
-    columns = columns if bias is None else np.hstack([bias.columns, columns])
-    own = _with_columns(fit, columns, lambda x: bool(abs(x[-1]) > _LEAST_RADIUS_M))
-    if own is None:
-        return
-    radius, value = radii.pop(), float(own.values[-1])
-    error = float(own.standard_errors[-1])
-    least = max(float(stdtrit(_freedom(own), 0.5 + _LEVEL / 2)) * error, _LEAST_RADIUS_M)
-    if abs(value) < least or radius + value <= 0:
-        return
-    yield Finding(
-        "geometry",
-        f"the feet touch the ground as balls of {1e3 * (radius + value):.3g} mm, with a standard "
-        f"error of {1e3 * error:.2g} mm, and have {1e3 * radius:.3g} mm: the moments of the "
-        "contact forces would go into the bodies",
-        severity="doubtful",
-        evidence={"radius [m]": radius + value, "standard error [m]": error},
-        remedy=f"load the robot with contacts of radius_m = {radius + value:.4g}, also if the foot "
-        "is larger: a soft one touches nearer to its centre",
-        certainty="likely",
-    )

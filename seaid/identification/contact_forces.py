@@ -1,4 +1,4 @@
-"""Contact forces from joint torques and the motion of the base: predicted, and to find contacts.
+"""Contact forces, predicted from joint torques and the motion of the base.
 
 With the parameters of the bodies the rows of base and joints, Y theta - tau = sum J_c^T f_c, are
 linear equations of the contact forces at each instant, solved by least squares in the metric in
@@ -12,39 +12,37 @@ the identified parameters only if that mass is, too.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from seaid._arrays import Array, BoolArray, safely
+from seaid._arrays import Array, BoolArray
 from seaid._progress import Display
-from seaid.errors import Finding, IdentificationError, checked
-from seaid.identification.base_estimates import bodies_of_fit, whole_body
+from seaid.checks import LeggedFit, LoadedFeet
+from seaid.estimation import FittedRows
+from seaid.identification.base_estimates import SensorBias, bodies_of_fit, whole_body
+from seaid.identification.datasets import Dataset
 from seaid.identification.gear import for_sensors
+from seaid.identification.inferred_contacts import FREE, LOADED
 from seaid.log import (
-    FOUND_CONTACT,
-    Log,
     Motion,
-    Repair,
+    decimated,
+    decimation,
     in_band,
     inside_transients,
-    low_pass,
-    reconstruct_motion,
     smoothed_where,
 )
 from seaid.regressor import (
     contact_equations,
     contact_force_columns,
     contact_force_rows,
-    contact_map,
     contact_rotations,
-    floating_regressor,
     measured_contact,
     row_scale,
 )
-from seaid.robot import Contact, Robot, torques_at_joints
+from seaid.robot import Contact, Robot
 
 if TYPE_CHECKING:
     from seaid.identification.identification import Identification
@@ -163,6 +161,46 @@ def contact_forces(identification: Identification, *given: Motion) -> ContactFor
     whole = _Instants(*(np.concatenate([getattr(one, name) for one in parts]) for name in names))
     basis, variance = _basis(identification, motions[0], contacts, whole, is_whole)
     return _summary(identification, contacts, whole, basis, variance)
+
+
+def legged_fit(
+    found: Identification, datasets: Sequence[Dataset], fit: FittedRows, bias: SensorBias | None
+) -> LeggedFit | None:
+    """Return a fit for the checks of the feet, None for a fixed base or without its rows."""
+    motions = [one for one in datasets if isinstance(one, Motion) and one.base is not None]
+    if found.known.floating_base is None or fit.rows is None or len(motions) < len(datasets):
+        return None
+    bodies = bodies_of_fit(found)[0]
+    return LeggedFit(
+        robot=found.known,
+        motions=motions,
+        fit=fit,
+        model=found.model,
+        springs=found.springs,
+        theta=found.load_side.values,
+        bodies=bodies,
+        sensor_errors=np.empty((len(fit.rows.y), 0)) if bias is None else bias.columns,
+        mass_kg=whole_body(found)[0].value,
+        loads=_loaded_feet(found, motions, bodies),
+    )
+
+
+def _loaded_feet(
+    found: Identification, motions: Sequence[Motion], bodies: Array
+) -> list[LoadedFeet]:
+    """Return the forces on feet that stand, if the flags of each log and nothing else has them."""
+    bases = [one.base for one in motions]
+    if any(base is None or base.wrenches or not base.contacts for base in bases):
+        return []
+    loads = []
+    found, _ = for_sensors(found, motions[0])
+    for motion in (for_sensors(found, one)[1] for one in motions):
+        motion = decimated(motion, decimation(motion.rate_hz, 2 * motion.cutoff_hz))
+        contacts = contacts_of(found.known, motion)
+        instants = force_instants(found, motion, contacts, bodies)
+        links = tuple(one.link for one in contacts)
+        loads.append(LoadedFeet(motion, links, instants.forces, instants.counts))
+    return loads
 
 
 def contacts_of(robot: Robot, motion: Motion) -> tuple[Contact, ...]:
@@ -331,11 +369,11 @@ def _summary(
         if np.any(here):
             f_n, f_t = normal[here, k], along[here, k]
             error = np.sqrt(noise * np.median(whole.spread[here, k]) + variance[k])
-            loaded = f_n > _LOADED * weight
+            loaded = f_n > LOADED * weight
             used_friction = (
                 np.quantile(f_t[loaded] / f_n[loaded], 0.99) if np.any(loaded) else np.nan
             )
-            pulls = np.mean(f_n < -max(_PULLS * error, _FREE * weight))
+            pulls = np.mean(f_n < -max(_PULLS * error, FREE * weight))
             numbers[4:, k] = f_n.mean(), f_n.min(), error, used_friction, pulls
         both = np.all(np.isfinite(forces[:, k] + measured[:, k]), axis=1)
         if np.any(measured[both, k]):
@@ -368,176 +406,3 @@ _LITTLE = 0.5
 
 _PULLS = 3.0
 """Standard errors below zero from which the force of a foot that stands is a pull."""
-
-_OFF, _PULLED = 0.2, 0.01
-"""Error of predicted forces over the measured ones, and share of the stance in which a foot pulls,
-from which both are said. On a walk of a simulated Go2 with noise the error is below 1 %."""
-
-
-def contact_findings(found: ContactForces) -> Iterator[Finding]:
-    """Yield feet whose predicted force is not that measured, or pulls at the ground."""
-    for k, link in enumerate(found.links):
-        if found.basis[k] == "none":
-            continue
-        error, scale = float(found.relative_error[k]), float(found.scale[k])
-        if error > _OFF:
-            yield Finding(
-                "contact-forces",
-                f"the measured force at {link} is not that of torques and motion: they differ by "
-                f"{error:.0%}, and least with the measured one times {scale:.2g}",
-                link,
-                "doubtful",
-                {"error": error, "scale": scale},
-                "check sign, unit and frame of the force sensor (the force of the ground on the "
-                "link, in the frame of the link), and its zero in the air",
-            )
-        pulled = float(found.pulled[k])
-        if pulled > _PULLED:
-            least, spread = float(found.least_normal[k]), float(found.standard_error[k])
-            yield Finding(
-                "contact-forces",
-                f"{link} would have to pull at the ground: its predicted normal force is below "
-                f"zero by more than {_PULLS:g} standard errors and {_FREE:.1%} of the weight in "
-                f"{pulled:.0%} of its stance, and is {least:.3g} N at least",
-                link,
-                "doubtful",
-                {
-                    "least normal force [N]": least,
-                    "standard error [N]": spread,
-                    "share of the stance": pulled,
-                },
-                "check the flag of this foot, and that nothing else touches or carries the robot",
-                "likely",
-            )
-
-
-_LOADED, _FREE = 0.03, 0.015
-"""Parts of the weight on a foot above which it stands, and below which it is in the air; between
-them it stays what it was. A foot said to stand costs information only, one said to be in the air
-biases the bodies, so both are small: in walks of a simulated Go2 whose bodies are wrong by 20 % and
-that were used to select them, 99 % of the samples are right (docs/results.md)."""
-
-_LOAD_HZ = 15.0
-"""Low pass of the forces: a foot lands within a few hundredths of a second."""
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class FoundContacts(Display):
-    """The contacts found in a log.
-
-    Attributes
-    ----------
-    log : Log
-        With the flags of all contacts; its report names those that were found.
-    certainty : mapping {link: float}
-        The share of the samples in which the force of a foot is clearly that of a standing foot, or
-        of one in the air.
-    """
-
-    log: Log
-    certainty: Mapping[str, float]
-
-    def _in_short(self) -> str:
-        texts = (f"{link} {share:.1%} certain" for link, share in self.certainty.items())
-        return ", ".join(texts)
-
-
-@checked(IdentificationError)
-def find_contacts(robot: Robot, log: Log) -> FoundContacts:
-    """Return a log with the contacts of a legged robot, found from its torques and its motion.
-
-    Use flags or force sensors if there are any: a foot that carries little is not seen.
-
-    Parameters
-    ----------
-    robot : Robot
-        With a floating base, contacts, and inertial parameters, which may be wrong by a fifth.
-    log : Log
-        With the torques of all joints; flags that it has stay.
-
-    Returns
-    -------
-    FoundContacts
-
-    Raises
-    ------
-    IdentificationError
-        For a robot without contacts or without inertial parameters, and a log without torques.
-
-    Examples
-    --------
-    >>> found = seaid.find_contacts(robot, log)
-    >>> found.certainty
-    >>> seaid.identify(robot, found.log)
-    """
-    base = robot.floating_base
-    if base is None or not base.contacts:
-        raise IdentificationError(
-            "find_contacts needs a robot with a floating base and contacts=", "contacts="
-        )
-    if log.base is None or not np.all(np.isfinite(robot.parameters)):
-        raise IdentificationError(
-            "find_contacts needs the motion of the base in the log, and the inertial parameters of "
-            "the robot file, also if they are not exact"
-        )
-    own = log.base
-    missing = own.unflagged(base.contact_links)
-    flying = dict.fromkeys(missing, np.zeros(len(log.time)))
-    unloaded = replace(log, base=replace(own, contacts={**own.contacts, **flying}))
-    loads = _loads(robot, unloaded)
-    flags, certainty, report = dict(own.contacts), {}, list(log.report)
-    for link in missing:
-        load = loads[:, base.contact_links.index(link)]
-        flags[link] = _standing(load).astype(float)
-        unclear = (load >= 0.5 * _LOADED) & (load <= 1.5 * _LOADED)
-        certainty[link] = float(np.mean(~unclear))
-        report.append(_as_repair(link, log.time, unclear))
-    base_log = replace(own, contacts=flags)
-    return FoundContacts(replace(log, base=base_log, report=tuple(report)), certainty)
-
-
-def _as_repair(link: str, time: Array, unclear: BoolArray) -> Repair:
-    """Return what the report of a log has about a contact that was found."""
-    first = float(time[np.argmax(unclear)])
-    action = f"found from torques and motion, {np.mean(~unclear):.1%} of the samples are clear"
-    return Repair(f"{link}.contact", FOUND_CONTACT, int(np.sum(unclear)), first, action)
-
-
-def _loads(robot: Robot, log: Log) -> Array:
-    """Return the part of the weight (T, k) that each contact carries at the times of the log."""
-    motion = reconstruct_motion(robot, log)
-    base = motion.base
-    assert base is not None
-    assert robot.floating_base is not None
-    bodies = robot.parameters + robot.payload_parameters
-    rows = floating_regressor(robot, *motion.joint_states, base.states) @ bodies
-    ratio = np.array([robot.drives[joint].ratio for joint in robot.joint_names])
-    torque = torques_at_joints(robot.transmission, motion.motor_torque * ratio)
-    torque = np.where(np.isfinite(motion.joint_torque), motion.joint_torque, torque)
-    if not np.all(np.isfinite(torque)):
-        raise IdentificationError("find_contacts needs the torque of each joint in the log")
-    rows[:, 6:] -= low_pass(torque, motion.rate_hz, min(_LOAD_HZ, 0.4 * motion.rate_hz))
-    points = [replace(one, is_flat=False) for one in robot.floating_base.contacts]
-    A = contact_map(robot, motion.joint_position, points, base.up)
-    guided = ~robot.floating_base.free_axes
-    rows[:, :6][:, guided] = A[:, :6][:, guided] = 0.0
-    normal = A.swapaxes(1, 2) @ A + 1e-9 * np.eye(A.shape[2])
-    right = np.einsum("trk,tr->tk", A, rows)[:, :, None]
-    forces = safely(
-        np.linalg.solve, normal, right, what="the contact forces", error=IdentificationError
-    )
-    up = base.up
-    if up is None:  # the mean specific force
-        mean = base.specific_force.mean(axis=0)
-        up = np.tile(mean / np.linalg.norm(mean), (len(forces), 1))
-    support = np.einsum("tki,ti->tk", forces.reshape(len(forces), -1, 3), up)
-    weight = bodies.reshape(-1, 10)[:, 0].sum() * np.linalg.norm(robot.model.gravity.linear)
-    smooth = low_pass(support / weight, motion.rate_hz, min(_LOAD_HZ, 0.4 * motion.rate_hz))
-    return np.column_stack([np.interp(log.time, motion.time, one) for one in smooth.T])
-
-
-def _standing(load: Array) -> BoolArray:
-    """Return whether a foot with this part (T,) of the weight stands, with hysteresis."""
-    sure = np.where(load > _LOADED, 1, np.where(load < _FREE, 0, -1))
-    last = np.maximum.accumulate(np.where(sure >= 0, np.arange(len(sure)), 0))
-    return np.asarray(sure[last] == 1)

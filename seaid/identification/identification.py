@@ -17,19 +17,25 @@ from seaid._arrays import Array, FrozenMapping
 from seaid._files import write_json
 from seaid._progress import Result, counted
 from seaid.checks import (
+    FEET_CHECKS,
     JointFit,
     Verdict,
+    base_findings,
     consequences,
     delay_estimate_findings,
     experiment_of,
     explained,
     fit_findings,
     is_wrong,
+    mass_findings,
+    missing_torques,
     model_findings,
     model_sides,
+    observed,
     resolved_widths,
     robot_fit,
     selections,
+    sensor_errors,
     unused_findings,
     verdict_of,
     with_torques_of,
@@ -44,14 +50,7 @@ from seaid.errors import (
     checked,
 )
 from seaid.estimation import Estimate, Estimator, EstimatorName, ModelChecks, estimator_named
-from seaid.identification.base_checks import base_findings, missing_torques
-from seaid.identification.base_estimates import (
-    SensorBias,
-    bias_findings,
-    feet_findings,
-    mass_findings,
-    sensor_bias,
-)
+from seaid.identification.base_estimates import SensorBias, sensor_bias, whole_mass
 from seaid.identification.checking import (
     JointCheck,
     check_channels,
@@ -68,6 +67,7 @@ from seaid.identification.command_delays import (
     with_estimated_delays,
     with_fixed_delays,
 )
+from seaid.identification.contact_forces import legged_fit
 from seaid.identification.datasets import (
     Dataset,
     Source,
@@ -112,7 +112,6 @@ from seaid.identification.physical_consistency import FeasibleParameters, feasib
 from seaid.identification.sensitivity import sensitivity_findings
 from seaid.identification.simulated_joints import check_refinable, with_passed_reversals
 from seaid.identification.simultaneous import estimate_simultaneous
-from seaid.identification.soft_feet import soft_feet_findings
 from seaid.identification.two_step import (
     RobotEstimate,
     check_forces,
@@ -447,7 +446,7 @@ def _identify(
         datasets, model, found = _first_two_step(robot, datasets, used, options)
         bias = _sensor_bias(robot, datasets, model, found)
         if bias is not None:
-            findings += bias_findings(bias, moved[0])
+            findings += sensor_errors(bias.places, bias.value, bias.errors, bias.hidden, bias.imu)
             datasets = [*bias.removed(datasets)]
             experiment = experiment_of(declared, [bias.removed(group) for group in moved])
             model, found = _two_step(robot, datasets, used, options, bias)
@@ -487,9 +486,9 @@ def _identify(
     exact = exact_constants(robot, known_std)
     findings += scale_of_bodies(result.drives, exact)
     setup = joint_checks(experiment, [first_motion(one) for one in datasets])
-    findings += consequences(findings, feet_findings(result, datasets, found.fit, bias))
-    findings += consequences(findings, soft_feet_findings(result, datasets))
-    findings += mass_findings(result, declared)
+    legged = legged_fit(result, datasets, found.fit, bias)
+    findings += consequences(findings, [] if legged is None else observed(FEET_CHECKS, legged))
+    findings += mass_findings(declared, result.motions, *whole_mass(result))
     return replace(
         result,
         findings=tuple(findings),

@@ -16,9 +16,9 @@ import numpy as np
 
 from seaid._arrays import Array, frozen
 from seaid._progress import Result, counted, track
-from seaid.checks import NOTHING, PART
+from seaid.checks import NOTHING, PART, force_findings
 from seaid.errors import Finding, IdentificationError, SeaidError, checked
-from seaid.identification.contact_forces import contact_findings, contact_forces
+from seaid.identification.contact_forces import contact_forces
 from seaid.identification.datasets import Source
 from seaid.identification.identification import Identification, identify
 from seaid.identification.model_selection import with_closed_terms
@@ -67,7 +67,7 @@ def validate(identification: Identification, log: Log) -> Validation:
     contacts = contact_forces(identification, *motions)
     found = [*_contradictions(identification, result, places), *_not_measured(unseen)]
     found += list(_base_contradictions(identification, result))
-    found += [] if contacts is None else contact_findings(contacts)
+    found += [] if contacts is None else force_findings(contacts.to_dict()["feet"])
     return replace(result, warnings=tuple(found), contacts=contacts)
 
 

@@ -16,21 +16,16 @@ import seaid
 from scripts.benchmarks.legged import noisy
 from scripts.legged_plant import GO2_FEET, foot_positions, plant, simulate
 from seaid._arrays import Array
-from seaid.errors import Finding, IdentificationError, LogError, SeaidError
-from seaid.identification import whole_body
-from seaid.identification.base_checks import base_findings
-from seaid.identification.contact_checks import (
-    _late_finding,
-    _lateness,
-    _moving,
-    foot_places,
-    with_leg_order,
-)
+from seaid.checks.base import base_findings
+from seaid.checks.check import observed
+from seaid.checks.contacts import MOTION_CHECKS, FeetInMotion, foot_places, lifted
+from seaid.errors import Finding, LogError, SeaidError
+from seaid.identification import with_leg_order
 from seaid.log import BaseLog, Description, LogDescription, turned_to_world
 from seaid.log.base_columns import VectorSource
 from seaid.log.description import Source
-from seaid.regressor import load_model_of, load_regression, radius_rows
-from tests.identification.test_floating_base import STANDING, found_standing, go2
+from seaid.regressor import contact_map, load_model_of, load_regression, radius_rows
+from tests.identification.test_floating_base import go2
 
 
 @cache
@@ -194,82 +189,10 @@ def test_jumps_of_a_pose_are_taken_out() -> None:
     assert finding.evidence["largest"] == pytest.approx(0.0825, rel=0.05)
 
 
-@pytest.mark.slow  # 16 s of MuJoCo with contacts, and checks of a floating base
-def test_contacts_are_found_from_torques_with_bodies_that_are_not_exact() -> None:
-    rng, base = np.random.default_rng(2), walked().base
-    assert base is not None
-    wrong = np.repeat(rng.uniform(0.8, 1.2, len(go2().body_names)), 10)
-    robot = go2().with_values(go2().parameters * wrong, go2().drives)
-    log = replace(walked(), base=replace(base, contacts={}))
-    with pytest.raises(LogError, match="or find it from torques and motion"):
-        seaid.reconstruct_motion(robot, log)
-    done = seaid.find_contacts(robot, log)
-    assert done.log.base is not None
-    for foot, flag in flags().items():
-        own = done.log.base.contacts[foot] > 0.5
-        assert np.mean(own == (flag > 0.5)) > 0.98
-        assert done.certainty[foot] > 0.95
-    assert "FL_foot 9" in repr(done)
-    said = [str(one) for one in done.log.report if one.kind == "samples of unclear load"]
-    assert [one.partition(":")[0] for one in said] == [f"{foot}.contact" for foot in flags()]
-    clear = done.certainty["FL_foot"]
-    assert said[0].endswith(f"found from torques and motion, {clear:.1%} of the samples are clear")
-    half = replace(log, base=replace(base, contacts={"FL_foot": flags()["FL_foot"]}))
-    assert "FL_foot" not in seaid.find_contacts(robot, half).certainty
-    held = seaid.load_robot("go2")
-    silent = replace(log, motor_torque=np.full_like(log.motor_torque, np.nan))
-    for one, given, message in (
-        (held, log, "needs a robot with a floating base and contacts="),
-        (robot.without_nominal(), log, "the inertial parameters of the robot file"),
-        (robot, silent, "needs the torque of each joint"),
-    ):
-        with pytest.raises(IdentificationError, match=message):
-            seaid.find_contacts(one, given)
-
-
 def test_places_of_contacts_are_those_of_forward_kinematics() -> None:
     q = np.random.default_rng(1).normal(size=(5, 12))
     own = foot_places(go2(), q, GO2_FEET)
     np.testing.assert_allclose(own, foot_positions(go2(), q), atol=1e-12)
-
-
-@pytest.mark.slow  # 16 s of MuJoCo with contacts, and checks of a floating base
-def test_mass_and_center_of_the_whole_robot_have_values_only_where_determined() -> None:
-    identified = found_standing()
-    values = {one.name: one for one in whole_body(identified)}
-    assert len(values) == 8
-    # four feet that always stand hide a mass at each of them
-    assert not any(one.is_determined for one in values.values())
-    assert "not determined" in str(identified.summary())
-
-
-@pytest.mark.slow  # 16 s of MuJoCo with contacts, and checks of a floating base
-def test_mass_and_center_of_a_walking_robot_have_their_errors() -> None:
-    robot = STANDING
-    rng = np.random.default_rng(5)
-    grouping = seaid.base_parameters(robot, stances=[[]])
-    covariance = np.diag(rng.uniform(1e-6, 1e-4, len(grouping.columns)))
-    estimate = replace(
-        found_standing().load,
-        names=grouping.expressions,
-        values=grouping.project(robot.parameters),
-        units=("1",) * len(grouping.columns),
-        covariance=covariance,
-        white_standard_errors=None,
-        degrees_of_freedom=None,
-    )
-    identified = replace(found_standing(), base=grouping, load=estimate, motions=())
-    values = [one.value for one in whole_body(identified)]
-    bodies = robot.parameters.reshape(-1, 10)
-    assert values[0] == pytest.approx(bodies[:, 0].sum())
-    assert np.all(np.isnan(values[4:]))  # the base shares its mass with the hips
-    draws = rng.multivariate_normal(estimate.values, covariance, 4000)
-    spread = [
-        [one.value for one in whole_body(replace(identified, load=replace(estimate, values=x)))][:4]
-        for x in draws[:400]
-    ]
-    errors = [one.standard_error for one in whole_body(identified)][:4]
-    np.testing.assert_allclose(np.std(spread, axis=0), errors, rtol=0.12)
 
 
 @pytest.mark.slow  # 16 s of MuJoCo with contacts, and checks of a floating base
@@ -357,38 +280,49 @@ def test_a_soft_foot_that_sinks_in_is_not_in_the_air() -> None:
     log, robot = walked(), go2()
     motion = seaid.reconstruct_motion(robot, log, cutoff_hz=10.0)
     assert motion.base is not None
-    shape = (len(motion.time),)
-    standing = np.ones(shape, dtype=bool)
-    for seconds, codes in ((0.1, []), (0.3, ["contact-flags"])):
+    standing = np.ones(len(motion.time), dtype=bool)
+    for seconds, rises in ((0.1, False), (0.3, True)):
         vertical = np.where(motion.time % 1.0 < seconds, 0.1, 0.0)  # by 10 and by 30 mm
-        found = list(_moving("FL_foot", motion, vertical, np.zeros(shape), standing))
-        assert [one.code for one in found] == codes
+        assert np.any(lifted(vertical, standing, motion.rate_hz)) == rises
 
 
 @pytest.mark.slow  # 16 s of MuJoCo with contacts, and checks of a floating base
 @pytest.mark.parametrize(("late_s", "word"), [(0.08, "late"), (-0.06, "early"), (0.0, "")])
 def test_flags_that_are_late_are_named_with_their_delay(late_s: float, word: str) -> None:
     """Feet that trot: they stand for 60 % of each period, and move with 0.5 m/s else."""
-    motion = seaid.reconstruct_motion(go2(), walked(), cutoff_hz=10.0)
+    robot = go2()
+    motion = seaid.reconstruct_motion(robot, walked(), cutoff_hz=10.0)
     assert motion.base is not None
+    assert robot.floating_base is not None
     time, size = motion.time, (len(motion.time), 4)
     phase = (time[:, None] / 0.6 + [0.0, 0.5, 0.5, 0.0]) % 1
-    own = np.zeros((*size, 3))
-    own[:, :, 0] = 0.5 * (phase > 0.6) + 0.01 * np.random.default_rng(0).normal(size=size)
-    flags = np.roll(phase <= 0.6, round(late_s * motion.rate_hz), axis=0)
-    still = replace(motion, base=replace(motion.base, velocity=np.zeros((size[0], 3))))
-    late = _lateness(still, own, flags)
-    if not word:
-        assert late is None
-        return
-    assert late is not None
-    assert late[0] == pytest.approx(late_s, abs=0.011)
+    feet = np.zeros((*size, 3))
+    feet[:, :, 0] = 0.5 * (phase > 0.6) + 0.01 * np.random.default_rng(0).normal(size=size)
+    J = contact_map(robot, motion.joint_position, robot.floating_base.contacts, motion.base.up)
+    v = np.linalg.solve(J[:, 6:].swapaxes(1, 2), feet.reshape(size[0], -1, 1))[:, :, 0]
+    late = np.roll(phase <= 0.6, round(late_s * motion.rate_hz), axis=0)
+    still = replace(
+        motion.base,
+        velocity=np.zeros((size[0], 3)),
+        angular_velocity=np.zeros((size[0], 3)),
+        contacts=dict(zip(GO2_FEET, late.T, strict=True)),
+        used=np.ones(size[0], dtype=bool),
+    )
     described = {foot: {"contact": {"columns": f"flag[{k}]"}} for k, foot in enumerate(GO2_FEET)}
     log = replace(walked(), description={"contacts": described})
-    finding = _late_finding(late, GO2_FEET, [log])
-    assert (finding.code, finding.severity) == ("contact-flags", "wrong")
+    moves = replace(motion, joint_velocity=np.asarray(v, dtype=float), base=still)
+    feet_of = FeetInMotion(robot, moves, [log])
+    np.testing.assert_allclose(feet_of.velocities, feet, atol=1e-9)
+    findings = [one for one in observed(MOTION_CHECKS, feet_of) if one.severity == "wrong"]
+    if not word:
+        assert findings == []
+        return
+    (finding,) = findings
+    delay_s = finding.evidence["delay [s]"]
+    assert delay_s == pytest.approx(late_s, abs=0.011)
+    assert finding.code == "contact-flags"
     assert f"the flags of the contacts are {word} by about" in finding.message
-    assert f'contact = {{ columns = "flag[0]", delay_s = {round(late[0], 3)} }}' in finding.remedy
+    assert f'contact = {{ columns = "flag[0]", delay_s = {round(delay_s, 3)} }}' in finding.remedy
 
 
 @pytest.mark.slow  # 16 s of MuJoCo with contacts, and checks of a floating base

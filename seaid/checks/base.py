@@ -1,0 +1,286 @@
+"""Checks of the base of a legged robot: its sensors in a log, and their errors in a fit.
+
+Axes that are missing, frames and orders that contradict each other, and jumps of a pose are seen in
+the samples. If they are right, the contacts are looked at.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from seaid._arrays import Array, is_constant
+from seaid.checks.check import Observation, observed
+from seaid.checks.codes import (
+    BASE_BIAS,
+    BASE_FRAMES,
+    BASE_JUMPS,
+    BASE_SENSOR,
+    NO_TORQUE,
+    SENSOR_ZERO,
+    UNIDENTIFIABLE,
+)
+from seaid.checks.contacts import MOTION_CHECKS, FeetInMotion, unused_lifts
+from seaid.checks.tolerances import (
+    BASE_TURNS_RAD_S,
+    FRAMES_HZ,
+    MANY_TIMES,
+    NEGLIGIBLE,
+    PART,
+    RARE,
+)
+from seaid.errors import Finding, listed
+from seaid.log import (
+    CHANNELS,
+    BaseLog,
+    Log,
+    Motion,
+    base_jumps,
+    low_pass,
+    needed_columns,
+    quaternion_rates,
+    turned_to_world,
+)
+from seaid.robot import FloatingBase, Robot
+
+
+@dataclass(frozen=True, eq=False)
+class BaseRecord:
+    """The samples of a base at the times (T,) of a log, and the base that has the sensors."""
+
+    samples: BaseLog
+    time: Array
+    base: FloatingBase
+
+
+def _missing_axes(record: BaseRecord) -> Iterator[Finding]:
+    """Yield the axes of an IMU that are constant."""
+    for name in ("angular_velocity", "specific_force"):
+        values, needed = getattr(record.samples, name), needed_columns(record.base, name)
+        columns = zip("xyz", CHANNELS[name], () if values is None else values.T, strict=False)
+        for axis, whole_name, column in columns:
+            if whole_name in needed and is_constant(column):
+                yield BASE_SENSOR.finding(
+                    f"the {axis} axis of the {name.replace('_', ' ')} of the base is "
+                    f"{column[0]:.4g} all the time: it is missing",
+                    severity="wrong",
+                    evidence={"value": float(column[0])},
+                    remedy="log all three axes, or give orientation with velocity or position",
+                    certainty="certain",
+                )
+
+
+def _jumps(record: BaseRecord) -> Iterator[Finding]:
+    """Yield jumps of a pose, which were taken out."""
+    for name, (count, largest, first_s) in base_jumps(record.samples, record.time).items():
+        unit = {"position": " m", "velocity": " m/s"}.get(name, " rad")
+        yield BASE_JUMPS.finding(
+            f"the {name} of the base jumps {count} times, by up to {largest:.3g}{unit}, first at t "
+            f"= {first_s:.4g} s, as a state estimator does that corrects itself: the jumps were "
+            "taken out, and samples near them are not used",
+            severity="note",
+            evidence={"jumps": float(count), "largest": largest},
+            remedy="log the IMU, which does not jump",
+            certainty="certain",
+        )
+
+
+def _contradicting_frames(record: BaseRecord) -> Iterator[Finding]:
+    """Yield an order, a frame or a plane that the sensors of a base contradict."""
+    if record.base.imu_is_fixed:
+        yield from _against_gyroscope_or_gravity(record)
+        yield from _out_of_plane(record)
+
+
+def _against_gyroscope_or_gravity(record: BaseRecord) -> Iterator[Finding]:
+    """Yield an orientation that the angular velocity contradicts, or else gravity."""
+    samples, imu = record.samples, record.base.imu_placement[0]
+    if samples.orientation is None:
+        return
+    if samples.angular_velocity is not None:
+        turning = list(_turning(samples.orientation, samples.angular_velocity @ imu.T, record.time))
+        yield from turning
+        if turning:  # gravity in the axes of a wrong orientation says nothing more
+            return
+    if samples.specific_force is not None:
+        force = turned_to_world(samples.orientation, samples.specific_force @ imu.T).mean(axis=0)
+        if force[2] < -PART * np.linalg.norm(force):
+            yield BASE_FRAMES.finding(
+                "the specific force of the base points downwards: an accelerometer at rest "
+                "measures 9.81 m/s^2 upwards",
+                severity="wrong",
+                evidence={"mean upwards [m/s^2]": float(force[2])},
+                remedy=_described("specific_force", "-1"),
+            )
+
+
+def _out_of_plane(record: BaseRecord) -> Iterator[Finding]:
+    """Yield a planar base that turns about the axes in its plane."""
+    base, rates = record.base, record.samples.angular_velocity
+    if base.normal is None or rates is None:
+        return
+    w = rates @ base.imu_placement[0].T
+    inside = float(np.std(w @ np.array(base.normal)))
+    outside = float(np.linalg.norm(np.std(w @ (np.eye(3) - base.turning), 0)))
+    # a guide with play and an IMU that is mounted askew have a few hundredths
+    if outside > max(RARE * inside, BASE_TURNS_RAD_S):
+        yield BASE_FRAMES.finding(
+            f"the base turns with {outside:.2g} rad/s (rms) about the axes in its plane and with "
+            f"{inside:.2g} rad/s about the normal: it does not move in this plane",
+            severity="wrong",
+            evidence={"out of the plane [rad/s]": outside, "in the plane [rad/s]": inside},
+            remedy="load the robot with base='floating', or with the plane in which it moves",
+        )
+
+
+def _turning(orientation: Array, w: Array, time: Array) -> Iterator[Finding]:
+    """Yield the order, frame or unit that makes the gyroscope the change of the orientation."""
+    rate_hz = (len(time) - 1) / float(time[-1] - time[0])
+    band_hz = min(FRAMES_HZ, 0.4 * rate_hz)
+    w, orientation = (low_pass(x, rate_hz, band_hz) for x in (w, orientation))
+    change = quaternion_rates(orientation, time)
+    if float(np.std(change)) < BASE_TURNS_RAD_S:
+        return
+    w_in_base = turned_to_world(orientation, w, back=True)
+    readings = {
+        'angular_velocity is in the frame of the world: frame = "world"': (orientation, w_in_base),
+        'the quaternion is x, y, z, w: order = "xyzw"': (orientation[:, [3, 0, 1, 2]], w),
+        'the quaternion is w, x, y, z: order = "wxyz"': (orientation[:, [1, 2, 3, 0]], w),
+        "the quaternion turns from the world to the base: change the signs of x, y, z": (
+            orientation * [1, -1, -1, -1],
+            w,
+        ),
+    }
+    misfit = 1 - _correlation(change, w)
+    misfits = {
+        text: 1 - _correlation(quaternion_rates(turns, time), rates)
+        for text, (turns, rates) in readings.items()
+    }
+    best = min(misfits, key=misfits.__getitem__)
+    if misfit > NEGLIGIBLE and MANY_TIMES * misfits[best] < misfit:
+        text, remedy = f"the angular velocity contradicts the orientation: {best}", _BY_SAMPLES
+    elif misfit > PART:
+        text = "the angular velocity contradicts the orientation: order, frame, or times are others"
+        remedy = _BY_SAMPLES
+    elif abs(np.sum(change * w) / np.sum(w * w) / np.radians(1.0) - 1) < RARE:
+        text = "the angular velocity is in degrees per second"
+        remedy = _described("angular_velocity", "0.0174533")
+    else:
+        return
+    evidence = {"correlation": 1 - misfit}
+    yield BASE_FRAMES.finding(text, severity="wrong", evidence=evidence, remedy=remedy)
+
+
+_BY_SAMPLES = (
+    "name order and frame in [base] of the description of the log; seaid describe decides both by "
+    "the samples"
+)
+
+
+def _described(quantity: str, scale: str) -> str:
+    """Return a vector of the base with a scale, as TOML."""
+    columns = '["...", "...", "..."]'
+    return (
+        f"in the description of the log:\n[base]\n{quantity} = "
+        f"{{ columns = {columns}, scale = {scale} }}"
+    )
+
+
+def _correlation(x: Array, y: Array) -> float:
+    size = float(np.linalg.norm(x) * np.linalg.norm(y))
+    return float(np.sum(x * y)) / size if size > 0 else 0.0
+
+
+_RECORD_CHECKS = (
+    Observation(BASE_SENSOR, _missing_axes),
+    Observation(BASE_FRAMES, _contradicting_frames),
+    Observation(BASE_JUMPS, _jumps),
+)
+
+
+def base_findings(
+    robot: Robot, logs: Sequence[Log], motions: Sequence[Sequence[Motion]]
+) -> list[Finding]:
+    """Return what contradicts itself in the base and the contacts of logs, and their motions."""
+    base = robot.floating_base
+    if base is None:
+        return []
+    records = [BaseRecord(log.base, log.time, base) for log in logs if log.base is not None]
+    findings = [finding for one in records for finding in observed(_RECORD_CHECKS, one)]
+    if not any(finding.severity == "wrong" for finding in findings):
+        every = [motion for parts in motions for motion in parts]
+        for motion in every:
+            findings += observed(MOTION_CHECKS, FeetInMotion(robot, motion, logs))
+        lifts = Observation(UNIDENTIFIABLE, partial(unused_lifts, base))
+        findings += observed((lifts,), every)
+    return findings
+
+
+def missing_torques(robot: Robot, asked: Sequence[str], used: Collection[str]) -> list[Finding]:
+    """Return the note on joints of a floating base that are `asked` for and have no torque."""
+    missing = [joint for joint in asked if joint not in used]
+    if robot.floating_base is None or not missing:
+        return []
+    consequence = "the equations of the base alone are used"
+    if used:
+        consequence = "their equations are not used, and what moves by them is less certain"
+    note = NO_TORQUE.finding(
+        f"the log has no torque of {listed(missing)}: {consequence}",
+        missing[0] if len(missing) == 1 else "",
+        "note",
+        {"joints": float(len(missing))},
+        "describe the torque of these joints, or name the others with torque_joints=",
+        "certain",
+    )
+    return [note]
+
+
+def sensor_errors(
+    places: Sequence[tuple[str, int]],
+    values: Array,
+    errors: Array,
+    hidden: Sequence[tuple[str, int]],
+    imu: Array | None,
+) -> Iterator[Finding]:
+    """Yield notes on errors of sensors that were identified with the bodies and subtracted.
+
+    `places` are their axes, (link of a force sensor, axis), with the link "" for the accelerometer,
+    whose errors are in the frame of the base; `imu` (3, 3) turns from its own frame. `values` have
+    standard `errors`; the logs do not determine `hidden` axes.
+    """
+    bias, error = np.zeros(3), 0.0
+    zeros: dict[str, tuple[float, float]] = {}
+    for (link, axis), value, std in zip(places, values.tolist(), errors.tolist(), strict=True):
+        if link:
+            zeros[f"{_axis_of(link, axis)} [{('N', 'N m')[axis // 3]}]"] = value, std
+        else:
+            bias[axis], error = value, max(error, std)
+    if error and imu is not None:
+        bias = bias @ imu
+        yield BASE_BIAS.finding(
+            f"the accelerometer has a bias of {', '.join(f'{x:.2g}' for x in bias)} m/s^2 (x, y, "
+            f"z, standard error {error:.1g}): it was identified with the bodies and subtracted",
+            severity="note",
+            evidence={f"{axis} [m/s^2]": float(x) for axis, x in zip("xyz", bias, strict=True)},
+            remedy="calibrate the accelerometer in several orientations, or let the base tilt "
+            "more: the bodies are less certain by the error of the bias",
+        )
+    if zeros:
+        texts = [f"{name} {value:.3g} +- {std:.1g}" for name, (value, std) in zeros.items()]
+        unknown = f"; not determined: {listed(_axis_of(*at) for at in hidden)}" if hidden else ""
+        yield SENSOR_ZERO.finding(
+            f"force sensors have zeros of {', '.join(texts)}: they were identified with the bodies "
+            f"and subtracted{unknown}",
+            next(link for link, _ in places if link),
+            "note",
+            {name: value for name, (value, _) in zeros.items()},
+            "set the sensors to zero with the feet in the air: the bodies are less certain by the "
+            "errors of the zeros",
+        )
+
+
+def _axis_of(link: str, axis: int) -> str:
+    return f"{('force', 'moment')[axis // 3]} {'xyz'[axis % 3]} of {link}"

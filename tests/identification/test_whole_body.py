@@ -1,0 +1,86 @@
+"""Mass and centre of mass of a whole legged robot, and contacts that are found from torques."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import seaid
+from seaid.errors import IdentificationError, LogError
+from seaid.identification import whole_body
+from tests.checks.test_legged import flags, walked
+from tests.identification.test_floating_base import STANDING, found_standing, go2
+
+
+@pytest.mark.slow  # 16 s of MuJoCo with contacts, and checks of a floating base
+def test_contacts_are_found_from_torques_with_bodies_that_are_not_exact() -> None:
+    rng, base = np.random.default_rng(2), walked().base
+    assert base is not None
+    wrong = np.repeat(rng.uniform(0.8, 1.2, len(go2().body_names)), 10)
+    robot = go2().with_values(go2().parameters * wrong, go2().drives)
+    log = replace(walked(), base=replace(base, contacts={}))
+    with pytest.raises(LogError, match="or find it from torques and motion"):
+        seaid.reconstruct_motion(robot, log)
+    done = seaid.find_contacts(robot, log)
+    assert done.log.base is not None
+    for foot, flag in flags().items():
+        own = done.log.base.contacts[foot] > 0.5
+        assert np.mean(own == (flag > 0.5)) > 0.98
+        assert done.certainty[foot] > 0.95
+    assert "FL_foot 9" in repr(done)
+    said = [str(one) for one in done.log.report if one.kind == "samples of unclear load"]
+    assert [one.partition(":")[0] for one in said] == [f"{foot}.contact" for foot in flags()]
+    clear = done.certainty["FL_foot"]
+    assert said[0].endswith(f"found from torques and motion, {clear:.1%} of the samples are clear")
+    half = replace(log, base=replace(base, contacts={"FL_foot": flags()["FL_foot"]}))
+    assert "FL_foot" not in seaid.find_contacts(robot, half).certainty
+    held = seaid.load_robot("go2")
+    silent = replace(log, motor_torque=np.full_like(log.motor_torque, np.nan))
+    for one, given, message in (
+        (held, log, "needs a robot with a floating base and contacts="),
+        (robot.without_nominal(), log, "the inertial parameters of the robot file"),
+        (robot, silent, "needs the torque of each joint"),
+    ):
+        with pytest.raises(IdentificationError, match=message):
+            seaid.find_contacts(one, given)
+
+
+@pytest.mark.slow  # 16 s of MuJoCo with contacts, and checks of a floating base
+def test_mass_and_center_of_the_whole_robot_have_values_only_where_determined() -> None:
+    identified = found_standing()
+    values = {one.name: one for one in whole_body(identified)}
+    assert len(values) == 8
+    # four feet that always stand hide a mass at each of them
+    assert not any(one.is_determined for one in values.values())
+    assert "not determined" in str(identified.summary())
+
+
+@pytest.mark.slow  # 16 s of MuJoCo with contacts, and checks of a floating base
+def test_mass_and_center_of_a_walking_robot_have_their_errors() -> None:
+    robot = STANDING
+    rng = np.random.default_rng(5)
+    grouping = seaid.base_parameters(robot, stances=[[]])
+    covariance = np.diag(rng.uniform(1e-6, 1e-4, len(grouping.columns)))
+    estimate = replace(
+        found_standing().load,
+        names=grouping.expressions,
+        values=grouping.project(robot.parameters),
+        units=("1",) * len(grouping.columns),
+        covariance=covariance,
+        white_standard_errors=None,
+        degrees_of_freedom=None,
+    )
+    identified = replace(found_standing(), base=grouping, load=estimate, motions=())
+    values = [one.value for one in whole_body(identified)]
+    bodies = robot.parameters.reshape(-1, 10)
+    assert values[0] == pytest.approx(bodies[:, 0].sum())
+    assert np.all(np.isnan(values[4:]))  # the base shares its mass with the hips
+    draws = rng.multivariate_normal(estimate.values, covariance, 4000)
+    spread = [
+        [one.value for one in whole_body(replace(identified, load=replace(estimate, values=x)))][:4]
+        for x in draws[:400]
+    ]
+    errors = [one.standard_error for one in whole_body(identified)][:4]
+    np.testing.assert_allclose(np.std(spread, axis=0), errors, rtol=0.12)
