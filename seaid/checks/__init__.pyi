@@ -28,6 +28,7 @@ from .feet import LoadedFeet as LoadedFeet
 from .feet import force_findings as force_findings
 from .feet import mass_findings as mass_findings
 from .model import LEAST_DELAY_S as LEAST_DELAY_S
+from .model import Side as Side
 from .model import SideSelection as SideSelection
 from .model import backlash as backlash
 from .model import included_term as included_term

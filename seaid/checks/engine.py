@@ -339,10 +339,14 @@ class Equation:
         return float(np.sum(squares[rows])) / max(float(np.sum(squares)), 1e-300)
 
     def least(self, rows: BoolArray) -> float:
-        """Return the squares that a candidate at some rows has to explain to be tested at all."""
-        torque = float(np.std(self.rows.y[rows]) * np.linalg.norm(self.weight[rows]))
+        """Return the squares that a candidate at some rows has to explain to be tested at all.
+
+        That is a part of their residual, and of the torque of some joint.
+        """
+        own = [rows & (self.rows.joint == joint) for joint in np.unique(self.rows.joint[rows])]
+        torques = [float(np.std(self.rows.y[x]) * np.linalg.norm(self.weight[x])) for x in own]
         squares = PROMISING * float(np.sum(self.residual[rows] ** 2))
-        return max(squares, (LEAST_TORQUE * torque) ** 2)
+        return max(squares, (LEAST_TORQUE * min(torques, default=0.0)) ** 2)
 
     def with_alternative(self, alternative: Alternative) -> Equation:
         """Return the equation with the columns of an alternative, zero where it replaces others."""
@@ -429,7 +433,7 @@ def compared_candidates(
     for (place, point), comparison, part in zip(points, compared, parts, strict=True):
         before = best[place].comparison
         if before is None or comparison.explained > before.explained:
-            values, share = FrozenMapping(point.values), comparison.explained / part
+            values, share = FrozenMapping(point.values), comparison.explained / max(part, 1e-300)
             best[place] = Trial(candidates[place], comparison, values, point.alternative, share)
     return best
 

@@ -16,7 +16,14 @@ import numpy as np
 from seaid._arrays import Array, white_noise
 from seaid._files import toml_table
 from seaid.checks.check import Code
-from seaid.checks.codes import BACKLASH, DELAY, MISSING_TERM, NONLINEAR_SPRING, TRANSMISSION_ERROR
+from seaid.checks.codes import (
+    BACKLASH,
+    DELAY,
+    ENCODER_OFFSET,
+    MISSING_TERM,
+    NONLINEAR_SPRING,
+    TRANSMISSION_ERROR,
+)
 from seaid.checks.engine import (
     Accepted,
     Alternative,
@@ -44,8 +51,8 @@ from seaid.checks.terms import (
 from seaid.drives import Drive, unit_of
 from seaid.errors import Finding
 from seaid.estimation import FittedRows
-from seaid.log import Log, Motion, changed_source, still_speed
-from seaid.regressor import motor_regressor
+from seaid.log import Log, Motion, changed_source, in_band_at, still_speed
+from seaid.regressor import BaseParameters, motor_regressor, regressor_at_drives
 from seaid.robot import Robot
 
 
@@ -54,7 +61,8 @@ class Side:
     """An equation of the fit: (7) of an elastic joint, or the load side (8).
 
     `joints` are those whose drives are in its rows, `widths` {joint: width of Coulomb friction}
-    those that the encoders resolve, `gears` the joints whose gear was measured.
+    those that the encoders resolve, `gears` the joints whose gear was measured, `base` the
+    base parameters of the load side.
     """
 
     robot: Robot
@@ -64,6 +72,7 @@ class Side:
     is_motor: bool
     widths: Mapping[str, float]
     gears: frozenset[str] = frozenset()
+    base: BaseParameters | None = None
 
     @cached_property
     def equation(self) -> Equation:
@@ -124,6 +133,8 @@ _MULTIPLES = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
 
 def _friction(side: Side, joint: str) -> list[Candidate]:
     drive = side.robot.drives[joint]
+    if drive.is_elastic and not side.is_motor:
+        return []
     found = _terms(side, joint, "friction", _ELASTIC if drive.is_elastic else _STIFF)
     if drive.controller is None or drive.is_elastic:
         return found
@@ -198,7 +209,7 @@ def _harmonic(
 def _late_torque(side: Side, joint: str) -> Iterator[Candidate]:
     """Yield the slope of the motor torque: one late by d is tau - d tau' to first order."""
     drive = side.robot.drives[joint]
-    if drive.motor_input != "torque":
+    if drive.motor_input != "torque" or (drive.is_elastic and not side.is_motor):
         return
     index = side.robot.index(joint)
     if all(np.all(np.isfinite(one.motor_torque[:, index])) for one in side.motions):
@@ -232,6 +243,99 @@ def _slope(side: Side, joint: str, of_few: bool) -> list[Point]:
 
 _WIDTH = 0.1
 """Speed over the largest one at which friction may have another shape than that of the drive."""
+
+
+def _zeros(side: Side, joint: str) -> Iterator[Candidate]:
+    """Yield the torque that the fitted bodies have more where the zero of an encoder is off.
+
+    The motors of springs move along, because the spring offset absorbs a constant deflection.
+    """
+    if side.is_motor or side.base is None or side.robot.floating_base is not None:
+        return
+    if not side.robot.is_prismatic[side.robot.index(joint)]:
+        yield Candidate(joint, "offset", "joint_position", partial(_turned, side, joint))
+
+
+_STEP_RAD = 1e-4
+"""Step of the difference quotient by a joint angle."""
+
+
+def _turned(side: Side, joint: str, of_few: bool) -> list[Point]:
+    """Return the derivative (R, 1) of the load's torque by the angle of a joint."""
+    del of_few  # the rows alone are computed
+    assert side.base is not None
+    fitted = side.equation.values[: len(side.base.grouping)]
+    bodies = side.base.least(fitted) + side.robot.known_parameters
+    half = 0.5 * _STEP_RAD
+    ahead, behind = (_bodies_turned(side, joint, x) @ bodies for x in (half, -half))
+    return [Point({}, Alternative((ahead - behind)[:, None] / _STEP_RAD, 1))]
+
+
+def _bodies_turned(side: Side, joint: str, angle: float) -> Array:
+    """Return the columns (R, 10N) of the bodies at the rows, with an angle added to a joint."""
+    rows, turn = side.equation.rows, np.zeros(side.robot.n)
+    turn[side.robot.index(joint)] = angle
+    found = np.zeros((len(rows.y), 10 * len(side.robot.body_names)))
+    for run, motion in enumerate(side.motions):
+        own = np.flatnonzero(rows.run == run)
+        times, instants = np.unique(rows.time[own], return_inverse=True)
+        samples = np.searchsorted(motion.time, times)
+        q, *rates = (in_band_at(motion, state, samples) for state in motion.joint_states)
+        regressor = regressor_at_drives(side.robot, q + turn, *rates)
+        found[own] = regressor[instants, rows.joint[own].astype(int)]
+    return found
+
+
+_MOST_STEPS = 8
+"""Steps of the search of an offset, which is far below a radian."""
+
+
+def _searched_zero(side: Side, joint: str) -> tuple[float, float]:
+    """Return the angle to be added to a joint, and its standard error, next to any bodies.
+
+    Gauss and Newton's steps: the bodies were fitted at the wrong zero, and change with it.
+    """
+    assert side.base is not None
+    rows, weights, angle = side.equation.rows, side.equation.weights, 0.0
+    count, given = len(side.base.grouping), _bodies_turned(side, joint, 0.0)
+    least, known = side.base.least(np.eye(count)), side.robot.known_parameters
+    for _ in range(_MOST_STEPS):
+        change = _bodies_turned(side, joint, angle) - given
+        H, y = rows.H.copy(), rows.y - change @ known
+        H[:, :count] += change @ least
+        current = Equation(replace(rows, H=H, y=y), weights)
+        bodies = least @ current.values[:count] + known
+        half = 0.5 * _STEP_RAD
+        ahead, behind = (_bodies_turned(side, joint, angle + x) @ bodies for x in (half, -half))
+        column = Alternative((ahead - behind)[:, None] / _STEP_RAD, 1)
+        trial = Trial(Candidate(joint, "offset", "", lambda _: ()), None, alternative=column)
+        (found,) = accepted_with_errors(current.with_alternative(column), [trial])
+        step, error = float(found.coefficients[0]), float(found.errors[0])
+        angle += step
+        if abs(step) < 0.1 * error:
+            break
+    return angle, error
+
+
+def _zero_is_off(side: Side, joint: str, accepted: Sequence[Accepted], share: float) -> Finding:
+    """Return the finding of a joint whose zero is not that of the robot file."""
+    offset, error = _searched_zero(side, joint)
+    processing = side.motions[0].processing
+    sources = ((processing and processing.sources) or {})[joint]
+    lever = side.robot.drives[joint].ratio if side.robot.drives[joint].is_elastic else 1.0
+    lines = [
+        f"{name} = {changed_source(sources[name], offset=round(factor * offset, 5))}"
+        for name, factor in (("joint_position", 1.0), ("motor_position", lever))
+        if name in sources
+    ]
+    return ENCODER_OFFSET.finding(
+        f"the zero of {joint} is {np.degrees(offset):.2f} +- {np.degrees(error):.2f} degrees from "
+        f"that of the robot file: that explains {share:.0%} of the squared residual of its torque",
+        joint,
+        "doubtful",
+        {"offset [rad]": offset, "standard error [rad]": error, "explained": share},
+        "\n".join(["in the description of the log:", toml_table("joints", joint), *lines]),
+    )
 
 
 def _missing_terms(side: Side, joint: str, accepted: Sequence[Accepted], share: float) -> Finding:
@@ -348,6 +452,7 @@ COLUMN_CHECKS = (
     ColumnCheck(NONLINEAR_SPRING, _spring_laws, _missing_terms),
     ColumnCheck(TRANSMISSION_ERROR, _orders, _periodic),
     ColumnCheck(DELAY, _late_torque, _late),
+    ColumnCheck(ENCODER_OFFSET, _zeros, _zero_is_off),
 )
 """The checks of an equation, in the order in which their findings are listed."""
 
@@ -427,27 +532,26 @@ def model_sides(
     fits: tuple[Mapping[str, FittedRows], FittedRows],
     widths: Mapping[str, float],
     gears: Iterable[str] = (),
+    base: BaseParameters | None = None,
 ) -> list[Side]:
     """Return the equations of `fits` that are checked: (7) of elastic joints, and the load side.
 
     `widths` {joint: width of Coulomb friction} are those that the encoders resolve, `gears` the
-    joints whose gear was measured. Rows that are not in memory are not checked, nor those of robust
-    estimators, which lack some instants.
+    joints whose gear was measured, `base` the base parameters of the load side. Rows that are
+    not in memory are not checked, nor those of robust estimators, which lack some instants.
     """
     actuators, load = fits
     rows = load.rows
     if rows is None or not motions:
         return []
-    stiff = tuple(
-        joint
-        for place, joint in enumerate(robot.joint_names)
-        if joint not in robot.elastic_joints and np.any(rows.joint == place)
+    loads = tuple(
+        joint for place, joint in enumerate(robot.joint_names) if np.any(rows.joint == place)
     )
     given = widths, frozenset(gears)
     sides = [
         Side(robot, motions, fitted, (joint,), True, *given) for joint, fitted in actuators.items()
     ]
-    sides += [Side(robot, motions, load, stiff, False, *given)] if stiff else []
+    sides += [Side(robot, motions, load, loads, False, *given, base)] if loads else []
     return [
         side
         for side in sides

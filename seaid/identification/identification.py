@@ -19,6 +19,7 @@ from seaid._progress import Result, counted
 from seaid.checks import (
     FEET_CHECKS,
     JointFit,
+    Side,
     Verdict,
     base_findings,
     consequences,
@@ -453,17 +454,14 @@ def _identify(
         whole = [one for one in datasets if isinstance(one, Motion)]
         whole = whole if len(whole) == len(datasets) else []
         widths = resolved_widths(robot, logs_in_memory, whole)
-        gears = deflection_joints(robot, datasets)
-        lacking = selections(model_sides(robot, whole, (found.actuators, found.fit), widths, gears))
+        lacking = selections(_sides(robot, whole, model, found, widths))
         for _ in range(MOST_ROUNDS):
             robot, given, notes = with_default_terms(robot, given, lacking)
             if not notes:
                 break
             findings += notes
             model, found = _two_step(robot, datasets, used, options, bias)
-            lacking = selections(
-                model_sides(robot, whole, (found.actuators, found.fit), widths, gears)
-            )
+            lacking = selections(_sides(robot, whole, model, found, widths))
     findings += consequences(findings, model_findings(lacking, findings))
     found = _continued(robot, datasets, model, found, (method, estimator), options)
 
@@ -498,6 +496,18 @@ def _identify(
         setup=setup,
         nominal=given,
     )
+
+
+def _sides(
+    robot: Robot,
+    motions: Sequence[Motion],
+    model: LoadModel,
+    found: RobotEstimate,
+    widths: Mapping[str, float],
+) -> list[Side]:
+    """Return the equations of an estimate that are checked, none of logs that are not in memory."""
+    gears = deflection_joints(robot, motions)
+    return model_sides(robot, motions, (found.actuators, found.fit), widths, gears, model.base)
 
 
 _MOST_STEPS = 60

@@ -327,3 +327,61 @@ def test_screening_excludes_no_term_that_a_comparison_supports(
 
 def cubic() -> Array:
     return spring_part("hip_pitch", 3, 0.3)
+
+
+def with_zero(robot: Robot, log: Log, joint: str, offset: float) -> Log:
+    """Return the log of a joint whose encoders were set to zero at another angle [rad]."""
+    index, drive = robot.index(joint), robot.drives[joint]
+    positions, motors = log.joint_position.copy(), log.motor_position.copy()
+    positions[:, index] += offset
+    motors[:, index] += offset * drive.ratio * drive.load_radius / drive.motor_radius
+    return replace(log, joint_position=positions, motor_position=motors)
+
+
+@pytest.mark.parametrize("offset", [0.02, 0.15])
+@pytest.mark.parametrize("joint", ["hip_roll", "hip_pitch", "knee_pitch", "shoulder"])
+def test_a_zero_that_is_off_is_named_with_its_angle(joint: str, offset: float) -> None:
+    """Next to any bodies: a joint about the vertical, or at the end, does not show its zero."""
+    is_arm = joint == "shoulder"
+    robot = arm().without_nominal() if is_arm else leg(TEST_MASS).without_nominal()
+    right = arm_log(0) if is_arm else leg_log(1)
+    assert "encoder-offset" not in {one.code for one in identify(robot, right).warnings}
+    found = identify(robot, with_zero(robot, right, joint, offset)).warnings
+    (finding,) = (one for one in found if one.code == "encoder-offset")
+    assert (finding.joint, finding.severity) == (joint, "doubtful")
+    error = finding.evidence["standard error [rad]"]
+    assert abs(finding.evidence["offset [rad]"] + offset) < 3.3 * error < 0.02
+
+
+def test_the_line_of_a_zero_repairs_the_log() -> None:
+    robot, right = leg(TEST_MASS).without_nominal(), leg_log(1)
+    found = identify(robot, with_zero(robot, right, "hip_pitch", 0.05)).warnings
+    (finding,) = (one for one in found if one.code == "encoder-offset")
+    table = tomllib.loads(finding.remedy.partition("\n")[2])["joints"]["hip_pitch"]
+    ratio = robot.drives["hip_pitch"].ratio
+    assert table["joint_position"]["offset"] == pytest.approx(-0.05, abs=0.01)
+    assert table["motor_position"]["offset"] == pytest.approx(
+        ratio * table["joint_position"]["offset"], rel=1e-3
+    )
+
+
+def late(log: Log, delay_s: float) -> Log:
+    """Return the log with motor torques that show the state a delay before."""
+    torque = np.column_stack(
+        [np.interp(log.time - delay_s, log.time, column) for column in log.motor_torque.T]
+    )
+    return replace(log, motor_torque=torque)
+
+
+@pytest.mark.parametrize(
+    "make", [lambda: (leg(TEST_MASS), leg_log(3)), lambda: (arm(), arm_log(3))]
+)
+def test_torques_that_are_all_late_are_one_finding(make: Callable[[], tuple[Robot, Log]]) -> None:
+    robot, right = make()
+    robot = robot.without_nominal()
+    for result in (seaid.check, identify):
+        assert "delay" not in {one.code for one in result(robot, right).warnings}
+        found = [x for x in result(robot, late(right, 0.004)).warnings if x.code == "delay"]
+        (finding,) = found
+        assert finding.joint == ""
+        assert finding.evidence["delay [s]"] == pytest.approx(0.004, abs=0.001)
