@@ -140,7 +140,7 @@ ONE_IMPORTER = {
     ),
     "one step of a long way, which would make its importer longer than 400 lines": (
         *("excitation.run_in", "excitation.search"),
-        *("checks.base", "checks.bodies", "checks.setup"),
+        *("checks.base", "checks.bodies"),
         *("identification.command_refinement", "identification.sensitivity"),
         "identification.consistency_program",
         "identification.known_constants",

@@ -44,6 +44,7 @@ from seaid.checks.experiment import (
 )
 from seaid.checks.tolerances import (
     BEYOND_RAD,
+    EVENTS,
     FAR,
     FEW,
     HELD_S,
@@ -54,7 +55,6 @@ from seaid.checks.tolerances import (
     MOST,
     NEGLIGIBLE,
     POOR,
-    RETURNS,
     SIGNIFICANT,
     SLIGHT,
     SURE,
@@ -395,7 +395,7 @@ def _is_magnitude(torque: Array) -> bool:
         return False
     near, away = np.abs(torque) <= SLIGHT * size, np.abs(torque) > POOR * size
     levels = near[near | away]
-    return int(np.count_nonzero(levels[1:] & ~levels[:-1])) >= RETURNS
+    return int(np.count_nonzero(levels[1:] & ~levels[:-1])) >= EVENTS
 
 
 def _is_folded(error: Array, torque: Array) -> bool:

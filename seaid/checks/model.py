@@ -48,6 +48,7 @@ from seaid.checks.terms import (
     toml_of,
     with_term,
 )
+from seaid.checks.tolerances import LEAST_DELAY_S
 from seaid.drives import Drive, unit_of
 from seaid.errors import Finding
 from seaid.estimation import FittedRows
@@ -440,10 +441,6 @@ def late_torques(
         {"delay [s]": delay, "standard error [s]": error, **evidence},
         "\n".join(lines),
     )
-
-
-LEAST_DELAY_S = 0.0015
-"""Delay [s] below which neither filters nor friction that a model lacks can be excluded."""
 
 
 COLUMN_CHECKS = (

@@ -4,12 +4,15 @@
 A transform undoes one of them. The one that explains far more than the set-up as given is a
 finding, and all others are tested again without that mistake (forward selection): two mistakes are
 found in turn, and the echoes of the first one vanish.
+
+`log_findings` and `setup_findings` are all that is found before a fit: in the logs alone, and in
+their motion.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import combinations
@@ -27,16 +30,35 @@ from seaid.checks.bodies import (
     payloads,
     penalty_of,
 )
-from seaid.checks.check import Code
+from seaid.checks.channels import (
+    HELD,
+    OF_LOGS,
+    Logged,
+    decided_delays,
+    limit_findings,
+    offset_findings,
+)
+from seaid.checks.check import Code, Observation, observed
 from seaid.checks.codes import (
+    CONTACT,
     GEAR_RATIO,
+    MISSING_DRIVES,
+    NO_MEASUREMENT,
     NOMINAL_VALUES,
     ROTOR_INERTIA,
+    SATURATION,
     SIGN,
     SWAPPED_JOINTS,
     TIME_UNIT,
     TORQUE_SCALE,
     UNIT,
+)
+from seaid.checks.commands import (
+    command_findings,
+    gain_findings,
+    hidden_limits,
+    no_measurements,
+    pose_findings,
 )
 from seaid.checks.experiment import (
     FALLS,
@@ -50,7 +72,8 @@ from seaid.checks.experiment import (
 )
 from seaid.errors import Certainty, Finding, Severity
 from seaid.estimation import scaled_svd
-from seaid.log import changed_source
+from seaid.log import Log, changed_source
+from seaid.robot import Robot
 
 _MOST_MISTAKES = 5
 """Mistakes that are looked for one after the other."""
@@ -653,3 +676,61 @@ MISTAKES = (
     Mistake(_exchanges, (*_SEVERE, _has_own_channels)),
 )
 """What can be wrong with a set-up, and what each needs."""
+
+
+def log_findings(
+    robot: Robot, logs: Sequence[Log], torque_joints: Collection[str] | None = None
+) -> list[Finding]:
+    """Return the findings that need no motion: the unit of time, drives, saturated torques.
+
+    Those of torques and commands are of the `torque_joints`, by default of all.
+    """
+    used = robot.joint_names if torque_joints is None else torque_joints
+    return observed((*OF_LOGS, Observation(NO_MEASUREMENT, _unmeasured)), Logged(robot, logs, used))
+
+
+def _unmeasured(logged: Logged) -> Iterator[Finding]:
+    """Yield what is wrong with torques and commands, see `commands`."""
+    for _, log in logged.numbered:
+        findings = (*no_measurements(logged.robot, log), *command_findings(logged.robot, log))
+        yield from (finding for finding in findings if finding.joint in logged.used)
+
+
+def setup_findings(experiment: Experiment, known: Sequence[Finding]) -> list[Finding]:
+    """Return the `known` findings and the mistakes of the set-up, unless those explain the torques.
+
+    Torques beyond their limits are no finding of joints whose gains are in another unit, or whose
+    limit is another one.
+    """
+    known = [finding for finding in known if HELD not in finding.evidence] + [
+        *decided_delays(experiment, known)
+    ]
+    findings = [*known, *_of_motion(experiment, known)]
+    joints = {joint for finding in findings for joint in finding.joints}
+    return [
+        finding
+        for finding in findings
+        if finding.code != SATURATION.name or finding.joints or finding.joint not in joints
+    ]
+
+
+def _of_motion(experiment: Experiment, known: Sequence[Finding]) -> list[Finding]:
+    """Return the mistakes of the set-up that the motion shows, next to `known` findings."""
+    if {TIME_UNIT.name, MISSING_DRIVES.name} & {finding.code for finding in known}:
+        return []  # the torques show no other mistake
+    offsets = list(offset_findings(experiment))
+    if offsets:
+        return offsets
+    if experiment.robot.has_controllers:
+        # the channels of a torque are not there, and an unknown armature looks like another mistake
+        if any(finding.severity == "wrong" for finding in known):
+            return []
+        limited = list(hidden_limits(experiment))
+        if limited:  # which looks like gains in another unit, or another zero
+            return limited
+        stopped = {finding.joint for finding in known if finding.code == CONTACT.name}
+        gains, without = gain_findings(experiment)
+        findings = [*gains, *limit_findings(without), *pose_findings(without)]
+        return [finding for finding in findings if finding.joint not in stopped]
+    findings, _ = mistakes(experiment)
+    return findings or list(limit_findings(experiment))

@@ -74,8 +74,8 @@ HELD_S = 0.25
 LEVELS = 50
 """Least number of different values of a channel whose extremes and zeros mean something."""
 
-RETURNS = 8
-"""Least number of events that noise does not make: a signed torque is below zero after half of
+EVENTS = 8
+"""Least number of events that chance does not make: a signed torque is below zero after half of
 its returns to it, so that none of eight is has a probability of 1/256."""
 
 BEYOND_RAD = 0.17
@@ -108,3 +108,15 @@ LENGTH_M = 0.001
 JUDGED_INSTANTS, JUDGED_PARTS, MOST_LEGS = 500, 20, 4
 """Instants at which orders of legs are compared, the parts of the time in which one has to be the
 better one, and the legs whose orders are all tried."""
+
+SLOWEST_HZ, FASTEST_HZ = 8.0, 3e4
+"""Sampling rates of logs of motion lie between; in their middle, of the logarithm, are 500 Hz."""
+
+LEAST_SWING = 0.03
+"""Motion [rad or m] of every joint below which a robot hardly moves."""
+
+LARGEST_DEFLECTION_RAD = 0.5
+"""Motion of a motor at the joint that may be the deflection of a spring."""
+
+LEAST_OFFSET = 2e-3
+"""Difference [rad or m] of the encoder offsets of a joint without a spring that matters."""

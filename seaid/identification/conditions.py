@@ -22,7 +22,9 @@ from seaid.checks import (
     consequences,
     experiment_of,
     fit_findings,
+    log_findings,
     robot_fit,
+    setup_findings,
 )
 from seaid.drives import PARAMETERS, JointParameter
 from seaid.errors import Finding, IdentificationError, checked, listed, shown, unknown_name
@@ -38,7 +40,7 @@ from seaid.estimation import (
     settled_weights,
     term_test,
 )
-from seaid.identification.checking import joint_checks, log_findings, with_setup_findings
+from seaid.identification.checking import joint_checks
 from seaid.identification.command_delays import (
     MOST_DELAY_ROUNDS,
     with_estimated_delays,
@@ -589,7 +591,7 @@ def _identify_conditions(
     }
     setup = _with_those_of_others(
         {
-            name: with_setup_findings(given, log_findings(robots[name], _in_memory(logs)))
+            name: setup_findings(given, log_findings(robots[name], _in_memory(logs)))
             for (name, given), (_, logs) in zip(
                 experiments.items(), conditions.values(), strict=True
             )

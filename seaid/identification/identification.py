@@ -24,10 +24,13 @@ from seaid.checks import (
     base_findings,
     consequences,
     delay_estimate_findings,
+    excluded_findings,
     experiment_of,
     explained,
     fit_findings,
     is_wrong,
+    locked_outputs,
+    log_findings,
     mass_findings,
     missing_torques,
     model_findings,
@@ -37,6 +40,8 @@ from seaid.checks import (
     robot_fit,
     selections,
     sensor_errors,
+    setup_findings,
+    standstill_findings,
     unused_findings,
     verdict_of,
     with_torques_of,
@@ -56,10 +61,7 @@ from seaid.identification.checking import (
     JointCheck,
     check_channels,
     joint_checks,
-    locked_outputs,
-    log_findings,
     standing_joints,
-    with_setup_findings,
     without_locked_loads,
     without_standing,
 )
@@ -229,8 +231,9 @@ class Identification(Result):
     def warnings(self) -> tuple[Finding, ...]:
         """Findings about the experiment, the data and the values, the worst first."""
         feasible = () if self.feasible is None else (self.feasible,)
-        parts = (*self.drives.values(), self.load, *feasible, *self.processing)
+        parts = (*self.drives.values(), self.load, *feasible)
         own = [warning for one in parts for warning in one.warnings]
+        own += excluded_findings(self.processing)
         unused = unused_findings(self.known, self.drives, self.model.torque_joints, self.motions)
         of_fit = [*own, *unused, *gear_findings(self)]
         every = [*self.findings, *consequences(self.findings, of_fit)]
@@ -430,15 +433,15 @@ def _identify(
         moving = {*selected, *robot.elastic_joints} - {*standing}
         experiment = with_torques_of(experiment_of(robot, moved), moving)
         findings += base_findings(robot, logs_in_memory, moved)
-        findings[:] = with_setup_findings(experiment, findings)  # the list that `explained` has
+        findings[:] = setup_findings(experiment, findings)  # the list that `explained` has
         used = joints_with_torque(robot, datasets) if torque_joints is None else selected
         findings += missing_torques(robot, selected, used)
         check_forces(datasets, used)
         check_scale_of_locked(robot, datasets, locked)
         robot, used = without_locked_loads(robot, used, locked)
         declared = robot
-        robot, used, still = without_standing(robot, used, standing)
-        findings += still
+        robot, used, stopped = without_standing(robot, used, standing)
+        findings += standstill_findings(stopped, standing)
         robot = with_rigid_gears(robot, deflection_joints(robot, datasets))
         given = robot
         if not is_linear(robot, used):

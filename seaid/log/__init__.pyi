@@ -66,6 +66,7 @@ from .repair.channels import on_time as on_time
 from .repair.data import FOUND_CONTACT as FOUND_CONTACT
 from .repair.data import Repair as Repair
 from .repair.data import Repairs as Repairs
+from .usable_parts import REST as REST
 from .usable_parts import check_whole as check_whole
 from .usable_parts import stretches as stretches
 from .usable_parts import usable as usable

@@ -12,7 +12,7 @@ import numpy as np
 from seaid._arrays import Array, BoolArray
 from seaid._progress import Display, sampled_text
 from seaid.drives import DEAD_ZONES, is_dry
-from seaid.errors import Finding, LogError, checked
+from seaid.errors import LogError, checked
 from seaid.log.base_log import BaseLog, BaseMotion, base_motion
 from seaid.log.commands import commanded_torque, is_commanded
 from seaid.log.filtering import (
@@ -39,10 +39,6 @@ if TYPE_CHECKING:
 def has_holes(processing: Sequence[Processing]) -> bool:
     """Return whether a log has holes in time, so that its stretches were processed separately."""
     return any(repair.kind == HOLES for one in processing for repair in one.repairs)
-
-
-_CODES = {HOLES: "holes", FROZEN: "holes", REST: "standstill"}
-"""{kind of a repair that excludes samples: code of its finding}."""
 
 
 @dataclass(frozen=True)
@@ -77,13 +73,9 @@ class Processing:
     sources: Mapping[str, Mapping[str, Any]] | None = None
 
     @property
-    def warnings(self) -> tuple[Finding, ...]:
+    def excluded(self) -> tuple[Repair, ...]:
         """The excluded samples: rest at the ends, frozen channels, holes in time."""
-        return tuple(
-            Finding(_CODES[repair.kind], str(repair), severity="note", certainty="certain")
-            for repair in self.repairs
-            if repair.kind in _CODES
-        )
+        return tuple(one for one in self.repairs if one.kind in (HOLES, FROZEN, REST))
 
     def __str__(self) -> str:
         grid = f"{self.rate_hz:.4g} Hz"
@@ -92,11 +84,9 @@ class Processing:
         low_pass = f"positions below {self.position_low_pass_hz:.3g} Hz"
         if self.position_low_pass_hz >= 0.4 * self.rate_hz:
             low_pass = "positions unfiltered"
-        faults = sum(repair.kind not in _CODES for repair in self.repairs)
+        faults = len(self.repairs) - len(self.excluded)
         repaired = f"; {faults} kinds of faults repaired on reading" if faults else ""
-        excluded = [
-            f"; {one.kind}: {one.action}" for one in self.repairs if one.kind in (FROZEN, REST)
-        ]
+        excluded = [f"; {one.kind}: {one.action}" for one in self.excluded if one.kind != HOLES]
         return (
             f"{grid}, {low_pass}; regressor and torque below {self.cutoff_selection}; "
             f"{self.transient_s:.2g} s excluded at both ends{''.join(excluded)}{repaired}"

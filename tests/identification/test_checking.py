@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable, Mapping
 from copy import deepcopy
 from dataclasses import replace
 from pathlib import Path
@@ -19,7 +18,7 @@ from seaid.checks.codes import GRAVITY
 from seaid.checks.experiment import _slope, experiment_of, fitted
 from seaid.checks.setup import transforms
 from seaid.errors import Finding, SeaidError, by_severity
-from seaid.identification.checking import check, log_findings
+from seaid.identification.checking import check
 from seaid.log.log import Log
 from seaid.log.motion import reconstruct_motions
 from seaid.robot.robot import Payload, Robot, load_robot
@@ -30,49 +29,13 @@ from tests.experiments import (
     TEST_MASS,
     arm,
     arm_log,
-    geared_arm_log,
     leg,
     leg_log,
     leg_motion,
 )
+from tests.mistakes import CASES, changed, described, of_joint, worst
 from tests.one_joint import one_joint
 from tests.representatives import quick_first
-
-CASES: dict[str, tuple[Callable[[], Robot], Callable[..., Log]]] = {
-    "leg": (lambda: leg(TEST_MASS), leg_log),
-    "arm": (arm, arm_log),
-}
-
-
-def changed(log: Log, factors: Mapping[str, Array | float]) -> Log:
-    found: dict[str, Any] = {name: getattr(log, name) * by for name, by in factors.items()}
-    return replace(log, **found)
-
-
-def of_joint(log: Log, j: int, **factors: float) -> Log:
-    """Return the log with channels of joint j multiplied by factors."""
-    own = np.arange(len(log.joint_names)) == j
-    return changed(log, {name: np.where(own, by, 1.0) for name, by in factors.items()})
-
-
-def worst(robot: Robot, *logs: Log) -> Finding:
-    warnings = seaid.check(robot, list(logs)).warnings
-    assert warnings
-    return warnings[0]
-
-
-def described(log: Log, remedy: str, number: int = 0) -> Log:
-    """Return the log as a description reads it, applied without a file."""
-    first, text = remedy.split("\n", 1)
-    assert first == f"in the description of {f'log {number}' if number else 'the log'}:"
-    columns = log.columns()
-    found: dict[str, Any] = {name: x.copy() for name, x in log.sensors().items()}
-    for joint, entries in tomllib.loads(text)["joints"].items():
-        for quantity, source in entries.items():
-            factor = source.get("sign", 1) * source.get("scale", 1.0)
-            values = factor * columns[source["column"]] + source.get("offset", 0.0)
-            found[quantity][:, log.joint_names.index(joint)] = values
-    return replace(log, **found)
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -253,18 +216,6 @@ def test_a_gear_ratio_and_a_rotor_inertia_that_the_motion_contradicts(joint: str
     assert value == pytest.approx(inertia, rel=0.2)
 
 
-@pytest.mark.parametrize("delay_s", [0.005, 0.02, -0.01])
-@pytest.mark.parametrize("case", CASES)
-def test_torques_that_are_late(case: str, delay_s: float) -> None:
-    robot, log = CASES[case][0](), CASES[case][1]()
-    late = [np.interp(log.time - delay_s, log.time, one) for one in log.motor_torque.T]
-    finding = worst(robot, replace(log, motor_torque=np.transpose(late)))
-    assert (finding.code, finding.severity) == ("delay", "doubtful")
-    errors = finding.evidence["standard error [s]"]
-    assert abs(finding.evidence["delay [s]"] - delay_s) < max(3 * errors, 5e-4)
-    assert finding.remedy.count("delay_s = ") == robot.n
-
-
 def with_gravity(robot: Robot, *gravity: float) -> Robot:
     model = robot.model.copy()
     model.gravity.linear = np.array(gravity)
@@ -385,71 +336,6 @@ def test_nominal_masses_that_are_nonsense_are_noted_only() -> None:
     assert [(one.code, one.severity) for one in warnings] == [("nominal-values", "note")]
 
 
-@pytest.mark.parametrize(("unit", "factor"), [("ms", 1e3), ("ns", 1e9)])
-def test_time_in_another_unit(unit: str, factor: float) -> None:
-    log = leg_log()
-    finding = worst(leg(TEST_MASS), replace(log, time=log.time * factor))
-    assert (finding.code, finding.severity) == ("time-unit", "wrong")
-    assert f'time = {{ column = "time_s", unit = "{unit}" }}' in finding.remedy
-
-
-def test_motor_channels_without_drives() -> None:
-    robot = seaid.load_robot(str(leg().urdf))
-    finding = worst(robot, leg_log())
-    assert finding.code == "missing-drives"
-    option, header, text = finding.remedy.split("\n", 2)
-    assert option.startswith("option: --drives FILE")
-    assert header == "in the drives file:"
-    tables = tomllib.loads(text)
-    assert list(tables) == list(leg().joint_names)
-    assert tables["hip_yaw"]["gear_ratio"] == pytest.approx(86.0, rel=1e-3)
-
-
-def test_limits_of_the_robot_file_unmask_units_without_nominal_bodies() -> None:
-    robot = leg(TEST_MASS).without_nominal()
-    strong = replace(robot, effort_limits=np.full(5, 0.5))
-    found = seaid.check(strong, leg_log()).warnings
-    assert {(one.code, one.severity) for one in found} == {("unit", "doubtful")}
-    assert "times the limit of the robot file" in found[0].message
-    slow = replace(robot, velocity_limits=np.full(5, 1e-3))
-    assert [one.joint for one in seaid.check(slow, leg_log()).warnings] == list(leg().joint_names)
-
-
-@pytest.mark.slow  # several checks of the leg or the arm
-def test_saturated_torques_and_a_robot_at_rest() -> None:
-    log = leg_log()
-    limit = np.quantile(np.abs(log.motor_torque), 0.9, axis=0)
-    clipped = replace(log, motor_torque=np.clip(log.motor_torque, -limit, limit))
-    found = seaid.check(leg(TEST_MASS), clipped).warnings
-    assert {one.joint for one in found if one.code == "saturation"} == set(leg().joint_names)
-    small = replace(log, joint_position=0.01 * log.joint_position)
-    assert "standstill" in {one.code for one in seaid.check(leg(TEST_MASS), small).warnings}
-
-
-def test_encoder_offsets_that_differ_between_logs() -> None:
-    logs = [leg_log(1), leg_log(2)]
-    moved = np.zeros(5)
-    moved[3] = 2.5
-    logs[1] = replace(logs[1], motor_position=logs[1].motor_position + moved)
-    finding = worst(leg(TEST_MASS), *logs)
-    assert (finding.code, finding.joint) == ("encoder-offsets-differ", "knee_pitch")
-    logs[1] = described(logs[1], finding.remedy, number=2)
-    assert seaid.check(leg(TEST_MASS), logs).warnings == ()
-
-
-def test_offsets_after_a_log_with_a_hole_are_those_of_the_second_log() -> None:
-    first, second = leg_log(1), leg_log(2)
-    seen = (first.time < 2.4) | (first.time > 3.2)
-    own: dict[str, Any] = {name: x[seen] for name, x in first.sensors().items()}
-    first = replace(first, time=first.time[seen], **own)
-    moved = np.array([0.0, 0.0, 0.0, 2.5, 0.0])
-    logs = [first, replace(second, motor_position=second.motor_position + moved)]
-    (finding,) = seaid.check(leg(TEST_MASS), logs).warnings
-    assert (finding.code, finding.joint) == ("encoder-offsets-differ", "knee_pitch")
-    logs[1] = described(logs[1], finding.remedy, number=2)
-    assert seaid.check(leg(TEST_MASS), logs).warnings == ()
-
-
 def test_identify_has_the_findings_and_a_verdict() -> None:
     wrong = of_joint(leg_log(), 3, motor_torque=-1.0)
     found = seaid.identify(leg(TEST_MASS), wrong)
@@ -507,20 +393,6 @@ def test_values_are_judged_only_by_bodies_that_explain_the_torques() -> None:
     assert not {"torque-scale", "payload", "geometry"} & {one.code for one in found}
 
 
-@pytest.mark.slow  # several checks of the leg or the arm
-@pytest.mark.parametrize("has_drives", [True, False])
-def test_an_unknown_rotor_inertia_is_no_delay(has_drives: bool) -> None:
-    log = geared_arm_log()
-    drive = seaid.StiffDrive(gear_ratio=1.0)
-    joints = log.joint_names
-    drives = dict.fromkeys(joints, drive) if has_drives else None
-    robot = seaid.load_robot("ur10", drives, snap_tolerance_rad=0)
-    assert "delay" not in [one.code for one in seaid.check(robot, log).warnings]
-    late = replace(log, motor_torque=np.roll(log.motor_torque, 5, axis=0)).between(0.1, 9.9)
-    (delay,) = [one for one in seaid.check(robot, late).warnings if one.code == "delay"]
-    assert delay.evidence["delay [s]"] == pytest.approx(0.02, abs=2e-3)
-
-
 def spring_rows(error_rad: float, seed: int) -> tuple[Array, Array]:
     """Return angles of both sides and the torque of a spring behind a gear with an error."""
     random = np.random.default_rng(seed)
@@ -554,14 +426,6 @@ def test_the_error_of_a_gear_ratio_has_that_of_the_gear() -> None:
         assert _slope(*rows)[1] < 3 * fit_error(*rows)
 
 
-def test_a_jump_of_the_clock_is_not_its_unit() -> None:
-    robot, log = arm(), arm_log()
-    time = log.time + np.where(np.arange(len(log.time)) > 500, 1000.0, 0.0)
-    assert "time-unit" not in {one.code for one in log_findings(robot, [replace(log, time=time)])}
-    slow = replace(log, time=1e3 * log.time)
-    assert "time-unit" in {one.code for one in log_findings(robot, [slow])}
-
-
 def test_a_motor_that_sticks_leaves_no_torque_unexplained(tmp_path: Path) -> None:
     """Its friction at standstill is anything up to that of Coulomb, and was 30 % of the torque."""
     rng = np.random.default_rng(1)
@@ -592,42 +456,3 @@ def test_a_motor_that_sticks_leaves_no_torque_unexplained(tmp_path: Path) -> Non
     found = check(robot, sensed)
     assert not found.warnings
     assert max(found.joints["arm"].bodies, found.joints["arm"].nominal) < 0.02
-
-
-def test_torques_held_over_samples_are_named_and_the_remedy_repairs_them(tmp_path: Path) -> None:
-    """Viscous friction was too large by the inertia times the delay times the squared frequency."""
-    drive = {"type": "stiff", "gear_ratio": 50.0, "friction": ["viscous", "coulomb"]}
-    robot = one_joint(tmp_path, drive={**drive, "motor_inertia_kg_m2": 1e-5})
-    rng = np.random.default_rng(0)
-    time, frequencies = np.arange(4000) / 1000.0, 2 * np.pi * np.arange(1, 5) / 2
-    phases = rng.uniform(0, 6, 4) + np.outer(time, frequencies)
-    angle, speed = 0.2 * np.sin(phases).sum(axis=1), 0.2 * np.cos(phases) @ frequencies
-    torque = (1e-5 + 1 / 50**2) * -50 * 0.2 * np.sin(phases) @ frequencies**2
-    torque += 4e-5 * 50 * speed + 0.01 * np.sign(speed) + 1e-4 * rng.normal(size=len(time))
-    angle += 1e-6 * rng.normal(size=len(time))
-
-    def read(torques: Array, description: Any = None) -> Log:
-        path, header = tmp_path / "run.csv", "time_s,arm.joint_position_rad,arm.motor_torque_Nm"
-        np.savetxt(
-            path, np.column_stack([time, angle, torques]), "%.9g", ",", header=header, comments=""
-        )
-        return seaid.read_log(path, robot, description=description)
-
-    pairs = np.arange(len(time)) // 2 * 2
-    held = read(torque[pairs])
-    (finding,) = check(robot, held).warnings
-    assert (finding.code, finding.severity, finding.joints) == ("delay", "doubtful", ("arm",))
-    assert finding.evidence == pytest.approx({"samples held": 2, "delay [s]": 0.0005})
-    head, text = finding.remedy.split("\n", 1)
-    assert head == "in the description of the log:"
-    repaired = read(torque[pairs], tomllib.loads(text))
-    # a motor that gets held torques has them on average when they are logged, and is not late
-    given = np.interp(pairs + 0.5, np.arange(len(time)), torque)
-    coarse = np.round(torque / 0.05) * 0.05
-    for right in (repaired, read(torque), read(given), read(coarse)):
-        assert check(robot, right).warnings == ()
-    name = "viscous_friction"
-    fits = [seaid.identify(robot, log).drives["arm"] for log in (held, repaired)]
-    errors = [(fit.value(name) - 4e-5) / fit.standard_error(name) for fit in fits]
-    assert errors[0] > 5
-    assert abs(errors[1]) < 2

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from seaid._arrays import Array
+from seaid.checks import standstill_findings
 from seaid.errors import ExcitationError, IdentificationError, LogError, RobotError
 from seaid.estimation.least_squares import Orthonormal, orthonormal
 from seaid.estimation.qr_factor import QRFactor
@@ -285,8 +286,9 @@ def test_joint_that_does_not_move_is_named(joint: str) -> None:
     log = standing(joint)
     still = standing_joints(KNOWN, [log], [reconstruct_motion(KNOWN, log)])
     assert set(still) == {joint}
-    robot, used, (finding,) = without_standing(KNOWN, KNOWN.joint_names, still)
+    robot, used, stopped = without_standing(KNOWN, KNOWN.joint_names, still)
     assert joint not in (*used, *robot.elastic_joints)
+    (finding,) = standstill_findings(stopped, still)
     assert (finding.code, finding.joint) == ("standstill", joint)
 
 

@@ -12,11 +12,11 @@ import pytest
 
 import seaid
 from seaid._arrays import Array
+from seaid.checks import log_findings
 from seaid.drives import FrictionTerm
 from seaid.drives.drives import SeriesElasticDrive, StiffDrive
 from seaid.errors import ExcitationError, LogError, SeaidError
 from seaid.estimation import EstimatorName
-from seaid.identification.checking import log_findings
 from seaid.log.reading import Log
 from seaid.regressor.rigid_body import joint_torques
 from seaid.robot.robot import Robot

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-import tomllib
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,7 +18,6 @@ from scripts.benchmarks.commanded_arms import ARMS
 from seaid._arrays import Array
 from seaid.errors import IdentificationError, RobotError
 from seaid.estimation import Estimate
-from seaid.identification.checking import log_findings
 from seaid.identification.command_delays import with_estimated_delays
 from seaid.identification.drive_estimates import with_warnings
 from seaid.identification.sensitivity import Fit, _scores
@@ -46,27 +44,6 @@ def urdf(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("commands") / "one.urdf"
     path.write_text(URDF)
     return path
-
-
-def test_friction_stated_where_the_joint_never_is_has_the_line_of_the_remedy(urdf: Path) -> None:
-    """A servo that moves between 1.6 and 2.8 rad has its own friction at 0 rad extrapolated."""
-    robot = robot_of(urdf, SOFT, 0.0)
-    terms = (*robot.drives["j"].friction, "coulomb_position")
-    log = mujoco_log(SOFT, 0.0, 1e-5, 1)
-    log = replace(log, joint_position=log.joint_position + 2.2)
-
-    def codes(reference: float) -> list[seaid.Finding]:
-        drive = replace(robot.drives["j"], friction=terms, reference_position_rad=reference)
-        found = log_findings(robot.with_drives({"j": drive}), [log])
-        return [one for one in found if one.code == "reference-position"]
-
-    assert codes(2.2) == []
-    (one,) = codes(0.0)
-    assert "stated at 0 rad, outside its motion from 1." in one.message
-    assert one.remedy.splitlines()[:2] == ["in the drives file:", "[j]"]
-    middle = 0.5 * float(np.min(log.joint_position) + np.max(log.joint_position))
-    stated = tomllib.loads(one.remedy.split("\n", 1)[1])["j"]["reference_position_rad"]
-    assert stated == pytest.approx(middle, rel=0.025)
 
 
 @pytest.mark.slow  # 1.9 s

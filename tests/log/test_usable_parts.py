@@ -11,6 +11,7 @@ import pytest
 
 import seaid
 from seaid._arrays import Array
+from seaid.checks import excluded_findings
 from seaid.errors import LogError
 from seaid.log.filtering import row_samples
 from seaid.log.log import Log
@@ -88,7 +89,7 @@ def test_cutoff_is_that_of_the_motion_and_the_processing_says_what_was_cut() -> 
     assert found.processing is not None
     assert "rest at the ends: 19." in str(found.processing)
     assert "faults repaired" not in str(found.processing)
-    (warning,) = found.processing.warnings
+    (warning,) = excluded_findings([found.processing])
     assert (warning.code, warning.severity) == ("standstill", "note")
 
 
@@ -148,7 +149,7 @@ def test_a_frozen_channel_is_excluded_and_said(field: str, start: int, end: int)
     if end - start == 300:
         motions = reconstruct_motions(leg(), log, 8.0)
         assert motions[0].processing is not None
-        kinds = [one.code for one in motions[0].processing.warnings]
+        kinds = [one.code for one in excluded_findings([motions[0].processing])]
         assert kinds == ["holes", "holes"]
         with pytest.raises(LogError, match="holes in time"):
             reconstruct_motion(leg(), log, 8.0)

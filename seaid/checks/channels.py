@@ -1,0 +1,427 @@
+"""What the channels of logs show before a fit: time, drives, encoders, limits and held torques.
+
+Some of it is in the samples of the logs (`OF_LOGS`), some in the motion. Each finding has the one
+change that repairs it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from seaid._arrays import Array, is_constant
+from seaid._files import toml_key, toml_table
+from seaid.checks.check import Observation, in_description, in_drives
+from seaid.checks.codes import (
+    DELAY,
+    ENCODER_OFFSETS_DIFFER,
+    HOLES,
+    LOCKED_OUTPUT,
+    MISSING_DRIVES,
+    REFERENCE_POSITION,
+    SATURATION,
+    STANDSTILL,
+    TIME_UNIT,
+    UNIT,
+)
+from seaid.checks.experiment import Experiment, stands_locked
+from seaid.checks.tolerances import (
+    EVENTS,
+    FASTEST_HZ,
+    FEW,
+    LARGEST_DEFLECTION_RAD,
+    LEAST_DELAY_S,
+    LEAST_OFFSET,
+    LEAST_SWING,
+    LEVELS,
+    MANY_TIMES,
+    MATERIAL,
+    NEGLIGIBLE,
+    PART,
+    POOR,
+    SLOWEST_HZ,
+    TWICE,
+)
+from seaid.drives import Drive
+from seaid.errors import Finding
+from seaid.estimation import scaled_svd
+from seaid.log import REST, Log, Processing, changed_source, held_over
+from seaid.regressor import INPUT_FIELDS
+from seaid.robot import Robot
+
+
+@dataclass(frozen=True, eq=False)
+class Logged:
+    """The logs of a robot, and its joints whose torques are used."""
+
+    robot: Robot
+    logs: Sequence[Log]
+    used: Collection[str]
+
+    @property
+    def numbered(self) -> list[tuple[str, Log]]:
+        """Each log with its number as in " of log 2"; "" for a single one."""
+        if len(self.logs) == 1:
+            return [("", self.logs[0])]
+        return [(f" of log {number}", log) for number, log in enumerate(self.logs, 1)]
+
+
+_UNITS_OF_TIME = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+
+
+def _time_units(logged: Logged) -> Iterator[Finding]:
+    """Yield logs whose time is not in seconds; of several units, that of the usual rate."""
+    usual_hz = np.sqrt(SLOWEST_HZ * FASTEST_HZ)
+    for _, log in logged.numbered:
+        rate = 1 / float(np.median(np.diff(log.time)))  # a gap is not the unit of the clock
+        if SLOWEST_HZ <= rate <= FASTEST_HZ:
+            continue
+        rates = {unit: rate / size for unit, size in _UNITS_OF_TIME.items()}
+        rates = {unit: x for unit, x in rates.items() if SLOWEST_HZ <= x <= FASTEST_HZ}
+        text, remedy = "is its time in seconds?", ""
+        if rates:
+            unit = min(rates, key=lambda unit: abs(float(np.log(rates[unit] / usual_hz))))
+            clock = (log.description or {}).get("time", "time_s")
+            column = clock if isinstance(clock, str) else clock.get("column", "time_s")
+            text = f"its time seems to be in {unit}, which gives {rates[unit]:.4g} Hz"
+            remedy = (
+                f'in the description of the log:\ntime = {{ column = "{column}", unit = "{unit}" }}'
+            )
+        yield TIME_UNIT.finding(
+            f"the log has {rate:.3g} samples per second: {text}",
+            severity="wrong",
+            evidence={"rate [Hz]": rate},
+            remedy=remedy,
+            certainty="certain" if rates else "likely",
+        )
+
+
+def _missing_drives(logged: Logged) -> Iterator[Finding]:
+    """Yield the joints with two different encoders and an ideal drive."""
+    for _, log in logged.numbered:
+        tables: dict[str, str] = {}
+        ratios: dict[str, float] = {}
+        for joint, drive in logged.robot.drives.items():
+            if drive.is_elastic or drive.ratio != 1 or joint not in log.joint_names:
+                continue
+            gear = _gear(log, log.joint_names.index(joint))
+            if gear is None:
+                continue
+            ratios[joint], is_stiff = gear
+            is_linear = logged.robot.is_prismatic[logged.robot.index(joint)] and is_stiff
+            key = "gear_ratio_rad_per_m" if is_linear else "gear_ratio"
+            kind = "stiff" if is_stiff else "series_elastic"
+            tables[joint] = f'{toml_table(joint)}\ntype = "{kind}"\n{key} = {ratios[joint]:.4g}'
+        if not tables:
+            continue
+        first = next(iter(ratios))
+        yield MISSING_DRIVES.finding(
+            f"the log has the motor side of {', '.join(tables)}, which moves {ratios[first]:.3g} "
+            "times as far as the joint, and the robot has no drive there: friction, gear and "
+            "spring are not in the model (--drives, drives=)",
+            first,
+            "wrong",
+            {"motor over joint motion": ratios[first]},
+            "\n".join(
+                ["option: --drives FILE, or without one", "in the drives file:", *tables.values()]
+            ),
+            "certain",
+        )
+
+
+def _gear(log: Log, j: int) -> tuple[float, bool] | None:
+    """Return the ratio between the encoders of joint j, and whether it is stiff; None without one.
+
+    A deflection is in proportion to the torque. A torque that is measured behind the gear has
+    neither friction nor rotor in it, so that no drive is missing.
+    """
+    motor, position = log.motor_position[:, j], log.joint_position[:, j]
+    torque = log.motor_torque[:, j]
+    moved = float(np.std(position))
+    if not np.all(np.isfinite([motor, position])) or not 0 < TWICE * moved <= np.std(motor):
+        return None
+    columns = [position, np.ones(len(position))]
+    if np.all(np.isfinite(torque)):
+        columns.append(torque)
+    elif log.joint_torque is not None and np.any(np.isfinite(log.joint_torque[:, j])):
+        return None
+    ratio, zero, *_ = scaled_svd(np.column_stack(columns)).solve(motor).tolist()
+    apart = float(np.std(motor / ratio - position - zero / ratio)) / moved
+    return abs(ratio), apart <= NEGLIGIBLE
+
+
+def _references(logged: Logged) -> Iterator[Finding]:
+    """Yield reference positions outside the motion, where Coulomb friction is extrapolated."""
+    for joint, drive in logged.robot.drives.items():
+        if "coulomb_position" not in drive.friction or not logged.logs:
+            continue
+        positions = [log.joint_position[:, log.joint_names.index(joint)] for log in logged.logs]
+        low, high = (float(end(np.concatenate(positions))) for end in (np.nanmin, np.nanmax))
+        reference, unit = drive.reference_position_rad, drive.joint_units[1]
+        if not low <= reference <= high:
+            yield REFERENCE_POSITION.finding(
+                f"Coulomb friction of {joint} is stated at {reference:g} {unit}, outside its "
+                f"motion from {low:.3g} to {high:.3g} {unit}: it is extrapolated to there and may "
+                "come out negative, which no simulation has",
+                joint,
+                evidence={"reference position": reference, "lowest": low, "highest": high},
+                remedy=in_drives({(joint,): f"reference_position_rad = {(low + high) / 2:.2g}"}),
+                certainty="certain",
+            )
+
+
+HELD = "samples held"
+"""The evidence of torques that are held over samples of their log."""
+
+
+def _held_torques(logged: Logged) -> Iterator[Finding]:
+    """Yield the motor torques that come more rarely than the samples of their log.
+
+    A value that is held over n samples is (n - 1) / 2 samples late on average.
+    """
+    for where, log in logged.numbered if not logged.robot.has_controllers else ():
+        sources, held = log.sources(), dict[int, list[str]]()
+        for j, joint in enumerate(log.joint_names):
+            source = sources[joint].get("motor_torque", {"delay_s": np.nan})
+            if joint in logged.used and (isinstance(source, str) or not source.get("delay_s")):
+                sides = (log.motor_position[:, j], log.joint_position[:, j])
+                count = held_over(log.time, log.motor_torque[:, j])
+                if count > max(held_over(log.time, side) for side in sides):
+                    held.setdefault(count, []).append(joint)
+        for count, joints in held.items():
+            late = 0.5 * (count - 1) * float(np.median(np.diff(log.time)))
+            earlier = {x: changed_source(sources[x]["motor_torque"], delay_s=late) for x in joints}
+            yield DELAY.finding(
+                f"the motor torques of {', '.join(joints)} are held over {count} samples{where}, "
+                f"and so {1e3 * late:.3g} ms late on average, which biases friction, unless the "
+                "motors give them so",
+                joints[0] if len(joints) == 1 else "",
+                "note",
+                {HELD: count, "delay [s]": late},
+                in_description(
+                    {joint: {"motor_torque": source} for joint, source in earlier.items()},
+                    where.removeprefix(" of ") or "the log",
+                ),
+                "possible",
+                tuple(joints),
+            )
+
+
+def _saturated(logged: Logged) -> Iterator[Finding]:
+    """Yield the channels that stay at their extremes: of each the log that does so longest."""
+    shares: dict[tuple[str, str], tuple[float, str, float]] = {}
+    for where, log in logged.numbered:
+        for field in INPUT_FIELDS.values():
+            values = getattr(log, field)
+            for j, joint in enumerate(log.joint_names if values is not None else ()):
+                share = _share_at_limit(values[:, j])
+                longest = shares.get((field, joint), (FEW,))[0]
+                if joint in logged.used and share > longest:
+                    limit = float(np.max(np.abs(values[:, j])))
+                    shares[field, joint] = share, where.replace(" of ", " in "), limit
+    for (field, joint), (share, where, limit) in shares.items():
+        yield SATURATION.finding(
+            f"the {field.replace('_', ' ')} of {joint} is at its limit, {limit:.4g}, during "
+            f"{share:.1%} of the time{where}: a command there is not what the motor gave",
+            joint,
+            "doubtful" if field == "motor_torque" else "note",
+            {"share at the limit": share},
+            "record a slower motion, or log the measured current",
+            "certain",
+        )
+
+
+def _share_at_limit(values: Array) -> float:
+    """Return the share of samples (T,) in runs at the largest or smallest value."""
+    if not np.all(np.isfinite(values)) or len(np.unique(values)) < LEVELS:
+        return 0.0
+    at_limit = (values == np.max(values)) | (values == np.min(values))
+    return float(np.mean(np.convolve(at_limit, np.ones(EVENTS), mode="same") >= EVENTS))
+
+
+def _locked(logged: Logged) -> Iterator[Finding]:
+    """Yield a note for each joint with a locked output."""
+    for joint in locked_outputs(logged.robot, logged.logs):
+        yield LOCKED_OUTPUT.finding(
+            f"the output of {joint} does not move while its motor deflects the spring: it counts "
+            "as locked, so that its motor, friction and spring are identified and the torque on "
+            "its load is not used. If it did move, its encoder is dead: exclude its column",
+            joint,
+            "note",
+        )
+
+
+def locked_outputs(robot: Robot, logs: Sequence[Log]) -> tuple[str, ...]:
+    """Return the elastic joints whose output does not move in any log while their motor does.
+
+    What holds it is outside, as on a test bench. The motor equation (7), and (4b) of a torque
+    sensor, hold as always; the load side (8) has an unknown torque.
+    """
+    if not logs or not np.array_equal(robot.transmission, np.eye(robot.n)):
+        return ()
+    joints = [joint for joint in robot.elastic_joints if not robot.is_prismatic[robot.index(joint)]]
+    return tuple(
+        joint
+        for joint in joints
+        if all(_is_locked(robot.drives[joint], log, joint) for log in logs)
+    )
+
+
+def _is_locked(drive: Drive, log: Log, joint: str) -> bool:
+    """Whether a motor moves by what may be a deflection while its joint stands.
+
+    An encoder that does not change while the motor moves further is a dead channel.
+    """
+    if joint not in log.joint_names:
+        return False
+    j = log.joint_names.index(joint)
+    motor, output = log.motor_position[:, j], log.joint_position[:, j]
+    if not np.all(np.isfinite([motor, output])) or is_constant(motor):
+        return False
+    behind = motor * drive.motor_radius / (drive.ratio * drive.load_radius)
+    return bool(np.ptp(behind) < LARGEST_DEFLECTION_RAD) and stands_locked(output, behind)
+
+
+def _standing(logged: Logged) -> Iterator[Finding]:
+    """Yield a robot that hardly moves, unless its outputs are locked."""
+    sides = [side for log in logged.logs for side in log.joint_position.T]
+    swings = [float(np.ptp(side)) for side in sides if np.all(np.isfinite(side))]
+    if not swings or max(swings) >= LEAST_SWING or locked_outputs(logged.robot, logged.logs):
+        return
+    yield STANDSTILL.finding(
+        f"the robot hardly moves: its widest motion is {max(swings):.2g} rad or m",
+        evidence={"widest motion": max(swings)},
+        remedy="record a wider motion: seaid excite plans one",
+        certainty="certain",
+    )
+
+
+OF_LOGS = (
+    Observation(TIME_UNIT, _time_units),
+    Observation(MISSING_DRIVES, _missing_drives),
+    Observation(REFERENCE_POSITION, _references),
+    Observation(DELAY, _held_torques),
+    Observation(SATURATION, _saturated),
+    Observation(LOCKED_OUTPUT, _locked),
+    Observation(STANDSTILL, _standing),
+)
+
+
+def excluded_findings(processing: Iterable[Processing]) -> Iterator[Finding]:
+    """Yield notes of the samples that were excluded: rest at the ends, frozen channels, holes."""
+    for repair in (repair for each in processing for repair in each.excluded):
+        code = STANDSTILL if repair.kind == REST else HOLES
+        yield code.finding(str(repair), severity="note", certainty="certain")
+
+
+def standstill_findings(
+    drives: Mapping[str, Drive], positions: Mapping[str, float]
+) -> Iterator[Finding]:
+    """Yield the joints whose drives move in no log, with their `positions` if the joints stand."""
+    for joint, drive in drives.items():
+        what = "friction, spring" if drive.is_elastic else "friction"
+        text = f"no sample of {joint} is away from standstill in any log"
+        remedy, evidence = "move this joint", dict[str, float]()
+        if np.isfinite(positions[joint]):
+            at = f"{positions[joint]:.4g}"
+            text = f"{joint} stands still in all logs, at {at} {drive.joint_units[1]}"
+            remedy += (
+                f", or lock it (--locked {joint}={at}), at the top of seaid.toml:\n"
+                f"locked = {{ {toml_key(joint)} = {at} }}"
+            )
+            evidence = {"position": positions[joint]}
+        yield STANDSTILL.finding(
+            f"{text}: its {what} and rotor inertia are not estimated, and its torque is not used",
+            joint,
+            evidence=evidence,
+            remedy=remedy,
+            certainty="certain",
+        )
+
+
+def offset_findings(experiment: Experiment) -> Iterator[Finding]:
+    """Yield joints whose encoder offsets differ between logs by more than deflections and noise.
+
+    The angle between the encoders is the deflection, in proportion to the torque of the spring
+    (that of the motor but for friction), and an offset of each log. What is left is correlated over
+    a log, and counts as the error of its mean.
+    """
+    robot, logs = experiment.robot, np.unique(experiment.log).tolist()
+    for j in np.flatnonzero(experiment.both).tolist() if len(logs) > 1 else ():
+        is_elastic, is_used = robot.drives[robot.joint_names[j]].is_elastic, j in experiment.used
+        if is_elastic and robot.floating_base is not None and not is_used:
+            continue  # its load is unknown, and is another one hanging than standing
+        y = experiment.motor[0][:, j] / experiment.lever[j] - experiment.joint[0][:, j]
+        H = np.equal.outer(experiment.log, logs).astype(float)
+        if is_elastic and is_used:
+            H = np.column_stack([H, experiment.target[:, j], experiment.friction[j][:, :2]])
+        x = scaled_svd(H).solve(y)
+        noise = float(np.std(y - H @ x))
+        size = float(np.std(H[:, len(logs) :] @ x[len(logs) :])) if is_elastic else 0.0
+        least = POOR * size if is_elastic else LEAST_OFFSET
+        for number, change in enumerate((x[1 : len(logs)] - x[0]).tolist(), 2):
+            if abs(change) > least + MATERIAL * noise:
+                yield _offset(experiment, j, number, change, size)
+
+
+def _offset(experiment: Experiment, j: int, number: int, change: float, size: float) -> Finding:
+    """Return the finding for encoder offsets that changed between log 1 and another one."""
+    joint = experiment.robot.joint_names[j]
+    quantity = "motor_position" if size else "joint_position"
+    offset = -change * experiment.lever[j] if size else change
+    times = f", {abs(change) / size:.2g} times the deflection of its spring (rms)" if size else ""
+    source = changed_source(experiment.source(j, quantity, number - 1), offset=offset)
+    return ENCODER_OFFSETS_DIFFER.finding(
+        f"the encoder offsets of {joint} differ by {abs(change):.4g} at the joint between log 1 "
+        f"and log {number}{times}: the robot was switched on anew",
+        joint,
+        "wrong" if size else "doubtful",
+        {"difference at the joint": change},
+        in_description({joint: {quantity: source}}, f"log {number}"),
+        "certain" if size else "likely",
+    )
+
+
+def limit_findings(experiment: Experiment) -> Iterator[Finding]:
+    """Yield joints that move or pull many times beyond the limits of the robot file."""
+    robot = experiment.robot
+    ends = np.array([robot.lower_limits, robot.upper_limits])
+    is_known = np.all(np.isfinite(ends), axis=0)
+    ends = np.where(is_known, ends, 0.0)
+    half = np.where(is_known, 0.5 * np.ptp(ends, axis=0), np.inf)
+    looked_at = (
+        ("position", experiment.joint[0] - np.mean(ends, axis=0), half),
+        ("speed", experiment.joint[1], robot.velocity_limits),
+        ("torque", experiment.target, robot.effort_limits),
+    )
+    for name, values, limits in looked_at:
+        for j, joint in enumerate(robot.joint_names):
+            largest, limit = float(np.max(np.abs(values[:, j]))), float(limits[j])
+            if np.isfinite(limit) and 0 < MANY_TIMES * limit < largest:
+                yield UNIT.finding(
+                    f"the {name} of {joint} reaches {largest / limit:.3g} times the limit of the "
+                    "robot file: check the unit of its channels and of the time",
+                    joint,
+                    evidence={f"{name} over its limit": largest / limit},
+                    certainty="possible",
+                )
+
+
+def decided_delays(experiment: Experiment, known: Sequence[Finding]) -> Iterator[Finding]:
+    """Yield the findings of torques that are held over samples, unless the motion excludes a delay.
+
+    Torques that a motor gets held are not late; a longer delay has another cause.
+    """
+    for finding in (finding for finding in known if HELD in finding.evidence):
+        places = {experiment.robot.index(joint) for joint in finding.joints}
+        delays = [delay for j, delay in experiment.torque_delays.items() if j in places]
+        late = finding.evidence["delay [s]"]
+        values, errors = np.array(delays).reshape(-1, 2).T
+        weights = 1.0 / (errors**2 + late**2)
+        half = PART * late
+        if not delays or float(np.linalg.norm(weights * errors) / np.sum(weights)) > half:
+            yield finding
+        elif half < np.average(values, weights=weights) < max(late + half, LEAST_DELAY_S):
+            yield replace(finding, severity="doubtful", certainty="likely")
