@@ -333,10 +333,13 @@ class Equation:
         rows, weight = self.rows, self.weight
         return np.asarray(scaled_svd(weight[:, None] * rows.H).solve(weight * rows.y))
 
+    def squares(self, rows: BoolArray) -> float:
+        """Return the squared residual of some rows."""
+        return float(np.sum(self.residual[rows] ** 2))
+
     def part_of(self, rows: BoolArray) -> float:
         """Return the part of the squared residual that some rows have."""
-        squares = self.residual**2
-        return float(np.sum(squares[rows])) / max(float(np.sum(squares)), 1e-300)
+        return self.squares(rows) / max(float(self.residual @ self.residual), 1e-300)
 
     def least(self, rows: BoolArray) -> float:
         """Return the squares that a candidate at some rows has to explain to be tested at all.
@@ -345,8 +348,7 @@ class Equation:
         """
         own = [rows & (self.rows.joint == joint) for joint in np.unique(self.rows.joint[rows])]
         torques = [float(np.std(self.rows.y[x]) * np.linalg.norm(self.weight[x])) for x in own]
-        squares = PROMISING * float(np.sum(self.residual[rows] ** 2))
-        return max(squares, (LEAST_TORQUE * min(torques, default=0.0)) ** 2)
+        return max(PROMISING * self.squares(rows), (LEAST_TORQUE * min(torques, default=0.0)) ** 2)
 
     def with_alternative(self, alternative: Alternative) -> Equation:
         """Return the equation with the columns of an alternative, zero where it replaces others."""
@@ -458,12 +460,14 @@ class Accepted:
     """A candidate that was accepted.
 
     `coefficients` (c,) are those of its columns next to all that were accepted, `errors` (c,) their
-    standard errors, which allow for autocorrelation as those of the estimate do.
+    standard errors, which allow for autocorrelation as those of the estimate do. `share` is the
+    part of the squared residual of the fit, of the rows that it acts on, by which it fell at last.
     """
 
     trial: Trial
     coefficients: Array
     errors: Array
+    share: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -477,12 +481,6 @@ class Selection:
     before: Equation
     after: Equation
     first: tuple[Trial, ...]
-
-    def share(self, joint: int) -> float:
-        """Return the part of the squared residual of a joint's rows that is explained."""
-        own = self.before.rows.joint == joint
-        before, after = (float(np.sum(one.residual[own] ** 2)) for one in (self.before, self.after))
-        return 1 - after / max(before, 1e-300)
 
     @cached_property
     def effect(self) -> Array:
@@ -506,6 +504,7 @@ def forward_selection(
     least_bic = least_gain + 2 * math.log(max(asked, 1))
     first: tuple[Trial, ...] | None = None
     accepted: list[Trial] = []
+    shares: list[float] = []
     current, remaining = equation, list(candidates)
     while len(accepted) < MOST_ACCEPTED:
         compared = compared_candidates(
@@ -520,10 +519,16 @@ def forward_selection(
         best = best_of(strong)
         if best is None or best.alternative is None:
             break
+        own = np.any(best.alternative.columns != 0, axis=1)
+        larger = current.with_alternative(best.alternative)
+        whole, before, after = (one.squares(own) for one in (equation, current, larger))
+        shares.append((before - after) / max(whole, 1e-300))
         accepted.append(best)
-        current = current.with_alternative(best.alternative)
+        current = larger
         remaining = [one for one in remaining if one is not best.candidate]
-    return Selection(accepted_with_errors(current, accepted), equation, current, first or ())
+    found = accepted_with_errors(current, accepted)
+    parts = tuple(replace(one, share=share) for one, share in zip(found, shares, strict=True))
+    return Selection(parts, equation, current, first or ())
 
 
 def accepted_with_errors(equation: Equation, accepted: Sequence[Trial]) -> tuple[Accepted, ...]:

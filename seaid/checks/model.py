@@ -9,7 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cache, cached_property, partial
+from typing import Any
 
 import numpy as np
 
@@ -48,7 +49,7 @@ from seaid.checks.terms import (
     toml_of,
     with_term,
 )
-from seaid.checks.tolerances import LEAST_DELAY_S
+from seaid.checks.tolerances import LEAST_DELAY_S, SIGNIFICANT, SURE
 from seaid.drives import Drive, unit_of
 from seaid.errors import Finding
 from seaid.estimation import FittedRows
@@ -63,7 +64,8 @@ class Side:
 
     `joints` are those whose drives are in its rows, `widths` {joint: width of Coulomb friction}
     those that the encoders resolve, `gears` the joints whose gear was measured, `base` the
-    base parameters of the load side.
+    base parameters of the load side, `offset_std` [rad] the standard deviation of the joints'
+    zeros that the errors of the estimate contain.
     """
 
     robot: Robot
@@ -74,6 +76,7 @@ class Side:
     widths: Mapping[str, float]
     gears: frozenset[str] = frozenset()
     base: BaseParameters | None = None
+    offset_std: float = 0.0
 
     @cached_property
     def equation(self) -> Equation:
@@ -88,24 +91,52 @@ class Side:
 
     def drive(self, joint: str, *, at_joint: bool = False, few: bool = False) -> DriveRows:
         """Return a drive at the rows, at its motor or `at_joint`, by `few` samples or all."""
-        coarse = self.coarse if few else ()
-        rows, theta = self.equation.rows, self.fitted.estimate.values
-        if self.is_motor:
-            return actuator_drive(self.robot, self.motions, joint, rows, theta, coarse)
-        return load_drive(self.robot, self.motions, joint, rows, theta, coarse, at_joint=at_joint)
+        return self._drive(joint, at_joint, few)
+
+    @cached_property
+    def _drive(self) -> Callable[[str, bool, bool], DriveRows]:
+        return cache(partial(_drive_at_rows, self))
+
+    @cached_property
+    def bodies_at_rows(self) -> Array:
+        """The columns (R, 10N) of the bodies at the rows."""
+        return _bodies_turned(self, "", 0.0)
+
+    @cached_property
+    def states(self) -> list[tuple[Any, ...]]:
+        """Position, velocity and acceleration (T, n) of the joints at the rows of each motion.
+
+        The fourth array are the places of the rows, the fifth those of their instants.
+        """
+        rows, found = self.equation.rows, []
+        for run, motion in enumerate(self.motions):
+            own = np.flatnonzero(rows.run == run)
+            times, instants = np.unique(rows.time[own], return_inverse=True)
+            samples = np.searchsorted(motion.time, times)
+            states = (in_band_at(motion, state, samples) for state in motion.joint_states)
+            found.append((*states, own, instants))
+        return found
+
+
+def _drive_at_rows(side: Side, joint: str, at_joint: bool, few: bool) -> DriveRows:
+    coarse = side.coarse if few else ()
+    rows, theta = side.equation.rows, side.fitted.estimate.values
+    if side.is_motor:
+        return actuator_drive(side.robot, side.motions, joint, rows, theta, coarse)
+    return load_drive(side.robot, side.motions, joint, rows, theta, coarse, at_joint=at_joint)
 
 
 @dataclass(frozen=True)
 class ColumnCheck:
     """A check of an equation: `candidates` are its columns for a joint, with a code each.
 
-    `finding` words what was accepted of a joint, and the part of its squared residual that all that
-    was accepted explains.
+    `finding` words what was accepted of a joint, with the part of the squared residual that it
+    explains; it may find that it is nothing.
     """
 
     code: Code
     candidates: Callable[[Side, str], Iterable[Candidate]]
-    finding: Callable[[Side, str, Sequence[Accepted], float], Finding]
+    finding: Callable[[Side, str, Sequence[Accepted], float], Finding | None]
 
 
 _STIFF = ("offset", "smooth_coulomb", "asymmetric", "quadratic", "stribeck")
@@ -267,23 +298,19 @@ def _turned(side: Side, joint: str, of_few: bool) -> list[Point]:
     assert side.base is not None
     fitted = side.equation.values[: len(side.base.grouping)]
     bodies = side.base.least(fitted) + side.robot.known_parameters
-    half = 0.5 * _STEP_RAD
-    ahead, behind = (_bodies_turned(side, joint, x) @ bodies for x in (half, -half))
-    return [Point({}, Alternative((ahead - behind)[:, None] / _STEP_RAD, 1))]
+    change = (_bodies_turned(side, joint, _STEP_RAD) - side.bodies_at_rows) @ bodies
+    return [Point({}, Alternative(change[:, None] / _STEP_RAD, 1))]
 
 
 def _bodies_turned(side: Side, joint: str, angle: float) -> Array:
     """Return the columns (R, 10N) of the bodies at the rows, with an angle added to a joint."""
-    rows, turn = side.equation.rows, np.zeros(side.robot.n)
-    turn[side.robot.index(joint)] = angle
-    found = np.zeros((len(rows.y), 10 * len(side.robot.body_names)))
-    for run, motion in enumerate(side.motions):
-        own = np.flatnonzero(rows.run == run)
-        times, instants = np.unique(rows.time[own], return_inverse=True)
-        samples = np.searchsorted(motion.time, times)
-        q, *rates = (in_band_at(motion, state, samples) for state in motion.joint_states)
-        regressor = regressor_at_drives(side.robot, q + turn, *rates)
-        found[own] = regressor[instants, rows.joint[own].astype(int)]
+    turn = np.zeros(side.robot.n)
+    if joint:
+        turn[side.robot.index(joint)] = angle
+    found = np.zeros((len(side.equation.rows.y), 10 * len(side.robot.body_names)))
+    for q, v, a, own, instants in side.states:
+        regressor = regressor_at_drives(side.robot, q + turn, v, a)
+        found[own] = regressor[instants, side.equation.rows.joint[own].astype(int)]
     return found
 
 
@@ -298,7 +325,7 @@ def _searched_zero(side: Side, joint: str) -> tuple[float, float]:
     """
     assert side.base is not None
     rows, weights, angle = side.equation.rows, side.equation.weights, 0.0
-    count, given = len(side.base.grouping), _bodies_turned(side, joint, 0.0)
+    count, given = len(side.base.grouping), side.bodies_at_rows
     least, known = side.base.least(np.eye(count)), side.robot.known_parameters
     for _ in range(_MOST_STEPS):
         change = _bodies_turned(side, joint, angle) - given
@@ -306,21 +333,28 @@ def _searched_zero(side: Side, joint: str) -> tuple[float, float]:
         H[:, :count] += change @ least
         current = Equation(replace(rows, H=H, y=y), weights)
         bodies = least @ current.values[:count] + known
-        half = 0.5 * _STEP_RAD
-        ahead, behind = (_bodies_turned(side, joint, angle + x) @ bodies for x in (half, -half))
-        column = Alternative((ahead - behind)[:, None] / _STEP_RAD, 1)
+        step = _bodies_turned(side, joint, angle + _STEP_RAD) - given - change
+        column = Alternative((step @ bodies)[:, None] / _STEP_RAD, 1)
         trial = Trial(Candidate(joint, "offset", "", lambda _: ()), None, alternative=column)
         (found,) = accepted_with_errors(current.with_alternative(column), [trial])
-        step, error = float(found.coefficients[0]), float(found.errors[0])
-        angle += step
-        if abs(step) < 0.1 * error:
+        correction, error = float(found.coefficients[0]), float(found.errors[0])
+        angle += correction
+        if abs(correction) < 0.1 * error:
             break
     return angle, error
 
 
-def _zero_is_off(side: Side, joint: str, accepted: Sequence[Accepted], share: float) -> Finding:
-    """Return the finding of a joint whose zero is not that of the robot file."""
+def _zero_is_off(
+    side: Side, joint: str, accepted: Sequence[Accepted], share: float
+) -> Finding | None:
+    """Return the finding of a joint whose zero is not that of the robot file.
+
+    An angle beyond a turn, or one that is not determined, stands for something else.
+    """
+    del accepted  # linear in an angle that may be large
     offset, error = _searched_zero(side, joint)
+    if abs(offset) > np.pi or abs(offset) < SIGNIFICANT * error:
+        return None
     processing = side.motions[0].processing
     sources = ((processing and processing.sources) or {})[joint]
     lever = side.robot.drives[joint].ratio if side.robot.drives[joint].is_elastic else 1.0
@@ -333,7 +367,7 @@ def _zero_is_off(side: Side, joint: str, accepted: Sequence[Accepted], share: fl
         f"the zero of {joint} is {np.degrees(offset):.2f} +- {np.degrees(error):.2f} degrees from "
         f"that of the robot file: that explains {share:.0%} of the squared residual of its torque",
         joint,
-        "doubtful",
+        "note" if abs(offset) < SURE * side.offset_std else "doubtful",
         {"offset [rad]": offset, "standard error [rad]": error, "explained": share},
         "\n".join(["in the description of the log:", toml_table("joints", joint), *lines]),
     )
@@ -515,12 +549,16 @@ class SideSelection:
     def findings(self) -> Iterator[Finding]:
         """Yield what was accepted, of each joint and check."""
         for joint in self.side.joints:
-            accepted = [x for x in self.selection.accepted if x.trial.candidate.joint == joint]
-            share = self.selection.share(self.side.robot.index(joint)) if accepted else 0.0
             for check in COLUMN_CHECKS:
-                own = [x for x in accepted if x.trial.candidate.about is check]
-                if own:
-                    yield check.finding(self.side, joint, own, share)
+                own = [
+                    one
+                    for one in self.selection.accepted
+                    if one.trial.candidate.about is check and one.trial.candidate.joint == joint
+                ]
+                share = sum(one.share for one in own)
+                finding = check.finding(self.side, joint, own, share) if own else None
+                if finding is not None:
+                    yield finding
 
 
 def model_sides(
@@ -530,12 +568,14 @@ def model_sides(
     widths: Mapping[str, float],
     gears: Iterable[str] = (),
     base: BaseParameters | None = None,
+    offset_std: float = 0.0,
 ) -> list[Side]:
     """Return the equations of `fits` that are checked: (7) of elastic joints, and the load side.
 
     `widths` {joint: width of Coulomb friction} are those that the encoders resolve, `gears` the
-    joints whose gear was measured, `base` the base parameters of the load side. Rows that are
-    not in memory are not checked, nor those of robust estimators, which lack some instants.
+    joints whose gear was measured, `base` the base parameters of the load side, and `offset_std`
+    the standard deviation of the joints' zeros [rad]. Rows that are not in memory are not checked,
+    nor those of robust estimators, which lack some instants.
     """
     actuators, load = fits
     rows = load.rows
@@ -548,7 +588,7 @@ def model_sides(
     sides = [
         Side(robot, motions, fitted, (joint,), True, *given) for joint, fitted in actuators.items()
     ]
-    sides += [Side(robot, motions, load, loads, False, *given, base)] if loads else []
+    sides += [Side(robot, motions, load, loads, False, *given, base, offset_std)] if loads else []
     return [
         side
         for side in sides

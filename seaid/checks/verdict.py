@@ -111,7 +111,7 @@ def consequences(setup: Sequence[Finding], findings: Iterable[Finding]) -> list[
 
 _ECHOES = (
     *("nonlinear-spring", "missing-term", "transmission-error", "estimator-disagrees"),
-    "drift",
+    *("drift", "delay"),
 )
 """Findings that noise alone raises where the deflection of a spring is mostly noise."""
 

@@ -457,14 +457,14 @@ def _identify(
         whole = [one for one in datasets if isinstance(one, Motion)]
         whole = whole if len(whole) == len(datasets) else []
         widths = resolved_widths(robot, logs_in_memory, whole)
-        lacking = selections(_sides(robot, whole, model, found, widths))
+        lacking = selections(_sides(robot, whole, model, found, widths, encoder_offset_std))
         for _ in range(MOST_ROUNDS):
             robot, given, notes = with_default_terms(robot, given, lacking)
             if not notes:
                 break
             findings += notes
             model, found = _two_step(robot, datasets, used, options, bias)
-            lacking = selections(_sides(robot, whole, model, found, widths))
+            lacking = selections(_sides(robot, whole, model, found, widths, encoder_offset_std))
     findings += consequences(findings, model_findings(lacking, findings))
     found = _continued(robot, datasets, model, found, (method, estimator), options)
 
@@ -507,10 +507,11 @@ def _sides(
     model: LoadModel,
     found: RobotEstimate,
     widths: Mapping[str, float],
+    offset_std: float,
 ) -> list[Side]:
     """Return the equations of an estimate that are checked, none of logs that are not in memory."""
-    gears = deflection_joints(robot, motions)
-    return model_sides(robot, motions, (found.actuators, found.fit), widths, gears, model.base)
+    gears, fits = deflection_joints(robot, motions), (found.actuators, found.fit)
+    return model_sides(robot, motions, fits, widths, gears, model.base, offset_std)
 
 
 _MOST_STEPS = 60

@@ -280,7 +280,9 @@ def test_a_width_that_the_sampling_explains_is_noted_only() -> None:
     nothing: Any = None
     for resolved, severity in ((4.0, "note"), (8.0, "note"), (2.0, "doubtful")):
         side = Side(leg(), [], nothing, ("hip_roll",), False, {"hip_roll": resolved})
-        assert check.finding(side, "hip_roll", accepted, 0.5).severity == severity
+        finding = check.finding(side, "hip_roll", accepted, 0.5)
+        assert finding is not None
+        assert finding.severity == severity
 
 
 def test_the_width_is_that_of_the_joint_in_a_log_of_another_order() -> None:
