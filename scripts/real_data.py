@@ -232,7 +232,8 @@ def value_rows(case: Case, found: seaid.Identification) -> Iterator[Row]:
 def weak_rows(case: Case, found: seaid.Identification) -> Iterator[Row]:
     """Yield the springs that the log does not determine: they must be flagged."""
     if case.weak:
-        flagged = {joint: bool(found.drives[joint].warnings) for joint in case.weak}
+        named = {one.joint for one in found.warnings}
+        flagged = {joint: joint in named for joint in case.weak}
         values = [
             f"{joint} {number(found.drives[joint].value('stiffness'))}" for joint in case.weak
         ]

@@ -20,8 +20,13 @@ from seaid.drives.equations import DriveEquation, joint_equation, motor_equation
 from seaid.drives.regressor import flat_names
 from seaid.drives.symbols import SYMBOLS, known_values
 from seaid.estimation.fitting import estimator_named
-from seaid.identification.identification import Identification, identification_of
-from seaid.identification.nonlinear_terms import linearised_robot, with_fixed_warnings
+from seaid.identification.identification import (
+    Identification,
+    identification_of,
+    value_findings,
+    with_value_findings,
+)
+from seaid.identification.nonlinear_terms import linearised_robot, with_searched_values
 from seaid.identification.two_step import estimate_two_step, joints_with_torque
 from seaid.log.motion import Motion
 from seaid.log.reading import Log
@@ -143,9 +148,9 @@ def identified(robot: Robot, motion: Motion, rows: list[str] | None = None) -> I
     known, datasets = linearised_robot(known, [motion], used)
     model = load_model(known, base_parameters(known, torque_joints=used), used)
     sides = estimate_two_step(known, datasets, model, estimator_named("wls"), 0.0, None, False)
-    drives = with_fixed_warnings(sides.drives, robot, known)
-    sides = replace(sides, drives=drives)
-    return identification_of(known, model, sides, datasets)
+    values = value_findings(sides, robot, known)
+    sides = replace(sides, drives=with_searched_values(sides.drives, robot, known))
+    return with_value_findings(identification_of(known, model, sides, datasets), values)
 
 
 def value_of(equation: DriveEquation, drive: Drive, by_name: Mapping[str, Array]) -> Array:

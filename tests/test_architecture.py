@@ -118,7 +118,6 @@ def test_no_module_imports_one_that_imports_it() -> None:
 
 ONE_IMPORTER = {
     "a method with a source of its own, read and tested alone": (
-        *("estimation.feasible", "estimation.robust"),
         *("identification.instrumental", "identification.simultaneous"),
         "identification.linear_joints",
         "excitation.multisine",
@@ -142,7 +141,6 @@ ONE_IMPORTER = {
         *("excitation.run_in", "excitation.search"),
         *("checks.base", "checks.bodies"),
         *("identification.command_refinement", "identification.sensitivity"),
-        "identification.consistency_program",
         "identification.known_constants",
         *("export.joint_actuators", "regressor.structural.equations"),
     ),

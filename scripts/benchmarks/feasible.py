@@ -34,7 +34,7 @@ from scripts.benchmarks.random_programs import (
 from scripts.short_form import add_quick, few
 from seaid._arrays import Array
 from seaid.estimation.estimate import Estimate
-from seaid.identification.physical_consistency import FeasibleParameters, feasible_parameters
+from seaid.identification.consistency import FeasibleParameters, feasible_parameters
 from seaid.regressor.base import base_parameters, random_states
 from seaid.regressor.load import LoadModel, load_model
 from seaid.regressor.rigid_body import rigid_body_regressor

@@ -31,7 +31,7 @@ from seaid.errors import SeaidError
 from seaid.estimation.estimate import Estimate
 from seaid.estimation.feasible import FeasiblePoint, nearest, regularised, with_selected_weight
 from seaid.estimation.sdp import BARRIER, Program, floored_covariance
-from seaid.identification.consistency_program import (
+from seaid.identification.consistency import (
     body_limits,
     body_program,
     interior_start,

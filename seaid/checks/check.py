@@ -8,7 +8,7 @@ becomes a note.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
 
 from seaid._arrays import FrozenMapping
@@ -102,3 +102,17 @@ def excluding_torque(kept: Sequence[str]) -> str:
         f", or exclude its torque (--torque-joints {','.join(kept)}), in [identify] of "
         f"seaid.toml:\ntorque_joints = [{', '.join(map(toml_text, kept))}]"
     )
+
+
+_OF_FIT = ("no-fit", "negative-parameter")
+"""Codes of findings that say that a model, or its values, are wrong."""
+
+
+def is_wrong(setup: Iterable[Finding]) -> bool:
+    """Whether findings say that the set-up, and not only the model, is wrong."""
+    return any(one.severity == "wrong" and one.code not in _OF_FIT for one in setup)
+
+
+def consequences(setup: Sequence[Finding], findings: Iterable[Finding]) -> list[Finding]:
+    """Return findings about a fit: mere notes if the set-up is already known to be wrong."""
+    return [replace(one, severity="note") if is_wrong(setup) else one for one in findings]

@@ -44,7 +44,7 @@ CORRELATED_ROWS = 4.0
 
 FEW = 0.01
 """Share of the samples, or of a correlation below one, that no mistake of a set-up is needed for:
-ends of a motion, single lost messages, feet that slip. A small part of a weight."""
+ends of a motion, single lost messages, feet that slip. A small part of a weight or a torque."""
 
 MOST = 0.5
 """Share from which something holds for most of a log, and correlation from which two channels
@@ -52,7 +52,8 @@ follow each other."""
 
 TWICE = 2.0
 """Ratio of two sizes that errors of nominal bodies or of a mounting do not explain: masses by CAD
-are nearer, and the controllers of a measured Go2 gave 1.1 to 1.7 of the torque of its bodies."""
+are nearer, and the controllers of a measured Go2 gave 1.1 to 1.7 of the torque of its bodies. Of
+variances, the ratio from which parts of the data disagree, or a drift is more than a note."""
 
 MANY_TIMES = 5.0
 """Multiple of a limit from which a unit, and not the size of a motion, explains it: torques beyond
@@ -60,7 +61,8 @@ a limit that saturates them were at most 1.5 times beyond on average."""
 
 FAR = 20.0
 """Ratio of two ranges, or of a torque, from which another unit, and neither a soft controller nor
-nominal values, explains it: a degree is 1/57 rad."""
+nominal values, explains it: a degree is 1/57 rad. Of likelihoods, with and without a drift, twice
+the logarithm from which it has a finding: encoders that move slowly have slow errors too."""
 
 LATE_S = 0.05
 """Delay of a command [s] that no bus has."""
@@ -120,3 +122,12 @@ LARGEST_DEFLECTION_RAD = 0.5
 
 LEAST_OFFSET = 2e-3
 """Difference [rad or m] of the encoder offsets of a joint without a spring that matters."""
+
+FEWEST_INDEPENDENT = 1.5
+"""Independent rows per parameter below which standard errors are unreliable."""
+
+NO_CHANCE = 0.999
+"""Level of the interval that excludes zero if an error of a channel is none by chance."""
+
+CONTRADICTED = 10.0
+"""Standard deviations of chi-square above its mean from which data and assumptions contradict."""

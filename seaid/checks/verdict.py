@@ -18,12 +18,13 @@ import numpy as np
 from seaid._arrays import Array, BoolArray, FrozenMapping, safely
 from seaid._progress import Display
 from seaid.checks.check import Observation, excluding_torque, observed
-from seaid.checks.codes import CONTACT, FEW_ROWS, NO_FIT, UNIDENTIFIABLE, UNUSED_CHANNEL
+from seaid.checks.codes import CONTACT, FEW_ROWS, NO_FIT
 from seaid.checks.engine import time_blocks
 from seaid.checks.experiment import Experiment
 from seaid.checks.tolerances import (
     BURST,
     CORRELATED_ROWS,
+    FEWEST_INDEPENDENT,
     HALF_POWER,
     NEGLIGIBLE,
     NOTHING,
@@ -36,18 +37,15 @@ from seaid.checks.tolerances import (
 )
 from seaid.errors import Finding, IdentificationError, SeaidError, Severity, listed
 from seaid.estimation import (
-    FEWEST_INDEPENDENT,
     RANK_TOLERANCE,
-    Estimate,
     FittedRows,
     qr_factor_of,
     row_step,
     scaled_svd,
     triangle,
 )
-from seaid.log import Motion
-from seaid.regressor import INPUT_FIELDS, Regression, motor_regressor
-from seaid.robot import BASE_ROWS, Robot
+from seaid.regressor import Regression
+from seaid.robot import BASE_ROWS
 
 Level = Literal["good", "usable with care", "do not use"]
 
@@ -96,17 +94,7 @@ class Verdict(Display):
     joints: Mapping[str, JointFit]
 
 
-# What a wrong set-up, or another finding, explains
-
-
-def is_wrong(setup: Iterable[Finding]) -> bool:
-    """Whether findings say that the set-up, and not only the model, is wrong."""
-    return any(one.severity == "wrong" and one.code != NO_FIT.name for one in setup)
-
-
-def consequences(setup: Sequence[Finding], findings: Iterable[Finding]) -> list[Finding]:
-    """Return findings about a fit: mere notes if the set-up is already known to be wrong."""
-    return [replace(one, severity="note") if is_wrong(setup) else one for one in findings]
+# What another finding, or a wrong set-up, explains
 
 
 _ECHOES = (
@@ -565,45 +553,3 @@ _OF_FIT = (
 def fit_findings(fit: RobotFit) -> list[Finding]:
     """Return what the fit of a robot shows: torques without a model, contacts, too few rows."""
     return observed(_OF_FIT, fit)
-
-
-# What of a log no equation uses
-
-_CHANNELS = (*INPUT_FIELDS.values(), "joint_torque")
-
-
-def unused_findings(
-    robot: Robot,
-    drives: Mapping[str, Estimate],
-    torque_joints: Sequence[str],
-    motions: Sequence[Motion],
-) -> Iterator[Finding]:
-    """Yield notes on parameters of `drives` that no equation has, and on channels without use."""
-    for joint in robot.elastic_joints:  # without the motor equation (7), where one is missing
-        own, names = robot.drives[joint], motor_regressor(robot, joint).names
-        missing = [name.replace("_", " ") for name in names if name not in drives[joint].names]
-        if missing:
-            message = (
-                f"the log has the joint torque of {joint} and not its motor {own.motor_input}, "
-                f"which alone would identify {listed(missing)}"
-            )
-            yield UNIDENTIFIABLE.finding(message, joint, "note", certainty="certain")
-
-    def is_logged(channel: str, joint: str) -> bool:
-        signals = [getattr(motion, channel) for motion in motions]
-        index = robot.index(joint)
-        return any(one is not None and np.any(np.isfinite(one[:, index])) for one in signals)
-
-    used = {x: INPUT_FIELDS[robot.drives[x].motor_input] for x in torque_joints}
-    for channel in _CHANNELS:
-        unused = [
-            joint
-            for joint in robot.joint_names
-            if joint in used and channel != used[joint] and is_logged(channel, joint)
-            if channel != "joint_torque"
-            or (not robot.drives[joint].is_elastic and is_logged(used[joint], joint))
-        ]
-        if unused:
-            name, joint = channel.replace("_", " "), unused[0] if len(unused) == 1 else ""
-            message = f"the {name} of {listed(unused)} is in the log and in no equation"
-            yield UNUSED_CHANNEL.finding(message, joint, "note", certainty="certain")

@@ -5,6 +5,8 @@ from .covariance import newey_west as newey_west
 from .covariance import row_step as row_step
 from .covariance import slots as slots
 from .estimate import POORLY_DETERMINED as POORLY_DETERMINED
+from .estimate import Diagnostics as Diagnostics
+from .estimate import Drift as Drift
 from .estimate import Estimate as Estimate
 from .estimate import ModelChecks as ModelChecks
 from .estimate import TermTest as TermTest
@@ -31,7 +33,6 @@ from .instrumental_variables import errors_in_variables as errors_in_variables
 from .instrumental_variables import instrumental as instrumental
 from .instrumental_variables import unattenuated as unattenuated
 from .instrumental_variables import with_predicted_columns as with_predicted_columns
-from .least_squares import FEWEST_INDEPENDENT as FEWEST_INDEPENDENT
 from .least_squares import equal_weights as equal_weights
 from .least_squares import estimate_of as estimate_of
 from .least_squares import estimate_of_rows as estimate_of_rows

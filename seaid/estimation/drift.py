@@ -26,9 +26,8 @@ from scipy.fft import dct
 from scipy.special import fdtri
 
 from seaid._arrays import Array, safely
-from seaid.errors import Finding
 from seaid.estimation.covariance import at_slots, row_step, slots
-from seaid.estimation.estimate import Estimate
+from seaid.estimation.estimate import Drift, Estimate
 from seaid.estimation.qr_factor import QRFactor, combined, qr_factor_of, triangle
 
 if TYPE_CHECKING:
@@ -40,9 +39,8 @@ _FLAT, _HIGHEST = 0.7, 0.25
 _CORNERS = 8
 """Corners that are compared, a factor of about 1.6 apart in a log of six seconds."""
 
-_SIGNIFICANT, _CERTAIN = 4.0, 20.0
-"""Ratios of likelihoods (twice their logarithm) from which drift is in the covariance, and from
-which there is a finding: encoders that move slowly have slow errors too."""
+_SIGNIFICANT = 4.0
+"""Ratio of likelihoods (twice its logarithm) from which drift is in the covariance."""
 
 _LEAST_SHARE, _LARGEST_SHARE = 1e-3, 0.2
 """Drift as a part of the rms torque below which it is a numerical error, or harmless, and from
@@ -51,26 +49,7 @@ which it is none: the model lacks something then, or the stiffness of a spring i
 _FEWEST = 8
 """Fewest cosines above the highest corner, which determine the noise."""
 
-_DOUBTFUL = 2.0
-"""Factor on a variance from which a drift is more than a note, as where blocks disagree."""
-
 _DEPENDENT, _ROUNDING = 1e-7, 1e-6
-
-
-@dataclass(frozen=True, eq=False)
-class Drift:
-    """The drift of one equation.
-
-    `influence` (p, K) times normal numbers is its effect on the right-hand side of the weighted
-    normal equations; `share` its rms over that of the torque, without its mean; `ratio` twice the
-    logarithm of the ratio of likelihoods with and without it.
-    """
-
-    equation: int
-    corner_hz: float
-    share: float
-    ratio: float
-    influence: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,8 +61,13 @@ class _Band:
     rows: Array
 
 
-def drifts_of(rows: Regression, weights: Array, cutoff_hz: float) -> tuple[Drift, ...]:
+def drifts_of(
+    rows: Regression, weights: Array, cutoff_hz: float
+) -> tuple[tuple[Drift, Array], ...]:
     """Return the significant drifts, the clearest first; `weights` (E,) are of the equations.
+
+    The array (p, K) of a drift, times normal numbers, is its effect on the right-hand side of the
+    weighted normal equations.
 
     Equations share parameters, so that the drift of one is in the residuals of others: each is
     sought with those before it known.
@@ -105,7 +89,7 @@ def drifts_of(rows: Regression, weights: Array, cutoff_hz: float) -> tuple[Drift
     likelihoods = [_likelihood(band, highest_hz) for band in scaled]
     moments = [one.moments[0] for one in likelihoods]
     count = sum(len(band.rows) for band in scaled)
-    found: list[Drift] = []
+    found: list[tuple[Drift, Array]] = []
     left = list(range(len(bands)))
     while left:
         every = np.sum(moments, axis=0)
@@ -113,11 +97,11 @@ def drifts_of(rows: Regression, weights: Array, cutoff_hz: float) -> tuple[Drift
         best = max(left, key=lambda place: likely[place][1])
         corner, ratio = likely[best]
         corner_hz = float(likelihoods[best].corners_hz[corner])
-        drift = _drift(rows, bands[best], corner_hz, ratio, levels[best], weights[best])
+        drift, influence = _drift(rows, bands[best], corner_hz, ratio, levels[best], weights[best])
         if ratio < _SIGNIFICANT or drift.share < _LEAST_SHARE:
             break
         if drift.share < _LARGEST_SHARE:
-            found.append(drift)
+            found.append((drift, influence))
         left.remove(best)
         moments[best] = likelihoods[best].moments[corner]
     return tuple(found)
@@ -208,58 +192,37 @@ def _likelihood(band: _Band, highest_hz: float) -> _Likelihood:
 
 def _drift(
     rows: Regression, band: _Band, corner_hz: float, ratio: float, level: float, weight: float
-) -> Drift:
-    """Return the drift of an equation from its weighted rows and the `level` of their noise."""
+) -> tuple[Drift, Array]:
+    """Return the drift of an equation, and its effect, from its weighted rows and their noise."""
     std = level * corner_hz / band.frequency_hz
     y = rows.y[rows.joint == band.equation]
     changing = std[band.frequency_hz > np.min(band.frequency_hz)]  # without the mean
     rms = float(np.linalg.norm(changing)) / math.sqrt(len(y)) / weight
     share = rms / max(float(np.std(y)), 1e-300)
     influence = band.rows[:, : len(rows.names)].T * std
-    return Drift(band.equation, corner_hz, share, ratio, influence)
+    names = rows.joint_names
+    joint = names[band.equation % len(names)] if names else ""
+    return Drift(joint, corner_hz, share, ratio), influence
 
 
 def with_drifts(
-    estimate: Estimate, inverse: Array, drifts: Sequence[Drift], joint_names: Sequence[str]
+    estimate: Estimate, inverse: Array, drifts: Sequence[tuple[Drift, Array]]
 ) -> Estimate:
-    """Return the estimate with the drifts in its covariance, and a finding for each drift.
+    """Return the estimate with the drifts in its covariance.
 
     `inverse` (p, p) is that of the weighted normal equations.
     """
+    if not drifts:
+        return estimate
     added = np.zeros_like(inverse)
-    for one in drifts:
-        change = inverse @ one.influence
+    for _, influence in drifts:
+        change = inverse @ influence
         added += change @ change.T
-    before = np.diag(estimate.covariance)
-    growth = float(np.max(1 + np.diag(added) / before)) if drifts else 1.0
-    findings = (_finding(one, growth, joint_names) for one in drifts if one.ratio > _CERTAIN)
-    return replace(
-        estimate,
-        covariance=estimate.covariance + added,
-        warnings=(*estimate.warnings, *findings),
+    growth = float(np.max(1 + np.diag(added) / np.diag(estimate.covariance)))
+    diagnostics = replace(
+        estimate.diagnostics, drifts=tuple(one for one, _ in drifts), growth=growth
     )
-
-
-def _finding(drift: Drift, growth: float, joint_names: Sequence[str]) -> Finding:
-    """Return the finding of a drift, with the largest `growth` of a variance by all drifts."""
-    joint = joint_names[drift.equation % len(joint_names)] if joint_names else ""
-    return Finding(
-        "drift",
-        f"the torque of {joint or 'the joint'} drifts by about {drift.share:.1%} of its rms: below "
-        f"{drift.corner_hz:.2g} Hz the drift is larger than the noise; the standard errors were "
-        f"enlarged by it, up to {math.sqrt(growth):.2g} times",
-        joint,
-        "doubtful" if growth > _DOUBTFUL else "note",
-        {
-            "share of the torque": drift.share,
-            "corner_hz": drift.corner_hz,
-            "time constant [s]": 1 / (2 * math.pi * drift.corner_hz),
-            "likelihood ratio": drift.ratio,
-        },
-        "let the drives and amplifiers warm up and zero the torque or current sensor before the "
-        "log; move faster, or longer; noisy joint encoders bias the fit and look like this: then "
-        "compare with the estimator iv",
-    )
+    return replace(estimate, covariance=estimate.covariance + added, diagnostics=diagnostics)
 
 
 FEWEST_BLOCKS = 8
@@ -272,9 +235,6 @@ _LEVEL = 0.995
 
 _FEWEST_FREEDOM = 2
 """Fewest degrees of freedom between blocks: two logs say little."""
-
-_DISAGREE = 2.0
-"""Ratio from which there is a finding; smaller ones only enlarge the standard errors."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -292,27 +252,6 @@ class Agreement:
     def factors(self) -> Array:
         """Factors (p,) on the variances."""
         return np.maximum(self.ratios, 1.0)
-
-    @property
-    def findings(self) -> tuple[Finding, ...]:
-        """A finding if the blocks disagree."""
-        worst = float(np.max(self.ratios, initial=1.0))
-        if worst < _DISAGREE:
-            return ()
-        message = (
-            f"{self.blocks} parts of the data disagree: their estimates scatter up to "
-            f"{worst**0.5:.1f} times as much as their residuals explain; the standard errors were "
-            "enlarged so much"
-        )
-        return (
-            Finding(
-                "blocks-disagree",
-                message,
-                evidence={"chi-square per degree of freedom": worst},
-                remedy="look for what changed between or during the logs: encoder offsets, payload,"
-                " temperature, a drifting sensor; identify the logs one by one",
-            ),
-        )
 
 
 def block_factors(

@@ -14,10 +14,9 @@ from scipy.special import stdtrit
 from scipy.stats import chi2
 from scipy.stats import f as f_distribution
 
-from seaid._arrays import Array, frozen
+from seaid._arrays import Array, FrozenMapping, frozen
 from seaid._progress import MOST_NAMES, Result, counted
 from seaid.errors import (
-    Finding,
     IdentificationError,
     SeaidError,
     UnknownNameError,
@@ -32,6 +31,39 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
     from seaid.regressor import Regression
+
+
+@dataclass(frozen=True)
+class Drift:
+    """The drift of the torque of a joint: below `corner_hz` it is larger than the noise.
+
+    `share` is its rms over that of the torque, without its mean; `ratio` twice the logarithm of the
+    ratio of likelihoods with and without it.
+    """
+
+    joint: str
+    corner_hz: float
+    share: float
+    ratio: float
+
+
+@dataclass(frozen=True)
+class Diagnostics:
+    """How the errors of the rows of a fit deviate from white noise.
+
+    `independent_rows` are those that determine the `parameters`; `scatter` is the largest ratio of
+    Birge, between estimates of parts of the data, of which there are `blocks`; `growth` is the
+    largest factor on a variance by the `drifts`; `instruments` {parameter: partial R^2 of its
+    column}, by Shea (1997), if the estimate has instruments.
+    """
+
+    independent_rows: float = float("inf")
+    parameters: int = 0
+    scatter: float = 1.0
+    blocks: int = 0
+    drifts: tuple[Drift, ...] = ()
+    growth: float = 1.0
+    instruments: Mapping[str, float] = FrozenMapping({}, "parameter")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -50,13 +82,13 @@ class Estimate(Result):
         Standard deviation of the residual below the cutoff, in the unit of the rows.
     condition_number : float
         Condition number of the regressor with columns scaled to unit norm.
-    warnings : tuple of Finding
-        Warnings about poorly determined or implausible values.
     white_standard_errors : ndarray (p,) or None
         Standard errors under the assumption of white noise, for comparison.
     degrees_of_freedom : ndarray (p,) or None
         Of Student's t in the intervals, which are wider than normal ones if few rows determine the
         standard errors. None: infinite.
+    diagnostics : Diagnostics
+        How the errors of the rows deviate from white noise.
 
     Examples
     --------
@@ -73,9 +105,9 @@ class Estimate(Result):
     units: tuple[str, ...]
     residual_std: float
     condition_number: float
-    warnings: tuple[Finding, ...] = ()
     white_standard_errors: Array | None = None
     degrees_of_freedom: Array | None = None
+    diagnostics: Diagnostics = Diagnostics()
 
     def _in_short(self) -> str:
         entries = zip(self.names, self.values, self.standard_errors, self.units, strict=True)

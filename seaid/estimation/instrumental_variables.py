@@ -19,8 +19,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import linalg
 
-from seaid._arrays import Array, finite, safely
-from seaid.errors import Finding, IdentificationError
+from seaid._arrays import Array, FrozenMapping, finite, safely
+from seaid.errors import IdentificationError
 from seaid.estimation.estimate import Estimate
 from seaid.estimation.least_squares import (
     estimate_of_rows,
@@ -44,9 +44,6 @@ _MOST_ROUNDS, _SETTLED = 50, 1e-8
 
 _safely = partial(safely, what="predicted currents", error=IdentificationError)
 
-WEAK = 0.1
-"""Partial R^2 of a column with its instruments below which the instruments are flagged as weak."""
-
 
 def instrumental(rows: Regression, instruments: Array, propagated: Array | None = None) -> Estimate:
     """Return theta = (Z^T W^2 H)^-1 Z^T W^2 y with instruments Z (R, p) and W that of `weighted`.
@@ -54,8 +51,9 @@ def instrumental(rows: Regression, instruments: Array, propagated: Array | None 
     It is computed in two stages, so that unidentifiable combinations raise the errors of
     `ordinary`: the columns are replaced by their projection on the instruments. The covariance is
     the sandwich of instrument times residual (Newey-West). A column with a small partial R^2 (Shea
-    1997) is flagged: its estimate may still be biased, and its interval too short. `propagated` as
-    in `ordinary`. Raises IdentificationError for instruments of another shape, not finite, or zero.
+    1997), which the diagnostics have, has an estimate that may still be biased, and an interval
+    that may be too short. `propagated` as in `ordinary`. Raises IdentificationError for instruments
+    of another shape, not finite, or zero.
     """
     Z = finite("instruments", _checked(rows, instruments), rows.H.shape, IdentificationError)
     qr_factor = qr_factor_of(rows)
@@ -70,18 +68,9 @@ def instrumental(rows: Regression, instruments: Array, propagated: Array | None 
     # Shea's (1997) partial R^2: variance by least squares over variance by instruments, without
     # the factor of the residual (Godfrey 1999)
     partial = np.diag(solve(qr_factor, weights).inverse) / np.diag(solution.inverse)
-    warnings = tuple(
-        Finding(
-            "weak-instruments",
-            f"the instruments of {name} are weak (partial R^2 {share:.1%}): its value may be as "
-            "biased as that of least squares",
-            evidence={"partial R^2": float(share)},
-        )
-        for name, share in zip(rows.names, partial, strict=True)
-        if share < WEAK
-    )
     estimate = estimate_of_rows(linear, of_linear, weights, propagated)
-    return replace(estimate, warnings=(*estimate.warnings, *warnings))
+    shares = FrozenMapping(dict(zip(rows.names, partial.tolist(), strict=True)), "parameter")
+    return replace(estimate, diagnostics=replace(estimate.diagnostics, instruments=shares))
 
 
 def unattenuated(

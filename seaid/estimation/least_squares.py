@@ -10,10 +10,10 @@ import numpy as np
 from scipy import linalg
 
 from seaid._arrays import Array, safely
-from seaid.errors import ExcitationError, Finding, IdentificationError
+from seaid.errors import ExcitationError, IdentificationError
 from seaid.estimation.covariance import LongRun, left_by_fit, left_of_mean, long_run_of
 from seaid.estimation.drift import agreement, block_factors, drifts_of, spans_of, with_drifts
-from seaid.estimation.estimate import Estimate
+from seaid.estimation.estimate import Diagnostics, Estimate
 from seaid.estimation.qr_factor import (
     RANK_TOLERANCE,
     Directions,
@@ -102,9 +102,6 @@ _ROUNDING = 1e-9
 
 MOST_INSTANTS = 4000
 """Instants beyond which the part of the variance that the fit removes is small: approximated."""
-
-FEWEST_INDEPENDENT = 1.5
-"""Independent rows per parameter below which standard errors are unreliable."""
 
 _MOST_REWEIGHTINGS = 1000
 _MOST_NAMED = 3
@@ -268,8 +265,7 @@ def estimate_of(
     inverse, theta = solution.inverse, solution.values
     white = inverse @ _white(qr_factor, weights, theta) @ inverse
     white *= _freedom(qr_factor.count, len(theta))
-    warnings: tuple[Finding, ...] = ()
-    covariance, freedom = white, np.inf
+    covariance, freedom, independent = white, np.inf, np.inf
     if scores is not None:
         freedom = scores.degrees_of_freedom
         independent = qr_factor.count / max(scores.inflation(inverse), 1.0)
@@ -277,7 +273,6 @@ def estimate_of(
             part = left_of_mean(scores.bandwidth) / _freedom(independent, len(theta))
             left = np.full(len(theta), part)
         covariance = inverse @ scores.covariance @ inverse / np.sqrt(np.outer(left, left))
-        warnings = _few_rows(independent, len(theta))
     squares = float(np.sum(qr_factor.residual_norms(theta) ** 2))
     estimate = Estimate(
         names=qr_factor.names,
@@ -286,23 +281,11 @@ def estimate_of(
         units=qr_factor.units,
         residual_std=float(np.sqrt(squares / qr_factor.count)),
         condition_number=solution.condition_number,
-        warnings=warnings,
         white_standard_errors=np.sqrt(np.diag(white)),
         degrees_of_freedom=np.full(len(theta), freedom),
+        diagnostics=Diagnostics(independent, len(theta)),
     )
     return _with_targets(qr_factor, weights, solution, estimate, propagated)
-
-
-def _few_rows(independent: float, p: int) -> tuple[Finding, ...]:
-    """Return a warning if so few rows are independent that standard errors are unreliable."""
-    if independent >= FEWEST_INDEPENDENT * p:
-        return ()
-    message = (
-        f"{p} parameters were estimated from {independent:.0f} independent rows: their intervals "
-        "are unreliable; record a longer log, or raise cutoff_hz"
-    )
-    evidence = {"independent rows": independent, "parameters": float(p)}
-    return (Finding("few-rows", message, evidence=evidence),)
 
 
 def score_factors(rows: Regression, qr_factor: QRFactor, weights: Array, theta: Array) -> Array:
@@ -359,7 +342,7 @@ def with_drifts_of(
     if cutoff_hz is None or not np.isfinite(cutoff_hz):
         return estimate
     drifts = drifts_of(rows, weights, cutoff_hz)
-    return with_drifts(estimate, solution.inverse, drifts, rows.joint_names)
+    return with_drifts(estimate, solution.inverse, drifts)
 
 
 def with_blocks(
@@ -385,11 +368,12 @@ def with_blocks(
     found = agreement(factors, noise, solution.root, variance, freedom)
     scale = np.sqrt(found.factors)
     fewer = np.where(scale > 1, float(found.blocks - 1), np.inf)
+    worst = float(np.max(found.ratios, initial=1.0))
     enlarged = replace(
         estimate,
         covariance=estimate.covariance * np.outer(scale, scale),
         degrees_of_freedom=np.minimum(freedom, fewer),
-        warnings=(*estimate.warnings, *found.findings),
+        diagnostics=replace(estimate.diagnostics, scatter=worst, blocks=found.blocks),
     )
     return _with_targets(qr_factor, weights, solution, enlarged, propagated)
 

@@ -9,7 +9,7 @@ parameters of the load side, flags, and the robot with all values put in.
 - `compare_terms`: which friction and spring terms the data support;
 - `estimate_delays`, `cutoff_sensitivity`, `identify_conditions`: delays of channels, the influence
   of the cutoff, and logs under several conditions;
-- `physical_consistency`: inertial parameters that are physically consistent, nearest to a prior.
+- `consistency`: inertial parameters that are physically consistent, nearest to a prior.
 
 >>> import seaid
 >>> robot = seaid.load_robot("models/tulip_leg.urdf", "models/tulip_leg.toml")

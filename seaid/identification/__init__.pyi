@@ -6,12 +6,12 @@ from .checking import check as check
 from .conditions import CONDITION_SPECIFIC as CONDITION_SPECIFIC
 from .conditions import Conditions as Conditions
 from .conditions import identify_conditions as identify_conditions
+from .consistency import FeasibleParameters as FeasibleParameters
 from .contact_forces import ContactForces as ContactForces
 from .datasets import Source as Source
 from .delays import Delay as Delay
 from .delays import correct_delays as correct_delays
 from .delays import estimate_delays as estimate_delays
-from .drive_estimates import POORLY_IDENTIFIED as POORLY_IDENTIFIED
 from .frequency import FrequencyResponse as FrequencyResponse
 from .frequency import frequency_response as frequency_response
 from .gear import GearRatio as GearRatio
@@ -25,7 +25,6 @@ from .inferred_contacts import with_leg_order as with_leg_order
 from .model_selection import TermSelection as TermSelection
 from .model_selection import compare_terms as compare_terms
 from .output_error import refine as refine
-from .physical_consistency import FeasibleParameters as FeasibleParameters
 from .repeated_identification import CutoffSensitivity as CutoffSensitivity
 from .repeated_identification import cross_validate as cross_validate
 from .repeated_identification import cutoff_sensitivity as cutoff_sensitivity

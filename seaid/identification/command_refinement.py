@@ -18,6 +18,7 @@ import numpy as np
 
 from seaid._arrays import Array, FrozenMapping, safely
 from seaid._progress import track
+from seaid.checks import revalued
 from seaid.drives import PARAMETERS, Bus, buses_of, is_stated, readable
 from seaid.errors import IdentificationError, SeaidError
 from seaid.estimation import Residuals, Step, gauss_newton_step
@@ -413,6 +414,7 @@ def _refined(task: _Task, here: Rollouts) -> Identification:
         load=load,
         load_side=side,
         robot=robot.with_values(robot.parameters, known),
+        findings=revalued(found.findings, drives),
     )
 
 

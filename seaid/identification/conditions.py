@@ -7,7 +7,7 @@ them known, identify what one condition cannot, such as the torque constant of a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import accumulate
@@ -25,6 +25,7 @@ from seaid.checks import (
     log_findings,
     robot_fit,
     setup_findings,
+    unknown_scales,
 )
 from seaid.drives import PARAMETERS, JointParameter
 from seaid.errors import Finding, IdentificationError, checked, listed, shown, unknown_name
@@ -57,9 +58,7 @@ from seaid.identification.datasets import (
 from seaid.identification.drive_estimates import (
     merged_estimates,
     spring_of,
-    weak_springs,
     with_spring_torque,
-    with_warnings,
 )
 from seaid.identification.gear import deflection_joints, with_rigid_gears
 from seaid.identification.identification import (
@@ -67,8 +66,10 @@ from seaid.identification.identification import (
     consistent_bodies,
     identification_of,
     identified_robot,
+    value_findings,
+    with_value_findings,
 )
-from seaid.identification.nonlinear_terms import linearised_robot, with_fixed_warnings
+from seaid.identification.nonlinear_terms import linearised_robot, with_searched_values
 from seaid.identification.simulated_joints import with_passed_reversals
 from seaid.identification.two_step import (
     LOAD,
@@ -76,7 +77,6 @@ from seaid.identification.two_step import (
     UnknownScaleError,
     fit_inputs,
     joints_with_torque,
-    scale_findings,
     scaled_with_springs,
     split_load_side,
     spring_torque_joints,
@@ -244,10 +244,7 @@ class ConditionFits:
     def of(self, condition: str) -> RobotEstimate:
         """Return one condition's part of all fits, as `identify` would."""
         robot, model = self.robots[condition], self.models[condition]
-        drives = {
-            joint: with_warnings(side.of(condition), joint, qr_factor_of(side.rows[condition]))
-            for joint, side in self.actuators.items()
-        }
+        drives = {joint: side.of(condition) for joint, side in self.actuators.items()}
         load_side = self.load.of(condition)
         base, others = split_load_side(model, load_side)
         found = merged_estimates(drives, others)
@@ -431,12 +428,15 @@ _DIFFERENT = (
 
 
 def _with_fits(
-    found: Identification, sides: RobotEstimate, given: Experiment, own: BoolArray
+    found: Identification,
+    sides: RobotEstimate,
+    given: Experiment,
+    own: BoolArray,
+    weak: Collection[str],
 ) -> Identification:
     """Return the identification of a condition with how well it explains its `own` (R,) rows."""
     joints, bodies = found.known.joint_names, found.robot.parameters
     bodies = bodies + found.known.payload_parameters
-    weak = weak_springs(sides.drives)
     fit = robot_fit(joints, sides.fit, sides.actuators, given, bodies, own, weak=weak)
     of_fit = [
         replace(one, remedy=f"{one.remedy}{_DIFFERENT}") if one.code == "no-fit" else one
@@ -562,7 +562,7 @@ def identify_conditions(
             one,
             robot=with_free_scale(one.robot, unscaled),
             nominal=first[name].nominal,
-            findings=(*one.findings, *scale_findings(one.robot, one.load_side, unscaled)),
+            findings=(*one.findings, *unknown_scales(one.robot, one.load_side, unscaled)),
         )
         for name, one in consistent.items()
     }
@@ -621,12 +621,16 @@ def _identify_conditions(
     found = {}
     for name, robot in robots.items():
         part = sides.of(name)
-        drives = with_fixed_warnings(part.drives, given[name], robot)
-        part = replace(part, drives=drives)
+        factors = {joint: qr_factor_of(x.rows[name]) for joint, x in sides.actuators.items()}
+        values = value_findings(part, given[name], robot, factors)
+        part = replace(part, drives=with_searched_values(part.drives, given[name], robot))
         one = identification_of(robot, models[name], part, datasets[name], declared=declared[name])
         checks = joint_checks(experiments[name], [first_motion(one) for one in datasets[name]])
+        values += one.findings
         one = replace(one, findings=setup[name], setup=checks, nominal=given[name])
-        found[name] = _with_fits(one, part, experiments[name], sides.load.is_of(name))
+        weak = {finding.joint for finding in values if finding.code == "weak-spring"}
+        one = _with_fits(one, part, experiments[name], sides.load.is_of(name), weak)
+        found[name] = with_value_findings(one, values)
     return Conditions(
         FrozenMapping(found), tuple(condition_specific), FrozenMapping(sides.differences())
     )

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from seaid.drives import (
     spring_slopes,
     unit_of,
 )
-from seaid.errors import Finding, IdentificationError, LogError, checked, listed
+from seaid.errors import IdentificationError, LogError, checked
 from seaid.estimation import fit
 from seaid.identification.datasets import Dataset, first_motion, rows_of_equations
 from seaid.identification.drive_estimates import merged_estimates, spring_of
@@ -77,10 +77,10 @@ def gear_estimates(
     datasets: Sequence[Dataset],
     drives: Mapping[str, Estimate],
     estimator: Estimator,
-) -> dict[str, Estimate]:
-    """Return stiffness, hysteresis and offset {joint: Estimate} of gears, see `gear_regression`.
+) -> dict[str, tuple[Estimate, float | None]]:
+    """Return stiffness, hysteresis and offset {joint: estimate} of gears, see `gear_regression`.
 
-    The stiffness is absent, and a note says so, if the gear is rigid within the errors.
+    The stiffness is absent, and the least one follows, if the gear is rigid within the errors.
     """
     joints = deflection_joints(robot, datasets)
     springs = {joint: spring_of(robot, drives[joint], joint) for joint in joints}
@@ -95,19 +95,19 @@ def gear_estimates(
         }
 
 
-def _gear(robot: Robot, joint: str, found: Estimate, spring: Estimate) -> Estimate:
-    """Return k_G = r_M^2 / c with the relative error of c, and of a force by the stiffness k."""
+def _gear(
+    robot: Robot, joint: str, found: Estimate, spring: Estimate
+) -> tuple[Estimate, float | None]:
+    """Return k_G = r_M^2 / c with the relative error of c, and of a force by the stiffness k.
+
+    The number is None, or the least stiffness of a gear that is rigid within the errors.
+    """
     drive = robot.drives[joint]
     compliance, error = float(found.values[0]), float(found.standard_errors[0])
     others = found.part([1, 2], found.names[1:])
     if compliance <= _SIGNIFICANT * error:
         least = drive.motor_radius**2 / max(compliance + _SIGNIFICANT * error, 1e-300)
-        message = (
-            f"the gear of {joint} is rigid within the errors: its stiffness is above {least:.3g} "
-            "N m/rad"
-        )
-        note = Finding("gear-compliance", message, joint, "note")
-        return replace(others, warnings=(note,))
+        return others, least
     stiffness = drive.motor_radius**2 / compliance
     scale = np.array([-stiffness / compliance, 1.0, 1.0])  # d k_G / d c
     covariance = found.covariance * np.outer(scale, scale)
@@ -115,7 +115,7 @@ def _gear(robot: Robot, joint: str, found: Estimate, spring: Estimate) -> Estima
         share = spring.standard_error("stiffness") / spring.value("stiffness")
         covariance[0, 0] += (share * stiffness) ** 2
     white = found.white_standard_errors
-    return replace(
+    gear = replace(
         found,
         names=("gear_stiffness", *found.names[1:]),
         values=np.array([stiffness, *found.values[1:]]),
@@ -123,6 +123,7 @@ def _gear(robot: Robot, joint: str, found: Estimate, spring: Estimate) -> Estima
         units=("N m/rad", *found.units[1:]),
         white_standard_errors=None if white is None else np.abs(scale) * white,
     )
+    return gear, None
 
 
 def with_gears(robot: Robot, given: Robot, gears: Mapping[str, Estimate]) -> Robot:
@@ -207,36 +208,6 @@ def _between(found: Identification, joint: str, names: Sequence[str], values: Ar
         share = 1.0 / (1.0 + found.robot.drives[joint].gear_compliance * k)
         softer["spring_offset"] = share * (own["spring_offset"] - k * offset)
     return np.array([softer[name] for name in names])
-
-
-def _is_by_deflection(sources: Mapping[str, Mapping[str, Any]] | None, joint: str) -> bool:
-    """Return whether a sensor of the deflection stands for the encoder of one side of a spring."""
-    own = (sources or {}).get(joint, {})
-    return "deflection" in own and not {"motor_position", "joint_position"} <= set(own)
-
-
-def gear_findings(found: Identification) -> tuple[Finding, ...]:
-    """Return a note on the joints whose stiffness includes that of the gear."""
-    if any(one.code == "motor-side" for one in found.findings):  # which says it
-        return ()
-    described = [one.sources for one in found.processing] or [None]
-    joints = [
-        joint
-        for joint, estimate in found.drive_side.items()
-        if joint not in found.gears
-        and "stiffness" in estimate.names
-        and found.known.drives[joint].ratio != 1
-        and not found.known.drives[joint].gear_compliance
-        and not all(_is_by_deflection(one, joint) for one in described)
-    ]
-    if not joints:
-        return ()
-    message = (
-        f"the stiffness of {listed(joints)} is that between the encoders, of spring and gear in "
-        "series; give gear_stiffness_Nm_per_rad in the drives, or log the deflection too, for that "
-        "of the spring alone"
-    )
-    return (Finding("gear-compliance", message, joints[0] if len(joints) == 1 else "", "note"),)
 
 
 _RESOLVED = 0.05

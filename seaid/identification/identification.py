@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
@@ -24,10 +24,13 @@ from seaid.checks import (
     base_findings,
     consequences,
     delay_estimate_findings,
+    drive_findings,
     excluded_findings,
     experiment_of,
     explained,
     fit_findings,
+    fixed_findings,
+    gear_findings,
     is_wrong,
     locked_outputs,
     log_findings,
@@ -35,13 +38,18 @@ from seaid.checks import (
     missing_torques,
     model_findings,
     model_sides,
+    noise_findings,
     observed,
+    offset_findings,
     resolved_widths,
+    rigid_gear,
     robot_fit,
+    scale_of_bodies,
     selections,
     sensor_errors,
     setup_findings,
     standstill_findings,
+    unknown_scales,
     unused_findings,
     verdict_of,
     with_torques_of,
@@ -55,7 +63,14 @@ from seaid.errors import (
     by_severity,
     checked,
 )
-from seaid.estimation import Estimate, Estimator, EstimatorName, ModelChecks, estimator_named
+from seaid.estimation import (
+    Estimate,
+    Estimator,
+    EstimatorName,
+    ModelChecks,
+    QRFactor,
+    estimator_named,
+)
 from seaid.identification.base_estimates import SensorBias, sensor_bias, whole_mass
 from seaid.identification.checking import (
     JointCheck,
@@ -70,6 +85,7 @@ from seaid.identification.command_delays import (
     with_estimated_delays,
     with_fixed_delays,
 )
+from seaid.identification.consistency import FeasibleParameters, feasible_parameters
 from seaid.identification.contact_forces import legged_fit
 from seaid.identification.datasets import (
     Dataset,
@@ -82,13 +98,11 @@ from seaid.identification.datasets import (
 )
 from seaid.identification.drive_estimates import (
     negative_inertias,
-    weak_springs,
     with_estimate,
 )
 from seaid.identification.gear import (
     deflection_joints,
     gear_estimates,
-    gear_findings,
     own_estimates,
     with_gears,
     with_rigid_gears,
@@ -98,7 +112,7 @@ from seaid.identification.known_constants import (
     check_known_std,
     constants_of,
     exact_constants,
-    scale_of_bodies,
+    scaled_by_bodies,
     with_known_std,
 )
 from seaid.identification.model_selection import MOST_ROUNDS, backlash_findings, with_default_terms
@@ -109,9 +123,8 @@ from seaid.identification.motor_side import (
     starts_by_regression,
     without_joint_encoder,
 )
-from seaid.identification.nonlinear_terms import linearised_robot, with_fixed_warnings
+from seaid.identification.nonlinear_terms import linearised_robot, with_searched_values
 from seaid.identification.output_error import FirstEstimate, first_estimate, refined_with_logs
-from seaid.identification.physical_consistency import FeasibleParameters, feasible_parameters
 from seaid.identification.sensitivity import sensitivity_findings
 from seaid.identification.simulated_joints import check_refinable, with_passed_reversals
 from seaid.identification.simultaneous import estimate_simultaneous
@@ -121,7 +134,6 @@ from seaid.identification.two_step import (
     check_scale_of_locked,
     estimate_two_step,
     joints_with_torque,
-    scale_findings,
     with_free_scale,
     with_unit_scales,
 )
@@ -178,7 +190,7 @@ class Identification(Result):
     processing, motions : tuple
         Processing of each log; motions of the logs in memory, for `compared`.
     findings : tuple of Finding
-        Findings about the set-up, and about the fit of the whole robot.
+        Findings about the set-up, the fit of the whole robot, and its values.
     joint_fits : mapping {joint: JointFit}
         How much of the torque of each joint the model explains.
     residual : tuple of 2 floats
@@ -230,14 +242,7 @@ class Identification(Result):
     @cached_property
     def warnings(self) -> tuple[Finding, ...]:
         """Findings about the experiment, the data and the values, the worst first."""
-        feasible = () if self.feasible is None else (self.feasible,)
-        parts = (*self.drives.values(), self.load, *feasible)
-        own = [warning for one in parts for warning in one.warnings]
-        own += excluded_findings(self.processing)
-        unused = unused_findings(self.known, self.drives, self.model.torque_joints, self.motions)
-        of_fit = [*own, *unused, *gear_findings(self)]
-        every = [*self.findings, *consequences(self.findings, of_fit)]
-        return by_severity(without_echoes(every, self.joint_fits))
+        return by_severity(without_echoes(self.findings, self.joint_fits))
 
     @cached_property
     def unusable_joints(self) -> Mapping[str, str]:
@@ -368,7 +373,7 @@ def identify(
         robot, found = later, once(later)
     unclear = (
         *delay_estimate_findings(robot, found.load_side),
-        *scale_findings(found.robot, found.load_side, unscaled),
+        *unknown_scales(found.robot, found.load_side, unscaled),
     )
     scaled = with_free_scale(found.robot, unscaled)
     return replace(found, robot=scaled, nominal=nominal, findings=(*found.findings, *unclear))
@@ -474,23 +479,26 @@ def _identify(
 
     if not is_wrong(findings):
         findings += sensitivity_findings(robot, datasets, model, found, estimator)
+    values = value_findings(found, given, robot)
     found = with_known_std(found, constants_of(robot, datasets, known_std), again)
-    found = replace(found, drives=with_fixed_warnings(found.drives, given, robot))
+    found = replace(found, drives=with_searched_values(found.drives, given, robot))
     consistent = _feasible(robot, model, found) if feasible else None
     result = identification_of(robot, model, found, datasets, consistent, declared)
     bodies = result.robot.parameters + robot.payload_parameters
-    weak = weak_springs(found.drives)
+    weak = {one.joint for one in values if one.code == "weak-spring"}
     sides = found.fit, found.actuators
     explains = robot_fit(robot.joint_names, *sides, experiment, bodies, locked=locked, weak=weak)
     findings += consequences(findings, fit_findings(explains))
-    findings += consequences(findings, backlash_findings(given, sources, result.drives, used))
+    weak_drives = [joint for joint in result.drives if joint in weak]
+    findings += consequences(findings, backlash_findings(given, sources, weak_drives, used))
     exact = exact_constants(robot, known_std)
-    findings += scale_of_bodies(result.drives, exact)
+    findings += scale_of_bodies(scaled_by_bodies(result.drives, exact))
     setup = joint_checks(experiment, [first_motion(one) for one in datasets])
     legged = legged_fit(result, datasets, found.fit, bias)
     findings += consequences(findings, [] if legged is None else observed(FEET_CHECKS, legged))
     findings += mass_findings(declared, result.motions, *whole_mass(result))
-    return replace(
+    values += [*found.findings, *result.findings]
+    result = replace(
         result,
         findings=tuple(findings),
         joint_fits=explains.joints,
@@ -499,6 +507,48 @@ def _identify(
         setup=setup,
         nominal=given,
     )
+    return with_value_findings(result, values)
+
+
+def value_findings(
+    found: RobotEstimate,
+    given: Robot,
+    robot: Robot,
+    qr_factors: Mapping[str, QRFactor] | None = None,
+) -> list[Finding]:
+    """Return what the values of both sides show, and what the errors of their rows do.
+
+    `given` is the robot before a search. `qr_factors` {joint: that of its motor equation}, by
+    default those of the fits.
+    """
+    fits = {joint: side.qr_factor for joint, side in found.actuators.items()}
+    findings: list[Finding] = []
+    for joint, estimate in found.drives.items():
+        drive, before = robot.drives[joint], given.drives[joint].known
+        findings += fixed_findings(joint, drive, [x for x in drive.known if x not in before])
+        if joint in found.actuators:
+            findings += noise_findings(found.actuators[joint].estimate)
+        findings += drive_findings(joint, estimate, (qr_factors or fits).get(joint))
+    return [*findings, *offset_findings(robot, found.fit), *noise_findings(found.load)]
+
+
+def with_value_findings(found: Identification, values: Iterable[Finding]) -> Identification:
+    """Return an identification with the findings of its values, bodies, gears and channels."""
+    described = [one.sources or {} for one in found.processing] or [{}]
+    findings = [
+        *values,
+        *(
+            finding
+            for one in found.gears.values()
+            if "gear_stiffness" in one.names  # else the gear is rigid within the errors
+            for finding in noise_findings(one)
+        ),
+        *(() if found.feasible is None else found.feasible.warnings),
+        *excluded_findings(found.processing),
+        *unused_findings(found.known, found.drives, found.model.torque_joints, found.motions),
+        *gear_findings(found.known, found.drive_side, found.gears, described),
+    ]
+    return replace(found, findings=(*found.findings, *consequences(found.findings, findings)))
 
 
 def _sides(
@@ -672,7 +722,8 @@ def identification_of(
 
     `declared` has the gears as given where the deflection of the spring was measured.
     """
-    gears = gear_estimates(robot, datasets, found.drives, estimator_named("wls"))
+    sprung = gear_estimates(robot, datasets, found.drives, estimator_named("wls"))
+    gears = {joint: gear for joint, (gear, _) in sprung.items()}
     identified = identified_robot(robot, model.base, found) if feasible is None else feasible.robot
     return Identification(
         drive_side=FrozenMapping(found.drives),
@@ -690,6 +741,7 @@ def identification_of(
         gears=FrozenMapping(gears),
         processing=processing_of(datasets),
         motions=tuple(dataset for dataset in datasets if isinstance(dataset, Motion)),
+        findings=tuple(rigid_gear(joint, x) for joint, (_, x) in sprung.items() if x is not None),
     )
 
 
@@ -724,7 +776,8 @@ def consistent_bodies(found: Identification) -> Identification:
     """Return an identification with the physically consistent bodies nearest to it."""
     drives = _own_drives(found.known, found.load_side, found.drive_side)
     nearest = feasible_parameters(found.known, found.model, found.load_side, drives)
-    return replace(found, feasible=nearest, robot=nearest.robot)
+    findings = (*found.findings, *consequences(found.findings, nearest.warnings))
+    return replace(found, feasible=nearest, robot=nearest.robot, findings=findings)
 
 
 def identified_robot(robot: Robot, base: BaseParameters, sides: RobotEstimate) -> Robot:

@@ -27,7 +27,8 @@ from functools import partial
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.errors import Finding, IdentificationError, Severity
+from seaid.checks import instruments_without_effect, smoothed_instruments
+from seaid.errors import IdentificationError
 from seaid.estimation import Estimate, Estimator, instrumental
 from seaid.identification.datasets import Dataset
 from seaid.identification.drive_estimates import spring_of
@@ -198,25 +199,10 @@ def estimate_instrumental(
     try:
         found = run(found, make=motor_driven_motion)
     except IdentificationError as problem:
-        return _flagged(
-            found,
-            "doubtful",
-            "the instruments of the load side come from the smoothed joint encoders, whose noise "
-            f"may bias the base parameters: {problem}",
-        )
+        return replace(found, findings=(smoothed_instruments(problem),))
     if max(_moved(start, found).values()) < _NOTHING:
-        return _flagged(
-            found,
-            "note",
-            "instrumental variables have no effect: the instruments of stiff drives come from the "
-            "same motor encoder as the motion",
-        )
+        return replace(found, findings=(instruments_without_effect(),))
     return found
-
-
-def _flagged(found: RobotEstimate, severity: Severity, message: str) -> RobotEstimate:
-    warning = Finding("weak-instruments", message, severity=severity)
-    return replace(found, load=replace(found.load, warnings=(*found.load.warnings, warning)))
 
 
 def _settled(

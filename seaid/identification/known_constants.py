@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from seaid._arrays import Array
+from seaid.checks import shared_scale
 from seaid.drives import IDEAL_DRIVE, STD_OF_TORQUE, Drive
-from seaid.errors import Finding, IdentificationError, listed, unknown_name
+from seaid.errors import IdentificationError, unknown_name
 from seaid.estimation import Estimate
 from seaid.identification.datasets import Dataset
 from seaid.log import Motion
@@ -100,30 +101,14 @@ def exact_constants(robot: Robot, known_std: Mapping[str, float]) -> dict[str, f
 _INPUT_CONSTANTS = {"torque_constant", "voltage_constant"}
 
 
+def scaled_by_bodies(drives: Mapping[str, Estimate], exact: Mapping[str, float]) -> list[str]:
+    """Return the joints whose motor constants rest on known bodies, if these are `exact`."""
+    constants = (joint for joint, one in drives.items() if _INPUT_CONSTANTS & set(one.names))
+    return list(constants) if "bodies" in exact else []
+
+
 def _has_unknown_scale(drive: Drive) -> bool:
     return drive.motor_input != "torque" and _INPUT_CONSTANTS.isdisjoint(drive.known)
-
-
-def scale_of_bodies(
-    drives: Mapping[str, Estimate], exact: Mapping[str, float]
-) -> tuple[Finding, ...]:
-    """Return a note on constants of motors that rest on known bodies, if these are `exact`."""
-    joints = [joint for joint, one in drives.items() if _INPUT_CONSTANTS & set(one.names)]
-    if not joints or "bodies" not in exact:
-        return ()
-    return (
-        Finding(
-            "torque-scale",
-            f"the motor constants of {listed(joints)} rest on the known bodies, which count as "
-            "exact: were these 10 % heavier, all constants, frictions, rotor inertias and "
-            "stiffnesses would be 10 % larger",
-            joints[0] if len(joints) == 1 else "",
-            "note",
-            remedy="weigh a link, or a test mass on the last one; or state how well the bodies are "
-            "known: --known-std bodies=0.05",
-            certainty="certain",
-        ),
-    )
 
 
 def constants_of(
@@ -195,18 +180,8 @@ def with_known_std(
             else _propagated(found.whole, other.whole.values, size),
         )
         if constant.name == "torque":
-            load = replace(found.load, warnings=(*found.load.warnings, _shared(constant.std)))
-            found = replace(found, load=load)
+            found = replace(found, findings=(*found.findings, shared_scale(constant.std)))
     return found
-
-
-def _shared(std: float) -> Finding:
-    """Return the note that one scale error is in all standard errors."""
-    message = (
-        f"all torques share a scale error of {std:.2g} (known_std): it is in every standard error "
-        "and changes all parameters together, so that their ratios are better known"
-    )
-    return Finding("torque-scale", message, severity="note", evidence={"relative std": std})
 
 
 def _propagated(estimate: Estimate, other: Array, size: float) -> Estimate:

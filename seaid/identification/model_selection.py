@@ -12,7 +12,7 @@ selection among all columns that the rows of a fit may lack (`seaid.checks`).
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -46,7 +46,6 @@ from seaid.drives import (
 )
 from seaid.errors import Finding, IdentificationError, LogError, checked, listed, unknown_name
 from seaid.estimation import (
-    Estimate,
     FittedRows,
     estimator_named,
     fit,
@@ -198,20 +197,16 @@ def compare_terms(
 def backlash_findings(
     robot: Robot,
     logs: Sequence[Source],
-    estimates: Mapping[str, Estimate],
+    weak: Iterable[str],
     used: Sequence[str],
 ) -> Iterator[Finding]:
-    """Yield the backlash of drives whose springs look weak; a finer cutoff shows its corners.
+    """Yield the backlash of drives whose springs look `weak`; a finer cutoff shows its corners.
 
     Of simulated joints with backlash 12 of 12 have it, of 100 others with weak springs none.
     """
-    weak = [
-        joint
-        for joint, estimate in estimates.items()
-        if any(one.code == "weak-spring" for one in estimate.warnings)
-        and not {*DEAD_ZONES, "dahl"} & {*robot.drives[joint].spring}
-    ]
     for joint in weak if robot.floating_base is None else ():
+        if {*DEAD_ZONES, "dahl"} & {*robot.drives[joint].spring}:
+            continue
         try:
             found = compare_terms(
                 robot, logs, joints=joint, terms={"spring": _LAWS}, torque_joints=used

@@ -123,7 +123,12 @@ def with_motor_side_findings(
             own.append(_flexible(joint, B, error, rate / (2 * np.pi)))
         else:
             hidden[joint] = float(np.sqrt(abs(B) + _ONE_SIDED * error))
-    others = [x for x in found.findings if x.code != "motor-side" or "unexplained" in x.evidence]
+    others = [
+        x
+        for x in found.findings
+        if x.code != "gear-compliance"  # which the note says
+        if x.code != "motor-side" or "unexplained" in x.evidence
+    ]
     return replace(found, findings=(*others, _motor_side_note(list(terms), hidden), *own))
 
 

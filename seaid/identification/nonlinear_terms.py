@@ -31,18 +31,14 @@ from seaid.checks import (
 )
 from seaid.drives import (
     COULOMB,
-    DEAD_ZONES,
     LEVEL_OF,
     PARAMETERS,
     WARM_UP,
     Drive,
     DriveRegressor,
-    JointParameter,
     parameter_named,
-    readable,
-    unit_of,
 )
-from seaid.errors import Finding, IdentificationError
+from seaid.errors import IdentificationError
 from seaid.estimation import (
     RANK_TOLERANCE,
     Estimate,
@@ -121,57 +117,24 @@ def _unidentifiable(names: Sequence[str], H: Array, candidates: Sequence[str]) -
     return names[place] if is_lost else None
 
 
-def with_fixed_warnings(
+def with_searched_values(
     drives: Mapping[str, Estimate], given: Robot, robot: Robot
 ) -> dict[str, Estimate]:
-    """Return estimates of drives with a warning for every parameter that a search fixed.
+    """Return estimates of drives with values that a search allows.
 
     A positive parameter of a search whose linearised value is negative, within its standard error
     of zero, has the value at which the search ended: the best one that is allowed.
     """
-    flagged = dict(drives)
     if robot is given:  # nothing was searched
-        return flagged
+        return dict(drives)
+    allowed = {}
     for joint, estimate in drives.items():
-        drive, before = robot.drives[joint], given.drives[joint].known
         values = [
-            drive.values[name] if _is_searched(name) and value < 0 else value
+            robot.drives[joint].values[name] if _is_searched(name) and value < 0 else value
             for name, value in zip(estimate.names, estimate.values.tolist(), strict=True)
         ]
-        fixed = [name for name in drive.known if name not in before]
-        warnings = tuple(_of_fixed(name, joint, drive) for name in fixed)
-        flagged[joint] = replace(
-            estimate, values=np.array(values), warnings=warnings + estimate.warnings
-        )
-    return flagged
-
-
-_ONE_SIDED = ("dead_zone", "deflection_zero")
-"""Half width and centre of a dead zone: a spring that is loaded in one direction shows one end."""
-
-
-def _of_fixed(name: str, joint: str, drive: Drive) -> Finding:
-    """Return the warning of a parameter that a search fixed at the value in the drive."""
-    fixed = f"fixed at {drive.values[name]:.3g} {unit_of(drive, name)}"
-    what = f"{readable(JointParameter(name, joint))} is not identifiable from this motion"
-    # without a dead zone, or next to a preload, a zero may be unidentifiable from any motion
-    zone = {*DEAD_ZONES} & {*drive.spring} and "preload" not in drive.spring
-    if name not in _ONE_SIDED or not zone:
-        message = f"{what}: {fixed}; remove its term, or excite it"
-        return Finding("unidentifiable", message, joint, "note")
-    (other,) = (one for one in _ONE_SIDED if one != name)
-    return Finding(
-        "unidentifiable",
-        f"{what}: the spring is loaded in one direction only and shows one end of its dead zone, "
-        f"so that this value, {fixed}, is arbitrary, and that of {other.replace('_', ' ')} is "
-        "wrong by as much",
-        joint,
-        "doubtful",
-        {name: drive.values[name]},
-        f"record a motion that loads the spring of {joint} in both directions: a posture in which "
-        "gravity pulls the other way, or faster reversals; or remove the dead zone from the drive",
-        "certain",
-    )
+        allowed[joint] = replace(estimate, values=np.array(values))
+    return allowed
 
 
 def _is_searched(name: str) -> bool:

@@ -20,6 +20,7 @@ from scipy.ndimage import maximum_filter1d
 
 from seaid._arrays import Array, BoolArray, FrozenMapping, white_noise
 from seaid._progress import track
+from seaid.checks import consequences, revalued
 from seaid.drives import (
     DefaultTerms,
     JointParameter,
@@ -46,7 +47,6 @@ from seaid.identification.drive_estimates import (
     merged_estimates,
     with_estimate,
     with_values,
-    with_warnings,
 )
 from seaid.identification.motor_side import (
     SAMPLES,
@@ -757,7 +757,7 @@ def _held(found: Identification, layout: Layout, here: Point) -> Identification 
     where the equations are singular: a Stribeck speed without Stribeck friction.
     """
     error = np.sqrt(np.diag(here.step.white_covariance))
-    known, sides = dict(found.known.drives), dict(found.drive_side)
+    known, sides, notes = dict(found.known.drives), dict(found.drive_side), list[Finding]()
     for joint in layout.nonlinear.keys() & layout.drives.keys():
         own, drive = sides[joint], known[joint]
         columns = layout.nonlinear[joint]
@@ -783,11 +783,17 @@ def _held(found: Identification, layout: Layout, here: Point) -> Identification 
             for name in weak
         ]
         part = own.part(places, [own.names[place] for place in places])
-        sides[joint] = replace(part, warnings=(*part.warnings, *warnings))
+        sides[joint] = part
+        notes += consequences(found.findings, warnings)
         known[joint] = replace(drive, known=(*drive.known, *weak))
     if known == dict(found.known.drives):
         return None
-    return replace(found, known=found.known.with_drives(known), drive_side=FrozenMapping(sides))
+    return replace(
+        found,
+        known=found.known.with_drives(known),
+        drive_side=FrozenMapping(sides),
+        findings=(*found.findings, *notes),
+    )
 
 
 def simulated_from_motors(found: Identification, log: Log) -> Log:
@@ -965,8 +971,7 @@ def _unchanged(found: Identification, reason: str, evidence: dict[str, float]) -
 
 
 def _with_finding(found: Identification, finding: Finding) -> Identification:
-    load = replace(found.load, warnings=(*found.load.warnings, finding))
-    return replace(found, load=load)
+    return replace(found, findings=(*found.findings, *consequences(found.findings, [finding])))
 
 
 def _check_start(found: Identification, unseen: Sequence[str] = ()) -> None:
@@ -1195,10 +1200,7 @@ def _refined(layout: Layout, here: Point, noise: Array | None = None) -> Identif
     actuators, load_side = _estimates(layout, here.x, step)
     load, load_drives = split_load_side(found.model, load_side)
     refined = merged_estimates(actuators, load_drives)
-    drives = {
-        joint: _with_old(refined[joint], old, joint in layout.unseen)
-        for joint, old in found.drive_side.items()
-    }
+    drives = {joint: refined[joint] for joint in found.drive_side}
     robot = robot_at(layout, x)
     known = {
         joint: with_estimate(found.known.drives[joint], drives[joint]) if joint in drives else drive
@@ -1212,15 +1214,8 @@ def _refined(layout: Layout, here: Point, noise: Array | None = None) -> Identif
         load_side=load_side,
         robot=robot.with_values(robot.parameters, known),
         springs=FrozenMapping({joint: x[layout.spring(joint)] for joint in found.springs}),
+        findings=revalued(found.findings, drives),
     )
-
-
-def _with_old(new: Estimate, old: Estimate, unseen: bool) -> Estimate:
-    """Return a refined estimate with those warnings of the start that are about the motion."""
-    again = {"poorly-identified", "needless-term", "negative-parameter"}  # of `with_warnings`
-    kept = [one for one in old.warnings if one.code not in again]
-    own = [one for one in new.warnings if not (unseen and one.code == "torque-offset")]
-    return replace(new, warnings=(*own, *kept))
 
 
 def _estimates(layout: Layout, at: Array, step: Step) -> tuple[dict[str, Estimate], Estimate]:
@@ -1240,7 +1235,7 @@ def _estimates(layout: Layout, at: Array, step: Step) -> tuple[dict[str, Estimat
 
     def part(old: Estimate, columns: slice, std: float) -> Estimate:
         new = whole.part(range(columns.start, columns.stop), old.names)
-        return replace(new, units=old.units, residual_std=std, warnings=old.warnings)
+        return replace(new, units=old.units, residual_std=std, diagnostics=old.diagnostics)
 
     first, joints = len(layout.simulated), list(layout.simulated)
     others = [joint for joint in layout.drives if joint not in joints]
@@ -1248,7 +1243,7 @@ def _estimates(layout: Layout, at: Array, step: Step) -> tuple[dict[str, Estimat
     stds = dict(zip(joints, step.stds[first:], strict=False))
     stds |= dict(zip(others, step.stds[end:], strict=False))
     drives = {
-        joint: with_warnings(part(layout.actuator(joint), columns, float(stds[joint])), joint, None)
+        joint: part(layout.actuator(joint), columns, float(stds[joint]))
         for joint, columns in layout.drives.items()
     }
     rest = np.append(step.stds[2 * first : end], step.stds[end + len(others) :])

@@ -38,7 +38,7 @@ from seaid.estimation import (
     with_drifts_of,
 )
 from seaid.identification.datasets import Dataset, rows_in_memory
-from seaid.identification.drive_estimates import spring_of, with_warnings
+from seaid.identification.drive_estimates import spring_of
 from seaid.identification.simulated_joints import check_simultaneous
 from seaid.identification.two_step import RobotEstimate, without_torque
 from seaid.log import Motion
@@ -230,7 +230,7 @@ def split_estimate(
         if isinstance(name, JointParameter):
             columns[name.joint][name.parameter] = index
     drives = {
-        joint: with_warnings(estimate.part(list(own.values()), tuple(own)), joint, None)
+        joint: estimate.part(list(own.values()), tuple(own))
         for joint, own in columns.items()
         if own
     }

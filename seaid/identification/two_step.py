@@ -15,9 +15,8 @@ import numpy as np
 from scipy import linalg
 
 from seaid._arrays import Array
-from seaid._files import toml_table
 from seaid.drives import JointParameter, parameter_of, unit_of
-from seaid.errors import Finding, IdentificationError, listed
+from seaid.errors import Finding, IdentificationError
 from seaid.estimation import (
     RANK_TOLERANCE,
     Change,
@@ -45,7 +44,6 @@ from seaid.identification.drive_estimates import (
     spring_of,
     with_torque_columns,
     with_torque_offsets,
-    with_warnings,
 )
 from seaid.log import Motion
 from seaid.regressor import (
@@ -162,43 +160,6 @@ def with_free_scale(robot: Robot, joints: Collection[str]) -> Robot:
     return robot.with_drives(drives) if drives else robot
 
 
-def scale_findings(robot: Robot, load_side: Estimate, joints: Sequence[str]) -> tuple[Finding, ...]:
-    """Return the finding of `joints` whose gains have a scale that nothing determines."""
-    if not joints:
-        return ()
-    ratios: dict[str, float] = {}
-    for joint in robot.joint_names:
-        own = [name for name in load_side.names if getattr(name, "joint", "") == joint]
-        own = [name for name in own if parameter_of(name) not in ("command_delay", *CONSTANTS)]
-        errors = [load_side.standard_error(x) / abs(load_side.value(x) or 1e-300) for x in own]
-        if own:
-            first = own[int(np.argmin(errors))]
-            ratios |= {
-                f"{parameter_of(one)} over {parameter_of(first)} of {joint}": load_side.value(one)
-                / load_side.value(first)
-                for one in own
-                if one != first
-            }
-    scales = {joint: robot.drives[joint].scale_of_gains for joint in joints}
-    counted = listed(f"{joint} {scale:.4g}" for joint, scale in scales.items())
-    return (
-        Finding(
-            "gain-scale",
-            "the gains are in units of the drive, and nothing fixes their scale in N m: it counts "
-            f"as that of the drives file ({counted}), and all inertias, masses, frictions and "
-            "torques of the joints that move together are known up to that factor. Their ratios, "
-            "delays and the replay of logs do not depend on it",
-            joints[0] if len(joints) == 1 else "",
-            "doubtful",
-            ratios,
-            "known bodies (known_bodies=), logs with and without a payload (identify_conditions), "
-            f"or the scale in the drives file:\n{toml_table(joints[0])}\n"
-            'gain_scale = 1.0  # write yours\nknown = ["gain_scale"]',
-            "certain",
-        ),
-    )
-
-
 LOAD = ""
 """Key of the load side among equations named by joint."""
 
@@ -213,7 +174,7 @@ class RobotEstimate:
     `springs` {joint: parameters} are those whose torque is that on the load; `checks` and
     `excluded` by joint, and "load" for the load side. `whole` is the estimate of both sides if they
     were estimated at once, `fit` the fit of that, or of `load_side`; `actuators` {joint: fit of its
-    motor equation} if they were estimated in turn.
+    motor equation} if they were estimated in turn. `findings` are about the way to the estimates.
     """
 
     drives: Mapping[str, Estimate]
@@ -225,6 +186,7 @@ class RobotEstimate:
     fit: FittedRows
     whole: Estimate | None = None
     actuators: Mapping[str, FittedRows] = field(default_factory=dict)
+    findings: tuple[Finding, ...] = ()
 
 
 def estimate_two_step(
@@ -271,12 +233,7 @@ def estimate_two_step(
             found[joint] = scaled_by_sensor(robot, found[joint], joint, constant, spring)
         if unscaled:
             found |= scaled_by_load(robot, found, joints, rows[LOAD], estimator, unscaled)
-        drives = {}
-        for joint, side in actuators.items():
-            drive = with_warnings(found[joint], joint, side.qr_factor)
-            of_fit = side.estimate.warnings
-            drives[joint] = replace(drive, warnings=(*of_fit, *drive.warnings))
-        springs = {joint: spring_of(robot, drives[joint], joint) for joint in joints}
+        springs = {joint: spring_of(robot, found[joint], joint) for joint in joints}
         known_errors = None if further is None else further[1]
         given = _with_columns(rows[LOAD], further)
         load = fit_load(robot, given, springs, estimator, cutoff_hz, known_errors, free)
@@ -296,7 +253,7 @@ def estimate_two_step(
             with again as shifted:
                 given = _with_columns(shifted[LOAD], further)
                 load = fit_load(robot, given, springs, estimator, cutoff_hz, offsets, free)
-    drives = with_torque_offsets(robot, load, drives, springs)
+    drives = with_torque_offsets(robot, load, found, springs)
     load_side = load.estimate.part(range(len(model.names)), model.names)
     base, load_drives = split_load_side(model, load_side)
     merged = merged_estimates(drives, load_drives)
@@ -669,6 +626,6 @@ def split_load_side(model: LoadModel, load_side: Estimate) -> tuple[Estimate, di
     drives = {}
     for joint in dict.fromkeys(joint for joint, _, _ in model.drives):
         mine = [i for i, (owner, _, _) in enumerate(model.drives) if owner == joint]
-        part = load_side.part([p + i for i in mine], [model.drives[i][1] for i in mine])
-        drives[joint] = with_warnings(part, joint, None)
+        names = [model.drives[i][1] for i in mine]
+        drives[joint] = load_side.part([p + i for i in mine], names)
     return base, drives

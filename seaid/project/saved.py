@@ -33,7 +33,7 @@ from seaid._progress import Display
 from seaid.checks import JointFit
 from seaid.drives import IDEAL_DRIVE, JointParameter, drive_table, drives_from_mapping
 from seaid.errors import Finding, SeaidError, checked, hints_of, listed, reason_of, shortened, shown
-from seaid.estimation import Estimate, ModelChecks, TermTest, Whiteness
+from seaid.estimation import Diagnostics, Drift, Estimate, ModelChecks, TermTest, Whiteness
 from seaid.identification import (
     ContactForces,
     FeasibleParameters,
@@ -50,8 +50,8 @@ from seaid.simulation import ReplayComparison
 FILE = "identification.npz"
 """The name of the saved run in the folder of a run."""
 
-_FORMAT = "seaid run 2"
-"""The format of this version; the first one had no checksum."""
+_FORMAT = "seaid run 3"
+"""The format of this version; the first one had no checksum, the second findings in estimates."""
 
 _MOST_GROWTH = 20
 """Most bytes of content per byte of a file; NaN in the place of missing sensors makes up to six."""
@@ -60,6 +60,7 @@ _CLASSES = {
     kind.__name__: kind
     for kind in (
         *(Identification, Estimate, BaseParameters, LoadModel, ModelChecks, TermTest, Whiteness),
+        *(Diagnostics, Drift),
         *(
             FeasibleParameters,
             JointCheck,

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from seaid._arrays import Array
+from seaid.checks import POOR
 from seaid.drives import JointParameter, readable
-from seaid.identification import POORLY_IDENTIFIED, whole_body
+from seaid.identification import whole_body
 from seaid.report.html_charts import powers_of_ten
 from seaid.report.html_robot import center_of_mass, principal_moments
 from seaid.report.html_traces import SIDES
@@ -253,7 +254,7 @@ def _mark(value: float, error: float, contains_zero: bool) -> str:
         return "unidentifiable"
     if error > 0 and contains_zero:
         return "may be zero"
-    return "poorly determined" if error > POORLY_IDENTIFIED * abs(value) else ""
+    return "poorly determined" if error > POOR * abs(value) else ""
 
 
 def bar(relative: float) -> float:

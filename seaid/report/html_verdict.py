@@ -15,9 +15,10 @@ import numpy as np
 
 from seaid._arrays import Array, FrozenMapping
 from seaid._progress import counted
+from seaid.checks import POOR
 from seaid.drives import PARAMETERS_OF
 from seaid.errors import SEVERITIES, Severity
-from seaid.identification import POORLY_IDENTIFIED, verdict_with
+from seaid.identification import verdict_with
 from seaid.log import row_samples
 from seaid.report.html_tables import (
     CORRELATED,
@@ -92,7 +93,7 @@ def page_verdict(
     for name, estimates in kinds:
         errors = _relative_errors(estimates)
         if len(errors):
-            good = int(np.sum(errors < POORLY_IDENTIFIED))
+            good = int(np.sum(errors < POOR))
             note = "with a standard error below 10\N{NO-BREAK SPACE}%"
             numbers.append((name, f"{good} of {len(errors)}", note))
     for one in replays[:1]:

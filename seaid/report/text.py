@@ -155,8 +155,7 @@ def estimate_table(estimate: Estimate) -> Text:
         for name, value, error, unit in _entries(estimate)
     ]
     header = ["parameter", "estimated", "std. error", "rel.", "unit"]
-    warnings = (f"! {warning}" for warning in estimate.warnings)
-    return joined([table(counted(len(rows), "parameter"), header, rows), *warnings])
+    return table(counted(len(rows), "parameter"), header, rows)
 
 
 def frequency_table(found: FrequencyResponse) -> Text:

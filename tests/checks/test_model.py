@@ -135,7 +135,7 @@ def test_missing_friction_is_named() -> None:
 def test_a_term_that_explains_the_residual_stays_and_its_symptoms_go() -> None:
     w = speed("knee_pitch")
     found = identify(named(), with_torque("knee_pitch", 1e-6 * w * np.abs(w)))
-    symptoms = {one.code for one in found.drives["knee_pitch"].warnings}
+    symptoms = {one.code for one in found.findings if one.joint == "knee_pitch"}
     assert {"weak-spring", "loose-encoder"} <= symptoms
     (finding,) = findings(found)
     assert finding.evidence["explained"] > 0.95

@@ -9,6 +9,7 @@ import pytest
 from scipy.signal import lfilter
 
 from seaid._arrays import Array
+from seaid.checks import noise_findings
 from seaid.estimation.fitting import ESTIMATORS, fit, stored_rows
 from seaid.estimation.least_squares import ordinary
 from seaid.regressor.regression import Regression
@@ -48,7 +49,7 @@ def test_logs_that_differ_are_flagged_and_their_intervals_hold(logs: int, differ
         found = ordinary(data(seed, logs, differ))
         lower, upper = found.interval().T
         held += int(lower[0] <= TRUTH[0] <= upper[0])
-        flagged += any(one.code == "blocks-disagree" for one in found.warnings)
+        flagged += any(one.code == "blocks-disagree" for one in noise_findings(found))
     assert held >= 34
     assert flagged >= 36
 
@@ -60,7 +61,7 @@ def test_right_data_are_hardly_ever_enlarged(logs: int) -> None:
     for seed in range(60):
         rows = data(seed, logs)
         found = ordinary(rows)
-        assert not found.warnings
+        assert not noise_findings(found)
         sizes.append(found.standard_errors[0])
     assert np.max(sizes) < 1.9 * np.median(sizes)
 
@@ -76,5 +77,6 @@ def test_stored_rows_are_compared_alike() -> None:
     with stored_rows([""], (0.05,) * 4, pieces) as stored:
         found = fit(stored[""], ESTIMATORS["wls"]).estimate
     assert found.standard_errors == pytest.approx(expected.standard_errors, rel=1e-8)
-    assert [one.code for one in found.warnings] == ["blocks-disagree"]
-    assert "parts of the data disagree: their estimates scatter" in found.warnings[0].message
+    (finding,) = noise_findings(found)
+    assert finding.code == "blocks-disagree"
+    assert "parts of the data disagree: their estimates scatter" in finding.message

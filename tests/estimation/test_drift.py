@@ -9,7 +9,9 @@ import pytest
 from scipy.signal import lfilter
 
 from seaid._arrays import Array
-from seaid.estimation.drift import Drift, drifts_of
+from seaid.checks import noise_findings
+from seaid.estimation import Drift
+from seaid.estimation.drift import drifts_of
 from seaid.estimation.estimate import Estimate
 from seaid.estimation.fitting import ESTIMATORS, fit
 from seaid.regressor.regression import Regression
@@ -63,7 +65,8 @@ def fitted(rows: Regression, cutoff_hz: float | None = CUTOFF_HZ) -> Estimate:
 
 
 def found(rows: Regression) -> tuple[Drift, ...]:
-    return drifts_of(rows, np.ones(len(np.unique(rows.joint))), CUTOFF_HZ)
+    drifts = drifts_of(rows, np.ones(len(np.unique(rows.joint))), CUTOFF_HZ)
+    return tuple(one for one, _ in drifts)
 
 
 def held(estimate: Estimate) -> Array:
@@ -96,8 +99,8 @@ def test_noise_is_no_drift(drift: tuple[float, ...]) -> None:
 def test_the_joint_that_drifts_is_named() -> None:
     names = []
     for seed in range(20):
-        warnings = fitted(data(seed, (0.0, 0.2), logs=2)).warnings
-        names += [one.joint for one in warnings if one.code == "drift"]
+        findings = noise_findings(fitted(data(seed, (0.0, 0.2), logs=2)))
+        names += [one.joint for one in findings if one.code == "drift"]
     assert names.count("knee") >= 18
     assert names.count("hip") == 0
 
@@ -121,7 +124,7 @@ def test_a_linear_trend_is_drift_too() -> None:
     assert not found(rows)
     (one,) = found(trend)
     assert one.ratio > 20
-    finding = next(x for x in fitted(trend).warnings if x.code == "drift")
+    finding = next(x for x in noise_findings(fitted(trend)) if x.code == "drift")
     assert finding.joint == "hip"
     assert finding.severity == "doubtful"
     assert "the torque of hip drifts by about" in finding.message
@@ -133,9 +136,9 @@ def test_a_linear_trend_is_drift_too() -> None:
 def test_a_weight_of_the_equation_changes_nothing() -> None:
     rows = data(1, (0.2, 0.2))
     plain, heavy = (drifts_of(rows, weights, CUTOFF_HZ) for weights in (np.ones(2), np.full(2, 7)))
-    for one, other in zip(plain, heavy, strict=True):
+    for (one, influence), (other, heavier) in zip(plain, heavy, strict=True):
         assert (one.corner_hz, one.share) == pytest.approx((other.corner_hz, other.share))
-        np.testing.assert_allclose(49 * one.influence, other.influence, atol=1e-9)
+        np.testing.assert_allclose(49 * influence, heavier, atol=1e-9)
 
 
 def test_rows_without_noise_and_short_logs_have_no_drift() -> None:

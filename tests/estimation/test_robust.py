@@ -14,14 +14,15 @@ from scipy.signal import lfilter
 from seaid._arrays import Array
 from seaid.errors import ExcitationError, IdentificationError
 from seaid.estimation.estimate import Estimate
-from seaid.estimation.fitting import ESTIMATORS, LinearEstimator
-from seaid.estimation.least_squares import ordinary, weighted
-from seaid.estimation.robust import (
+from seaid.estimation.fitting import (
+    ESTIMATORS,
+    LinearEstimator,
     huber,
     huber_weights,
     tukey,
     tukey_weights,
 )
+from seaid.estimation.least_squares import ordinary, weighted
 from seaid.identification.identification import identify
 from seaid.regressor.regression import Regression
 from tests.experiments import arm, arm_log, true_value
@@ -186,7 +187,7 @@ def test_errors_are_those_of_least_squares(estimator: Solver) -> None:
 
 
 def test_what_does_not_settle_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("seaid.estimation.robust._MOST_ITERATIONS", 2)
+    monkeypatch.setattr("seaid.estimation.fitting._MOST_ITERATIONS", 2)
     with pytest.raises(IdentificationError, match=r"did not converge in 2 iterations: at .* s the"):
         huber(spoiled(experiment(7), 0.2))
 

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from seaid._arrays import Array
+from seaid.checks import noise_findings
 from seaid.errors import ExcitationError, IdentificationError
 from seaid.estimation.fitting import ESTIMATORS, LinearEstimator
 from seaid.estimation.least_squares import ordinary, weighted
@@ -190,10 +191,10 @@ def test_columns_with_noise_of_their_own_do_not_take_it_away() -> None:
 def test_few_independent_rows_are_flagged() -> None:
     rng = np.random.default_rng(0)
     data = rows(rng.normal(size=(7, 5)), rng.normal(size=7))
-    (warning,) = ordinary(data).warnings
+    (warning,) = noise_findings(ordinary(data))
     assert (warning.code, warning.severity) == ("few-rows", "doubtful")
     assert "5 parameters were estimated from" in warning.message
-    assert not ordinary(experiment(5)).warnings
+    assert not noise_findings(ordinary(experiment(5)))
 
 
 def test_too_few_rows_say_how_many_and_what_to_do() -> None:

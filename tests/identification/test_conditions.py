@@ -248,7 +248,7 @@ def test_a_negative_stiffness_names_the_sign_of_its_channels() -> None:
     both = identify_conditions({"one": (robot, flipped[0]), "other": (robot, flipped[1])})
     (said,) = [
         one
-        for one in both.identifications["one"].drives["knee_pitch"].warnings
+        for one in both.identifications["one"].findings
         if one.message.startswith("stiffness of knee_pitch is negative")
     ]
     assert said.severity == "wrong"

@@ -228,10 +228,10 @@ def test_lower_likelihood_is_not_returned(monkeypatch: pytest.MonkeyPatch) -> No
 @pytest.mark.slow  # a refinement of two joints, simulated several times
 def test_warnings_about_the_motion_stay() -> None:
     weak = Finding("weak-spring", "hardly loaded", "shoulder")
-    drives = dict(found().drives)
-    drives["shoulder"] = replace(drives["shoulder"], warnings=(weak,))
-    one = refine(replace(found(), drive_side=FrozenMapping(drives)), log())
-    assert one.drives["shoulder"].warnings == (weak,)
+    poor = Finding("poorly-identified", "of the start", "shoulder")
+    one = refine(replace(found(), findings=(*found().findings, weak, poor)), log())
+    assert weak in one.findings
+    assert poor not in one.findings
 
 
 # The derivatives are those of the simulation.

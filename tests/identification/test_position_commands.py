@@ -16,10 +16,10 @@ import seaid
 from scripts.benchmarks import command_delays
 from scripts.benchmarks.commanded_arms import ARMS
 from seaid._arrays import Array
+from seaid.checks import drive_findings
 from seaid.errors import IdentificationError, RobotError
 from seaid.estimation import Estimate
 from seaid.identification.command_delays import with_estimated_delays
-from seaid.identification.drive_estimates import with_warnings
 from seaid.identification.sensitivity import Fit, _scores
 from seaid.log.commands import commanded_torque
 from seaid.regressor import motor_regressor, signals
@@ -886,6 +886,6 @@ def test_a_negative_armature_has_a_remedy(inertia: float, severity: str, says: s
         condition_number=1.0,
         white_standard_errors=np.array([1e-2, error, 1e-3]),
     )
-    (one,) = [x for x in with_warnings(side, "j", None).warnings if x.code == "negative-parameter"]
+    (one,) = [x for x in drive_findings("j", side) if x.code == "negative-parameter"]
     assert one.severity == severity
     assert one.remedy.startswith(says)

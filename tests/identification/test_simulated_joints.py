@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from seaid._arrays import Array
+from seaid.checks import noise_findings
 from seaid.errors import IdentificationError
 from seaid.estimation import EstimatorName
 from seaid.estimation.fitting import ESTIMATORS
@@ -153,7 +154,8 @@ def base_errors(estimator: EstimatorName, seed: int) -> Array:
     log = replace(log, joint_position=log.joint_position + off)
     found = identify(TRUTH.without_nominal(), log, estimator=estimator, cutoff_hz=12.0)
     # The bias of least squares follows the motion: to the fit it is a slow error of the torque.
-    assert {one.code for one in found.load.warnings} <= ({"drift"} if estimator == "wls" else set())
+    codes = {one.code for one in noise_findings(found.load)}
+    assert codes <= ({"drift"} if estimator == "wls" else set())
     return np.asarray(found.load.values - found.base.project(TRUTH.parameters))
 
 
@@ -177,7 +179,6 @@ def test_where_the_model_diverges_the_smoothed_motion_stays_and_a_flag_says_so(
 
     monkeypatch.setattr("seaid.identification.instrumental.motor_driven_motion", diverges)
     found = estimate_instrumental(robot, [motion], model, sides, 0.0, None)
-    assert str(found.load.warnings[-1]).startswith(
-        "the instruments of the load side come from the smoothed"
-    )
-    assert str(found.load.warnings[-1]).endswith("the fitted model diverges")
+    (finding,) = found.findings
+    assert finding.message.startswith("the instruments of the load side come from the smoothed")
+    assert finding.message.endswith("the fitted model diverges")

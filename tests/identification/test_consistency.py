@@ -16,9 +16,13 @@ from seaid._arrays import Array
 from seaid.drives.drives import StiffDrive
 from seaid.errors import IdentificationError, RobotError
 from seaid.estimation.estimate import Estimate
-from seaid.identification.consistency_program import balls, prior_bodies
+from seaid.identification.consistency import (
+    FeasibleParameters,
+    balls,
+    feasible_parameters,
+    prior_bodies,
+)
 from seaid.identification.identification import identify
-from seaid.identification.physical_consistency import FeasibleParameters, feasible_parameters
 from seaid.log.reading import Log, read_log
 from seaid.regressor.base import base_parameters
 from seaid.regressor.load import LoadModel, load_model

@@ -1,0 +1,633 @@
+"""What estimated values show: errors that are large, signs that cannot be, and doubtful noise.
+
+An estimate has numbers only. Of a drive they are those of its equations: a stiffness is that
+between the encoders.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from seaid._files import toml_table
+from seaid.checks.check import Code, Observation, consequences, observed
+from seaid.checks.codes import (
+    BLOCKS_DISAGREE,
+    DRIFT,
+    FEW_ROWS,
+    GAIN_SCALE,
+    GEAR_COMPLIANCE,
+    INCONSISTENT_INERTIA,
+    LOOSE_ENCODER,
+    NEEDLESS_TERM,
+    NEGATIVE_PARAMETER,
+    POORLY_IDENTIFIED,
+    TORQUE_OFFSET,
+    TORQUE_SCALE,
+    UNIDENTIFIABLE,
+    UNUSED_CHANNEL,
+    WEAK_INSTRUMENTS,
+    WEAK_SPRING,
+)
+from seaid.checks.tolerances import (
+    CONTRADICTED,
+    FAR,
+    FEW,
+    FEWEST_INDEPENDENT,
+    NO_CHANCE,
+    NOTHING,
+    POOR,
+    RARE,
+    SURE,
+    TWICE,
+)
+from seaid.drives import (
+    COMMANDS,
+    DEAD_ZONES,
+    PARAMETERS,
+    PARAMETERS_OF,
+    Drive,
+    JointParameter,
+    is_harmonic,
+    parameter_of,
+    readable,
+    unit_of,
+)
+from seaid.errors import Finding, Severity, listed
+from seaid.estimation import Estimate, FittedRows, Program, QRFactor, nearest, triangle
+from seaid.log import Motion
+from seaid.regressor import INPUT_FIELDS, motor_regressor
+from seaid.robot import Robot
+
+# The noise of a fit
+
+
+def _few_rows(estimate: Estimate) -> Iterator[Finding]:
+    count, p = estimate.diagnostics.independent_rows, estimate.diagnostics.parameters
+    if count < FEWEST_INDEPENDENT * p:
+        yield FEW_ROWS.finding(
+            f"{p} parameters were estimated from {count:.0f} independent rows: their intervals are "
+            "unreliable; record a longer log, or raise cutoff_hz",
+            evidence={"independent rows": count, "parameters": float(p)},
+        )
+
+
+def _blocks_disagree(estimate: Estimate) -> Iterator[Finding]:
+    scatter = estimate.diagnostics.scatter
+    if scatter >= TWICE:
+        yield BLOCKS_DISAGREE.finding(
+            f"{estimate.diagnostics.blocks} parts of the data disagree: their estimates scatter up "
+            f"to {scatter**0.5:.1f} times as much as their residuals explain; the standard errors "
+            "were enlarged so much",
+            evidence={"chi-square per degree of freedom": scatter},
+            remedy="look for what changed between or during the logs: encoder offsets, payload, "
+            "temperature, a drifting sensor; identify the logs one by one",
+        )
+
+
+def _drifts(estimate: Estimate) -> Iterator[Finding]:
+    growth = estimate.diagnostics.growth
+    for drift in estimate.diagnostics.drifts:
+        if drift.ratio <= FAR:  # it is in the standard errors all the same
+            continue
+        yield DRIFT.finding(
+            f"the torque of {drift.joint or 'the joint'} drifts by about {drift.share:.1%} of its "
+            f"rms: below {drift.corner_hz:.2g} Hz the drift is larger than the noise; the standard "
+            f"errors were enlarged by it, up to {math.sqrt(growth):.2g} times",
+            drift.joint,
+            "doubtful" if growth > TWICE else "note",
+            {
+                "share of the torque": drift.share,
+                "corner_hz": drift.corner_hz,
+                "time constant [s]": 1 / (2 * math.pi * drift.corner_hz),
+                "likelihood ratio": drift.ratio,
+            },
+            "let the drives and amplifiers warm up and zero the torque or current sensor before "
+            "the log; move faster, or longer; noisy joint encoders bias the fit and look like "
+            "this: then compare with the estimator iv",
+        )
+
+
+def _weak_instruments(estimate: Estimate) -> Iterator[Finding]:
+    for name, share in estimate.diagnostics.instruments.items():
+        if share < POOR:
+            yield WEAK_INSTRUMENTS.finding(
+                f"the instruments of {name} are weak (partial R^2 {share:.1%}): its value may be "
+                "as biased as that of least squares",
+                evidence={"partial R^2": share},
+            )
+
+
+_OF_NOISE = (
+    Observation(FEW_ROWS, _few_rows),
+    Observation(BLOCKS_DISAGREE, _blocks_disagree),
+    Observation(DRIFT, _drifts),
+    Observation(WEAK_INSTRUMENTS, _weak_instruments),
+)
+
+
+def noise_findings(estimate: Estimate) -> list[Finding]:
+    """Return what the errors of the rows of a fit show, by its diagnostics."""
+    return observed(_OF_NOISE, estimate)
+
+
+def smoothed_instruments(problem: Exception) -> Finding:
+    """Return the finding of instruments of the load side that no simulation gave."""
+    return WEAK_INSTRUMENTS.finding(
+        "the instruments of the load side come from the smoothed joint encoders, whose noise may "
+        f"bias the base parameters: {problem}"
+    )
+
+
+def instruments_without_effect() -> Finding:
+    """Return the note on instruments of stiff drives."""
+    return WEAK_INSTRUMENTS.finding(
+        "instrumental variables have no effect: the instruments of stiff drives come from the same "
+        "motor encoder as the motion",
+        severity="note",
+    )
+
+
+# The values of a drive
+
+_ZEROS = (
+    *("spring_offset", "deflection_zero", "friction_offset", "torque_offset", "coulomb_shift"),
+    *("parallel_preload", "command_delay"),
+)
+"""Parameters whose true value may be zero, so that a relative error is meaningless."""
+
+_CONSTANTS = tuple(
+    names[-1]
+    for kind, names in PARAMETERS_OF["motor_input"].items()
+    if kind not in COMMANDS and names
+)
+"""Motor constants: of one that the load or a sensor gives, (7) has the ratio to the stiffness."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Value:
+    """A parameter of a drive: its name, that in words, its value and standard error."""
+
+    name: str
+    text: str
+    value: float
+    error: float
+
+    @property
+    def evidence(self) -> dict[str, float]:
+        return {"value": self.value, "standard error": self.error}
+
+    @property
+    def is_sure(self) -> bool:
+        """Whether it is below zero, and not only uncertain."""
+        return self.value < -SURE * self.error
+
+    @property
+    def reasons(self) -> list[str]:
+        """Why it is poorly identified, if it is."""
+        if not self.error > POOR * abs(self.value):
+            return []
+        share = f"standard error {self.error / abs(self.value):.0%}" if self.value else ""
+        return [share or "value zero"]
+
+
+@dataclass(frozen=True, eq=False)
+class _DriveValues:
+    """The estimate of the drive of a joint; `qr_factor` is that of its motor equation."""
+
+    joint: str
+    estimate: Estimate
+    qr_factor: QRFactor | None
+
+    @cached_property
+    def values(self) -> list[_Value]:
+        """The parameters that are not zero in a drive of this kind."""
+        own = self.estimate
+        return [
+            _Value(name, self.readable(name), float(value), float(error))
+            for name, value, error in zip(own.names, own.values, own.standard_errors, strict=True)
+            if not (name in _ZEROS or is_harmonic(name))
+        ]
+
+    def readable(self, name: str) -> str:
+        return readable(JointParameter(name, self.joint))
+
+    def below_zero(self, code: Code) -> Iterator[_Value]:
+        """Yield the parameters with the wrong sign, by the code of their findings."""
+        for one in self.values:
+            kind = PARAMETERS.get(one.name)
+            if kind is None or not kind.is_positive or not one.value < 0:
+                continue
+            own = NEGATIVE_PARAMETER
+            if kind.starts:  # the value of a search: not due to a wrong sign in the log
+                own = NEEDLESS_TERM
+            elif one.name == "coulomb_friction" and "stiffness" in self.estimate.names:
+                own = LOOSE_ENCODER
+            if own is code:
+                yield one
+
+    @cached_property
+    def weak(self) -> list[str]:
+        """Why the stiffness may be biased by noise in the deflection, if it may.
+
+        Direct regression with noise in a column gives too small a value, reverse regression too
+        large a one. Their ratio is the column's partial R^2, a^2 / (a^2 + b^2) with a, b the
+        entries of the last column of R for the deflection and for the residual (Frisch 1934).
+        """
+        qr_factor, estimate = self.qr_factor, self.estimate
+        if qr_factor is None or not self._has_linear_spring:
+            return []
+        names = qr_factor.names
+        k, offset, p = names.index("stiffness"), names.index("spring_offset"), len(names)
+        others = [place for place in range(p) if place not in (k, offset)]
+        R = triangle(qr_factor.weighted_factor()[:, [*others, offset, k, p]])[-2:, -2:]
+        share = R[0, 1] ** 2 / max(R[0, 1] ** 2 + R[1, 1] ** 2, 1e-300)  # partial R^2
+        if share > 1 - POOR:
+            return []
+        about_mean = triangle(qr_factor.weighted_factor()[:, [offset, k]])[1, 1]
+        # amplitude of the sinusoid with the same root mean square
+        swing = np.sqrt(2.0 / qr_factor.count) * abs(about_mean * estimate.value("stiffness"))
+        name = self.scattering or "stiffness"
+        value, unit = estimate.value(name), estimate.units[estimate.names.index(name)]
+        reverse = value * share if self.scattering else value / share
+        return [
+            f"direct and reverse regression give {value:.3g} and {reverse:.3g} {unit}",
+            f"the motion changes the torque of this spring by only +-{swing:.2g} N m at the motor",
+        ]
+
+    @property
+    def _has_linear_spring(self) -> bool:
+        """Whether the spring is k times the deflection and an offset, and nothing else.
+
+        A dead zone has a zero of its deflection.
+        """
+        others = {"deflection_zero", "cubic_stiffness", "fifth_stiffness", "hysteresis_force"}
+        names = set(self.estimate.names)
+        return {"stiffness", "spring_offset"} <= names and not others & names
+
+    @property
+    def scattering(self) -> str:
+        """The motor constant, if its error is that of the stiffness in (7); else "".
+
+        Of a constant K that the load or a torque sensor gives, (7) has the stiffness k_1 = k / K:
+        where the load has k, it is K that scatters.
+        """
+        own = self.estimate
+        sizes = dict(zip(own.names, own.relative_standard_errors, strict=True))
+        known = [one for one in _CONSTANTS if one in own.names]
+        return known[0] if known and sizes[known[0]] > sizes["stiffness"] else ""
+
+
+def _weak_spring(given: _DriveValues) -> Iterator[Finding]:
+    for one in given.values if given.weak else ():
+        if one.name == "stiffness":
+            subject, constant = one.text, given.scattering
+            if constant:
+                subject = f"{given.readable(constant)}, and with it friction and rotor inertia,"
+            reasons = "; ".join([*one.reasons, *given.weak])
+            message = f"{subject} is poorly identified: {reasons}"
+            yield WEAK_SPRING.finding(message, given.joint, evidence=one.evidence)
+
+
+def _poorly_identified(given: _DriveValues) -> Iterator[Finding]:
+    for one in given.values:
+        if one.reasons and not (one.name == "stiffness" and given.weak):
+            message = f"{one.text} is poorly identified: {one.reasons[0]}"
+            yield POORLY_IDENTIFIED.finding(message, given.joint, "note", one.evidence)
+
+
+def _needless(given: _DriveValues) -> Iterator[Finding]:
+    for one in given.below_zero(NEEDLESS_TERM):
+        message = f"{one.text} is not distinguishable from zero: remove its term"
+        yield NEEDLESS_TERM.finding(message, given.joint, "note", one.evidence)
+
+
+def _loose_encoder(given: _DriveValues) -> Iterator[Finding]:
+    for one in given.below_zero(LOOSE_ENCODER):
+        play = abs(one.value / given.estimate.value("stiffness"))
+        yield LOOSE_ENCODER.finding(
+            f"{one.text} is negative, {one.value:.3g}: the joint encoder, or the spring, has play "
+            f"or hysteresis, at least {play:.2g} (torque of the motor over stiffness)",
+            given.joint,
+            "doubtful" if one.is_sure else "note",
+            one.evidence,
+        )
+
+
+def _negative(given: _DriveValues) -> Iterator[Finding]:
+    for one in given.below_zero(NEGATIVE_PARAMETER):
+        sure: Severity = "wrong" if one.name in (*_CONSTANTS, "stiffness") else "doubtful"
+        yield NEGATIVE_PARAMETER.finding(
+            f"{one.text} is negative, {one.value:.3g}: check signs and offsets of the log",
+            given.joint,
+            sure if one.is_sure else "note",
+            one.evidence,
+            _if_negative(one.name, given.estimate.names, one.is_sure),
+        )
+
+
+def _if_negative(name: str, others: Collection[str], sure: bool) -> str:
+    """Return what to do about a parameter below zero, `sure` if its interval excludes zero."""
+    if name in (*_CONSTANTS, "stiffness"):
+        return (
+            "the motor's torque, current or voltage, the deflection, or all channels of this joint "
+            "have the opposite sign: sign = -1 in the description of the log"
+        )
+    if not sure:
+        what = "state it as zero (known)" if name == "motor_inertia" else "remove its term"
+        return f"zero is within three standard errors: {what} in the drives file, or move faster"
+    if name != "motor_inertia":
+        return "move faster and slower: one speed does not separate the terms of friction"
+    if "command_delay" in others:
+        return (
+            "state the delay of the commands (command_delay_s, negative where positions are logged "
+            "late), or let the bodies of the robot file be identified: they may contain the rotors"
+        )
+    if "stiffness" not in others:
+        return (
+            'state it as zero (motor_inertia_kg_m2 = 0.0, known = ["motor_inertia"]); where bodies '
+            "count as known, let them be identified: they may contain the rotors"
+        )
+    return "accelerate the motor more: its inertia is hardly in this torque"
+
+
+_OF_DRIVE = (
+    Observation(WEAK_SPRING, _weak_spring),
+    Observation(POORLY_IDENTIFIED, _poorly_identified),
+    Observation(NEEDLESS_TERM, _needless),
+    Observation(LOOSE_ENCODER, _loose_encoder),
+    Observation(NEGATIVE_PARAMETER, _negative),
+)
+
+
+def drive_findings(
+    joint: str, estimate: Estimate, qr_factor: QRFactor | None = None
+) -> list[Finding]:
+    """Return what the values of a drive show, with the QR factor of its motor equation (10)."""
+    return observed(_OF_DRIVE, _DriveValues(joint, estimate, qr_factor))
+
+
+def revalued(findings: Sequence[Finding], drives: Mapping[str, Estimate]) -> tuple[Finding, ...]:
+    """Return findings with those of the values of some drives that were estimated anew."""
+    codes = {check.code.name for check in _OF_DRIVE if check.code is not WEAK_SPRING}
+    kept = [one for one in findings if one.code not in codes or one.joint not in drives]
+    new = [one for joint, estimate in drives.items() for one in drive_findings(joint, estimate)]
+    return (*kept, *consequences(findings, new))
+
+
+_ONE_SIDED = ("dead_zone", "deflection_zero")
+"""Half width and centre of a dead zone: a spring that is loaded in one direction shows one end."""
+
+
+def fixed_findings(joint: str, drive: Drive, names: Collection[str]) -> Iterator[Finding]:
+    """Yield the parameters of a drive that a search fixed at their values in the drive."""
+    # without a dead zone, or next to a preload, a zero may be unidentifiable from any motion
+    has_zone = {*DEAD_ZONES} & {*drive.spring} and "preload" not in drive.spring
+    for name in names:
+        fixed = f"fixed at {drive.values[name]:.3g} {unit_of(drive, name)}"
+        what = f"{readable(JointParameter(name, joint))} is not identifiable from this motion"
+        if name not in _ONE_SIDED or not has_zone:
+            message = f"{what}: {fixed}; remove its term, or excite it"
+            yield UNIDENTIFIABLE.finding(message, joint, "note")
+            continue
+        (other,) = (one for one in _ONE_SIDED if one != name)
+        yield UNIDENTIFIABLE.finding(
+            f"{what}: the spring is loaded in one direction only and shows one end of its dead "
+            f"zone, so that this value, {fixed}, is arbitrary, and that of "
+            f"{other.replace('_', ' ')} is wrong by as much",
+            joint,
+            evidence={name: drive.values[name]},
+            remedy=f"record a motion that loads the spring of {joint} in both directions: a "
+            "posture in which gravity pulls the other way, or faster reversals; or remove the dead "
+            "zone from the drive",
+            certainty="certain",
+        )
+
+
+def offset_findings(robot: Robot, load: FittedRows) -> Iterator[Finding]:
+    """Yield the constant errors of motor torques on springs that the load side has as columns."""
+    own, qr_factor = load.estimate, load.qr_factor
+    for place, name in enumerate(own.names):
+        if parameter_of(name) != "torque_offset" or not isinstance(name, JointParameter):
+            continue
+        value, error = float(own.values[place]), float(own.standard_errors[place])
+        lower, upper = own.interval(NO_CHANCE)[place]
+        joint, drive = name.joint, robot.drives[name.joint]
+        equation = qr_factor.equations.index(robot.index(joint))
+        rms = np.linalg.norm(qr_factor.factors[equation, :, -1])
+        rms /= np.sqrt(qr_factor.counts[equation])
+        torque = float(rms * drive.motor_radius / (drive.ratio * drive.load_radius))
+        if not lower <= 0 <= upper and abs(value) >= FEW * torque:
+            yield TORQUE_OFFSET.finding(
+                f"the motor torque of {joint} has a constant error of {value:.2g} N m "
+                f"({value / torque:.0%} of the torque on its spring at the motor), which the "
+                "estimates allow for",
+                joint,
+                "doubtful" if abs(value) > RARE * torque else "note",
+                {"offset_Nm": value, "standard error": error, "torque_rms_Nm": torque},
+                "set the zero of the torque or current sensor while the motor is off",
+            )
+
+
+# What was given as known
+
+
+def shared_scale(std: float) -> Finding:
+    """Return the note that one scale error of all torques is in all standard errors."""
+    return TORQUE_SCALE.finding(
+        f"all torques share a scale error of {std:.2g} (known_std): it is in every standard error "
+        "and changes all parameters together, so that their ratios are better known",
+        severity="note",
+        evidence={"relative std": std},
+    )
+
+
+def scale_of_bodies(joints: Sequence[str]) -> Iterator[Finding]:
+    """Yield the note on joints whose motor constants rest on known bodies, which are exact."""
+    if joints:
+        yield TORQUE_SCALE.finding(
+            f"the motor constants of {listed(joints)} rest on the known bodies, which count as "
+            "exact: were these 10 % heavier, all constants, frictions, rotor inertias and "
+            "stiffnesses would be 10 % larger",
+            joints[0] if len(joints) == 1 else "",
+            "note",
+            remedy="weigh a link, or a test mass on the last one; or state how well the bodies are "
+            "known: --known-std bodies=0.05",
+            certainty="certain",
+        )
+
+
+def unknown_scales(robot: Robot, load_side: Estimate, joints: Sequence[str]) -> Iterator[Finding]:
+    """Yield the finding of `joints` whose gains have a scale that nothing determines."""
+    ratios: dict[str, float] = {}
+    others = ("command_delay", "gain_scale", *_CONSTANTS)
+    for joint in robot.joint_names if joints else ():
+        own = [name for name in load_side.names if getattr(name, "joint", "") == joint]
+        own = [name for name in own if parameter_of(name) not in others]
+        sizes = [load_side.standard_error(x) / abs(load_side.value(x) or 1e-300) for x in own]
+        for one in own:
+            first = own[int(np.argmin(sizes))]
+            if one != first:
+                name = f"{parameter_of(one)} over {parameter_of(first)} of {joint}"
+                ratios[name] = load_side.value(one) / load_side.value(first)
+    if joints:
+        scales = (f"{joint} {robot.drives[joint].scale_of_gains:.4g}" for joint in joints)
+        yield GAIN_SCALE.finding(
+            "the gains are in units of the drive, and nothing fixes their scale in N m: it counts "
+            f"as that of the drives file ({listed(scales)}), and all inertias, masses, frictions "
+            "and torques of the joints that move together are known up to that factor. Their "
+            "ratios, delays and the replay of logs do not depend on it",
+            joints[0] if len(joints) == 1 else "",
+            "doubtful",
+            ratios,
+            "known bodies (known_bodies=), logs with and without a payload (identify_conditions), "
+            f"or the scale in the drives file:\n{toml_table(joints[0])}\n"
+            'gain_scale = 1.0  # write yours\nknown = ["gain_scale"]',
+            "certain",
+        )
+
+
+# Bodies
+
+
+def contradictions(robot: Robot, program: Program, least: float, bounds: int) -> Iterator[Finding]:
+    """Yield the assumption that the data contradict, unless chi-square `least` is plausible.
+
+    `least` is the least chi-square of a program of physical consistency whose first `bounds` limits
+    are those of the user. Each payload, all of them, and the bounds are removed in turn: the one
+    that reduces chi-square most is named. Raises as `nearest` does.
+    """
+    count = len(program.estimate)
+    # chi-square has the mean n and the variance 2 n
+    if least <= count + CONTRADICTED * math.sqrt(2.0 * count):
+        return
+    text = (
+        f"no physically consistent robot comes near the estimate: chi-square is at least "
+        f"{least:.3g} over {count} values"
+    )
+    smallest, words = min(
+        ((nearest(x).chi_square, words) for words, x in _assumptions(robot, program, bounds)),
+        default=(least, ""),
+    )
+    if smallest < (1 - NOTHING) * least:
+        yield INCONSISTENT_INERTIA.finding(f"{text}, and {smallest:.3g} without {words}")
+        return
+    known = f"known bodies ({', '.join(robot.known_bodies)}), " if robot.known_bodies else ""
+    yield INCONSISTENT_INERTIA.finding(
+        f"{text}; check {known}missing payloads, encoder offsets, and lengths and axes in the "
+        "robot file",
+        certainty="possible",
+    )
+
+
+def _assumptions(robot: Robot, program: Program, bounds: int) -> Iterator[tuple[str, Program]]:
+    """Yield each assumption with its remedy, and the program without it."""
+    payloads = robot.payload_parameters.reshape(-1, 10)
+    loaded = np.flatnonzero(payloads[:, 0]).tolist()
+    for bodies in [[body] for body in loaded] + ([loaded] if len(loaded) > 1 else []):
+        removed = np.zeros_like(payloads)
+        removed[bodies] = payloads[bodies]
+        each = " and ".join(
+            f"the payload of {payloads[body, 0]:.4g} kg on {robot.body_names[body]}"
+            for body in bodies
+        )
+        # the bodies have the torque of the payloads then
+        propagated = program.columns[:, : payloads.size] @ removed.ravel()
+        without = replace(program, estimate=program.estimate + propagated)
+        yield f"{each}: check that it is on the robot, its mass and its place", without
+    if bounds:
+        limits, values = program.limits[bounds:], program.bounds[bounds:]
+        without = replace(program, limits=limits, bounds=values)
+        yield "mass_bounds= and com_boxes=: check or remove them", without
+
+
+# Gears, and what of a log no equation uses
+
+
+def rigid_gear(joint: str, least: float) -> Finding:
+    """Return the note on a gear whose stiffness [N m/rad] is above the `least` one."""
+    return GEAR_COMPLIANCE.finding(
+        f"the gear of {joint} is rigid within the errors: its stiffness is above {least:.3g} "
+        "N m/rad",
+        joint,
+        "note",
+    )
+
+
+def gear_findings(
+    robot: Robot,
+    drives: Mapping[str, Estimate],
+    gears: Collection[str],
+    sources: Sequence[Mapping[str, Mapping[str, Any]]],
+) -> Iterator[Finding]:
+    """Yield a note on the joints whose stiffness includes that of the gear, but those of `gears`.
+
+    `sources` {joint: {quantity: source}} are those of each log: a sensor of the deflection may
+    stand for the encoder of one side of a spring.
+    """
+    both = {"motor_position", "joint_position"}
+
+    def is_by_deflection(joint: str) -> bool:
+        own = [one.get(joint, {}) for one in sources]
+        return all("deflection" in one and not both <= {*one} for one in own)
+
+    joints = [
+        joint
+        for joint, estimate in drives.items()
+        if joint not in gears and "stiffness" in estimate.names
+        if robot.drives[joint].ratio != 1 and not robot.drives[joint].gear_compliance
+        if not is_by_deflection(joint)
+    ]
+    if joints:
+        yield GEAR_COMPLIANCE.finding(
+            f"the stiffness of {listed(joints)} is that between the encoders, of spring and gear "
+            "in series; give gear_stiffness_Nm_per_rad in the drives, or log the deflection too, "
+            "for that of the spring alone",
+            joints[0] if len(joints) == 1 else "",
+            "note",
+        )
+
+
+_CHANNELS = (*INPUT_FIELDS.values(), "joint_torque")
+
+
+def unused_findings(
+    robot: Robot,
+    drives: Mapping[str, Estimate],
+    torque_joints: Sequence[str],
+    motions: Sequence[Motion],
+) -> Iterator[Finding]:
+    """Yield notes on parameters of `drives` that no equation has, and on channels without use."""
+    for joint in robot.elastic_joints:  # without the motor equation (7), where one is missing
+        own, names = robot.drives[joint], motor_regressor(robot, joint).names
+        missing = [name.replace("_", " ") for name in names if name not in drives[joint].names]
+        if missing:
+            message = (
+                f"the log has the joint torque of {joint} and not its motor {own.motor_input}, "
+                f"which alone would identify {listed(missing)}"
+            )
+            yield UNIDENTIFIABLE.finding(message, joint, "note", certainty="certain")
+
+    def is_logged(channel: str, joint: str) -> bool:
+        signals = [getattr(motion, channel) for motion in motions]
+        index = robot.index(joint)
+        return any(one is not None and np.any(np.isfinite(one[:, index])) for one in signals)
+
+    used = {x: INPUT_FIELDS[robot.drives[x].motor_input] for x in torque_joints}
+    for channel in _CHANNELS:
+        unused = [
+            joint
+            for joint in robot.joint_names
+            if joint in used and channel != used[joint] and is_logged(channel, joint)
+            if channel != "joint_torque"
+            or (not robot.drives[joint].is_elastic and is_logged(used[joint], joint))
+        ]
+        if unused:
+            name, joint = channel.replace("_", " "), unused[0] if len(unused) == 1 else ""
+            message = f"the {name} of {listed(unused)} is in the log and in no equation"
+            yield UNUSED_CHANNEL.finding(message, joint, "note", certainty="certain")
