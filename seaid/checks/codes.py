@@ -406,7 +406,7 @@ MOTOR_SIDE = Code(
     "springs and loads from motor angle and torque alone",
     "The log has nothing behind the springs of these joints; k is that of gear, spring and link "
     "in series. It is a note, with the part of k that an elastic link may take away unseen. As a "
-    "doubt it says that more than 30 % of the torque on that spring is not explained, so that its "
+    "doubt it says that more than half of the torque on that spring is not explained, so that its "
     "intervals may be too short; that the spring has damping which its drive lacks; or that the "
     "stiffness falls with the frequency: something behind the spring is elastic too.",
     "Nothing for the note: it names the method. For the doubts load the spring more or log the "

@@ -409,6 +409,18 @@ def fixed_findings(joint: str, drive: Drive, names: Collection[str]) -> Iterator
         )
 
 
+def fixed_in_simulation(joint: str, drive: Drive, names: Collection[str]) -> Iterator[Finding]:
+    """Yield the parameters of a drive that a refinement fixed at their values in the drive."""
+    for name in names:
+        yield UNIDENTIFIABLE.finding(
+            f"{readable(JointParameter(name, joint))} is not identifiable in the simulated motion: "
+            f"fixed at {drive.values[name]:.3g} {unit_of(drive, name)}, the value of identify; "
+            "remove its term, or excite it",
+            joint,
+            "note",
+        )
+
+
 def offset_findings(robot: Robot, load: FittedRows) -> Iterator[Finding]:
     """Yield the constant errors of motor torques on springs that the load side has as columns."""
     own, qr_factor = load.estimate, load.qr_factor

@@ -8,11 +8,12 @@ cannot hold is a `Finding`: none of it is excluded silently.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from seaid.checks import not_in_format
 from seaid.drives import Drive, total_ratio, unit_of
 from seaid.errors import Finding, Severity, listed
 from seaid.export.mjcf_drives import SMOOTH, of_term, value_of
@@ -206,7 +207,7 @@ def lost_effects(
         if name in holds or not lost:
             continue
         found.append(
-            _finding(
+            not_in_format(
                 f"{title} has no {name}: it is not in the file for "
                 + listed(
                     f"{one.joint} ({sizes[one.joint]:.4g} {_unit(one, effect)})" for one in lost
@@ -219,16 +220,16 @@ def lost_effects(
     others = {one.joint: _other_terms(one.drive) for one in actuators}
     texts = [f"{joint} ({', '.join(terms)})" for joint, terms in others.items() if terms]
     if texts and "other terms" not in holds:
-        found.append(_finding(f"{title} has not these terms of the drives: {listed(texts)}"))
+        found.append(not_in_format(f"{title} has not these terms of the drives: {listed(texts)}"))
     smooth = [one.joint for one in actuators if {*SMOOTH} & {*one.drive.friction}]
     if smooth and "other terms" not in holds and "dry friction" in holds:
         text = f"smooth friction is written as dry friction for {listed(smooth)}"
-        found.append(_finding(text, "note"))
+        found.append(not_in_format(text, "note"))
     single = {one.joint for one in actuators}
     coupled = [joint for joint in robot.joint_names if joint not in single]
     if coupled and "coupled drives" not in holds:
         text = f"{title} has no drive that moves several joints: those of {listed(coupled)} are"
-        found.append(_finding(f"{text} not in the file"))
+        found.append(not_in_format(f"{text} not in the file"))
     return found
 
 
@@ -241,24 +242,8 @@ def rounded_delays(actuators: Iterable[JointActuator], step_s: float) -> list[Fi
     text = f"delays are whole steps of {step_s * 1e3:g} ms in the file: " + listed(
         f"{joint} is {error * 1e3:+.3g} ms off" for joint, error in far.items()
     )
-    return [_finding(text, "note", far, "--time-step, with the time step of the simulation")]
+    return [not_in_format(text, "note", far, "--time-step, with the time step of the simulation")]
 
 
 _EXACT = 0.05
 """Part of a time step that a rounded delay may be off without a finding."""
-
-
-def _finding(
-    text: str,
-    severity: Severity = "doubtful",
-    evidence: Mapping[str, float] | None = None,
-    remedy: str = "",
-) -> Finding:
-    return Finding(
-        "not-in-format",
-        text,
-        severity=severity,
-        evidence=dict(evidence or {}),
-        remedy=remedy,
-        certainty="certain",
-    )

@@ -8,7 +8,7 @@ linearised robot that explains the same spectra by maximum likelihood (chapter 9
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -16,8 +16,13 @@ from typing import Any
 import numpy as np
 
 from seaid._arrays import Array
-from seaid._files import toml_table
 from seaid._progress import Result, counted
+from seaid.checks import (
+    contradicted_rotor,
+    stiffness_disagrees,
+    unseen_resonance,
+    wrong_minimum,
+)
 from seaid.drives import Drive, total_ratio
 from seaid.errors import Finding, IdentificationError, by_severity, checked, listed
 from seaid.estimation import Estimate
@@ -46,21 +51,8 @@ from seaid.robot import Robot, at_joints
 _OF_NYQUIST = 0.8
 """Share of half the rate up to which a response is trusted."""
 
-_POOR = 0.25
-"""Relative standard error above which a spring is not determined by the response."""
-
-_BEYOND = 10.0
-"""An antiresonance above this multiple of the highest frequency is that of a rigid joint."""
-
-_NEGATIVE = -0.05
-"""Damping ratio of an antiresonance below which noise or images of the sampling were fitted: a
-spring takes energy, and those of drives have ratios of 0.005 to 0.1."""
-
 _STICK_ROUNDS = 3
 """Fits with the friction of motors at standstill that the fit before has."""
-
-_WANTED = 0.05
-"""Relative error of a stiffness that a remedy aims at, and up to which it counts as known."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -222,9 +214,11 @@ def frequency_response(
         },
         period_s=period,
     )
-    findings = _unseen(found, nominal, rate) + _disagreements(found, identification)
-    findings += _unexplained(fit)
-    findings += _contradicted_rotors(found, fit, spectra, drives)
+    findings = list(_findings(found, fit, spectra, nominal, drives, rate))
+    others = {} if identification is None else identification.drive_side
+    for joint, own in found.drives.items():
+        if joint in others and "stiffness" in others[joint].names:
+            findings += stiffness_disagrees(joint, own, others[joint])
     return replace(found, warnings=by_severity(findings))
 
 
@@ -345,161 +339,32 @@ def _with_dry_friction(joints: LinearJoints, level: Array, spectra: Spectra, hz:
     return alike.compliance(2j * np.pi * hz)[:, :n, :n]
 
 
-def _unseen(found: FrequencyResponse, nominal: LinearJoints, rate: float) -> list[Finding]:
-    """Return a finding for each joint whose spring the response does not show, and the remedy."""
+def _findings(
+    found: FrequencyResponse,
+    fit: Fit,
+    spectra: Spectra,
+    nominal: LinearJoints,
+    drives: Sequence[Drive],
+    rate: float,
+) -> Iterator[Finding]:
+    """Yield what the response of each joint shows of its spring, and of the fit."""
     expected = np.full(len(found.drives), np.nan)
     if np.all(np.isfinite(nominal.stiffness)) and np.all(np.isfinite(nominal.mass)):
         expected = np.abs(nominal.antiresonances()) / (2 * np.pi)
-    findings = []
-    for (joint, one), hz in zip(found.drives.items(), expected.tolist(), strict=True):
-        size = one.value("stiffness")
-        top = float(found.frequency_hz[-1])
-        beyond = not one.value("antiresonance") <= _BEYOND * top  # or none at all, NaN
-        beyond = beyond or one.value("antiresonance_damping") < _NEGATIVE
-        error = math.inf if beyond else one.standard_error("stiffness") / size
-        # no slope at all is no information; without noise it would be small, not zero
-        error = error if math.isfinite(error) and error > 0 else math.inf
-        if error <= _POOR:
-            continue
-        says, remedy = _remedy(found, joint, hz, (top, rate), error)
-        findings.append(
-            Finding(
-                "hidden-resonance",
-                f"the response of {joint} does not determine its spring (relative standard error "
-                f"{error:.2g}): {says}",
-                joint,
-                "wrong",
-                {"relative_standard_error": error, "expected_hz": hz, "highest_hz": top},
-                remedy,
-                "likely" if math.isfinite(hz) else "possible",
-            )
-        )
-    return findings
-
-
-def _unexplained(fit: Fit) -> list[Finding]:
-    """Return a finding if the errors of coupled joints follow the angles of their motors."""
-    if np.sum(fit.joints.elastic) < 2 or fit.lack_of_fit < FITS:
-        return []
-    return [
-        Finding(
-            "wrong-minimum",
-            "the errors of the torques of the coupled joints follow their motor angles: they are "
-            f"{fit.lack_of_fit:.3g} times as large as what does not; the search may have ended in "
-            "a wrong minimum, or links or gears are elastic",
-            "",
-            "doubtful",
-            {"error_ratio": fit.lack_of_fit},
-            "give nominal stiffnesses in the drives file, or as many logs as joints move",
-            "possible",
-        )
-    ]
-
-
-def _contradicted_rotors(
-    found: FrequencyResponse, fit: Fit, spectra: Spectra, drives: Sequence[Drive]
-) -> list[Finding]:
-    """Return a finding for each rotor inertia of the drives file that the response contradicts.
-
-    A wrong rotor inertia changes the stiffness, which follows from it and the resonance: it is a
-    finding, twice outside its interval, if the stiffness with the rotor free is another one.
-    """
+    top = float(found.frequency_hz[-1])
+    for (joint, spring), hz in zip(found.drives.items(), expected.tolist(), strict=True):
+        place = found.joints.index(joint)
+        near = int(np.argmin(np.abs(found.frequency_hz - (hz if math.isfinite(hz) else top))))
+        response = abs(found.response[near, place, place])
+        noise = float(found.total_std[near, place, place] / response)
+        band_hz = top, _OF_NYQUIST * rate / 2, rate
+        yield from unseen_resonance(joint, spring, hz, band_hz, noise)
+    if np.sum(fit.joints.elastic) > 1 and fit.lack_of_fit >= FITS:
+        yield wrong_minimum(fit.lack_of_fit)
     known = fit.joints.elastic & ~fit.parameters.rotors
-    if not np.any(known):
-        return []
-    free, findings = with_free_rotors(spectra, fit), []
+    free = with_free_rotors(spectra, fit) if np.any(known) else fit
     for place in np.flatnonzero(known).tolist():
-        joint, estimate = found.joints[place], free.estimate(place, drives[place])
-        at = [estimate.names.index(name) for name in ("motor_inertia", "stiffness")]
-        stated, stiffness = (found.drives[joint].values[i] for i in at)
-        rotor, k = (float(estimate.values[i]) for i in at)
-        low, high = estimate.interval()[at[0]]
-        away, error = (abs(x) for x in (stated - rotor, 0.5 * (high - low)))
-        if not (away > 2 * error and abs(stiffness - k) > _WANTED * k):
-            continue
-        findings.append(
-            Finding(
-                "rotor-inertia",
-                f"the response of {joint} contradicts its rotor inertia of {stated:.3g} kg m^2: it "
-                f"shows {rotor:.3g} kg m^2, {low:.3g} to {high:.3g}, with which the stiffness is "
-                f"{k:.4g} {estimate.units[at[1]]} and not {stiffness:.4g}",
-                joint,
-                "doubtful",
-                {"stated": float(stated), "by the response": rotor, "stiffness with it": k},
-                f"in the drives file:\n{toml_table(joint)}\nmotor_inertia_kg_m2 = {rotor:.4g}",
-                "likely",
-            )
-        )
-    return findings
-
-
-def _remedy(
-    found: FrequencyResponse, joint: str, hz: float, ends: tuple[float, float], error: float
-) -> tuple[str, str]:
-    """Return why a spring is not seen, and what would show it, from its expected antiresonance."""
-    top, rate = ends
-    if hz > _OF_NYQUIST * rate / 2:
-        least = 2 * _MARGIN * hz / _OF_NYQUIST
-        return (
-            f"with its nominal values the antiresonance is at {hz:.3g} Hz, and half of the rate "
-            f"(Nyquist) is {rate / 2:.4g} Hz",
-            f"log at {least:.3g} Hz or more, and excite up to {_MARGIN * hz:.3g} Hz",
-        )
-    if hz > top:
-        return (
-            f"with its nominal values the antiresonance is at {hz:.3g} Hz, and the motion excites "
-            f"up to {top:.3g} Hz",
-            f"excite up to {_MARGIN * hz:.3g} Hz",
-        )
-    place = found.joints.index(joint)
-    near = int(np.argmin(np.abs(found.frequency_hz - (hz if math.isfinite(hz) else top))))
-    share = found.total_std[near, place, place] / abs(found.response[near, place, place])
-    factor = min(error, _MOST_FACTOR * _WANTED) / _WANTED
-    louder = f"give {factor:.2g} times the amplitude, or {factor**2:.2g} times the periods"
-    if math.isfinite(hz):
-        return (
-            f"with its nominal values the antiresonance is at {hz:.3g} Hz, where noise and "
-            f"nonlinear distortion are {share:.2g} of the response",
-            louder,
-        )
-    return (
-        f"no resonance stands out up to {top:.3g} Hz; it is above that, or inside the noise, which "
-        f"is {share:.2g} of the response there",
-        f"excite up to {2 * top:.3g} Hz, logged at {4 * _MARGIN * top:.3g} Hz or more; or {louder}",
-    )
-
-
-_MARGIN, _MOST_FACTOR = 1.5, 20.0
-"""Share above an antiresonance up to which a motion should excite; most that a remedy asks for."""
-
-
-def _disagreements(
-    found: FrequencyResponse, identification: Identification | None
-) -> list[Finding]:
-    """Return a finding for each stiffness whose interval excludes that of an identification."""
-    findings = []
-    for joint, own in found.drives.items() if identification is not None else ():
-        other = identification.drive_side.get(joint)  # type: ignore[union-attr]
-        if other is None or "stiffness" not in other.names:
-            continue
-        (low, high), (least, most) = (
-            one.interval()[one.names.index("stiffness")] for one in (own, other)
-        )
-        if low > most or high < least:
-            one, two = own.value("stiffness"), other.value("stiffness")
-            unit = own.units[own.names.index("stiffness")]
-            findings.append(
-                Finding(
-                    "estimator-disagrees",
-                    f"the stiffness of {joint} is {one:.4g} {unit} by its frequency response, "
-                    f"{low:.4g} to {high:.4g}, and {two:.4g} by the identification, {least:.4g} "
-                    f"to {most:.4g}: a spring that is not linear, or softer at other amplitudes, a "
-                    "cutoff below its resonance, or another posture",
-                    joint,
-                    "doubtful",
-                    {"frequency_response": one, "identification": two},
-                    "compare the terms of the spring with compare_terms, or motions of one size",
-                    "possible",
-                )
-            )
-    return findings
+        joint = found.joints[place]
+        own = found.drives[joint]
+        stated = dict(zip(own.names, own.values.tolist(), strict=True))
+        yield from contradicted_rotor(joint, stated, free.estimate(place, drives[place]))

@@ -118,8 +118,7 @@ from seaid.identification.known_constants import (
 from seaid.identification.model_selection import MOST_ROUNDS, backlash_findings, with_default_terms
 from seaid.identification.motor_side import (
     cutoff_of,
-    noisy_findings,
-    resonance_findings,
+    shown_springs,
     starts_by_regression,
     without_joint_encoder,
 )
@@ -646,8 +645,8 @@ def _from_motors_below(
             "or log the joint position"
         ) from None
     rate_hz = min((len(log.time) - 1) / float(log.time[-1] - log.time[0]) for log in logs)
-    own = [*resonance_findings(found, joints, rate_hz), *noisy_findings(found, joints)]
-    return replace(found, findings=(*found.findings, *own))
+    findings = (*found.findings, *shown_springs(found, joints, rate_hz))
+    return replace(found, findings=findings)
 
 
 def _two_step(

@@ -12,14 +12,14 @@ accuracy. `filled_by_model` gives the first start, by a robot without springs.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from seaid._arrays import Array
-from seaid._files import toml_table
+from seaid.checks import hidden_springs, motor_side_findings, noisy_springs
 from seaid.drives import total_ratio
 from seaid.errors import ExcitationError, Finding, IdentificationError, LogError
 from seaid.estimation import LEAST_STD, RANK_TOLERANCE, scaled_svd
@@ -66,9 +66,6 @@ SAMPLES = 8
 
 _OF_SPRING = ("stiffness", "spring_damping", "spring_offset")
 
-POORLY_KNOWN, _WANTED = 0.1, 0.03
-"""Relative standard error of a stiffness from which it has a finding, and the one wanted."""
-
 
 def without_joint_encoder(robot: Robot, logs: Sequence[Log]) -> tuple[str, ...]:
     """Return the elastic joints of which each log has the motor side only."""
@@ -87,123 +84,34 @@ def _only_motor(log: Log, joint: str) -> bool:
     return bool(np.all(motor)) and not any(sensed)
 
 
-_DAMPING, _FLEXIBLE = 3.0, 2.33
-"""Standard errors of a tested term of a spring from which it is there. Damping was below 2.3 and a
-flexible load below 1.9 on 42 clean logs (`motor_side.py --lacking`, seeds 50, 51 and from 400)."""
-
-_ONE_SIDED = 1.645
-_BEHIND = 0.3
-"""Standard errors of a one-sided 95 % bound; share of the inertia behind a flexible link."""
-
-
 def with_motor_side_findings(
     found: Identification, terms: Mapping[str, Mapping[int, Array]], motion: Motion
 ) -> Identification:
     """Return a refined identification with what its `terms` say that no model has.
 
     `terms` {joint: {order: [value, standard error]}} of joints without a sensor behind the spring
-    are torques by derivatives of the deflection: spring damping, and order 2. A link with the share
-    s of the inertia J behind a spring of its own adds a compliance to 1/k that grows with the
-    frequency: it lowers k by the part d, and the motor feels k (1 - B (w/w_a)^2) instead of k, with
-    B = d^2 (1 - s) / s at the antiresonance w_a = sqrt(k/J).
+    are torques by derivatives of the deflection: spring damping, and order 2, of an elastic link
+    with a part of the inertia J behind it. They are compared with the torque of the spring at its
+    antiresonance sqrt(k/J).
     """
-    inertia, hidden, own = inertia_about(found.robot, motion), {}, []
-    for joint, tests in terms.items():
+    inertia = inertia_about(found.robot, motion)
+    tests: dict[str, dict[int, tuple[float, float]]] = {}
+    antiresonances_hz = {}
+    for joint, own in terms.items():
         drive = found.known.drives[joint]
         k = found.drive_side[joint].value("stiffness") * drive.load_radius**2
         rate = float(np.sqrt(abs(k) / inertia[found.known.index(joint)]))
-        size = {order: pair * rate**order / k for order, pair in tests.items()}
-        if 1 in size and size[1][0] > _DAMPING * size[1][1]:
-            own.append(_undamped(joint, *map(float, size[1])))
-            continue  # of which the other term has a part
-        if 2 not in size:
-            continue
-        B, error = map(float, size[2])
-        if _FLEXIBLE * error < B:
-            own.append(_flexible(joint, B, error, rate / (2 * np.pi)))
-        else:
-            hidden[joint] = float(np.sqrt(abs(B) + _ONE_SIDED * error))
+        scaled = {order: pair * rate**order / k for order, pair in own.items()}
+        tests[joint] = {order: (float(x), float(error)) for order, (x, error) in scaled.items()}
+        antiresonances_hz[joint] = rate / (2 * np.pi)
     others = [
         x
         for x in found.findings
         if x.code != "gear-compliance"  # which the note says
         if x.code != "motor-side" or "unexplained" in x.evidence
     ]
-    return replace(found, findings=(*others, _motor_side_note(list(terms), hidden), *own))
-
-
-def _undamped(joint: str, size: float, error: float) -> Finding:
-    return Finding(
-        "motor-side",
-        f"the spring of {joint} has damping that its drive lacks, a damping ratio of "
-        f"{size / 2:.2%} of its load, {size / error:.0f} standard errors: its stiffness and "
-        "friction may be wrong by more than their intervals",
-        joint,
-        evidence={"damping ratio": size / 2, "standard error": error / 2},
-        remedy=f'in the drives file:\n{toml_table(joint)}\nspring = ["linear", "damping"]',
-    )
-
-
-def _flexible(joint: str, size: float, error: float, antiresonance_hz: float) -> Finding:
-    less = [np.sqrt(size * share / (1 - share)) for share in (_BEHIND, 0.5)]
-    return Finding(
-        "motor-side",
-        f"the stiffness that the motor of {joint} feels falls with the frequency, by {size:.2%} at "
-        f"its antiresonance of {antiresonance_hz:.3g} Hz, {size / error:.0f} standard errors: "
-        "something behind the spring is elastic too, a link, a gear or a mounting, which the model "
-        f"lacks. That in series with the spring makes the stiffness about {less[0]:.1%} lower than "
-        f"the spring's with {_BEHIND:.0%} of the inertia behind it, {less[1]:.1%} with half",
-        joint,
-        evidence={"fall at the antiresonance": size, "standard error": error},
-        remedy="take the stiffness as that of spring and link in series, or log the joint position",
-    )
-
-
-def _motor_side_note(joints: Sequence[str], hidden: Mapping[str, float]) -> Finding:
-    """Return the note that joints have no encoder behind their springs, and what that means.
-
-    `hidden` {joint: part of k} is what an elastic load that the log does not show may take away.
-    """
-    bounds = ", ".join(f"{least:.1%} at {joint}" for joint, least in hidden.items())
-    unshown = (
-        f"; an elastic link with half of the inertia behind it, which this log does not show, may "
-        f"have lowered the stiffness by up to {bounds} (95 %); motions up to twice the "
-        "antiresonance show more"
-    )
-    return Finding(
-        "motor-side",
-        f"{', '.join(joints)}: no sensor behind the spring, so that stiffness and load come from "
-        "motor angle and torque by output error; the stiffness is that of gear, spring and link in "
-        "series, and the joint angle that of the motor over the gear ratio at a spring without "
-        f"force{unshown if hidden else ''}",
-        joints[0] if len(joints) == 1 else "",
-        "note",
-        {f"hidden part of the stiffness of {joint}": least for joint, least in hidden.items()},
-        certainty="certain",
-    )
-
-
-_NOISY = 0.3
-"""Unexplained part of the torque of a joint above which its standard errors are not believed.
-
-Simulated joints within 0.1 % of k have 0.003; of the TULip leg hip and knee, within their errors,
-0.07 and 0.09, and the ankle, whose errors are 1.3 times its standard errors, 0.62: chosen after
-seeing these."""
-
-
-def noisy_findings(found: Identification, joints: Sequence[str]) -> Iterator[Finding]:
-    """Yield the joints whose torque, as their motors feel it, is mostly not explained."""
-    for joint in joints:
-        fit = found.joint_fits.get(joint)
-        if fit is not None and fit.own > _NOISY:
-            yield Finding(
-                "motor-side",
-                f"{fit.own:.0%} of the torque on the spring of {joint}, as its motor feels it, is "
-                "not explained: its stiffness and load may be wrong by more than their intervals; "
-                "load this spring more (a larger motion, a test mass), or log the joint position",
-                joint,
-                evidence={"unexplained": fit.own},
-            )
+    findings = motor_side_findings(tests, antiresonances_hz)
+    return replace(found, findings=(*others, *findings))
 
 
 def joint_angle(robot: Robot, motion: Motion, joint: str, values: Mapping[str, float]) -> Array:
@@ -426,36 +334,17 @@ def inertia_about(robot: Robot, motion: Motion) -> Array:
     return np.asarray(np.abs(inertia))
 
 
-def hardly_shown(found: Identification, joints: Sequence[str]) -> list[str]:
-    """Return the joints whose stiffness is poorly known, or has the wrong sign."""
-    drives = ((joint, found.drive_side[joint]) for joint in joints)
-    return [
-        joint
-        for joint, one in drives
-        if not one.standard_error("stiffness") < POORLY_KNOWN * one.value("stiffness")
-    ]
-
-
-def resonance_findings(
-    found: Identification, joints: Sequence[str], rate_hz: float
-) -> Iterator[Finding]:
-    """Yield the joints whose stiffness the motor hardly shows, with what would show it."""
+def shown_springs(found: Identification, joints: Sequence[str], rate_hz: float) -> list[Finding]:
+    """Return what hides the springs of joints from their motors, in logs with a rate."""
     inertia = inertia_about(found.robot, found.motions[0])
-    for joint in hardly_shown(found, joints):
+    springs, antiresonances_hz = {}, {}
+    for joint in joints:
         drive, lever = found.drive_side[joint], found.known.drives[joint].load_radius
         k, error = drive.value("stiffness"), drive.standard_error("stiffness")
         spring = abs(k) * lever**2 / inertia[found.known.index(joint)]
-        resonance_hz = float(np.sqrt(spring)) / (2 * np.pi)
-        needed_hz, larger = SAMPLES * resonance_hz, error / (_WANTED * abs(k))
-        rate = f"log at {needed_hz:.3g} Hz or more, " if needed_hz > rate_hz else ""
-        yield Finding(
-            "hidden-resonance",
-            f"the motor torque hardly shows the spring of {joint}: its stiffness is known to "
-            f"{error / abs(k):.0%}. The motor feels it most at the antiresonance, about "
-            f"{resonance_hz:.3g} Hz, and the motion has a band of {found.cutoff_hz:.3g} Hz",
-            joint,
-            "doubtful",
-            {"antiresonance [Hz]": resonance_hz, "relative standard error": error / abs(k)},
-            f"{rate}excite the joint up to {1.3 * resonance_hz:.3g} Hz or with {larger:.2g} times "
-            "the amplitude, or log the joint position",
-        )
+        springs[joint] = k, error
+        antiresonances_hz[joint] = float(np.sqrt(spring)) / (2 * np.pi)
+    fits = {joint: found.joint_fits[joint].own for joint in joints if joint in found.joint_fits}
+    logged = rate_hz, SAMPLES
+    hidden = hidden_springs(springs, antiresonances_hz, found.cutoff_hz, logged)
+    return [*hidden, *noisy_springs(fits)]

@@ -20,7 +20,13 @@ from scipy.ndimage import maximum_filter1d
 
 from seaid._arrays import Array, BoolArray, FrozenMapping, white_noise
 from seaid._progress import track
-from seaid.checks import consequences, revalued
+from seaid.checks import (
+    consequences,
+    fixed_in_simulation,
+    nothing_to_simulate,
+    revalued,
+    worse_than_start,
+)
 from seaid.drives import (
     DefaultTerms,
     JointParameter,
@@ -28,7 +34,6 @@ from seaid.drives import (
     parameter_named,
     readable,
     total_ratio,
-    unit_of,
 )
 from seaid.errors import ExcitationError, Finding, IdentificationError, checked
 from seaid.estimation import (
@@ -717,7 +722,7 @@ def refined_with_logs(
     unseen = without_joint_encoder(identification.known, logs)
     layout = layout_of(identification, encoder_offset_std, unseen)
     if not (layout.simulated or encoder_offset_std):
-        return _with_finding(identification, _NOTHING_SIMULATED), logs
+        return _with_finding(identification, nothing_to_simulate()), logs
     simulated = _filled(layout, logs, layout.start)
     if unseen:
         _, here = _iterated(layout, simulated, layout.start, iterations, progress, SHORT_WINDOW_S)
@@ -771,20 +776,9 @@ def _held(found: Identification, layout: Layout, here: Point) -> Identification 
         if not weak:
             continue
         places = [place for place, name in enumerate(own.names) if name not in weak]
-        warnings = [
-            Finding(
-                "unidentifiable",
-                f"{readable(JointParameter(name, joint))} is not identifiable in the simulated "
-                f"motion: fixed at {drive.values[name]:.3g} {unit_of(drive, name)}, the value of "
-                "identify; remove its term, or excite it",
-                joint,
-                "note",
-            )
-            for name in weak
-        ]
+        notes += consequences(found.findings, fixed_in_simulation(joint, drive, weak))
         part = own.part(places, [own.names[place] for place in places])
         sides[joint] = part
-        notes += consequences(found.findings, warnings)
         known[joint] = replace(drive, known=(*drive.known, *weak))
     if known == dict(found.known.drives):
         return None
@@ -904,16 +898,6 @@ of the torque. Without model errors the factor is at most 1.2 (`scripts/benchmar
 cutoffs of 2 to 12 Hz): the likelihood weights other channels than the regression does.
 """
 
-_NOTHING_SIMULATED = Finding(
-    "nothing-to-simulate",
-    "refine returns the values of its start: no joint has a spring whose torque is unknown, so "
-    "there is no motion to simulate, and the torques alone determine no more than identify found",
-    severity="note",
-    remedy="use the result of identify, with estimator='iv' against the noise of the encoders, or "
-    "estimate encoder offsets with encoder_offset_std=",
-    certainty="certain",
-)
-
 
 def _worse(
     before: Identification, after: Identification, logs: list[Log], zeros: Array
@@ -957,17 +941,7 @@ def _torque_errors(found: Identification, motions: list[Motion]) -> tuple[Array,
 
 def _unchanged(found: Identification, reason: str, evidence: dict[str, float]) -> Identification:
     """Return the start with the reason why it is not replaced."""
-    return _with_finding(
-        found,
-        Finding(
-            "worse-than-start",
-            f"refine returns the values of its start, because {reason}: the model lacks an effect "
-            "that the simulation of the joints accumulates, or the log is another one",
-            evidence=evidence,
-            remedy="use the result of identify; look for missing terms of the drives with "
-            "compare_terms",
-        ),
-    )
+    return _with_finding(found, worse_than_start(reason, evidence))
 
 
 def _with_finding(found: Identification, finding: Finding) -> Identification:

@@ -16,7 +16,7 @@ import numpy as np
 
 from seaid._arrays import Array, frozen
 from seaid._progress import Result, counted, track
-from seaid.checks import NOTHING, PART, force_findings
+from seaid.checks import PART, force_findings, not_measured, unseen_motion
 from seaid.errors import Finding, IdentificationError, SeaidError, checked
 from seaid.identification.contact_forces import contact_forces
 from seaid.identification.datasets import Source
@@ -65,7 +65,7 @@ def validate(identification: Identification, log: Log) -> Validation:
     places = [identification.known.index(joint) for joint in unseen]
     result = replace(result, load=_without(result.load, places))
     contacts = contact_forces(identification, *motions)
-    found = [*_contradictions(identification, result, places), *_not_measured(unseen)]
+    found = [*_contradictions(identification, result, places), *not_measured(unseen)]
     found += list(_base_contradictions(identification, result))
     found += [] if contacts is None else force_findings(contacts.to_dict()["feet"])
     return replace(result, warnings=tuple(found), contacts=contacts)
@@ -77,23 +77,6 @@ def _without(fit: Fit, joints: Sequence[int]) -> Fit:
     for value in values.values():
         value[..., joints] = False if value.dtype == bool else np.nan
     return Fit(**values)
-
-
-def _not_measured(joints: Sequence[str]) -> Iterator[Finding]:
-    if joints:
-        yield Finding(
-            "motor-side",
-            f"the log has no sensor behind the spring of {', '.join(joints)}: the joint is "
-            "simulated from the motor angle, and the motor torque compared; there is no measured "
-            "torque on its load to compare",
-            joints[0] if len(joints) == 1 else "",
-            "note",
-            certainty="certain",
-        )
-
-
-_ABOVE_OWN = 2.0
-"""Multiple of the error in the own logs from which an error on another motion contradicts them."""
 
 
 def _contradictions(
@@ -118,19 +101,8 @@ def _contradictions(
         joint, error = result.joints[place], errors[place]
         known = [float(each[place]) for each in own if np.isfinite(each[place])]
         ratio = float(of(result, "rms_error")[place]) / max(known, default=np.inf)
-        if ratio > _ABOVE_OWN:
-            yield Finding(
-                "unseen-motion",
-                f"the model does not predict the torque {where[is_unseen[place]]} of {joint} in "
-                "another motion: "
-                f"its error is {error:.0%} of the torque, that of a constant 100%, and "
-                f"{ratio:.2g} times that in the own logs",
-                joint,
-                "wrong" if error > NOTHING else "doubtful",
-                {"error": float(error), "over that in the own logs": float(ratio)},
-                "check that payload, mounting, encoder zeros and columns of both logs are the same "
-                "and that nothing touched the robot; if so, identify from both logs",
-            )
+        torque = f"the torque {where[is_unseen[place]]} of {joint}"
+        yield from unseen_motion(torque, joint, float(error), ratio)
 
 
 _LEAST_OF_WEIGHT = 0.05
@@ -157,16 +129,7 @@ def _base_contradictions(identification: Identification, result: Validation) -> 
         error = rms / max(size, _LEAST_OF_WEIGHT * least)
         known = [float(np.linalg.norm(one.rms_error[rows])) for one in own if one is not None]
         ratio = rms / max(known) if known else np.inf
-        if error > PART and ratio > _ABOVE_OWN:
-            yield Finding(
-                "unseen-motion",
-                f"the model does not predict the {kind} on the base in another motion: its error "
-                f"is {error:.0%} of it, that of a constant 100%",
-                severity="wrong" if error > NOTHING else "doubtful",
-                evidence={"error": error, "over that in the own logs": ratio},
-                remedy="check that payload, force sensors and IMU of both logs are the same, and "
-                "that nothing else touched the robot; if so, identify from both logs",
-            )
+        yield from unseen_motion(f"the {kind} on the base", "", error, float(ratio))
 
 
 @checked(IdentificationError)

@@ -20,6 +20,7 @@ import numpy as np
 
 from seaid._arrays import Array, frozen, safely
 from seaid._progress import Result, counted
+from seaid.checks import calibration_findings
 from seaid.errors import Finding, IdentificationError, checked, listed
 from seaid.log import Log
 from seaid.regressor import joint_torques
@@ -36,9 +37,6 @@ _TURNS = 50
 
 _SIGNIFICANT = 0.01
 """Level at which a cubic term or friction counts as supported by the data."""
-
-_WRONG, _DOUBTFUL = 0.5, 0.05
-"""Relative misfit (rms over rms of the loads) of no calibration, and of a poor one."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -157,6 +155,10 @@ def calibrate_statics(statics: Statics, *, law: Law = "linear") -> StaticCalibra
     spread = statics.load.max() - statics.load.min()
     curve = cubic.law_at(statics.reading) - line.law_at(statics.reading)
     friction = fit.theta[-1] if fit.has_friction else np.nan
+    misfit = float(np.sqrt(np.mean(fit.residual**2) / np.var(statics.load)))
+    findings = calibration_findings(
+        misfit, float(fit.theta[0]), law, p_value, is_curved=p_value < _SIGNIFICANT
+    )
     return StaticCalibration(
         statics=statics,
         law=law,
@@ -169,7 +171,7 @@ def calibrate_statics(statics: Statics, *, law: Law = "linear") -> StaticCalibra
         linearity=float(np.max(np.abs(curve)) / spread),
         hysteresis=float(2 * abs(friction) / spread),
         cubic_p_value=p_value,
-        warnings=tuple(_findings(fit, law, p_value)),
+        warnings=tuple(findings),
     )
 
 
@@ -319,30 +321,6 @@ def _correlation_factor(residual: Array) -> float:
     left = residual - np.mean(residual)
     r = float(left[1:] @ left[:-1] / max(float(left @ left), 1e-300))
     return (1 + r) / (1 - min(r, 0.999)) if r > 2 / np.sqrt(len(left)) else 1.0
-
-
-def _findings(fit: _Fit, law: Law, cubic_p_value: float) -> list[Finding]:
-    """Return what to know before the calibration is used."""
-    found: list[Finding] = []
-    load = fit.statics.load
-    misfit = float(np.sqrt(np.mean(fit.residual**2) / np.var(load)))
-    if misfit > _DOUBTFUL:
-        text = f"the law explains the loads to {misfit:.1%} of their standard deviation only"
-        severity = "wrong" if misfit > _WRONG else "doubtful"
-        remedy = "check the order of the rows and their units, and that the joint was at rest"
-        found.append(Finding("no-fit", text, "", severity, remedy=remedy))  # type: ignore[arg-type]
-    if law == "linear" and cubic_p_value < _SIGNIFICANT:
-        text = f"the law is not a straight line: a cubic term has a p-value of {cubic_p_value:.2g}"
-        found.append(Finding("nonlinear-spring", text, "", "doubtful", remedy='law="cubic"'))
-    if law == "cubic" and cubic_p_value > _SIGNIFICANT:
-        text = f"the cubic term is not significant: its p-value is {cubic_p_value:.2g}"
-        found.append(Finding("needless-term", text, "", "note", remedy='law="linear"'))
-    if fit.theta[0] < 0:
-        text = "a larger load has a smaller reading: the sign of one of them is opposite"
-        found.append(
-            Finding("sign", text, "", "doubtful", remedy="change the sign of the readings")
-        )
-    return found
 
 
 # Where statics come from

@@ -15,8 +15,9 @@ import numpy as np
 
 from seaid._arrays import Array, IndexArray
 from seaid._progress import Result, sampled_text
+from seaid.checks import diverged_replay, least_inertias, not_replayed, replay_worse
 from seaid.drives import COMMANDS, IDEAL_DRIVE, PARAMETERS_OF, Drive
-from seaid.errors import Finding, LogError, RobotError, SeaidError, checked, listed
+from seaid.errors import Finding, LogError, RobotError, SeaidError, checked
 from seaid.log import Log, check_whole, low_pass, select_cutoff, spline_derivatives
 from seaid.robot import Robot, at_drives, check_held, group_of
 from seaid.simulation.controller import (
@@ -342,11 +343,6 @@ class ReplayComparison(Result):
         return {"joints": by_joint, "mean_absolute_error": whole}
 
 
-_WORSE = 1.1
-"""Ratio of rms errors from which a joint is replayed worse: less is within the scatter of parts of
-one log."""
-
-
 @checked(SeaidError)
 def compare_replays(
     before: Robot, after: Robot, log: Log, held_joints: Mapping[str, str] = MappingProxyType({})
@@ -391,7 +387,7 @@ def compare_replays(
         raise SeaidError(f"no joint is left to replay: {'; '.join(map(': '.join, held.items()))}")
     log, states = _with_measured_motion(after, log, held)
     models = {"nominal": without_unknown_terms(before), "identified": after}
-    notes = [_held_finding(joint, reason) for joint, reason in held.items()]
+    notes = [not_replayed(joint, reason) for joint, reason in held.items()]
     indices = [after.index(joint) for joint in joints]
     moved = []
     for title, model in models.items():
@@ -408,7 +404,12 @@ def compare_replays(
         is_prismatic=tuple(after.is_prismatic[index] for index in indices),
     )
     closes = [after.drives[joint].controller is not None for joint in joints]
-    return replace(found, warnings=(*_worse(found, all(closes)), *notes))
+    errors = (np.hypot(one, found.noise) for one in found.rms_errors)
+    old, new = (dict(zip(joints, one.tolist(), strict=True)) for one in errors)
+    ratios = {joint: new[joint] / max(old[joint], np.finfo(float).tiny) for joint in joints}
+    units = ["mm" if one else "mrad" for one in found.is_prismatic]
+    worse = replay_worse(new, ratios, units, all(closes))
+    return replace(found, warnings=(*worse, *notes))
 
 
 _FOLLOWING = replace(IDEAL_DRIVE, motor_inertia_kg_m2=1e6)
@@ -444,17 +445,6 @@ def _with_measured_motion(
     return replace(log, motor_torque=torque), states
 
 
-def _held_finding(joint: str, reason: str) -> Finding:
-    return Finding(
-        "not-replayed",
-        f"{joint} follows its measured motion in the replay, which compares the other joints: "
-        f"{reason}",
-        joint,
-        "note",
-        certainty="certain",
-    )
-
-
 _STEPS_PER_RADIAN = 10.0
 """Steps of a simulation per radian of the oscillation of a rotor alone under its controller."""
 
@@ -480,22 +470,7 @@ def _replayed(
     inertias = {
         joint: drives[joint].values["motor_inertia"] * ratio**2 for joint, ratio in ratios.items()
     }
-    notes.append(
-        Finding(
-            "rotor-inertia",
-            f"the {title} model has too little rotor inertia to be simulated under its controllers "
-            "(the simulation diverged): it was replayed with the least that can, at the joint "
-            f"[kg m^2 or kg]: {listed(f'{joint} {x:.2g}' for joint, x in inertias.items())}",
-            changed[0] if len(changed) == 1 else "",
-            "note" if title == "nominal" else "doubtful",
-            inertias,
-            "nominal values in the drives file:\n"
-            f"[{changed[0]}]\nmotor_inertia_kg_m2 = 1e-5  # write that of your motor"
-            if title == "nominal"
-            else "check the gains, their units, and the sign and zero of each joint",
-            "certain",
-        )
-    )
+    notes.append(diverged_replay(title, inertias))
     return found
 
 
@@ -519,19 +494,7 @@ def _with_least_inertias(title: str, robot: Robot, notes: list[Finding]) -> Robo
             drives[joint] = drive.with_values({"motor_inertia": own})
             found[joint] = own * drive.ratio**2
     if found:
-        notes.append(
-            Finding(
-                "rotor-inertia",
-                f"the {title} model has so little inertia at "
-                f"{listed(f'{joint} {x:.2g}' for joint, x in found.items())} that viscous friction "
-                f"stops it within {1e3 * _LEAST_TIME_S:g} ms: it was replayed with these rotor "
-                "inertias at the joint [kg m^2 or kg]",
-                next(iter(found)) if len(found) == 1 else "",
-                "note",
-                found,
-                certainty="certain",
-            )
-        )
+        notes.append(least_inertias(title, found, _LEAST_TIME_S))
     return robot.with_drives(drives)
 
 
@@ -568,34 +531,3 @@ def _noise(position: Array) -> Array:
     least = np.min(np.where(steps > 0, steps, np.inf), axis=0)
     has_steps = np.any(steps == 0, axis=0) & np.isfinite(least)  # samples within one step repeat
     return np.asarray(np.maximum(white, np.where(has_steps, least, 0.0) / np.sqrt(12)))
-
-
-def _worse(found: ReplayComparison, is_closed: bool) -> Iterator[Finding]:
-    """Yield the joints that are replayed worse after; the whole robot if most of it is."""
-    before, after = (np.hypot(one, found.noise) for one in found.rms_errors)
-    ratio = after / np.maximum(before, np.finfo(float).tiny)
-    whole = float(np.exp(np.mean(np.log(np.maximum(ratio, np.finfo(float).tiny)))))
-    remedy = "check gains, delay and limit of the controllers, and that the log is of this robot"
-    if whole > 1:
-        yield Finding(
-            "replay-worse",
-            f"the identified model replays this log worse than the nominal one: its rms errors are "
-            f"{whole:.2g} times those before (geometric mean of the joints)",
-            severity="wrong" if is_closed else "doubtful",
-            evidence={"ratio": whole},
-            remedy=remedy,
-            certainty="certain" if is_closed else "possible",
-        )
-        return
-    for index in np.flatnonzero(ratio > _WORSE):
-        joint = found.joints[index]
-        yield Finding(
-            "replay-worse",
-            f"the identified model replays {joint} worse than the nominal one: its rms error is "
-            f"{1e3 * after[index]:.3g} {'mm' if found.is_prismatic[index] else 'mrad'}, "
-            f"{ratio[index]:.2g} times that before",
-            joint,
-            "doubtful",
-            {"ratio": float(ratio[index])},
-            remedy,
-        )

@@ -22,13 +22,13 @@ from scripts.benchmarks.motor_side import (
     simulated,
     simulated_together,
 )
+from seaid.checks import noisy_springs
 from seaid.drives import total_ratio
 from seaid.drives.drives import SeriesElasticDrive
 from seaid.errors import Finding, IdentificationError, LogError
 from seaid.identification.identification import Identification, identify
 from seaid.identification.motor_side import (
     joint_angle,
-    noisy_findings,
     with_motor_side_findings,
     with_rigid_angles,
     without_joint_encoder,
@@ -219,9 +219,8 @@ def test_the_note_bounds_what_a_log_does_not_show(found: Identification) -> None
 def test_a_torque_that_is_mostly_noise_is_doubted(found: Identification) -> None:
     fit = found.joint_fits["arm"]
     assert fit.own < 0.01
-    assert list(noisy_findings(found, ["arm"])) == []
-    poor = replace(found, joint_fits={"arm": replace(fit, own=0.62)})
-    (finding,) = noisy_findings(poor, ["arm"])
+    assert list(noisy_springs({"arm": fit.own})) == []
+    (finding,) = noisy_springs({"arm": 0.62})
     assert (finding.code, finding.joint, finding.severity) == ("motor-side", "arm", "doubtful")
     assert finding.message.startswith("62% of the torque on the spring of arm")
 

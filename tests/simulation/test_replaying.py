@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 import seaid
+from seaid.checks import replay_worse
 from seaid.simulation.replaying import (
-    ReplayComparison,
-    _worse,
     compare_replays,
     replay,
     rollout,
@@ -247,15 +246,8 @@ def test_friction_without_inertia_is_replayed_with_a_millisecond_of_it() -> None
 
 
 def test_one_joint_of_several_that_is_replayed_worse_is_named() -> None:
-    joints = ("a", "b", "c")
-    time = np.linspace(0, 1, 100)
-    measured = np.zeros((100, 3))
-    before = np.full((100, 3), [0.1, 0.1, 0.01])
-    after = np.full((100, 3), [0.01, 0.01, 0.02])
-    found = ReplayComparison(
-        joints, time, measured, before, after, np.full(3, 1e-3), (False, False, True)
-    )
-    (warning,) = _worse(found, True)
+    after, ratios = {"a": 0.01, "b": 0.01, "c": 0.02}, {"a": 0.1, "b": 0.1, "c": 2.0}
+    (warning,) = replay_worse(after, ratios, ["mrad", "mrad", "mm"], True)
     assert (warning.joint, warning.severity) == ("c", "doubtful")
     assert "20 mm, 2 times that before" in warning.message
 

@@ -1,0 +1,442 @@
+"""What predictions show: of other motions, replays, simulated joints, responses and held loads.
+
+Each function gets the numbers of a comparison that was made elsewhere.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+from scipy.special import ndtri
+
+from seaid._files import toml_table
+from seaid.checks.codes import (
+    ESTIMATOR_DISAGREES,
+    HIDDEN_RESONANCE,
+    MOTOR_SIDE,
+    NEEDLESS_TERM,
+    NO_FIT,
+    NONLINEAR_SPRING,
+    NOT_IN_FORMAT,
+    NOT_REPLAYED,
+    NOTHING_TO_SIMULATE,
+    REPLAY_WORSE,
+    ROTOR_INERTIA,
+    SIGN,
+    UNSEEN_MOTION,
+    WORSE_THAN_START,
+    WRONG_MINIMUM,
+)
+from seaid.checks.tolerances import FAR, NOTHING, PART, POOR, RARE, SLIGHT, SURE, TWICE
+from seaid.errors import Finding, Severity, listed
+from seaid.estimation import Estimate
+
+
+def _only(joints: Sequence[str]) -> str:
+    """Return the joint of a finding: the only one, or "" for several."""
+    return joints[0] if len(joints) == 1 else ""
+
+
+# Other motions
+
+
+def unseen_motion(of: str, joint: str, error: float, ratio: float) -> Iterator[Finding]:
+    """Yield that the model does not predict a torque, or a force on the base (without a joint).
+
+    `error` is that over the error of a constant, `ratio` is the rms error over that in the own
+    logs: infinite if nothing is known of these.
+    """
+    if not (error > PART and ratio > TWICE):
+        return
+    own = f", and {ratio:.2g} times that in the own logs" if math.isfinite(ratio) else ""
+    parts = (
+        "payload, mounting, encoder zeros and columns"
+        if joint
+        else "payload, force sensors and IMU"
+    )
+    yield UNSEEN_MOTION.finding(
+        f"the model does not predict {of} in another motion: its error is {error:.0%} of it, that "
+        f"of a constant 100%{own}",
+        joint,
+        "wrong" if error > NOTHING else "doubtful",
+        {"error": error, "over that in the own logs": ratio},
+        f"check that {parts} of both logs are the same and that nothing else touched the robot; if "
+        "so, identify from both logs",
+    )
+
+
+def not_measured(joints: Sequence[str]) -> Iterator[Finding]:
+    """Yield the note on joints that a validation simulates from their motor angles."""
+    if joints:
+        yield MOTOR_SIDE.finding(
+            f"the log has no sensor behind the spring of {', '.join(joints)}: the joint is "
+            "simulated from the motor angle, and the motor torque compared; there is no measured "
+            "torque on its load to compare",
+            _only(joints),
+            "note",
+            certainty="certain",
+        )
+
+
+# Replays
+
+
+def not_replayed(joint: str, reason: str) -> Finding:
+    """Return the note on a joint that follows its measured motion in a replay."""
+    return NOT_REPLAYED.finding(
+        f"{joint} follows its measured motion in the replay, which compares the other joints: "
+        f"{reason}",
+        joint,
+        "note",
+        certainty="certain",
+    )
+
+
+def diverged_replay(title: str, inertias: Mapping[str, float]) -> Finding:
+    """Return that a model was replayed with other rotor `inertias`, since it had diverged."""
+    is_nominal, (first, *_) = title == "nominal", inertias
+    return ROTOR_INERTIA.finding(
+        f"the {title} model has too little rotor inertia to be simulated under its controllers "
+        "(the simulation diverged): it was replayed with the least that can, at the joint "
+        f"[kg m^2 or kg]: {listed(f'{joint} {x:.2g}' for joint, x in inertias.items())}",
+        _only([*inertias]),
+        "note" if is_nominal else "doubtful",
+        inertias,
+        f"nominal values in the drives file:\n{toml_table(first)}\n"
+        "motor_inertia_kg_m2 = 1e-5  # write that of your motor"
+        if is_nominal
+        else "check the gains, their units, and the sign and zero of each joint",
+        "certain",
+    )
+
+
+def least_inertias(title: str, inertias: Mapping[str, float], least_s: float) -> Finding:
+    """Return the note that friction stops joints within a time [s] without other inertias."""
+    return ROTOR_INERTIA.finding(
+        f"the {title} model has so little inertia at "
+        f"{listed(f'{joint} {x:.2g}' for joint, x in inertias.items())} that viscous friction "
+        f"stops it within {1e3 * least_s:g} ms: it was replayed with these rotor inertias at the "
+        "joint [kg m^2 or kg]",
+        _only([*inertias]),
+        "note",
+        inertias,
+        certainty="certain",
+    )
+
+
+def replay_worse(
+    after: Mapping[str, float], ratios: Mapping[str, float], units: Sequence[str], is_closed: bool
+) -> Iterator[Finding]:
+    """Yield the joints that are replayed worse after; the whole robot if most of it is.
+
+    `after` {joint: rms error}, with `units` of a thousandth; `ratios` {joint: that over the error
+    before}. In open loop (not `is_closed`) torques drift apart.
+    """
+    tiny = np.finfo(float).tiny
+    whole = float(np.exp(np.mean(np.log(np.maximum([*ratios.values()], tiny)))))
+    remedy = "check gains, delay and limit of the controllers, and that the log is of this robot"
+    if whole > 1:
+        yield REPLAY_WORSE.finding(
+            "the identified model replays this log worse than the nominal one: its rms errors are "
+            f"{whole:.2g} times those before (geometric mean of the joints)",
+            "",
+            "wrong" if is_closed else "doubtful",
+            {"ratio": whole},
+            remedy,
+            "certain" if is_closed else "possible",
+        )
+        return
+    for (joint, ratio), unit in zip(ratios.items(), units, strict=True):
+        if ratio > 1 + POOR:  # less is within the scatter of parts of one log
+            yield REPLAY_WORSE.finding(
+                f"the identified model replays {joint} worse than the nominal one: its rms error "
+                f"is {1e3 * after[joint]:.3g} {unit}, {ratio:.2g} times that before",
+                joint,
+                evidence={"ratio": ratio},
+                remedy=remedy,
+            )
+
+
+# Refinements, and springs behind motors
+
+
+def nothing_to_simulate() -> Finding:
+    """Return the note that a refinement has no joint to simulate."""
+    return NOTHING_TO_SIMULATE.finding(
+        "refine returns the values of its start: no joint has a spring whose torque is unknown, so "
+        "there is no motion to simulate, and the torques alone determine no more than identify "
+        "found",
+        severity="note",
+        remedy="use the result of identify, with estimator='iv' against the noise of the encoders, "
+        "or estimate encoder offsets with encoder_offset_std=",
+        certainty="certain",
+    )
+
+
+def worse_than_start(reason: str, evidence: Mapping[str, float]) -> Finding:
+    """Return that a refinement returns its start, because of a reason."""
+    return WORSE_THAN_START.finding(
+        f"refine returns the values of its start, because {reason}: the model lacks an effect that "
+        "the simulation of the joints accumulates, or the log is another one",
+        evidence=evidence,
+        remedy="use the result of identify; look for missing terms of the drives with "
+        "compare_terms",
+    )
+
+
+def motor_side_findings(
+    tests: Mapping[str, Mapping[int, tuple[float, float]]], antiresonances_hz: Mapping[str, float]
+) -> Iterator[Finding]:
+    """Yield that joints have no encoder behind their springs, and what no model of these has.
+
+    `tests` {joint: {order of the derivative: size and standard error}} are torques of the
+    deflection over that of the spring at its antiresonance: 1 is damping. With 2 a link with the
+    share s of the inertia behind a spring of its own lowers k by the part d, and the motor feels
+    k (1 - B (w/w_a)^2) instead of k, with the size B = d^2 (1 - s) / s. A chance of 1 % is none.
+    """
+    hidden: dict[str, float] = {}
+    doubts: list[Finding] = []
+    for joint, sizes in tests.items():
+        size, error = sizes.get(1, (0.0, 0.0))
+        if size > SURE * error:
+            doubts.append(_undamped(joint, size, error))
+            continue  # of which the other term has a part
+        size, error = sizes.get(2, (0.0, 0.0))
+        if size > ndtri(0.99) * error:
+            doubts.append(_flexible(joint, size, error, antiresonances_hz[joint]))
+        elif 2 in sizes:
+            hidden[joint] = math.sqrt(abs(size) + ndtri(0.95) * error)
+    bounds = ", ".join(f"{least:.1%} at {joint}" for joint, least in hidden.items())
+    unshown = (
+        f"; an elastic link with half of the inertia behind it, which this log does not show, may "
+        f"have lowered the stiffness by up to {bounds} (95 %); motions up to twice the "
+        "antiresonance show more"
+    )
+    yield MOTOR_SIDE.finding(
+        f"{', '.join(tests)}: no sensor behind the spring, so that stiffness and load come from "
+        "motor angle and torque by output error; the stiffness is that of gear, spring and link in "
+        "series, and the joint angle that of the motor over the gear ratio at a spring without "
+        f"force{unshown if hidden else ''}",
+        _only([*tests]),
+        "note",
+        {f"hidden part of the stiffness of {joint}": least for joint, least in hidden.items()},
+        certainty="certain",
+    )
+    yield from doubts
+
+
+def _undamped(joint: str, size: float, error: float) -> Finding:
+    return MOTOR_SIDE.finding(
+        f"the spring of {joint} has damping that its drive lacks, a damping ratio of "
+        f"{size / 2:.2%} of its load, {size / error:.0f} standard errors: its stiffness and "
+        "friction may be wrong by more than their intervals",
+        joint,
+        evidence={"damping ratio": size / 2, "standard error": error / 2},
+        remedy=f'in the drives file:\n{toml_table(joint)}\nspring = ["linear", "damping"]',
+    )
+
+
+def _flexible(joint: str, size: float, error: float, antiresonance_hz: float) -> Finding:
+    less = [math.sqrt(size * share / (1 - share)) for share in (0.3, 0.5)]
+    return MOTOR_SIDE.finding(
+        f"the stiffness that the motor of {joint} feels falls with the frequency, by {size:.2%} at "
+        f"its antiresonance of {antiresonance_hz:.3g} Hz, {size / error:.0f} standard errors: "
+        "something behind the spring is elastic too, a link, a gear or a mounting, which the model "
+        f"lacks. That in series with the spring makes the stiffness about {less[0]:.1%} lower than "
+        f"the spring's with 30% of the inertia behind it, {less[1]:.1%} with half",
+        joint,
+        evidence={"fall at the antiresonance": size, "standard error": error},
+        remedy="take the stiffness as that of spring and link in series, or log the joint position",
+    )
+
+
+def noisy_springs(unexplained: Mapping[str, float]) -> Iterator[Finding]:
+    """Yield the joints whose torque, as their motors feel it, is mostly not explained."""
+    for joint, part in unexplained.items():
+        if part > PART:
+            yield MOTOR_SIDE.finding(
+                f"{part:.0%} of the torque on the spring of {joint}, as its motor feels it, is "
+                "not explained: its stiffness and load may be wrong by more than their intervals; "
+                "load this spring more (a larger motion, a test mass), or log the joint position",
+                joint,
+                evidence={"unexplained": part},
+            )
+
+
+def hidden_springs(
+    springs: Mapping[str, tuple[float, float]],
+    antiresonances_hz: Mapping[str, float],
+    band_hz: float,
+    rate_hz: tuple[float, int],
+) -> Iterator[Finding]:
+    """Yield the joints whose stiffness the motor hardly shows, with what would show it.
+
+    `springs` {joint: stiffness and standard error}; `rate_hz` is that of the log, and the samples
+    per period that an oscillation needs.
+    """
+    for joint, (k, error) in springs.items():
+        if error < POOR * k:
+            continue
+        hz, share = antiresonances_hz[joint], error / abs(k)
+        needed_hz, larger = rate_hz[1] * hz, share / SLIGHT
+        rate = f"log at {needed_hz:.3g} Hz or more, " if needed_hz > rate_hz[0] else ""
+        yield HIDDEN_RESONANCE.finding(
+            f"the motor torque hardly shows the spring of {joint}: its stiffness is known to "
+            f"{share:.0%}. The motor feels it most at the antiresonance, about {hz:.3g} Hz, and "
+            f"the motion has a band of {band_hz:.3g} Hz",
+            joint,
+            evidence={"antiresonance [Hz]": hz, "relative standard error": share},
+            remedy=f"{rate}excite the joint up to {1.5 * hz:.3g} Hz or with {larger:.2g} times the "
+            "amplitude, or log the joint position",
+        )
+
+
+# Frequency responses
+
+
+def unseen_resonance(
+    joint: str,
+    spring: Estimate,
+    expected_hz: float,
+    band_hz: tuple[float, float, float],
+    noise: float,
+) -> Iterator[Finding]:
+    """Yield that the response of a joint does not show its `spring`, and what would.
+
+    `expected_hz` is the nominal antiresonance, NaN without nominal values; `band_hz` are the
+    highest frequency of the response, the one that the log shows, and its rate; `noise` is that of
+    the response, over its size, at the antiresonance or at the highest frequency.
+    """
+    top, seen, rate = band_hz
+    is_rigid = not spring.value("antiresonance") <= FAR * top  # or without any, NaN
+    # noise or images of the sampling: a spring takes energy, with damping ratios of 0.005 to 0.1
+    is_rigid = is_rigid or spring.value("antiresonance_damping") < -SLIGHT
+    error = spring.standard_error("stiffness") / spring.value("stiffness")
+    # no slope at all is no information; without noise it would be small, not zero
+    error = error if not is_rigid and math.isfinite(error) and error > 0 else math.inf
+    if error <= RARE:
+        return
+    factor = min(error / SLIGHT, FAR)
+    louder = f"give {factor:.2g} times the amplitude, or {factor**2:.2g} times the periods"
+    expected = f"with its nominal values the antiresonance is at {expected_hz:.3g} Hz"
+    if expected_hz > seen:
+        least, most = 1.5 * expected_hz / seen * rate, 1.5 * expected_hz
+        reason = f"{expected}, and half of the rate (Nyquist) is {rate / 2:.4g} Hz"
+        remedy = f"log at {least:.3g} Hz or more, and excite up to {most:.3g} Hz"
+    elif expected_hz > top:
+        reason = f"{expected}, and the motion excites up to {top:.3g} Hz"
+        remedy = f"excite up to {1.5 * expected_hz:.3g} Hz"
+    elif math.isfinite(expected_hz):
+        reason = f"{expected}, where noise and nonlinear distortion are {noise:.2g} of the response"
+        remedy = louder
+    else:
+        reason = f"no resonance stands out up to {top:.3g} Hz; it is above that, or inside the "
+        reason += f"noise, which is {noise:.2g} of the response there"
+        remedy = f"excite up to {2 * top:.3g} Hz, logged at {6 * top:.3g} Hz or more; or {louder}"
+    yield HIDDEN_RESONANCE.finding(
+        f"the response of {joint} does not determine its spring (relative standard error "
+        f"{error:.2g}): {reason}",
+        joint,
+        "wrong",
+        {"relative_standard_error": error, "expected_hz": expected_hz, "highest_hz": top},
+        remedy,
+        "likely" if math.isfinite(expected_hz) else "possible",
+    )
+
+
+def wrong_minimum(lack_of_fit: float) -> Finding:
+    """Return that the errors of coupled joints follow the angles of their motors."""
+    return WRONG_MINIMUM.finding(
+        "the errors of the torques of the coupled joints follow their motor angles: they are "
+        f"{lack_of_fit:.3g} times as large as what does not; the search may have ended in a wrong "
+        "minimum, or links or gears are elastic",
+        evidence={"error_ratio": lack_of_fit},
+        remedy="give nominal stiffnesses in the drives file, or as many logs as joints move",
+        certainty="possible",
+    )
+
+
+def contradicted_rotor(
+    joint: str, stated: Mapping[str, float], free: Estimate
+) -> Iterator[Finding]:
+    """Yield that a response contradicts the rotor inertia of the drives file.
+
+    A wrong one changes the stiffness, which follows from it and the resonance: it is a finding,
+    twice outside its interval, if the stiffness with a `free` rotor is another one. `stated` has
+    both values.
+    """
+    rotor, k = free.value("motor_inertia"), free.value("stiffness")
+    low, high = free.interval()[free.names.index("motor_inertia")]
+    inertia, stiffness = stated["motor_inertia"], stated["stiffness"]
+    if abs(inertia - rotor) > high - low and abs(stiffness - k) > SLIGHT * k:
+        yield ROTOR_INERTIA.finding(
+            f"the response of {joint} contradicts its rotor inertia of {inertia:.3g} kg m^2: it "
+            f"shows {rotor:.3g} kg m^2, {low:.3g} to {high:.3g}, with which the stiffness is "
+            f"{k:.4g} {free.units[free.names.index('stiffness')]} and not {stiffness:.4g}",
+            joint,
+            evidence={"stated": inertia, "by the response": rotor, "stiffness with it": k},
+            remedy=f"in the drives file:\n{toml_table(joint)}\nmotor_inertia_kg_m2 = {rotor:.4g}",
+        )
+
+
+def stiffness_disagrees(joint: str, response: Estimate, other: Estimate) -> Iterator[Finding]:
+    """Yield that the interval of a stiffness by its response excludes that of an identification."""
+    (low, high), (least, most) = (
+        one.interval()[one.names.index("stiffness")] for one in (response, other)
+    )
+    if low > most or high < least:
+        one, two = response.value("stiffness"), other.value("stiffness")
+        unit = response.units[response.names.index("stiffness")]
+        yield ESTIMATOR_DISAGREES.finding(
+            f"the stiffness of {joint} is {one:.4g} {unit} by its frequency response, {low:.4g} to "
+            f"{high:.4g}, and {two:.4g} by the identification, {least:.4g} to {most:.4g}: a spring "
+            "that is not linear, or softer at other amplitudes, a cutoff below its resonance, or "
+            "another posture",
+            joint,
+            evidence={"frequency_response": one, "identification": two},
+            remedy="compare the terms of the spring with compare_terms, or motions of one size",
+            certainty="possible",
+        )
+
+
+# Held loads
+
+
+def calibration_findings(
+    misfit: float, slope: float, law: str, p_value: float, is_curved: bool
+) -> Iterator[Finding]:
+    """Yield what to know before a calibration by held loads is used.
+
+    `misfit` is the rms error over the standard deviation of the loads; `p_value` that of a cubic
+    term, and `is_curved` whether it is significant.
+    """
+    if misfit > SLIGHT:
+        yield NO_FIT.finding(
+            f"the law explains the loads to {misfit:.1%} of their standard deviation only",
+            severity="wrong" if misfit > PART else "doubtful",
+            remedy="check the order of the rows and their units, and that the joint was at rest",
+        )
+    if law == "linear" and is_curved:
+        text = f"the law is not a straight line: a cubic term has a p-value of {p_value:.2g}"
+        yield NONLINEAR_SPRING.finding(text, remedy='law="cubic"')
+    if law == "cubic" and not is_curved:
+        text = f"the cubic term is not significant: its p-value is {p_value:.2g}"
+        yield NEEDLESS_TERM.finding(text, severity="note", remedy='law="linear"')
+    if slope < 0:
+        text = "a larger load has a smaller reading: the sign of one of them is opposite"
+        yield SIGN.finding(text, remedy="change the sign of the readings")
+
+
+# Files for simulators
+
+
+def not_in_format(
+    text: str,
+    severity: Severity = "doubtful",
+    evidence: Mapping[str, float] | None = None,
+    remedy: str = "",
+) -> Finding:
+    """Return that a written file does not hold a part of the model."""
+    return NOT_IN_FORMAT.finding(text, "", severity, dict(evidence or {}), remedy, "certain")
