@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from seaid._arrays import Array, is_constant
+from seaid._arrays import Array, is_constant, resolution
 from seaid._files import toml_key, toml_table
 from seaid.checks.check import Observation, in_description, in_drives
 from seaid.checks.codes import (
@@ -29,6 +29,7 @@ from seaid.checks.codes import (
 from seaid.checks.experiment import Experiment, stands_locked
 from seaid.checks.tolerances import (
     EVENTS,
+    FAR,
     FASTEST_HZ,
     FEW,
     LARGEST_DEFLECTION_RAD,
@@ -38,6 +39,7 @@ from seaid.checks.tolerances import (
     LEVELS,
     MANY_TIMES,
     MATERIAL,
+    MOST,
     NEGLIGIBLE,
     PART,
     POOR,
@@ -96,6 +98,51 @@ def _time_units(logged: Logged) -> Iterator[Finding]:
             remedy=remedy,
             certainty="certain" if rates else "likely",
         )
+
+
+def _positions(log: Log) -> Iterator[tuple[str, str, Array]]:
+    """Yield joint, quantity and samples (T,) of the positions of a log that change."""
+    for quantity in ("motor_position", "joint_position"):
+        for joint, values in zip(log.joint_names, getattr(log, quantity).T, strict=True):
+            if np.all(np.isfinite(values)) and not is_constant(values):
+                yield joint, quantity, values
+
+
+def _lost_samples(logged: Logged) -> Iterator[Finding]:
+    """Yield logs whose time counts the samples, some of which were lost.
+
+    Over k lost samples all positions move k + 1 times as far as before and after. What a step
+    differs from the mean of its neighbours by, in the median, is the noise of such a comparison; a
+    clock that was resampled is none that counts.
+    """
+    for where, log in logged.numbered:
+        steps, kinds = np.diff(log.time), {repair.kind for repair in log.report}
+        positions = [values for _, _, values in _positions(log)]
+        is_counter = (
+            np.ptp(steps) < NEGLIGIBLE * np.median(steps) and "irregular steps" not in kinds
+        )
+        if not is_counter or not positions or len(steps) < EVENTS:
+            continue
+        moved = np.diff(positions, axis=1)
+        usual, change = 0.5 * (moved[:, :-2] + moved[:, 2:]), moved[:, 2:] - moved[:, :-2]
+        apart = np.median(np.abs(moved[:, 1:-1] - usual), axis=1)
+        coarse = [resolution(values) / np.sqrt(12) for values in positions]
+        moved, usual, change = (
+            x / np.maximum(apart, coarse)[:, None] for x in (moved[:, 1:-1], usual, change)
+        )
+        size = np.linalg.norm(usual, axis=0)
+        times = np.round(np.sum(moved * usual, axis=0) / np.maximum(size**2, np.finfo(float).tiny))
+        left = np.linalg.norm([change, moved - times * usual], axis=1)
+        lost = (times - 1)[(times > 1) & (size > FAR) & np.all(left < MOST * size, axis=0)]
+        if len(lost) >= EVENTS:
+            yield HOLES.finding(
+                f"in {len(lost)} single steps{where} all positions move twice as far as before and "
+                f"after, or a larger whole number of times, while the time has equal steps: "
+                f"{int(np.sum(lost))} samples were lost, and the time counts those that are left",
+                evidence={"lost samples": float(np.sum(lost)), "steps": float(len(lost))},
+                remedy="log the clock of the robot with each sample, and record anew: gaps in time "
+                "are then bridged or excluded",
+            )
 
 
 def _missing_drives(logged: Logged) -> Iterator[Finding]:
@@ -300,6 +347,7 @@ def _standing(logged: Logged) -> Iterator[Finding]:
 
 OF_LOGS = (
     Observation(TIME_UNIT, _time_units),
+    Observation(HOLES, _lost_samples),
     Observation(MISSING_DRIVES, _missing_drives),
     Observation(REFERENCE_POSITION, _references),
     Observation(DELAY, _held_torques),

@@ -464,9 +464,10 @@ SATURATION = Code(
 )
 HOLES = Code(
     "holes",
-    "samples excluded because of gaps in time",
-    "Messages lost on the bus, or a logger that stopped.",
-    "Nothing, if they are few. Record on the machine that runs the controller.",
+    "samples that are missing: excluded because of gaps in time, or lost while the time counts on",
+    "Messages lost on the bus, or a logger that stopped. It is a doubt where a counter of samples, "
+    "or a time made from it, hides the gaps: speeds are too large there.",
+    "Nothing, if they are few. Record on the machine that runs the controller, with its clock.",
 )
 NOT_IN_FORMAT = Code(
     "not-in-format",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,10 +12,12 @@ import numpy as np
 import pytest
 
 import seaid
-from seaid._arrays import Array
+from seaid._arrays import Array, IndexArray
 from seaid.checks import log_findings
+from seaid.errors import Finding
 from seaid.identification.checking import check
 from seaid.log.log import Log
+from seaid.robot.robot import Robot
 from tests.commanded_joint import SOFT, URDF, mujoco_log, robot_of
 from tests.experiments import TEST_MASS, arm, arm_log, geared_arm_log, leg, leg_log
 from tests.mistakes import CASES, described, worst
@@ -182,3 +185,52 @@ def test_friction_stated_where_the_joint_never_is_has_the_line_that_repairs_it(
     middle = 0.5 * float(np.min(log.joint_position) + np.max(log.joint_position))
     stated = tomllib.loads(one.remedy.split("\n", 1)[1])["j"]["reference_position_rad"]
     assert stated == pytest.approx(middle, rel=0.025)
+
+
+def geared_arm() -> Robot:
+    """Return the UR10 with stiff drives of unknown inertia."""
+    drive = seaid.StiffDrive(gear_ratio=1.0)
+    drives = dict.fromkeys(geared_arm_log().joint_names, drive)
+    return seaid.load_robot("ur10", drives, snap_tolerance_rad=0)
+
+
+ROBOTS: dict[str, tuple[Callable[[], Robot], Callable[[], Log]]] = {
+    "leg": (lambda: leg(TEST_MASS), leg_log),
+    "arm": (arm, arm_log),
+    "ur10": (geared_arm, geared_arm_log),
+}
+"""Three robots: with springs, with sliding joints, and without the motor side."""
+
+
+def found_in(case: str, log: Log) -> list[Finding]:
+    """Return what is found in the channels of a log of a robot."""
+    return log_findings(ROBOTS[case][0](), [log])
+
+
+def at(log: Log, samples: IndexArray, time: Array) -> Log:
+    """Return some samples of a log as those of a time."""
+    changed: dict[str, Any] = {name: x[samples] for name, x in log.sensors().items()}
+    return replace(log, time=time, **changed)
+
+
+@pytest.mark.parametrize("case", ROBOTS)
+def test_the_channels_of_right_logs_are_silent(case: str) -> None:
+    assert found_in(case, ROBOTS[case][1]()) == []
+
+
+@pytest.mark.parametrize("case", ROBOTS)
+def test_lost_samples_are_seen_where_the_time_is_a_counter(case: str) -> None:
+    """A clock shows them as gaps; a few are not distinguished from a jerk."""
+    log, rng = ROBOTS[case][1](), np.random.default_rng(1)
+    inner = np.arange(20, len(log.time) - 20, 10)
+    kept = np.ones(len(log.time), dtype=bool)
+    for first in rng.choice(inner, 25, replace=False).tolist():
+        kept[first : first + rng.integers(1, 4)] = False
+    samples = np.flatnonzero(kept)
+    (finding,) = found_in(case, at(log, samples, log.time[: len(samples)]))
+    assert (finding.code, finding.severity) == ("holes", "doubtful")
+    assert 0.7 * np.sum(~kept) < finding.evidence["lost samples"] <= np.sum(~kept)
+    assert found_in(case, at(log, samples, log.time[samples])) == []
+    twice = np.sort(np.concatenate([np.arange(len(log.time)), rng.choice(inner, 25)]))
+    late = at(log, twice[: len(log.time)], log.time)  # what is logged twice is not lost
+    assert found_in(case, late) == []
