@@ -35,6 +35,7 @@ from .model import model_findings as model_findings
 from .model import model_sides as model_sides
 from .model import resolved_widths as resolved_widths
 from .model import selections as selections
+from .model import without_echoes as without_echoes
 from .predictions import calibration_findings as calibration_findings
 from .predictions import contradicted_rotor as contradicted_rotor
 from .predictions import diverged_replay as diverged_replay
@@ -96,5 +97,5 @@ from .verdict import Verdict as Verdict
 from .verdict import explained as explained
 from .verdict import fit_findings as fit_findings
 from .verdict import robot_fit as robot_fit
+from .verdict import that_matter as that_matter
 from .verdict import verdict_of as verdict_of
-from .verdict import without_echoes as without_echoes

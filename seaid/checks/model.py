@@ -8,6 +8,7 @@ all of them, equation by equation, and each check words what was accepted of its
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
 from typing import Any
@@ -49,10 +50,11 @@ from seaid.checks.terms import (
     toml_of,
     with_term,
 )
-from seaid.checks.tolerances import LEAST_DELAY_S, SIGNIFICANT, SURE
-from seaid.drives import Drive, unit_of
-from seaid.errors import Finding
-from seaid.estimation import FittedRows
+from seaid.checks.tolerances import LEAST_DELAY_S, LEAST_SWING, SIGNIFICANT, SURE
+from seaid.checks.values import drive_findings, noise_findings
+from seaid.drives import IDEAL_DRIVE, DefaultTerms, Drive, unit_of
+from seaid.errors import Finding, SeaidError
+from seaid.estimation import FittedRows, estimator_named, fit, scaled_svd
 from seaid.log import Log, Motion, changed_source, in_band_at, still_speed
 from seaid.regressor import BaseParameters, motor_regressor, regressor_at_drives
 from seaid.robot import Robot
@@ -167,7 +169,10 @@ def _friction(side: Side, joint: str) -> list[Candidate]:
     drive = side.robot.drives[joint]
     if drive.is_elastic and not side.is_motor:
         return []
-    found = _terms(side, joint, "friction", _ELASTIC if drive.is_elastic else _STIFF)
+    terms: tuple[str, ...] = _ELASTIC if drive.is_elastic else _STIFF
+    if drive == IDEAL_DRIVE:  # it has no friction at all
+        terms = ("viscous", "coulomb", "offset")
+    found = _terms(side, joint, "friction", terms)
     if drive.controller is None or drive.is_elastic:
         return found
     # the closed loop of a drive with a controller shows errors over its position
@@ -249,28 +254,33 @@ def _late_torque(side: Side, joint: str) -> Iterator[Candidate]:
 
 
 def _slope(side: Side, joint: str, of_few: bool) -> list[Point]:
-    """Return -tau' at the rows, without what friction of another shape than the drive's explains.
+    """Return -tau' at the rows, without what friction and rotor of another drive explain.
 
     Friction that changes gradually near reversals resembles an early torque.
     """
     del of_few  # few samples of a noisy torque do not have its slope
-    drive, index = side.drive(joint), side.robot.index(joint)
+    rows, drive, index = side.drive(joint), side.robot.drives[joint], side.robot.index(joint)
+    is_open = drive == IDEAL_DRIVE or drive.motor_inertia_kg_m2 is None
     fastest = max(float(np.max(np.abs(one.motor_velocity[:, index]))) for one in side.motions)
     parts = [
         np.column_stack(
             [
                 -np.gradient(one.motor_torque[:, index], one.time),
                 np.tanh(one.motor_velocity[:, index] / (_WIDTH * fastest)),
+                one.motor_velocity[:, index],
+                is_open * one.motor_acceleration[:, index],
             ]
         )
         for one in side.motions
     ]
     equation = side.equation
-    weighted = equation.weight[:, None] * drive.at_rows(parts)
-    slope, gradual = equation.left(weighted).T
-    shared = gradual @ slope / max(float(gradual @ gradual), 1e-300)
-    columns = (weighted[:, [0]] - shared * weighted[:, [1]]) / equation.weight[:, None]
-    return [Point({}, Alternative(columns, 1))]
+    weighted = equation.weight[:, None] * rows.at_rows(parts)
+    left = equation.left(weighted)
+    # what is in the model already leaves nothing but rounding
+    left[:, np.linalg.norm(left, axis=0) < _LEAST_LEFT**3 * np.linalg.norm(weighted, axis=0)] = 0.0
+    shared = weighted[:, 1:] @ scaled_svd(left[:, 1:]).solve(left[:, 0])
+    columns = (weighted[:, 0] - shared) / equation.weight
+    return [Point({}, Alternative(columns[:, None], 1))]
 
 
 _WIDTH = 0.1
@@ -284,7 +294,9 @@ def _zeros(side: Side, joint: str) -> Iterator[Candidate]:
     """
     if side.is_motor or side.base is None or side.robot.floating_base is not None:
         return
-    if not side.robot.is_prismatic[side.robot.index(joint)]:
+    index = side.robot.index(joint)
+    swing = max(float(np.ptp(one.joint_position[:, index])) for one in side.motions)
+    if not side.robot.is_prismatic[index] and swing > LEAST_SWING:
         yield Candidate(joint, "offset", "joint_position", partial(_turned, side, joint))
 
 
@@ -380,7 +392,9 @@ def _missing_terms(side: Side, joint: str, accepted: Sequence[Accepted], share: 
     is_spring = field == "spring"
     width = next((x.trial.values.get("coulomb_width") for x in accepted), None)
     is_sampled = len(terms) == 1 and (width or np.inf) <= _UNRESOLVED * side.widths.get(joint, 0)
-    matters = is_spring or (share > _MATTERS and not is_sampled)
+    # the width of a term that was added by itself is one of a coarse grid
+    is_coarse = isinstance(drive.friction, DefaultTerms) and "coulomb_width" in drive.known
+    matters = is_spring or (share > _MATTERS and not (is_sampled or is_coarse))
     what = f"the spring of {joint} is not linear" if is_spring else f"{joint} lacks a term"
     what = _FOLLOWS.get(terms[0], what).format(joint)
     names = " and ".join(f"'{term}'" for term in terms)
@@ -546,6 +560,34 @@ class SideSelection:
         (one,) = accepted_with_errors(equation, [last])
         return float(one.coefficients[0]), float(one.errors[0])
 
+    def vanished(self, cutoff_hz: float) -> set[tuple[str, str]]:
+        """Return what the values show without the accepted columns, and not with them.
+
+        It is (code, joint) of each: an echo of what was accepted.
+        """
+        rows = self.selection.after.rows
+        kept = np.any(rows.H != 0, axis=0)  # columns of zeros were replaced
+        names, units = (
+            tuple(one for one, is_kept in zip(all_of, kept, strict=True) if is_kept)
+            for all_of in (rows.names, rows.units)
+        )
+        rows = replace(rows, names=names, units=units, H=rows.H[:, kept])
+        with suppress(SeaidError):
+            again = fit(rows, estimator_named("wls"), cutoff_hz=cutoff_hz)
+            return self._shown(self.side.fitted) - self._shown(again)
+        return set()
+
+    def _shown(self, fitted: FittedRows) -> set[tuple[str, str]]:
+        """Return what the noise and the values of a fit show (code, joint)."""
+        findings = noise_findings(fitted.estimate)
+        if self.side.is_motor:
+            names = [
+                name for name in self.side.fitted.estimate.names if name in fitted.estimate.names
+            ]
+            own = fitted.estimate.part([fitted.estimate.names.index(x) for x in names], names)
+            findings += drive_findings(self.side.joints[0], own, fitted.qr_factor)
+        return {(finding.code, finding.joint) for finding in findings}
+
     def findings(self) -> Iterator[Finding]:
         """Yield what was accepted, of each joint and check."""
         for joint in self.side.joints:
@@ -559,6 +601,21 @@ class SideSelection:
                 finding = check.finding(self.side, joint, own, share) if own else None
                 if finding is not None:
                     yield finding
+
+
+def without_echoes(
+    values: Sequence[Finding], selected: Sequence[SideSelection], cutoff_hz: float
+) -> list[Finding]:
+    """Return what the values of a fit show, but for what its missing columns explain.
+
+    Where the accepted columns are in the model, a weak spring, play between the encoders, or a
+    drift may be gone: it was an echo of what the model lacks.
+    """
+    vanished: set[tuple[str, str]] = set()
+    for one in selected:
+        if any(finding.severity != "note" for finding in one.findings()):
+            vanished |= one.vanished(cutoff_hz)
+    return [finding for finding in values if (finding.code, finding.joint) not in vanished]
 
 
 def model_sides(

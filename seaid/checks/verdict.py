@@ -94,7 +94,7 @@ class Verdict(Display):
     joints: Mapping[str, JointFit]
 
 
-# What another finding, or a wrong set-up, explains
+# What noise raises, or a wrong set-up explains
 
 
 _ECHOES = (
@@ -103,31 +103,24 @@ _ECHOES = (
 )
 """Findings that noise alone raises where the deflection of a spring is mostly noise."""
 
-_SYMPTOMS = ("weak-spring", "loose-encoder", "backlash", "nonlinear-spring")
-"""What a drive looks like whose equation lacks a term, of friction for instance."""
 
-
-def without_echoes(
+def that_matter(
     findings: Sequence[Finding], fits: Mapping[str, JointFit] = FrozenMapping({})
 ) -> list[Finding]:
-    """Return findings without those that follow from another finding of their joint.
+    """Return findings without those that noise alone raises, or whose torques do not matter.
 
-    What explains most of the squared residual of a joint, more than half, is no echo, and its
-    symptoms are. Without it a weak spring, or backlash, has echoes. What a model lacks is a note
-    where its torque errors do not matter.
+    A weak spring, whose deflection is mostly noise, has such findings; with backlash it is none.
+    What a model lacks is a note where its torque errors do not matter.
     """
-    parts = sorted((one.evidence.get("explained", 0.0), n) for n, one in enumerate(findings)
-                   if one.severity != "note")  # fmt: skip
-    explaining = {findings[n].joint: findings[n] for part, n in parts if part > PART}
-    weak = {one.joint for one in findings if one.code == "weak-spring"}
     loose = {one.joint for one in findings if one.code == "backlash"}
+    weak = {one.joint for one in findings if one.code == "weak-spring"}
     echoes = {**dict.fromkeys(_ECHOES, weak), "weak-spring": loose}
-    echoes |= {code: {*echoes.get(code, ()), *explaining} for code in _SYMPTOMS}
+    echoes["nonlinear-spring"] = weak | loose
     exact = {name for name, one in fits.items() if not max(one.own, one.motor) > NEGLIGIBLE}
     return [
         replace(one, severity="note") if one.code in _ECHOES and one.joint in exact else one
         for one in findings
-        if one is explaining.get(one.joint) or one.joint not in echoes.get(one.code, ())
+        if one.joint not in echoes.get(one.code, ())
     ]
 
 

@@ -49,6 +49,7 @@ from seaid.checks import (
     sensor_errors,
     setup_findings,
     standstill_findings,
+    that_matter,
     unknown_scales,
     unused_findings,
     verdict_of,
@@ -241,7 +242,7 @@ class Identification(Result):
     @cached_property
     def warnings(self) -> tuple[Finding, ...]:
         """Findings about the experiment, the data and the values, the worst first."""
-        return by_severity(without_echoes(self.findings, self.joint_fits))
+        return by_severity(that_matter(self.findings, self.joint_fits))
 
     @cached_property
     def unusable_joints(self) -> Mapping[str, str]:
@@ -479,12 +480,13 @@ def _identify(
     if not is_wrong(findings):
         findings += sensitivity_findings(robot, datasets, model, found, estimator)
     values = value_findings(found, given, robot)
+    weak = {one.joint for one in values if one.code == "weak-spring"}
+    values = without_echoes(values, lacking, datasets[0].cutoff_hz)
     found = with_known_std(found, constants_of(robot, datasets, known_std), again)
     found = replace(found, drives=with_searched_values(found.drives, given, robot))
     consistent = _feasible(robot, model, found) if feasible else None
     result = identification_of(robot, model, found, datasets, consistent, declared)
     bodies = result.robot.parameters + robot.payload_parameters
-    weak = {one.joint for one in values if one.code == "weak-spring"}
     sides = found.fit, found.actuators
     explains = robot_fit(robot.joint_names, *sides, experiment, bodies, locked=locked, weak=weak)
     findings += consequences(findings, fit_findings(explains))
