@@ -130,7 +130,7 @@ def estimates_only(monkeypatch: pytest.MonkeyPatch) -> None:
     """
     module = "seaid.identification.identification"
     monkeypatch.setattr(f"{module}.log_findings", lambda *_: [])
-    monkeypatch.setattr(f"{module}.with_setup_findings", lambda _, known: known)
+    monkeypatch.setattr(f"{module}.setup_findings", lambda _, known: known)
     monkeypatch.setattr(f"{module}.sensitivity_findings", lambda *_: [])
     monkeypatch.setattr(f"{module}.joint_checks", lambda *_: {})
 

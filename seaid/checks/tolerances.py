@@ -131,3 +131,6 @@ NO_CHANCE = 0.999
 
 CONTRADICTED = 10.0
 """Standard deviations of chi-square above its mean from which data and assumptions contradict."""
+
+PULL = 0.02
+"""Part by which equations without a torque may reduce the parameters towards zero."""

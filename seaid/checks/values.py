@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from seaid._arrays import Array
 from seaid._files import toml_table
 from seaid.checks.check import Code, Observation, consequences, observed
 from seaid.checks.codes import (
@@ -22,6 +23,7 @@ from seaid.checks.codes import (
     FEW_ROWS,
     GAIN_SCALE,
     GEAR_COMPLIANCE,
+    HOMOGENEOUS,
     INCONSISTENT_INERTIA,
     LOOSE_ENCODER,
     NEEDLESS_TERM,
@@ -42,6 +44,7 @@ from seaid.checks.tolerances import (
     NO_CHANCE,
     NOTHING,
     POOR,
+    PULL,
     RARE,
     SURE,
     TWICE,
@@ -59,10 +62,69 @@ from seaid.drives import (
     unit_of,
 )
 from seaid.errors import Finding, Severity, listed
-from seaid.estimation import Estimate, FittedRows, Program, QRFactor, nearest, triangle
+from seaid.estimation import Estimate, FittedRows, Program, QRFactor, first_term, nearest, triangle
 from seaid.log import Motion
-from seaid.regressor import INPUT_FIELDS, motor_regressor
+from seaid.regressor import INPUT_FIELDS, Regression, motor_regressor
 from seaid.robot import Robot
+
+# Two ways of the same fit
+
+
+def disagreement(
+    code: Code,
+    joint: str,
+    rows: Regression,
+    values: Sequence[Array],
+    scores: Array,
+    ways: Sequence[str],
+    remedy: str,
+) -> Iterator[Finding]:
+    """Yield the finding on the parameters that differ between two ways, with the worst of them.
+
+    `values` are those of both ways, `scores` (p,) the standard errors by which they differ, zero
+    where it does not matter.
+    """
+    if not np.any(scores):
+        return
+    names, worst = [readable(name) for name in rows.names], int(np.argmax(scores))
+    differing = [first_term(names[place]) for place in np.argsort(-scores) if scores[place]]
+    first, second = (float(of_way[worst]) for of_way in values)
+    unit = f" {rows.units[worst]}" if rows.units[worst] else ""
+    yield code.finding(
+        f"{ways[0]} and {ways[1]} give different values of {listed(differing, 4)}: "
+        f"{first_term(names[worst])} is {first:.4g} and {second:.4g}{unit}, "
+        f"{scores[worst]:.0f} standard errors of the difference apart",
+        joint,
+        "doubtful",
+        {ways[0]: first, ways[1]: second, "standard errors": float(scores[worst])},
+        remedy,
+        "possible",
+    )
+
+
+def homogeneous(fit: FittedRows, weights: Array, cutoff_hz: float) -> Iterator[Finding]:
+    """Yield the equations without a known torque, if they pull the parameters to zero.
+
+    To first order they reduce all parameters by their part of |W H theta|^2: noise in their columns
+    is all that they contain.
+    """
+    factor, theta = fit.qr_factor, fit.estimate.values
+    torques = np.linalg.norm(factor.factors[:, :, -1], axis=1)
+    zero_fits = factor.residual_norms(theta) > torques
+    power = (weights * np.linalg.norm(factor.factors[:, :, :-1] @ theta, axis=1)) ** 2
+    pull = float(np.sum(power[zero_fits]) / max(float(np.sum(power)), 1e-300))
+    if pull > PULL and not np.all(zero_fits):
+        names = [factor.joint_names[factor.equations[place]] for place in np.flatnonzero(zero_fits)]
+        yield HOMOGENEOUS.finding(
+            f"the torque of {listed(names)} is smaller than what the model leaves unexplained: "
+            "without a known torque zero parameters fit best, and noise in the accelerations pulls "
+            f"all parameters towards zero, by about {pull:.0%}",
+            names[0],
+            "wrong" if pull > RARE else "doubtful",
+            {"reduction": pull},
+            f"cutoff_hz={cutoff_hz / 2:.2g} against the noise, or leave it out of torque_joints=",
+        )
+
 
 # The noise of a fit
 

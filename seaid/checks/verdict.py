@@ -99,7 +99,7 @@ class Verdict(Display):
 
 _ECHOES = (
     *("nonlinear-spring", "missing-term", "transmission-error", "estimator-disagrees"),
-    *("drift", "delay"),
+    "drift",
 )
 """Findings that noise alone raises where the deflection of a spring is mostly noise."""
 
@@ -114,7 +114,7 @@ def that_matter(
     """
     loose = {one.joint for one in findings if one.code == "backlash"}
     weak = {one.joint for one in findings if one.code == "weak-spring"}
-    echoes = {**dict.fromkeys(_ECHOES, weak), "weak-spring": loose}
+    echoes = {**dict.fromkeys((*_ECHOES, "delay"), weak), "weak-spring": loose}
     echoes["nonlinear-spring"] = weak | loose
     exact = {name for name, one in fits.items() if not max(one.own, one.motor) > NEGLIGIBLE}
     return [

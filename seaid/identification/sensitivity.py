@@ -16,15 +16,14 @@ from typing import Any
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.drives import readable
-from seaid.errors import ExcitationError, Finding, IdentificationError, listed
+from seaid.checks import CODES, disagreement, homogeneous
+from seaid.errors import ExcitationError, Finding, IdentificationError
 from seaid.estimation import (
     Estimate,
     FittedRows,
     QRFactor,
     at_slots,
     equal_weights,
-    first_term,
     long_run,
     qr_factor_of,
     row_step,
@@ -63,9 +62,6 @@ _MATERIAL = 2.0
 
 _NEGLIGIBLE = 0.005
 """Part of the torque that a difference must change: less is harmless, however certain."""
-
-_PULL, _STRONG_PULL = 0.02, 0.2
-"""Part by which an equation without a torque reduces the parameters: doubtful, and wrong."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,30 +146,6 @@ def _scores(fits: Sequence[Fit], estimate: Estimate, propagated: Array | None) -
     return np.where(matters & (scores > _DIFFERENT), scores, 0.0)
 
 
-def _finding(
-    code: str, joint: str, fits: Sequence[Fit], scores: Array, ways: Sequence[str], remedy: str
-) -> Iterator[Finding]:
-    """Yield the finding on the parameters that differ, if any, with the worst of them."""
-    if not np.any(scores):
-        return
-    names = [readable(name) for name in fits[0].rows.names]
-    units, worst = fits[0].rows.units, int(np.argmax(scores))
-    differing = [first_term(names[place]) for place in np.argsort(-scores) if scores[place]]
-    values = [float(fit.values[worst]) for fit in fits]
-    unit = f" {units[worst]}" if units[worst] else ""
-    yield Finding(
-        code,
-        f"{ways[0]} and {ways[1]} give different values of {listed(differing, 4)}: "
-        f"{first_term(names[worst])} is {values[0]:.4g} and {values[1]:.4g}{unit}, "
-        f"{scores[worst]:.0f} standard errors of the difference apart",
-        joint,
-        "doubtful",
-        {ways[0]: values[0], ways[1]: values[1], "standard errors": float(scores[worst])},
-        remedy,
-        "possible",
-    )
-
-
 def sensitivity_findings(
     robot: Robot,
     datasets: Sequence[Dataset],
@@ -188,40 +160,18 @@ def sensitivity_findings(
     if found.whole is not None or estimator not in ("wls", "ols"):
         return []
     ordinary, cutoff_hz = estimator == "ols", datasets[0].cutoff_hz
-    findings = list(_homogeneous(found.fit, ordinary, cutoff_hz))
+    findings = list(
+        homogeneous(
+            found.fit,
+            equal_weights(found.fit.qr_factor) if ordinary else found.fit.weights,
+            cutoff_hz,
+        )
+    )
     with suppress(ExcitationError, IdentificationError):  # what only the other way cannot solve
         load = _with_shared_delays(robot, found.fit)
         findings += _of_estimators(robot, load, ordinary, cutoff_hz)
         findings += _of_cutoffs(robot, datasets, model, found, load, ordinary)
     return findings
-
-
-def _homogeneous(fit: FittedRows, ordinary: bool, cutoff_hz: float) -> Iterator[Finding]:
-    """Yield the equations without a known torque, if they pull the parameters to zero.
-
-    To first order they reduce all parameters by their part of |W H theta|^2: noise in their columns
-    is all that they contain.
-    """
-    factor, theta = fit.qr_factor, fit.estimate.values
-    weights = equal_weights(factor) if ordinary else fit.weights
-    torques = np.linalg.norm(factor.factors[:, :, -1], axis=1)
-    residuals = factor.residual_norms(theta)
-    zero_fits = residuals > torques
-    explained = np.linalg.norm(factor.factors[:, :, :-1] @ theta, axis=1)
-    power = (weights * explained) ** 2
-    pull = float(np.sum(power[zero_fits]) / max(float(np.sum(power)), 1e-300))
-    if pull > _PULL and not np.all(zero_fits):
-        names = [factor.joint_names[factor.equations[place]] for place in np.flatnonzero(zero_fits)]
-        yield Finding(
-            "homogeneous",
-            f"the torque of {listed(names)} is smaller than what the model leaves unexplained: "
-            "without a known torque zero parameters fit best, and noise in the accelerations pulls "
-            f"all parameters towards zero, by about {pull:.0%}",
-            names[0],
-            "wrong" if pull > _STRONG_PULL else "doubtful",
-            {"reduction": pull},
-            f"cutoff_hz={cutoff_hz / 2:.2g} against the noise, or leave it out of torque_joints=",
-        )
 
 
 def _with_shared_delays(robot: Robot, fit: FittedRows, joint: str = "") -> FittedRows:
@@ -242,13 +192,10 @@ def _of_estimators(
     ways = ("ols", "wls") if ordinary else ("wls", "ols")
     fits = [fit_of(fit.rows, weights[name], fit.qr_factor) for name in ways]
     scores = _scores(fits, fit.estimate, fit.propagated)
-    yield from _finding(
-        "estimator-disagrees",
-        "",
-        fits,
-        scores,
-        ways,
-        f"{_other_cutoff(robot, cutoff_hz)}; else a term that a joint lacks",
+    remedy = f"{_other_cutoff(robot, cutoff_hz)}; else a term that a joint lacks"
+    values = [fit.values for fit in fits]
+    yield from disagreement(
+        CODES["estimator-disagrees"], "", fits[0].rows, values, scores, ways, remedy
     )
 
 
@@ -298,7 +245,10 @@ def _of_cutoffs(
         if joint == LOAD and robot.has_controllers:
             better = _other_cutoff(robot, cutoff_hz)
         remedy = f"{better}; compare others with cutoff_sensitivity"
-        yield from _finding("cutoff-sensitive", joint, fits, scores, ways, remedy)
+        values = [fit.values for fit in fits]
+        yield from disagreement(
+            CODES["cutoff-sensitive"], joint, fits[0].rows, values, scores, ways, remedy
+        )
 
 
 def _other_cutoff(robot: Robot, cutoff_hz: float) -> str:
