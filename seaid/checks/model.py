@@ -294,6 +294,8 @@ def _zeros(side: Side, joint: str) -> Iterator[Candidate]:
     """
     if side.is_motor or side.base is None or side.robot.floating_base is not None:
         return
+    if side.robot.has_controllers:  # an offset moves the commands as well: `commands` looks at it
+        return
     index = side.robot.index(joint)
     swing = max(float(np.ptp(one.joint_position[:, index])) for one in side.motions)
     if not side.robot.is_prismatic[index] and swing > LEAST_SWING:
