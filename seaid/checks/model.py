@@ -145,7 +145,7 @@ _STIFF = ("offset", "smooth_coulomb", "asymmetric", "quadratic", "stribeck")
 _ELASTIC = ("smooth_coulomb", "asymmetric", "quadratic", "load", "stribeck")
 """Friction of a stiff drive has no part that depends on the load, which needs another fit."""
 
-_LAWS = ("cubic", "fifth", "dead_zone", "damping", "dahl")
+_LAWS = ("cubic", "fifth", "dead_zone", "dahl")
 
 
 def _terms(
@@ -722,6 +722,12 @@ def model_findings(
     if common is not None:
         findings = [common, *(one for one in findings if one.code != DELAY.name)]
     codes = {finding.code for finding in known if finding.severity != "note"}
+    if any(not finding.joint for finding in known if finding.severity != "note"):
+        # a mistake about the whole robot, such as a tilt, looks like the zero of a joint
+        findings = [
+            replace(one, severity="note") if one.code == ENCODER_OFFSET.name else one
+            for one in findings
+        ]
     return [one for one in findings if one.code != DELAY.name or one.code not in codes]
 
 
