@@ -28,9 +28,8 @@ ROOT = Path(__file__).resolve().parents[2]
 NAMES = ("leg", "stiff", "scara", "arm", "elastic arm")
 PARTS = (
     *("log_findings", "datasets_by_log", "check_channels", "experiment_of", "setup_findings"),
-    *("load_model_of", "estimate_two_step", "resolved_widths", "selections"),
+    *("load_model_of", "estimate_two_step", "resolved_widths", "selections", "model_findings"),
     *("sensitivity_findings", "with_known_std", "identification_of", "robot_fit", "fit_findings"),
-    "periodic_findings",
 )
 """Functions that `identify` and `warnings` call."""
 
