@@ -13,7 +13,7 @@ from functools import partial
 import numpy as np
 
 from seaid._arrays import Array, is_constant
-from seaid.checks.check import Observation, observed
+from seaid.checks.check import Observation, observed, only_joint
 from seaid.checks.codes import (
     BASE_BIAS,
     BASE_FRAMES,
@@ -229,7 +229,7 @@ def missing_torques(robot: Robot, asked: Sequence[str], used: Collection[str]) -
         consequence = "their equations are not used, and what moves by them is less certain"
     note = NO_TORQUE.finding(
         f"the log has no torque of {listed(missing)}: {consequence}",
-        missing[0] if len(missing) == 1 else "",
+        only_joint(missing),
         "note",
         {"joints": float(len(missing))},
         "describe the torque of these joints, or name the others with torque_joints=",

@@ -13,7 +13,7 @@ import numpy as np
 
 from seaid._arrays import Array, is_constant, resolution
 from seaid._files import toml_key, toml_table
-from seaid.checks.check import Observation, in_description, in_drives
+from seaid.checks.check import Observation, in_description, in_drives, only_joint
 from seaid.checks.codes import (
     DELAY,
     ENCODER_OFFSETS_DIFFER,
@@ -244,7 +244,7 @@ def _held_torques(logged: Logged) -> Iterator[Finding]:
                 f"the motor torques of {', '.join(joints)} are held over {count} samples{where}, "
                 f"and so {1e3 * late:.3g} ms late on average, which biases friction, unless the "
                 "motors give them so",
-                joints[0] if len(joints) == 1 else "",
+                only_joint(joints),
                 "note",
                 {HELD: count, "delay [s]": late},
                 in_description(

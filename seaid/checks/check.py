@@ -94,6 +94,11 @@ def in_description(sources: Mapping[str, Mapping[str, str]], log: str = "the log
     return "\n".join(lines)
 
 
+def only_joint(joints: Sequence[str]) -> str:
+    """Return the joint of a finding: the only one, or "" for several."""
+    return joints[0] if len(joints) == 1 else ""
+
+
 def excluding_torque(kept: Sequence[str]) -> str:
     """Return how to use the torques of some joints only, after words to which ", or" fits."""
     if not kept:

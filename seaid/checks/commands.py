@@ -17,7 +17,14 @@ from typing import Any
 import numpy as np
 
 from seaid._arrays import Array, is_constant, resolution
-from seaid.checks.check import Observation, excluding_torque, in_description, in_drives, observed
+from seaid.checks.check import (
+    Observation,
+    excluding_torque,
+    in_description,
+    in_drives,
+    observed,
+    only_joint,
+)
 from seaid.checks.codes import (
     COMMAND_DELAY,
     CONTACT,
@@ -546,7 +553,7 @@ def delay_estimate_findings(robot: Robot, load_side: Estimate) -> Iterator[Findi
         yield DELAY.finding(
             f"the commands of {listed(joints, _MOST_JOINTS)} act {1e3 * abs(delay):.3g} ms "
             f"{'before' if delay < 0 else 'after'} their time in the log: {cause}",
-            joints[0] if len(joints) == 1 else "",
+            only_joint(joints),
             "note" if delay < 0 else "doubtful",
             {"delay [s]": delay},
             "log command and position with one clock, each with the time at which it is sent or "
@@ -664,7 +671,7 @@ def _gain_finding(
         f"the controllers give many times or a fraction of the torque that moves and holds the "
         f"{bodies} ({listed(each, _MOST_JOINTS)}, +- {error:.1%}{more}): their gains are in units "
         "of the drive (counts, 1/256, per degree) and not in N m, or those bodies are wrong",
-        names[joints[0]] if len(joints) == 1 else "",
+        only_joint([names[j] for j in joints]),
         "wrong",
         {f"torque of {names[j]} over that of the bodies": x for j, (x, _) in shown.items()},
         f"gains in N m/rad, or their scale as a parameter{scale}, "

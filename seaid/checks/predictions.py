@@ -12,6 +12,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from seaid._files import toml_table
+from seaid.checks.check import in_drives, only_joint
 from seaid.checks.codes import (
     ESTIMATOR_DISAGREES,
     HIDDEN_RESONANCE,
@@ -32,12 +33,6 @@ from seaid.checks.codes import (
 from seaid.checks.tolerances import FAR, NOTHING, PART, POOR, RARE, SLIGHT, SURE, TWICE
 from seaid.errors import Finding, Severity, listed
 from seaid.estimation import Estimate
-
-
-def _only(joints: Sequence[str]) -> str:
-    """Return the joint of a finding: the only one, or "" for several."""
-    return joints[0] if len(joints) == 1 else ""
-
 
 # Other motions
 
@@ -74,7 +69,7 @@ def not_measured(joints: Sequence[str]) -> Iterator[Finding]:
             f"the log has no sensor behind the spring of {', '.join(joints)}: the joint is "
             "simulated from the motor angle, and the motor torque compared; there is no measured "
             "torque on its load to compare",
-            _only(joints),
+            only_joint(joints),
             "note",
             certainty="certain",
         )
@@ -101,7 +96,7 @@ def diverged_replay(title: str, inertias: Mapping[str, float]) -> Finding:
         f"the {title} model has too little rotor inertia to be simulated under its controllers "
         "(the simulation diverged): it was replayed with the least that can, at the joint "
         f"[kg m^2 or kg]: {listed(f'{joint} {x:.2g}' for joint, x in inertias.items())}",
-        _only([*inertias]),
+        only_joint([*inertias]),
         "note" if is_nominal else "doubtful",
         inertias,
         f"nominal values in the drives file:\n{toml_table(first)}\n"
@@ -119,7 +114,7 @@ def least_inertias(title: str, inertias: Mapping[str, float], least_s: float) ->
         f"{listed(f'{joint} {x:.2g}' for joint, x in inertias.items())} that viscous friction "
         f"stops it within {1e3 * least_s:g} ms: it was replayed with these rotor inertias at the "
         "joint [kg m^2 or kg]",
-        _only([*inertias]),
+        only_joint([*inertias]),
         "note",
         inertias,
         certainty="certain",
@@ -219,7 +214,7 @@ def motor_side_findings(
         "motor angle and torque by output error; the stiffness is that of gear, spring and link in "
         "series, and the joint angle that of the motor over the gear ratio at a spring without "
         f"force{unshown if hidden else ''}",
-        _only([*tests]),
+        only_joint([*tests]),
         "note",
         {f"hidden part of the stiffness of {joint}": least for joint, least in hidden.items()},
         certainty="certain",
@@ -234,7 +229,7 @@ def _undamped(joint: str, size: float, error: float) -> Finding:
         "friction may be wrong by more than their intervals",
         joint,
         evidence={"damping ratio": size / 2, "standard error": error / 2},
-        remedy=f'in the drives file:\n{toml_table(joint)}\nspring = ["linear", "damping"]',
+        remedy=in_drives({(joint,): 'spring = ["linear", "damping"]'}),
     )
 
 
@@ -377,7 +372,7 @@ def contradicted_rotor(
             f"{k:.4g} {free.units[free.names.index('stiffness')]} and not {stiffness:.4g}",
             joint,
             evidence={"stated": inertia, "by the response": rotor, "stiffness with it": k},
-            remedy=f"in the drives file:\n{toml_table(joint)}\nmotor_inertia_kg_m2 = {rotor:.4g}",
+            remedy=in_drives({(joint,): f"motor_inertia_kg_m2 = {rotor:.4g}"}),
         )
 
 

@@ -38,7 +38,7 @@ from seaid.checks.channels import (
     limit_findings,
     offset_findings,
 )
-from seaid.checks.check import Code, Observation, observed
+from seaid.checks.check import Code, Observation, in_description, in_drives, observed, only_joint
 from seaid.checks.codes import (
     CONTACT,
     GEAR_RATIO,
@@ -273,14 +273,15 @@ def _has_own_channels(given: Experiment) -> bool:
 
 def _entries(given: Experiment, joints: Sequence[int], channels: str, factor: float) -> str:
     """Return the lines of a description that multiply logged channels of joints by a factor."""
-    lines = ["in the description of the log:"]
-    for j in joints:
-        lines.append(toml_table("joints", given.robot.joint_names[j]))
-        lines += [
-            f"{one} = {changed_source(given.source(j, one), factor=factor)}"
-            for one in given.logged(j, channels)
-        ]
-    return "\n".join(lines)
+    return in_description(
+        {
+            given.robot.joint_names[j]: {
+                quantity: changed_source(given.source(j, quantity), factor=factor)
+                for quantity in given.logged(j, channels)
+            }
+            for j in joints
+        }
+    )
 
 
 _WORDS = {"joint_position": "joint encoder", "motor_position": "motor encoder"}
@@ -304,7 +305,7 @@ def _multiplied(
 ) -> Transform:
     """Return the transform that multiplies channels (q, m, t) of joints by a factor."""
     undo = partial(scaled, joints=joints, factors=dict.fromkeys(channels, factor))
-    joint = given.robot.joint_names[joints[0]] if len(joints) == 1 else ""
+    joint = only_joint([given.robot.joint_names[j] for j in joints])
     remedy = _entries(given, joints, channels, factor)
     return Transform(code, message, undo, joint, remedy, **more)
 
@@ -556,7 +557,7 @@ def _gear_ratios(given: Experiment) -> Iterator[Transform]:
                 f"the gear ratio of {joint} is {ratio:.4g}{by or ','} not {given.ratio[j]:.4g}",
                 partial(_with_ratio, j=j, factor=factor),
                 joint,
-                f"in the drives file:\n{toml_table(joint)}\n{key} = {ratio:.6g}",
+                in_drives({(joint,): f"{key} = {ratio:.6g}"}),
                 evidence=evidence,
                 penalty=penalty_of(factor, slope),
             )
@@ -576,7 +577,7 @@ def _rotor_inertias(given: Experiment) -> Iterator[Transform]:
                 f"{given.inertia[j]:.3g}",
                 partial(replace, inertia=inertia),
                 joint,
-                f"in the drives file:\n{toml_table(joint)}\nmotor_inertia_kg_m2 = {inertia[j]:.4g}",
+                in_drives({(joint,): f"motor_inertia_kg_m2 = {inertia[j]:.4g}"}),
                 evidence={"ratio": factor},
                 penalty=penalty_of(factor, rotor),
             )
@@ -623,19 +624,19 @@ def _exchanges(given: Experiment) -> Iterator[Transform]:
         names = [given.robot.joint_names[j] for j in pair]
         for channels in ("qmt", "qm", "t", *("qm" if np.all(given.both[[*pair]]) else "")):
             words = "channels" if channels == "qmt" else _words(given, pair[0], channels, "s")
-            lines = ["in the description of the log:"]
-            for j, source in (pair, pair[::-1]):
-                lines.append(toml_table("joints", given.robot.joint_names[j]))
-                lines += [
-                    f"{one} = {changed_source(given.source(source, one))}"
-                    for one in given.logged(source, channels)
-                ]
+            sources = {
+                given.robot.joint_names[j]: {
+                    quantity: changed_source(given.source(source, quantity))
+                    for quantity in given.logged(source, channels)
+                }
+                for j, source in (pair, pair[::-1])
+            }
             yield Transform(
                 SWAPPED_JOINTS,
                 f"the {words} of {names[0]} and {names[1]} are exchanged",
                 partial(_exchanged, pair=[*pair], channels=channels),
                 names[0],
-                "\n".join(lines),
+                in_description(sources),
             )
 
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid._files import toml_table
-from seaid.checks.check import Code, Observation, consequences, observed
+from seaid.checks.check import Code, Observation, consequences, observed, only_joint
 from seaid.checks.codes import (
     BLOCKS_DISAGREE,
     DRIFT,
@@ -528,7 +528,7 @@ def scale_of_bodies(joints: Sequence[str]) -> Iterator[Finding]:
             f"the motor constants of {listed(joints)} rest on the known bodies, which count as "
             "exact: were these 10 % heavier, all constants, frictions, rotor inertias and "
             "stiffnesses would be 10 % larger",
-            joints[0] if len(joints) == 1 else "",
+            only_joint(joints),
             "note",
             remedy="weigh a link, or a test mass on the last one; or state how well the bodies are "
             "known: --known-std bodies=0.05",
@@ -556,7 +556,7 @@ def unknown_scales(robot: Robot, load_side: Estimate, joints: Sequence[str]) -> 
             f"as that of the drives file ({listed(scales)}), and all inertias, masses, frictions "
             "and torques of the joints that move together are known up to that factor. Their "
             "ratios, delays and the replay of logs do not depend on it",
-            joints[0] if len(joints) == 1 else "",
+            only_joint(joints),
             "doubtful",
             ratios,
             "known bodies (known_bodies=), logs with and without a payload (identify_conditions), "
@@ -662,7 +662,7 @@ def gear_findings(
             f"the stiffness of {listed(joints)} is that between the encoders, of spring and gear "
             "in series; give gear_stiffness_Nm_per_rad in the drives, or log the deflection too, "
             "for that of the spring alone",
-            joints[0] if len(joints) == 1 else "",
+            only_joint(joints),
             "note",
         )
 
@@ -702,6 +702,6 @@ def unused_findings(
             or (not robot.drives[joint].is_elastic and is_logged(used[joint], joint))
         ]
         if unused:
-            name, joint = channel.replace("_", " "), unused[0] if len(unused) == 1 else ""
+            name, joint = channel.replace("_", " "), only_joint(unused)
             message = f"the {name} of {listed(unused)} is in the log and in no equation"
             yield UNUSED_CHANNEL.finding(message, joint, "note", certainty="certain")
