@@ -333,6 +333,20 @@ class Equation:
         rows, weight = self.rows, self.weight
         return np.asarray(scaled_svd(weight[:, None] * rows.H).solve(weight * rows.y))
 
+    def last(self, count: int) -> tuple[Array, Array]:
+        """Return the last parameters (count,), and their standard errors (count,).
+
+        The errors allow for autocorrelation, as those of the estimate do.
+        """
+        rows, X = self.rows, self.weight[:, None] * self.rows.H
+        svd = scaled_svd(X)
+        kept = slice(svd.rank())
+        root = (svd.vectors[kept].T / svd.sizes[kept]) / svd.norms[:, None]
+        scores = long_run_of(X, self.residual, rows.time, rows.run).for_normal_intervals
+        own = (root @ root.T)[len(root) - count :]
+        errors = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", own, scores, own), 0.0))
+        return self.values[len(root) - count :], errors
+
     def squares(self, rows: BoolArray) -> float:
         """Return the squared residual of some rows."""
         return float(np.sum(self.residual[rows] ** 2))
@@ -482,12 +496,6 @@ class Selection:
     after: Equation
     first: tuple[Trial, ...]
 
-    @cached_property
-    def effect(self) -> Array:
-        """The change (p,) of the parameters of the fit by what was accepted."""
-        theta = self.after.values[: len(self.before.rows.names)]
-        return np.asarray(theta - self.before.values)
-
 
 MOST_ACCEPTED = 7
 """Candidates that one equation may accept: more findings above a note would not be read."""
@@ -526,29 +534,12 @@ def forward_selection(
         accepted.append(best)
         current = larger
         remaining = [one for one in remaining if one is not best.candidate]
-    found = accepted_with_errors(current, accepted)
-    parts = tuple(replace(one, share=share) for one, share in zip(found, shares, strict=True))
-    return Selection(parts, equation, current, first or ())
-
-
-def accepted_with_errors(equation: Equation, accepted: Sequence[Trial]) -> tuple[Accepted, ...]:
-    """Return accepted candidates, whose columns are the last ones, with their coefficients."""
     if not accepted:
-        return ()
-    rows, weight = equation.rows, equation.weight
-    X = weight[:, None] * rows.H
-    svd = scaled_svd(X)
-    kept = slice(svd.rank())
-    root = (svd.vectors[kept].T / svd.sizes[kept]) / svd.norms[:, None]
-    inverse = root @ root.T
-    scores = long_run_of(X, equation.residual, rows.time, rows.run).for_normal_intervals
-    errors = np.sqrt(np.maximum(np.diag(inverse @ scores @ inverse), 0.0))
+        return Selection((), equation, equation, first or ())
     counts = [one.alternative.columns.shape[1] for one in accepted if one.alternative is not None]
-    places = np.split(np.arange(len(errors))[-sum(counts) :], np.cumsum(counts)[:-1])
-    return tuple(
-        Accepted(one, equation.values[own], errors[own])
-        for one, own in zip(accepted, places, strict=True)
-    )
+    parts = (np.split(x, np.cumsum(counts)[:-1]) for x in current.last(sum(counts)))
+    found = tuple(map(Accepted, accepted, *parts, shares))
+    return Selection(found, equation, current, first or ())
 
 
 def time_blocks(rows: Regression, count: int = BLOCKS, segments: int = 1) -> list[BoolArray]:

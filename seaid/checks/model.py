@@ -16,8 +16,7 @@ from typing import Any
 import numpy as np
 
 from seaid._arrays import Array, white_noise
-from seaid._files import toml_table
-from seaid.checks.check import Code
+from seaid.checks.check import Code, in_description, in_drives, only_joint
 from seaid.checks.codes import (
     BACKLASH,
     DELAY,
@@ -34,7 +33,6 @@ from seaid.checks.engine import (
     Point,
     Selection,
     Trial,
-    accepted_with_errors,
     forward_selection,
 )
 from seaid.checks.terms import (
@@ -54,7 +52,14 @@ from seaid.checks.tolerances import LEAST_DELAY_S, LEAST_SWING, SIGNIFICANT, SUR
 from seaid.checks.values import drive_findings, noise_findings
 from seaid.drives import IDEAL_DRIVE, DefaultTerms, Drive, unit_of
 from seaid.errors import Finding, SeaidError
-from seaid.estimation import FittedRows, estimator_named, fit, scaled_svd
+from seaid.estimation import (
+    FittedRows,
+    estimator_named,
+    fit,
+    qr_factor_of,
+    scaled_svd,
+    settled_weights,
+)
 from seaid.log import Log, Motion, changed_source, in_band_at, still_speed
 from seaid.regressor import BaseParameters, motor_regressor, regressor_at_drives
 from seaid.robot import Robot
@@ -85,6 +90,13 @@ class Side:
         """The rows of the fit with the weights of its equations."""
         assert self.fitted.rows is not None
         return Equation(self.fitted.rows, self.fitted.weights)
+
+    def source(self, joint: str, quantity: str) -> str | Mapping[str, Any]:
+        """Return the column of a quantity, or its entry in the description; "" without it."""
+        processing = self.motions[0].processing
+        sources = (processing and processing.sources) or {}
+        found: str | Mapping[str, Any] = sources.get(joint, {}).get(quantity, "")
+        return found
 
     @cached_property
     def coarse(self) -> list[Motion]:
@@ -130,7 +142,7 @@ def _drive_at_rows(side: Side, joint: str, at_joint: bool, few: bool) -> DriveRo
 
 @dataclass(frozen=True)
 class ColumnCheck:
-    """A check of an equation: `candidates` are its columns for a joint, with a code each.
+    """A check of an equation: `candidates` are its columns for a joint.
 
     `finding` words what was accepted of a joint, with the part of the squared residual that it
     explains; it may find that it is nothing.
@@ -243,6 +255,10 @@ def _harmonic(
     return [Point({}, Alternative(pair, 2))]
 
 
+_LATE = "delay"
+"""Field of the candidates of late torques."""
+
+
 def _late_torque(side: Side, joint: str) -> Iterator[Candidate]:
     """Yield the slope of the motor torque: one late by d is tau - d tau' to first order."""
     drive = side.robot.drives[joint]
@@ -250,37 +266,46 @@ def _late_torque(side: Side, joint: str) -> Iterator[Candidate]:
         return
     index = side.robot.index(joint)
     if all(np.all(np.isfinite(one.motor_torque[:, index])) for one in side.motions):
-        yield Candidate(joint, "delay", "motor_torque", partial(_slope, side, joint))
+        yield Candidate(joint, _LATE, "motor_torque", partial(_slope, side, joint))
 
 
 def _slope(side: Side, joint: str, of_few: bool) -> list[Point]:
-    """Return -tau' at the rows, without what friction and rotor of another drive explain.
-
-    Friction that changes gradually near reversals resembles an early torque.
-    """
+    """Return -tau' at the rows, without what friction and rotor of another drive explain."""
     del of_few  # few samples of a noisy torque do not have its slope
+    slope, others = _late_columns(side, joint)
+    equation = side.equation
+    weight = equation.weight[:, None]
+    left = equation.left(weight * np.hstack([slope, others]))
+    shared = others @ scaled_svd(left[:, 1:]).solve(left[:, 0])
+    return [Point({}, Alternative(slope - shared[:, None], 1))]
+
+
+def _late_columns(side: Side, joint: str) -> tuple[Array, Array]:
+    """Return -tau' (R, 1) of a motor at the rows, and what resembles it in another drive (R, c).
+
+    Friction that changes gradually near reversals resembles an early torque. What is in the model
+    already is zero.
+    """
     rows, drive, index = side.drive(joint), side.robot.drives[joint], side.robot.index(joint)
-    is_open = drive == IDEAL_DRIVE or drive.motor_inertia_kg_m2 is None
+    is_ideal = drive == IDEAL_DRIVE
+    is_open = is_ideal or drive.motor_inertia_kg_m2 is None
     fastest = max(float(np.max(np.abs(one.motor_velocity[:, index]))) for one in side.motions)
     parts = [
         np.column_stack(
             [
-                -np.gradient(one.motor_torque[:, index], one.time),
                 np.tanh(one.motor_velocity[:, index] / (_WIDTH * fastest)),
                 one.motor_velocity[:, index],
+                is_ideal * np.sign(one.motor_velocity[:, index]),
                 is_open * one.motor_acceleration[:, index],
             ]
         )
         for one in side.motions
     ]
-    equation = side.equation
-    weighted = equation.weight[:, None] * rows.at_rows(parts)
-    left = equation.left(weighted)
+    others, weight = rows.at_rows(parts), side.equation.weight[:, None]
+    left = np.linalg.norm(side.equation.left(weight * others), axis=0)
     # what is in the model already leaves nothing but rounding
-    left[:, np.linalg.norm(left, axis=0) < _LEAST_LEFT**3 * np.linalg.norm(weighted, axis=0)] = 0.0
-    shared = weighted[:, 1:] @ scaled_svd(left[:, 1:]).solve(left[:, 0])
-    columns = (weighted[:, 0] - shared) / equation.weight
-    return [Point({}, Alternative(columns[:, None], 1))]
+    others[:, left < _LEAST_LEFT**3 * np.linalg.norm(weight * others, axis=0)] = 0.0
+    return -rows.slope_at_rows([one.motor_torque[:, index] for one in side.motions]), others
 
 
 _WIDTH = 0.1
@@ -328,34 +353,53 @@ def _bodies_turned(side: Side, joint: str, angle: float) -> Array:
     return found
 
 
-_MOST_STEPS = 8
-"""Steps of the search of an offset, which is far below a radian."""
+_MOST_STEPS, _AT_ONCE = 8, 4000
+"""Steps of the search of an offset, which is far below a radian; samples of a regressor at once."""
+
+
+def _turned_at_rows(side: Side, joint: str, angle: float, onto: Array) -> Array:
+    """Return the bodies' columns at the rows, an angle added to a joint, times `onto` (10N, k).
+
+    They are filtered as the rows (R, k) are: the torque of filtered states differs from the
+    filtered torque by more than the error of an angle.
+    """
+    rows, turn = side.equation.rows, np.zeros(side.robot.n)
+    turn[side.robot.index(joint)] = angle
+    turned = np.zeros((len(rows.y), onto.shape[1]))
+    for motion, (*_, own, instants) in zip(side.motions, side.states, strict=True):
+        parts = []
+        for start in range(0, len(motion.time), _AT_ONCE):
+            q, v, a = (state[start : start + _AT_ONCE] for state in motion.joint_states)
+            parts.append(regressor_at_drives(side.robot, q + turn, v, a) @ onto)
+        samples = np.searchsorted(motion.time, np.unique(rows.time[own]))
+        columns = in_band_at(motion, np.concatenate(parts), samples)
+        turned[own] = columns[instants, rows.joint[own].astype(int)]
+    return turned
 
 
 def _searched_zero(side: Side, joint: str) -> tuple[float, float]:
     """Return the angle to be added to a joint, and its standard error, next to any bodies.
 
-    Gauss and Newton's steps: the bodies were fitted at the wrong zero, and change with it.
+    Gauss and Newton's steps, with the derivative at the angle of the log: the bodies were fitted at
+    the wrong zero, and change with it, and so do the weights of the equations.
     """
     assert side.base is not None
-    rows, weights, angle = side.equation.rows, side.equation.weights, 0.0
-    count, given = len(side.base.grouping), side.bodies_at_rows
-    least, known = side.base.least(np.eye(count)), side.robot.known_parameters
+    rows, count = side.equation.rows, len(side.base.grouping)
+    onto = np.column_stack([side.base.least(np.eye(count)), side.robot.known_parameters])
+    before, ahead = (_turned_at_rows(side, joint, x, onto) for x in (0.0, _STEP_RAD))
+    angle, change, derivative = 0.0, np.zeros_like(before), (ahead - before) / _STEP_RAD
     for _ in range(_MOST_STEPS):
-        change = _bodies_turned(side, joint, angle) - given
-        H, y = rows.H.copy(), rows.y - change @ known
-        H[:, :count] += change @ least
-        current = Equation(replace(rows, H=H, y=y), weights)
-        bodies = least @ current.values[:count] + known
-        step = _bodies_turned(side, joint, angle + _STEP_RAD) - given - change
-        column = Alternative((step @ bodies)[:, None] / _STEP_RAD, 1)
-        trial = Trial(Candidate(joint, "offset", "", lambda _: ()), None, alternative=column)
-        (found,) = accepted_with_errors(current.with_alternative(column), [trial])
-        correction, error = float(found.coefficients[0]), float(found.errors[0])
-        angle += correction
+        H, y = rows.H.copy(), rows.y - change[:, count]
+        H[:, :count] += change[:, :count]
+        turned = replace(rows, H=H, y=y)
+        current = Equation(turned, settled_weights(qr_factor_of(turned)))
+        slope = derivative @ np.append(current.values[:count], 1.0)
+        (correction,), (error,) = current.with_alternative(Alternative(slope[:, None], 1)).last(1)
+        angle += float(correction)
         if abs(correction) < 0.1 * error:
             break
-    return angle, error
+        change = _turned_at_rows(side, joint, angle, onto) - before
+    return angle, float(error)
 
 
 def _zero_is_off(
@@ -369,21 +413,25 @@ def _zero_is_off(
     offset, error = _searched_zero(side, joint)
     if abs(offset) > np.pi or abs(offset) < SIGNIFICANT * error:
         return None
-    processing = side.motions[0].processing
-    sources = ((processing and processing.sources) or {})[joint]
-    lever = side.robot.drives[joint].ratio if side.robot.drives[joint].is_elastic else 1.0
-    lines = [
-        f"{name} = {changed_source(sources[name], offset=round(factor * offset, 5))}"
-        for name, factor in (("joint_position", 1.0), ("motor_position", lever))
-        if name in sources
-    ]
+    robot = side.robot
+    moved = {(joint, "joint_position"): 1.0}
+    for turns, (other, drive) in zip(
+        robot.transmission[:, robot.index(joint)], robot.drives.items(), strict=True
+    ):
+        lever = drive.ratio * drive.load_radius / drive.motor_radius
+        moved[other, "motor_position"] = turns * lever
+    entries: dict[str, dict[str, str]] = {}
+    for (other, quantity), factor in moved.items():
+        if factor and side.source(other, quantity):
+            changed = changed_source(side.source(other, quantity), offset=round(factor * offset, 5))
+            entries.setdefault(other, {})[quantity] = changed
     return ENCODER_OFFSET.finding(
         f"the zero of {joint} is {np.degrees(offset):.2f} +- {np.degrees(error):.2f} degrees from "
         f"that of the robot file: that explains {share:.0%} of the squared residual of its torque",
         joint,
         "note" if abs(offset) < SURE * side.offset_std else "doubtful",
         {"offset [rad]": offset, "standard error [rad]": error, "explained": share},
-        "\n".join(["in the description of the log:", toml_table("joints", joint), *lines]),
+        in_description(entries),
     )
 
 
@@ -463,7 +511,7 @@ def _periodic(side: Side, joint: str, accepted: Sequence[Accepted], share: float
         joint,
         "doubtful" if share >= _DOUBTFUL_ORDERS else "note",
         evidence,
-        f"in the drives file:\n{toml_table(joint)}\n{field} = {{ {table} }}",
+        in_drives({(joint,): f"{field} = {{ {table} }}"}),
     )
 
 
@@ -477,19 +525,18 @@ def late_torques(
     side: Side, joints: Sequence[str], delay: float, error: float, evidence: Mapping[str, float]
 ) -> Finding:
     """Return the finding that the motor torques of joints are late by a delay [s], or early."""
-    processing = side.motions[0].processing
-    sources = (processing and processing.sources) or {}
-    lines = ["in the description of the log:"]
-    for joint in joints:
-        source = changed_source(sources[joint]["motor_torque"], delay_s=round(delay, 5))
-        lines += [toml_table("joints", joint), f"motor_torque = {source}"]
+    late_s = round(delay, 5)
+    entries = {
+        joint: {"motor_torque": changed_source(side.source(joint, "motor_torque"), delay_s=late_s)}
+        for joint in joints
+    }
     return DELAY.finding(
         f"the motor torques of {', '.join(joints)} are {1e3 * abs(delay):.2f} +- "
         f"{1e3 * error:.2f} ms {'late' if delay > 0 else 'early'} against the positions",
-        joints[0] if len(joints) == 1 else "",
+        only_joint(joints),
         "doubtful" if abs(delay) > LEAST_DELAY_S else "note",
         {"delay [s]": delay, "standard error [s]": error, **evidence},
-        "\n".join(lines),
+        in_description(entries),
     )
 
 
@@ -551,16 +598,25 @@ class SideSelection:
     side: Side
     selection: Selection
 
-    def coefficient(self, candidate: Candidate) -> tuple[float, float]:
-        """Return the coefficient of a candidate with one column, and its standard error."""
+    def delays(self) -> dict[str, tuple[float, float]]:
+        """Return the delay of each motor torque [s], and its standard error, all at once.
+
+        They are next to what was accepted but for delays: a torque that is late spoils the bodies,
+        and with them the other joints.
+        """
+        joints = [one.joint for x in self.side.joints for one in _late_torque(self.side, x)]
+        if not joints:
+            return {}
+        equation = self.selection.before
         for one in self.selection.accepted:
-            if one.trial.candidate.name == candidate.name:
-                return float(one.coefficients[0]), float(one.errors[0])
-        (point,) = candidate.points(False)
-        equation = self.selection.after.with_alternative(point.alternative)
-        last = Trial(candidate, None, alternative=point.alternative)
-        (one,) = accepted_with_errors(equation, [last])
-        return float(one.coefficients[0]), float(one.errors[0])
+            if one.trial.candidate.field != _LATE and one.trial.alternative is not None:
+                equation = equation.with_alternative(one.trial.alternative)
+        slopes, others = zip(*(_late_columns(self.side, joint) for joint in joints), strict=True)
+        equation = equation.with_alternative(Alternative(np.hstack(others), 0))
+        late = Alternative(np.hstack(slopes), len(joints))
+        values, errors = equation.with_alternative(late).last(len(joints))
+        found = zip(values.tolist(), errors.tolist(), strict=True)
+        return dict(zip(joints, found, strict=True))
 
     def vanished(self, cutoff_hz: float) -> set[tuple[str, str]]:
         """Return what the values show without the accepted columns, and not with them.
@@ -590,8 +646,12 @@ class SideSelection:
             findings += drive_findings(self.side.joints[0], own, fitted.qr_factor)
         return {(finding.code, finding.joint) for finding in findings}
 
-    def findings(self) -> Iterator[Finding]:
-        """Yield what was accepted, of each joint and check."""
+    @cached_property
+    def findings(self) -> tuple[Finding, ...]:
+        """What was accepted, of each joint and check."""
+        return tuple(self._worded())
+
+    def _worded(self) -> Iterator[Finding]:
         for joint in self.side.joints:
             for check in COLUMN_CHECKS:
                 own = [
@@ -615,7 +675,7 @@ def without_echoes(
     """
     vanished: set[tuple[str, str]] = set()
     for one in selected:
-        if any(finding.severity != "note" for finding in one.findings()):
+        if any(finding.severity != "note" for finding in one.findings):
             vanished |= one.vanished(cutoff_hz)
     return [finding for finding in values if (finding.code, finding.joint) not in vanished]
 
@@ -717,7 +777,7 @@ def model_findings(
 
     What is `known` already, such as a torque that is held over samples, is not repeated.
     """
-    findings = [finding for one in selected for finding in one.findings()]
+    findings = [finding for one in selected for finding in one.findings]
     common = common_delay(selected)
     if common is not None:
         findings = [common, *(one for one in findings if one.code != DELAY.name)]
@@ -739,14 +799,9 @@ def common_delay(selected: Sequence[SideSelection]) -> Finding | None:
     """Return the finding that all motor torques are late by as much, None without it.
 
     Delays of single joints that the rows hardly show add up: the weighted mean has the error of
-    its parts, and their scatter (Birge 1932). Each is estimated next to what was accepted.
+    its parts, and their scatter (Birge 1932).
     """
-    delays = {
-        candidate.joint: one.coefficient(candidate)
-        for one in selected
-        for joint in one.side.joints
-        for candidate in _late_torque(one.side, joint)
-    }
+    delays = {joint: found for one in selected for joint, found in one.delays().items()}
     if len(delays) < 2:
         return None
     values, errors = np.array(list(delays.values())).T

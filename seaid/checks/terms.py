@@ -38,7 +38,7 @@ from seaid.drives import (
 )
 from seaid.errors import RobotError
 from seaid.estimation import FittedRows
-from seaid.log import Motion, in_band_at, row_samples
+from seaid.log import Motion, in_band, in_band_at, row_samples
 from seaid.regressor import (
     Regression,
     actuator_equation,
@@ -208,6 +208,22 @@ class DriveRows:
             known = self._where_known(mine, parts)
             banded = map(in_band_at, self.motions, known, samples)
             found[mine] = factor * np.concatenate(list(banded))
+        return found
+
+    def slope_at_rows(self, torques: Sequence[Array]) -> Array:
+        """Return the slope (R, 1) of torques (T,) of each motion, below the cutoff, at all rows.
+
+        They are filtered first: at the ends of a log the filter continues a torque and not a slope,
+        whose noise is as large as its first difference.
+        """
+        slopes = [
+            np.gradient(in_band(motion, torque), motion.time)
+            for motion, torque in zip(self.motions, torques, strict=True)
+        ]
+        found = np.zeros((len(self.rows.y), 1))
+        for mine, samples, factor in self.placed:
+            parts = [slope[own] for slope, own in zip(slopes, samples, strict=True)]
+            found[mine, 0] = factor * np.concatenate(parts)
         return found
 
     def _where_known(self, mine: BoolArray, parts: Sequence[Array]) -> Sequence[Array]:

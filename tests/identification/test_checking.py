@@ -168,7 +168,7 @@ def custom(folder: Path, log: Log) -> tuple[Path, dict[str, Any]]:
             ),
             ("motor_torque", {"sign": -1}, "sign"),
             ("motor_torque", {"sign": -1, "scale": -1000.0, "delay_s": 0.002}, "unit"),
-            ("motor_torque", {"delay_s": 0.02}, "delay"),
+            ("motor_torque", {"delay_s": -0.02}, "delay"),
         ]
     ),
 )
