@@ -57,7 +57,6 @@ from seaid.checks.tolerances import (
     HELD_S,
     LATE_S,
     LEAST_DELAY_S,
-    LEVELS,
     MANY_TIMES,
     MOST,
     NEGLIGIBLE,
@@ -393,14 +392,16 @@ def is_unsigned(torque: Array) -> bool:
 def _is_magnitude(torque: Array) -> bool:
     """Whether a channel (T,) has one sign only and returns to zero again and again.
 
-    It returns when it falls from a large part of its size to a small one: a foot that loses its
-    load once crosses each level often, by noise.
+    It returns when it falls from half of its size to a slight part: between levels that are nearer,
+    noise alone passes often, on a foot that loses its load once and on a joint that gravity pulls
+    to one side.
     """
     size = float(np.percentile(np.abs(torque), 99))
     has_one_sign = is_unsigned(torque) or is_unsigned(-torque)
-    if size == 0 or len(np.unique(torque)) < LEVELS or not has_one_sign:
+    is_coarse = len(np.unique(torque)) * SLIGHT < 1  # then zero is no level of its own
+    if size == 0 or is_coarse or not has_one_sign:
         return False
-    near, away = np.abs(torque) <= SLIGHT * size, np.abs(torque) > POOR * size
+    near, away = np.abs(torque) <= SLIGHT * size, np.abs(torque) > MOST * size
     levels = near[near | away]
     return int(np.count_nonzero(levels[1:] & ~levels[:-1])) >= EVENTS
 

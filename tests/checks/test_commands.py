@@ -368,6 +368,16 @@ def test_a_load_that_vanishes_once_is_no_magnitude() -> None:
     assert _is_magnitude(np.abs(torque * np.sin(9 * time)))
 
 
+def test_a_noisy_torque_of_gravity_near_zero_is_no_magnitude() -> None:
+    """It comes near zero once, for a second, with noise of 2 % of its size."""
+    time = np.arange(0, 10, 1e-3)
+    noise = 0.02 * np.random.default_rng(5).normal(size=len(time))
+    torque = np.minimum(-0.075 - 0.9 * np.sin(np.pi * (time - 5) / 10) ** 2 + noise, -1e-3)
+    near = np.abs(torque) < 0.05
+    assert np.count_nonzero(near[1:] & (torque[:-1] < -0.1)) > 8
+    assert not _is_magnitude(torque)
+
+
 @pytest.mark.parametrize("path", sorted(LOGS.rglob("*.npz")), ids=lambda path: path.stem)
 def test_no_torque_of_a_measured_log_is_taken_for_a_magnitude(path: Path) -> None:
     with np.load(path) as columns:
