@@ -13,6 +13,7 @@ import seaid
 from seaid._arrays import Array
 from seaid.errors import Finding
 from seaid.log.log import Log
+from seaid.log.repair.channels import unwrapped
 from seaid.robot.robot import Robot
 from tests.experiments import TEST_MASS, arm, arm_log, leg, leg_log
 
@@ -48,6 +49,9 @@ def described(log: Log, remedy: str, number: int = 0) -> Log:
     for joint, entries in tomllib.loads(text)["joints"].items():
         for quantity, source in entries.items():
             factor = source.get("sign", 1) * source.get("scale", 1.0)
-            values = factor * columns[source["column"]] + source.get("offset", 0.0)
+            column = columns[source["column"]]
+            if "wraps" in source:
+                column = unwrapped(quantity, log.time, column, source["wraps"])[0]
+            values = factor * column + source.get("offset", 0.0)
             found[quantity][:, log.joint_names.index(joint)] = values
     return replace(log, **found)

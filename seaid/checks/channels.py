@@ -25,6 +25,7 @@ from seaid.checks.codes import (
     STANDSTILL,
     TIME_UNIT,
     UNIT,
+    WRAPS,
 )
 from seaid.checks.experiment import Experiment, stands_locked
 from seaid.checks.tolerances import (
@@ -49,7 +50,7 @@ from seaid.checks.tolerances import (
 from seaid.drives import Drive
 from seaid.errors import Finding
 from seaid.estimation import scaled_svd
-from seaid.log import REST, Log, Processing, changed_source, held_over
+from seaid.log import REST, Log, Processing, changed_source, held_over, wrap_period
 from seaid.regressor import INPUT_FIELDS
 from seaid.robot import Robot
 
@@ -106,6 +107,37 @@ def _positions(log: Log) -> Iterator[tuple[str, str, Array]]:
         for joint, values in zip(log.joint_names, getattr(log, quantity).T, strict=True):
             if np.all(np.isfinite(values)) and not is_constant(values):
                 yield joint, quantity, values
+
+
+def _wraps(logged: Logged) -> Iterator[Finding]:
+    """Yield the joints of each log whose positions wrap around and were not unwrapped."""
+    for where, log in logged.numbered:
+        sources, lines, first = log.sources(), dict[str, dict[str, str]](), 0.0
+        for joint, quantity, values in _positions(log):
+            period = wrap_period(log.time, values) if quantity in sources[joint] else None
+            if period is None:
+                continue
+            turns = 0.0
+            if quantity == "joint_position" and abs(period / (2 * np.pi) - 1) < NEGLIGIBLE:
+                # the unwrapped angle begins within the turn of its first sample
+                low, high = logged.robot.position_range(joint)
+                middle = 0.5 * (low + high) if np.isfinite([low, high]).all() else 0.0
+                turns = float(np.rint((middle - np.mean(np.unwrap(values))) / period))
+            source = changed_source(sources[joint][quantity], offset=turns * period, wraps=period)
+            lines.setdefault(joint, {})[quantity] = source
+            first = first or period
+        if lines:
+            yield WRAPS.finding(
+                f"positions of {', '.join(lines)}{where} jump by {first:.4g} at once, from one end "
+                "of their range to the other, and move on at the same speed: these encoders wrap "
+                "around",
+                only_joint([*lines]),
+                "wrong",
+                {"period": first},
+                in_description(lines, where.removeprefix(" of ") or "the log"),
+                "certain",
+                tuple(lines),
+            )
 
 
 def _lost_samples(logged: Logged) -> Iterator[Finding]:
@@ -347,6 +379,7 @@ def _standing(logged: Logged) -> Iterator[Finding]:
 
 OF_LOGS = (
     Observation(TIME_UNIT, _time_units),
+    Observation(WRAPS, _wraps),
     Observation(HOLES, _lost_samples),
     Observation(MISSING_DRIVES, _missing_drives),
     Observation(REFERENCE_POSITION, _references),

@@ -25,6 +25,14 @@ TIME_UNIT = Code(
     "Milliseconds or microseconds in a column `time_s`, or a counter instead of a clock.",
     "Set the unit of the time in the description, or the rate if the column is a counter.",
 )
+WRAPS = Code(
+    "wraps",
+    "a position that jumps by a whole turn while the joint moves on",
+    "An encoder that counts within one turn, in a log that nothing unwraps: one that has a "
+    "description, or is read with `--repair`, is unwrapped.",
+    "Give the `wraps` of the remedy in the description of the log. It does not say in which turn a "
+    "log begins: a joint that has the encoder of its motor only needs an `offset` too.",
+)
 SIGN = Code(
     "sign",
     "a channel, or a whole joint, with the opposite sign",

@@ -52,6 +52,7 @@ from seaid.checks.codes import (
     TIME_UNIT,
     TORQUE_SCALE,
     UNIT,
+    WRAPS,
 )
 from seaid.checks.commands import (
     command_findings,
@@ -717,7 +718,7 @@ def setup_findings(experiment: Experiment, known: Sequence[Finding]) -> list[Fin
 
 def _of_motion(experiment: Experiment, known: Sequence[Finding]) -> list[Finding]:
     """Return the mistakes of the set-up that the motion shows, next to `known` findings."""
-    if {TIME_UNIT.name, MISSING_DRIVES.name} & {finding.code for finding in known}:
+    if {TIME_UNIT.name, MISSING_DRIVES.name, WRAPS.name} & {finding.code for finding in known}:
         return []  # the torques show no other mistake
     offsets = list(offset_findings(experiment))
     if offsets:

@@ -446,7 +446,7 @@ def _identify(
         robot, used = without_locked_loads(robot, used, locked)
         declared = robot
         robot, used, stopped = without_standing(robot, used, standing)
-        findings += standstill_findings(stopped, standing)
+        findings += consequences(findings, standstill_findings(stopped, standing))
         robot = with_rigid_gears(robot, deflection_joints(robot, datasets))
         given = robot
         if not is_linear(robot, used):

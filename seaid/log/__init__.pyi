@@ -63,6 +63,7 @@ from .readers.opening import open_tables as open_tables
 from .reading import read_log as read_log
 from .repair.channels import held_over as held_over
 from .repair.channels import on_time as on_time
+from .repair.channels import wrap_period as wrap_period
 from .repair.data import FOUND_CONTACT as FOUND_CONTACT
 from .repair.data import Repair as Repair
 from .repair.data import Repairs as Repairs

@@ -275,10 +275,12 @@ def changed_source(
     factor: float = 1.0,
     offset: float = 0.0,
     delay_s: float = 0.0,
+    wraps: float | None = None,
 ) -> str:
     """Return the TOML of a source whose values become factor * value + offset, `delay_s` earlier.
 
-    What the source has already is multiplied or added, so that the text replaces it.
+    What the source has already is multiplied or added, so that the text replaces it. Its values
+    wrap around every `wraps`, which is given in the unit of the column.
     """
     found: dict[str, Any] = {"column": source} if isinstance(source, str) else dict(source)
     if factor < 0:
@@ -290,6 +292,8 @@ def changed_source(
         found["offset"] = _rounded(factor * old + offset)
     if delay_s:
         found["delay_s"] = _rounded(found.get("delay_s", 0.0) + delay_s)
+    if wraps is not None:
+        found["wraps"] = _rounded(wraps / found.get("scale", 1.0))
     return as_toml(found)
 
 

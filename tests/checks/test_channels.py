@@ -234,3 +234,62 @@ def test_lost_samples_are_seen_where_the_time_is_a_counter(case: str) -> None:
     twice = np.sort(np.concatenate([np.arange(len(log.time)), rng.choice(inner, 25)]))
     late = at(log, twice[: len(log.time)], log.time)  # what is logged twice is not lost
     assert found_in(case, late) == []
+
+
+def wrapped(log: Log, robot: Robot, joint: str, field: str, crossing: float) -> Log:
+    """Return the log with an encoder that wraps around where `crossing` of its range is passed."""
+    values, j = getattr(log, field).copy(), robot.index(joint)
+    low = np.min(values[:, j])
+    end = low + crossing * np.ptp(values[:, j])
+    values[:, j] = (values[:, j] - end) % (2 * np.pi) + (end if field == "joint_position" else 0.0)
+    changed: dict[str, Any] = {field: values}
+    return replace(log, **changed)
+
+
+WRAPPED = [
+    ("leg", "hip_roll", "joint_position", 0.5),
+    ("leg", "knee_pitch", "joint_position", 0.97),  # at the end of its range only
+    ("leg", "knee_pitch", "motor_position", 0.3),
+    ("arm", "shoulder", "joint_position", 0.5),
+    ("arm", "shoulder", "motor_position", 0.1),
+    ("ur10", "elbow_joint", "joint_position", 0.4),
+]
+
+
+@pytest.mark.parametrize(("case", "joint", "field", "crossing"), WRAPPED)
+def test_encoders_that_wrap_around_are_named(
+    case: str, joint: str, field: str, crossing: float
+) -> None:
+    robot, log = ROBOTS[case][0](), ROBOTS[case][1]()
+    (finding,) = found_in(case, wrapped(log, robot, joint, field, crossing))
+    assert (finding.code, finding.severity, finding.joint) == ("wraps", "wrong", joint)
+    repaired = described(wrapped(log, robot, joint, field, crossing), finding.remedy)
+    moved = getattr(repaired, field) - getattr(log, field)
+    assert np.ptp(moved, axis=0) == pytest.approx(0, abs=1e-6)
+    if field == "joint_position":
+        assert moved == pytest.approx(0, abs=1e-6)
+
+
+def test_wrapped_encoders_that_flicker_and_glitches_that_do_not_wrap() -> None:
+    """Noise at the end of a turn lets an encoder jump forth and back."""
+    robot, log = leg(TEST_MASS), leg_log()
+    noise = 2e-3 * np.random.default_rng(0).normal(size=log.joint_position.shape)
+    noisy = replace(log, joint_position=log.joint_position + noise)
+    (finding,) = found_in("leg", wrapped(noisy, robot, "hip_roll", "joint_position", 0.9))
+    assert (finding.code, finding.joint) == ("wraps", "hip_roll")
+    glitches = noisy.joint_position.copy()
+    glitches[::500, 1] = 0.0  # lost messages
+    glitches[250::500, 1] += 2 * np.pi
+    assert found_in("leg", replace(log, joint_position=glitches)) == []
+
+
+@pytest.mark.slow  # identifies the leg twice
+def test_a_wrapped_encoder_is_all_that_is_wrong_until_it_is_unwrapped() -> None:
+    """It looked like a joint that stands still, a payload that is absent, or a unit."""
+    robot, log = leg(TEST_MASS), leg_log()
+    for joint, field in (("hip_roll", "joint_position"), ("knee_pitch", "motor_position")):
+        bad = wrapped(log, robot, joint, field, 0.5)
+        found = seaid.identify(robot, bad)
+        assert [x.code for x in found.warnings if x.severity != "note"] == ["wraps"]
+        right = seaid.identify(robot, described(bad, found.warnings[0].remedy))
+        assert right.verdict.level == "good"

@@ -202,7 +202,11 @@ def wrap_period(time: Array, values: Array) -> float | None:
     inner = jumps[(jumps > 0) & (jumps < len(steps) - 1)]
     if not len(inner):
         return None
-    rates = steps / np.diff(time)
+    # noise at the end of a turn wraps a position forth and back, from one end of it to the other
+    size = float(np.median(np.abs(steps[jumps])))
+    is_whole = bool(_turn(size, values)) and np.ptp(np.abs(steps[jumps])) < _ALIKE * size
+    near = steps - size * np.rint(steps / size) if is_whole else steps
+    rates = near / np.diff(time)
     before, after = rates[inner - 1], rates[inner + 1]
     usual = np.maximum(np.abs(before), np.abs(after)) * np.diff(time)[inner]
     clear = np.diff(time)[inner] < _GAP * np.median(np.diff(time))
@@ -214,7 +218,8 @@ def wrap_period(time: Array, values: Array) -> float | None:
         return None
     expected = 0.5 * (before + after) * np.diff(time)[inner]
     periods = np.abs(steps[inner] - expected)
-    period = _plausible(float(np.median(periods)), values)
+    period = float(np.median(periods))
+    period = _turn(period, values) or period
     alike = np.abs(periods - period) <= _ALIKE * period + 0.5 * usual
     if np.mean(~alike) > _STRAY or np.ptp(values) > _FULL * period:
         return None
@@ -281,14 +286,14 @@ def _follows(
     return total / sum(durations[start:end])
 
 
-def _plausible(period: float, values: Array) -> float:
-    """Return the plausible period near an estimated one: a fraction of a turn, or 2^k steps."""
+def _turn(period: float, values: Array) -> float | None:
+    """Return the fraction of a turn, or 2^k steps, to which an estimated period is close."""
     step = resolution(values)
     candidates = [_TURN, _TURN / 2, _TURN / 4, 2 * _TURN]
     if step > 0 and period / step < 2**24:
         candidates.append(step * 2.0 ** round(np.log2(period / step)))
     near = min(candidates, key=lambda one: abs(one - period))
-    return float(near) if abs(near - period) <= _ALIKE * period else period
+    return float(near) if abs(near - period) <= _ALIKE * period else None
 
 
 _FAR = 4.0
