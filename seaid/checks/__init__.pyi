@@ -4,6 +4,8 @@ from .base import sensor_errors as sensor_errors
 from .channels import excluded_findings as excluded_findings
 from .channels import locked_outputs as locked_outputs
 from .channels import standstill_findings as standstill_findings
+from .channels import strength_findings as strength_findings
+from .channels import without_torque as without_torque
 from .check import Code as Code
 from .check import Observation as Observation
 from .check import consequences as consequences

@@ -110,33 +110,108 @@ def _positions(log: Log) -> Iterator[tuple[str, str, Array]]:
 
 
 def _wraps(logged: Logged) -> Iterator[Finding]:
-    """Yield the joints of each log whose positions wrap around and were not unwrapped."""
+    """Yield the joints of each log with positions or torques that wrap around."""
     for where, log in logged.numbered:
         sources, lines, first = log.sources(), dict[str, dict[str, str]](), 0.0
-        for joint, quantity, values in _positions(log):
-            period = wrap_period(log.time, values) if quantity in sources[joint] else None
-            if period is None:
+        channels = [(*x, wrap_period(log.time, x[2])) for x in _positions(log)]
+        for joint, quantity, values, scale in _torques(log, logged.used):
+            channels.append((joint, quantity, values, _period_of_integer(values, scale)))
+        for joint, quantity, values, period in channels:
+            source = sources[joint].get(quantity)
+            if period is None or source is None:
                 continue
-            turns = 0.0
-            if quantity == "joint_position" and abs(period / (2 * np.pi) - 1) < NEGLIGIBLE:
+            offset = 0.0
+            if quantity in ("motor_torque", "joint_torque"):
+                offset = -period * float(values[0] > 0.5 * period)
+            elif quantity == "joint_position" and abs(period / (2 * np.pi) - 1) < NEGLIGIBLE:
                 # the unwrapped angle begins within the turn of its first sample
                 low, high = logged.robot.position_range(joint)
                 middle = 0.5 * (low + high) if np.isfinite([low, high]).all() else 0.0
-                turns = float(np.rint((middle - np.mean(np.unwrap(values))) / period))
-            source = changed_source(sources[joint][quantity], offset=turns * period, wraps=period)
+                offset = period * float(np.rint((middle - np.mean(np.unwrap(values))) / period))
+            source = changed_source(source, offset=offset, wraps=period)
             lines.setdefault(joint, {})[quantity] = source
             first = first or period
         if lines:
             yield WRAPS.finding(
-                f"positions of {', '.join(lines)}{where} jump by {first:.4g} at once, from one end "
-                "of their range to the other, and move on at the same speed: these encoders wrap "
-                "around",
+                f"channels of {', '.join(lines)}{where} jump by {first:.4g} at once, from one end "
+                "of their range to the other, and move on as before: an encoder that wraps "
+                "around, or a signed integer that was read as one without sign",
                 only_joint([*lines]),
                 "wrong",
                 {"period": first},
                 in_description(lines, where.removeprefix(" of ") or "the log"),
                 "certain",
                 tuple(lines),
+            )
+
+
+def _torques(log: Log, used: Collection[str]) -> Iterator[tuple[str, str, Array, float]]:
+    """Yield joint, quantity, samples (T,) and scale of the torques that change and have no unit."""
+    sources = log.sources()
+    for quantity in ("motor_torque", "joint_torque"):
+        for joint in used if getattr(log, quantity) is not None else ():
+            source = sources[joint].get(quantity) if joint in log.joint_names else None
+            if source is None or (isinstance(source, Mapping) and "unit" in source):
+                continue
+            values = getattr(log, quantity)[:, log.joint_names.index(joint)]
+            if np.all(np.isfinite(values)) and not is_constant(values):
+                scale = 1.0 if isinstance(source, str) else float(source.get("scale", 1.0))
+                yield joint, quantity, values, scale
+
+
+_BITS = (16, 32)
+
+
+def _period_of_integer(values: Array, scale: float) -> float | None:
+    """Return scale 2^b if a channel (T,) is a signed integer of b bits, read without its sign.
+
+    It is at both ends of this range, and not in its middle half.
+    """
+    span, middle = float(np.ptp(values)), 0.5 * float(np.min(values) + np.max(values))
+    if float(np.mean(np.abs(values - middle) < 0.25 * span)) > FEW:
+        return None
+    periods = (scale * 2.0**bits for bits in _BITS)
+    return next((period for period in periods if abs(span / period - 1) < FEW), None)
+
+
+def _whole_numbers(logged: Logged) -> Iterator[Finding]:
+    """Yield the torques of each log in N m that are whole numbers, such as a percentage."""
+    for where, log in logged.numbered:
+        sources, lines, largest, times = log.sources(), dict[str, dict[str, str]](), 0.0, 0.0
+        channels = [
+            (joint, quantity, values)
+            for joint, quantity, values, scale in _torques(log, logged.used)
+            if scale == 1 and not np.any(values % 1) and len(np.unique(values)) >= EVENTS
+            if _period_of_integer(values, scale) is None
+        ]
+        largest = max((float(np.max(np.abs(values))) for *_, values in channels), default=0.0)
+        full, is_known = 100.0 if largest <= 100 else 1000.0, True
+        for joint, quantity, values in channels:
+            drive = logged.robot.drives[joint]
+            lever = drive.ratio * drive.load_radius / drive.motor_radius
+            limit = float(logged.robot.effort_limits[logged.robot.index(joint)])
+            limit /= abs(lever) if quantity == "motor_torque" else 1.0
+            times = max(times, float(np.max(np.abs(values))) / limit if limit else 0.0)
+            is_known = is_known and 0 < limit < np.inf
+            factor = (limit if 0 < limit < np.inf else 1.0) / full
+            source = changed_source(sources[joint][quantity], factor=factor)
+            lines.setdefault(joint, {})[quantity] = source
+        if channels:
+            unit = "per cent" if full == 100 else "per mille"
+            yield UNIT.finding(
+                f"the torques of {', '.join(lines)}{where} are whole numbers up to {largest:g}: "
+                f"{unit} of a rating of each motor, or counts of its driver, and not N m",
+                only_joint([*lines]),
+                "wrong" if times > MANY_TIMES else "doubtful",
+                {"largest value": largest, "largest value over the limit": times},
+                in_description(lines, where.removeprefix(" of ") or "the log")
+                + (
+                    f"\n# {unit} of the limits of the robot file"
+                    if is_known
+                    else "\n# times the rating"
+                )
+                + ", see the data sheet; if it is the duty cycle of a servo, use its commands",
+                joints=tuple(lines),
             )
 
 
@@ -377,9 +452,16 @@ def _standing(logged: Logged) -> Iterator[Finding]:
     )
 
 
+def without_torque(findings: Iterable[Finding]) -> set[str]:
+    """Return the joints whose torques are known to be in another unit, or to wrap around."""
+    wrong = (finding for finding in findings if finding.code in (UNIT.name, WRAPS.name))
+    return {joint for finding in wrong for joint in finding.joints}
+
+
 OF_LOGS = (
     Observation(TIME_UNIT, _time_units),
     Observation(WRAPS, _wraps),
+    Observation(UNIT, _whole_numbers),
     Observation(HOLES, _lost_samples),
     Observation(MISSING_DRIVES, _missing_drives),
     Observation(REFERENCE_POSITION, _references),
@@ -463,6 +545,39 @@ def _offset(experiment: Experiment, j: int, number: int, change: float, size: fl
         in_description({joint: {quantity: source}}, f"log {number}"),
         "certain" if size else "likely",
     )
+
+
+def strength_findings(experiment: Experiment) -> Iterator[Finding]:
+    """Yield torques that are far larger than any that the bodies need, most of which are known.
+
+    They are compared with those of the heaviest joint, so that friction without load, as of an
+    axis along gravity, is none.
+    """
+    robot, used = experiment.robot, experiment.used
+    names = [name for name in robot.body_names for _ in range(10)]
+    known = robot.payload_parameters + np.isin(names, robot.known_bodies) * robot.parameters
+    is_known = bool(np.any(known)) and bool(np.all(np.isfinite(experiment.bodies)))
+    if not used or not is_known or robot.has_controllers:
+        return
+    sizes, of_known = (
+        np.sqrt(np.mean((experiment.regressor @ x) ** 2, axis=0))
+        for x in (experiment.bodies, known)
+    )
+    heaviest = max(used, key=lambda j: float(sizes[j]))
+    times = np.sqrt(np.mean(experiment.target**2, axis=0)) / sizes[heaviest]
+    joints = [robot.joint_names[j] for j in used if times[j] > FAR]
+    if joints and of_known[heaviest] > PART * sizes[heaviest]:
+        largest = float(np.nanmax(times[used]))
+        yield UNIT.finding(
+            f"the torques of {', '.join(joints)} are up to {largest:.3g} times those which move "
+            f"and hold the known bodies and the payload ({sizes[heaviest]:.3g} N m, rms): they are "
+            "a percentage, a current or counts, or in another unit",
+            only_joint(joints),
+            "wrong",
+            {"torque over that of the bodies": largest},
+            "look up the unit of the channel, and give its scale in the description of the log",
+            joints=tuple(joints),
+        )
 
 
 def limit_findings(experiment: Experiment) -> Iterator[Finding]:

@@ -16,7 +16,8 @@ UNIT = Code(
     "unit",
     "a channel in another unit than its column says",
     "Degrees, turns, encoder counts or grams where the header says SI; a scale in the description "
-    "that is already in the file.",
+    "that is already in the file; a torque in per cent or per mille of the rating of a motor, or "
+    "the duty cycle of a servo.",
     "Apply the `scale` or the unit of the remedy to the channel in the description of the log.",
 )
 TIME_UNIT = Code(
@@ -27,9 +28,10 @@ TIME_UNIT = Code(
 )
 WRAPS = Code(
     "wraps",
-    "a position that jumps by a whole turn while the joint moves on",
+    "a position or a torque that jumps by the whole range of its sensor while it moves on",
     "An encoder that counts within one turn, in a log that nothing unwraps: one that has a "
-    "description, or is read with `--repair`, is unwrapped.",
+    "description, or is read with `--repair`, is unwrapped. Or a signed integer of 16 bits that "
+    "was read without its sign, so that -1 is 65535.",
     "Give the `wraps` of the remedy in the description of the log. It does not say in which turn a "
     "log begins: a joint that has the encoder of its motor only needs an `offset` too.",
 )

@@ -402,6 +402,8 @@ def _is_magnitude(torque: Array) -> bool:
     if size == 0 or is_coarse or not has_one_sign:
         return False
     near, away = np.abs(torque) <= SLIGHT * size, np.abs(torque) > MOST * size
+    if np.mean(~near & (np.abs(torque) < (1 - SLIGHT) * size)) < FEW:
+        return False  # a signed integer without its sign is at both ends only
     levels = near[near | away]
     return int(np.count_nonzero(levels[1:] & ~levels[:-1])) >= EVENTS
 

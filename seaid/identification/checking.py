@@ -27,6 +27,9 @@ from seaid.checks import (
     selections,
     separation_findings,
     setup_findings,
+    strength_findings,
+    with_torques_of,
+    without_torque,
 )
 from seaid.drives import IDEAL_DRIVE, Drive
 from seaid.errors import (
@@ -150,11 +153,27 @@ def check(
     groups = datasets_by_log(robot, sources, cutoff_hz, None, False)
     by_log = [[first_motion(dataset) for dataset in group] for group in groups]
     experiment, motions = experiment_of(robot, by_log), list(chain(*by_log))
-    findings = setup_findings(experiment, findings)
+    findings = findings_of_setup(experiment, {*robot.joint_names}, findings)
     findings += separation_findings(robot, motions)
     if not is_wrong(findings):
         findings += _of_quick_fit(robot, in_memory, motions, findings)
     return SetupCheck(by_severity(findings), joint_checks(experiment, motions))
+
+
+def findings_of_setup(
+    experiment: Experiment, joints: Collection[str], known: Sequence[Finding]
+) -> list[Finding]:
+    """Return the `known` findings and those of the set-up, by the torques of some joints.
+
+    Torques that are known to be in another unit, or far too large, show nothing else.
+    """
+    trusted = with_torques_of(experiment, {*joints} - without_torque(known))
+    findings = setup_findings(trusted, known)
+    if any((one.code, one.severity) == ("unit", "wrong") for one in findings):
+        return findings
+    far = list(strength_findings(trusted))
+    kept = {*joints} - without_torque([*known, *far])
+    return setup_findings(with_torques_of(trusted, kept), [*known, *far]) if far else findings
 
 
 _OF_LOGS = ("delay", "encoder-offset")

@@ -47,7 +47,6 @@ from seaid.checks import (
     scale_of_bodies,
     selections,
     sensor_errors,
-    setup_findings,
     standstill_findings,
     that_matter,
     unknown_scales,
@@ -76,6 +75,7 @@ from seaid.identification.base_estimates import SensorBias, sensor_bias, whole_m
 from seaid.identification.checking import (
     JointCheck,
     check_channels,
+    findings_of_setup,
     joint_checks,
     standing_joints,
     without_locked_loads,
@@ -438,7 +438,9 @@ def _identify(
         moving = {*selected, *robot.elastic_joints} - {*standing}
         experiment = with_torques_of(experiment_of(robot, moved), moving)
         findings += base_findings(robot, logs_in_memory, moved)
-        findings[:] = setup_findings(experiment, findings)  # the list that `explained` has
+        findings[:] = findings_of_setup(
+            experiment, moving, findings
+        )  # the list that `explained` has
         used = joints_with_torque(robot, datasets) if torque_joints is None else selected
         findings += missing_torques(robot, selected, used)
         check_forces(datasets, used)

@@ -19,7 +19,7 @@ from seaid.identification.checking import check
 from seaid.log.log import Log
 from seaid.robot.robot import Robot
 from tests.commanded_joint import SOFT, URDF, mujoco_log, robot_of
-from tests.experiments import TEST_MASS, arm, arm_log, geared_arm_log, leg, leg_log
+from tests.experiments import MODELS, TEST_MASS, arm, arm_log, geared_arm_log, leg, leg_log
 from tests.mistakes import CASES, described, worst
 from tests.one_joint import one_joint
 
@@ -293,3 +293,104 @@ def test_a_wrapped_encoder_is_all_that_is_wrong_until_it_is_unwrapped() -> None:
         assert [x.code for x in found.warnings if x.severity != "note"] == ["wraps"]
         right = seaid.identify(robot, described(bad, found.warnings[0].remedy))
         assert right.verdict.level == "good"
+
+
+def limited(robot: Robot, log: Log) -> Robot:
+    """Return the robot with effort limits that its torques reach by two thirds."""
+    levers = [x.ratio * x.load_radius / x.motor_radius for x in robot.drives.values()]
+    largest = np.max(np.abs(log.motor_torque), axis=0)
+    return replace(robot, effort_limits=1.5 * largest * np.abs(levers))
+
+
+def rated(log: Log, full: float, *places: int) -> Log:
+    """Return the log with torques of some joints, of all by default, as parts of their limits."""
+    torque, chosen = log.motor_torque.copy(), list(places or range(len(log.joint_names)))
+    limits = 1.5 * np.max(np.abs(torque[:, chosen]), axis=0)
+    torque[:, chosen] = np.round(full * torque[:, chosen] / limits)
+    return replace(log, motor_torque=torque)
+
+
+RATED = [("leg", 100.0, ()), ("leg", 1000.0, (2,)), ("arm", 1000.0, ()), ("arm", 100.0, (1,))]
+
+
+@pytest.mark.parametrize(("case", "full", "places"), RATED)
+def test_torques_that_are_parts_of_a_rating_are_named(
+    case: str, full: float, places: tuple[int, ...]
+) -> None:
+    log = ROBOTS[case][1]()
+    robot = limited(ROBOTS[case][0](), log)
+    bad = rated(log, full, *places)
+    (finding,) = log_findings(robot, [bad])
+    names = [robot.joint_names[j] for j in places] or robot.joint_names
+    assert (finding.code, finding.severity) == ("unit", "wrong")
+    assert finding.joints == tuple(names)
+    right = described(bad, finding.remedy)
+    assert log_findings(robot, [right]) == []
+    steps = 1.5 * np.max(np.abs(log.motor_torque), axis=0) / full
+    assert np.all(np.abs(right.motor_torque - log.motor_torque) < 0.51 * steps)
+
+
+@pytest.mark.parametrize(("case", "full"), [("leg", 1000.0), ("arm", 100.0)])
+@pytest.mark.parametrize("bits", [16, 32])
+def test_signed_integers_that_were_read_without_their_sign(
+    case: str, full: float, bits: int
+) -> None:
+    """A servo that counts its load in 0.1 % gives 65535 for -1, which looked like a joint limit."""
+    log = ROBOTS[case][1]()
+    robot = limited(ROBOTS[case][0](), log)
+    signed = rated(log, full)
+    (finding,) = log_findings(robot, [replace(signed, motor_torque=signed.motor_torque % 2**bits)])
+    assert (finding.code, finding.severity, finding.joints) == ("wraps", "wrong", robot.joint_names)
+    read = replace(signed, motor_torque=signed.motor_torque % 2**bits)
+    right = described(read, finding.remedy)
+    assert np.array_equal(right.motor_torque, signed.motor_torque)
+    (finding,) = log_findings(robot, [right])
+    assert finding.code == "unit"
+
+
+@pytest.mark.slow  # identifies the leg three times
+def test_parts_of_a_rating_are_one_finding_of_a_log() -> None:
+    """They looked like a payload of many times its mass, and like three units."""
+    log = leg_log()
+    robot = limited(leg(TEST_MASS), log)
+    bad = rated(log, 1000.0)
+    found = seaid.identify(robot, bad)
+    assert [x.code for x in found.warnings if x.severity != "note"] == ["unit"]
+    assert [x.code for x in seaid.check(robot, bad).warnings] == ["unit"]
+    right = seaid.identify(robot, described(bad, found.warnings[0].remedy))
+    assert "unit" not in [x.code for x in right.warnings]
+    assert right.drives["knee_pitch"].value("stiffness") == pytest.approx(
+        seaid.identify(robot, log).drives["knee_pitch"].value("stiffness"), rel=0.02
+    )
+
+
+@pytest.mark.slow  # identifies the pendulum of a servo, and checks three robots
+def test_torques_far_above_those_of_known_bodies_are_named() -> None:
+    """Friction of a hundred times the weight of a known payload was "good" for a servo's load."""
+    robot, log = _servo_with_payload()
+    found = seaid.identify(robot, log)
+    (finding,) = [x for x in found.warnings if x.severity == "wrong"]
+    assert (finding.code, finding.joint) == ("unit", "pendulum")
+    scaled = replace(log, motor_torque=log.motor_torque * 0.6 / 100)
+    assert "unit" not in [x.code for x in seaid.identify(robot, scaled).warnings]
+    for case, (make, log_of) in ROBOTS.items():
+        known = replace(make(), known_bodies=make().body_names)
+        assert seaid.check(known, log_of()).warnings == (), case
+
+
+def _servo_with_payload() -> tuple[Robot, Log]:
+    """Return a pendulum with a payload of 0.49 kg, and a log of the duty cycle of its servo [%]."""
+    drive = seaid.StiffDrive(gear_ratio=1.0, friction=("viscous", "coulomb", "offset"))
+    payload = seaid.Payload("arm", 0.49, (0, 0, -0.1))
+    path = MODELS / "xl330_pendulum.urdf"
+    robot = seaid.load_robot(path, {"pendulum": drive}, payloads=[payload])
+    time = np.arange(0, 6, 0.005)
+    angle = 0.5 * np.sin(4 * time) * np.sin(0.7 * time)
+    speed = np.gradient(angle, time)
+    weight, inertia = 0.049 * 9.81, 0.0049 + 0.0016
+    torque = weight * np.sin(angle) + inertia * np.gradient(speed, time)
+    torque += 0.03 * np.tanh(speed / 0.1) + 0.05 * speed
+    duty = torque * 100 / 0.6 + np.random.default_rng(3).normal(size=len(time))
+    nothing = np.full((len(time), 1), np.nan)
+    log = seaid.Log(time, ("pendulum",), nothing, angle[:, None], duty[:, None])
+    return replace(robot, effort_limits=np.array([np.inf])), log
