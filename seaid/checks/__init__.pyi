@@ -3,6 +3,7 @@ from .base import missing_torques as missing_torques
 from .base import sensor_errors as sensor_errors
 from .channels import excluded_findings as excluded_findings
 from .channels import locked_outputs as locked_outputs
+from .channels import rating_findings as rating_findings
 from .channels import standstill_findings as standstill_findings
 from .channels import strength_findings as strength_findings
 from .channels import without_torque as without_torque

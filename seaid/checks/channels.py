@@ -547,6 +547,57 @@ def _offset(experiment: Experiment, j: int, number: int, change: float, size: fl
     )
 
 
+def rating_findings(experiment: Experiment) -> Iterator[Finding]:
+    """Yield torques that are parts of a rating of each motor: each has another factor.
+
+    Factors on the torques of the bodies in the robot file differ from joint to joint as their
+    limits do, or are all so large that masses do not explain them.
+    """
+    robot, names, lever = experiment.robot, experiment.robot.joint_names, experiment.lever
+    of_bodies, is_motor = experiment.regressor @ experiment.bodies, np.isfinite(experiment.torque)
+    if robot.has_controllers or not np.all(np.isfinite(experiment.bodies)):
+        return
+    torque = np.where(is_motor, lever * experiment.torque, experiment.sensed)
+    factors, clear = dict[int, float](), list[int]()
+    for j in experiment.used:
+        columns = (of_bodies[:, j], *experiment.friction[j].T, experiment.motor[2][:, j])
+        x = scaled_svd(np.column_stack(columns)).solve(torque[:, j])
+        if x[0] > 0:
+            factors[j] = float(x[0])
+            left = torque[:, j] - np.column_stack(columns) @ x
+            clear += [j] if np.std(left) < PART * x[0] * np.std(of_bodies[:, j]) else []
+    logs = np.log([factors[j] for j in clear])
+    behind = logs - np.log(np.abs(lever[clear]))  # torques behind the gears have their ratio
+    if len(clear) < 3 or np.std(logs) < MOST or np.max(np.abs(behind)) < np.log(TWICE):
+        return
+    scales, by = {j: 1 / factor for j, factor in factors.items()}, "masses"
+    limits = robot.effort_limits / np.where(is_motor[0], np.abs(lever), 1.0)
+    if np.all(np.isfinite(limits) & (limits > 0)):
+        parts = logs + np.log(limits[clear])
+        if np.std(parts) < PART * np.std(logs) > PART * np.log(TWICE):
+            full = 10.0 ** np.rint(np.median(parts) / np.log(10))
+            scales, by = {j: float(limits[j] / full) for j in experiment.used}, "limits"
+    if by == "masses" and np.min(logs) < np.log(FAR):
+        return
+    least, largest = (float(np.exp(end(logs))) for end in (np.min, np.max))
+    lines = {
+        names[j]: {
+            quantity: changed_source(experiment.source(j, quantity), factor=float(f"{x:.4g}"))
+            for quantity in experiment.logged(j, "t")
+        }
+        for j, x in scales.items()
+    }
+    yield UNIT.finding(
+        f"the torques of {', '.join(lines)} are {least:.3g} to {largest:.3g} times those of the "
+        "bodies of the robot file, as parts of a rating of each motor are (per cent, per mille)",
+        severity="wrong",
+        evidence={"least factor": least, "largest factor": largest},
+        remedy=f"{in_description(lines)}\n# by the {by} of the robot file; the ratings in the data "
+        "sheets are better",
+        joints=tuple(lines),
+    )
+
+
 def strength_findings(experiment: Experiment) -> Iterator[Finding]:
     """Yield torques that are far larger than any that the bodies need, most of which are known.
 

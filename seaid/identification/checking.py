@@ -23,6 +23,7 @@ from seaid.checks import (
     log_findings,
     model_findings,
     model_sides,
+    rating_findings,
     resolved_widths,
     selections,
     separation_findings,
@@ -168,6 +169,8 @@ def findings_of_setup(
     Torques that are known to be in another unit, or far too large, show nothing else.
     """
     trusted = with_torques_of(experiment, {*joints} - without_torque(known))
+    known = [*known, *rating_findings(trusted)]
+    trusted = with_torques_of(trusted, {*joints} - without_torque(known))
     findings = setup_findings(trusted, known)
     if any((one.code, one.severity) == ("unit", "wrong") for one in findings):
         return findings

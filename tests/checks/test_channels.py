@@ -348,20 +348,33 @@ def test_signed_integers_that_were_read_without_their_sign(
     assert finding.code == "unit"
 
 
-@pytest.mark.slow  # identifies the leg three times
-def test_parts_of_a_rating_are_one_finding_of_a_log() -> None:
-    """They looked like a payload of many times its mass, and like three units."""
-    log = leg_log()
-    robot = limited(leg(TEST_MASS), log)
-    bad = rated(log, 1000.0)
+def parts(log: Log, robot: Robot, share: Array) -> Log:
+    """Return the log with torques in per cent of ratings that are shares of the limits."""
+    levers = [x.ratio * x.load_radius / x.motor_radius for x in robot.drives.values()]
+    return replace(
+        log, motor_torque=100 * log.motor_torque * np.abs(levers) / (robot.effort_limits * share)
+    )
+
+
+@pytest.mark.slow  # identifies three robots twice
+@pytest.mark.parametrize("case", ROBOTS)
+@pytest.mark.parametrize("spread", [0.0, 0.3])
+def test_parts_of_a_rating_are_one_finding_of_a_log(case: str, spread: float) -> None:
+    """They looked like a payload of many times its mass, a rotor, and one unit for each joint."""
+    log = ROBOTS[case][1]()
+    robot = limited(ROBOTS[case][0](), log)
+    share = np.exp(spread * np.random.default_rng(4).uniform(-1, 1, robot.n))
+    bad = parts(log, robot, share)
     found = seaid.identify(robot, bad)
     assert [x.code for x in found.warnings if x.severity != "note"] == ["unit"]
     assert [x.code for x in seaid.check(robot, bad).warnings] == ["unit"]
-    right = seaid.identify(robot, described(bad, found.warnings[0].remedy))
-    assert "unit" not in [x.code for x in right.warnings]
-    assert right.drives["knee_pitch"].value("stiffness") == pytest.approx(
-        seaid.identify(robot, log).drives["knee_pitch"].value("stiffness"), rel=0.02
-    )
+    assert set(found.warnings[0].joints) == set(robot.joint_names)
+    right = described(bad, found.warnings[0].remedy)
+    assert right.motor_torque * share == pytest.approx(log.motor_torque, rel=1e-3)
+    if not spread:
+        assert seaid.identify(robot, right).verdict.level == "good"
+    free = replace(robot, effort_limits=np.full(robot.n, np.inf))
+    assert "unit" in [x.code for x in seaid.check(free, bad).warnings] or case == "ur10"
 
 
 @pytest.mark.slow  # identifies the pendulum of a servo, and checks three robots
