@@ -5,6 +5,7 @@ from .channels import excluded_findings as excluded_findings
 from .channels import locked_outputs as locked_outputs
 from .channels import rating_findings as rating_findings
 from .channels import standstill_findings as standstill_findings
+from .channels import stop_findings as stop_findings
 from .channels import strength_findings as strength_findings
 from .channels import without_torque as without_torque
 from .check import Code as Code

@@ -11,10 +11,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from seaid._arrays import Array, is_constant, resolution
+from seaid._arrays import Array, is_constant, resolution, runs
 from seaid._files import toml_key, toml_table
 from seaid.checks.check import Observation, in_description, in_drives, only_joint
 from seaid.checks.codes import (
+    CONTACT,
     DELAY,
     ENCODER_OFFSETS_DIFFER,
     HOLES,
@@ -29,6 +30,7 @@ from seaid.checks.codes import (
 )
 from seaid.checks.experiment import Experiment, stands_locked
 from seaid.checks.tolerances import (
+    CORRELATED_ROWS,
     EVENTS,
     FAR,
     FASTEST_HZ,
@@ -45,11 +47,13 @@ from seaid.checks.tolerances import (
     PART,
     POOR,
     SLOWEST_HZ,
+    SURE,
     TWICE,
+    WINDOW_S,
 )
 from seaid.drives import Drive
 from seaid.errors import Finding
-from seaid.estimation import scaled_svd
+from seaid.estimation import RANK_TOLERANCE, scaled_svd
 from seaid.log import REST, Log, Processing, changed_source, held_over, wrap_period
 from seaid.regressor import INPUT_FIELDS
 from seaid.robot import Robot
@@ -453,8 +457,9 @@ def _standing(logged: Logged) -> Iterator[Finding]:
 
 
 def without_torque(findings: Iterable[Finding]) -> set[str]:
-    """Return the joints whose torques are known to be in another unit, or to wrap around."""
-    wrong = (finding for finding in findings if finding.code in (UNIT.name, WRAPS.name))
+    """Return the joints whose torques are in another unit, wrap around, or are those of a stop."""
+    codes = (UNIT.name, WRAPS.name, CONTACT.name)
+    wrong = (finding for finding in findings if finding.code in codes)
     return {joint for finding in wrong for joint in finding.joints}
 
 
@@ -568,7 +573,8 @@ def rating_findings(experiment: Experiment) -> Iterator[Finding]:
             clear += [j] if np.std(left) < PART * x[0] * np.std(of_bodies[:, j]) else []
     logs = np.log([factors[j] for j in clear])
     behind = logs - np.log(np.abs(lever[clear]))  # torques behind the gears have their ratio
-    if len(clear) < 3 or np.std(logs) < MOST or np.max(np.abs(behind)) < np.log(TWICE):
+    is_right = len(clear) < 3 or np.median(np.abs(logs)) < MOST
+    if is_right or np.std(logs) < MOST or np.max(np.abs(behind)) < np.log(TWICE):
         return
     scales, by = {j: 1 / factor for j, factor in factors.items()}, "masses"
     limits = robot.effort_limits / np.where(is_motor[0], np.abs(lever), 1.0)
@@ -629,6 +635,58 @@ def strength_findings(experiment: Experiment) -> Iterator[Finding]:
             "look up the unit of the channel, and give its scale in the description of the log",
             joints=tuple(joints),
         )
+
+
+def stop_findings(experiment: Experiment, logs: Sequence[Log]) -> Iterator[Finding]:
+    """Yield joints whose motors push outwards where they are at their limits, as against a stop.
+
+    The torque there is compared with what the rest of the motion predicts, in units of the error of
+    such a prediction.
+    """
+    robot = experiment.robot
+    for j in experiment.used if not robot.has_controllers else ():
+        joint, (low, high) = robot.joint_names[j], robot.position_range(robot.joint_names[j])
+        if not np.isfinite(high - low):
+            continue
+        place, far = experiment.joint[0][:, j] - 0.5 * (low + high), (0.5 - FEW) * (high - low)
+        at_limit = np.abs(place) > far
+        share = float(np.mean(at_limit))
+        if not FEW < share < MOST:
+            continue
+        y = experiment.target[:, j] / np.std(experiment.target[:, j])
+        rate = experiment.motor[2][:, j]
+        H = np.column_stack([experiment.regressor[:, j], experiment.friction[j], rate])
+        svd = scaled_svd(H[~at_limit])
+        kept, left = svd.rank(RANK_TOLERANCE), y - H @ svd.solve(y[~at_limit], RANK_TOLERANCE)
+        reach = (H[at_limit] / svd.norms) @ svd.vectors[:kept].T / svd.sizes[:kept]
+        noise = np.sum(left[~at_limit] ** 2) / max(np.sum(~at_limit) - kept, 1)
+        error = np.sqrt(1 + CORRELATED_ROWS * np.sum(reach**2, axis=1)) * max(noise**0.5, FEW)
+        push = float(np.mean(left[at_limit] * np.sign(place[at_limit]) / error))
+        if push > SURE:
+            yield CONTACT.finding(
+                f"{joint} is at its limit in the robot file, or beyond it, in {share:.0%} of the "
+                f"samples, where its motor pushes outwards by {push:.3g} times the error of what "
+                "the other samples predict: the torque there is that of a stop",
+                joint,
+                "wrong",
+                evidence={"share at the limit": share, "push over its error": push},
+                remedy="\n".join(
+                    f"in the description of {where.removeprefix(' of ') or 'the log'}:\n"
+                    f"exclude_s = {_times_beyond(log, robot, joint, far)}"
+                    for where, log in Logged(robot, logs, ()).numbered
+                ),
+                joints=(joint,),
+            )
+
+
+def _times_beyond(log: Log, robot: Robot, joint: str, far: float) -> list[list[float]]:
+    """Return the times [s] around those at which a joint is far from the middle of its range."""
+    j, drive, step = log.joint_names.index(joint), robot.drives[joint], np.median(np.diff(log.time))
+    behind = log.motor_position[:, j] * drive.motor_radius / (drive.ratio * drive.load_radius)
+    place = np.where(np.isnan(log.joint_position[:, j]), behind, log.joint_position[:, j])
+    is_beyond = np.abs(place - np.mean(robot.position_range(joint))) > far
+    near = np.convolve(is_beyond, np.ones(2 * round(WINDOW_S / step) + 1), mode="same") > 0.5
+    return [[round(float(log.time[k]), 3) for k in (a, b - 1)] for a, b in runs(near)]
 
 
 def limit_findings(experiment: Experiment) -> Iterator[Finding]:

@@ -28,6 +28,7 @@ from seaid.checks import (
     selections,
     separation_findings,
     setup_findings,
+    stop_findings,
     strength_findings,
     with_torques_of,
     without_torque,
@@ -154,7 +155,7 @@ def check(
     groups = datasets_by_log(robot, sources, cutoff_hz, None, False)
     by_log = [[first_motion(dataset) for dataset in group] for group in groups]
     experiment, motions = experiment_of(robot, by_log), list(chain(*by_log))
-    findings = findings_of_setup(experiment, {*robot.joint_names}, findings)
+    findings = findings_of_setup(experiment, {*robot.joint_names}, findings, in_memory)
     findings += separation_findings(robot, motions)
     if not is_wrong(findings):
         findings += _of_quick_fit(robot, in_memory, motions, findings)
@@ -162,21 +163,28 @@ def check(
 
 
 def findings_of_setup(
-    experiment: Experiment, joints: Collection[str], known: Sequence[Finding]
+    experiment: Experiment, joints: Collection[str], known: Sequence[Finding], logs: Sequence[Log]
 ) -> list[Finding]:
     """Return the `known` findings and those of the set-up, by the torques of some joints.
 
-    Torques that are known to be in another unit, or far too large, show nothing else.
+    Torques that are known to be in another unit, far too large or those of a stop show nothing
+    else. A stop is one where no mistake of the set-up explains the torque without it.
     """
-    trusted = with_torques_of(experiment, {*joints} - without_torque(known))
-    known = [*known, *rating_findings(trusted)]
-    trusted = with_torques_of(trusted, {*joints} - without_torque(known))
-    findings = setup_findings(trusted, known)
+
+    def trusted(known: Sequence[Finding]) -> Experiment:
+        return with_torques_of(experiment, {*joints} - without_torque(known))
+
+    known = [*known, *rating_findings(trusted(known))]
+    findings = setup_findings(trusted(known), known)
     if any((one.code, one.severity) == ("unit", "wrong") for one in findings):
         return findings
-    far = list(strength_findings(trusted))
-    kept = {*joints} - without_torque([*known, *far])
-    return setup_findings(with_torques_of(trusted, kept), [*known, *far]) if far else findings
+    far = [*known, *strength_findings(trusted(known))]
+    if len(far) > len(known):
+        return setup_findings(trusted(far), far)
+    stops = list(stop_findings(trusted(known), logs))
+    beyond = setup_findings(trusted([*known, *stops]), [*known, *stops]) if stops else findings
+    others = (one for one in beyond if one not in known and one not in stops)
+    return findings if any(one.severity != "note" for one in others) else beyond
 
 
 _OF_LOGS = ("delay", "encoder-offset")

@@ -438,9 +438,8 @@ def _identify(
         moving = {*selected, *robot.elastic_joints} - {*standing}
         experiment = with_torques_of(experiment_of(robot, moved), moving)
         findings += base_findings(robot, logs_in_memory, moved)
-        findings[:] = findings_of_setup(
-            experiment, moving, findings
-        )  # the list that `explained` has
+        # the list that `explained` has
+        findings[:] = findings_of_setup(experiment, moving, findings, logs_in_memory)
         used = joints_with_torque(robot, datasets) if torque_joints is None else selected
         findings += missing_torques(robot, selected, used)
         check_forces(datasets, used)

@@ -407,3 +407,51 @@ def _servo_with_payload() -> tuple[Robot, Log]:
     nothing = np.full((len(time), 1), np.nan)
     log = seaid.Log(time, ("pendulum",), nothing, angle[:, None], duty[:, None])
     return replace(robot, effort_limits=np.array([np.inf])), log
+
+
+def stopped(case: str, joint: str, share: float, size: float) -> tuple[Robot, Log, Log]:
+    """Return a robot whose joint meets an elastic stop in a share of its samples, and its logs.
+
+    The first log is that with the stop, which pushes with up to `size` times the standard deviation
+    of the torque, and the second one that without it. A spring carries the push too.
+    """
+    robot, log = ROBOTS[case][0](), ROBOTS[case][1]()
+    j, drive = robot.index(joint), robot.drives[joint]
+    place = log.joint_position[:, j]
+    limit = float(np.quantile(place, 1 - share))
+    lower, upper = np.min(log.joint_position, axis=0) - 1, np.max(log.joint_position, axis=0) + 1
+    upper[j] = limit
+    push = np.maximum(place - limit, 0) / np.ptp(np.maximum(place - limit, 0))
+    push *= size * float(np.std(log.motor_torque[:, j]))
+    torque, motor = log.motor_torque.copy(), log.motor_position.copy()
+    torque[:, j] += push
+    if isinstance(drive, seaid.SeriesElasticDrive):
+        gear = drive.motor_radius / drive.ratio
+        motor[:, j] += push / (gear**2 * drive.values["stiffness"])
+    robot = replace(robot, lower_limits=lower, upper_limits=upper)
+    return robot, replace(log, motor_torque=torque, motor_position=motor), log
+
+
+def excluded(log: Log, remedy: str) -> Log:
+    """Return the log without the times that a remedy excludes."""
+    spans = tomllib.loads(remedy.split("\n", 1)[1])["exclude_s"]
+    kept = [not any(start <= t < end for start, end in spans) for t in log.time]
+    samples = np.flatnonzero(kept)
+    return at(log, samples, log.time[samples])
+
+
+STOPS = [("leg", "knee_pitch"), ("leg", "hip_roll"), ("arm", "rail"), ("ur10", "elbow_joint")]
+
+
+@pytest.mark.slow  # identifies three robots
+@pytest.mark.parametrize(("case", "joint"), STOPS)
+@pytest.mark.parametrize(("share", "size"), [(0.05, 1.0), (0.2, 3.0)])
+def test_a_joint_at_its_stop_is_named(case: str, joint: str, share: float, size: float) -> None:
+    robot, bad, right = stopped(case, joint, share, size)
+    assert seaid.check(robot, right).warnings == ()
+    found = [x for x in seaid.identify(robot, bad).warnings if x.severity != "note"]
+    assert [(x.code, x.joint, x.severity) for x in found] == [("contact", joint, "wrong")]
+    assert found[0].evidence["share at the limit"] == pytest.approx(share, abs=0.06)
+    logs = (excluded(log, found[0].remedy) for log in (bad, right))
+    repaired, wanted = (seaid.identify(robot, log).verdict.sentence for log in logs)
+    assert repaired == wanted
