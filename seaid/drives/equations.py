@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
 
 import sympy as sp
 
@@ -170,35 +170,36 @@ class DriveEquation:
         return (*named, *sorted(free - set(named), key=str))
 
 
-def deflection(drive: Drive) -> sp.Expr:
-    """Return the deflection r_M/N theta_M - r_L theta_L, less its zero for a nonlinear spring."""
-    stretch = r_M / N * theta_M - r_L * theta_L
-    return stretch - d_0 if drive.is_nonlinear_spring else stretch
-
-
 def spring_force(drive: Drive) -> sp.Expr:
     """Return the spring force (3) with the terms of the drive's spring, 0 without a spring.
 
     A linear spring has the spring offset f_0, which absorbs unknown encoder offsets.
     """
-    d = deflection(drive)
+    offset = f_0 if drive.is_elastic and not drive.is_nonlinear_spring else 0
+    kind = next((term for term in DEAD_ZONES if term in drive.spring), None)
+    terms = _spring_terms(drive.is_nonlinear_spring, kind)
+    whole = sum((terms[term] for term in drive.spring), sp.Integer(0)) + offset
+    return whole + periodic(drive, "transmission_error")
+
+
+@cache
+def _spring_terms(is_nonlinear: bool, dead_zone: str | None) -> dict[str, sp.Expr]:
+    """Return {term: force} of all terms of a spring, with the deflection outside a dead zone."""
     stretch = r_M / N * theta_M - r_L * theta_L
-    if "dead_zone" in drive.spring:
+    d = stretch - d_0 if is_nonlinear else stretch
+    if dead_zone == "dead_zone":
         d = d - (sp.Abs(d + g) - sp.Abs(d - g)) / 2  # d less its saturation to -g .. g
-    elif "smooth_dead_zone" in drive.spring:  # the same in the limit w_g -> 0
+    elif dead_zone == "smooth_dead_zone":  # the same in the limit w_g -> 0
         d = d - (sp.sqrt((d + g) ** 2 + w_g**2) - sp.sqrt((d - g) ** 2 + w_g**2)) / 2
-    terms = {
+    return {
         "linear": k * d,
         "cubic": k_3 * d**3,
         "fifth": k_5 * d**5,
         "damping": c_k * stretch.diff(t),
-        "preload": f_0 if drive.is_nonlinear_spring else 0,
+        "preload": f_0 if is_nonlinear else 0,
         **dict.fromkeys(DEAD_ZONES, 0),
         "dahl": F_H * Dahl(stretch, w_H),
     }
-    offset = f_0 if drive.is_elastic and not drive.is_nonlinear_spring else 0
-    whole = sum((terms[term] for term in drive.spring), sp.Integer(0)) + offset
-    return whole + periodic(drive, "transmission_error")
 
 
 _ANGLES = {"motor": theta_M, "joint": theta_L, "mesh": theta_M - theta_M / N}
@@ -225,18 +226,23 @@ def direction(drive: Drive) -> sp.Expr:
     return sp.tanh(w / w_C) if "smooth_coulomb" in drive.friction else sp.sign(w)
 
 
+_Q = theta_L - q_0
+_LEVELS = {
+    **dict.fromkeys(COULOMB, F_C),
+    "stribeck": F_S * sp.exp(-((theta_M.diff(t) / w_S) ** 2)),
+    "coulomb_position": F_x * _Q + F_xx * _Q**2,
+    "coulomb_temperature": F_CT * Delta_T,
+    "coulomb_warm_up": F_CW * sp.exp(-t_log / t_W),
+}
+"""{term: its level of friction} of all but the load."""
+
+
 def friction_level(drive: Drive) -> sp.Expr:
     """Return the factor of sign(w) in the motor's friction: Coulomb, load and other terms."""
-    w, x = theta_M.diff(t), theta_L - q_0
-    behind_gear = r_M / N * spring_force(drive) if drive.is_elastic else tau_G / N
-    terms = {
-        **dict.fromkeys(COULOMB, F_C),
-        "load": F_L * sp.Abs(behind_gear),
-        "stribeck": F_S * sp.exp(-((w / w_S) ** 2)),
-        "coulomb_position": F_x * x + F_xx * x**2,
-        "coulomb_temperature": F_CT * Delta_T,
-        "coulomb_warm_up": F_CW * sp.exp(-t_log / t_W),
-    }
+    terms = _LEVELS
+    if "load" in drive.friction:
+        behind_gear = r_M / N * spring_force(drive) if drive.is_elastic else tau_G / N
+        terms = {**terms, "load": F_L * sp.Abs(behind_gear)}
     return sum((terms[term] for term in drive.friction if term in terms), sp.Integer(0))
 
 
@@ -245,18 +251,22 @@ def dry_friction(drive: Drive) -> sp.Expr:
     return sp.Integer(0) if is_smooth(drive) else friction_level(drive)
 
 
+_W = theta_M.diff(t)
+_SMOOTH = {
+    "viscous": F_v * _W,
+    "offset": F_0,
+    "asymmetric": F_a * sp.Abs(_W),
+    "quadratic": F_q * _W * sp.Abs(_W),
+    "viscous_temperature": F_vT * Delta_T * _W,
+    "viscous_warm_up": F_vW * sp.exp(-t_log / t_W) * _W,
+}
+"""{term: its torque} of friction that cannot hold a motor at rest."""
+
+
 def smooth_friction(drive: Drive) -> sp.Expr:
     """Return the motor's friction without sign(w), which cannot hold it at rest, and its ripple."""
-    w = theta_M.diff(t)
-    terms = {
-        "viscous": F_v * w,
-        "offset": F_0,
-        "asymmetric": F_a * sp.Abs(w),
-        "quadratic": F_q * w * sp.Abs(w),
-        "viscous_temperature": F_vT * Delta_T * w,
-        "viscous_warm_up": F_vW * sp.exp(-t_log / t_W) * w,
-    }
-    own = sum((terms[term] for term in drive.friction if term in terms), sp.Integer(0))
+    terms = [_SMOOTH[term] for term in drive.friction if term in _SMOOTH]
+    own = sum(terms, sp.Integer(0))
     own = own + periodic(drive, "torque_ripple")
     return own + friction_level(drive) * direction(drive) if is_smooth(drive) else own
 

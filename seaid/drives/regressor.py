@@ -52,8 +52,7 @@ class DriveRegressor:
     @cached_property
     def signals(self) -> set[str]:
         """Names of the signals in the equation."""
-        found = [flat_names(entry).free_symbols for entry in (self.zeta, *self.row)]
-        return {str(symbol) for symbols in found for symbol in symbols} & set(_ARGUMENTS.values())
+        return _symbols_in(self.zeta, self.row) & set(_ARGUMENTS.values())
 
     @cached_property
     def known(self) -> dict[str, float]:
@@ -96,15 +95,7 @@ class DriveRegressor:
 
 def drive_regressor(equation: DriveEquation, drive: Drive, joint: str = "") -> DriveRegressor:
     """Derive the regressor of a drive's equation by Algorithm 1; if nonlinear, by derivatives."""
-    own = PARAMETER_NAMES.keys() | set(map(symbol_of, drive.parameter_names))
-    nonlinear = () if _hides_a_parameter(equation, own) else non_linear(equation)
-    has_memory = equation.expression.has(Dahl)
-    if (nonlinear or has_memory) and own >= set(nonlinear):
-        row = tuple(_slope(equation.expression, symbol) for symbol in equation.unknowns)
-        linear = {symbol: 0 for symbol in equation.unknowns if symbol not in nonlinear}
-        zeta, parameters = -flat_names(equation.expression).subs(linear), equation.unknowns
-    else:
-        nonlinear, (zeta, parameters, row) = (), _separated(equation)
+    zeta, parameters, row, nonlinear = _derived(equation, drive.parameter_names)
     return DriveRegressor(
         names=tuple(PARAMETER_NAMES.get(symbol, str(symbol)) for symbol in parameters),
         units=tuple(
@@ -116,6 +107,35 @@ def drive_regressor(equation: DriveEquation, drive: Drive, joint: str = "") -> D
         non_linear=tuple(PARAMETER_NAMES.get(symbol, str(symbol)) for symbol in nonlinear),
         joint=joint,
     )
+
+
+_Row = tuple[sp.Expr, ...]
+
+
+@cache
+def _derived(
+    equation: DriveEquation, parameter_names: tuple[str, ...]
+) -> tuple[sp.Expr, _Row, _Row, _Row]:
+    """Return zeta, parameters, row and nonlinear parameters of the equation of a kind of drive.
+
+    They do not depend on the values of a drive, so that drives of a kind share them.
+    """
+    own = PARAMETER_NAMES.keys() | set(map(symbol_of, parameter_names))
+    nonlinear = () if _hides_a_parameter(equation, own) else non_linear(equation)
+    has_memory = equation.expression.has(Dahl)
+    if (nonlinear or has_memory) and own >= set(nonlinear):
+        row = tuple(_slope(equation.expression, symbol) for symbol in equation.unknowns)
+        linear = {symbol: 0 for symbol in equation.unknowns if symbol not in nonlinear}
+        zeta = -flat_names(equation.expression).subs(linear)
+        return zeta, equation.unknowns, row, nonlinear
+    return *_separated(equation), ()
+
+
+@cache
+def _symbols_in(zeta: sp.Expr, row: _Row) -> set[str]:
+    """Return the names of the symbols in the entries of a row."""
+    found = [flat_names(entry).free_symbols for entry in (zeta, *row)]
+    return {str(symbol) for symbols in found for symbol in symbols}
 
 
 def _hides_a_parameter(equation: DriveEquation, own: Collection[sp.Symbol]) -> bool:
@@ -149,8 +169,7 @@ def _slope(expression: sp.Expr, symbol: sp.Symbol) -> sp.Expr:
     return flat.xreplace(real).diff(symbol).replace(sp.DiracDelta, lambda *_: sp.Integer(0))
 
 
-@cache
-def _separated(equation: DriveEquation) -> tuple[sp.Expr, tuple[sp.Expr, ...], tuple[sp.Expr, ...]]:
+def _separated(equation: DriveEquation) -> tuple[sp.Expr, _Row, _Row]:
     expression, unknowns = equation.expression, list(equation.unknowns)
     if not unknowns:
         return -expression, (), ()

@@ -9,7 +9,7 @@ friction brings a motor or joint to rest. All joints are in the order of Pinocch
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
@@ -17,7 +17,7 @@ import pinocchio as pin
 from scipy.linalg.lapack import dposv
 
 from seaid._arrays import Array, IndexArray, safely
-from seaid.drives import OfState, after_travel
+from seaid.drives import DriveFunctions, OfState, after_travel
 from seaid.errors import RobotError, SeaidError
 from seaid.simulation.plant import (
     JOINT_POSITION,
@@ -132,16 +132,16 @@ def accelerations(
     force = spring_force(plant, turned)
     if not plant.functions:
         return _driven(plant, data, state, free, force, slip)
-    at = turned.T.tolist()
-    gear, under_load = np.zeros_like(free), list(plant.under_load)
+    at, under_load = turned.T.tolist(), list(plant.under_load)
+    gear = np.zeros_like(free)
+    of_load = [(index, drive) for index, drive in plant.functions if drive.is_under_load]
+    others = [(index, drive) for index, drive in plant.functions if not drive.is_under_load]
+    free = _without_friction(free, others, at, slip, gear)
+    if not of_load:
+        return _driven(plant, data, state, free, force, slip)
     last: tuple[Array, Array] | None = None
     for _ in range(_MOST_ITERATIONS):
-        rest = free.copy()
-        for index, drive in plant.functions:
-            through = float(gear[index])
-            rest[index] -= of_column(drive.friction, at[index], through)
-            if slip[index] != 0:
-                rest[index] -= of_column(drive.level, at[index], through) * slip[index]
+        rest = _without_friction(free, of_load, at, slip, gear)
         motor, joint = _driven(plant, data, state, rest, force, slip)
         found = (plant.ratio * (rest - plant.motor_inertia * motor))[under_load]
         error = found - gear[under_load]
@@ -152,6 +152,23 @@ def accelerations(
     raise SeaidError(
         "load-dependent friction does not converge: load_friction must be well below one"
     )
+
+
+def _without_friction(
+    torque: Array,
+    drives: Sequence[tuple[int, DriveFunctions]],
+    at: Sequence[list[float]],
+    slip: Array,
+    gear: Array,
+) -> Array:
+    """Return the torques of motors less the friction of some drives, with torques through gears."""
+    rest = torque.copy()
+    for index, drive in drives:
+        through = float(gear[index])
+        rest[index] -= of_column(drive.friction, at[index], through)
+        if slip[index] != 0:
+            rest[index] -= of_column(drive.level, at[index], through) * slip[index]
+    return rest
 
 
 def _faster(found: Array, error: Array, found_before: Array, error_before: Array) -> Array:
