@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from scripts.benchmarks.house import faces, import_graph, longest_chain
-from tests.sources import tree_of
+from tests.sources import import_statements, inner_statements, tree_of
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -41,7 +41,7 @@ def imported(nodes: Iterable[ast.AST], within: bool) -> Iterator[str]:
         elif isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
             yield from imported(node.orelse, within)
         elif within or not isinstance(node, ast.FunctionDef):
-            yield from imported(ast.iter_child_nodes(node), within)
+            yield from imported(inner_statements(node), within)
 
 
 FLOORS = (
@@ -80,7 +80,7 @@ def package_of(module: str) -> str:
 def imports_of(name: str) -> set[str]:
     """All modules of seaid that a module imports, in its functions and for its types too."""
     found = set()
-    for node in ast.walk(tree_of(SOURCES[name])):
+    for node in import_statements(SOURCES[name]):
         if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "seaid":
             for alias in node.names:
                 inner = f"{node.module}.{alias.name}"

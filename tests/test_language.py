@@ -65,15 +65,20 @@ def files() -> list[Path]:
 
 
 @cache
-def texts() -> dict[str, str]:
-    return {path.relative_to(ROOT).as_posix(): path.read_text("utf-8") for path in files()}
+def texts() -> dict[str, tuple[str, str]]:
+    """Return the texts by the names of their files, as they are and in lower case."""
+    found = {path.relative_to(ROOT).as_posix(): path.read_text("utf-8") for path in files()}
+    return {name: (text, text.lower()) for name, text in found.items()}
 
 
 def dialect(words: Iterable[str] = tuple(INSTEAD)) -> list[str]:
     """Return the lines that have one of the words, with their places."""
-    pattern, found = re.compile("|".join(words), re.IGNORECASE), []
-    for name, text in texts().items():
-        if not pattern.search(text):
+    joined = "|".join(words)
+    pattern, found = re.compile(joined, re.IGNORECASE), []
+    # A search that begins with a letter takes a twentieth of the time, and finds more.
+    rough = re.compile(joined.replace(r"\b", ""))
+    for name, (text, lower) in texts().items():
+        if not rough.search(lower):
             continue
         for number, line in enumerate(text.splitlines(), 1):
             if pattern.search(line) and not any(one in line for one in PLAIN.get(name, ())):

@@ -21,6 +21,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 from scripts.benchmarks.hops import hops
 from scripts.short_form import sized
 from seaid.report.text import table
+from tests.sources import inner_statements, tree_of
 from tests.test_language import INSTEAD, dialect
 
 Graph = dict[str, set[str]]
@@ -40,7 +41,7 @@ def faces(top: str, folder: Path) -> dict[tuple[str, str], str]:
     found = {}
     for path in folder.rglob("__init__.pyi"):
         package = ".".join((top, *path.relative_to(folder).parts[:-1]))
-        for node in ast.parse(path.read_text("utf-8")).body:
+        for node in tree_of(path.read_text("utf-8")).body:
             if isinstance(node, ast.ImportFrom):
                 for alias in node.names:
                     found[package, alias.name] = f"{package}.{node.module or alias.name}"
@@ -61,7 +62,7 @@ def imported(nodes: Iterable[ast.AST], package: str) -> Iterator[tuple[str, str]
         elif isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
             yield from imported(node.orelse, package)
         elif not isinstance(node, ast.FunctionDef):
-            yield from imported(ast.iter_child_nodes(node), package)
+            yield from imported(inner_statements(node), package)
 
 
 def import_graph(top: str, folder: Path) -> Graph:
@@ -72,7 +73,7 @@ def import_graph(top: str, folder: Path) -> Graph:
     for name, path in modules.items():
         package = name if path.stem == "__init__" else name.rpartition(".")[0]
         graph[name] = set()
-        for module, attribute in imported(ast.parse(path.read_text("utf-8")).body, package):
+        for module, attribute in imported(tree_of(path.read_text("utf-8")).body, package):
             while (module, attribute) in face:
                 module = face[module, attribute]
             graph[name] |= {one for one in (module, f"{module}.{attribute}") if one in modules}
@@ -114,7 +115,7 @@ def lines_of(paths: Iterable[Path]) -> tuple[int, int, int]:
         text = path.read_text("utf-8")
         everything += len(text.splitlines())
         comments += sum(line.lstrip().startswith("#") for line in text.splitlines())
-        for node in ast.walk(ast.parse(text)):
+        for node in ast.walk(tree_of(text)):
             body = getattr(node, "body", None)
             first = body[0] if isinstance(body, list) and body else None
             if isinstance(first, ast.Expr) and isinstance(first.value, ast.Constant):
