@@ -145,6 +145,9 @@ def _is_searched(name: str) -> bool:
 _LEAST, _MOST = 1e-4, 2.0
 """Bounds of positive parameters in the units of their starts."""
 
+_ORDER = 5
+"""Highest order of a spring."""
+
 
 def linearised(
     robot: Robot, motions: Sequence[Motion], joints: Sequence[str] | None = None
@@ -211,7 +214,8 @@ class _Search:
 
     def best(self, starts: Sequence[Array], scale: Scale) -> dict[str, float]:
         """Return the values of all parameters at the best of the local optima."""
-        bounds = np.array([bounds_of(name, scale) for name in self.nonlinear])
+        of_name = zip(self.nonlinear, np.transpose(starts).tolist(), strict=True)
+        bounds = np.array([bounds_of(name, scale, values) for name, values in of_name])
         found = separable_least_squares(self.columns, self.slopes, starts, *bounds.T)
         values = dict(zip(self.nonlinear, found.nonlinear.tolist(), strict=True))
         return values | dict(zip(self.linear, found.linear.tolist(), strict=True))
@@ -328,12 +332,19 @@ def starts_of(
     return parts or (start.get(name, 0.0),)
 
 
-def bounds_of(name: str, scale: Scale) -> tuple[float, float]:
-    """Return the lower and upper search bound of a nonlinear parameter."""
+def bounds_of(name: str, scale: Scale, starts: Sequence[float]) -> tuple[float, float]:
+    """Return the lower and upper search bound of a nonlinear parameter.
+
+    The zero of a spring that is loaded to one side lies outside of the motion. Where F = k x^p, the
+    tangent vanishes at x / p from the middle: the zero of a spring of the order 5 is at most five
+    times as far as that of the linear one.
+    """
     if not parameter_named(name).starts:
         return (0.0 if parameter_named(name).is_positive else -np.inf), np.inf
     size = size_of(name, scale)
     middle = scale.middle if name == "deflection_zero" else 0.0
+    if name == "deflection_zero":
+        size = max(size, *(_ORDER / _MOST * abs(start - middle) for start in starts))
     if parameter_named(name).is_positive:
         return _LEAST * size, _MOST * size
     return middle - _MOST * size, middle + _MOST * size

@@ -205,6 +205,18 @@ def test_springs_are_found(term: str) -> None:
     check_values(found, truth, "two")
 
 
+@pytest.mark.parametrize("zero", [-0.2, 0.2])
+def test_the_zero_of_a_spring_that_is_loaded_to_one_side_is_found_outside_of_its_motion(
+    zero: float,
+) -> None:
+    """The deflection reaches from -0.05 to 0.05, four times as far from the zero as is wide."""
+    values = {"cubic_stiffness": 4000.0, "fifth_stiffness": 4e4, "deflection_zero": zero}
+    drive = with_terms(ELASTIC, {"spring": ("linear", "cubic", "fifth")}, values)
+    truth = robot(STIFF, drive)
+    found = identified(truth, exact_motion(truth, {"two": free_stretch(0.05)}), ["one"])
+    check_values(found, truth, "two", rel=1e-3)
+
+
 @pytest.mark.slow  # 0.5 s
 @pytest.mark.parametrize("term", STIFF_FRICTION)
 def test_terms_of_a_stiff_drive_are_found(term: str) -> None:
