@@ -526,7 +526,7 @@ def _bars(found: Identification, pictured: Sequence[Run], nominal: Nominal) -> d
             "counted": share(row.counted) if is_partial(row.counted) else "",
             "colour": explained_as(row.after),
             "after_length": round(100 * min(row.after / full, 1.0), 2),
-            "before_length": round(100 * min(np.nan_to_num(row.before) / full, 1.0), 2),
+            "before_length": round(100 * min(np.nan_to_num(row.before, posinf=1.0) / full, 1.0), 2),
         }
         for row in sorted(rows, key=lambda row: -row.after)
     ]
