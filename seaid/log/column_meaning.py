@@ -25,7 +25,7 @@ _QUANTITIES = {
     "deflection": "defl deflection twist",
     "torque": "tau torque eff effort trq tq moment force torques frc couple drehmoment coppia",
     "current": "cur current amps iq curr currents i strom courant corriente corrente",
-    "voltage": "volt volts voltage u voltages spannung",
+    "voltage": "volt volts voltage u voltages vin spannung",
     "duty": "pwm duty",
     "temperature": "temp temperature wtemp temperatures temps temperatur",
 }

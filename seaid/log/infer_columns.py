@@ -19,7 +19,7 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid._progress import Display, counted
-from seaid.drives import COMMANDS
+from seaid.drives import COMMANDS, Controller
 from seaid.errors import LogError, abridged, checked, in_one_line, listed, shortened
 from seaid.log.base_columns import VectorSource
 from seaid.log.column_checks import (
@@ -412,15 +412,17 @@ class Description(Display):
         Columns of the file that are not used.
     assumed : tuple of str
         Usual choices that neither names nor samples contradict, as sentences.
-    gains : mapping {joint: (float, float)}
-        K_p and K_d of controllers, of columns "kp" and "kd" next to the command of the joint.
+    gains : mapping {joint: Controller}
+        Controllers with the gains of columns "kp" and "kd" next to the command of the joint. They
+        are up to scale where the log has the supply of a motor and no torque: then they are in
+        V per rad.
     """
 
     description: LogDescription
     unsure: tuple[str, ...]
     unused: tuple[str, ...]
     assumed: tuple[str, ...] = ()
-    gains: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    gains: Mapping[str, Controller] = field(default_factory=dict)
 
     def _in_short(self) -> str:
         more = f"{len(self.unsure)} unsure, {counted(len(self.unused), 'unused column')}"
@@ -560,10 +562,14 @@ _GAIN = re.compile(r"(?<![a-z])k_?([pd])(?![a-z])", re.IGNORECASE)
 
 def _gains(
     samples: Block, inference: Inference, joints: Mapping[str, Mapping[str, Source]]
-) -> dict[str, tuple[float, float]]:
-    """Return {joint: K_p and K_d} of columns that have the command's name but for the quantity."""
+) -> dict[str, Controller]:
+    """Return the controllers with gains of columns named as the command but for the quantity."""
     columns = [(name, word) for name in samples if (word := _GAIN.search(name))]
-    found: dict[str, tuple[float, float]] = {}
+    supplies = [name for name in samples if inference.meanings[name].quantity == "voltage"]
+    unit = "N m at the joint"
+    if supplies:
+        unit = f"V per rad, as the motor has the supply '{supplies[0]}': is_up_to_scale = true"
+    found: dict[str, Controller] = {}
     for joint, sources in joints.items():
         command = next((str(sources[x].column) for x in COMMANDS if x in sources), "")
         own: dict[str, float] = {}
@@ -581,9 +587,13 @@ def _gains(
                 )
                 continue
             own[word[1].lower()] = float(values[0])
-            inference.note(name, "taken for a gain of the controller, in N m at the joint")
+            inference.note(name, f"taken for a gain of the controller, in {unit}")
         if own:
-            found[joint] = own.get("p", 0.0), own.get("d", 0.0)
+            found[joint] = Controller(
+                position_gain_Nm_per_rad=own.get("p", 0.0),
+                velocity_gain_Nms_per_rad=own.get("d", 0.0),
+                is_up_to_scale=bool(supplies),
+            )
     return found
 
 

@@ -271,7 +271,7 @@ class _ReadLog:
     description_file: Path | None = None
     text: str = ""
     doubts: tuple[str, ...] = ()
-    gains: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    gains: Mapping[str, Controller] = field(default_factory=dict)
     springs: tuple[str, ...] = ()
     columns: Set[str] = frozenset()
     description: LogDescription | Path | None = None
@@ -430,10 +430,7 @@ def _logged_gains(read: Sequence[_ReadLog], doubts: list[str]) -> dict[str, Cont
         for one in read
         if one.gains != first
     ]
-    return {
-        joint: Controller(position_gain_Nm_per_rad=gains[0], velocity_gain_Nms_per_rad=gains[1])
-        for joint, gains in first.items()
-    }
+    return dict(first)
 
 
 def _has(log: Log, field: str, joint: str) -> bool:

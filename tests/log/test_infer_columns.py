@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from seaid._arrays import Array
+from seaid.drives.controller import Controller
 from seaid.errors import LogError
 from seaid.log import infer_columns as describe
 from seaid.log.column_meaning import meaning_of
@@ -351,19 +352,29 @@ def test_a_feed_forward_torque_is_not_left_out_without_a_word(
     assert any(name in one and words in one for one in found.unsure)
 
 
+def gains(kp: float, kd: float) -> Controller:
+    return Controller(position_gain_Nm_per_rad=kp, velocity_gain_Nms_per_rad=kd)
+
+
 def test_gains_next_to_the_commands_are_those_of_the_controller(tmp_path: Path) -> None:
     late, kp = wave(0.5)[np.maximum(np.arange(len(TIME)) - 5, 0)], np.full_like(TIME, 40.0)
     columns = {"t": TIME, "motor_state[0].q": late, "motor_cmd[0].q": wave(0.5)}
     columns |= {"motor_cmd[0].kp": kp, "motor_cmd[0].kd": kp / 20, "motor_cmd[1].kp": kp + 1}
     found = guess(tmp_path, **columns)
-    assert found.gains == {"joint_0": (40.0, 2.0)}
+    assert found.gains == {"joint_0": gains(40.0, 2.0)}
     assert any("taken for a gain of the controller" in one for one in found.unsure)
     changing = columns | {"motor_cmd[0].kp": np.where(TIME[100] < TIME, 40.0, 20.0)}
     found = guess(tmp_path, **changing)
-    assert found.gains == {"joint_0": (0.0, 2.0)}
+    assert found.gains == {"joint_0": gains(0.0, 2.0)}
     assert any("a gain that changes" in one for one in found.unsure)
     plain_names = {"t": TIME, "q_1": late, "q_des_1": wave(0.5), "kp_1": kp}
-    assert guess(tmp_path, **plain_names).gains == {"joint_1": (40.0, 0.0)}
+    assert guess(tmp_path, **plain_names).gains == {"joint_1": gains(40.0, 0.0)}
+    supply = {"vin": np.full_like(TIME, 12.0)}
+    in_volts = guess(tmp_path, **plain_names, **supply)
+    assert in_volts.gains["joint_1"].is_up_to_scale
+    assert any("in V per rad, as the motor has the supply 'vin'" in one for one in in_volts.unsure)
+    sensed = columns | supply | {"motor_state[0].tau_est": wave(1.0)}
+    assert guess(tmp_path, **sensed).gains == {}  # the torque is used, and no command
 
 
 def test_velocity_commands_alone(tmp_path: Path) -> None:
