@@ -40,6 +40,7 @@ from .model import model_sides as model_sides
 from .model import resolved_widths as resolved_widths
 from .model import selections as selections
 from .model import without_echoes as without_echoes
+from .model import without_setup_echoes as without_setup_echoes
 from .predictions import calibration_findings as calibration_findings
 from .predictions import contradicted_rotor as contradicted_rotor
 from .predictions import diverged_replay as diverged_replay

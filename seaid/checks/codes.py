@@ -61,6 +61,21 @@ GEAR_RATIO = Code(
     "The ratio of another variant, the inverse ratio, or a belt stage that was forgotten.",
     "Write the ratio of the remedy into the drives file. It follows from the two encoders alone.",
 )
+VARYING_RATIO = Code(
+    "varying-ratio",
+    "a transmission whose ratio depends on the angle of the joint",
+    "A four-bar linkage, a lever or a spindle between motor and joint.",
+    "Convert angle and torque of the motor to the joint by the geometry of the linkage before the "
+    "log is read.",
+)
+COUPLED_JOINTS = Code(
+    "coupled-joints",
+    "a motor that moves with another joint than its own",
+    "A differential, a tendon or a parallel linkage that the drives file does not have; an encoder "
+    "that measures the absolute angle of a link.",
+    "Write the `transmission` of the remedy into the drives file, or give the angle against the "
+    "link before.",
+)
 MISSING_DRIVES = Code(
     "missing-drives",
     "motor channels in the log without drives for them",

@@ -476,12 +476,14 @@ class Accepted:
     `coefficients` (c,) are those of its columns next to all that were accepted, `errors` (c,) their
     standard errors, which allow for autocorrelation as those of the estimate do. `share` is the
     part of the squared residual of the fit, of the rows that it acts on, by which it fell at last.
+    `rivals` are candidates of other checks that would have explained as much, and that it explains.
     """
 
     trial: Trial
     coefficients: Array
     errors: Array
     share: float = 0.0
+    rivals: tuple[Trial, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -513,6 +515,7 @@ def forward_selection(
     first: tuple[Trial, ...] | None = None
     accepted: list[Trial] = []
     shares: list[float] = []
+    rivals: list[list[Trial]] = []
     current, remaining = equation, list(candidates)
     while len(accepted) < MOST_ACCEPTED:
         compared = compared_candidates(
@@ -532,14 +535,35 @@ def forward_selection(
         whole, before, after = (one.squares(own) for one in (equation, current, larger))
         shares.append((before - after) / max(whole, 1e-300))
         accepted.append(best)
+        rivals.append(_rivals(best, strong, least_gain))
         current = larger
         remaining = [one for one in remaining if one is not best.candidate]
     if not accepted:
         return Selection((), equation, equation, first or ())
     counts = [one.alternative.columns.shape[1] for one in accepted if one.alternative is not None]
     parts = (np.split(x, np.cumsum(counts)[:-1]) for x in current.last(sum(counts)))
-    found = tuple(map(Accepted, accepted, *parts, shares))
+    names = {one.candidate.name for one in accepted}
+    alike = [tuple(x for x in several if x.candidate.name not in names) for several in rivals]
+    found = tuple(map(Accepted, accepted, *parts, shares, alike))
     return Selection(found, equation, current, first or ())
+
+
+def _rivals(best: Trial, supported: Iterable[Trial], least_gain: float) -> list[Trial]:
+    """Return the candidates of other checks at the joint of the best one that are as good.
+
+    A criterion that is less than `least_gain` lower does not decide between two causes.
+    """
+    assert best.comparison is not None
+    least_bic = best.comparison.bic - least_gain
+    return [
+        one
+        for one in supported
+        if one.candidate.joint == best.candidate.joint
+        and one.candidate.about is not best.candidate.about
+        and one.comparison is not None
+        and one.comparison.is_better
+        and one.comparison.bic > least_bic
+    ]
 
 
 def time_blocks(rows: Regression, count: int = BLOCKS, segments: int = 1) -> list[BoolArray]:

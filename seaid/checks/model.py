@@ -16,14 +16,19 @@ from typing import Any
 import numpy as np
 
 from seaid._arrays import Array, white_noise
+from seaid._files import toml_key
 from seaid.checks.check import Code, in_description, in_drives, only_joint
 from seaid.checks.codes import (
     BACKLASH,
+    COUPLED_JOINTS,
     DELAY,
     ENCODER_OFFSET,
+    GAIN_SCALE,
+    GEAR_RATIO,
     MISSING_TERM,
     NONLINEAR_SPRING,
     TRANSMISSION_ERROR,
+    VARYING_RATIO,
 )
 from seaid.checks.engine import (
     Accepted,
@@ -48,10 +53,10 @@ from seaid.checks.terms import (
     toml_of,
     with_term,
 )
-from seaid.checks.tolerances import LEAST_DELAY_S, LEAST_SWING, SIGNIFICANT, SURE
+from seaid.checks.tolerances import LEAST_DELAY_S, LEAST_SWING, PART, POOR, SIGNIFICANT, SURE
 from seaid.checks.values import drive_findings, noise_findings
-from seaid.drives import IDEAL_DRIVE, DefaultTerms, Drive, unit_of
-from seaid.errors import Finding, SeaidError
+from seaid.drives import IDEAL_DRIVE, DefaultTerms, Drive, parameter_of, term_fields, unit_of
+from seaid.errors import Finding, SeaidError, listed
 from seaid.estimation import (
     FittedRows,
     estimator_named,
@@ -61,7 +66,12 @@ from seaid.estimation import (
     settled_weights,
 )
 from seaid.log import Log, Motion, changed_source, in_band_at, still_speed
-from seaid.regressor import BaseParameters, motor_regressor, regressor_at_drives
+from seaid.regressor import (
+    BaseParameters,
+    motor_regressor,
+    regressor_at_drives,
+    with_known_friction,
+)
 from seaid.robot import Robot
 
 
@@ -145,19 +155,24 @@ class ColumnCheck:
     """A check of an equation: `candidates` are its columns for a joint.
 
     `finding` words what was accepted of a joint, with the part of the squared residual that it
-    explains; it may find that it is nothing.
+    explains; it may find that it is nothing. `cause` names a candidate as the rival of another, by
+    its field and term, and `decision` is the measurement that separates it from its rivals.
+    `contains` are the codes of simpler mistakes, whose columns are among those of the candidates.
     """
 
     code: Code
     candidates: Callable[[Side, str], Iterable[Candidate]]
     finding: Callable[[Side, str, Sequence[Accepted], float], Finding | None]
+    cause: str
+    decision: str
+    contains: tuple[Code, ...] = ()
 
 
 _STIFF = ("offset", "smooth_coulomb", "asymmetric", "quadratic", "stribeck")
 _ELASTIC = ("smooth_coulomb", "asymmetric", "quadratic", "load", "stribeck")
 """Friction of a stiff drive has no part that depends on the load, which needs another fit."""
 
-_LAWS = ("cubic", "fifth", "dead_zone", "dahl")
+_LAWS = ("cubic", "fifth", "dead_zone", "dahl", "damping")
 
 
 def _terms(
@@ -192,10 +207,30 @@ def _friction(side: Side, joint: str) -> list[Candidate]:
 
 
 def _parallel_springs(side: Side, joint: str) -> list[Candidate]:
-    drive = side.robot.drives[joint]
-    if side.is_motor or drive.controller is None or drive.is_elastic:
+    if side.is_motor:
         return []
     return _terms(side, joint, "parallel_spring", ("linear",), at_joint=True)
+
+
+def _gain_scales(side: Side, joint: str) -> Iterator[Candidate]:
+    """Yield the torque of the known bodies at a joint whose gains may be in another unit.
+
+    With y = tau - tau_known and gains that are 1 / s of their unit, tau = (tau_known + ...) / s: y
+    has (1 / s - 1) tau_known more.
+    """
+    drive = side.robot.drives[joint]
+    is_given = drive.controller is not None and not drive.is_up_to_scale
+    has_bodies = np.any(side.robot.known_parameters) and side.robot.floating_base is None
+    if is_given and has_bodies and not side.is_motor:
+        yield Candidate(joint, "gain_scale", "", partial(_known_torque, side, joint))
+
+
+def _known_torque(side: Side, joint: str, of_few: bool) -> list[Point]:
+    """Return the torque (R, 1) of the known bodies at the rows of a joint."""
+    del of_few  # the rows alone are computed
+    is_own = side.equation.rows.joint == side.robot.index(joint)
+    known = side.robot.known_parameters[:, None]
+    return [Point({}, Alternative(is_own[:, None] * _turned_at_rows(side, joint, 0.0, known), 1))]
 
 
 def _spring_laws(side: Side, joint: str) -> list[Candidate]:
@@ -253,6 +288,36 @@ def _harmonic(
     if np.min(left) < _LEAST_LEFT * np.sqrt(0.5 * len(pair)):  # norm of a cosine over its periods
         return []
     return [Point({}, Alternative(pair, 2))]
+
+
+def _couplings(side: Side, joint: str) -> Iterator[Candidate]:
+    """Yield the angles of other joints: a motor that moves with them has them in (7)."""
+    if side.is_motor:
+        for other in side.robot.joint_names:
+            if other not in {joint, *side.robot.drives[joint].transmission}:
+                yield Candidate(joint, _COUPLED, other, partial(_angle, side, joint, other))
+
+
+def _varying_ratio(side: Side, joint: str) -> Iterator[Candidate]:
+    """Yield the angle that a motor has more where its ratio varies once per turn of its joint."""
+    if side.is_motor and side.robot.drives[joint].joint_units[1] == "rad":
+        yield Candidate(joint, _VARYING, "joint", partial(_angle, side, joint, joint))
+
+
+_COUPLED, _VARYING = "coupled", "varying"
+"""Fields of the candidates of a motor that moves with two joints, and of a ratio that varies."""
+
+
+def _angle(side: Side, joint: str, moving: str, of_few: bool) -> list[Point]:
+    """Return the angle of another joint at the rows, or the angle, cosine and sine of the own."""
+    drive, index = side.drive(joint, few=of_few), side.robot.index(moving)
+    angles = [motion.joint_position[:, index] for motion in drive.motions]
+    if moving == joint:
+        parts = [np.column_stack([x, np.cos(x), np.sin(x)]) for x in angles]
+    else:
+        parts = [x[:, None] for x in angles]
+    columns = drive.at_rows(parts)
+    return [Point({}, Alternative(columns, columns.shape[1]))]
 
 
 _LATE = "delay"
@@ -371,8 +436,9 @@ def _turned_at_rows(side: Side, joint: str, angle: float, onto: Array) -> Array:
         for start in range(0, len(motion.time), _AT_ONCE):
             q, v, a = (state[start : start + _AT_ONCE] for state in motion.joint_states)
             parts.append(regressor_at_drives(side.robot, q + turn, v, a) @ onto)
+        columns = with_known_friction(motion, range(side.robot.n), np.concatenate(parts))
         samples = np.searchsorted(motion.time, np.unique(rows.time[own]))
-        columns = in_band_at(motion, np.concatenate(parts), samples)
+        columns = in_band_at(motion, columns, samples)
         turned[own] = columns[instants, rows.joint[own].astype(int)]
     return turned
 
@@ -481,6 +547,31 @@ _FOLLOWS = {
 """{candidate of a drive with a controller: what its support means}."""
 
 
+def _gain_is_scaled(
+    side: Side, joint: str, accepted: Sequence[Accepted], share: float
+) -> Finding | None:
+    """Return the finding of gains in another unit, or of bodies that are heavier or lighter."""
+    (change,), (error,) = accepted[0].coefficients.tolist(), accepted[0].errors.tolist()
+    times = 1.0 + change
+    if times <= 0:
+        return None
+    return GAIN_SCALE.finding(
+        f"the torque of the controller of {joint} is {times:.3g} +- {error:.2g} times that of the "
+        f"known bodies, which explains {share:.0%} of the squared residual of its torque equation: "
+        f"its gains are in another unit, such as V per rad, and {1 / times:.3g} times as large in "
+        f"N m; or the bodies are {times:.3g} times as heavy as in the robot file",
+        joint,
+        "doubtful",
+        {
+            "torque over that of the known bodies": times,
+            "standard error": error,
+            "explained": share,
+        },
+        "weigh a link: if the known bodies are right, the scale of the gains is a parameter, "
+        + in_drives({(joint, "controller"): "is_up_to_scale = true"}),
+    )
+
+
 _DOUBTFUL_ORDERS = 0.3
 """Share of the residual that orders must explain to make a result doubtful."""
 
@@ -515,6 +606,89 @@ def _periodic(side: Side, joint: str, accepted: Sequence[Accepted], share: float
     )
 
 
+def _spring_of(side: Side, joint: str, accepted: Sequence[Accepted]) -> float:
+    """Return what an angle of the joint adds to the equation of its motor, next to columns."""
+    drive, equation = side.robot.drives[joint], side.equation
+    for found in accepted:
+        assert found.trial.alternative is not None
+        equation = equation.with_alternative(found.trial.alternative)
+    stiffness = equation.values[side.fitted.estimate.names.index("stiffness")]
+    is_motor = side.drive(joint).regressor is motor_regressor
+    lever = drive.motor_radius / drive.ratio if is_motor else 1.0
+    return float(stiffness) * drive.load_radius * lever
+
+
+def _moves_with(
+    side: Side, joint: str, accepted: Sequence[Accepted], share: float
+) -> Finding | None:
+    """Return the finding of a motor that moves with other joints than its own.
+
+    None where the part of another joint is small: flexible links turn encoders by thousandths.
+    """
+    spring, turned = _spring_of(side, joint, accepted), {joint: 1.0}
+    said = []
+    for found in accepted:
+        other = found.trial.candidate.term
+        turns, error = (float(x[0]) / spring for x in (-found.coefficients, found.errors))
+        turned[other] = turns
+        said.append(f"{turns:.3g} +- {abs(error):.1g} times with {other}")
+    if max(abs(turns) for other, turns in turned.items() if other != joint) < POOR:
+        return None
+    table = ", ".join(f"{toml_key(other)} = {turns:.4g}" for other, turns in turned.items())
+    return COUPLED_JOINTS.finding(
+        f"the motor of {joint} turns behind its gear as {joint} and {listed(said)}: that explains "
+        f"{share:.0%} of the squared residual of its motor equation. It drives several joints, by "
+        f"a differential, a tendon or a parallel linkage; or the encoder of {joint} measures its "
+        "angle against another link than the one before it",
+        joint,
+        "wrong" if share > PART else "doubtful",
+        {
+            **{f"turns with {other}": turns for other, turns in turned.items()},
+            "explained": share,
+        },
+        in_drives({(joint,): f"transmission = {{ {table} }}"}),
+    )
+
+
+def _ratio_varies(
+    side: Side, joint: str, accepted: Sequence[Accepted], share: float
+) -> Finding | None:
+    """Return the finding of a ratio that depends on the angle, None where it hardly does.
+
+    A motor that turns by N (q + e q + c cos q + s sin q) has, for its angle, the ratio
+    N (1 + e - c sin q + s cos q). That of its torque is not in the columns.
+    """
+    drive, index = side.robot.drives[joint], side.robot.index(joint)
+    slope, cosine, sine = -accepted[0].coefficients / _spring_of(side, joint, accepted)
+    reached = np.concatenate([motion.joint_position[:, index] for motion in side.motions])
+    angles = np.linspace(np.min(reached), np.max(reached), _ANGLES)
+    ratios = drive.ratio * (1.0 + slope - cosine * np.sin(angles) + sine * np.cos(angles))
+    low, high = int(np.argmin(ratios)), int(np.argmax(ratios))
+    if ratios[high] - ratios[low] < POOR * abs(float(np.mean(ratios))):
+        return None
+    return VARYING_RATIO.finding(
+        f"the gear ratio of {joint} depends on its angle: {ratios[low]:.3g} at {angles[low]:.2g} "
+        f"rad and {ratios[high]:.3g} at {angles[high]:.2g} rad, where the drives file has "
+        f"{drive.ratio:g}. This explains {share:.0%} of the squared residual of its motor "
+        "equation: the transmission is a linkage, a lever or a spindle",
+        joint,
+        "wrong",
+        {
+            "least ratio": float(ratios[low]),
+            "largest ratio": float(ratios[high]),
+            "cos [rad]": float(cosine),
+            "sin [rad]": float(sine),
+            "explained": share,
+        },
+        "convert angle and torque of the motor to those of a gear with a constant ratio, by the "
+        "geometry of the linkage, before the log is read",
+    )
+
+
+_ANGLES = 50
+"""Angles at which a ratio is evaluated, over the range of a joint."""
+
+
 def _late(side: Side, joint: str, accepted: Sequence[Accepted], share: float) -> Finding:
     """Return the finding of a motor torque that is late or early against the positions."""
     (delay,), (error,) = accepted[0].coefficients.tolist(), accepted[0].errors.tolist()
@@ -540,13 +714,65 @@ def late_torques(
     )
 
 
+_AT_SPEEDS = "torques at several constant speeds show friction"
+_AT_ANGLES = "torques that hold the joint at several angles show springs and masses"
+
 COLUMN_CHECKS = (
-    ColumnCheck(MISSING_TERM, _friction, _missing_terms),
-    ColumnCheck(MISSING_TERM, _parallel_springs, _missing_terms),
-    ColumnCheck(NONLINEAR_SPRING, _spring_laws, _missing_terms),
-    ColumnCheck(TRANSMISSION_ERROR, _orders, _periodic),
-    ColumnCheck(DELAY, _late_torque, _late),
-    ColumnCheck(ENCODER_OFFSET, _zeros, _zero_is_off),
+    ColumnCheck(MISSING_TERM, _friction, _missing_terms, "'{term}' in its {field}", _AT_SPEEDS),
+    ColumnCheck(
+        MISSING_TERM, _parallel_springs, _missing_terms, "'{term}' in its {field}", _AT_ANGLES
+    ),
+    ColumnCheck(
+        GAIN_SCALE,
+        _gain_scales,
+        _gain_is_scaled,
+        "gains of the controller in another unit",
+        "a link on a scale shows whether gains or masses are wrong",
+    ),
+    ColumnCheck(
+        NONLINEAR_SPRING,
+        _spring_laws,
+        _missing_terms,
+        "'{term}' in its {field}",
+        "deflections of the locked joint under slowly growing and falling loads show the law of "
+        "its spring",
+    ),
+    ColumnCheck(
+        COUPLED_JOINTS,
+        _couplings,
+        _moves_with,
+        "a motor that moves with {term}",
+        "a motor that turns while its joint is held and another joint is moved drives both",
+    ),
+    ColumnCheck(
+        VARYING_RATIO,
+        _varying_ratio,
+        _ratio_varies,
+        "a gear ratio that varies with the angle",
+        "both encoders of a joint that is slowly turned without a load show its ratio",
+        (GEAR_RATIO,),
+    ),
+    ColumnCheck(
+        TRANSMISSION_ERROR,
+        _orders,
+        _periodic,
+        "an error of the gear (order {term} of the {field})",
+        "both encoders of a joint that is slowly turned without a load show the errors of its gear",
+    ),
+    ColumnCheck(
+        DELAY,
+        _late_torque,
+        _late,
+        "a motor torque that is late or early",
+        "torque and position that are stamped by one clock have no delay",
+    ),
+    ColumnCheck(
+        ENCODER_OFFSET,
+        _zeros,
+        _zero_is_off,
+        "a zero of the joint that is not that of the robot file",
+        "a spirit level or a stop shows the zero of a joint",
+    ),
 )
 """The checks of an equation, in the order in which their findings are listed."""
 
@@ -637,21 +863,42 @@ class SideSelection:
 
     def _shown(self, fitted: FittedRows) -> set[tuple[str, str]]:
         """Return what the noise and the values of a fit show (code, joint)."""
-        findings = noise_findings(fitted.estimate)
-        if self.side.is_motor:
-            names = [
-                name for name in self.side.fitted.estimate.names if name in fitted.estimate.names
+        findings, estimate = noise_findings(fitted.estimate), fitted.estimate
+        qr_factor = fitted.qr_factor if self.side.is_motor else None
+        for joint in self.side.joints:
+            own = [
+                place
+                for place, name in enumerate(estimate.names)
+                if name in self.side.fitted.estimate.names
+                and (self.side.is_motor or getattr(name, "joint", "") == joint)
             ]
-            own = fitted.estimate.part([fitted.estimate.names.index(x) for x in names], names)
-            findings += drive_findings(self.side.joints[0], own, fitted.qr_factor)
+            names = [parameter_of(estimate.names[place]) for place in own]
+            findings += drive_findings(joint, estimate.part(own, names), qr_factor)
         return {(finding.code, finding.joint) for finding in findings}
 
-    @cached_property
+    @property
     def findings(self) -> tuple[Finding, ...]:
         """What was accepted, of each joint and check."""
-        return tuple(self._worded())
+        return tuple(finding for *_, finding in self._worded)
 
-    def _worded(self) -> Iterator[Finding]:
+    @property
+    def contained(self) -> set[tuple[str, str]]:
+        """The simpler mistakes (code, joint) whose columns are among those that were accepted."""
+        return {(code.name, joint) for check, joint, _ in self._worded for code in check.contains}
+
+    @property
+    def unfounded(self) -> set[tuple[object, str]]:
+        """The checks of joints whose columns were accepted and turn out to be nothing."""
+        accepted = {
+            (x.trial.candidate.about, x.trial.candidate.joint) for x in self.selection.accepted
+        }
+        return accepted - {(check, joint) for check, joint, _ in self._worded}
+
+    @cached_property
+    def _worded(self) -> tuple[tuple[ColumnCheck, str, Finding], ...]:
+        return tuple(self._word())
+
+    def _word(self) -> Iterator[tuple[ColumnCheck, str, Finding]]:
         for joint in self.side.joints:
             for check in COLUMN_CHECKS:
                 own = [
@@ -662,7 +909,70 @@ class SideSelection:
                 share = sum(one.share for one in own)
                 finding = check.finding(self.side, joint, own, share) if own else None
                 if finding is not None:
-                    yield finding
+                    yield check, joint, _with_rivals(finding, own)
+
+
+def _with_rivals(finding: Finding, accepted: Iterable[Accepted]) -> Finding:
+    """Return a finding with the causes that explain as much, and what decides between them.
+
+    Lines that only one of the causes supports would mislead.
+    """
+    rivals = {
+        one.candidate.name: one.candidate
+        for found in accepted
+        for one in (found.trial, *found.rivals)
+        if found.rivals
+    }
+    if not rivals:
+        return finding
+    checks = [one.about for one in rivals.values() if isinstance(one.about, ColumnCheck)]
+    causes = [
+        check.cause.format(term=one.term, field=one.field.replace("_", " "))
+        for check, one in zip(checks, rivals.values(), strict=True)
+    ]
+    decisions = list(dict.fromkeys(check.decision for check in checks))
+    return replace(
+        finding,
+        message=f"{finding.message}. The log does not decide between {' and '.join(causes)}: each "
+        "explains as much",
+        remedy=f"a measurement decides: {'; '.join(decisions)}",
+    )
+
+
+def without_setup_echoes(
+    findings: Sequence[Finding],
+    channels: Sequence[Finding],
+    selected: Sequence[SideSelection],
+    robot: Robot,
+    mistakes_of: Callable[[Robot], Iterable[Finding]],
+) -> list[Finding]:
+    """Return findings without mistakes of the set-up that are echoes of what equations lack.
+
+    `channels` are those without mistakes of the set-up. A mistake is an echo if the robot whose
+    drives have the selected terms does not show it, or if it is contained in what was selected: a
+    tilt of gravity in springs parallel to the joints, another ratio in a ratio that varies.
+    """
+    mistakes = [one for one in findings if one not in channels and one.severity != "note"]
+    if not mistakes:
+        return list(findings)
+    supported = _with_selected_terms(robot, selected)
+    kept = {(one.code, one.joint) for one in mistakes}
+    if supported.drives != robot.drives:
+        kept = {(one.code, one.joint) for one in mistakes_of(supported)}
+    kept = kept.difference(*(one.contained for one in selected))
+    return [one for one in findings if one not in mistakes or (one.code, one.joint) in kept]
+
+
+def _with_selected_terms(robot: Robot, selected: Iterable[SideSelection]) -> Robot:
+    """Return the robot whose drives have the terms that the equations support."""
+    drives = dict(robot.drives)
+    for one in selected:
+        for found in one.selection.accepted:
+            candidate = found.trial.candidate
+            if candidate.field in term_fields(drives[candidate.joint]):
+                drive = drives[candidate.joint]
+                drives[candidate.joint] = with_term(drive, candidate.field, candidate.term)
+    return robot.with_drives(drives)
 
 
 def without_echoes(
@@ -764,10 +1074,17 @@ def selections(sides: Sequence[Side]) -> list[SideSelection]:
         for side in sides
     ]
     asked = sum(map(len, proposed))
-    return [
-        SideSelection(side, forward_selection(side.equation, candidates, asked, STRONG))
-        for side, candidates in zip(sides, proposed, strict=True)
-    ]
+    return [_selected(*each, asked) for each in zip(sides, proposed, strict=True)]
+
+
+def _selected(side: Side, candidates: Sequence[Candidate], asked: int) -> SideSelection:
+    """Return what the rows of a side support, without candidates that turn out to be nothing."""
+    while True:
+        found = SideSelection(side, forward_selection(side.equation, candidates, asked, STRONG))
+        nothing = found.unfounded
+        if not nothing:
+            return found
+        candidates = [one for one in candidates if (one.about, one.joint) not in nothing]
 
 
 def model_findings(

@@ -54,6 +54,7 @@ from seaid.checks import (
     verdict_of,
     with_torques_of,
     without_echoes,
+    without_setup_echoes,
 )
 from seaid.errors import (
     ExcitationError,
@@ -438,8 +439,9 @@ def _identify(
         moving = {*selected, *robot.elastic_joints} - {*standing}
         experiment = with_torques_of(experiment_of(robot, moved), moving)
         findings += base_findings(robot, logs_in_memory, moved)
+        channels = tuple(findings)
         # the list that `explained` has
-        findings[:] = findings_of_setup(experiment, moving, findings, logs_in_memory)
+        findings[:] = findings_of_setup(experiment, moving, channels, logs_in_memory)
         used = joints_with_torque(robot, datasets) if torque_joints is None else selected
         findings += missing_torques(robot, selected, used)
         check_forces(datasets, used)
@@ -471,6 +473,8 @@ def _identify(
             findings += notes
             model, found = _two_step(robot, datasets, used, options, bias)
             lacking = selections(_sides(robot, whole, model, found, widths, encoder_offset_std))
+    shown_by = partial(_findings_of_setup, moved, moving, channels, logs_in_memory)
+    findings = without_setup_echoes(findings, channels, lacking, declared, shown_by)
     findings += consequences(findings, model_findings(lacking, findings))
     found = _continued(robot, datasets, model, found, (method, estimator), options)
 
@@ -510,6 +514,17 @@ def _identify(
         nominal=given,
     )
     return with_value_findings(result, values)
+
+
+def _findings_of_setup(
+    moved: Sequence[Sequence[Motion]],
+    moving: set[str],
+    channels: Sequence[Finding],
+    logs: Sequence[Log],
+    robot: Robot,
+) -> list[Finding]:
+    """Return the findings of channels, and the mistakes of the set-up of a robot by its motions."""
+    return findings_of_setup(experiment_of(robot, moved), moving, channels, logs)
 
 
 def value_findings(

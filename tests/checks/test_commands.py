@@ -208,6 +208,26 @@ def test_gains_in_another_unit_are_named_by_the_bodies(
     assert "known bodies (known_bodies=)" in same.remedy
 
 
+@pytest.mark.parametrize("factor", [0.7, 1.5])
+def test_gains_that_known_bodies_contradict_are_no_parallel_spring(
+    urdf: Path, factor: float
+) -> None:
+    """Gravity of the bodies is nearly proportional to the angle, as a parallel spring is."""
+    log, (kp, kd) = mujoco_log(SOFT, 0.004, 2e-5, 0), SOFT
+    robot = robot_of(urdf, (factor * kp, factor * kd), 0.004)
+    (finding,) = seaid.identify(robot, log).warnings
+    assert (finding.code, finding.severity, finding.joint) == ("gain-scale", "doubtful", "j")
+    times = finding.evidence["torque over that of the known bodies"]
+    assert times == pytest.approx(factor, abs=4 * finding.evidence["standard error"])
+    drive = robot.drives["j"]
+    assert drive.controller is not None
+    table = tomllib.loads(finding.remedy.partition("in the drives file:\n")[2])["j"]["controller"]
+    law = replace(drive.controller, **table)
+    after = seaid.identify(robot.with_drives({"j": replace(drive, controller=law)}), log)
+    assert after.verdict.level == "good"
+    assert values_of(after)["gain_scale"][0] == pytest.approx(1 / factor, rel=1e-3)
+
+
 def test_gains_in_another_unit_are_named_by_a_limit(urdf: Path, tmp_path: Path) -> None:
     """With limits of the drive or, of bodies without masses, of the robot file."""
     log, (kp, kd) = mujoco_log(SOFT, 0.006, 2e-4, 0), SOFT

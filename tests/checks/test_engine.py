@@ -9,8 +9,13 @@ from seaid._arrays import Array
 from seaid.checks.engine import (
     SEGMENTS,
     Alternative,
+    Candidate,
+    Equation,
     ModelComparison,
+    Point,
+    Selection,
     compare_models,
+    forward_selection,
     time_blocks,
 )
 from seaid.errors import IdentificationError
@@ -133,3 +138,28 @@ def test_blocks_are_equal_parts_in_time_over_the_runs(segments: int) -> None:
 def test_too_few_rows_are_refused() -> None:
     with pytest.raises(IdentificationError, match="4 rows are too few to exclude one of 8"):
         time_blocks(rows((1.0, 0.0, 0.0, 0.0), count=4))
+
+
+def selected(*columns: Array) -> Selection:
+    """Return what is selected among columns of different checks, of which the first is true."""
+    candidates = [
+        Candidate(
+            "j", str(place), "", lambda _, x=x: [Point({}, Alternative(x[:, None], 1))], place
+        )
+        for place, x in enumerate(columns)
+    ]
+    data = rows((1.0, -2.0, 1.0, 0.0))
+    return forward_selection(Equation(first(data, 2), np.ones(2)), candidates, 3, 6.0)
+
+
+def test_a_cause_that_explains_as_much_is_a_rival_and_one_that_is_there_too_is_not() -> None:
+    data = rows((1.0, -2.0, 1.0, 0.0))
+    true, noise = data.H[:, 2], np.random.default_rng(5).normal(size=len(data.y))
+    (alone,) = selected(true).accepted
+    (beside,) = selected(true, true + 5e-4 * noise).accepted
+    (better,) = selected(true, true + noise).accepted
+    assert [len(one.rivals) for one in (alone, beside, better)] == [0, 1, 0]
+    assert {x.candidate.field for x in (beside.trial, *beside.rivals)} == {"0", "1"}
+    both = selected(true - 0.5 * data.H[:, 3], data.H[:, 3])
+    assert len(both.accepted) == 2
+    assert all(not one.rivals for one in both.accepted)

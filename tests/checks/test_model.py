@@ -37,6 +37,7 @@ from tests.experiments import (
     leg,
     leg_log,
     leg_motion,
+    leg_trajectory,
     perfect_log,
 )
 from tests.mistakes import described
@@ -396,3 +397,84 @@ def test_torques_that_are_all_late_are_one_finding(make: Callable[[], tuple[Robo
         (finding,) = found
         assert finding.joint == ""
         assert finding.evidence["delay [s]"] == pytest.approx(0.004, abs=0.001)
+
+
+@cache
+def coupled_log() -> Log:
+    """Return the log of a leg whose knee has a tendon over the hip."""
+    knee = replace(leg().drives["knee_pitch"], transmission={"knee_pitch": 1.0, "hip_pitch": -0.5})
+    robot = leg(TEST_MASS).with_drives({"knee_pitch": knee})
+    return seaid.simulate(robot, leg_trajectory(), noise=LEG_SENSORS, seed=1)
+
+
+@pytest.mark.slow  # 9 s
+def test_a_motor_that_moves_with_two_joints_is_named_with_its_transmission() -> None:
+    before = identify(named(), coupled_log())
+    (finding,) = (one for one in before.warnings if one.severity == "wrong")
+    assert (finding.code, finding.joint) == ("coupled-joints", "knee_pitch")
+    assert finding.evidence["turns with hip_pitch"] == pytest.approx(-0.5, abs=2e-3)
+    drive = named().drives["knee_pitch"]
+    table = tomllib.loads(finding.remedy.partition("\n")[2])["knee_pitch"]
+    right = named().with_drives({"knee_pitch": replace(drive, **table)})
+    after = identify(right, coupled_log())
+    assert after.verdict.level == "good"
+    stiffness = after.drives["knee_pitch"].value("stiffness")
+    assert stiffness == pytest.approx(leg().drives["knee_pitch"].values["stiffness"], rel=0.02)
+
+
+def behind_a_linkage(amplitude_rad: float) -> Log:
+    """Return a log of the leg whose knee's motor turns as x + a sin(x + 0.3) behind its gear.
+
+    Its torque is that of its rotor and friction, and that of the spring by the slope of this
+    function.
+    """
+    motion, index, drive = (
+        leg_motion(TEST_MASS),
+        leg().index("knee_pitch"),
+        leg().drives["knee_pitch"],
+    )
+    values, lever = drive.values, drive.motor_radius / drive.ratio
+    motor = motion.motor_position[:, index]
+    stretch = lever * motor - drive.load_radius * motion.joint_position[:, index]
+    slope = lever / drive.load_radius  # angle behind the gear per angle of the motor
+    turned = (slope * motor + amplitude_rad * np.sin(slope * motor + 0.3)) / slope
+    speed = np.gradient(turned, motion.time)
+    torque = (
+        values["motor_inertia"] * np.gradient(speed, motion.time)
+        + values["viscous_friction"] * speed
+        + values["coulomb_friction"] * np.sign(speed)
+        + values["stiffness"] * lever * stretch / (1 + amplitude_rad * np.cos(slope * motor + 0.3))
+    )
+    positions, torques = motion.motor_position.copy(), motion.motor_torque.copy()
+    positions[:, index], torques[:, index] = turned, torque
+    changed = replace(motion, motor_position=positions, motor_torque=torques)
+    return measure(leg(TEST_MASS), changed, LEG_SENSORS, 1)
+
+
+@pytest.mark.slow  # 2 s
+def test_a_ratio_that_varies_with_the_angle_is_named() -> None:
+    """The ratio that both encoders have on average is no finding of its own."""
+    found = identify(named(), behind_a_linkage(0.2))
+    (finding,) = (one for one in found.warnings if one.severity == "wrong")
+    assert (finding.code, finding.joint) == ("varying-ratio", "knee_pitch")
+    # the columns do not have the ratio of the torque, which is 5 % of the least ratio here
+    reached = leg_motion(TEST_MASS).joint_position[:, leg().index("knee_pitch")]
+    ratios = 86.0 * (1 + 0.2 * np.cos(reached + 0.3))
+    assert finding.evidence["least ratio"] == pytest.approx(np.min(ratios), rel=0.06)
+    assert finding.evidence["largest ratio"] == pytest.approx(np.max(ratios), rel=0.06)
+
+
+@pytest.mark.slow  # 2 s
+def test_damping_of_a_spring_is_no_delay() -> None:
+    hip: Any = leg().drives["knee_pitch"]
+    damped = replace(hip, spring=("linear", "damping"))
+    values = {**hip.values, "spring_damping": 0.005 * hip.values["stiffness"]}
+    robot = leg(TEST_MASS).with_drives({"knee_pitch": damped.with_values(values)})
+    log = seaid.simulate(robot, leg_trajectory(), noise=LEG_SENSORS, seed=1)
+    found = identify(named(), log)
+    (finding,) = (one for one in found.warnings if one.code in {"delay", "nonlinear-spring"})
+    assert (finding.code, finding.joint) == ("nonlinear-spring", "knee_pitch")
+    assert tomllib.loads(finding.remedy.partition("\n")[2])["knee_pitch"]["spring"] == [
+        "linear",
+        "damping",
+    ]
