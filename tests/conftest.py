@@ -8,7 +8,7 @@ from collections.abc import Callable, Generator, Sequence
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -17,6 +17,9 @@ from hypothesis import settings
 from scripts.example_robots import example_urdfs
 from seaid.errors import SeaidWarning
 from seaid.robot.robot import Robot, load_robot
+
+if TYPE_CHECKING:
+    from seaid.checks.model import Side, SideSelection
 
 MODELS = Path(__file__).parents[1] / "models"
 
@@ -142,11 +145,22 @@ def tulip_leg(tulip_urdf: Path) -> Robot:
 def estimates_only(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave out findings that need fits or spectra of their own, for statistics over many draws.
 
-    They are a quarter of the time of `identify`, and change no estimate: test_recovery.py.
+    They take up to half of the time of `identify`, and change no estimate: test_recovery.py.
+    Terms are selected only where nobody named those of a drive, which may add one to it.
     """
+    from seaid.checks import selections
+    from seaid.drives import DefaultTerms
+
     module = "seaid.identification.identification"
+
+    def selected(sides: Sequence[Side]) -> list[SideSelection]:
+        drives = [side.robot.drives[joint] for side in sides for joint in side.joints]
+        is_open = any(isinstance(drive.friction, DefaultTerms) for drive in drives)
+        return selections(sides) if is_open else []
+
     monkeypatch.setattr(f"{module}.log_findings", lambda *_: [])
-    monkeypatch.setattr(f"{module}.setup_findings", lambda _, known: known)
+    monkeypatch.setattr(f"{module}.findings_of_setup", lambda _, moving, known, logs: known)
+    monkeypatch.setattr(f"{module}.selections", selected)
     monkeypatch.setattr(f"{module}.sensitivity_findings", lambda *_: [])
     monkeypatch.setattr(f"{module}.joint_checks", lambda *_: {})
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.drives.drives import SeriesElasticDrive, StiffDrive
+from seaid.drives.drives import Drive, SeriesElasticDrive, StiffDrive
 from seaid.excitation.basis import make_basis
 from seaid.excitation.trajectory import Trajectory
 from seaid.identification.identification import Identification, identify
@@ -163,6 +163,15 @@ def true_value(robot: Robot, joint: str, name: str) -> float:
     value = values[name]
     assert value is not None
     return value
+
+
+def with_named_friction(robot: Robot) -> Robot:
+    """Return a robot with the friction terms of its drives named, so that none is added to them."""
+    drives: dict[str, Drive] = {
+        joint: replace(drive, friction=tuple(drive.friction))
+        for joint, drive in robot.drives.items()
+    }
+    return robot.with_drives(drives)
 
 
 def drive_errors(found: Identification, truth: Robot, *names: str) -> dict[str, float]:

@@ -28,6 +28,7 @@ from seaid.regressor.regression import motor_regressor, signals
 from seaid.regressor.rigid_body import joint_torques
 from seaid.regressor.structural.identifiability import identifiability
 from seaid.robot.robot import Payload, Robot
+from tests.experiments import with_named_friction
 from tests.standard_errors import check_scores
 from tests.terms import (
     ELASTIC,
@@ -374,7 +375,7 @@ def test_errors_are_as_large_as_the_standard_errors_say() -> None:
     ]
     scores = []
     for joint, drives, stretched in cases:
-        truth = robot(*drives)
+        truth = with_named_friction(robot(*drives))
         motion, rows = exact_motion(truth, stretched), ["one"] if stretched else None
         for seed in range(20):
             found = found_in(noisy_log(motion, 0.003, 2e-5, seed), truth, rows)
@@ -391,7 +392,7 @@ def test_errors_of_hysteresis_are_as_large_as_the_standard_errors_say() -> None:
         ("one", (with_terms(STIFF, *FRICTION["dahl"]), ELASTIC), None),
         ("two", (STIFF, spring), stretch),
     ):
-        truth = robot(*drives)
+        truth = with_named_friction(robot(*drives))
         motion, rows = exact_motion(truth, stretched), ["one"] if stretched else None
         for seed in range(96):
             found = found_in(noisy_log(motion, 0.003, 2e-5, seed), truth, rows)

@@ -63,7 +63,15 @@ from seaid.robot.transmission import (
     torques_at_joints,
 )
 from seaid.simulation.replaying import replay
-from tests.experiments import DATA, MODELS, drive_errors, drive_scores, motion_of, true_value
+from tests.experiments import (
+    DATA,
+    MODELS,
+    drive_errors,
+    drive_scores,
+    motion_of,
+    true_value,
+    with_named_friction,
+)
 from tests.representatives import quick_first
 from tests.standard_errors import check_scores
 
@@ -537,7 +545,8 @@ def test_errors_are_as_large_as_the_standard_errors_say(
     name: str, method: Method, expected: float
 ) -> None:
     case, scores = CASES[name](), []
-    motion, known = true_motion(case, duration=32.0), case.robot.without_nominal()
+    motion = true_motion(case, duration=32.0)
+    known = with_named_friction(case.robot.without_nominal())
     for seed in range(60):
         log = log_of(motion, torque=0.01, angle=2e-5, seed=seed)
         found = identify(known, log, cutoff_hz=8.0, method=method)
@@ -625,7 +634,8 @@ def test_a_sensor_at_one_joint_of_a_group_is_not_enough() -> None:
 def test_shifted_zeros_are_as_far_off_as_the_standard_errors_say() -> None:
     """They are 9 % too large in two steps."""
     case, scores = elastic_differential(), []
-    motion, known = true_motion(case), case.robot.without_nominal()
+    motion = true_motion(case)
+    known = with_named_friction(case.robot.without_nominal())
     for seed in range(120):
         log = log_of(motion, torque=0.003, seed=seed)
         zeros = 0.02 * np.random.default_rng(seed + 1000).normal(size=3)
