@@ -159,16 +159,17 @@ def simulated_together(
     width = coulomb / rotor / (RATE_HZ * STEPS)
     weight = of("mass") * of("length") * GRAVITY
     near_m, far_m, damping = (1 - far) * weight, far * weight, of("damping")
+    has_links, still = bool(np.any(flexible)), np.zeros(len(joints))
     reflected = load + rotor * n**2
     gain_p, gain_d = reflected * BANDWIDTH**2, 2 * reflected * BANDWIDTH
 
     def slope(x: Array, torque: Array) -> Array:
         th, w, q, v, p, u = x
         spring = k * (th / n - q) + damping * (w / n - v)
-        link = link_k * (q - p)
+        link = link_k * (q - p) if has_links else still
         friction = viscous * w + coulomb * np.tanh(w / width)
         a = (spring - near_m * np.sin(q) - link) / near_J
-        b = (link - far_m * np.sin(p)) / far_J
+        b = (link - far_m * np.sin(p)) / far_J if has_links else still
         return np.array([w, (torque - friction - spring / n) / rotor, v, a, u, b])
 
     # the controller runs at every step: a torque held or interpolated between the samples of the
@@ -187,7 +188,7 @@ def simulated_together(
     angle, torque = np.zeros((2, len(time), len(joints)))
     before, last, h = x[0], None, 1 / rate_hz
     for t in range(len(time)):
-        reading = np.round(x[0] / step) * step
+        reading = np.rint(x[0] / step) * step
         speed = speed + (memory * ((reading - before) * rate_hz - speed) if t else 0.0)
         before = reading
         wanted = gain_p * (plan[0, t] - reading / n) + gain_d * (plan[1, t] - speed / n)

@@ -50,18 +50,21 @@ THREE = replace(WIDE, link_k=9 * WIDE.k * WIDE.share)
 ONCE_WRONG = (4, 5, 6)
 
 
+OF_QUICK_TESTS = ((ANYDRIVE, 0), (ANYDRIVE, 1), (HEAVIER, 1))
+
+
 @cache
-def together() -> dict[tuple[Joint, int], Log]:
-    """Return the logs of most tests, which are integrated at once."""
-    cases = [(ANYDRIVE, 0), (ANYDRIVE, 1), (HEAVIER, 1), (DAMPED, 0), (PERFECT, 0)]
-    cases += [(WIDE, 0), (THREE, 0)]
+def together(of_quick_tests: bool) -> dict[tuple[Joint, int], Log]:
+    """Return the logs of the quick tests, or of most others, which are integrated at once."""
+    cases = [(DAMPED, 0), (PERFECT, 0), (WIDE, 0), (THREE, 0)]
     cases += [(random_joint(number), number) for number in ONCE_WRONG]
+    cases = [*OF_QUICK_TESTS] if of_quick_tests else cases
     joints, seeds = zip(*cases, strict=True)
     return dict(zip(cases, simulated_together(joints, seeds), strict=True))
 
 
 def log_of(joint: Joint, seed: int = 0) -> Log:
-    return together()[joint, seed]
+    return together((joint, seed) in OF_QUICK_TESTS)[joint, seed]
 
 
 @pytest.fixture(scope="module")

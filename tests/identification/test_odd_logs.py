@@ -136,9 +136,10 @@ TIMES: dict[str, Callable[[Array], Array]] = {
 def test_odd_channels_give_an_error_of_ours_or_numbers(
     pendulum: Robot, way: str, time: str
 ) -> None:
+    right = torque(pendulum)
     for odd in ("angle", "torque", "both"):
         angle = ANGLE if odd == "torque" else ODD[way](ANGLE)
-        pull = torque(pendulum) if odd == "angle" else ODD[way](torque(pendulum))
+        pull = right if odd == "angle" else ODD[way](right)
         try:
             found = seaid.identify(pendulum, log_of(angle, TIMES[time](TIME), motor_torque=pull))
         except SeaidError:
