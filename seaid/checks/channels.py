@@ -559,9 +559,9 @@ def rating_findings(experiment: Experiment) -> Iterator[Finding]:
     limits do, or are all so large that masses do not explain them.
     """
     robot, names, lever = experiment.robot, experiment.robot.joint_names, experiment.lever
+    if robot.has_controllers or not experiment.used or not np.all(np.isfinite(experiment.bodies)):
+        return  # on a floating base no joint is used, whose bodies have columns of their own
     of_bodies, is_motor = experiment.regressor @ experiment.bodies, np.isfinite(experiment.torque)
-    if robot.has_controllers or not np.all(np.isfinite(experiment.bodies)):
-        return
     torque = np.where(is_motor, lever * experiment.torque, experiment.sensed)
     factors, clear = dict[int, float](), list[int]()
     for j in experiment.used:
