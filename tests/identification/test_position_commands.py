@@ -702,17 +702,20 @@ def driven_log(law: seaid.Controller) -> seaid.Log:
     commands = np.repeat(CHIRP, parts) if law.is_held else np.interp(ticks, TIME, CHIRP)
     fed = law.command_velocity_gain_Nms_per_rad * np.interp(ticks, TIME, np.gradient(CHIRP, TIME))
     fed += law.position_gain_Nm_per_rad * commands + law.feedforward_Nm
+    limited, no_load = math.isfinite(law.torque_limit_Nm), law.no_load_speed_rad_per_s
+    gain_p, gain_d = law.position_gain_Nm_per_rad, law.velocity_gain_Nms_per_rad
+    angles, speeds, motor = data.qpos, data.qvel, data.ctrl  # views, in a loop of 80,000 steps
     for tick, torque in enumerate(fed.tolist()):
+        angle, speed = angles.item(), speeds.item()
         if tick % parts == 0:
-            position[tick // parts] = data.qpos[0]
-        speed = data.qvel[0]
-        torque -= law.position_gain_Nm_per_rad * data.qpos[0]
-        torque -= law.velocity_gain_Nms_per_rad * speed
-        if np.isfinite(law.torque_limit_Nm):
-            share = speed / law.no_load_speed_rad_per_s
+            position[tick // parts] = angle
+        torque -= gain_p * angle
+        torque -= gain_d * speed
+        if limited:
+            share = speed / no_load
             low, high = (law.torque_limit_Nm * min(max(1 - x, 0), 1) for x in (-share, share))
             torque = min(max(torque, -low), high)
-        data.ctrl[0] = torque
+        motor[0] = torque
         mujoco.mj_step(model, data)
     return log_of(position)
 
