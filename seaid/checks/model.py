@@ -56,7 +56,7 @@ from seaid.checks.terms import (
 from seaid.checks.tolerances import LEAST_DELAY_S, LEAST_SWING, PART, POOR, SIGNIFICANT, SURE
 from seaid.checks.values import drive_findings, noise_findings
 from seaid.drives import IDEAL_DRIVE, DefaultTerms, Drive, parameter_of, term_fields, unit_of
-from seaid.errors import Finding, SeaidError, listed
+from seaid.errors import Finding, SeaidError, Severity, listed
 from seaid.estimation import (
     FittedRows,
     estimator_named,
@@ -100,6 +100,12 @@ class Side:
         """The rows of the fit with the weights of its equations."""
         assert self.fitted.rows is not None
         return Equation(self.fitted.rows, self.fitted.weights)
+
+    def unexplained(self, joint: str) -> float:
+        """Return the error of the equation of a joint over its torque without the mean."""
+        rows = self.equation.rows.joint == self.robot.index(joint)
+        y = self.equation.weight[rows] * self.equation.rows.y[rows]
+        return float(np.sqrt(self.equation.squares(rows) / max(float(np.var(y)) * len(y), 1e-300)))
 
     def source(self, joint: str, quantity: str) -> str | Mapping[str, Any]:
         """Return the column of a quantity, or its entry in the description; "" without it."""
@@ -505,6 +511,8 @@ def _missing_terms(side: Side, joint: str, accepted: Sequence[Accepted], share: 
     """Return the finding of terms that a drive lacks, with the field of the drive that has them."""
     drive, field = side.robot.drives[joint], accepted[0].trial.candidate.field
     terms = [one.trial.candidate.term for one in accepted]
+    if field == "parallel_spring" and drive.is_elastic:
+        terms.append("preload")  # it rests at any angle, which the spring in series would hide
     is_spring = field == "spring"
     width = next((x.trial.values.get("coulomb_width") for x in accepted), None)
     is_sampled = len(terms) == 1 and (width or np.inf) <= _UNRESOLVED * side.widths.get(joint, 0)
@@ -513,7 +521,7 @@ def _missing_terms(side: Side, joint: str, accepted: Sequence[Accepted], share: 
     matters = is_spring or (share > _MATTERS and not (is_sampled or is_coarse))
     what = f"the spring of {joint} is not linear" if is_spring else f"{joint} lacks a term"
     what = _FOLLOWS.get(terms[0], what).format(joint)
-    names = " and ".join(f"'{term}'" for term in terms)
+    names = " and ".join(f"'{one.trial.candidate.term}'" for one in accepted)
     comparison = accepted[0].trial.comparison
     assert comparison is not None
     values = {name: value for one in accepted for name, value in one.trial.values.items()}
@@ -528,7 +536,10 @@ def _missing_terms(side: Side, joint: str, accepted: Sequence[Accepted], share: 
     )
     code = NONLINEAR_SPRING if is_spring else MISSING_TERM
     evidence = evidence_of(comparison, values) | {"explained": share}
-    return code.finding(message, joint, "doubtful" if matters else "note", evidence, remedy)
+    severity: Severity = "doubtful" if matters else "note"
+    if matters and share > PART and side.unexplained(joint) > PART:
+        severity = "wrong"  # without it the model is of no use
+    return code.finding(message, joint, severity, evidence, remedy)
 
 
 _MATTERS = 0.25

@@ -485,3 +485,27 @@ def test_damping_of_a_spring_is_no_delay() -> None:
         "linear",
         "damping",
     ]
+
+
+@pytest.mark.slow  # 3 s
+def test_a_spring_parallel_to_a_joint_with_a_spring_is_named_and_no_tilt() -> None:
+    """It carries as much torque as gravity does, and rests away from zero."""
+    knee: Any = leg().drives["knee_pitch"]
+    values = {**knee.values, "parallel_stiffness": 15.0, "parallel_preload": 4.0}
+    sprung = replace(knee, parallel_spring=("linear", "preload")).with_values(values)
+    robot = leg(TEST_MASS).with_drives({"knee_pitch": sprung})
+    log = seaid.simulate(robot, leg_trajectory(), noise=LEG_SENSORS, seed=1)
+    before = identify(named(), log)
+    (finding,) = (one for one in before.warnings if one.severity != "note")
+    assert (finding.code, finding.joint) == ("missing-term", "knee_pitch")
+    table = tomllib.loads(finding.remedy.partition("\n")[2])["knee_pitch"]
+    repaired = replace(
+        named().drives["knee_pitch"], parallel_spring=tuple(table["parallel_spring"])
+    )
+    after = identify(named().with_drives({"knee_pitch": repaired}), log)
+    assert after.verdict.level == "good"
+    estimate = after.drives["knee_pitch"]
+    for name in ("parallel_stiffness", "parallel_preload", "stiffness"):
+        assert estimate.value(name) == pytest.approx(
+            values[name], abs=4 * estimate.standard_error(name)
+        )
