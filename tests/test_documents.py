@@ -218,6 +218,7 @@ def test_every_command_is_in_the_reference_with_its_options() -> None:
             assert option in text or not option.startswith("-")
 
 
+@pytest.mark.slow  # 4.4 s, as the code of the pages
 def test_notebook_runs_and_prints_what_it_shows(tmp_path: Path) -> None:
     prepare(tmp_path)
     for cell, printed, figures in notebook.run(

@@ -29,6 +29,7 @@ from seaid.regressor.rigid_body import joint_torques
 from seaid.regressor.structural.identifiability import identifiability
 from seaid.robot.robot import Payload, Robot
 from tests.experiments import with_named_friction
+from tests.representatives import quick_only
 from tests.standard_errors import check_scores
 from tests.terms import (
     ELASTIC,
@@ -189,7 +190,11 @@ def check_intervals(found: Identification, truth: Robot, joint: str) -> None:
     assert np.max(np.abs(far)) < 3.3, dict(zip(found.drives[joint].names, far, strict=True))
 
 
-@pytest.mark.parametrize("term", FRICTION)
+SINGLE = ("smooth", "dahl", "asymmetric", "quadratic", "stribeck")
+"""Terms of friction that other cases have together with more."""
+
+
+@pytest.mark.parametrize("term", quick_only(FRICTION, {*FRICTION} - {*SINGLE}))
 def test_friction_of_an_elastic_drive_is_found(term: str) -> None:
     truth = robot(STIFF, with_terms(ELASTIC, *FRICTION[term]))
     found = identified(truth, exact_motion(truth))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -131,8 +132,19 @@ TIMES: dict[str, Callable[[Array], Array]] = {
 }
 
 
-@pytest.mark.parametrize("time", TIMES)
-@pytest.mark.parametrize("way", ODD)
+@pytest.mark.parametrize(
+    ("way", "time"),  # all ways at two times, and two ways at all times are quick
+    [
+        pytest.param(
+            way,
+            time,
+            marks=()
+            if time in ("even", "jitter") or way in ("constant", "noise")
+            else pytest.mark.slow,
+        )
+        for way, time in product(ODD, TIMES)
+    ],
+)
 def test_odd_channels_give_an_error_of_ours_or_numbers(
     pendulum: Robot, way: str, time: str
 ) -> None:

@@ -14,6 +14,7 @@ import seaid
 from scripts import gauntlet
 from scripts.gauntlet_mistakes import Setup
 from scripts.gauntlet_robots import Columns, load
+from tests.representatives import quick_only
 
 JOINTS = ("shoulder", "elbow", "wrist")
 RATIO, ROTOR, VISCOUS, COULOMB, RATE_HZ = 50.0, 3e-4, 2e-4, 0.01, 250.0
@@ -158,8 +159,9 @@ MISTAKES: dict[str, tuple[str, Change]] = {
 
 SAME_OF_ALL = (IN_DEGREES, "torque with another sign", "exchanged joints")
 CASES = [("joint positions", mistake) for mistake in [*MISTAKES][:11]]
-CASES += [(kind, mistake) for kind in [*LOGS][1:] for mistake in SAME_OF_ALL]
-CASES += [("both positions", mistake) for mistake in [*MISTAKES][11:]]
+OF_KINDS = [(kind, mistake) for kind in [*LOGS][1:] for mistake in SAME_OF_ALL]
+CASES += [*OF_KINDS, *(("both positions", mistake) for mistake in [*MISTAKES][11:])]
+SLOW = [one for one in OF_KINDS if one[0] != "custom columns" and one[1] != IN_DEGREES]
 
 
 def findings(setup: Setup) -> tuple[seaid.Finding, ...]:
@@ -182,7 +184,9 @@ def test_right_set_ups_have_nothing_to_repair(kind: str) -> None:
 
 
 @pytest.mark.filterwarnings("ignore:.*if the angles are in degrees")
-@pytest.mark.parametrize(("kind", "mistake"), CASES)
+@pytest.mark.parametrize(
+    ("kind", "mistake"), quick_only(CASES, [case for case in CASES if case not in SLOW])
+)
 def test_a_remedy_speaks_of_the_columns_of_its_log_and_repairs(kind: str, mistake: str) -> None:
     columns, description = LOGS[kind]()
     code, change = MISTAKES[mistake]

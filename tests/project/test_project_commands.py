@@ -60,6 +60,7 @@ def test_every_command_has_the_robot_and_logs_of_the_project(here: Path) -> None
     assert (here / "a.json").read_bytes() == (here / "b.json").read_bytes()
 
 
+@pytest.mark.slow  # three identifications, 4 s
 def test_a_log_alone_goes_with_the_robot_of_the_project(here: Path) -> None:
     own = json.loads(done("identify", "other.csv", "-o", here / "a.json", "--json").out)
     first = json.loads(done("identify", "run.csv", "-o", here / "b.json", "--json").out)
