@@ -118,11 +118,16 @@ class Experiment:
         return np.asarray(np.where(np.isnan(self.torque), self.sensed, of_motor))
 
     @cached_property
+    def _torque_sizes(self) -> list[float]:
+        """Standard deviations (n,) of `target`, by which misfits and noise are measured."""
+        return [float(np.std(self.target[:, j])) for j in range(self.robot.n)]
+
+    @cached_property
     def used(self) -> list[int]:
         """Joints with a torque that changes; none on a floating base, whose forces are unknown."""
         if self.robot.floating_base is not None:
             return []
-        return [j for j in range(self.robot.n) if np.std(self.target[:, j]) > 0]
+        return [j for j in range(self.robot.n) if self._torque_sizes[j] > 0]
 
     @cached_property
     def regressor(self) -> Array:
@@ -351,7 +356,7 @@ class Experiment:
 
     def _scaled(self, torque: Array, j: int, friction: Array) -> Array:
         """Return a torque (R, ...) of joint j without friction, over its noise."""
-        noise = self.noise[j] * np.std(self.target[:, j])
+        noise = self.noise[j] * self._torque_sizes[j]
         return np.asarray((torque - friction @ (friction.T @ torque)) / noise)
 
     @cached_property
@@ -415,7 +420,7 @@ class Experiment:
 
     def _size(self, j: int, left: Array, friction: Array, size: float = 0.0) -> float:
         """Return the rms of a residual and of friction that drives, over that of the torque."""
-        size = size or float(np.std(self.target[:, j]))
+        size = size or self._torque_sizes[j]
         torque, speed = self.friction[j][:, :2] @ friction, self.motor[1][:, j]
         power = float(np.mean(torque * speed)) * float(np.sign(self.lever[j]))
         drives = max(-power, 0.0) / max(float(np.std(speed)), 1e-300)
