@@ -46,8 +46,8 @@ from seaid.checks.tolerances import (
     NEGLIGIBLE,
     PART,
     POOR,
+    SIGNIFICANT,
     SLOWEST_HZ,
-    SURE,
     TWICE,
     WINDOW_S,
 )
@@ -73,6 +73,16 @@ class Logged:
         if len(self.logs) == 1:
             return [("", self.logs[0])]
         return [(f" of log {number}", log) for number, log in enumerate(self.logs, 1)]
+
+
+def _named(where: str) -> str:
+    """Return "log 2" for " of log 2", and "the log" for a single one."""
+    return where.removeprefix(" of ") or "the log"
+
+
+def _lever(drive: Drive) -> float:
+    """Return the torque on the load per torque of the motor."""
+    return drive.ratio * drive.load_radius / drive.motor_radius
 
 
 _UNITS_OF_TIME = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
@@ -130,7 +140,7 @@ def _wraps(logged: Logged) -> Iterator[Finding]:
             elif quantity == "joint_position" and abs(period / (2 * np.pi) - 1) < NEGLIGIBLE:
                 # the unwrapped angle begins within the turn of its first sample
                 low, high = logged.robot.position_range(joint)
-                middle = 0.5 * (low + high) if np.isfinite([low, high]).all() else 0.0
+                middle = 0.5 * (low + high) if np.isfinite(high - low) else 0.0
                 offset = period * float(np.rint((middle - np.mean(np.unwrap(values))) / period))
             source = changed_source(source, offset=offset, wraps=period)
             lines.setdefault(joint, {})[quantity] = source
@@ -143,7 +153,7 @@ def _wraps(logged: Logged) -> Iterator[Finding]:
                 only_joint([*lines]),
                 "wrong",
                 {"period": first},
-                in_description(lines, where.removeprefix(" of ") or "the log"),
+                in_description(lines, _named(where)),
                 "certain",
                 tuple(lines),
             )
@@ -180,41 +190,37 @@ def _period_of_integer(values: Array, scale: float) -> float | None:
 
 def _whole_numbers(logged: Logged) -> Iterator[Finding]:
     """Yield the torques of each log in N m that are whole numbers, such as a percentage."""
+    robot, limits = logged.robot, logged.robot.effort_limits
     for where, log in logged.numbered:
-        sources, lines, largest, times = log.sources(), dict[str, dict[str, str]](), 0.0, 0.0
-        channels = [
-            (joint, quantity, values)
+        whole = {
+            (joint, quantity): float(np.max(np.abs(values)))
             for joint, quantity, values, scale in _torques(log, logged.used)
             if scale == 1 and not np.any(values % 1) and len(np.unique(values)) >= EVENTS
             if _period_of_integer(values, scale) is None
-        ]
-        largest = max((float(np.max(np.abs(values))) for *_, values in channels), default=0.0)
-        full, is_known = 100.0 if largest <= 100 else 1000.0, True
-        for joint, quantity, values in channels:
-            drive = logged.robot.drives[joint]
-            lever = drive.ratio * drive.load_radius / drive.motor_radius
-            limit = float(logged.robot.effort_limits[logged.robot.index(joint)])
-            limit /= abs(lever) if quantity == "motor_torque" else 1.0
-            times = max(times, float(np.max(np.abs(values))) / limit if limit else 0.0)
-            is_known = is_known and 0 < limit < np.inf
-            factor = (limit if 0 < limit < np.inf else 1.0) / full
+        }
+        largest = max(whole.values(), default=0.0)
+        unit, full = ("per cent", 100) if largest <= 100 else ("per mille", 1000)
+        sources, lines, is_known, is_far = log.sources(), dict[str, dict[str, str]](), True, False
+        for (joint, quantity), size in whole.items():
+            lever = _lever(robot.drives[joint]) if quantity == "motor_torque" else 1.0
+            rating = float(limits[robot.index(joint)]) / abs(lever)
+            is_known, is_far = (
+                is_known and 0 < rating < np.inf,
+                is_far or size > MANY_TIMES * rating,
+            )
+            factor = (rating if 0 < rating < np.inf else 1.0) / full
             source = changed_source(sources[joint][quantity], factor=factor)
             lines.setdefault(joint, {})[quantity] = source
-        if channels:
-            unit = "per cent" if full == 100 else "per mille"
+        by = f"{unit} of the limits of the robot file" if is_known else "times the rating"
+        if whole:
             yield UNIT.finding(
                 f"the torques of {', '.join(lines)}{where} are whole numbers up to {largest:g}: "
                 f"{unit} of a rating of each motor, or counts of its driver, and not N m",
                 only_joint([*lines]),
-                "wrong" if times > MANY_TIMES else "doubtful",
-                {"largest value": largest, "largest value over the limit": times},
-                in_description(lines, where.removeprefix(" of ") or "the log")
-                + (
-                    f"\n# {unit} of the limits of the robot file"
-                    if is_known
-                    else "\n# times the rating"
-                )
-                + ", see the data sheet; if it is the duty cycle of a servo, use its commands",
+                "wrong" if is_far else "doubtful",
+                {"largest value": largest},
+                f"{in_description(lines, _named(where))}\n# {by}, see the data sheet; if it is the "
+                "duty cycle of a servo, use its commands",
                 joints=tuple(lines),
             )
 
@@ -360,7 +366,7 @@ def _held_torques(logged: Logged) -> Iterator[Finding]:
                 {HELD: count, "delay [s]": late},
                 in_description(
                     {joint: {"motor_torque": source} for joint, source in earlier.items()},
-                    where.removeprefix(" of ") or "the log",
+                    _named(where),
                 ),
                 "possible",
                 tuple(joints),
@@ -438,7 +444,7 @@ def _is_locked(drive: Drive, log: Log, joint: str) -> bool:
     motor, output = log.motor_position[:, j], log.joint_position[:, j]
     if not np.all(np.isfinite([motor, output])) or is_constant(motor):
         return False
-    behind = motor * drive.motor_radius / (drive.ratio * drive.load_radius)
+    behind = motor / _lever(drive)
     return bool(np.ptp(behind) < LARGEST_DEFLECTION_RAD) and stands_locked(output, behind)
 
 
@@ -558,7 +564,7 @@ def rating_findings(experiment: Experiment) -> Iterator[Finding]:
     Factors on the torques of the bodies in the robot file differ from joint to joint as their
     limits do, or are all so large that masses do not explain them.
     """
-    robot, names, lever = experiment.robot, experiment.robot.joint_names, experiment.lever
+    robot, lever = experiment.robot, experiment.lever
     if robot.has_controllers or not experiment.used or not np.all(np.isfinite(experiment.bodies)):
         return  # on a floating base no joint is used, whose bodies have columns of their own
     of_bodies, is_motor = experiment.regressor @ experiment.bodies, np.isfinite(experiment.torque)
@@ -567,10 +573,9 @@ def rating_findings(experiment: Experiment) -> Iterator[Finding]:
     for j in experiment.used:
         columns = (of_bodies[:, j], *experiment.friction[j].T, experiment.motor[2][:, j])
         x = scaled_svd(np.column_stack(columns)).solve(torque[:, j])
-        if x[0] > 0:
-            factors[j] = float(x[0])
-            left = torque[:, j] - np.column_stack(columns) @ x
-            clear += [j] if np.std(left) < PART * x[0] * np.std(of_bodies[:, j]) else []
+        left = torque[:, j] - np.column_stack(columns) @ x
+        factors |= {j: float(x[0])} if x[0] > 0 else {}
+        clear += [j] if np.std(left) < PART * x[0] * np.std(of_bodies[:, j]) else []
     logs = np.log([factors[j] for j in clear])
     behind = logs - np.log(np.abs(lever[clear]))  # torques behind the gears have their ratio
     is_right = len(clear) < 3 or np.median(np.abs(logs)) < MOST
@@ -587,7 +592,7 @@ def rating_findings(experiment: Experiment) -> Iterator[Finding]:
         return
     least, largest = (float(np.exp(end(logs))) for end in (np.min, np.max))
     lines = {
-        names[j]: {
+        robot.joint_names[j]: {
             quantity: changed_source(experiment.source(j, quantity), factor=float(f"{x:.4g}"))
             for quantity in experiment.logged(j, "t")
         }
@@ -611,8 +616,7 @@ def strength_findings(experiment: Experiment) -> Iterator[Finding]:
     axis along gravity, is none.
     """
     robot, used = experiment.robot, experiment.used
-    names = [name for name in robot.body_names for _ in range(10)]
-    known = robot.payload_parameters + np.isin(names, robot.known_bodies) * robot.parameters
+    known = robot.payload_parameters + robot.is_known * robot.parameters
     is_known = bool(np.any(known)) and bool(np.all(np.isfinite(experiment.bodies)))
     if not used or not is_known or robot.has_controllers:
         return
@@ -661,8 +665,8 @@ def stop_findings(experiment: Experiment, logs: Sequence[Log]) -> Iterator[Findi
         reach = (H[at_limit] / svd.norms) @ svd.vectors[:kept].T / svd.sizes[:kept]
         noise = np.sum(left[~at_limit] ** 2) / max(np.sum(~at_limit) - kept, 1)
         error = np.sqrt(1 + CORRELATED_ROWS * np.sum(reach**2, axis=1)) * max(noise**0.5, FEW)
-        push = float(np.mean(left[at_limit] * np.sign(place[at_limit]) / error))
-        if push > SURE:
+        push = float(np.median(left[at_limit] * np.sign(place[at_limit]) / error))
+        if push > SIGNIFICANT:
             yield CONTACT.finding(
                 f"{joint} is at its limit in the robot file, or beyond it, in {share:.0%} of the "
                 f"samples, where its motor pushes outwards by {push:.3g} times the error of what "
@@ -671,7 +675,7 @@ def stop_findings(experiment: Experiment, logs: Sequence[Log]) -> Iterator[Findi
                 "wrong",
                 evidence={"share at the limit": share, "push over its error": push},
                 remedy="\n".join(
-                    f"in the description of {where.removeprefix(' of ') or 'the log'}:\n"
+                    f"in the description of {_named(where)}:\n"
                     f"exclude_s = {_times_beyond(log, robot, joint, far)}"
                     for where, log in Logged(robot, logs, ()).numbered
                 ),
@@ -681,9 +685,9 @@ def stop_findings(experiment: Experiment, logs: Sequence[Log]) -> Iterator[Findi
 
 def _times_beyond(log: Log, robot: Robot, joint: str, far: float) -> list[list[float]]:
     """Return the times [s] around those at which a joint is far from the middle of its range."""
-    j, drive, step = log.joint_names.index(joint), robot.drives[joint], np.median(np.diff(log.time))
-    behind = log.motor_position[:, j] * drive.motor_radius / (drive.ratio * drive.load_radius)
-    place = np.where(np.isnan(log.joint_position[:, j]), behind, log.joint_position[:, j])
+    j, step = log.joint_names.index(joint), float(np.median(np.diff(log.time)))
+    motor, place = log.motor_position[:, j], log.joint_position[:, j]
+    place = np.where(np.isnan(place), motor / _lever(robot.drives[joint]), place)
     is_beyond = np.abs(place - np.mean(robot.position_range(joint))) > far
     near = np.convolve(is_beyond, np.ones(2 * round(WINDOW_S / step) + 1), mode="same") > 0.5
     return [[round(float(log.time[k]), 3) for k in (a, b - 1)] for a, b in runs(near)]
