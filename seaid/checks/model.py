@@ -952,18 +952,18 @@ def _with_rivals(finding: Finding, accepted: Iterable[Accepted]) -> Finding:
 
 def without_setup_echoes(
     findings: Sequence[Finding],
-    channels: Sequence[Finding],
+    setup: Sequence[Finding],
     selected: Sequence[SideSelection],
     robot: Robot,
     mistakes_of: Callable[[Robot], Iterable[Finding]],
 ) -> list[Finding]:
     """Return findings without mistakes of the set-up that are echoes of what equations lack.
 
-    `channels` are those without mistakes of the set-up. A mistake is an echo if the robot whose
+    `setup` are the mistakes of the set-up among them. A mistake is an echo if the robot whose
     drives have the selected terms does not show it, or if it is contained in what was selected: a
     tilt of gravity in springs parallel to the joints, another ratio in a ratio that varies.
     """
-    mistakes = [one for one in findings if one not in channels and one.severity != "note"]
+    mistakes = [one for one in setup if one.severity != "note"]
     if not mistakes:
         return list(findings)
     supported = _with_selected_terms(robot, selected)

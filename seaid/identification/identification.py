@@ -442,6 +442,7 @@ def _identify(
         channels = tuple(findings)
         # the list that `explained` has
         findings[:] = findings_of_setup(experiment, moving, channels, logs_in_memory)
+        setup_mistakes = [one for one in findings if one not in channels]
         used = joints_with_torque(robot, datasets) if torque_joints is None else selected
         findings += missing_torques(robot, selected, used)
         check_forces(datasets, used)
@@ -474,7 +475,7 @@ def _identify(
             model, found = _two_step(robot, datasets, used, options, bias)
             lacking = selections(_sides(robot, whole, model, found, widths, encoder_offset_std))
     shown_by = partial(_findings_of_setup, moved, moving, channels, logs_in_memory)
-    findings = without_setup_echoes(findings, channels, lacking, declared, shown_by)
+    findings = without_setup_echoes(findings, setup_mistakes, lacking, declared, shown_by)
     findings += consequences(findings, model_findings(lacking, findings))
     found = _continued(robot, datasets, model, found, (method, estimator), options)
 
