@@ -197,11 +197,8 @@ def drive_scores(found: Identification, truth: Robot, *names: str) -> Array:
 
 
 @cache
-def geared_arm_log() -> Log:
-    """Return the log of an arm: torques of its motors at the joints, and no motor encoders.
-
-    Its rotors have more inertia at the joints than the bodies of the wrist.
-    """
+def true_geared_arm() -> Robot:
+    """Return the UR10 with rotors that have more inertia at the joints than its wrist."""
     plain = load_robot("ur10", snap_tolerance_rad=0)
     sizes = zip((1.2, 1.4, 0.6, 0.12, 0.12, 0.05), (25, 24, 12, 3, 3, 2), strict=True)
     drives = {
@@ -213,7 +210,13 @@ def geared_arm_log() -> Log:
         )
         for joint, (inertia, viscous) in zip(plain.joint_names, sizes, strict=True)
     }
-    truth = load_robot("ur10", drives, snap_tolerance_rad=0)
+    return load_robot("ur10", drives, snap_tolerance_rad=0)
+
+
+@cache
+def geared_arm_log() -> Log:
+    """Return the log of an arm: torques of its motors at the joints, and no motor encoders."""
+    truth = true_geared_arm()
     motion = wiggle(truth, 10.0, (0.0, -1.2, 1.0, 0.0, 0.5, 0.0), (0.8,) * 6)
     log = simulate(truth, motion, rate_hz=250, noise=Noise(torque_std_Nm=0.05))
     unknown = np.full_like(log.motor_position, np.nan)

@@ -286,6 +286,7 @@ SHORT_FORMS = {
     "benchmarks/identify_cost.py": ("--robot stiff --runs 1",),
     "benchmarks/inferred_ratio.py": ("--quick --motions 1 --noises 1",),
     "benchmarks/interval_coverage.py": ("--quick --experiments 1 --duration 2",),
+    "benchmarks/short_logs.py": ("--quick --experiments 1",),
     "benchmarks/journey.py": ("--quick --repeats 1",),
     "benchmarks/legged.py": ("--quick 1 1",),
     "benchmarks/legged_findings.py": ("1 'feet slip'",),

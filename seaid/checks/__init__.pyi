@@ -103,6 +103,7 @@ from .verdict import RobotFit as RobotFit
 from .verdict import Verdict as Verdict
 from .verdict import explained as explained
 from .verdict import fit_findings as fit_findings
+from .verdict import prediction_errors as prediction_errors
 from .verdict import robot_fit as robot_fit
 from .verdict import that_matter as that_matter
 from .verdict import verdict_of as verdict_of

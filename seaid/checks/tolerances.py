@@ -124,7 +124,15 @@ LEAST_OFFSET = 2e-3
 """Difference [rad or m] of the encoder offsets of a joint without a spring that matters."""
 
 FEWEST_INDEPENDENT = 1.5
-"""Independent rows per parameter below which standard errors are unreliable."""
+"""Independent rows per parameter, by their autocorrelation, below which standard errors are
+unreliable."""
+
+FEWEST_BY_BLOCKS = 7.0
+"""Independent rows per parameter, by what blocks contradict, below which standard errors are
+unreliable: of logs of a leg and two arms with fewer, which last a second or two, 95 % intervals
+hold in 80 to 90 %, with more in 94 %. Right set-ups of eight seconds have at least 7.8
+(`scripts/benchmarks/short_logs.py`). Up to twice as many do not determine the torques of other
+motions where these have large errors."""
 
 NO_CHANCE = 0.999
 """Level of the interval that excludes zero if an error of a channel is none by chance."""

@@ -24,6 +24,7 @@ from seaid.checks.experiment import Experiment
 from seaid.checks.tolerances import (
     BURST,
     CORRELATED_ROWS,
+    FEWEST_BY_BLOCKS,
     FEWEST_INDEPENDENT,
     HALF_POWER,
     NEGLIGIBLE,
@@ -33,18 +34,20 @@ from seaid.checks.tolerances import (
     RARE,
     SLIGHT,
     SURE,
+    TWICE,
     WINDOW_S,
 )
 from seaid.errors import Finding, IdentificationError, SeaidError, Severity, listed
 from seaid.estimation import (
     RANK_TOLERANCE,
+    Estimate,
     FittedRows,
     qr_factor_of,
     row_step,
     scaled_svd,
     triangle,
 )
-from seaid.regressor import Regression
+from seaid.regressor import BaseParameters, Regression, regressor_at_drives
 from seaid.robot import BASE_ROWS
 
 Level = Literal["good", "usable with care", "do not use"]
@@ -209,8 +212,8 @@ class RobotFit:
     of the rows of a floating base where no joint has a torque. `residual` is the norm of the
     residual of all joints over that of their torques without contact forces, of a floating base, in
     the own logs and in excluded blocks. `rows_per_parameter` are the independent ones, infinite
-    without blocks. `own` (R,) are the rows of the logs concerned, None for all; `weak` are joints
-    whose spring is hardly loaded.
+    without blocks; `predicted` are the errors of other motions by joint. `own` (R,) are the rows of
+    the logs concerned, None for all; `weak` are joints whose spring is hardly loaded.
     """
 
     joint_names: tuple[str, ...]
@@ -220,6 +223,7 @@ class RobotFit:
     rows_per_parameter: float = float("inf")
     own: BoolArray | None = None
     weak: Collection[str] = ()
+    predicted: Mapping[str, float] = FrozenMapping({}, "joint")
 
     @property
     def rows(self) -> Regression | None:
@@ -526,12 +530,16 @@ def _contacts(given: RobotFit) -> Iterator[Finding]:
 def _few_rows(given: RobotFit) -> Iterator[Finding]:
     """Yield that blocks of the logs contradict each other as so few independent rows do."""
     has_fit = any(NEGLIGIBLE < one.blocks <= NOTHING for one in given.joints.values())
-    if has_fit and given.rows_per_parameter < FEWEST_INDEPENDENT and given.contact is None:
+    error, count = float(np.median([*given.predicted.values()] or [0.0])), given.rows_per_parameter
+    fewest = FEWEST_BY_BLOCKS if given.predicted else FEWEST_INDEPENDENT  # of a floating base
+    is_unclear = error > POOR and count < TWICE * fewest
+    if has_fit and (count < fewest or is_unclear) and given.contact is None:
+        unseen = f", and the torques of other motions have standard errors of {error:.0%} of them"
         yield FEW_ROWS.finding(
             "blocks of the logs contradict each other as if there were only "
-            f"{given.rows_per_parameter:.2g} independent rows per parameter: the logs are too "
+            f"{count:.2g} independent rows per parameter{unseen * is_unclear}: the logs are too "
             "short for so many parameters",
-            evidence={"independent rows per parameter": given.rows_per_parameter},
+            evidence={"independent rows per parameter": count, "error in other motions": error},
             remedy="record a longer motion, or remove terms of the drives",
         )
 
@@ -541,6 +549,26 @@ _OF_FIT = (
     Observation(CONTACT, _contacts),
     Observation(FEW_ROWS, _few_rows),
 )
+
+
+def prediction_errors(
+    experiment: Experiment, base: BaseParameters, estimate: Estimate
+) -> Mapping[str, float]:
+    """Return {joint: standard error of the torque of its bodies in other motions, over its size}.
+
+    In these, each joint has the states of the log at other times than the others have theirs.
+    """
+    robot, count = experiment.robot, experiment.joint.shape[1]
+    if robot.floating_base is not None or not base.columns:
+        return {}
+    shifts = [place * count // robot.n for place in range(robot.n)]
+    states = [np.roll(experiment.joint[:, :, j], shift, axis=1) for j, shift in enumerate(shifts)]
+    H = base.reduce(regressor_at_drives(robot, *np.stack(states, axis=2)))
+    p = H.shape[2]
+    variance = np.einsum("rjp,pq,rjq->j", H, estimate.covariance[:p, :p], H) / count
+    sizes = np.std(H @ estimate.values[:p], axis=0)
+    moved = np.flatnonzero(sizes > RANK_TOLERANCE * np.max(sizes, initial=0.0)).tolist()
+    return {robot.joint_names[j]: float(np.sqrt(variance[j]) / sizes[j]) for j in moved}
 
 
 def fit_findings(fit: RobotFit) -> list[Finding]:

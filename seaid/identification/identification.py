@@ -41,6 +41,7 @@ from seaid.checks import (
     noise_findings,
     observed,
     offset_findings,
+    prediction_errors,
     resolved_widths,
     rigid_gear,
     robot_fit,
@@ -495,6 +496,7 @@ def _identify(
     bodies = result.robot.parameters + robot.payload_parameters
     sides = found.fit, found.actuators
     explains = robot_fit(robot.joint_names, *sides, experiment, bodies, locked=locked, weak=weak)
+    explains = replace(explains, predicted=prediction_errors(experiment, model.base, result.load))
     findings += consequences(findings, fit_findings(explains))
     weak_drives = [joint for joint in result.drives if joint in weak]
     findings += consequences(findings, backlash_findings(given, sources, weak_drives, used))
