@@ -18,7 +18,7 @@ import numpy as np
 from seaid._arrays import Array, BoolArray, FrozenMapping, safely
 from seaid._progress import Display
 from seaid.checks.check import Observation, excluding_torque, observed
-from seaid.checks.codes import CONTACT, FEW_ROWS, NO_FIT
+from seaid.checks.codes import CONTACT, FEW_ROWS, NO_FIT, POORLY_IDENTIFIED
 from seaid.checks.engine import time_blocks
 from seaid.checks.experiment import Experiment
 from seaid.checks.tolerances import (
@@ -169,7 +169,15 @@ def verdict_of(warnings: Sequence[Finding], joints: Mapping[str, JointFit]) -> V
         ]
         if names:
             return Verdict(level, f"{start}: {', '.join(names)}", joints)
-    return Verdict("good", "good: no warning contradicts the set-up or the model", joints)
+    unknown = {
+        finding.joint: None
+        for finding in warnings
+        if finding.code == POORLY_IDENTIFIED.name
+        and finding.evidence.get("standard error", 0) >= abs(finding.evidence.get("value", 1))
+    }
+    but = f", but drives have errors of 100% and more: {listed([*unknown], _MOST_NAMED)}"
+    sentence = "good: no warning contradicts the set-up or the model"
+    return Verdict("good", sentence + (but if unknown else ""), joints)
 
 
 def _load_sides(warnings: Sequence[Finding], joints: Mapping[str, JointFit]) -> str:

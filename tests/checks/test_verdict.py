@@ -10,7 +10,8 @@ import pytest
 
 import seaid
 from scripts.benchmarks.short_logs import short_log
-from seaid.checks import JointFit, RobotFit, fit_findings, unused_findings
+from seaid.checks import JointFit, RobotFit, fit_findings, unused_findings, verdict_of
+from seaid.checks.codes import POORLY_IDENTIFIED
 from seaid.checks.verdict import _blocks
 from seaid.estimation import FittedRows, ordinary, qr_factor_of
 from seaid.log.reading import Log
@@ -270,3 +271,21 @@ def test_a_log_of_a_second_is_too_short_and_one_of_twenty_is_not(name: str) -> N
         assert found.verdict.level == "good" or duration_s < 20
     assert "few-rows" in codes[0]
     assert "few-rows" not in codes[2]
+
+
+def test_a_good_result_names_the_drives_with_parameters_that_are_not_determined() -> None:
+    def sentence(*errors: float) -> str:
+        findings = [
+            POORLY_IDENTIFIED.finding(
+                "poor", f"joint_{place}", "note", {"value": -2.0, "standard error": error}
+            )
+            for place, error in enumerate(errors)
+        ]
+        verdict = verdict_of(findings, {})
+        assert verdict.level == "good"
+        return verdict.sentence
+
+    assert sentence(0.5) == sentence() == "good: no warning contradicts the set-up or the model"
+    assert sentence(0.5, 2.0, 40.0).endswith(
+        "but drives have errors of 100% and more: joint_1, joint_2"
+    )
