@@ -107,6 +107,11 @@ class Side:
         y = self.equation.weight[rows] * self.equation.rows.y[rows]
         return float(np.sqrt(self.equation.squares(rows) / max(float(np.var(y)) * len(y), 1e-300)))
 
+    def swing(self, joint: str) -> float:
+        """Return the range of a joint [rad or m], in the motion where it is largest."""
+        index = self.robot.index(joint)
+        return max(float(np.ptp(motion.joint_position[:, index])) for motion in self.motions)
+
     def source(self, joint: str, quantity: str) -> str | Mapping[str, Any]:
         """Return the column of a quantity, or its entry in the description; "" without it."""
         processing = self.motions[0].processing
@@ -213,7 +218,8 @@ def _friction(side: Side, joint: str) -> list[Candidate]:
 
 
 def _parallel_springs(side: Side, joint: str) -> list[Candidate]:
-    if side.is_motor:
+    """Return the spring parallel to a joint; what holds a locked output, and yields, is none."""
+    if side.is_motor or side.swing(joint) < LEAST_SWING:
         return []
     return _terms(side, joint, "parallel_spring", ("linear",), at_joint=True)
 
@@ -392,9 +398,7 @@ def _zeros(side: Side, joint: str) -> Iterator[Candidate]:
         return
     if side.robot.has_controllers:  # an offset moves the commands as well: `commands` looks at it
         return
-    index = side.robot.index(joint)
-    swing = max(float(np.ptp(one.joint_position[:, index])) for one in side.motions)
-    if not side.robot.is_prismatic[index] and swing > LEAST_SWING:
+    if not side.robot.is_prismatic[side.robot.index(joint)] and side.swing(joint) > LEAST_SWING:
         yield Candidate(joint, "offset", "joint_position", partial(_turned, side, joint))
 
 
