@@ -27,7 +27,7 @@ from seaid.identification import identification
 ROOT = Path(__file__).resolve().parents[2]
 NAMES = ("leg", "stiff", "scara", "arm", "elastic arm")
 PARTS = (
-    *("log_findings", "datasets_by_log", "check_channels", "experiment_of", "setup_findings"),
+    *("log_findings", "datasets_by_log", "check_channels", "experiment_of", "findings_of_setup"),
     *("load_model_of", "estimate_two_step", "resolved_widths", "selections", "model_findings"),
     *("sensitivity_findings", "with_known_std", "identification_of", "robot_fit", "fit_findings"),
 )
