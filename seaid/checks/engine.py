@@ -330,8 +330,12 @@ class Equation:
     @cached_property
     def values(self) -> Array:
         """The parameters (p,) by least squares with the weights, zero of columns of zeros."""
-        rows, weight = self.rows, self.weight
-        return np.asarray(scaled_svd(weight[:, None] * rows.H).solve(weight * rows.y))
+        return np.asarray(scaled_svd(self.factor[:, :-1]).solve(self.factor[:, -1]))
+
+    @cached_property
+    def factor(self) -> Array:
+        """The triangular factor of the weighted columns and torques [H y]."""
+        return triangle(self.weight[:, None] * np.column_stack([self.rows.H, self.rows.y]))
 
     def last(self, count: int) -> tuple[Array, Array]:
         """Return the last parameters (count,), and their standard errors (count,).
@@ -339,7 +343,7 @@ class Equation:
         The errors allow for autocorrelation, as those of the estimate do.
         """
         rows, X = self.rows, self.weight[:, None] * self.rows.H
-        svd = scaled_svd(X)
+        svd = scaled_svd(self.factor[:, :-1])
         kept = slice(svd.rank())
         root = (svd.vectors[kept].T / svd.sizes[kept]) / svd.norms[:, None]
         scores = long_run_of(X, self.residual, rows.time, rows.run).for_normal_intervals

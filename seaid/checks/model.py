@@ -485,8 +485,9 @@ def _zero_is_off(
 
     An angle beyond a turn, or one that is not determined, stands for something else.
     """
-    del accepted  # linear in an angle that may be large
-    offset, error = _searched_zero(side, joint)
+    (offset,), (error,) = accepted[0].coefficients.tolist(), accepted[0].errors.tolist()
+    if abs(offset) > SURE * side.offset_std:  # else its effect is linear, and in the errors
+        offset, error = _searched_zero(side, joint)
     if abs(offset) > np.pi or abs(offset) < SIGNIFICANT * error:
         return None
     robot = side.robot
