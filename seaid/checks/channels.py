@@ -571,7 +571,7 @@ def rating_findings(experiment: Experiment) -> Iterator[Finding]:
     torque = np.where(is_motor, lever * experiment.torque, experiment.sensed)
     factors, clear = dict[int, float](), list[int]()
     for j in experiment.used:
-        columns = (of_bodies[:, j], *experiment.friction[j].T, experiment.motor[2][:, j])
+        columns = (of_bodies[:, j], *experiment.load_columns(j).T, experiment.motor[2][:, j])
         x = scaled_svd(np.column_stack(columns)).solve(torque[:, j])
         left = torque[:, j] - np.column_stack(columns) @ x
         factors |= {j: float(x[0])} if x[0] > 0 else {}
@@ -659,7 +659,7 @@ def stop_findings(experiment: Experiment, logs: Sequence[Log]) -> Iterator[Findi
             continue
         y = experiment.target[:, j] / np.std(experiment.target[:, j])
         rate = experiment.motor[2][:, j]
-        H = np.column_stack([experiment.regressor[:, j], experiment.friction[j], rate])
+        H = np.column_stack([experiment.regressor[:, j], experiment.load_columns(j), rate])
         svd = scaled_svd(H[~at_limit])
         kept, left = svd.rank(RANK_TOLERANCE), y - H @ svd.solve(y[~at_limit], RANK_TOLERANCE)
         reach = (H[at_limit] / svd.norms) @ svd.vectors[:kept].T / svd.sizes[:kept]

@@ -142,6 +142,24 @@ class Experiment:
         return np.stack([scaled, self.direction, ones], axis=-1).swapaxes(0, 1)
 
     @cached_property
+    def _springs(self) -> Array:
+        """Torque (n, R, n) at each drive per stiffness of a declared spring parallel to a joint."""
+        robot = self.robot
+        has_spring = ["linear" in drive.parallel_spring for drive in robot.drives.values()]
+        turned = self.joint[0] * np.array(has_spring)
+        at_drive = torques_at_drives(robot.transmission, np.eye(robot.n))
+        return np.asarray(np.einsum("rj,jd->drj", turned, at_drive))
+
+    def load_columns(self, j: int) -> Array:
+        """Return columns (R, k) of what acts on the load of joint j next to bodies: friction first.
+
+        Springs parallel to the joint have any stiffness and preload; the constant of friction is
+        one of theirs.
+        """
+        springs = self._springs[j]
+        return np.hstack([self.friction[j], springs[:, np.any(springs != 0, axis=0)]])
+
+    @cached_property
     def nominal(self) -> Array:
         """Misfit (n,) of the nominal bodies with any friction, NaN without nominal bodies."""
         return self.of_bodies(self.bodies)
@@ -152,32 +170,33 @@ class Experiment:
         if self.used and np.all(np.isfinite(bodies)):
             left = self.target - self.regressor @ bodies
             for j in self.used:
-                found[j] = self._misfit(j, left[:, j], self.friction[j])
+                found[j] = self._misfit(j, left[:, j], self.load_columns(j))
         return found
 
     @cached_property
     def free(self) -> Array:
         """Misfit (n,) of any bodies with any friction."""
-        used, n, count = self.used, self.robot.n, len(self.target)
-        m = self.robot.parameters.size
-        found = np.full(n, np.nan)
+        used, count, m = self.used, len(self.target), self.robot.parameters.size
+        found = np.full(self.robot.n, np.nan)
         if not used:
             return found
-        H = np.zeros((count, len(used), m + 3 * n))
+        loads = [self.load_columns(j) for j in used]
+        ends = m + np.cumsum([0, *(columns.shape[1] for columns in loads)])
+        H = np.zeros((count, len(used), ends[-1]))
         H[:, :, :m] = self.regressor[:, used]
-        for place, j in enumerate(used):
-            H[:, place, m + 3 * j : m + 3 * j + 3] = self.friction[j]
+        for place, columns in enumerate(loads):
+            H[:, place, ends[place] : ends[place + 1]] = columns
         weight = 1.0 / np.std(self.target[:, used], axis=0)
         counts = np.stack([self._counted(j) for j in used], axis=1)
-        A = (H * weight[:, None] * counts[:, :, None]).reshape(-1, m + 3 * n)
+        A = (H * weight[:, None] * counts[:, :, None]).reshape(-1, ends[-1])
         b = (self.target[:, used] * weight * counts).ravel()
         size = np.linalg.norm(A, axis=0)
         A[:, size < 1e-9 * np.max(size)] = 0.0
         x = scaled_svd(A).solve(b, RANK_TOLERANCE)
         left = (b - A @ x).reshape(count, -1)
         for place, j in enumerate(used):
-            own = x[m + 3 * j : m + 3 * j + 2] / weight[place]
-            found[j] = self._size(j, left[counts[:, place], place] / weight[place], own)
+            friction = x[ends[place] : ends[place] + 2] / weight[place]
+            found[j] = self._size(j, left[counts[:, place], place] / weight[place], friction)
         return found
 
     @cached_property
@@ -323,14 +342,14 @@ class Experiment:
 
     @cached_property
     def _errors(self) -> tuple[list[Array], Array, Array]:
-        """Friction (R, 3) of each used joint, and the effect of errors of nominal bodies.
+        """Friction and springs (R, k) of each used joint, and what errors of nominal bodies do.
 
         The torque of a rotor whose inertia is unknown, of a stiff drive, counts as one of these
         errors, as large as that of the joint. Both as orthonormal columns, with what is left (k,)
         of the second: of columns B for one standard deviation each, over the noise,
         (1 + B B^T)^(-1/2) leaves 1 / sqrt(1 + s^2) along each singular direction.
         """
-        friction = [np.linalg.qr(self.friction[j])[0] for j in self.used]
+        friction = [np.linalg.qr(self.load_columns(j))[0] for j in self.used]
         n, bodies = self.robot.n, self.robot.parameters.reshape(-1, 10)
         N = len(bodies)
         spread = np.zeros((N, 10, 5))

@@ -146,19 +146,34 @@ def _best(given: Experiment) -> tuple[Finding, Experiment] | None:
     if not gains or gains[0][0] < LEAST_GAIN:
         return None
     gain, one, changed = gains[0]
-    close = [
-        other for value, other, _ in gains[1:] if value > gain - TIE and other.code != one.code
-    ]
+    close = [entry for entry in gains[1:] if entry[0] > gain - TIE and entry[1].code != one.code]
     certainty: Certainty = "possible" if close else "likely" if gain < 3 * LEAST_GAIN else "certain"
+    instead, severity, remedy = "", one.severity, one.remedy
+    if {entry[1].code for entry in (gains[0], *close)} == {TORQUE_SCALE, NOMINAL_VALUES}:
+        # masses of a robot file are rough, and no line may be printed that one cause supports alone
+        (_, one, changed), *close = sorted((gains[0], *close), key=_is_of_torques)
+        severity, remedy = "note", _WEIGH
     what, joint, before, after = _fall(given, changed)
     evidence = {**one.evidence, "misfit as given": before, "misfit without it": after}
-    instead = f"; or {close[0].message}" if close else ""
+    if close:
+        instead = f"; or {close[0][1].message}"
+        evidence[f"or {close[0][1].code.name}"] = 1.0
     message = (
         f"{one.message}: the part of the {what} of {joint} that is left unexplained falls from "
         f"{before:.0%} to {after:.0%}{instead}"
     )
-    finding = one.code.finding(message, one.joint, one.severity, evidence, one.remedy, certainty)
-    return finding, changed
+    return one.code.finding(message, one.joint, severity, evidence, remedy, certainty), changed
+
+
+def _is_of_torques(entry: tuple[float, Transform, Experiment]) -> bool:
+    return entry[1].code == TORQUE_SCALE
+
+
+_WEIGH = (
+    "weigh a link, or hold a known weight at a known distance and compare the torque: if the robot "
+    "file is wrong, the estimate needs no change; if the torques are, give them their scale in the "
+    "description of the log"
+)
 
 
 _SIGNIFICANT = 6.0
@@ -398,15 +413,16 @@ constants and of rotor inertias that are usual."""
 
 def _slopes(given: Experiment, j: int) -> tuple[float, float]:
     """Return the torque over that of the nominal bodies, and the rotor inertia over the given."""
-    columns = np.column_stack([given.regressor[:, j] @ given.bodies, given.friction[j]])
+    columns = np.column_stack([given.regressor[:, j] @ given.bodies, given.load_columns(j)])
     y = given.lever[j] * given.torque[:, j]
     if np.all(np.isnan(y)):
         y = given.sensed[:, j]
     rotor = given.lever[j] * given.motor[2][:, j]
-    if given.inertia[j] > 0 and np.all(np.isfinite(given.torque[:, j])):
+    has_rotor = given.inertia[j] > 0 and bool(np.all(np.isfinite(given.torque[:, j])))
+    if has_rotor:
         columns = np.column_stack([columns, given.inertia[j] * rotor])
     x = scaled_svd(columns).solve(y)
-    return float(x[0]), float(x[-1]) if columns.shape[1] == 5 else math.nan
+    return float(x[0]), float(x[-1]) if has_rotor else math.nan
 
 
 def _torque_scales(given: Experiment) -> Iterator[Transform]:
@@ -476,13 +492,14 @@ def _all_torque_scales(given: Experiment) -> Iterator[Transform]:
         yield _behind_gears(given, middle)
     yield Transform(
         NOMINAL_VALUES,
-        f"the torques are {middle:.3g} times those of the masses in the robot file: wrong "
-        "nominal values, or a payload that was not given",
+        f"the robot is {abs(middle - 1):.0%} {'heavier' if middle > 1 else 'lighter'} than its "
+        f"file, or carries a payload that was not given: the torques are {middle:.3g} times those "
+        "of the masses in the robot file",
         partial(replace, bodies=middle * given.bodies),
         severity="note",
         remedy="correct the masses in the robot file, or name the payload",
         evidence={"factor": middle},
-        penalty=0.5,
+        penalty=0.0 if of_masses else 0.5,
     )
 
 
