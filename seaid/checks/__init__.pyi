@@ -61,6 +61,7 @@ from .predictions import wrong_minimum as wrong_minimum
 from .setup import encoder_slope as encoder_slope
 from .setup import log_findings as log_findings
 from .setup import setup_findings as setup_findings
+from .setup import weight_findings as weight_findings
 from .terms import DriveRows as DriveRows
 from .terms import Scale as Scale
 from .terms import TermComparison as TermComparison

@@ -23,7 +23,6 @@ import numpy as np
 from seaid._arrays import Array
 from seaid._files import toml_table
 from seaid.checks.bodies import (
-    CORRELATED_ROWS,
     gravities,
     lengths,
     near,
@@ -38,13 +37,24 @@ from seaid.checks.channels import (
     limit_findings,
     offset_findings,
 )
-from seaid.checks.check import Code, Observation, in_description, in_drives, observed, only_joint
+from seaid.checks.check import (
+    Code,
+    Observation,
+    in_description,
+    in_drives,
+    is_wrong,
+    observed,
+    only_joint,
+)
 from seaid.checks.codes import (
     CONTACT,
     GEAR_RATIO,
+    GEOMETRY,
+    GRAVITY,
     MISSING_DRIVES,
     NO_MEASUREMENT,
     NOMINAL_VALUES,
+    PAYLOAD,
     ROTOR_INERTIA,
     SATURATION,
     SIGN,
@@ -71,6 +81,7 @@ from seaid.checks.experiment import (
     Transform,
     scaled,
 )
+from seaid.checks.tolerances import CORRELATED_ROWS, POOR, SURE
 from seaid.errors import Certainty, Finding, Severity
 from seaid.estimation import scaled_svd
 from seaid.log import Log, changed_source
@@ -492,15 +503,72 @@ def _all_torque_scales(given: Experiment) -> Iterator[Transform]:
         yield _behind_gears(given, middle)
     yield Transform(
         NOMINAL_VALUES,
-        f"the robot is {abs(middle - 1):.0%} {'heavier' if middle > 1 else 'lighter'} than its "
-        f"file, or carries a payload that was not given: the torques are {middle:.3g} times those "
-        "of the masses in the robot file",
+        f"{_heavier(middle)}: the torques are {middle:.3g} times those of the masses in it",
         partial(replace, bodies=middle * given.bodies),
         severity="note",
         remedy="correct the masses in the robot file, or name the payload",
         evidence={"factor": middle},
         penalty=0.0 if of_masses else 0.5,
     )
+
+
+def _heavier(factor: float, error: float | None = None) -> str:
+    """Return the words for a robot that is heavier or lighter than its file by a factor."""
+    spread = "" if error is None else f" +- {100 * error:.2g} %"
+    size = f"{100 * abs(factor - 1):.2g} %{spread} {'heavier' if factor > 1 else 'lighter'}"
+    return f"the robot is {size} than its file, or carries a payload that was not given"
+
+
+def weight_findings(
+    experiment: Experiment, bodies: Array, known: Sequence[Finding]
+) -> Iterator[Finding]:
+    """Yield the note that the identified bodies (10n,) need more torque than those of the file.
+
+    The factor is the slope of their torques over the nominal ones, weighed by the noise of each
+    joint, without payloads. Its error is that of the jackknife over the joints, or that of the
+    slope. What is `known` about torques and masses explains it already.
+    """
+    robot, used = experiment.robot, experiment.used
+    is_explained = is_wrong(known) or {one.code for one in known} & _OF_WEIGHTS
+    if is_explained or robot.has_controllers or not used or not np.any(robot.parameters):
+        return
+    own = np.stack([robot.parameters, bodies - robot.payload_parameters])
+    nominal, identified = np.einsum("rjp,ep->erj", experiment.regressor[:, used], own)
+    noise = experiment.noise[used] * np.std(experiment.target[:, used], axis=0)
+    nominal, identified = nominal / noise, identified / noise
+    squares, products = np.sum(nominal**2, axis=0), np.sum(nominal * identified, axis=0)
+    if not np.all(np.isfinite(products)) or np.sum(squares) == 0:
+        return
+    factor, count = float(np.sum(products) / np.sum(squares)), len(used)
+    left = np.linalg.norm(identified - factor * nominal)
+    error = float(left / np.sqrt(np.sum(squares) * nominal.size / CORRELATED_ROWS))
+    if count > 1:
+        without = (np.sum(products) - products) / (np.sum(squares) - squares)
+        error = max(error, float(np.sqrt((count - 1) * np.var(without))))
+    if factor > 0 and abs(factor - 1) > max(POOR, SURE * error):
+        yield NOMINAL_VALUES.finding(
+            f"{_heavier(factor, error)}: the identified bodies need {factor:.3g} times the torques "
+            f"of those in it; or the torques of all joints are {factor:.3g} times what they are",
+            severity="note",
+            evidence={"factor": factor, "standard error": error},
+            remedy=_WEIGH,
+        )
+
+
+_OF_WEIGHTS = {
+    one.name
+    for one in (
+        GRAVITY,
+        NOMINAL_VALUES,
+        PAYLOAD,
+        TORQUE_SCALE,
+        UNIT,
+        TIME_UNIT,
+        GEOMETRY,
+        GEAR_RATIO,
+    )
+}
+"""Codes of what changes the torques of bodies as other masses do."""
 
 
 def _behind_gears(given: Experiment, factor: float) -> Transform:

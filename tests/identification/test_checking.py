@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from copy import deepcopy
 from dataclasses import replace
@@ -33,6 +34,7 @@ from tests.experiments import (
     leg,
     leg_log,
     leg_motion,
+    leg_trajectory,
 )
 from tests.mistakes import CASES, changed, described, of_joint, worst
 from tests.one_joint import one_joint
@@ -458,3 +460,47 @@ def test_a_motor_that_sticks_leaves_no_torque_unexplained(tmp_path: Path) -> Non
     found = check(robot, sensed)
     assert not found.warnings
     assert max(found.joints["arm"].bodies, found.joints["arm"].nominal) < 0.02
+
+
+def with_masses_times(factor: float, folder: Path) -> Robot:
+    """Return the leg of a robot file whose bodies have other masses and inertias by a factor."""
+    text = (MODELS / "tulip_leg.urdf").read_text("utf-8")
+    for name in ("mass value", "ixx", "iyy", "izz", "ixy", "ixz", "iyz"):
+        pattern = rf'({name})="([^"]+)"'
+        text = re.sub(pattern, lambda x: f'{x[1]}="{factor * float(x[2])}"', text)
+    path = folder / "leg.urdf"
+    path.write_text(text, "utf-8")
+    return load_robot(path, MODELS / "tulip_leg.toml", payloads=(TEST_MASS,))
+
+
+@pytest.mark.slow  # 1.5 s
+@pytest.mark.parametrize("factor", [0.8, 1.25])
+def test_a_robot_that_is_heavier_than_its_file_is_a_note_and_no_torque_scale(
+    factor: float, tmp_path: Path
+) -> None:
+    found = seaid.identify(with_masses_times(factor, tmp_path), leg_log(3))
+    (note,) = (one for one in found.warnings if one.code != "gear-compliance")
+    assert (note.code, note.severity) == ("nominal-values", "note")
+    times, error = (note.evidence[name] for name in ("factor", "standard error"))
+    assert times == pytest.approx(1 / factor, abs=2 * error)
+    assert error < 0.05
+    assert "or the torques of all joints are" in note.message
+    assert "scale =" not in note.remedy
+    assert found.verdict.level == "good"
+    right = seaid.identify(leg(TEST_MASS), leg_log(3)).warnings
+    assert "nominal-values" not in {one.code for one in right}
+
+
+@pytest.mark.slow  # 3 s
+def test_declared_parallel_springs_belong_to_the_set_up() -> None:
+    """They carry as much as gravity does: without them the torque of the knee is 25 % too large."""
+    sprung: dict[str, Any] = {}
+    for joint, stiffness, preload in (("hip_pitch", 60.0, 12.0), ("knee_pitch", 40.0, -10.0)):
+        drive: Any = leg().drives[joint]
+        values = {"parallel_stiffness": stiffness, "parallel_preload": preload}
+        drive = replace(drive, parallel_spring=("linear", "preload"))
+        sprung[joint] = drive.with_values({**leg().drives[joint].values, **values})
+    robot = leg(TEST_MASS).with_drives(sprung)
+    log = seaid.simulate(robot, leg_trajectory(), noise=LEG_SENSORS, seed=1)
+    assert check(robot, log).warnings == ()
+    assert seaid.identify(robot, log).verdict.level == "good"
