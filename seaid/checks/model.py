@@ -1,8 +1,10 @@
 """Checks of the fitted model: what its equations lack, as columns next to those of the fit.
 
 Every `ColumnCheck` proposes candidates for an equation: terms of friction and springs that a drive
-lacks, errors of the gear that are periodic, a torque that is late. `model_findings` selects among
-all of them, equation by equation, and each check words what was accepted of its own.
+lacks, springs parallel to a joint, gains in another unit, errors of the gear that are periodic,
+motors that move with two joints, a ratio that varies, a torque that is late, a zero that is off.
+`selections` selects among all of them, equation by equation, and each check words what was accepted
+of its own; candidates of other checks that explain as much are named as rivals.
 """
 
 from __future__ import annotations
