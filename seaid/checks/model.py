@@ -305,8 +305,11 @@ def _harmonic(
 
 
 def _couplings(side: Side, joint: str) -> Iterator[Candidate]:
-    """Yield the angles of other joints: a motor that moves with them has them in (7)."""
-    if side.is_motor:
+    """Yield the angles of other joints: a motor that moves with them has them in (7).
+
+    Not where the deflection is measured, which shows the spring alone.
+    """
+    if side.is_motor and joint not in side.gears:
         for other in side.robot.joint_names:
             if other not in {joint, *side.robot.drives[joint].transmission}:
                 yield Candidate(joint, _COUPLED, other, partial(_angle, side, joint, other))
@@ -314,7 +317,8 @@ def _couplings(side: Side, joint: str) -> Iterator[Candidate]:
 
 def _varying_ratio(side: Side, joint: str) -> Iterator[Candidate]:
     """Yield the angle that a motor has more where its ratio varies once per turn of its joint."""
-    if side.is_motor and side.robot.drives[joint].joint_units[1] == "rad":
+    is_rotary = side.robot.drives[joint].joint_units[1] == "rad"
+    if side.is_motor and is_rotary and joint not in side.gears:
         yield Candidate(joint, _VARYING, "joint", partial(_angle, side, joint, joint))
 
 
@@ -927,34 +931,42 @@ class SideSelection:
                 share = sum(one.share for one in own)
                 finding = check.finding(self.side, joint, own, share) if own else None
                 if finding is not None:
-                    yield check, joint, _with_rivals(finding, own)
+                    yield check, joint, _with_rivals(self.side, finding, own)
 
 
-def _with_rivals(finding: Finding, accepted: Iterable[Accepted]) -> Finding:
+def _with_rivals(side: Side, finding: Finding, accepted: Sequence[Accepted]) -> Finding:
     """Return a finding with the causes that explain as much, and what decides between them.
 
-    Lines that only one of the causes supports would mislead.
+    Lines that only one of the causes supports would mislead. What would be nothing if it were
+    accepted in place of the others is no cause.
     """
-    rivals = {
-        one.candidate.name: one.candidate
-        for found in accepted
-        for one in (found.trial, *found.rivals)
-        if found.rivals
-    }
+    rivals = [one for found in accepted for one in found.rivals if _would_be_named(side, one)]
     if not rivals:
         return finding
-    checks = [one.about for one in rivals.values() if isinstance(one.about, ColumnCheck)]
-    causes = [
-        check.cause.format(term=one.term, field=one.field.replace("_", " "))
-        for check, one in zip(checks, rivals.values(), strict=True)
-    ]
-    decisions = list(dict.fromkeys(check.decision for check in checks))
+    trials = {one.candidate.name: one for one in (*(x.trial for x in accepted), *rivals)}
+    causes, decisions = list[str](), dict[str, None]()
+    for one in trials.values():
+        check, candidate = one.candidate.about, one.candidate
+        assert isinstance(check, ColumnCheck)
+        field = candidate.field.replace("_", " ")
+        causes.append(check.cause.format(term=candidate.term, field=field))
+        decisions[check.decision] = None
     return replace(
         finding,
         message=f"{finding.message}. The log does not decide between {' and '.join(causes)}: each "
         "explains as much",
         remedy=f"a measurement decides: {'; '.join(decisions)}",
     )
+
+
+def _would_be_named(side: Side, trial: Trial) -> bool:
+    """Whether a candidate is a finding if it alone is accepted into the equation of the fit."""
+    check = trial.candidate.about
+    if trial.alternative is None or not isinstance(check, ColumnCheck):
+        return False
+    count = trial.alternative.columns.shape[1]
+    found = Accepted(trial, *side.equation.with_alternative(trial.alternative).last(count))
+    return check.finding(side, trial.candidate.joint, [found], trial.share) is not None
 
 
 def without_setup_echoes(
