@@ -58,7 +58,7 @@ from seaid.checks.terms import (
 from seaid.checks.tolerances import LEAST_DELAY_S, LEAST_SWING, PART, POOR, SIGNIFICANT, SURE
 from seaid.checks.values import drive_findings, noise_findings
 from seaid.drives import IDEAL_DRIVE, DefaultTerms, Drive, parameter_of, term_fields, unit_of
-from seaid.errors import Finding, SeaidError, Severity, listed
+from seaid.errors import Finding, SeaidError, listed
 from seaid.estimation import (
     FittedRows,
     estimator_named,
@@ -530,6 +530,9 @@ def _missing_terms(side: Side, joint: str, accepted: Sequence[Accepted], share: 
     # the width of a term that was added by itself is one of a coarse grid
     is_coarse = isinstance(drive.friction, DefaultTerms) and "coulomb_width" in drive.known
     matters = is_spring or (share > _MATTERS and not (is_sampled or is_coarse))
+    if field == "parallel_spring" and drive.controller is None:
+        # next to a torque that is explained it resembles gravity, which other mistakes change too
+        matters = matters and side.unexplained(joint) > PART
     what = f"the spring of {joint} is not linear" if is_spring else f"{joint} lacks a term"
     what = _FOLLOWS.get(terms[0], what).format(joint)
     names = " and ".join(f"'{one.trial.candidate.term}'" for one in accepted)
@@ -547,10 +550,7 @@ def _missing_terms(side: Side, joint: str, accepted: Sequence[Accepted], share: 
     )
     code = NONLINEAR_SPRING if is_spring else MISSING_TERM
     evidence = evidence_of(comparison, values) | {"explained": share}
-    severity: Severity = "doubtful" if matters else "note"
-    if matters and share > PART and side.unexplained(joint) > PART:
-        severity = "wrong"  # without it the model is of no use
-    return code.finding(message, joint, severity, evidence, remedy)
+    return code.finding(message, joint, "doubtful" if matters else "note", evidence, remedy)
 
 
 _MATTERS = 0.25
