@@ -113,15 +113,19 @@ def that_matter(
     """Return findings without those that noise alone raises, or whose torques do not matter.
 
     A weak spring, whose deflection is mostly noise, has such findings; with backlash it is none.
-    What a model lacks is a note where its torque errors do not matter.
+    What a model lacks is a note where its torque errors do not matter, and so are too few rows
+    where another finding is why blocks of the logs contradict each other.
     """
     loose = {one.joint for one in findings if one.code == "backlash"}
     weak = {one.joint for one in findings if one.code == "weak-spring"}
     echoes = {**dict.fromkeys((*_ECHOES, "delay"), weak), "weak-spring": loose}
     echoes["nonlinear-spring"] = weak | loose
     exact = {name for name, one in fits.items() if not max(one.own, one.motor) > NEGLIGIBLE}
+    has_cause = any(one.severity != "note" and one.code != FEW_ROWS.name for one in findings)
     return [
-        replace(one, severity="note") if one.code in _ECHOES and one.joint in exact else one
+        replace(one, severity="note")
+        if (one.code in _ECHOES and one.joint in exact) or (one.code == FEW_ROWS.name and has_cause)
+        else one
         for one in findings
         if one.joint not in echoes.get(one.code, ())
     ]
