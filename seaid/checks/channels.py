@@ -587,7 +587,8 @@ def rating_findings(experiment: Experiment) -> Iterator[Finding]:
         parts = logs + np.log(limits[clear])
         if np.std(parts) < PART * np.std(logs) > PART * np.log(TWICE):
             full = 10.0 ** np.rint(np.median(parts) / np.log(10))
-            scales, by = {j: float(limits[j] / full) for j in experiment.used}, "limits"
+            if full >= _PER_CENT:  # masses that are a hundred times too large look like parts of 1
+                scales, by = {j: float(limits[j] / full) for j in experiment.used}, "limits"
     if by == "masses" and np.min(logs) < np.log(FAR):
         return
     least, largest = (float(np.exp(end(logs))) for end in (np.min, np.max))
@@ -607,6 +608,10 @@ def rating_findings(experiment: Experiment) -> Iterator[Finding]:
         "sheets are better",
         joints=tuple(lines),
     )
+
+
+_PER_CENT = 100.0
+"""Least number of parts that a rating is logged in."""
 
 
 def strength_findings(experiment: Experiment) -> Iterator[Finding]:
