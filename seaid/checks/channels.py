@@ -51,7 +51,7 @@ from seaid.checks.tolerances import (
     TWICE,
     WINDOW_S,
 )
-from seaid.drives import Drive
+from seaid.drives import Drive, total_ratio
 from seaid.errors import Finding
 from seaid.estimation import RANK_TOLERANCE, scaled_svd
 from seaid.log import REST, Log, Processing, changed_source, held_over, wrap_period
@@ -78,11 +78,6 @@ class Logged:
 def _named(where: str) -> str:
     """Return "log 2" for " of log 2", and "the log" for a single one."""
     return where.removeprefix(" of ") or "the log"
-
-
-def _lever(drive: Drive) -> float:
-    """Return the torque on the load per torque of the motor."""
-    return drive.ratio * drive.load_radius / drive.motor_radius
 
 
 _UNITS_OF_TIME = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
@@ -202,7 +197,7 @@ def _whole_numbers(logged: Logged) -> Iterator[Finding]:
         unit, full = ("per cent", 100) if largest <= 100 else ("per mille", 1000)
         sources, lines, is_known, is_far = log.sources(), dict[str, dict[str, str]](), True, False
         for (joint, quantity), size in whole.items():
-            lever = _lever(robot.drives[joint]) if quantity == "motor_torque" else 1.0
+            lever = total_ratio(robot.drives[joint]) if quantity == "motor_torque" else 1.0
             rating = float(limits[robot.index(joint)]) / abs(lever)
             is_known, is_far = (
                 is_known and 0 < rating < np.inf,
@@ -444,7 +439,7 @@ def _is_locked(drive: Drive, log: Log, joint: str) -> bool:
     motor, output = log.motor_position[:, j], log.joint_position[:, j]
     if not np.all(np.isfinite([motor, output])) or is_constant(motor):
         return False
-    behind = motor / _lever(drive)
+    behind = motor / total_ratio(drive)
     return bool(np.ptp(behind) < LARGEST_DEFLECTION_RAD) and stands_locked(output, behind)
 
 
@@ -692,7 +687,7 @@ def _times_beyond(log: Log, robot: Robot, joint: str, far: float) -> list[list[f
     """Return the times [s] around those at which a joint is far from the middle of its range."""
     j, step = log.joint_names.index(joint), float(np.median(np.diff(log.time)))
     motor, place = log.motor_position[:, j], log.joint_position[:, j]
-    place = np.where(np.isnan(place), motor / _lever(robot.drives[joint]), place)
+    place = np.where(np.isnan(place), motor / total_ratio(robot.drives[joint]), place)
     is_beyond = np.abs(place - np.mean(robot.position_range(joint))) > far
     near = np.convolve(is_beyond, np.ones(2 * round(WINDOW_S / step) + 1), mode="same") > 0.5
     return [[round(float(log.time[k]), 3) for k in (a, b - 1)] for a, b in runs(near)]

@@ -57,7 +57,15 @@ from seaid.checks.terms import (
 )
 from seaid.checks.tolerances import LEAST_DELAY_S, LEAST_SWING, PART, POOR, SIGNIFICANT, SURE
 from seaid.checks.values import drive_findings, noise_findings
-from seaid.drives import IDEAL_DRIVE, DefaultTerms, Drive, parameter_of, term_fields, unit_of
+from seaid.drives import (
+    IDEAL_DRIVE,
+    DefaultTerms,
+    Drive,
+    parameter_of,
+    term_fields,
+    total_ratio,
+    unit_of,
+)
 from seaid.errors import Finding, SeaidError, listed
 from seaid.estimation import (
     FittedRows,
@@ -501,8 +509,7 @@ def _zero_is_off(
     for turns, (other, drive) in zip(
         robot.transmission[:, robot.index(joint)], robot.drives.items(), strict=True
     ):
-        lever = drive.ratio * drive.load_radius / drive.motor_radius
-        moved[other, "motor_position"] = turns * lever
+        moved[other, "motor_position"] = turns * total_ratio(drive)
     entries: dict[str, dict[str, str]] = {}
     for (other, quantity), factor in moved.items():
         if factor and side.source(other, quantity):

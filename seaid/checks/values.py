@@ -59,6 +59,7 @@ from seaid.drives import (
     is_harmonic,
     parameter_of,
     readable,
+    total_ratio,
     unit_of,
 )
 from seaid.errors import Finding, Severity, listed
@@ -495,7 +496,7 @@ def offset_findings(robot: Robot, load: FittedRows) -> Iterator[Finding]:
         equation = qr_factor.equations.index(robot.index(joint))
         rms = np.linalg.norm(qr_factor.factors[equation, :, -1])
         rms /= np.sqrt(qr_factor.counts[equation])
-        torque = float(rms * drive.motor_radius / (drive.ratio * drive.load_radius))
+        torque = float(rms / total_ratio(drive))
         if not lower <= 0 <= upper and abs(value) >= FEW * torque:
             yield TORQUE_OFFSET.finding(
                 f"the motor torque of {joint} has a constant error of {value:.2g} N m "

@@ -20,7 +20,14 @@ import numpy as np
 import sympy as sp
 
 from seaid._arrays import Array, FrozenMapping
-from seaid.drives.drives import Drive, StiffDrive, check_divisors, is_dry, unit_of
+from seaid.drives.drives import (
+    Drive,
+    StiffDrive,
+    check_divisors,
+    is_dry,
+    total_ratio,
+    unit_of,
+)
 from seaid.drives.equations import (
     dry_friction,
     joint_equation,
@@ -445,7 +452,7 @@ def missing_value(joint: str, name: str) -> ExcitationError:
 
 def _friction(drive: Drive) -> tuple[sp.Expr, tuple[str, str]]:
     """Return the friction as that of a stiff drive, with the load torque as the spring's torque."""
-    lever = drive.ratio * drive.load_radius / drive.motor_radius
+    lever = total_ratio(drive)
     stiff = StiffDrive(friction=drive.at_temperature().friction)
     turning = dry_friction(stiff) * sp.sign(theta_M.diff(time_symbol))
     friction = smooth_friction(stiff) + turning

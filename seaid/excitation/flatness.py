@@ -22,6 +22,7 @@ from seaid.drives import (
     joint_term_parameters,
     missing_value,
     nonlinear_spring,
+    total_ratio,
 )
 from seaid.errors import ExcitationError
 from seaid.excitation.criteria import States, torque_derivatives
@@ -84,7 +85,7 @@ def transmission(robot: Robot) -> Transmission:
     nonlinear = []
     for index, joint in enumerate(robot.joint_names):
         drive = robot.drives[joint]
-        ratio[index] = drive.ratio * (drive.load_radius / drive.motor_radius)
+        ratio[index] = total_ratio(drive)
         if not drive.is_elastic:
             continue
         lever[index] = drive.ratio / drive.motor_radius

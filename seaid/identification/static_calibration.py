@@ -21,6 +21,7 @@ import numpy as np
 from seaid._arrays import Array, frozen, safely
 from seaid._progress import Result, counted
 from seaid.checks import calibration_findings
+from seaid.drives import total_ratio
 from seaid.errors import Finding, IdentificationError, checked, listed
 from seaid.log import Log
 from seaid.regressor import joint_torques
@@ -455,11 +456,7 @@ def held_poses(
     if sensor == "spring":
         values = log.deflection
         if values is None or np.isnan(values[0, place]):
-            lever = (
-                drive.motor_radius / (drive.ratio * drive.load_radius)
-                if drive.is_elastic
-                else np.nan
-            )
+            lever = 1.0 / total_ratio(drive) if drive.is_elastic else np.nan
             values = lever * log.motor_position - log.joint_position
         values = values * (drive.load_radius if drive.is_elastic else np.nan)
     if values is None or np.isnan(values[0, place]) or np.any(np.isnan(position[0])):

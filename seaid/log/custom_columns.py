@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from seaid._arrays import Array
+from seaid.drives import total_ratio
 from seaid.errors import LogError, listed, unknown_name
 from seaid.log.base_columns import VectorSource, described_vectors, vector_channels
 from seaid.log.description import Clock, LogDescription, Servo, Source
@@ -238,7 +239,7 @@ def _gear_factor(robot: Robot, one: _Described) -> float:
     """Return the factor from the other side of the gear to that of the quantity."""
     _check_own_drive(robot, one.joint, f"its {one.source.side} side does not determine the other")
     drive = robot.drives[one.joint]
-    ratio = drive.ratio * (drive.load_radius / drive.motor_radius)
+    ratio = total_ratio(drive)
     grows = one.quantity in ("motor_position", "joint_torque")  # with the ratio
     return ratio if grows else 1.0 / ratio
 

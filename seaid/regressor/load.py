@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from seaid._arrays import Array, BoolArray, IndexArray, frozen
-from seaid.drives import LEVEL_OF, JointParameter
+from seaid.drives import LEVEL_OF, JointParameter, total_ratio
 from seaid.errors import IdentificationError, LogError
 from seaid.log import (
     LEAST_LIFT,
@@ -861,6 +861,5 @@ def shifted_encoder(robot: Robot, motion: Motion, index: int) -> Motion:
     joint[:, index] += OFFSET_STEP
     for name in robot.elastic_joints:
         other, drive = robot.index(name), robot.drives[name]
-        lever = drive.ratio * drive.load_radius / drive.motor_radius
-        motor[:, other] += lever * robot.transmission[other, index] * OFFSET_STEP
+        motor[:, other] += total_ratio(drive) * robot.transmission[other, index] * OFFSET_STEP
     return replace(motion, joint_position=joint, motor_position=motor)

@@ -21,6 +21,7 @@ from seaid.drives import (
     joint_equation,
     motor_equation,
     spring_equation,
+    total_ratio,
 )
 from seaid.errors import LogError
 from seaid.log import (
@@ -108,7 +109,7 @@ def signals(robot: Robot, motion: Motion, index: int) -> dict[str, Array]:
         assert motion.deflection is not None
         assert motion.deflection_rate is not None
         # r_L theta_L = r_M/N theta_M - d: what the spring sees, with the gear's wind-up
-        lever = drive.motor_radius / (drive.ratio * drive.load_radius)
+        lever = 1.0 / total_ratio(drive)
         position = lever * motion.motor_position[:, index] - motion.deflection[:, index]
         velocity = lever * motion.motor_velocity[:, index] - motion.deflection_rate[:, index]
     return {

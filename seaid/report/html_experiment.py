@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from seaid.checks import LEAST_DELAY_S
-from seaid.drives import IDEAL_DRIVE, JointParameter, drive_table, readable
+from seaid.drives import IDEAL_DRIVE, JointParameter, drive_table, readable, total_ratio
 from seaid.log import has_holes, row_samples
 from seaid.report.html_tables import (
     NONE,
@@ -253,7 +253,7 @@ def _part(value: float, limit: float, unit: str) -> Cell:
 def _largest_torque(robot: Robot, motion: Motion, index: int) -> float:
     """Return the largest torque of a motor at its joint, or of the sensor there; NaN without."""
     drive = robot.drives[robot.joint_names[index]]
-    lever = drive.ratio * drive.load_radius / drive.motor_radius
+    lever = total_ratio(drive)
     both = lever * motion.motor_torque[:, index], motion.joint_torque[:, index]
     known = [float(np.nanmax(np.abs(one))) for one in both if np.any(np.isfinite(one))]
     return known[0] if known else np.nan

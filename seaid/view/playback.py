@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from seaid._arrays import Array, frozen
-from seaid.drives import friction_curve
+from seaid.drives import friction_curve, total_ratio
 from seaid.errors import ExcitationError, LogError, SeaidError
 from seaid.excitation import (
     Excitation,
@@ -255,7 +255,7 @@ def _motor_torque(
     except ExcitationError:  # a value is missing
         return np.full(len(speed), np.nan)
     # (7) with the torque of spring or gear at the motor, r_M/N F_s = r_M/(N r_L) tau_phi
-    lever = drive.motor_radius / (drive.ratio * drive.load_radius)
+    lever = 1.0 / total_ratio(drive)
     return np.asarray(inertia * acceleration + friction + lever * load)
 
 
@@ -371,8 +371,7 @@ def _logged(robot: Robot, motion: Log | Motion, name: str, identified: Robot | N
 
 def _ratios(robot: Robot) -> Array:
     """Return N r_L / r_M of all drives (n,), the motor angle per output angle."""
-    drives = [robot.drives[joint] for joint in robot.joint_names]
-    return np.array([drive.ratio * (drive.load_radius / drive.motor_radius) for drive in drives])
+    return np.array([total_ratio(robot.drives[joint]) for joint in robot.joint_names])
 
 
 def _columns(robot: Robot, names: Sequence[str], what: str, error: type[SeaidError]) -> list[int]:
