@@ -15,7 +15,9 @@ import numpy as np
 import pytest
 
 import seaid
+from scripts.benchmarks import identify_cost
 from seaid import load_trajectory
+from seaid.identification import identification
 from tests.measured import LOGS
 
 ROOT = Path(__file__).parents[1]
@@ -149,6 +151,11 @@ def test_main_job_predicts_the_unseen_motion(tulip: tuple[Path, str]) -> None:
 def test_main_job_flags_the_unloaded_spring(tulip: tuple[Path, str]) -> None:
     assert "? weak-spring: stiffness of ankle_pitch is poorly identified" in tulip[1]
     assert "21 base parameters are identifiable, from all five 29" in tulip[1]
+
+
+def test_the_cost_of_identify_is_measured_by_functions_that_it_calls() -> None:
+    """A part that was renamed would end the script."""
+    assert [name for name in identify_cost.PARTS if not hasattr(identification, name)] == []
 
 
 @pytest.mark.slow  # 4.5 s
