@@ -1,6 +1,7 @@
 """Nested models: what a term is worth by BIC and by prediction of what was left out."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -142,11 +143,13 @@ def test_too_few_rows_are_refused() -> None:
 
 def selected(*columns: Array) -> Selection:
     """Return what is selected among columns of different checks, of which the first is true."""
+
+    def points(x: Array, of_few: bool) -> list[Point]:
+        del of_few  # the same rows
+        return [Point({}, Alternative(x[:, None], 1))]
+
     candidates = [
-        Candidate(
-            "j", str(place), "", lambda _, x=x: [Point({}, Alternative(x[:, None], 1))], place
-        )
-        for place, x in enumerate(columns)
+        Candidate("j", str(place), "", partial(points, x), place) for place, x in enumerate(columns)
     ]
     data = rows((1.0, -2.0, 1.0, 0.0))
     return forward_selection(Equation(first(data, 2), np.ones(2)), candidates, 3, 6.0)
