@@ -514,8 +514,8 @@ def _all_torque_scales(given: Experiment) -> Iterator[Transform]:
 
 def _heavier(factor: float, error: float | None = None) -> str:
     """Return the words for a robot that is heavier or lighter than its file by a factor."""
-    spread = "" if error is None else f" +- {100 * error:.2g} %"
-    size = f"{100 * abs(factor - 1):.2g} %{spread} {'heavier' if factor > 1 else 'lighter'}"
+    spread = "" if error is None else f" +- {error:.1%}"
+    size = f"{abs(factor - 1):.0%}{spread} {'heavier' if factor > 1 else 'lighter'}"
     return f"the robot is {size} than its file, or carries a payload that was not given"
 
 
@@ -542,13 +542,14 @@ def weight_findings(
     factor, count = float(np.sum(products) / np.sum(squares)), len(used)
     left = np.linalg.norm(identified - factor * nominal)
     error = float(left / np.sqrt(np.sum(squares) * nominal.size / CORRELATED_ROWS))
-    if count > 1:
-        without = (np.sum(products) - products) / (np.sum(squares) - squares)
+    rest = np.sum(squares) - squares
+    if count > 1 and np.all(rest > 0):  # else one joint alone feels the masses
+        without = (np.sum(products) - products) / rest
         error = max(error, float(np.sqrt((count - 1) * np.var(without))))
     if factor > 0 and abs(factor - 1) > max(POOR, SURE * error):
         yield NOMINAL_VALUES.finding(
             f"{_heavier(factor, error)}: the identified bodies need {factor:.3g} times the torques "
-            f"of those in it; or the torques of all joints are {factor:.3g} times what they are",
+            f"of those in it; or all torques are {factor:.3g} times what they should be",
             severity="note",
             evidence={"factor": factor, "standard error": error},
             remedy=_WEIGH,
