@@ -129,7 +129,7 @@ ONE_IMPORTER = {
         *("identification.conditions", "identification.static_calibration"),
         "identification.frequency",
         *("log.long_log", "project.first_project", "project.project", "project.saved"),
-        *("regressor.exact.base", "report.comparison", "symbolic.expression_text"),
+        *("report.comparison", "symbolic.expression_text"),
         *("export.mjcf", "export.urdf"),
         "identification.repeated_identification",
     ),

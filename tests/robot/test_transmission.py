@@ -41,8 +41,8 @@ from seaid.log.custom_columns import both_sides
 from seaid.log.motion import Motion, reconstruct_motion
 from seaid.log.reading import Log
 from seaid.regressor.base import base_parameters
-from seaid.regressor.exact.base import base_parameters as exact_base_parameters
-from seaid.regressor.exact.form import complete_model
+from seaid.regressor.exact.equations import base_parameters as exact_base_parameters
+from seaid.regressor.exact.equations import complete_model
 from seaid.regressor.load import (
     LoadModel,
     load_columns,

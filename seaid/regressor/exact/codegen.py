@@ -23,7 +23,7 @@ from seaid.errors import SymbolicError
 from seaid.regressor.exact.geometry import number
 
 if TYPE_CHECKING:
-    from seaid.regressor.exact.form import RigidBodyForm
+    from seaid.regressor.exact.equations import RigidBodyForm
 
 
 Value = Mapping[tuple[str, ...], fmpq]
