@@ -141,7 +141,6 @@ ONE_IMPORTER = {
         *("excitation.run_in", "excitation.search"),
         *("checks.base", "checks.bodies"),
         *("identification.command_refinement", "identification.sensitivity"),
-        "identification.known_constants",
         *("export.joint_actuators", "regressor.structural.equations"),
     ),
     "one stage of reading each, which most logs do not pass": (
