@@ -61,12 +61,12 @@ from .readers.child_process import doing as doing
 from .readers.child_process import run_in_child as run_in_child
 from .readers.opening import open_tables as open_tables
 from .reading import read_log as read_log
+from .repair import FOUND_CONTACT as FOUND_CONTACT
+from .repair import Repair as Repair
+from .repair import Repairs as Repairs
 from .repair.channels import held_over as held_over
 from .repair.channels import on_time as on_time
 from .repair.channels import wrap_period as wrap_period
-from .repair.data import FOUND_CONTACT as FOUND_CONTACT
-from .repair.data import Repair as Repair
-from .repair.data import Repairs as Repairs
 from .usable_parts import REST as REST
 from .usable_parts import check_whole as check_whole
 from .usable_parts import stretches as stretches

@@ -24,7 +24,7 @@ from seaid.log.base_log import (
     needed_columns,
     with_guided,
 )
-from seaid.log.repair.data import Channel
+from seaid.log.repair import Channel
 
 if TYPE_CHECKING:
     from seaid.log.description import Clock

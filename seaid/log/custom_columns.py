@@ -24,7 +24,7 @@ from seaid.log.log import (
     unit_of_column,
 )
 from seaid.log.readers.table import Block, Table
-from seaid.log.repair.data import Channel
+from seaid.log.repair import Channel
 from seaid.robot import Robot, coupled_names
 
 

@@ -24,7 +24,7 @@ from seaid.log.base_columns import (
 )
 from seaid.log.log import SENSORS, TEMPERATURES, UNIT_FACTORS
 from seaid.log.readers.table import Block
-from seaid.log.repair.data import Repairs
+from seaid.log.repair import Repairs
 
 QUANTITIES = SENSORS
 """Quantities of a joint. Deflection: motor side of the spring minus joint side."""

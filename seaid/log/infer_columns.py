@@ -39,7 +39,7 @@ from seaid.log.infer_base import BaseGuess, infer_base
 from seaid.log.log import UNIT_FACTORS
 from seaid.log.readers.opening import IN_MEMORY, in_memory, open_tables
 from seaid.log.readers.table import Block, Table
-from seaid.log.repair.data import LARGEST
+from seaid.log.repair import LARGEST
 from seaid.robot import Robot
 
 _SAME = 0.99

@@ -20,7 +20,7 @@ from seaid.errors import LogError, checked, listed, shown, unknown_name
 from seaid.log.base_log import BaseLog, base_columns, base_log
 from seaid.log.readers.hdf5_file import write_hdf5
 from seaid.log.readers.parquet_file import write_parquet
-from seaid.log.repair.data import Repair
+from seaid.log.repair import Repair
 
 if TYPE_CHECKING:
     from seaid.log.readers.table import Table

@@ -24,15 +24,15 @@ from seaid.log.filtering import (
     select_cutoff,
     spline_derivatives,
 )
+from seaid.log.repair import interpolation_of
 from seaid.log.repair.channels import in_gap, interpolated
 from seaid.log.repair.clocks import irregular_steps, longest_bridge, longest_step, typical_step
-from seaid.log.repair.data import interpolation_of
 from seaid.log.usable_parts import FROZEN, HOLES, REST, check_whole, holes, stretches, usable
 from seaid.robot import at_drives, at_joints, coupled_groups
 
 if TYPE_CHECKING:
     from seaid.log.log import Log
-    from seaid.log.repair.data import Repair
+    from seaid.log.repair import Repair
     from seaid.robot import Robot
 
 

@@ -35,6 +35,7 @@ from seaid.log.log import (
 )
 from seaid.log.readers.opening import IN_MEMORY, in_memory, open_tables
 from seaid.log.readers.table import Table, check_lengths
+from seaid.log.repair import FEWEST, Channel, Repair, Repairs, interpolation_of, is_command
 from seaid.log.repair.channels import bridged_s, in_gap, on_time, repaired_channel, resampled
 from seaid.log.repair.clocks import (
     clock_lines,
@@ -44,7 +45,6 @@ from seaid.log.repair.clocks import (
     typical_step,
     with_regular_clock,
 )
-from seaid.log.repair.data import FEWEST, Channel, Repair, Repairs, interpolation_of, is_command
 from seaid.robot import Robot
 
 __all__ = ["WRITTEN", "Log", "read_log", "write_log"]

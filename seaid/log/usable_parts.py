@@ -11,8 +11,8 @@ import numpy as np
 from seaid._arrays import Array, BoolArray, resolution, runs, white_noise
 from seaid.errors import LogError
 from seaid.log.log import MINIMUM_SAMPLES, Log
+from seaid.log.repair import Repair, is_command, is_position, is_slow
 from seaid.log.repair.clocks import longest_bridge, typical_step
-from seaid.log.repair.data import Repair, is_command, is_position, is_slow
 
 REST: Final = "rest at the ends"
 FROZEN: Final = "frozen values"

@@ -36,7 +36,7 @@ from seaid.errors import RobotError, SeaidError
 from seaid.log.description import description_for
 from seaid.log.log import column_names
 from seaid.log.reading import repaired
-from seaid.log.repair.data import Channel, Repairs
+from seaid.log.repair import Channel, Repairs
 from seaid.project.saved import _checksum
 from seaid.regressor.regression import actuator_regression
 from seaid.robot.robot import Robot

@@ -19,8 +19,8 @@ from seaid._arrays import Array
 from seaid.errors import LogError
 from seaid.log.log import column_names
 from seaid.log.reading import Log, repaired
+from seaid.log.repair import Channel
 from seaid.log.repair.clocks import clock_line, longest_bridge
-from seaid.log.repair.data import Channel
 from seaid.robot.robot import Robot
 from seaid.simulation.simulation import measure
 from tests.experiments import ELASTIC, LEG_SENSORS, leg, leg_motion, true_value

@@ -15,7 +15,7 @@ from seaid._arrays import Array
 from seaid.errors import LogError, SeaidWarning
 from seaid.log.description import LogDescription, description_for
 from seaid.log.reading import Log, read_log, write_log
-from seaid.log.repair.data import Repairs
+from seaid.log.repair import Repairs
 from seaid.log.usable_parts import holes
 from seaid.robot.robot import Robot, load_robot
 from seaid.simulation.simulation import Noise, measure

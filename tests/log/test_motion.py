@@ -12,7 +12,7 @@ from scipy.interpolate import CubicSpline
 from seaid.errors import LogError
 from seaid.log.motion import reconstruct_motion, reconstruct_motions
 from seaid.log.reading import Log
-from seaid.log.repair.data import Repair
+from seaid.log.repair import Repair
 from tests.experiments import arm, arm_log, arm_motion, leg, perfect_log
 
 

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from seaid._arrays import Array
 from seaid.errors import LogError
 from seaid.log.reading import repaired as repaired_channels
+from seaid.log.repair import Channel, Repair, Repairs
 from seaid.log.repair.channels import interpolated
-from seaid.log.repair.data import Channel, Repair, Repairs
 
 RATE = 500.0
 ENCODER = 2 * np.pi / 2**14

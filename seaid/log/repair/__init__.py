@@ -1,1 +1,206 @@
-"""Repair of logged channels: clocks, gaps, wraps of encoders and dropouts."""
+"""The repair of logged channels: its limits (`Repairs`), its report (`Repair`), and a `Channel`.
+
+Clocks are repaired in `clocks`; gaps, wraps of encoders and dropouts in `channels`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+from typing import Final, Literal
+
+import numpy as np
+
+from seaid._arrays import Array, frozen
+from seaid._progress import Display
+from seaid.errors import LogError, shown
+
+
+@dataclass(frozen=True, repr=False)
+class Repairs(Display):
+    """Limits within which a log is repaired; a log beyond them is refused.
+
+    Attributes
+    ----------
+    rate_hz : float or None
+        Rate of the common time grid; None: the mean rate of the fastest channel. A lower rate
+        applies a low pass to the channels first.
+    longest_gap_s : float or None
+        Longest gap that is interpolated in any channel; None: 0.1 s or five typical steps. The
+        time of longer gaps (holes) is excluded.
+    most_gap_error : float
+        Largest error of interpolating the gaps of a position, relative to its standard deviation,
+        as estimated on known samples; without a given `longest_gap_s`.
+    most_missing : float
+        Largest share of a channel's samples that are not numbers, sudden zeros or held values, and
+        of the time in gaps.
+    most_disordered : float
+        Largest share of stamps that are late, repeated with other values, or not finite.
+    most_saturated : float
+        Largest share of saturated samples of a torque, current or voltage.
+    largest_drift : float
+        Largest drift of one clock relative to another [s/s].
+
+    Raises
+    ------
+    LogError
+        For a share outside 0 to 1, and a rate or gap that is not positive and finite.
+
+    Examples
+    --------
+    >>> limits = seaid.Repairs(longest_gap_s=0.05)
+    >>> log = seaid.read_log("run.csv", robot, repair=limits)
+    >>> [str(repair) for repair in log.report]
+    """
+
+    rate_hz: float | None = None
+    longest_gap_s: float | None = None
+    most_gap_error: float = 0.03
+    most_missing: float = 0.25
+    most_disordered: float = 0.02
+    most_saturated: float = 0.05
+    largest_drift: float = 2e-3
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            optional = field.default is None
+            if value is None and optional:
+                continue
+            is_number = isinstance(value, int | float) and not isinstance(value, bool)
+            if not is_number or not (0 < value < math.inf if optional else 0 <= value <= 1):
+                allowed = "a finite number above 0, or None" if optional else "a share from 0 to 1"
+                raise LogError(f"Repairs.{field.name} must be {allowed}, found {shown(value)}")
+
+
+Fault = Literal[
+    "values that are no number",
+    "sudden zeros",
+    "held values",
+    "values of a slower sensor",
+    "constant channel",
+    "wraps",
+    "saturated samples",
+    "clock offset",
+    "clock drift",
+    "stamps that are not finite",
+    "late samples",
+    "repeated stamps",
+    "stamps with too few digits",
+    "clock jumps",
+    "irregular steps",
+    "gaps",
+    "holes in time",
+    "delay",
+    "excluded intervals",
+    "rest at the ends",
+    "frozen values",
+    "samples of unclear load",
+]
+"""Kinds of the faults of a log."""
+
+FOUND_CONTACT: Final = "samples of unclear load"
+"""The kind of what the report of a log has about a contact that was found from torques."""
+
+
+@dataclass(frozen=True, repr=False)
+class Repair(Display):
+    """A fault of a channel, or of the clock of several, and its repair; str() is one sentence.
+
+    Attributes
+    ----------
+    channel, kind : str
+        The channel, or the first of the channels, and the kind of the fault.
+    count : int
+        Number of samples or places with the fault.
+    time_s : float
+        Time of the first one [s], on the clock of the channel.
+    action : str
+        What was done.
+    """
+
+    channel: str
+    kind: Fault
+    count: int
+    time_s: float
+    action: str
+
+    def __str__(self) -> str:
+        time = f"{self.time_s:.6g}" if abs(self.time_s) < 1e5 else f"{self.time_s:.2f}"
+        found = f"{self.kind}, {self.count} found, the first at t = {time} s"
+        return f"{self.channel}: {found}: {self.action}"
+
+
+FEWEST = 4
+"""Fewest samples of a channel that can be interpolated."""
+
+LARGEST = 1e30
+"""Largest magnitude of a sample in any unit, so that arithmetic does not overflow."""
+
+
+def is_position(name: str) -> bool:
+    """Return whether a column name of seaid is that of a measured position."""
+    return "position" in name.rsplit(".", 1)[-1] and not is_command(name)
+
+
+def is_command(name: str) -> bool:
+    """Return whether a column name of seaid is that of a command, which is sent and not measured.
+
+    Repeated values, zeros and jumps of a command are what the drive was asked for, and no faults.
+    """
+    return "_command_" in name.rsplit(".", 1)[-1]
+
+
+Interpolation = Literal["spline", "akima", "linear"]
+
+
+def interpolation_of(name: str) -> Interpolation:
+    """Return how a column of seaid is interpolated: by a spline, if it is differentiated."""
+    if is_command(name):
+        return "linear"
+    is_smooth = is_position(name) or name.startswith(("base.orientation", "base.velocity"))
+    return "spline" if is_smooth else "akima"
+
+
+def is_slow(name: str) -> bool:
+    """Return whether a column name of seaid is that of a temperature or a supply, which repeat."""
+    quantity = name.rsplit(".", 1)[-1]
+    return "temperature" in quantity or quantity.startswith("supply_voltage")
+
+
+def is_contact(name: str) -> bool:
+    """Return whether a column name of seaid is that of a contact, which is zero in the air."""
+    quantity = name.rsplit(".", 1)[-1]
+    return quantity == "contact" or quantity.startswith(("force_", "moment_"))
+
+
+@dataclass(frozen=True, eq=False)
+class Channel:
+    """Samples `values` (T,) of a sensor at `time` (T,) [s] as logged, unsorted and not repaired.
+
+    `name` is a column name of seaid with the unit, as "elbow.motor_position_rad". `period` is that
+    of an encoder that wraps around, in the same unit, or None. The samples show the state `delay_s`
+    before their time. Both arrays may contain NaN. Raises LogError for arrays of different lengths,
+    and for a period that is not positive.
+    """
+
+    name: str
+    time: Array
+    values: Array
+    period: float | None = None
+    delay_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        time = frozen(f"time of '{self.name}'", self.time, (None,), LogError)
+        object.__setattr__(self, "time", time)
+        values = frozen(f"'{self.name}'", self.values, (len(time),), LogError)
+        object.__setattr__(self, "values", values)
+        for what, samples in (("time", time), ("value", values)):
+            beyond = np.flatnonzero(np.abs(np.nan_to_num(samples, posinf=0, neginf=0)) > LARGEST)
+            if len(beyond):
+                raise LogError(
+                    f"'{self.name}' has a {what} of {samples[beyond[0]]:g} in sample {beyond[0]}, "
+                    f"allowed are up to {LARGEST:g}: no sensor measures that; remove the sample"
+                )
+        if self.period is not None and not (np.isfinite(self.period) and self.period > 0):
+            raise LogError(f"the period of '{self.name}' must be above zero, found {self.period}")

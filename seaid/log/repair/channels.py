@@ -10,8 +10,7 @@ import numpy as np
 from seaid._arrays import Array, BoolArray, is_constant, resolution, runs, white_noise
 from seaid.errors import LogError
 from seaid.log.filtering import low_pass
-from seaid.log.repair.clocks import RepairedClock, longest_bridge, longest_step, typical_step
-from seaid.log.repair.data import (
+from seaid.log.repair import (
     FEWEST,
     Channel,
     Fault,
@@ -24,6 +23,7 @@ from seaid.log.repair.data import (
     is_position,
     is_slow,
 )
+from seaid.log.repair.clocks import RepairedClock, longest_bridge, longest_step, typical_step
 
 _CLOSE = 0.3
 """Samples closer than this part of the typical step are merged."""

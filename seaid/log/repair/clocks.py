@@ -12,7 +12,7 @@ import numpy as np
 
 from seaid._arrays import Array, BoolArray, IndexArray
 from seaid.errors import LogError
-from seaid.log.repair.data import FEWEST, Channel, Fault, Repair, Repairs
+from seaid.log.repair import FEWEST, Channel, Fault, Repair, Repairs
 
 _LATE_RUN, _HOLE = 5, 0.3
 """Most late samples in a row; their distance from earlier stamps in typical steps, at least."""
