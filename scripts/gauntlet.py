@@ -1,8 +1,9 @@
 """The gauntlet: which mistakes of a set-up `seaid.identify` names, and which its remedies repair.
 
-Every mistake of `scripts/gauntlet_mistakes.py`, in a severe and a mild form, is made at every robot
-of `scripts/gauntlet_robots.py`, and the files are given to `load_robot`, `read_log` and `identify`
-as a user gives them. Right set-ups show the false alarms. One letter per case:
+Every mistake of `scripts/gauntlet_mistakes.py` and `scripts/gauntlet_joints.py`, in a severe and a
+mild form, is made at every robot of `scripts/gauntlet_robots.py`, and the files are given to
+`load_robot`, `read_log` and `identify` as a user gives them. Right set-ups show the false alarms.
+One letter per case:
 
     R  flagged with the right code, and the remedy as printed repairs the result
     N  flagged (or refused) with the right code, but not repaired, or nothing can repair it
@@ -14,8 +15,10 @@ as a user gives them. Right set-ups show the false alarms. One letter per case:
 
 A result is right if its predictions of an unseen motion are: at each joint the torque of the bodies
 (without payloads, against the true one) and the motor torque of the drive, with an error of at most
-1.5 times that of the right set-up plus 3 % of the torque. A remedy repairs if the result is right
-and no finding of severity "wrong" with a right code is left.
+1.5 times that of the right set-up plus 3 % of the torque. All printed lines are applied, those of
+notes and of findings with other codes too, in one go. They repair if the result is right and no
+finding of severity "wrong" with a right code is left. A rival that the finding of another code
+names counts as its code. A false explanation is another code next to the right one, above a note.
 
 A payload, a factor on torques in an arbitrary unit, or a tilt can only be estimated from the masses
 of the robot file, which are off by up to 15 % here: no log separates a payload from the body that
@@ -45,23 +48,27 @@ from typing import Any
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
-import pinocchio as pin
 
 import seaid
 from seaid._arrays import Array
 from seaid._files import result_folder, write_json
 from seaid._progress import track
+from seaid.checks import CODES
 from seaid.errors import SeaidWarning
+from seaid.regressor import rigid_body_regressor
 from seaid.report.text import table
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from scripts.gauntlet_joints import joint_mistakes
 from scripts.gauntlet_mistakes import HELD_OUT, Case, Mistake, Setup, mistakes
 from scripts.gauntlet_robots import (
     MASSES_OFF,
     Sensors,
     columns,
+    commanded,
     load,
+    right_subjects,
     subjects,
     true_motion,
     true_robot,
@@ -86,6 +93,12 @@ class Said:
     joint: str
     message: str
     remedy: str = ""
+    rivals: tuple[str, ...] = ()
+
+    @property
+    def codes(self) -> set[str]:
+        """Its code, and those of the causes that explain as much."""
+        return {self.code, *self.rivals} - {""}
 
 
 @dataclass(frozen=True)
@@ -115,6 +128,13 @@ class Outcome:
     repairable: bool = True
     harmless: bool = False
 
+    @property
+    def false_codes(self) -> list[str]:
+        """Codes of findings above a note that explain nothing, in a case that is named."""
+        found = {x.code for x in self.said if x.severity != "note" and x.code
+                 and not x.codes & {*self.codes}}  # fmt: skip
+        return sorted(found) if self.letter in "RN" else []
+
 
 def run(case: Case, setup: Setup, truth: str = "plain") -> Run:
     """Load, read and identify as a user does, and predict an unseen motion of the true robot."""
@@ -136,9 +156,15 @@ def run(case: Case, setup: Setup, truth: str = "plain") -> Run:
     if found is None:
         return Run(tuple(said))
     said += [
-        Said(one.code, one.severity, one.joint, one.message, one.remedy) for one in found.warnings
+        Said(one.code, one.severity, one.joint, one.message, one.remedy, _rivals(one))
+        for one in found.warnings
     ]
     return Run(tuple(said), _errors(case, truth, found))
+
+
+def _rivals(finding: seaid.Finding) -> tuple[str, ...]:
+    """Return the codes of the other causes that the evidence of a finding names."""
+    return tuple(key.removeprefix("or ") for key in finding.evidence if key.startswith("or "))
 
 
 def _identified(setup: Setup) -> seaid.Identification:
@@ -202,13 +228,9 @@ def _log(log: Mapping[str, Array], robot: seaid.Robot) -> seaid.Log:
 
 def _body_torques(robot: seaid.Robot, motion: Any) -> Array:
     """Return the torques (T, n) of the bodies without payloads, every fifth instant."""
-    model, data = robot.model, robot.model.createData()
     states = (motion.joint_position, motion.joint_velocity, motion.joint_acceleration)
-    rows = [
-        pin.computeJointTorqueRegressor(model, data, *one) @ robot.parameters
-        for one in zip(*(x[::5] for x in states), strict=True)
-    ]
-    return np.array(rows)
+    regressor = rigid_body_regressor(robot, *(state[::5] for state in states))
+    return np.asarray(regressor @ robot.parameters)
 
 
 def _norms(torques: Array) -> Array:
@@ -263,7 +285,7 @@ def is_right(
 def names_it(mistake: Mistake, one: Said) -> bool:
     """Return whether a finding has a right code, or a text without code the right words."""
     if one.code:
-        return one.code in mistake.codes
+        return bool(one.codes & mistake.codes)
     words = mistake.words or tuple(code.split("-")[0] for code in mistake.codes)
     return any(re.search(rf"\b{re.escape(word)}", one.message, re.IGNORECASE) for word in words)
 
@@ -319,14 +341,15 @@ def _worst(errors: Array | None) -> float:
 
 
 def _repaired(case: Case, mistake: Mistake, right: Setup, setup: Setup, first: Run) -> Run:
-    """Return the run after the remedies of rightly named findings, applied until none is new."""
+    """Return the run after all printed remedies, applied together until none is new.
+
+    Where two of them set a value, that of the worse finding, which is printed first, is applied.
+    """
     last = first
     for _ in range(ROUNDS):
-        remedies = [one.remedy for one in last.said if one.severity != "note"
-                    and names_it(mistake, one)]  # fmt: skip
         try:
             changed = setup
-            for remedy in dict.fromkeys(remedies):
+            for remedy in reversed(dict.fromkeys(one.remedy for one in last.said)):
                 changed = with_remedy(changed, right, remedy)
         except (tomllib.TOMLDecodeError, ValueError) as problem:
             return Run(last.said, last.errors, f"the remedy cannot be applied: {problem}")
@@ -358,6 +381,7 @@ def with_remedy(setup: Setup, right: Setup, remedy: str) -> Setup:
     TOML behind "in the description of the log:" ("of log 2:", "of the second log:" for one of
     several) is merged into the description, behind "in the drives file:" into the drives. Other
     lines are searched for options of the command line: --payload, --gravity, --drives, --repair.
+    What stands behind ", or " is another way, and not applied.
     """
     section, text, plain = "", list[str](), list[str]()
     parts: list[tuple[str, list[str]]] = []
@@ -382,7 +406,8 @@ def with_remedy(setup: Setup, right: Setup, remedy: str) -> Setup:
                 for number, one in enumerate(setup.descriptions)
             ]
             setup = replace(setup, descriptions=tuple(tables))
-    for option in _OPTION.finditer("\n".join(plain)):
+    first_ways = (line.split(", or ")[0] for line in plain)
+    for option in _OPTION.finditer("\n".join(first_ways)):
         setup = _with_option(setup, right, bool(option[1]), option[2], option[3])
     return replace(setup, repair=setup.repair or "repair=seaid.Repairs()" in remedy)
 
@@ -441,14 +466,19 @@ class Right:
     crash: str = ""
 
 
-MOTIONS = 8
-"""True motions per robot for right set-ups; their sensors, noise and nominal values differ."""
+MOTIONS, FEW_MOTIONS = 8, 3
+"""True motions per robot for right set-ups, the second one with parallel springs; their sensors,
+noise and nominal values differ."""
 
 
 def right_setup(number: int) -> Right:
-    """Identify from a right set-up with sensors, noise, motions and nominal values of its own."""
+    """Identify from a right set-up with sensors, noise, motions and nominal values of its own.
+
+    A third of the robots have a declared spring parallel to a joint; of the others, a third of the
+    stiff arms follow position commands.
+    """
     rng = np.random.default_rng((number, 17))
-    names = list(subjects())
+    names = list(right_subjects())
     name = names[number * len(names) // RIGHT_BLOCK % len(names)]
     sensors = Sensors(
         motor_counts=float(rng.choice([1000, 2000, 4096, 10000])),
@@ -456,30 +486,44 @@ def right_setup(number: int) -> Right:
         noise=float(rng.choice([0.002, 0.005, 0.01, 0.02, 0.04])),
         seed=number + 1,
     )
-    case, logs = Case(subjects()[name], number + 1), int(rng.integers(1, 3))
-    setup = case.setup("plain", 0)
-    motions = rng.choice(MOTIONS, logs, replace=False)
+    case, logs = Case(right_subjects()[name], number + 1), int(rng.integers(1, 3))
+    truth, has_commands = ("preload100" if number % 3 == 0 else "plain"), number % 3 == 1
+    setup = case.setup(truth, 0, terms=True)
+    motions = rng.choice(MOTIONS if truth == "plain" else FEW_MOTIONS, logs, replace=False)
     every = int(rng.choice([1, 2, 4]))
+    drives, samples = setup.drives, []
+    for one in motions:
+        log = columns(name, truth, int(one), sensors)
+        if has_commands and name == "stiff":
+            log, drives = commanded(name, int(one), log, setup.drives or {})
+        samples.append({key: x[::every] for key, x in log.items()})
     setup = replace(
         setup,
-        logs=tuple(
-            {key: x[::every] for key, x in columns(name, "plain", int(one), sensors).items()}
-            for one in motions
-        ),
+        drives=drives,
+        logs=tuple(samples),
         descriptions=({},) * logs,
     )
-    found = run(case, setup)
-    text = f"{sensors}, motions {motions.tolist()}, {1000 / every:g} Hz"
+    found = run(case, setup, truth)
+    text = f"{truth}, {sensors}, motions {motions.tolist()}, {1000 / every:g} Hz"
     return Right(number, name, text, found.said, _worst(found.errors), found.crash)
 
 
-RIGHT_BLOCK = 40
+RIGHT_BLOCK = 50
 """Right set-ups of one block have the robots one after the other: a process simulates few."""
+
+
+@cache
+def every_mistake() -> tuple[Mistake, ...]:
+    """Return all mistakes; their codes exist."""
+    found = (*mistakes(), *joint_mistakes())
+    unknown = {code for one in found for code in one.codes} - set(CODES)
+    assert not unknown, unknown
+    return found
 
 
 def _judged(task: tuple[str, int, int]) -> Outcome | None:
     name, seed, number = task
-    return judge(Case(subjects()[name], seed), mistakes()[number])
+    return judge(Case(subjects()[name], seed), every_mistake()[number])
 
 
 def matrix(outcomes: Sequence[Outcome], robots: Sequence[str]) -> list[list[str]]:
@@ -504,9 +548,12 @@ def summary(outcomes: Sequence[Outcome]) -> list[list[str]]:
     mild = [one for one in judged if one.form == "mild"]
     fixable = [one for one in severe if one.repairable]
     calm = [one for one in outcomes if one.harmless]
+    named = [one for one in severe if one.letter in "RN"]
+    false = sum(bool(one.false_codes) for one in named)
     return [
         ["severe: flagged with the right code", *_share(severe, NAMED), "95 %"],
         ["severe: the remedy repairs", *_share(fixable, "Rn"), "85 %"],
+        ["severe, named: another code next to it", _part(false, len(named)), "-", "-"],
         ["severe: flagged with any code", *_share(severe, DETECTED), "-"],
         ["mild: flagged with any code", *_share(mild, DETECTED), "70 %"],
         ["mild: flagged with the right code", *_share(mild, NAMED), "-"],
@@ -519,10 +566,22 @@ def _share(outcomes: Sequence[Outcome], letters: str) -> tuple[str, str]:
     harmful = [one for one in outcomes if one.letter != "t" or one.harmless]
 
     def share(cases: Sequence[Outcome]) -> str:
-        good = sum(one.letter in letters for one in cases)
-        return f"{good} of {len(cases)}, {good / max(len(cases), 1):.0%}"
+        return _part(sum(one.letter in letters for one in cases), len(cases))
 
     return share(outcomes), share(harmful)
+
+
+def _part(count: int, cases: int) -> str:
+    return f"{count} of {cases}, {count / max(cases, 1):.0%}"
+
+
+def false_explanations(outcomes: Sequence[Outcome]) -> list[list[str]]:
+    """Return the codes next to the right ones, of each mistake, with the robots that have them."""
+    rows: dict[tuple[str, str, str], list[str]] = {}
+    for one in outcomes:
+        for code in one.false_codes:
+            rows.setdefault((one.mistake, one.form, code), []).append(one.robot)
+    return [[*key, ", ".join(robots)] for key, robots in rows.items()]
 
 
 def problems(outcomes: Sequence[Outcome]) -> list[str]:
@@ -584,10 +643,11 @@ def main(arguments: argparse.Namespace) -> None:
     names = arguments.robot or (["leg"] if arguments.quick else list(subjects()))
     numbers = [
         number
-        for number, one in enumerate(mistakes())
+        for number, one in enumerate(every_mistake())
         if not arguments.only or any(text in one.title for text in arguments.only)
     ]
-    seeds = [] if arguments.only_right else range(arguments.seeds)
+    first = arguments.first_seed
+    seeds = [] if arguments.only_right else range(first, first + arguments.seeds)
     tasks = [(name, seed, number) for name in names for seed in seeds for number in numbers]
     text, tables = [], []
     content: dict[str, Any] = {}
@@ -596,11 +656,17 @@ def main(arguments: argparse.Namespace) -> None:
         answers = pool.map(_judged, tasks, chunksize=size)
         outcomes = _progress(answers, len(tasks), "mistakes")
         size = max(1, min(RIGHT_BLOCK // 4, arguments.right // arguments.workers))
-        rights = pool.map(right_setup, range(arguments.right), chunksize=size)
+        places = range(RIGHT_BLOCK * first, RIGHT_BLOCK * first + arguments.right)
+        rights = pool.map(right_setup, places, chunksize=size)
         right = _progress(rights, arguments.right, "right set-ups")
     if outcomes:
         for title, header, rows in (
             ("Mistakes", ["mistake", "form", *names], matrix(outcomes, names)),
+            (
+                "False explanations",
+                ["mistake", "form", "code", "robots"],
+                false_explanations(outcomes),
+            ),
             ("Summary", ["figure", "of all", "of those that do harm", "wanted"], summary(outcomes)),
         ):
             text.append(str(table(title, header, rows)))
@@ -653,6 +719,9 @@ if __name__ == "__main__":
     )
     parser.add_argument("--quick", action="store_true", help="only the leg")
     parser.add_argument("--seeds", type=int, default=1, help="experiments per mistake and robot")
+    parser.add_argument(
+        "--first-seed", type=int, default=0, metavar="N", help="of mistakes, and of right set-ups"
+    )
     parser.add_argument("--right", type=int, default=0, metavar="N", help="right set-ups")
     parser.add_argument("--only-right", action="store_true", help="no mistakes")
     parser.add_argument("--messages", action="store_true", help="print all findings and remedies")

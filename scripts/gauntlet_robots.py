@@ -22,9 +22,11 @@ import seaid
 from seaid._arrays import Array
 from seaid._files import read_toml
 from seaid.cli.options import payload_of
+from seaid.drives import Drive, key_of, unit_of
 from seaid.errors import RobotError
 from seaid.excitation import Trajectory, make_basis
 from seaid.log.motion import Motion
+from seaid.regressor import joint_torques
 from seaid.simulation.controller import joint_controller
 from seaid.simulation.plant import plant_of
 from seaid.simulation.simulation import Noise, measure, simulate_motion
@@ -77,6 +79,11 @@ class Subject:
     def elastic(self) -> list[str]:
         """Joints with springs."""
         return [joint for joint, one in self.drives.items() if one["type"] == "series_elastic"]
+
+    @property
+    def turning(self) -> tuple[str, str]:
+        """A joint whose link has a length, and a joint before it; both turn."""
+        return self.length, self.pair[0] if self.joint == self.length else self.joint
 
 
 _JOINT = """<joint name="{0}" type="{1}"><parent link="{2}"/><child link="{3}"/>
@@ -156,6 +163,19 @@ def subjects() -> dict[str, Subject]:
     return {one.name: one for one in found}
 
 
+@cache
+def right_subjects() -> dict[str, Subject]:
+    """Return the true robots of right set-ups: one more has a finger that follows its wrist."""
+    stiff = subjects()["stiff"]
+    finger = _JOINT.format(
+        *("finger", "revolute", "hand", "tip", "0.04 0 0.1", "0 1 0", -2, 2, 8, 20),
+        *("0.02 0 0.05", 0.4, 1e-3, 1e-3, 5e-4, 0),
+    ).replace("</joint>", '<mimic joint="wrist" multiplier="-0.5"/></joint>')
+    urdf = stiff.urdf.replace("</robot>", f"{finger}</robot>")
+    mimic = replace(stiff, name="mimic", urdf=urdf, simulator="seaid")
+    return {**subjects(), "mimic": mimic}
+
+
 def load(
     urdf: str, drives: Tables | None, payloads: tuple[str, ...] = (), **options: Any
 ) -> seaid.Robot:
@@ -169,10 +189,16 @@ def load(
 
 TRUTHS = (
     *("plain", "bare", "light", "cubic20", "cubic5", "dead20", "dead5"),
-    *("stribeck100", "stribeck30", "still", "slow"),
+    *("stribeck100", "stribeck30", "still", "slow", "damping20", "damping5"),
+    *("hysteresis20", "hysteresis5", "parallel100", "parallel30", "preload100", "preload30"),
+    *("constant100", "constant30", "tendon50", "tendon15", "differential"),
 )
 """True robots and motions: with the payload, without it, with a quarter of it, and the share [%] of
-what a linear model lacks; motions of 0.2 and 5 % of the joint ranges."""
+what a linear model lacks, in the load for parallel springs, in the turns of the other joint for
+coupled ones; motions of 0.2 and 5 % of the joint ranges."""
+
+BY_SEAID = ("damping", "hysteresis", "parallel", "preload", "constant", "tendon", "differential")
+"""Kinds of true robots that seaid simulates, whatever simulates the plain one."""
 
 
 def true_payload(subject: Subject, truth: str) -> tuple[str, ...]:
@@ -192,12 +218,24 @@ def true_drives(subject: Subject, truth: str) -> Tables:
     """Return the true drives: nonlinear springs and Stribeck friction as the truth says."""
     kind, share = truth.rstrip("0123456789"), int("0" + "".join(filter(str.isdigit, truth))) / 100
     drives = deepcopy({joint: dict(table) for joint, table in subject.drives.items()})
-    if kind in ("cubic", "dead"):
+    if kind in ("cubic", "dead", "damping", "hysteresis"):
         robot = load(subject.urdf, subject.drives, true_payload(subject, truth))
         motion = true_motion(subject.name, "plain", 0)
         for joint in subject.elastic:
-            peak = float(np.max(np.abs(deflection(robot, motion, joint))))
-            drives[joint] |= _nonlinear(drives[joint], kind, share, peak)
+            stretch = deflection(robot, motion, joint)
+            peak = float(np.max(np.abs(stretch)))
+            drive = robot.drives[joint]
+            if kind in ("cubic", "dead"):
+                drives[joint] |= _nonlinear(drives[joint], kind, share, peak)
+            else:
+                drives[joint] |= _lossy(drive, kind, share, peak, np.gradient(stretch) * RATE_HZ)
+    if kind in ("parallel", "preload", "constant"):
+        drives[subject.joint] |= _parallel(subject, kind, share)
+    if kind in ("tendon", "differential"):
+        joint, other = subject.turning
+        drives[joint]["transmission"] = {joint: 1.0, other: -share if share else 1.0}
+        if not share:
+            drives[other]["transmission"] = {other: 1.0, joint: -1.0}
     if kind == "stribeck":
         for joint, table in drives.items():
             speed = true_motion(subject.name, "plain", 0).motor_velocity
@@ -219,6 +257,45 @@ def _nonlinear(table: dict[str, Any], kind: str, share: float, peak: float) -> d
     return {"spring": ["linear", "cubic"], key: share * stiffness / peak**2}
 
 
+def _keyed(drive: Drive, values: Mapping[str, float]) -> dict[str, Any]:
+    """Return values of parameters with the keys of a drive TOML, which have their units."""
+    return {key_of(name, unit_of(drive, name)): value for name, value in values.items()}
+
+
+def _lossy(drive: Drive, kind: str, share: float, peak: float, rate: Array) -> dict[str, Any]:
+    """Return damping, or hysteresis, of a spring with a share of its largest force."""
+    force, terms = share * drive.values["stiffness"] * peak, ["linear", "dahl"]
+    values = {"hysteresis_force": force, "hysteresis_deflection": 0.1 * peak}
+    if kind == "damping":
+        values, terms = {"spring_damping": force / float(np.max(np.abs(rate)))}, ["linear", kind]
+    spring: dict[str, Any] = {"spring": tuple(terms)}
+    return {"spring": terms} | _keyed(replace(drive, **spring), values)
+
+
+def _parallel(subject: Subject, kind: str, share: float) -> dict[str, Any]:
+    """Return a spring parallel to the important joint, with a share of the rms load.
+
+    One with a preload pulls by as much where it is shortest; a constant one has no stiffness.
+    """
+    robot, motion = true_robot(subject.name, "plain"), true_motion(subject.name, "plain", 0)
+    states = (motion.joint_position, motion.joint_velocity, motion.joint_acceleration)
+    index = robot.index(subject.joint)
+    load = joint_torques(robot, *(state[::5] for state in states))[:, index]
+    force = share * float(np.sqrt(np.mean(load**2)))
+    values = {"parallel_stiffness": force / float(np.std(states[0][:, index]))}
+    if kind != "parallel":
+        values["parallel_preload"] = force
+    if kind == "constant":
+        del values["parallel_stiffness"]
+    terms: dict[str, Any] = {
+        "parallel": ["linear"],
+        "preload": ["linear", "preload"],
+        "constant": ["preload"],
+    }
+    drive = replace(robot.drives[subject.joint], parallel_spring=tuple(terms[kind]))
+    return {"parallel_spring": terms[kind]} | _keyed(drive, values)
+
+
 def deflection(robot: seaid.Robot, motion: Motion, joint: str) -> Array:
     """Return the deflection (T,) of a spring, (3)."""
     drive, index = robot.drives[joint], robot.index(joint)
@@ -229,17 +306,43 @@ def deflection(robot: seaid.Robot, motion: Motion, joint: str) -> Array:
 @cache
 def true_robot(name: str, truth: str) -> seaid.Robot:
     """Return a true robot."""
-    subject = subjects()[name]
+    subject = right_subjects()[name]
     return load(subject.urdf, true_drives(subject, truth), true_payload(subject, truth))
+
+
+def commanded(name: str, motion: int, log: Columns, drives: Tables) -> tuple[Columns, Tables]:
+    """Return a log with the position commands that make the torques, and drives with the gains.
+
+    With tau = K_p (u - q) - K_d q' at the joint, u = q + (N tau_M + K_d q') / K_p. Drives are
+    stiff, and turn.
+    """
+    robot, true = true_robot(name, "plain"), true_motion(name, "plain", motion)
+    found, tables = dict(log), {joint: dict(table) for joint, table in drives.items()}
+    for index, (joint, drive) in enumerate(robot.drives.items()):
+        q, v = true.motor_position[:, index] / drive.ratio, true.motor_velocity[:, index]
+        torque = drive.ratio * true.motor_torque[:, index]
+        gain = 20.0 * float(np.std(torque)) / float(np.std(q))
+        command = q + (torque + 0.05 * gain * v / drive.ratio) / gain
+        del found[f"{joint}.motor_torque_Nm"], found[f"{joint}.motor_position_rad"]
+        found[f"{joint}.position_command_rad"] = command
+        tables[joint] |= {
+            "motor_input": "position_command",
+            "controller": {
+                "position_gain_Nm_per_rad": gain,
+                "velocity_gain_Nms_per_rad": 0.05 * gain,
+            },
+        }
+    return found, tables
 
 
 @cache
 def true_motion(name: str, truth: str, seed: int) -> Motion:
     """Return the true motion of a robot, simulated once per process."""
-    subject, robot = subjects()[name], true_robot(name, truth)
+    subject, robot = right_subjects()[name], true_robot(name, truth)
     reach = {"still": 0.002, "slow": 0.05}.get(truth, 0.8)
     trajectory = wiggle(robot, reach, seed)
-    simulate = mujoco_motion if subject.simulator == "mujoco" else simulate_motion
+    by_mujoco = subject.simulator == "mujoco" and truth.rstrip("0123456789") not in BY_SEAID
+    simulate = mujoco_motion if by_mujoco else simulate_motion
     return simulate(robot, trajectory)
 
 

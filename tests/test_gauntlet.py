@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -10,14 +11,21 @@ import pytest
 
 import seaid
 from scripts import gauntlet
-from scripts.gauntlet_mistakes import Case, Mistake, Setup, mistakes, scaled
-from scripts.gauntlet_robots import Columns, Subject, subjects
+from scripts.gauntlet_joints import joint_mistakes
+from scripts.gauntlet_mistakes import Case, Mistake, Setup, scaled
+from scripts.gauntlet_robots import Columns, Subject, load, subjects, true_robot
 from seaid.errors import Finding
 from tests.representatives import quick_first
 
 REMEDY = """in the description of the log:
 [joints.{0}]
 motor_torque = {{ column = "{0}.motor_torque_Nm", unit = "mNm" }}"""
+
+
+@pytest.fixture(scope="module")
+def arm() -> Subject:
+    pytest.importorskip("mujoco")
+    return subjects()["stiff"]
 
 
 def setup(**changed: Any) -> Setup:
@@ -51,6 +59,7 @@ def setup(**changed: Any) -> Setup:
         ("--gravity 9.81,0,0", {"gravity": (9.81, 0.0, 0.0)}),
         ("read it with --repair", {"repair": True}),
         ("use --method simultaneous", {"options": {"method": "simultaneous"}}),
+        ("tighten it, or exclude its torque (--torque-joints a)", {}),
         ("measure again", {}),
     ],
 )
@@ -60,15 +69,80 @@ def test_remedy_is_applied_as_it_is_printed(remedy: str, changed: Mapping[str, A
 
 
 def test_every_mistake_has_a_code_and_changes_what_a_robot_can_have() -> None:
-    titles = [one.title for one in mistakes()]
-    assert len(set(titles)) == len(titles) > 80
-    assert all(one.codes for one in mistakes())
+    every = gauntlet.every_mistake()
+    titles = [one.title for one in every]
+    assert len(set(titles)) == len(titles) > 120
+    assert all(one.codes for one in every)
 
 
-@pytest.fixture(scope="module")
-def arm() -> Subject:
+IN_LOGS: tuple[str, ...] = (
+    "absolute joint angles",
+    "ratio varies",
+    "joint encoder multiplied",
+    "zero",
+    "torque",
+)
+IN_LOGS += ("stop reached", "packets lost", "bursts lost", "motor encoders within a turn")
+
+
+@pytest.mark.parametrize(
+    "mistake", [x for x in joint_mistakes() if x.name.startswith(IN_LOGS)], ids=lambda x: x.title
+)
+def test_mistake_in_the_log_changes_it_and_leaves_the_files(arm: Subject, mistake: Mistake) -> None:
+    right = Case(arm).setup("plain")
+    setup = mistake.change(Case(arm), right)
+    assert setup is not None
+    assert (setup.urdf, setup.drives) == (right.urdf, right.drives)
+    (log,), (before,) = setup.logs, right.logs
+    counts = {len(values) for values in log.values()}
+    assert len(counts) == 1
+    changed = [x for x in log if not np.array_equal(log[x], before[x])]
+    assert changed
+    if "lost" not in mistake.name:
+        assert changed != list(log)
+
+
+@pytest.mark.parametrize(
+    "mistake", [x for x in joint_mistakes() if "robot file" in x.name], ids=lambda x: x.title
+)
+def test_robot_of_another_size_has_longer_links(arm: Subject, mistake: Mistake) -> None:
+    right = Case(arm).setup("plain")
+    setup = mistake.change(Case(arm), right)
+    assert setup is not None
+    wrong, true = (
+        float(np.linalg.norm(load(one.urdf, one.drives).model.jointPlacements[4].translation))
+        for one in (setup, right)
+    )
+    assert wrong > 1.05 * true > 0
+
+
+TRUE_DRIVES = {
+    **{("stiff", f"{kind}100"): "parallel_spring" for kind in ("parallel", "preload", "constant")},
+    **{("stiff", kind): "transmission" for kind in ("tendon50", "differential")},
+    **{("scara", kind): "spring" for kind in ("damping20", "hysteresis20")},
+}
+
+
+@pytest.mark.parametrize(("name", "truth"), TRUE_DRIVES)
+def test_true_robot_has_what_its_user_does_not_declare(name: str, truth: str) -> None:
     pytest.importorskip("mujoco")
-    return subjects()["stiff"]
+    key, subject = TRUE_DRIVES[name, truth], subjects()[name]
+    true, nominal = true_robot(name, truth), load(subject.urdf, subject.drives)
+    assert any(
+        getattr(true.drives[joint], key) != getattr(drive, key)
+        for joint, drive in nominal.drives.items()
+    )
+
+
+def test_another_code_is_a_false_explanation_unless_it_names_the_right_one_as_a_rival() -> None:
+    right = gauntlet.Said("delay", "doubtful", "a", "")
+    rival = gauntlet.Said("sign", "wrong", "a", "", rivals=("delay",))
+    other, note = (gauntlet.Said("unit", kind, "a", "") for kind in ("doubtful", "note"))
+    outcome = partial(gauntlet.Outcome, "late", "severe", "arm", 0, "N", 1.0, codes=("delay",))
+    assert outcome(said=(right, other, note)).false_codes == ["unit"]
+    assert outcome(said=(rival, note)).false_codes == []
+    found = [outcome(said=(right, other)), outcome(said=(rival,))]
+    assert gauntlet.false_explanations(found) == [["late", "severe", "unit", "arm"]]
 
 
 def judged(
