@@ -19,7 +19,7 @@ from seaid.errors import SeaidWarning
 from seaid.robot.robot import Robot, load_robot
 
 if TYPE_CHECKING:
-    from seaid.checks.model import Side, SideSelection
+    from seaid.checks import Side, SideSelection
 
 MODELS = Path(__file__).parents[1] / "models"
 

@@ -14,6 +14,10 @@ from .check import consequences as consequences
 from .check import is_wrong as is_wrong
 from .check import observed as observed
 from .codes import CODES as CODES
+from .columns import Side as Side
+from .columns import backlash as backlash
+from .columns import included_term as included_term
+from .columns import resolved_widths as resolved_widths
 from .commands import delay_estimate_findings as delay_estimate_findings
 from .commands import is_unsigned as is_unsigned
 from .commands import no_measurements as no_measurements
@@ -31,13 +35,9 @@ from .feet import LeggedFit as LeggedFit
 from .feet import LoadedFeet as LoadedFeet
 from .feet import force_findings as force_findings
 from .feet import mass_findings as mass_findings
-from .model import Side as Side
 from .model import SideSelection as SideSelection
-from .model import backlash as backlash
-from .model import included_term as included_term
 from .model import model_findings as model_findings
 from .model import model_sides as model_sides
-from .model import resolved_widths as resolved_widths
 from .model import selections as selections
 from .model import without_echoes as without_echoes
 from .model import without_setup_echoes as without_setup_echoes
@@ -71,7 +71,6 @@ from .terms import compared_terms as compared_terms
 from .terms import deflection_scale as deflection_scale
 from .terms import duration_s as duration_s
 from .terms import load_drive as load_drive
-from .terms import load_samples as load_samples
 from .terms import possible_terms as possible_terms
 from .terms import reference_position as reference_position
 from .terms import size_of as size_of

@@ -18,7 +18,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 from scipy.special import stdtrit
@@ -28,7 +28,11 @@ from seaid.errors import IdentificationError
 from seaid.estimation import ROUNDING, long_run_of, scaled_svd, triangle
 
 if TYPE_CHECKING:
+    from seaid.checks.check import Code
+    from seaid.errors import Finding
     from seaid.regressor import Regression
+
+Fit = TypeVar("Fit")
 
 BLOCKS, SEGMENTS = 8, 4
 """Number of blocks, of which each is predicted from the others, and of its segments in time.
@@ -266,7 +270,7 @@ class Candidate:
     points : callable
         The columns at every point of the grid of nonlinear parameters. `points(True)` has them from
         fewer samples, by which they are screened.
-    about : object
+    about : ColumnCheck
         The check that the candidate belongs to.
     """
 
@@ -274,12 +278,30 @@ class Candidate:
     field: str
     term: str
     points: Callable[[bool], Iterable[Point]]
-    about: object = None
+    about: Any = None
 
     @property
     def name(self) -> tuple[str, str, str]:
         """Joint, field and term."""
         return self.joint, self.field, self.term
+
+
+@dataclass(frozen=True)
+class ColumnCheck(Generic[Fit]):
+    """A check of an equation: `candidates` are its columns for a joint.
+
+    `finding` words what was accepted of a joint, with the part of the squared residual that it
+    explains; it may find that it is nothing. `cause` names a candidate as the rival of another, by
+    its field and term, and `decision` is the measurement that separates it from its rivals.
+    `contains` are the codes of simpler mistakes, whose columns are among those of the candidates.
+    """
+
+    code: Code
+    candidates: Callable[[Fit, str], Iterable[Candidate]]
+    finding: Callable[[Fit, str, Sequence[Accepted], float], Finding | None]
+    cause: str
+    decision: str
+    contains: tuple[Code, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

@@ -38,16 +38,14 @@ from seaid.drives import (
 )
 from seaid.errors import RobotError
 from seaid.estimation import FittedRows
-from seaid.log import Motion, in_band, in_band_at, row_samples
+from seaid.log import Motion, in_band, in_band_at
 from seaid.regressor import (
     Regression,
     actuator_equation,
     input_signals,
     joint_regressor,
-    load_signals,
     motor_regressor,
     spring_regressor,
-    usable_rows,
 )
 from seaid.robot import Robot, torques_at_drives
 
@@ -315,10 +313,11 @@ def load_drive(
     if at_joint:
         share = torques_at_drives(robot.transmission, np.eye(n)[index])
     of_joint = {k: np.asarray(rows.joint == k) for k in range(n) if share[k]}
-    signals_of = load_signals if at_joint else input_signals
-    by_motion = [signals_of(robot, motion, index) for motion in coarse or motions]
-    if at_joint:
-        by_motion = [one | {name: one[f"own_{name}"] for name in _JOINT} for one in by_motion]
+    by_motion = [input_signals(robot, motion, index) for motion in coarse or motions]
+    if at_joint:  # of its own states, also where a drive moves several joints
+        for signals, motion in zip(by_motion, coarse or motions, strict=True):
+            states = (state[:, index] for state in motion.joint_states)
+            signals |= dict(zip(_JOINT, states, strict=True))
     return DriveRows(
         robot=robot,
         motions=coarse or motions,
@@ -358,7 +357,6 @@ def term_candidates(
     coarse: DriveRows,
     terms: Iterable[tuple[str, str]],
     grids: Mapping[str, Sequence[float]] = FrozenMapping({}),
-    about: object = None,
 ) -> list[Candidate]:
     """Return terms (field, term) of a drive as candidates; `coarse` is the drive at few samples."""
 
@@ -367,8 +365,7 @@ def term_candidates(
         return list(drive.terms(field, term, grids))
 
     return [
-        Candidate(exact.joint, *one, partial(points, field=one[0], term=one[1]), about)
-        for one in terms
+        Candidate(exact.joint, *one, partial(points, field=one[0], term=one[1])) for one in terms
     ]
 
 
@@ -417,12 +414,6 @@ def size_of(name: str, scale: Scale) -> float:
     """Return the unit of the starts of a nonlinear parameter."""
     sizes = {"rad/s": scale.speed, "rad": scale.turn, "s": scale.duration}
     return sizes.get(PARAMETERS[name].unit, scale.reach)
-
-
-def load_samples(robot: Robot, motion: Motion, joint: str) -> IndexArray:
-    """Return the samples that are rows of a joint on the load side."""
-    rows = row_samples(motion)
-    return np.asarray(rows[usable_rows(robot, motion, joint, rows)])
 
 
 @dataclass(frozen=True, eq=False)

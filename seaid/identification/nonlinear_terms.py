@@ -25,7 +25,6 @@ from seaid.checks import (
     Scale,
     deflection_scale,
     duration_s,
-    load_samples,
     size_of,
     speed_scale,
 )
@@ -56,7 +55,7 @@ from seaid.identification.two_step import (
     spring_torque_joints,
     two_step_equations,
 )
-from seaid.log import Motion, in_band_at
+from seaid.log import Motion, in_band_at, row_samples
 from seaid.regressor import (
     LoadModel,
     Regression,
@@ -69,6 +68,7 @@ from seaid.regressor import (
     signals,
     stacked,
     under_load,
+    usable_rows,
     with_gear_torque,
 )
 from seaid.robot import Robot
@@ -541,7 +541,11 @@ def _load_search(robot: Robot, motions: Sequence[Motion], joint: str, fit: LoadF
         linear=tuple(n for n in regressor.linear if f"{n} of {joint}" in rows.names),
         motions=motions,
         signals=by_motion,
-        samples=[load_samples(robot, motion, joint) for motion in motions],
+        samples=[
+            samples[usable_rows(robot, motion, joint, samples)]
+            for motion in motions
+            for samples in [row_samples(motion)]
+        ],
         mine=np.flatnonzero(rows.joint == index),
         factor=weight * robot.drives[joint].ratio,
         zeta=[regressor.evaluate(one)[0] for one in by_motion],

@@ -18,8 +18,8 @@ from scripts.benchmarks import contact_backlash
 from seaid._arrays import Array, FrozenMapping
 from seaid.checks import drive_findings, engine, that_matter
 from seaid.checks.codes import MISSING_TERM
+from seaid.checks.columns import DRIVE_CHECKS, Side, resolved_widths
 from seaid.checks.engine import Accepted, Candidate, ModelComparison, Trial
-from seaid.checks.model import COLUMN_CHECKS, Side, resolved_widths
 from seaid.drives.drives import DefaultTerms
 from seaid.drives.terms import FrictionTerm
 from seaid.drives.toml import drive_table, drives_from_mapping
@@ -279,7 +279,7 @@ def test_a_width_that_the_sampling_explains_is_noted_only() -> None:
     candidate = Candidate("hip_roll", "friction", "smooth_coulomb", lambda _: (), MISSING_TERM)
     width = Trial(candidate, support, FrozenMapping({"coulomb_width": 8.0}))
     accepted = [Accepted(width, np.ones(1), np.ones(1))]
-    check = next(check for check in COLUMN_CHECKS if check.code is MISSING_TERM)
+    check = next(check for check in DRIVE_CHECKS if check.code is MISSING_TERM)
     nothing: Any = None
     for resolved, severity in ((4.0, "note"), (8.0, "note"), (2.0, "doubtful")):
         side = Side(leg(), [], nothing, ("hip_roll",), False, {"hip_roll": resolved})

@@ -1,0 +1,414 @@
+"""An equation of the fit, the columns that a drive may lack in it, and what they mean.
+
+A `Side` is an equation of the fit. A `ColumnCheck` proposes candidates for it, columns next to
+those of the fit, and words what was accepted of them. Here are the checks of a drive: terms of
+friction and springs that it lacks, springs parallel to a joint, gains in another unit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache, cached_property, partial
+from typing import Any
+
+import numpy as np
+
+from seaid._arrays import Array, IndexArray, white_noise
+from seaid.checks.check import in_drives
+from seaid.checks.codes import BACKLASH, GAIN_SCALE, MISSING_TERM, NONLINEAR_SPRING
+from seaid.checks.engine import (
+    Accepted,
+    Alternative,
+    Candidate,
+    ColumnCheck,
+    Equation,
+    Point,
+    Trial,
+)
+from seaid.checks.terms import (
+    DriveRows,
+    TermComparison,
+    actuator_drive,
+    coarse_motions,
+    evidence_of,
+    load_drive,
+    possible_terms,
+    reference_position,
+    term_candidates,
+    toml_of,
+    with_term,
+)
+from seaid.checks.tolerances import LEAST_SWING, PART
+from seaid.drives import IDEAL_DRIVE, DefaultTerms, Drive, unit_of
+from seaid.errors import Finding
+from seaid.estimation import FittedRows
+from seaid.log import Log, Motion, in_band_at, still_speed
+from seaid.regressor import BaseParameters, regressor_at_drives, with_known_friction
+from seaid.robot import Robot
+
+
+@dataclass(frozen=True, eq=False)
+class Side:
+    """An equation of the fit: (7) of an elastic joint, or the load side (8).
+
+    `joints` are those whose drives are in its rows, `widths` {joint: width of Coulomb friction}
+    those that the encoders resolve, `gears` the joints whose gear was measured, `base` the
+    base parameters of the load side, `offset_std` [rad] the standard deviation of the joints'
+    zeros that the errors of the estimate contain.
+    """
+
+    robot: Robot
+    motions: Sequence[Motion]
+    fitted: FittedRows
+    joints: tuple[str, ...]
+    is_motor: bool
+    widths: Mapping[str, float]
+    gears: frozenset[str] = frozenset()
+    base: BaseParameters | None = None
+    offset_std: float = 0.0
+
+    @cached_property
+    def equation(self) -> Equation:
+        """The rows of the fit with the weights of its equations."""
+        assert self.fitted.rows is not None
+        return Equation(self.fitted.rows, self.fitted.weights)
+
+    def unexplained(self, joint: str) -> float:
+        """Return the error of the equation of a joint over its torque without the mean."""
+        rows = self.equation.rows.joint == self.robot.index(joint)
+        y = self.equation.weight[rows] * self.equation.rows.y[rows]
+        return float(np.sqrt(self.equation.squares(rows) / max(float(np.var(y)) * len(y), 1e-300)))
+
+    def swing(self, joint: str) -> float:
+        """Return the range of a joint [rad or m], in the motion where it is largest."""
+        index = self.robot.index(joint)
+        return max(float(np.ptp(motion.joint_position[:, index])) for motion in self.motions)
+
+    def source(self, joint: str, quantity: str) -> str | Mapping[str, Any]:
+        """Return the column of a quantity, or its entry in the description; "" without it."""
+        processing = self.motions[0].processing
+        sources = (processing and processing.sources) or {}
+        found: str | Mapping[str, Any] = sources.get(joint, {}).get(quantity, "")
+        return found
+
+    @cached_property
+    def coarse(self) -> list[Motion]:
+        """The motions with as few samples as screening needs."""
+        return coarse_motions(self.motions)
+
+    def drive(self, joint: str, *, at_joint: bool = False, few: bool = False) -> DriveRows:
+        """Return a drive at the rows, at its motor or `at_joint`, by `few` samples or all."""
+        return self._drive(joint, at_joint, few)
+
+    @cached_property
+    def _drive(self) -> Callable[[str, bool, bool], DriveRows]:
+        return cache(partial(_drive_at_rows, self))
+
+    @cached_property
+    def bodies(self) -> Array:
+        """The standard parameters (10N, 1) of the fitted bodies, the known ones included."""
+        assert self.base is not None
+        fitted = self.equation.values[: len(self.base.grouping)]
+        return (self.base.least(fitted) + self.robot.known_parameters)[:, None]
+
+    @cached_property
+    def torque_of_bodies(self) -> Array:
+        """The torque (R, 1) of the fitted bodies at the states of the rows."""
+        return self.torques_of(self.bodies)
+
+    @cached_property
+    def instants(self) -> Sequence[tuple[IndexArray, IndexArray, IndexArray, Sequence[Array]]]:
+        """Places of the rows of each motion, those of their instants, their samples and states.
+
+        States are position, velocity and acceleration (T, n) of the joints.
+        """
+        rows, found = self.equation.rows, []
+        for run, motion in enumerate(self.motions):
+            places = np.flatnonzero(rows.run == run)
+            times, instants = np.unique(rows.time[places], return_inverse=True)
+            samples = np.searchsorted(motion.time, times)
+            states = [in_band_at(motion, state, samples) for state in motion.joint_states]
+            found.append((places, instants, samples, states))
+        return found
+
+    def torques_of(
+        self, bodies: Array, joint: str = "", angle: float = 0.0, *, filtered: bool = False
+    ) -> Array:
+        """Return the torques (R, k) of bodies (10N, k) at the rows, an angle added to a joint.
+
+        They are those of the states of the rows, or `filtered` as the rows are: the torque of
+        filtered states differs from the filtered torque by more than the error of an angle.
+        """
+        robot, joints, turn = self.robot, self.equation.rows.joint, np.zeros(self.robot.n)
+        if joint:
+            turn[robot.index(joint)] = angle
+        found = np.zeros((len(joints), bodies.shape[1]))
+        for motion, instants in zip(self.motions, self.instants, strict=True):
+            places, instant, samples, at_rows = instants
+            q, v, a = motion.joint_states if filtered else at_rows
+            parts = [slice(start, start + _AT_ONCE) for start in range(0, len(q), _AT_ONCE)]
+            torques = np.concatenate(
+                [regressor_at_drives(robot, q[x] + turn, v[x], a[x]) @ bodies for x in parts]
+            )
+            if filtered:
+                torques = with_known_friction(motion, range(robot.n), torques)
+                torques = in_band_at(motion, torques, samples)
+            found[places] = torques[instant, joints[places].astype(int)]
+        return found
+
+
+_AT_ONCE = 4000
+"""Samples of a regressor at once."""
+
+
+def _drive_at_rows(side: Side, joint: str, at_joint: bool, few: bool) -> DriveRows:
+    coarse = side.coarse if few else ()
+    rows, theta = side.equation.rows, side.fitted.estimate.values
+    if side.is_motor:
+        return actuator_drive(side.robot, side.motions, joint, rows, theta, coarse)
+    return load_drive(side.robot, side.motions, joint, rows, theta, coarse, at_joint=at_joint)
+
+
+def resolved_widths(
+    robot: Robot, logs: Sequence[Log], motions: Sequence[Motion]
+) -> dict[str, float]:
+    """Return {joint: motor speed [rad/s] below which logs do not resolve the direction of motion}.
+
+    One encoder step per sample, and the change of the speed within a sample at a reversal. The step
+    is that of a quantised position of the same noise, whose standard deviation is step / sqrt(12).
+    Not less than the speed below which a motor counts as standing: a smaller width would describe
+    the friction of a motor that sticks, which has no sign, in rows next to standstill.
+    """
+    widths = {}
+    for joint in robot.joint_names:
+        speeds = []
+        for log in logs:
+            place = log.joint_names.index(joint)
+            motor, ratio = log.motor_position[:, place], 1.0
+            if not np.all(np.isfinite(motor)):
+                motor, ratio = log.joint_position[:, place], robot.drives[joint].ratio
+            noise = white_noise(motor)
+            speeds.append(ratio * np.sqrt(12.0) * noise / float(np.median(np.diff(log.time))))
+        width = float(np.median(speeds)) if speeds else 0.0
+        if np.isfinite(width) and width > 0:
+            index = robot.index(joint)
+            turns = [_change_at_reversal(one, index) for one in motions]
+            width = float(np.hypot(width, np.median(turns) if turns else 0.0))
+            widths[joint] = max([width, *(still_speed(one, index) for one in motions)])
+    return widths
+
+
+def _change_at_reversal(motion: Motion, place: int) -> float:
+    """Return the median change of a motor's speed [rad/s] within a sample at its reversals."""
+    speed = motion.motor_velocity[:, place]
+    reversals = np.flatnonzero(speed[1:] * speed[:-1] < 0)
+    changes = np.abs(motion.motor_acceleration[reversals, place]) / motion.rate_hz
+    return float(np.median(changes)) if len(changes) else 0.0
+
+
+_STIFF = ("offset", "smooth_coulomb", "asymmetric", "quadratic", "stribeck")
+_ELASTIC = ("smooth_coulomb", "asymmetric", "quadratic", "load", "stribeck")
+"""Friction of a stiff drive has no part that depends on the load, which needs another fit."""
+
+_LAWS = ("cubic", "fifth", "dead_zone", "dahl", "damping")
+
+
+def _terms(
+    side: Side, joint: str, field: str, terms: Sequence[str], *, at_joint: bool = False
+) -> list[Candidate]:
+    """Return the terms of a field that a drive lacks and can have, as candidates."""
+    possible = list(possible_terms(side.robot.drives[joint], {field: terms}))
+    if not possible:
+        return []
+    width = side.widths.get(joint)
+    grids = {} if width is None else {"coulomb_width": [width * k for k in _MULTIPLES]}
+    few = side.drive(joint, at_joint=at_joint, few=True)
+    return term_candidates(side.drive(joint, at_joint=at_joint), few, possible, grids)
+
+
+_MULTIPLES = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
+"""Widths of Coulomb friction that are tried, over the one that the encoders resolve."""
+
+
+def _friction(side: Side, joint: str) -> list[Candidate]:
+    drive = side.robot.drives[joint]
+    if drive.is_elastic and not side.is_motor:
+        return []
+    terms: tuple[str, ...] = _ELASTIC if drive.is_elastic else _STIFF
+    if drive == IDEAL_DRIVE:  # it has no friction at all
+        terms = ("viscous", "coulomb", "offset")
+    found = _terms(side, joint, "friction", terms)
+    if drive.controller is None or drive.is_elastic:
+        return found
+    # the closed loop of a drive with a controller shows errors over its position
+    return found + _terms(side, joint, "friction", ("coulomb_position",))
+
+
+def _parallel_springs(side: Side, joint: str) -> list[Candidate]:
+    """Return the spring parallel to a joint; what holds a locked output, and yields, is none."""
+    if side.is_motor or side.swing(joint) < LEAST_SWING:
+        return []
+    return _terms(side, joint, "parallel_spring", ("linear",), at_joint=True)
+
+
+def _gain_scales(side: Side, joint: str) -> Iterator[Candidate]:
+    """Yield the torque of the known bodies at a joint whose gains may be in another unit.
+
+    With y = tau - tau_known and gains that are 1 / s of their unit, tau = (tau_known + ...) / s: y
+    has (1 / s - 1) tau_known more.
+    """
+    drive = side.robot.drives[joint]
+    is_given = drive.controller is not None and not drive.is_up_to_scale
+    has_bodies = np.any(side.robot.known_parameters) and side.robot.floating_base is None
+    if is_given and has_bodies and not side.is_motor:
+        yield Candidate(joint, "gain_scale", "", partial(_known_torque, side, joint))
+
+
+def _known_torque(side: Side, joint: str, of_few: bool) -> list[Point]:
+    """Return the torque (R, 1) of the known bodies at the rows of a joint."""
+    del of_few  # the rows alone are computed
+    is_own = side.equation.rows.joint == side.robot.index(joint)
+    known = side.robot.known_parameters[:, None]
+    torque = side.torques_of(known, filtered=True)
+    return [Point({}, Alternative(is_own[:, None] * torque, 1))]
+
+
+def _spring_laws(side: Side, joint: str) -> list[Candidate]:
+    return _terms(side, joint, "spring", _LAWS) if side.is_motor else []
+
+
+def _missing_terms(side: Side, joint: str, accepted: Sequence[Accepted], share: float) -> Finding:
+    """Return the finding of terms that a drive lacks, with the field of the drive that has them."""
+    drive, field = side.robot.drives[joint], accepted[0].trial.candidate.field
+    terms = [one.trial.candidate.term for one in accepted]
+    if field == "parallel_spring" and drive.is_elastic:
+        terms.append("preload")  # it rests at any angle, which the spring in series would hide
+    is_spring = field == "spring"
+    width = next((x.trial.values.get("coulomb_width") for x in accepted), None)
+    is_sampled = len(terms) == 1 and (width or np.inf) <= _UNRESOLVED * side.widths.get(joint, 0)
+    # the width of a term that was added by itself is one of a coarse grid
+    is_coarse = isinstance(drive.friction, DefaultTerms) and "coulomb_width" in drive.known
+    matters = is_spring or (share > _MATTERS and not (is_sampled or is_coarse))
+    if field == "parallel_spring" and drive.controller is None:
+        # next to a torque that is explained it resembles gravity, which other mistakes change too
+        matters = matters and side.unexplained(joint) > PART
+    what = f"the spring of {joint} is not linear" if is_spring else f"{joint} lacks a term"
+    what = _FOLLOWS.get(terms[0], what).format(joint)
+    names = " and ".join(f"'{one.trial.candidate.term}'" for one in accepted)
+    comparison = accepted[0].trial.comparison
+    assert comparison is not None
+    values = {name: value for one in accepted for name, value in one.trial.values.items()}
+    remedy = f"in the drives file:\n{toml_of(joint, drive, field, terms, values)}"
+    if "coulomb_position" in terms and not drive.reference_position_rad:
+        middle = reference_position(side.motions, side.robot.index(joint))
+        remedy += f"\nreference_position_rad = {middle:g}"
+    message = (
+        f"{what}: {names} in its {field} would explain {share:.0%} of the squared residual of its "
+        f"{'motor' if side.is_motor else 'torque'} equation and improve the prediction of excluded "
+        f"blocks by {comparison.improvement:.0%}"
+    )
+    code = NONLINEAR_SPRING if is_spring else MISSING_TERM
+    evidence = evidence_of(comparison, values) | {"explained": share}
+    return code.finding(message, joint, "doubtful" if matters else "note", evidence, remedy)
+
+
+_MATTERS = 0.25
+"""Part of the squared residual of a joint that makes what its drive lacks doubtful: the residual
+falls by an eighth. A spring that is not linear always is, since its stiffness has no single
+value."""
+
+_UNRESOLVED = 2.0
+"""Width of Coulomb friction, over the one that the logs resolve, up to which it is that of the
+sampling: of an encoder step, or of a sample in which the speed changes its sign."""
+
+_FOLLOWS = {
+    "coulomb_position": "the residual of {} follows its position, with the sign of its speed",
+    "linear": "the residual of {} follows its position",
+}
+"""{candidate of a drive with a controller: what its support means}."""
+
+
+def _gain_is_scaled(
+    side: Side, joint: str, accepted: Sequence[Accepted], share: float
+) -> Finding | None:
+    """Return the finding of gains in another unit, or of bodies that are heavier or lighter."""
+    (change,), (error,) = accepted[0].coefficients.tolist(), accepted[0].errors.tolist()
+    times = 1.0 + change
+    if times <= 0:
+        return None
+    return GAIN_SCALE.finding(
+        f"the torque of the controller of {joint} is {times:.3g} +- {error:.2g} times that of the "
+        f"known bodies, which explains {share:.0%} of the squared residual of its torque equation: "
+        f"its gains are in another unit, such as V per rad, and {1 / times:.3g} times as large in "
+        f"N m; or the bodies are {times:.3g} times as heavy as in the robot file",
+        joint,
+        "doubtful",
+        {
+            "torque over that of the known bodies": times,
+            "standard error": error,
+            "explained": share,
+        },
+        "weigh a link: if the known bodies are right, the scale of the gains is a parameter, "
+        + in_drives({(joint, "controller"): "is_up_to_scale = true"}),
+    )
+
+
+_AT_SPEEDS = "torques at several constant speeds show friction"
+_AT_ANGLES = "torques that hold the joint at several angles show springs and masses"
+
+DRIVE_CHECKS = (
+    ColumnCheck(MISSING_TERM, _friction, _missing_terms, "'{term}' in its {field}", _AT_SPEEDS),
+    ColumnCheck(
+        MISSING_TERM, _parallel_springs, _missing_terms, "'{term}' in its {field}", _AT_ANGLES
+    ),
+    ColumnCheck(
+        GAIN_SCALE,
+        _gain_scales,
+        _gain_is_scaled,
+        "gains of the controller in another unit",
+        "a link on a scale shows whether gains or masses are wrong",
+    ),
+    ColumnCheck(
+        NONLINEAR_SPRING,
+        _spring_laws,
+        _missing_terms,
+        "'{term}' in its {field}",
+        "deflections of the locked joint under slowly growing and falling loads show the law of "
+        "its spring",
+    ),
+)
+"""The checks of a drive, in the order in which their findings are listed."""
+
+
+def included_term(one: Trial) -> Finding:
+    """Return the note that a term was added to a drive whose friction nobody named."""
+    candidate, comparison = one.candidate, one.comparison
+    assert comparison is not None
+    width = "".join(f" over {value:.2g} rad/s" for value in one.values.values())
+    return MISSING_TERM.finding(
+        f"friction of {candidate.joint}, of which the drive names no terms: "
+        f"'{candidate.term}'{width} is included and explains {comparison.explained:.0%} of the "
+        "squared residual; name the terms in friction = [...] to decide it",
+        candidate.joint,
+        "note",
+        evidence_of(comparison, one.values),
+        certainty="certain",
+    )
+
+
+def backlash(joint: str, drive: Drive, one: TermComparison) -> Finding:
+    """Return the finding of backlash that looks like a weak spring, by a comparison of laws."""
+    comparison = one.comparison
+    assert comparison is not None
+    unit = unit_of(with_term(drive, one.field, one.term), "dead_zone")
+    return BACKLASH.finding(
+        f"the gear or the spring of {joint} has backlash, with a half width of about "
+        f"{one.values['dead_zone']:.2g} {unit}: 'dead_zone' in its spring would explain "
+        f"{comparison.explained:.0%} of the squared residual of its motor equation, and its "
+        "stiffness without it is not that of the spring",
+        joint,
+        "doubtful",
+        evidence_of(comparison, one.values),
+        f"in the drives file:\n{toml_of(joint, drive, one.field, [one.term], one.values)}",
+    )

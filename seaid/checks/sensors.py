@@ -1,0 +1,268 @@
+"""What sensors do to an equation: a torque that is late, and a zero of an encoder that is off."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from seaid._arrays import Array
+from seaid.checks.check import in_description, only_joint
+from seaid.checks.codes import DELAY, ENCODER_OFFSET
+from seaid.checks.engine import (
+    Accepted,
+    Alternative,
+    Candidate,
+    ColumnCheck,
+    Equation,
+    Point,
+    Selection,
+)
+from seaid.checks.tolerances import LEAST_DELAY_S, LEAST_SWING, SIGNIFICANT, SURE
+from seaid.drives import IDEAL_DRIVE, total_ratio
+from seaid.errors import Finding
+from seaid.estimation import qr_factor_of, scaled_svd, settled_weights
+from seaid.log import changed_source
+
+if TYPE_CHECKING:
+    from seaid.checks.columns import Side
+
+
+_LATE = "delay"
+"""Field of the candidates of late torques."""
+
+
+def _late_torque(side: Side, joint: str) -> Iterator[Candidate]:
+    """Yield the slope of the motor torque: one late by d is tau - d tau' to first order."""
+    drive = side.robot.drives[joint]
+    if drive.motor_input != "torque" or (drive.is_elastic and not side.is_motor):
+        return
+    index = side.robot.index(joint)
+    if all(np.all(np.isfinite(one.motor_torque[:, index])) for one in side.motions):
+        yield Candidate(joint, _LATE, "motor_torque", partial(_slope, side, joint))
+
+
+def _slope(side: Side, joint: str, of_few: bool) -> list[Point]:
+    """Return -tau' at the rows, without what friction and rotor of another drive explain."""
+    del of_few  # few samples of a noisy torque do not have its slope
+    slope, others = _late_columns(side, joint)
+    equation = side.equation
+    weight = equation.weight[:, None]
+    left = equation.left(weight * np.hstack([slope, others]))
+    shared = others @ scaled_svd(left[:, 1:]).solve(left[:, 0])
+    return [Point({}, Alternative(slope - shared[:, None], 1))]
+
+
+def _late_columns(side: Side, joint: str) -> tuple[Array, Array]:
+    """Return -tau' (R, 1) of a motor at the rows, and what resembles it in another drive (R, c).
+
+    Friction that changes gradually near reversals resembles an early torque. What is in the model
+    already is zero.
+    """
+    rows, drive, index = side.drive(joint), side.robot.drives[joint], side.robot.index(joint)
+    is_ideal = drive == IDEAL_DRIVE
+    is_open = is_ideal or drive.motor_inertia_kg_m2 is None
+    fastest = max(float(np.max(np.abs(one.motor_velocity[:, index]))) for one in side.motions)
+    parts = [
+        np.column_stack(
+            [
+                np.tanh(one.motor_velocity[:, index] / (_WIDTH * fastest)),
+                one.motor_velocity[:, index],
+                is_ideal * np.sign(one.motor_velocity[:, index]),
+                is_open * one.motor_acceleration[:, index],
+            ]
+        )
+        for one in side.motions
+    ]
+    others, weight = rows.at_rows(parts), side.equation.weight[:, None]
+    left = np.linalg.norm(side.equation.left(weight * others), axis=0)
+    # what is in the model already leaves nothing but rounding
+    others[:, left < _LEFT * np.linalg.norm(weight * others, axis=0)] = 0.0
+    return -rows.slope_at_rows([one.motor_torque[:, index] for one in side.motions]), others
+
+
+_LEFT = 1e-3
+"""Part of a column that rounding leaves of one that is in the model already."""
+
+_WIDTH = 0.1
+"""Speed over the largest one at which friction may have another shape than that of the drive."""
+
+
+def _late(side: Side, joint: str, accepted: Sequence[Accepted], share: float) -> Finding:
+    """Return the finding of a motor torque that is late or early against the positions."""
+    (delay,), (error,) = accepted[0].coefficients.tolist(), accepted[0].errors.tolist()
+    return _late_torques(side, [joint], delay, error, {"explained": share})
+
+
+def _late_torques(
+    side: Side, joints: Sequence[str], delay: float, error: float, evidence: Mapping[str, float]
+) -> Finding:
+    """Return the finding that the motor torques of joints are late by a delay [s], or early."""
+    late_s = round(delay, 5)
+    entries = {
+        joint: {"motor_torque": changed_source(side.source(joint, "motor_torque"), delay_s=late_s)}
+        for joint in joints
+    }
+    return DELAY.finding(
+        f"the motor torques of {', '.join(joints)} are {1e3 * abs(delay):.2f} +- "
+        f"{1e3 * error:.2f} ms {'late' if delay > 0 else 'early'} against the positions",
+        only_joint(joints),
+        "doubtful" if abs(delay) > LEAST_DELAY_S else "note",
+        {"delay [s]": delay, "standard error [s]": error, **evidence},
+        in_description(entries),
+    )
+
+
+_SURE_DELAY = 4.0
+"""Multiple of the standard error, scatter between the joints included, of a common delay."""
+
+
+def common_delay(selected: Sequence[tuple[Side, Selection]]) -> Finding | None:
+    """Return the finding that all motor torques are late by as much, None without it.
+
+    Delays of single joints that the rows hardly show add up: the weighted mean has the error of
+    its parts, and their scatter (Birge 1932).
+    """
+    delays = {joint: delay for pair in selected for joint, delay in _delays(*pair).items()}
+    if len(delays) < 2:
+        return None
+    values, errors = np.array(list(delays.values())).T
+    weights = 1.0 / (errors**2 + LEAST_DELAY_S**2)
+    common = float(np.average(values, weights=weights))
+    spread = float(np.linalg.norm(weights * errors) / np.sum(weights))
+    scatter = float(np.sqrt(np.average((values - common) ** 2, weights=weights) / len(values)))
+    error = float(np.hypot(spread, scatter))
+    if abs(common) < max(_SURE_DELAY * error, LEAST_DELAY_S):
+        return None
+    return _late_torques(selected[0][0], list(delays), common, error, {})
+
+
+def _delays(side: Side, selection: Selection) -> dict[str, tuple[float, float]]:
+    """Return the delay of each motor torque [s], and its standard error, all at once.
+
+    They are next to what was accepted but for delays: a torque that is late spoils the bodies, and
+    with them the other joints.
+    """
+    joints = [late.joint for joint in side.joints for late in _late_torque(side, joint)]
+    if not joints:
+        return {}
+    equation = selection.before
+    for accepted in selection.accepted:
+        trial = accepted.trial
+        if trial.candidate.field != _LATE and trial.alternative is not None:
+            equation = equation.with_alternative(trial.alternative)
+    slopes, others = zip(*(_late_columns(side, joint) for joint in joints), strict=True)
+    equation = equation.with_alternative(Alternative(np.hstack(others), 0))
+    late = Alternative(np.hstack(slopes), len(joints))
+    values, errors = equation.with_alternative(late).last(len(joints))
+    delays = zip(values.tolist(), errors.tolist(), strict=True)
+    return dict(zip(joints, delays, strict=True))
+
+
+def _zeros(side: Side, joint: str) -> Iterator[Candidate]:
+    """Yield the torque that the fitted bodies have more where the zero of an encoder is off.
+
+    The motors of springs move along, because the spring offset absorbs a constant deflection.
+    """
+    if side.is_motor or side.base is None or side.robot.floating_base is not None:
+        return
+    if side.robot.has_controllers:  # an offset moves the commands as well: `commands` looks at it
+        return
+    if not side.robot.is_prismatic[side.robot.index(joint)] and side.swing(joint) > LEAST_SWING:
+        yield Candidate(joint, "offset", "joint_position", partial(_turned, side, joint))
+
+
+_STEP_RAD = 1e-4
+"""Step of the difference quotient by a joint angle."""
+
+
+def _turned(side: Side, joint: str, of_few: bool) -> list[Point]:
+    """Return the derivative (R, 1) of the load's torque by the angle of a joint."""
+    del of_few  # the rows alone are computed
+    ahead = side.torques_of(side.bodies, joint, _STEP_RAD)
+    return [Point({}, Alternative((ahead - side.torque_of_bodies) / _STEP_RAD, 1))]
+
+
+_MOST_STEPS = 8
+"""Steps of the search of an offset, which is far below a radian."""
+
+
+def _searched_zero(side: Side, joint: str) -> tuple[float, float]:
+    """Return the angle to be added to a joint, and its standard error, next to any bodies.
+
+    Gauss and Newton's steps, with the derivative at the angle of the log: the bodies were fitted at
+    the wrong zero, and change with it, and so do the weights of the equations.
+    """
+    assert side.base is not None
+    rows, count = side.equation.rows, len(side.base.grouping)
+    onto = np.column_stack([side.base.least(np.eye(count)), side.robot.known_parameters])
+    turned_by = partial(side.torques_of, onto, joint, filtered=True)
+    before, ahead = (turned_by(angle=x) for x in (0.0, _STEP_RAD))
+    angle, change, derivative = 0.0, np.zeros_like(before), (ahead - before) / _STEP_RAD
+    for _ in range(_MOST_STEPS):
+        H, y = rows.H.copy(), rows.y - change[:, count]
+        H[:, :count] += change[:, :count]
+        turned = replace(rows, H=H, y=y)
+        current = Equation(turned, settled_weights(qr_factor_of(turned)))
+        slope = derivative @ np.append(current.values[:count], 1.0)
+        (correction,), (error,) = current.with_alternative(Alternative(slope[:, None], 1)).last(1)
+        angle += float(correction)
+        if abs(correction) < 0.1 * error:
+            break
+        change = turned_by(angle=angle) - before
+    return angle, float(error)
+
+
+def _zero_is_off(
+    side: Side, joint: str, accepted: Sequence[Accepted], share: float
+) -> Finding | None:
+    """Return the finding of a joint whose zero is not that of the robot file.
+
+    An angle beyond a turn, or one that is not determined, stands for something else.
+    """
+    (offset,), (error,) = accepted[0].coefficients.tolist(), accepted[0].errors.tolist()
+    if abs(offset) > SURE * side.offset_std:  # else its effect is linear, and in the errors
+        offset, error = _searched_zero(side, joint)
+    if abs(offset) > np.pi or abs(offset) < SIGNIFICANT * error:
+        return None
+    robot = side.robot
+    moved = {(joint, "joint_position"): 1.0}
+    for turns, (other, drive) in zip(
+        robot.transmission[:, robot.index(joint)], robot.drives.items(), strict=True
+    ):
+        moved[other, "motor_position"] = turns * total_ratio(drive)
+    entries: dict[str, dict[str, str]] = {}
+    for (other, quantity), factor in moved.items():
+        if factor and side.source(other, quantity):
+            changed = changed_source(side.source(other, quantity), offset=round(factor * offset, 5))
+            entries.setdefault(other, {})[quantity] = changed
+    return ENCODER_OFFSET.finding(
+        f"the zero of {joint} is {np.degrees(offset):.2f} +- {np.degrees(error):.2f} degrees from "
+        f"that of the robot file: that explains {share:.0%} of the squared residual of its torque",
+        joint,
+        "note" if abs(offset) < SURE * side.offset_std else "doubtful",
+        {"offset [rad]": offset, "standard error [rad]": error, "explained": share},
+        in_description(entries),
+    )
+
+
+SENSOR_CHECKS = (
+    ColumnCheck(
+        DELAY,
+        _late_torque,
+        _late,
+        "a motor torque that is late or early",
+        "torque and position that are stamped by one clock have no delay",
+    ),
+    ColumnCheck(
+        ENCODER_OFFSET,
+        _zeros,
+        _zero_is_off,
+        "a zero of the joint that is not that of the robot file",
+        "a spirit level or a stop shows the zero of a joint",
+    ),
+)
+"""The checks of sensors, in the order in which their findings are listed."""
