@@ -290,9 +290,11 @@ def _missing_terms(side: Side, joint: str, accepted: Sequence[Accepted], share: 
     # the width of a term that was added by itself is one of a coarse grid
     is_coarse = isinstance(drive.friction, DefaultTerms) and "coulomb_width" in drive.known
     matters = is_spring or (share > _MATTERS and not (is_sampled or is_coarse))
-    if field == "parallel_spring" and drive.controller is None:
-        # next to a torque that is explained it resembles gravity, which other mistakes change too
-        matters = matters and side.unexplained(joint) > PART
+    if field == "parallel_spring":
+        # it resembles gravity, which other mistakes change too: it is the cause of a torque that is
+        # not explained if that is explained with it
+        before = side.unexplained(joint)
+        matters = matters and before > PART > before * float(np.sqrt(1 - share))
     what = f"the spring of {joint} is not linear" if is_spring else f"{joint} lacks a term"
     what = _FOLLOWS.get(terms[0], what).format(joint)
     names = " and ".join(f"'{one.trial.candidate.term}'" for one in accepted)
