@@ -66,7 +66,6 @@ from .terms import DriveRows as DriveRows
 from .terms import Scale as Scale
 from .terms import TermComparison as TermComparison
 from .terms import actuator_drive as actuator_drive
-from .terms import best_comparison as best_comparison
 from .terms import compared_terms as compared_terms
 from .terms import deflection_scale as deflection_scale
 from .terms import duration_s as duration_s

@@ -19,18 +19,16 @@ from seaid.checks.check import in_drives
 from seaid.checks.codes import BACKLASH, GAIN_SCALE, MISSING_TERM, NONLINEAR_SPRING
 from seaid.checks.engine import (
     Accepted,
-    Alternative,
     Candidate,
     ColumnCheck,
     Equation,
-    Point,
     Trial,
+    linear_candidate,
 )
 from seaid.checks.terms import (
     DriveRows,
     TermComparison,
     actuator_drive,
-    coarse_motions,
     evidence_of,
     load_drive,
     possible_terms,
@@ -93,17 +91,14 @@ class Side:
         return found
 
     @cached_property
-    def coarse(self) -> list[Motion]:
-        """The motions with as few samples as screening needs."""
-        return coarse_motions(self.motions)
+    def drive(self) -> Callable[[str], DriveRows]:
+        """The drive of a joint at the rows: `drive(joint)`."""
+        return cache(self.drive_at)
 
-    def drive(self, joint: str, *, at_joint: bool = False, few: bool = False) -> DriveRows:
-        """Return a drive at the rows, at its motor or `at_joint`, by `few` samples or all."""
-        return self._drive(joint, at_joint, few)
-
-    @cached_property
-    def _drive(self) -> Callable[[str, bool, bool], DriveRows]:
-        return cache(partial(_drive_at_rows, self))
+    def drive_at(self, joint: str, *, at_joint: bool = False) -> DriveRows:
+        """Return the drive of a joint at the rows, or what acts `at_joint`."""
+        fit = self.robot, self.motions, joint, self.equation.rows, self.fitted.estimate.values
+        return actuator_drive(*fit) if self.is_motor else load_drive(*fit, at_joint=at_joint)
 
     @cached_property
     def bodies(self) -> Array:
@@ -162,14 +157,6 @@ _AT_ONCE = 4000
 """Samples of a regressor at once."""
 
 
-def _drive_at_rows(side: Side, joint: str, at_joint: bool, few: bool) -> DriveRows:
-    coarse = side.coarse if few else ()
-    rows, theta = side.equation.rows, side.fitted.estimate.values
-    if side.is_motor:
-        return actuator_drive(side.robot, side.motions, joint, rows, theta, coarse)
-    return load_drive(side.robot, side.motions, joint, rows, theta, coarse, at_joint=at_joint)
-
-
 def resolved_widths(
     robot: Robot, logs: Sequence[Log], motions: Sequence[Motion]
 ) -> dict[str, float]:
@@ -181,22 +168,23 @@ def resolved_widths(
     the friction of a motor that sticks, which has no sign, in rows next to standstill.
     """
     widths = {}
-    for joint in robot.joint_names:
-        speeds = []
-        for log in logs:
-            place = log.joint_names.index(joint)
-            motor, ratio = log.motor_position[:, place], 1.0
-            if not np.all(np.isfinite(motor)):
-                motor, ratio = log.joint_position[:, place], robot.drives[joint].ratio
-            noise = white_noise(motor)
-            speeds.append(ratio * np.sqrt(12.0) * noise / float(np.median(np.diff(log.time))))
-        width = float(np.median(speeds)) if speeds else 0.0
-        if np.isfinite(width) and width > 0:
-            index = robot.index(joint)
-            turns = [_change_at_reversal(one, index) for one in motions]
-            width = float(np.hypot(width, np.median(turns) if turns else 0.0))
-            widths[joint] = max([width, *(still_speed(one, index) for one in motions)])
+    for index, joint in enumerate(robot.joint_names):
+        steps = [_step_per_sample(log, joint, robot.drives[joint].ratio) for log in logs]
+        step = float(np.median(steps)) if steps else 0.0
+        if np.isfinite(step) and step > 0:
+            turns = [_change_at_reversal(motion, index) for motion in motions]
+            width = float(np.hypot(step, np.median(turns) if turns else 0.0))
+            widths[joint] = max([width, *(still_speed(motion, index) for motion in motions)])
     return widths
+
+
+def _step_per_sample(log: Log, joint: str, ratio: float) -> float:
+    """Return the motor speed [rad/s] of one step of its encoder, or the joint's, per sample."""
+    place = log.joint_names.index(joint)
+    angle = log.motor_position[:, place]
+    if not np.all(np.isfinite(angle)):
+        angle = ratio * log.joint_position[:, place]
+    return float(np.sqrt(12.0) * white_noise(angle) / np.median(np.diff(log.time)))
 
 
 def _change_at_reversal(motion: Motion, place: int) -> float:
@@ -214,17 +202,16 @@ _ELASTIC = ("smooth_coulomb", "asymmetric", "quadratic", "load", "stribeck")
 _LAWS = ("cubic", "fifth", "dead_zone", "dahl", "damping")
 
 
-def _terms(
-    side: Side, joint: str, field: str, terms: Sequence[str], *, at_joint: bool = False
-) -> list[Candidate]:
+def _terms(side: Side, joint: str, field: str, terms: Sequence[str]) -> list[Candidate]:
     """Return the terms of a field that a drive lacks and can have, as candidates."""
     possible = list(possible_terms(side.robot.drives[joint], {field: terms}))
     if not possible:
         return []
     width = side.widths.get(joint)
     grids = {} if width is None else {"coulomb_width": [width * k for k in _MULTIPLES]}
-    few = side.drive(joint, at_joint=at_joint, few=True)
-    return term_candidates(side.drive(joint, at_joint=at_joint), few, possible, grids)
+    is_parallel = field == "parallel_spring"
+    drive = side.drive_at(joint, at_joint=True) if is_parallel else side.drive(joint)
+    return term_candidates(drive, possible, grids)
 
 
 _MULTIPLES = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
@@ -232,24 +219,24 @@ _MULTIPLES = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
 
 
 def _friction(side: Side, joint: str) -> list[Candidate]:
+    """Return the friction that a drive lacks; that of elastic drives is in their motor equation."""
     drive = side.robot.drives[joint]
     if drive.is_elastic and not side.is_motor:
         return []
     terms: tuple[str, ...] = _ELASTIC if drive.is_elastic else _STIFF
     if drive == IDEAL_DRIVE:  # it has no friction at all
         terms = ("viscous", "coulomb", "offset")
-    found = _terms(side, joint, "friction", terms)
-    if drive.controller is None or drive.is_elastic:
-        return found
-    # the closed loop of a drive with a controller shows errors over its position
-    return found + _terms(side, joint, "friction", ("coulomb_position",))
+    elif drive.controller is not None and not drive.is_elastic:
+        # the closed loop of a drive with a controller shows errors over its position
+        terms += ("coulomb_position",)
+    return _terms(side, joint, "friction", terms)
 
 
 def _parallel_springs(side: Side, joint: str) -> list[Candidate]:
     """Return the spring parallel to a joint; what holds a locked output, and yields, is none."""
     if side.is_motor or side.swing(joint) < LEAST_SWING:
         return []
-    return _terms(side, joint, "parallel_spring", ("linear",), at_joint=True)
+    return _terms(side, joint, "parallel_spring", ("linear",))
 
 
 def _gain_scales(side: Side, joint: str) -> Iterator[Candidate]:
@@ -262,16 +249,14 @@ def _gain_scales(side: Side, joint: str) -> Iterator[Candidate]:
     is_given = drive.controller is not None and not drive.is_up_to_scale
     has_bodies = np.any(side.robot.known_parameters) and side.robot.floating_base is None
     if is_given and has_bodies and not side.is_motor:
-        yield Candidate(joint, "gain_scale", "", partial(_known_torque, side, joint))
+        yield linear_candidate(joint, "gain_scale", "", partial(_known_torque, side, joint))
 
 
-def _known_torque(side: Side, joint: str, of_few: bool) -> list[Point]:
+def _known_torque(side: Side, joint: str) -> Array:
     """Return the torque (R, 1) of the known bodies at the rows of a joint."""
-    del of_few  # the rows alone are computed
-    is_own = side.equation.rows.joint == side.robot.index(joint)
+    rows = side.equation.rows.joint == side.robot.index(joint)
     known = side.robot.known_parameters[:, None]
-    torque = side.torques_of(known, filtered=True)
-    return [Point({}, Alternative(is_own[:, None] * torque, 1))]
+    return np.asarray(rows[:, None] * side.torques_of(known, filtered=True))
 
 
 def _spring_laws(side: Side, joint: str) -> list[Candidate]:
@@ -280,13 +265,17 @@ def _spring_laws(side: Side, joint: str) -> list[Candidate]:
 
 def _missing_terms(side: Side, joint: str, accepted: Sequence[Accepted], share: float) -> Finding:
     """Return the finding of terms that a drive lacks, with the field of the drive that has them."""
-    drive, field = side.robot.drives[joint], accepted[0].trial.candidate.field
-    terms = [one.trial.candidate.term for one in accepted]
+    drive, trials = side.robot.drives[joint], [x.trial for x in accepted]
+    field, comparison = trials[0].candidate.field, trials[0].comparison
+    terms = [trial.candidate.term for trial in trials]
+    names = " and ".join(f"'{term}'" for term in terms)
     if field == "parallel_spring" and drive.is_elastic:
         terms.append("preload")  # it rests at any angle, which the spring in series would hide
+    values = {name: value for trial in trials for name, value in trial.point.values.items()}
     is_spring = field == "spring"
-    width = next((x.trial.values.get("coulomb_width") for x in accepted), None)
-    is_sampled = len(terms) == 1 and (width or np.inf) <= _UNRESOLVED * side.widths.get(joint, 0)
+    is_sampled = len(trials) == 1 and (
+        values.get("coulomb_width", np.inf) <= _UNRESOLVED * side.widths.get(joint, 0)
+    )
     # the width of a term that was added by itself is one of a coarse grid
     is_coarse = isinstance(drive.friction, DefaultTerms) and "coulomb_width" in drive.known
     matters = is_spring or (share > _MATTERS and not (is_sampled or is_coarse))
@@ -297,22 +286,19 @@ def _missing_terms(side: Side, joint: str, accepted: Sequence[Accepted], share: 
         matters = matters and before > PART > before * float(np.sqrt(1 - share))
     what = f"the spring of {joint} is not linear" if is_spring else f"{joint} lacks a term"
     what = _FOLLOWS.get(terms[0], what).format(joint)
-    names = " and ".join(f"'{one.trial.candidate.term}'" for one in accepted)
-    comparison = accepted[0].trial.comparison
-    assert comparison is not None
-    values = {name: value for one in accepted for name, value in one.trial.values.items()}
     remedy = f"in the drives file:\n{toml_of(joint, drive, field, terms, values)}"
     if "coulomb_position" in terms and not drive.reference_position_rad:
         middle = reference_position(side.motions, side.robot.index(joint))
         remedy += f"\nreference_position_rad = {middle:g}"
-    message = (
+    return (NONLINEAR_SPRING if is_spring else MISSING_TERM).finding(
         f"{what}: {names} in its {field} would explain {share:.0%} of the squared residual of its "
         f"{'motor' if side.is_motor else 'torque'} equation and improve the prediction of excluded "
-        f"blocks by {comparison.improvement:.0%}"
+        f"blocks by {comparison.improvement:.0%}",
+        joint,
+        "doubtful" if matters else "note",
+        evidence_of(comparison, values) | {"explained": share},
+        remedy,
     )
-    code = NONLINEAR_SPRING if is_spring else MISSING_TERM
-    evidence = evidence_of(comparison, values) | {"explained": share}
-    return code.finding(message, joint, "doubtful" if matters else "note", evidence, remedy)
 
 
 _MATTERS = 0.25
@@ -383,34 +369,33 @@ DRIVE_CHECKS = (
 """The checks of a drive, in the order in which their findings are listed."""
 
 
-def included_term(one: Trial) -> Finding:
+def included_term(trial: Trial) -> Finding:
     """Return the note that a term was added to a drive whose friction nobody named."""
-    candidate, comparison = one.candidate, one.comparison
-    assert comparison is not None
-    width = "".join(f" over {value:.2g} rad/s" for value in one.values.values())
+    candidate, comparison, values = trial.candidate, trial.comparison, trial.point.values
+    width = "".join(f" over {value:.2g} rad/s" for value in values.values())
     return MISSING_TERM.finding(
         f"friction of {candidate.joint}, of which the drive names no terms: "
         f"'{candidate.term}'{width} is included and explains {comparison.explained:.0%} of the "
         "squared residual; name the terms in friction = [...] to decide it",
         candidate.joint,
         "note",
-        evidence_of(comparison, one.values),
+        evidence_of(comparison, values),
         certainty="certain",
     )
 
 
-def backlash(joint: str, drive: Drive, one: TermComparison) -> Finding:
+def backlash(joint: str, drive: Drive, law: TermComparison) -> Finding:
     """Return the finding of backlash that looks like a weak spring, by a comparison of laws."""
-    comparison = one.comparison
+    comparison, values = law.comparison, law.values
     assert comparison is not None
-    unit = unit_of(with_term(drive, one.field, one.term), "dead_zone")
+    unit = unit_of(with_term(drive, law.field, law.term), "dead_zone")
     return BACKLASH.finding(
         f"the gear or the spring of {joint} has backlash, with a half width of about "
-        f"{one.values['dead_zone']:.2g} {unit}: 'dead_zone' in its spring would explain "
+        f"{values['dead_zone']:.2g} {unit}: 'dead_zone' in its spring would explain "
         f"{comparison.explained:.0%} of the squared residual of its motor equation, and its "
         "stiffness without it is not that of the spring",
         joint,
         "doubtful",
-        evidence_of(comparison, one.values),
-        f"in the drives file:\n{toml_of(joint, drive, one.field, [one.term], one.values)}",
+        evidence_of(comparison, values),
+        f"in the drives file:\n{toml_of(joint, drive, law.field, [law.term], values)}",
     )

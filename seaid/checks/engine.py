@@ -16,14 +16,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from functools import cache, cached_property, partial
+from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
 import numpy as np
 from scipy.special import stdtrit
 
-from seaid._arrays import Array, BoolArray, FrozenMapping
+from seaid._arrays import Array, BoolArray
 from seaid.errors import IdentificationError
 from seaid.estimation import ROUNDING, long_run_of, scaled_svd, triangle
 
@@ -103,25 +104,40 @@ class ModelComparison:
         least = float(stdtrit(self.blocks - 1, CONFIDENCE))
         return self.bic > 0 and self.improvement > 0 and self.t > least
 
-
-def best_supported(comparisons: Sequence[ModelComparison]) -> int | None:
-    """Return the place of the best of the supported models, None without any."""
-    places = [place for place, one in enumerate(comparisons) if one.is_supported]
-    return places[_best([comparisons[place] for place in places])] if places else None
+    def criterion(self, rows: float) -> float:
+        """Return the information criterion for a number of independent rows, larger if better."""
+        return -rows * math.log(max(1 - self.explained, 1e-300)) - self.parameters * math.log(rows)
 
 
-def _best(comparisons: Sequence[ModelComparison]) -> int:
-    """Return the place of the best model: by the criterion with one number of independent rows.
+class Supportable(Protocol):
+    """A model that was compared, or could not be."""
 
-    That is the smallest one, by which all are compared.
+    @property
+    def comparison(self) -> ModelComparison | None:
+        """The comparison with the smaller model."""
+
+    @property
+    def is_supported(self) -> bool:
+        """Whether the data support it."""
+
+
+Model = TypeVar("Model", bound=Supportable)
+
+
+def best_of(models: Iterable[Model]) -> Model | None:
+    """Return the best of the supported models, None without any.
+
+    That is by the criterion with one number of independent rows, the smallest one of all.
     """
-    rows = min(one.independent for one in comparisons)
-
-    def criterion(place: int) -> float:
-        one = comparisons[place]
-        return -rows * math.log(max(1 - one.explained, 1e-300)) - one.parameters * math.log(rows)
-
-    return max(range(len(comparisons)), key=criterion)
+    supported = [
+        (model, model.comparison)
+        for model in models
+        if model.is_supported and model.comparison is not None
+    ]
+    if not supported:
+        return None
+    rows = min(comparison.independent for _, comparison in supported)
+    return max(supported, key=lambda pair: pair[1].criterion(rows))[0]
 
 
 def compare_models(
@@ -139,37 +155,38 @@ def compare_models(
     as unchanged. Raises IdentificationError for too few rows.
     """
     p = len(rows.names)
-    replaced = sorted({place for one in alternatives for place in one.replaced})
+    replaced = sorted({place for model in alternatives for place in model.replaced})
     core = [place for place in range(p) if place not in replaced]
     # columns: the shared ones, those that some alternative replaces, those of alternatives, y
-    parts = [rows.H[:, core], rows.H[:, replaced], *(one.columns for one in alternatives)]
-    weight = weights[np.searchsorted(np.unique(rows.joint), rows.joint)]
-    X = weight[:, None] * np.column_stack([*parts, rows.y])
+    parts = [rows.H[:, core], rows.H[:, replaced], *(model.columns for model in alternatives)]
+    X = Equation(rows, weights).weight[:, None] * np.column_stack([*parts, rows.y])
     factors = [triangle(X[block]) for block in time_blocks(rows, segments=SEGMENTS)]
-    whole = _without_core(np.concatenate(factors), len(core))[1]
-    blocks = _Blocks(factors, len(core))
+    joint_factor = np.concatenate(factors)
+    whole = _without_core(joint_factor, len(core))[1]
+    blocks = cache(partial(_held_out, factors, len(core)))
     base = list(range(len(replaced)))
-    coefficients, _ = _without_core(np.concatenate(factors), p)
-    left = X[:, p:] - X[:, :p] @ coefficients
+    left = X[:, p:] - X[:, :p] @ _without_core(joint_factor, p)[0]
     found, start = [], p
-    needed = least or [0.0] * len(alternatives)
-    for one, share in zip(alternatives, needed, strict=True):
-        own = list(range(start, start + one.columns.shape[1]))
-        start += len(own)
-        kept = [k for k, place in enumerate(replaced) if place not in one.replaced]
-        larger = [*kept, *(k - len(core) for k in own)]
+    for model, share in zip(alternatives, least or [0.0] * len(alternatives), strict=True):
+        places = list(range(start, start + model.columns.shape[1]))
+        start += len(places)
+        kept = [k for k, place in enumerate(replaced) if place not in model.replaced]
+        larger = [*kept, *(k - len(core) for k in places)]
         growth = _squares(whole, base) / max(_squares(whole, larger), 1e-300)
         explained, count = 1 - 1 / max(growth, 1e-300), 1.0
         if not least or explained > share:
-            count = _independent_rows(rows, left[:, [k - p for k in own]], left[:, -1])
-        freedom = max(count - p - one.parameters, 1.0)
-        penalty = one.parameters * math.log(count) + 2 * math.log(max(asked, 1))
+            count = _independent_rows(rows, left[:, [k - p for k in places]], left[:, -1])
+        freedom = max(count - p - model.parameters, 1.0)
+        penalty = model.parameters * math.log(count) + 2 * math.log(max(asked, 1))
         bic = freedom * math.log(max(growth, 1e-300)) - penalty  # Chen and Chen 2008
         without = within = np.zeros(len(factors))
         if not least or (bic > 0 and explained > share):
-            without, within = blocks.errors(base), blocks.errors(larger)
-        F = freedom / one.parameters * max(growth - 1, 0.0)
-        numbers = bic, F, explained, *_changes(without, within), count, one.parameters
+            without, within = (
+                np.array([np.sum(_left(*block, columns) ** 2) for block in blocks()])
+                for columns in (base, larger)
+            )
+        F = freedom / model.parameters * max(growth - 1, 0.0)
+        numbers = bic, F, explained, *_changes(without, within), count, model.parameters
         found.append(ModelComparison(*numbers))
     return found
 
@@ -211,30 +228,18 @@ def _without_core(X: Array, p: int) -> tuple[Array, Array]:
     return scaled / svd.norms[:, None], triangle(R[:, p:] - svd.left[:, kept] @ seen)
 
 
-@dataclass(frozen=True, eq=False)
-class _Blocks:
-    """The factors of [columns y] of blocks, whose first `core` columns are shared by all models."""
+def _held_out(factors: Sequence[Array], core: int) -> list[tuple[Array, Array]]:
+    """Return the factor of the other blocks and the rows of each one, without `core` columns.
 
-    factors: Sequence[Array]
-    core: int
-
-    @cached_property
-    def held_out(self) -> list[tuple[Array, Array]]:
-        """The factor of the other blocks and the rows of each one, without the shared columns.
-
-        The coefficients of the shared columns are those of the other blocks.
-        """
-        pairs = []
-        for block, own in enumerate(self.factors):
-            others = [R for place, R in enumerate(self.factors) if place != block]
-            coefficients, rest = _without_core(np.concatenate(others), self.core)
-            pairs.append((rest, own[:, self.core :] - own[:, : self.core] @ coefficients))
-        return pairs
-
-    def errors(self, columns: Sequence[int]) -> Array:
-        """Return the squared error of each block, predicted from the others with some columns."""
-        found = [_left(rest, own, columns) for rest, own in self.held_out]
-        return np.array([float(np.sum(error**2)) for error in found])
+    `factors` are those of [columns y] of the blocks. The coefficients of the shared columns, the
+    first `core` ones, are those of the other blocks.
+    """
+    pairs = []
+    for place, block in enumerate(factors):
+        others = np.concatenate([*factors[:place], *factors[place + 1 :]])
+        coefficients, rest = _without_core(others, core)
+        pairs.append((rest, block[:, core:] - block[:, :core] @ coefficients))
+    return pairs
 
 
 def _squares(R: Array, columns: Sequence[int]) -> float:
@@ -268,8 +273,7 @@ class Candidate:
     field, term : str
         What it is, such as the field and the term of a drive.
     points : callable
-        The columns at every point of the grid of nonlinear parameters. `points(True)` has them from
-        fewer samples, by which they are screened.
+        Return the columns at every point of the grid of nonlinear parameters.
     about : ColumnCheck
         The check that the candidate belongs to.
     """
@@ -277,13 +281,25 @@ class Candidate:
     joint: str
     field: str
     term: str
-    points: Callable[[bool], Iterable[Point]]
+    points: Callable[[], Iterable[Point]]
     about: Any = None
 
     @property
     def name(self) -> tuple[str, str, str]:
         """Joint, field and term."""
         return self.joint, self.field, self.term
+
+
+def linear_candidate(
+    joint: str, field: str, term: str, columns: Callable[[], Array | None]
+) -> Candidate:
+    """Return a candidate of columns (R, c) that depend on no nonlinear parameter, if it has any."""
+
+    def points() -> list[Point]:
+        H = columns()
+        return [] if H is None else [Point({}, Alternative(H, H.shape[1]))]
+
+    return Candidate(joint, field, term, points)
 
 
 @dataclass(frozen=True)
@@ -306,18 +322,20 @@ class ColumnCheck(Generic[Fit]):
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """A candidate at the best point of its grid; `comparison` is None where it has no columns.
+    """A candidate at the best point of its grid.
 
-    `share` is the part of the squared residual that it explains of the rows that it acts on;
-    `reason` says why a comparison could not be made.
+    `share` is the part of the squared residual that it explains of the rows that it acts on.
     """
 
     candidate: Candidate
-    comparison: ModelComparison | None
-    values: Mapping[str, float] = FrozenMapping({})
-    alternative: Alternative | None = None
+    comparison: ModelComparison
+    point: Point
     share: float = 0.0
-    reason: str = ""
+
+    @property
+    def is_supported(self) -> bool:
+        """Whether criterion and prediction improve, and a part of the residual of its rows goes."""
+        return self.share > LEAST_EXPLAINED and self.comparison.is_better
 
 
 @dataclass(frozen=True, eq=False)
@@ -381,27 +399,38 @@ class Equation:
         """Return the part of the squared residual that some rows have."""
         return self.squares(rows) / max(float(self.residual @ self.residual), 1e-300)
 
-    def least(self, rows: BoolArray) -> float:
-        """Return the squares that a candidate at some rows has to explain to be tested at all.
+    def is_promising(self, points: Iterable[Point]) -> bool:
+        """Whether columns explain enough of the residual of the rows that they act on.
 
-        That is a part of their residual, and of the torque of some joint.
+        That is a part of it, and of the torque of some joint. Columns in place of others explain no
+        more than they do next to all columns.
         """
-        own = [rows & (self.rows.joint == joint) for joint in np.unique(self.rows.joint[rows])]
-        torques = [float(np.std(self.rows.y[x]) * np.linalg.norm(self.weight[x])) for x in own]
-        return max(PROMISING * self.squares(rows), (LEAST_TORQUE * min(torques, default=0.0)) ** 2)
+        columns = [self.weight[:, None] * point.alternative.columns for point in points]
+        if not columns:
+            return False
+        whole = np.hstack(columns)
+        rows, left = np.any(whole != 0, axis=1), self.left(whole)
+        of_joints = [
+            rows & (self.rows.joint == joint) for joint in np.unique(self.rows.joint[rows])
+        ]
+        torques = [np.std(self.rows.y[x]) * np.linalg.norm(self.weight[x]) for x in of_joints]
+        needed = (LEAST_TORQUE * min(torques, default=0.0)) ** 2
+        needed = max(LEAST_EXPLAINED * self.squares(rows), needed)
+        left[:, np.linalg.norm(left, axis=0) <= _LOST * np.linalg.norm(whole, axis=0)] = 0.0
+        parts = np.split(left, np.cumsum([part.shape[1] for part in columns])[:-1], axis=1)
+        return any(explained_squares(part, self.residual) > needed for part in parts)
 
-    def with_alternative(self, alternative: Alternative) -> Equation:
-        """Return the equation with the columns of an alternative, zero where it replaces others."""
-        H = self.rows.H.copy()
-        H[:, list(alternative.replaced)] = 0.0
-        count = alternative.columns.shape[1]
-        more = tuple(f"accepted column {len(self.rows.names) + k}" for k in range(count))
-        rows = replace(
-            self.rows,
-            names=(*self.rows.names, *more),
-            units=(*self.rows.units, *count * ("",)),
-            H=np.hstack([H, alternative.columns]),
-        )
+    def with_alternatives(self, alternatives: Iterable[Alternative]) -> Equation:
+        """Return the equation with the columns of alternatives, zero where these replace others."""
+        H, width = self.rows.H.copy(), len(self.rows.names)
+        added: list[Array] = []
+        for alternative in alternatives:
+            H[:, list(alternative.replaced)] = 0.0
+            added.append(alternative.columns)
+        H = np.hstack([H, *added])
+        more = tuple(f"accepted column {place}" for place in range(width, H.shape[1]))
+        units = (*self.rows.units, *len(more) * ("",))
+        rows = replace(self.rows, names=(*self.rows.names, *more), units=units, H=H)
         return Equation(rows, self.weights)
 
 
@@ -412,33 +441,8 @@ Less does not matter, and is what the low pass leaves at reversals: at most 0.22
 without noise of the simulated leg and arm of the tests. An error of 1 mrad between the encoders is
 0.6 to 1.3 % of the torques of that leg."""
 
-PROMISING = 0.5 * LEAST_EXPLAINED
-"""Part of the squared residual that a candidate explains at coarse samples, to be tested at all:
-half of what supports it, since narrow widths are coarsely sampled."""
-
 _LOST = 1e-6
-"""Part of a column below which nothing is left of it next to the others but interpolation."""
-
-
-def promising(equation: Equation, candidates: Iterable[Candidate]) -> list[Candidate]:
-    """Return the candidates that may explain enough of the residual, by fewer samples.
-
-    Columns in place of others explain no more than their changes of these do next to all columns.
-    """
-    found = []
-    for candidate in candidates:
-        points = list(candidate.points(True))
-        if not points:
-            continue
-        weighted = [equation.weight[:, None] * point.alternative.columns for point in points]
-        columns = np.hstack(weighted)
-        needed = equation.least(np.any(columns != 0, axis=1))
-        left = equation.left(columns)
-        left[:, np.linalg.norm(left, axis=0) <= _LOST * np.linalg.norm(columns, axis=0)] = 0.0
-        parts = np.split(left, np.cumsum([one.shape[1] for one in weighted])[:-1], axis=1)
-        if any(explained_squares(part, equation.residual) > needed for part in parts):
-            found.append(candidate)
-    return found
+"""Part of a column below which nothing is left of it next to the others but rounding."""
 
 
 def explained_squares(columns: Array, y: Array) -> float:
@@ -450,49 +454,32 @@ def explained_squares(columns: Array, y: Array) -> float:
     return float(np.sum((span.T @ y) ** 2))
 
 
-_NO_COLUMN = "it has no column: the log lacks its equation, or the fit the stiffness of the spring"
-
-
 def compared_candidates(
     equation: Equation, candidates: Sequence[Candidate], asked: int, *, only_promising: bool = False
 ) -> list[Trial]:
-    """Return every candidate at the best point of its grid, in their order.
+    """Return every candidate that has columns at the best point of its grid, in their order.
 
     `asked` is the number of all tests, which the criterion allows for. With `only_promising` those
-    are compared in full that explain enough of the rows that they act on.
+    are compared that may explain enough of the rows that they act on. Raises IdentificationError
+    for too few rows.
     """
-    points = [(place, point) for place, one in enumerate(candidates) for point in one.points(False)]
-    best = [Trial(candidate, None, reason=_NO_COLUMN) for candidate in candidates]
+    points: list[tuple[Candidate, Point]] = []
+    for candidate in candidates:
+        grid = list(candidate.points())
+        if not only_promising or equation.is_promising(grid):
+            points += [(candidate, point) for point in grid]
     if not points:
-        return best
+        return []
     alternatives = [point.alternative for _, point in points]
-    parts = [equation.part_of(np.any(one.columns != 0, axis=1)) for one in alternatives]
+    parts = [equation.part_of(np.any(model.columns != 0, axis=1)) for model in alternatives]
     least = [LEAST_EXPLAINED * part for part in parts] if only_promising else ()
-    try:
-        compared = compare_models(equation.rows, equation.weights, alternatives, asked, least)
-    except IdentificationError as problem:  # too few rows
-        return [replace(one, reason=str(problem)) for one in best]
-    for (place, point), comparison, part in zip(points, compared, parts, strict=True):
-        before = best[place].comparison
-        if before is None or comparison.explained > before.explained:
-            values, share = FrozenMapping(point.values), comparison.explained / max(part, 1e-300)
-            best[place] = Trial(candidates[place], comparison, values, point.alternative, share)
-    return best
-
-
-def best_of(candidates: Sequence[Trial]) -> Trial | None:
-    """Return the best of the supported candidates, None without any.
-
-    A candidate is supported if criterion and prediction improve, and a part of the residual of its
-    rows goes.
-    """
-    supported = [
-        one
-        for one in candidates
-        if one.share > LEAST_EXPLAINED and one.comparison is not None and one.comparison.is_better
-    ]
-    compared = [one.comparison for one in supported if one.comparison is not None]
-    return supported[_best(compared)] if supported else None
+    compared = compare_models(equation.rows, equation.weights, alternatives, asked, least)
+    best: dict[Candidate, Trial] = {}
+    for (candidate, point), comparison, part in zip(points, compared, parts, strict=True):
+        if candidate not in best or comparison.explained > best[candidate].comparison.explained:
+            share = comparison.explained / max(part, 1e-300)
+            best[candidate] = Trial(candidate, comparison, point, share)
+    return list(best.values())
 
 
 @dataclass(frozen=True, eq=False)
@@ -514,13 +501,12 @@ class Accepted:
 
 @dataclass(frozen=True, eq=False)
 class Selection:
-    """What was accepted into an equation, in turn, and the equation before and with it.
+    """What was accepted into an equation, in turn, and the equation with it.
 
     `first` are the candidates that were tested at the first step.
     """
 
     accepted: tuple[Accepted, ...]
-    before: Equation
     after: Equation
     first: tuple[Trial, ...]
 
@@ -538,40 +524,40 @@ def forward_selection(
     Chen 2008); `least_gain` is its least decrease.
     """
     least_bic = least_gain + 2 * math.log(max(asked, 1))
-    first: tuple[Trial, ...] | None = None
-    accepted: list[Trial] = []
-    shares: list[float] = []
-    rivals: list[list[Trial]] = []
+    first: list[Trial] = []
+    steps: list[tuple[Trial, float, list[Trial]]] = []
     current, remaining = equation, list(candidates)
-    while len(accepted) < MOST_ACCEPTED:
-        compared = compared_candidates(
-            current, promising(current, remaining), 1, only_promising=True
+    with suppress(IdentificationError):  # too few rows
+        while len(steps) < MOST_ACCEPTED:
+            compared = compared_candidates(current, remaining, 1, only_promising=True)
+            first = first or compared
+            strong = [trial for trial in compared if trial.comparison.bic >= least_bic]
+            best = best_of(strong)
+            if best is None:
+                break
+            larger = current.with_alternatives([best.point.alternative])
+            rows = np.any(best.point.alternative.columns != 0, axis=1)
+            whole, before, after = (model.squares(rows) for model in (equation, current, larger))
+            share = (before - after) / max(whole, 1e-300)
+            steps.append((best, share, _rivals(best, strong, least_gain)))
+            current = larger
+            remaining = [candidate for candidate in remaining if candidate is not best.candidate]
+    if not steps:
+        return Selection((), equation, tuple(first))
+    counts = [best.point.alternative.columns.shape[1] for best, *_ in steps]
+    parts = (np.split(numbers, np.cumsum(counts)[:-1]) for numbers in current.last(sum(counts)))
+    names = {best.candidate.name for best, *_ in steps}
+    accepted = tuple(
+        Accepted(
+            best,
+            values,
+            errors,
+            share,
+            tuple(rival for rival in rivals if rival.candidate.name not in names),
         )
-        first = tuple(compared) if first is None else first
-        strong = [
-            one
-            for one in compared
-            if one.comparison is not None and one.comparison.bic >= least_bic
-        ]
-        best = best_of(strong)
-        if best is None or best.alternative is None:
-            break
-        own = np.any(best.alternative.columns != 0, axis=1)
-        larger = current.with_alternative(best.alternative)
-        whole, before, after = (one.squares(own) for one in (equation, current, larger))
-        shares.append((before - after) / max(whole, 1e-300))
-        accepted.append(best)
-        rivals.append(_rivals(best, strong, least_gain))
-        current = larger
-        remaining = [one for one in remaining if one is not best.candidate]
-    if not accepted:
-        return Selection((), equation, equation, first or ())
-    counts = [one.alternative.columns.shape[1] for one in accepted if one.alternative is not None]
-    parts = (np.split(x, np.cumsum(counts)[:-1]) for x in current.last(sum(counts)))
-    names = {one.candidate.name for one in accepted}
-    alike = [tuple(x for x in several if x.candidate.name not in names) for several in rivals]
-    found = tuple(map(Accepted, accepted, *parts, shares, alike))
-    return Selection(found, equation, current, first or ())
+        for (best, share, rivals), values, errors in zip(steps, *parts, strict=True)
+    )
+    return Selection(accepted, current, tuple(first))
 
 
 def _rivals(best: Trial, supported: Iterable[Trial], least_gain: float) -> list[Trial]:
@@ -579,16 +565,13 @@ def _rivals(best: Trial, supported: Iterable[Trial], least_gain: float) -> list[
 
     A criterion that is less than `least_gain` lower does not decide between two causes.
     """
-    assert best.comparison is not None
-    least_bic = best.comparison.bic - least_gain
     return [
-        one
-        for one in supported
-        if one.candidate.joint == best.candidate.joint
-        and one.candidate.about is not best.candidate.about
-        and one.comparison is not None
-        and one.comparison.is_better
-        and one.comparison.bic > least_bic
+        trial
+        for trial in supported
+        if trial.candidate.joint == best.candidate.joint
+        and trial.candidate.about is not best.candidate.about
+        and trial.comparison.is_better
+        and trial.comparison.bic > best.comparison.bic - least_gain
     ]
 
 
@@ -598,7 +581,7 @@ def time_blocks(rows: Regression, count: int = BLOCKS, segments: int = 1) -> lis
     place = np.empty(len(order), dtype=np.intp)
     place[order] = np.arange(len(order))
     block = place * count * segments // max(len(order), 1) % count
-    found = [np.asarray(block == one) for one in range(count)]
+    found = [np.asarray(block == place) for place in range(count)]
     if len(order) < count * 2 or len(order) * (count - 1) / count <= rows.H.shape[1]:
         raise IdentificationError(
             f"{len(order)} rows are too few to exclude one of {count} blocks and estimate "

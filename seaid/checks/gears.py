@@ -6,7 +6,7 @@ motor may move with several joints; the ratio of a linkage depends on the angle.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -16,10 +16,9 @@ from seaid._arrays import Array
 from seaid._files import toml_key
 from seaid.checks.check import in_drives
 from seaid.checks.codes import COUPLED_JOINTS, GEAR_RATIO, TRANSMISSION_ERROR, VARYING_RATIO
-from seaid.checks.engine import Accepted, Alternative, Candidate, ColumnCheck, Equation, Point
+from seaid.checks.engine import Accepted, Candidate, ColumnCheck, linear_candidate
 from seaid.checks.terms import DriveRows
 from seaid.checks.tolerances import PART, POOR
-from seaid.drives import Drive
 from seaid.errors import Finding, listed
 from seaid.regressor import motor_regressor
 
@@ -39,45 +38,39 @@ def _orders(side: Side, joint: str) -> Iterator[Candidate]:
     """Yield the cosine and sine of the orders that a drive lacks and the motion covers."""
     if not side.is_motor:
         return
-    drive, exact, few = side.robot.drives[joint], side.drive(joint), side.drive(joint, few=True)
-    angles = _angles(drive, exact.signals)
-    own = {(one.angle, one.order) for one in drive.harmonics}
+    drive = side.robot.drives[joint]
+    known = {(harmonic.angle, harmonic.order) for harmonic in drive.harmonics}
     for name, orders in _ORDERS.items():
-        width = max((float(np.ptp(angle)) for angle in angles.get(name, ())), default=0.0)
+        width = max(float(np.ptp(angle)) for angle in _angles(side.drive(joint), name))
+        if name == "joint" and drive.joint_units[1] != "rad":
+            continue
         if name == "mesh" and width < 2 * np.pi * drive.ratio:  # it has the orders of the motor
             continue
         for order in orders:
-            if (name, order) not in own and order * width >= 2 * np.pi * _LEAST_PERIODS:
-                points = partial(_harmonic, side.equation, exact, few, name, order)
-                yield Candidate(joint, name, str(order), points)
+            if (name, order) not in known and order * width >= 2 * np.pi * _LEAST_PERIODS:
+                columns = partial(_harmonic, side, joint, name, order)
+                yield linear_candidate(joint, name, str(order), columns)
 
 
-def _angles(drive: Drive, signals: Sequence[Mapping[str, Array]]) -> dict[str, list[Array]]:
-    """Return the angles of each motion by name."""
-    angles = {
-        "motor": [one["theta_M"] for one in signals],
-        "mesh": [one["theta_M"] * (1 - 1 / drive.ratio) for one in signals],
-    }
-    if drive.joint_units[1] == "rad":
-        angles["joint"] = [one["theta_L"] for one in signals]
-    return angles
+def _angles(drive: DriveRows, name: str) -> list[Array]:
+    """Return an angle of each motion: of the motor, the joint, or the mesh of their gear."""
+    factor = 1 - 1 / drive.robot.drives[drive.joint].ratio if name == "mesh" else 1.0
+    signal = "theta_L" if name == "joint" else "theta_M"
+    return [factor * signals[signal] for signals in drive.signals]
 
 
 _LEAST_LEFT = 0.1
 """Least part of a harmonic that the low pass and the other columns leave, to be tried at all."""
 
 
-def _harmonic(
-    equation: Equation, exact: DriveRows, few: DriveRows, name: str, order: int, of_few: bool
-) -> list[Point]:
-    drive = few if of_few else exact
-    angles = _angles(exact.robot.drives[exact.joint], drive.signals)[name]
-    parts = [np.column_stack([np.cos(order * x), np.sin(order * x)]) for x in angles]
-    pair = drive.at_rows(parts)
-    left = np.abs(np.diag(np.linalg.qr(equation.left(pair))[1]))
-    if np.min(left) < _LEAST_LEFT * np.sqrt(0.5 * len(pair)):  # norm of a cosine over its periods
-        return []
-    return [Point({}, Alternative(pair, 2))]
+def _harmonic(side: Side, joint: str, name: str, order: int) -> Array | None:
+    """Return the cosine and sine (R, 2) of an order, None if next to nothing is left of one."""
+    drive = side.drive(joint)
+    angles = [order * angle for angle in _angles(drive, name)]
+    pair = drive.at_rows([np.column_stack([np.cos(x), np.sin(x)]) for x in angles])
+    left = np.abs(np.diag(np.linalg.qr(side.equation.left(pair))[1]))
+    # the norm of a cosine over its periods is sqrt(R / 2)
+    return None if np.min(left) < _LEAST_LEFT * np.sqrt(0.5 * len(pair)) else pair
 
 
 def _couplings(side: Side, joint: str) -> Iterator[Candidate]:
@@ -88,30 +81,25 @@ def _couplings(side: Side, joint: str) -> Iterator[Candidate]:
     if side.is_motor and joint not in side.gears:
         for other in side.robot.joint_names:
             if other not in {joint, *side.robot.drives[joint].transmission}:
-                yield Candidate(joint, _COUPLED, other, partial(_angle, side, joint, other))
+                yield linear_candidate(joint, "coupled", other, partial(_angle, side, joint, other))
 
 
 def _varying_ratio(side: Side, joint: str) -> Iterator[Candidate]:
     """Yield the angle that a motor has more where its ratio varies once per turn of its joint."""
     is_rotary = side.robot.drives[joint].joint_units[1] == "rad"
     if side.is_motor and is_rotary and joint not in side.gears:
-        yield Candidate(joint, _VARYING, "joint", partial(_angle, side, joint, joint))
+        yield linear_candidate(joint, "varying", "joint", partial(_angle, side, joint, joint))
 
 
-_COUPLED, _VARYING = "coupled", "varying"
-"""Fields of the candidates of a motor that moves with two joints, and of a ratio that varies."""
-
-
-def _angle(side: Side, joint: str, moving: str, of_few: bool) -> list[Point]:
+def _angle(side: Side, joint: str, moving: str) -> Array:
     """Return the angle of another joint at the rows, or the angle, cosine and sine of the own."""
-    drive, index = side.drive(joint, few=of_few), side.robot.index(moving)
-    angles = [motion.joint_position[:, index] for motion in drive.motions]
+    index = side.robot.index(moving)
+    angles = [motion.joint_position[:, index] for motion in side.motions]
     if moving == joint:
-        parts = [np.column_stack([x, np.cos(x), np.sin(x)]) for x in angles]
-    else:
-        parts = [x[:, None] for x in angles]
-    columns = drive.at_rows(parts)
-    return [Point({}, Alternative(columns, columns.shape[1]))]
+        return side.drive(joint).at_rows(
+            [np.column_stack([x, np.cos(x), np.sin(x)]) for x in angles]
+        )
+    return side.drive(joint).at_rows([x[:, None] for x in angles])
 
 
 _DOUBTFUL_ORDERS = 0.3
@@ -123,19 +111,18 @@ def _periodic(side: Side, joint: str, accepted: Sequence[Accepted], share: float
     drive, estimate = side.robot.drives[joint], side.fitted.estimate
     is_error = joint not in side.gears and not drive.is_nonlinear_spring
     field = "transmission_error" if is_error else "torque_ripple"
-    orders = [(one.trial.candidate.field, int(one.trial.candidate.term)) for one in accepted]
+    candidates = [x.trial.candidate for x in accepted]
+    orders = [(candidate.field, int(candidate.term)) for candidate in candidates]
     text = ", ".join(f"order {order} of the {angle}" for angle, order in orders)
     evidence = {"share of the residual": share}
     if is_error and "stiffness" in estimate.names and estimate.value("stiffness") > 0:
-        is_motor = side.drive(joint).regressor is motor_regressor
-        lever = drive.motor_radius / drive.ratio if is_motor else 1.0
-        largest = max(float(np.linalg.norm(one.coefficients)) for one in accepted)
-        error = largest / (lever * estimate.value("stiffness"))
+        largest = max(float(np.linalg.norm(x.coefficients)) for x in accepted)
+        error = largest / (_lever(side, joint) * estimate.value("stiffness"))
         evidence["amplitude"] = error
         text += f"; up to {1e3 * error:.2g} m{drive.spring_units[1]} between the encoders"
     by_angle: dict[str, list[int]] = {}
-    own = [(one.angle, one.order) for one in drive.harmonics if one.field == field]
-    for angle, order in [*own, *orders]:
+    known = [(x.angle, x.order) for x in drive.harmonics if x.field == field]
+    for angle, order in [*known, *orders]:
         by_angle.setdefault(angle, []).append(order)
     table = ", ".join(f"{angle} = {sorted(numbers)}" for angle, numbers in by_angle.items())
     return TRANSMISSION_ERROR.finding(
@@ -148,16 +135,17 @@ def _periodic(side: Side, joint: str, accepted: Sequence[Accepted], share: float
     )
 
 
+def _lever(side: Side, joint: str) -> float:
+    """Return the part of the spring's force in the equation of a motor: r_M / N in (7)."""
+    drive, is_motor = side.robot.drives[joint], side.drive(joint).regressor is motor_regressor
+    return drive.motor_radius / drive.ratio if is_motor else 1.0
+
+
 def _spring_of(side: Side, joint: str, accepted: Sequence[Accepted]) -> float:
     """Return what an angle of the joint adds to the equation of its motor, next to columns."""
-    drive, equation = side.robot.drives[joint], side.equation
-    for found in accepted:
-        assert found.trial.alternative is not None
-        equation = equation.with_alternative(found.trial.alternative)
-    stiffness = equation.values[side.fitted.estimate.names.index("stiffness")]
-    is_motor = side.drive(joint).regressor is motor_regressor
-    lever = drive.motor_radius / drive.ratio if is_motor else 1.0
-    return float(stiffness) * drive.load_radius * lever
+    larger = side.equation.with_alternatives(x.trial.point.alternative for x in accepted)
+    stiffness = larger.values[side.fitted.estimate.names.index("stiffness")]
+    return float(stiffness) * side.robot.drives[joint].load_radius * _lever(side, joint)
 
 
 def _moves_with(
@@ -168,20 +156,19 @@ def _moves_with(
     None where the part of another joint is small: flexible links turn encoders by thousandths.
     """
     spring, turned = _spring_of(side, joint, accepted), {joint: 1.0}
-    said = []
-    for found in accepted:
-        other = found.trial.candidate.term
-        turns, error = (float(x[0]) / spring for x in (-found.coefficients, found.errors))
-        turned[other] = turns
-        said.append(f"{turns:.3g} +- {abs(error):.1g} times with {other}")
+    turns_with = []
+    for x in accepted:
+        turns, error = -float(x.coefficients[0]) / spring, abs(float(x.errors[0]) / spring)
+        turned[x.trial.candidate.term] = turns
+        turns_with.append(f"{turns:.3g} +- {error:.1g} times with {x.trial.candidate.term}")
     if max(abs(turns) for other, turns in turned.items() if other != joint) < POOR:
         return None
     table = ", ".join(f"{toml_key(other)} = {turns:.4g}" for other, turns in turned.items())
     return COUPLED_JOINTS.finding(
-        f"the motor of {joint} turns behind its gear as {joint} and {listed(said)}: that explains "
-        f"{share:.0%} of the squared residual of its motor equation. It drives several joints, by "
-        f"a differential, a tendon or a parallel linkage; or the encoder of {joint} measures its "
-        "angle against another link than the one before it",
+        f"the motor of {joint} turns behind its gear as {joint} and {listed(turns_with)}: that "
+        f"explains {share:.0%} of the squared residual of its motor equation. It drives several "
+        f"joints, by a differential, a tendon or a parallel linkage; or the encoder of {joint} "
+        "measures its angle against another link than the one before it",
         joint,
         "wrong" if share > PART else "doubtful",
         {
@@ -203,7 +190,7 @@ def _ratio_varies(
     drive, index = side.robot.drives[joint], side.robot.index(joint)
     slope, cosine, sine = -accepted[0].coefficients / _spring_of(side, joint, accepted)
     reached = np.concatenate([motion.joint_position[:, index] for motion in side.motions])
-    angles = np.linspace(np.min(reached), np.max(reached), _ANGLES)
+    angles = np.linspace(np.min(reached), np.max(reached))
     ratios = drive.ratio * (1.0 + slope - cosine * np.sin(angles) + sine * np.cos(angles))
     low, high = int(np.argmin(ratios)), int(np.argmax(ratios))
     if ratios[high] - ratios[low] < POOR * abs(float(np.mean(ratios))):
@@ -225,10 +212,6 @@ def _ratio_varies(
         "convert angle and torque of the motor to those of a gear with a constant ratio, by the "
         "geometry of the linkage, before the log is read",
     )
-
-
-_ANGLES = 50
-"""Angles at which a ratio is evaluated, over the range of a joint."""
 
 
 GEAR_CHECKS = (

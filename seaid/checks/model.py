@@ -126,33 +126,29 @@ def _with_rivals(side: Side, finding: Finding, accepted: Sequence[Accepted]) -> 
     Lines that only one of the causes supports would mislead. What would be nothing if it were
     accepted in place of the others is no cause.
     """
-    rivals = [one for found in accepted for one in found.rivals if _would_be_named(side, one)]
+    rivals = [rival for x in accepted for rival in x.rivals if _would_be_named(side, rival)]
     if not rivals:
         return finding
-    trials = {one.candidate.name: one for one in (*(x.trial for x in accepted), *rivals)}
-    causes, decisions = list[str](), dict[str, None]()
-    for one in trials.values():
-        check, candidate = one.candidate.about, one.candidate
-        assert check is not None
+    causes, decisions = dict[tuple[str, str, str], str](), dict[str, None]()
+    for trial in [*(x.trial for x in accepted), *rivals]:
+        candidate = trial.candidate
         field = candidate.field.replace("_", " ")
-        causes.append(check.cause.format(term=candidate.term, field=field))
-        decisions[check.decision] = None
+        causes[candidate.name] = candidate.about.cause.format(term=candidate.term, field=field)
+        decisions[candidate.about.decision] = None
     return replace(
         finding,
-        message=f"{finding.message}. The log does not decide between {' and '.join(causes)}: each "
-        "explains as much",
+        message=f"{finding.message}. The log does not decide between "
+        f"{' and '.join(causes.values())}: each explains as much",
         remedy=f"a measurement decides: {'; '.join(decisions)}",
     )
 
 
 def _would_be_named(side: Side, trial: Trial) -> bool:
     """Whether a candidate is a finding if it alone is accepted into the equation of the fit."""
-    check = trial.candidate.about
-    if trial.alternative is None or check is None:
-        return False
-    count = trial.alternative.columns.shape[1]
-    found = Accepted(trial, *side.equation.with_alternative(trial.alternative).last(count))
-    return check.finding(side, trial.candidate.joint, [found], trial.share) is not None
+    candidate, alternative = trial.candidate, trial.point.alternative
+    larger = side.equation.with_alternatives([alternative])
+    alone = Accepted(trial, *larger.last(alternative.columns.shape[1]))
+    return candidate.about.finding(side, candidate.joint, [alone], trial.share) is not None
 
 
 def without_setup_echoes(

@@ -18,8 +18,8 @@ from seaid.checks.engine import (
     Candidate,
     ColumnCheck,
     Equation,
-    Point,
     Selection,
+    linear_candidate,
 )
 from seaid.checks.tolerances import LEAST_DELAY_S, LEAST_SWING, SIGNIFICANT, SURE
 from seaid.drives import IDEAL_DRIVE, total_ratio
@@ -31,29 +31,21 @@ if TYPE_CHECKING:
     from seaid.checks.columns import Side
 
 
-_LATE = "delay"
-"""Field of the candidates of late torques."""
-
-
 def _late_torque(side: Side, joint: str) -> Iterator[Candidate]:
     """Yield the slope of the motor torque: one late by d is tau - d tau' to first order."""
     drive = side.robot.drives[joint]
     if drive.motor_input != "torque" or (drive.is_elastic and not side.is_motor):
         return
     index = side.robot.index(joint)
-    if all(np.all(np.isfinite(one.motor_torque[:, index])) for one in side.motions):
-        yield Candidate(joint, _LATE, "motor_torque", partial(_slope, side, joint))
+    if all(np.all(np.isfinite(motion.motor_torque[:, index])) for motion in side.motions):
+        yield linear_candidate(joint, "delay", "motor_torque", partial(_slope, side, joint))
 
 
-def _slope(side: Side, joint: str, of_few: bool) -> list[Point]:
-    """Return -tau' at the rows, without what friction and rotor of another drive explain."""
-    del of_few  # few samples of a noisy torque do not have its slope
+def _slope(side: Side, joint: str) -> Array:
+    """Return -tau' (R, 1) at the rows, without what friction and rotor of another drive explain."""
     slope, others = _late_columns(side, joint)
-    equation = side.equation
-    weight = equation.weight[:, None]
-    left = equation.left(weight * np.hstack([slope, others]))
-    shared = others @ scaled_svd(left[:, 1:]).solve(left[:, 0])
-    return [Point({}, Alternative(slope - shared[:, None], 1))]
+    left = side.equation.left(side.equation.weight[:, None] * np.hstack([slope, others]))
+    return slope - (others @ scaled_svd(left[:, 1:]).solve(left[:, 0]))[:, None]
 
 
 def _late_columns(side: Side, joint: str) -> tuple[Array, Array]:
@@ -65,23 +57,24 @@ def _late_columns(side: Side, joint: str) -> tuple[Array, Array]:
     rows, drive, index = side.drive(joint), side.robot.drives[joint], side.robot.index(joint)
     is_ideal = drive == IDEAL_DRIVE
     is_open = is_ideal or drive.motor_inertia_kg_m2 is None
-    fastest = max(float(np.max(np.abs(one.motor_velocity[:, index]))) for one in side.motions)
+    speeds = [motion.motor_velocity[:, [index]] for motion in side.motions]
+    fastest = max(float(np.max(np.abs(speed))) for speed in speeds)
     parts = [
-        np.column_stack(
+        np.hstack(
             [
-                np.tanh(one.motor_velocity[:, index] / (_WIDTH * fastest)),
-                one.motor_velocity[:, index],
-                is_ideal * np.sign(one.motor_velocity[:, index]),
-                is_open * one.motor_acceleration[:, index],
+                np.tanh(speed / (_WIDTH * fastest)),
+                speed,
+                is_ideal * np.sign(speed),
+                is_open * motion.motor_acceleration[:, [index]],
             ]
         )
-        for one in side.motions
+        for speed, motion in zip(speeds, side.motions, strict=True)
     ]
     others, weight = rows.at_rows(parts), side.equation.weight[:, None]
     left = np.linalg.norm(side.equation.left(weight * others), axis=0)
-    # what is in the model already leaves nothing but rounding
     others[:, left < _LEFT * np.linalg.norm(weight * others, axis=0)] = 0.0
-    return -rows.slope_at_rows([one.motor_torque[:, index] for one in side.motions]), others
+    torques = [motion.motor_torque[:, [index]] for motion in side.motions]
+    return -rows.slope_at_rows(torques), others
 
 
 _LEFT = 1e-3
@@ -149,15 +142,15 @@ def _delays(side: Side, selection: Selection) -> dict[str, tuple[float, float]]:
     joints = [late.joint for joint in side.joints for late in _late_torque(side, joint)]
     if not joints:
         return {}
-    equation = selection.before
-    for accepted in selection.accepted:
-        trial = accepted.trial
-        if trial.candidate.field != _LATE and trial.alternative is not None:
-            equation = equation.with_alternative(trial.alternative)
+    equation = side.equation.with_alternatives(
+        x.trial.point.alternative
+        for x in selection.accepted
+        if x.trial.candidate.about.code is not DELAY
+    )
     slopes, others = zip(*(_late_columns(side, joint) for joint in joints), strict=True)
-    equation = equation.with_alternative(Alternative(np.hstack(others), 0))
-    late = Alternative(np.hstack(slopes), len(joints))
-    values, errors = equation.with_alternative(late).last(len(joints))
+    late = [np.hstack(others), np.hstack(slopes)]
+    larger = equation.with_alternatives(Alternative(columns, 0) for columns in late)
+    values, errors = larger.last(len(joints))
     delays = zip(values.tolist(), errors.tolist(), strict=True)
     return dict(zip(joints, delays, strict=True))
 
@@ -172,18 +165,17 @@ def _zeros(side: Side, joint: str) -> Iterator[Candidate]:
     if side.robot.has_controllers:  # an offset moves the commands as well: `commands` looks at it
         return
     if not side.robot.is_prismatic[side.robot.index(joint)] and side.swing(joint) > LEAST_SWING:
-        yield Candidate(joint, "offset", "joint_position", partial(_turned, side, joint))
+        yield linear_candidate(joint, "offset", "joint_position", partial(_turned, side, joint))
 
 
 _STEP_RAD = 1e-4
 """Step of the difference quotient by a joint angle."""
 
 
-def _turned(side: Side, joint: str, of_few: bool) -> list[Point]:
+def _turned(side: Side, joint: str) -> Array:
     """Return the derivative (R, 1) of the load's torque by the angle of a joint."""
-    del of_few  # the rows alone are computed
     ahead = side.torques_of(side.bodies, joint, _STEP_RAD)
-    return [Point({}, Alternative((ahead - side.torque_of_bodies) / _STEP_RAD, 1))]
+    return (ahead - side.torque_of_bodies) / _STEP_RAD
 
 
 _MOST_STEPS = 8
@@ -208,7 +200,8 @@ def _searched_zero(side: Side, joint: str) -> tuple[float, float]:
         turned = replace(rows, H=H, y=y)
         current = Equation(turned, settled_weights(qr_factor_of(turned)))
         slope = derivative @ np.append(current.values[:count], 1.0)
-        (correction,), (error,) = current.with_alternative(Alternative(slope[:, None], 1)).last(1)
+        column = Alternative(slope[:, None], 1)
+        (correction,), (error,) = current.with_alternatives([column]).last(1)
         angle += float(correction)
         if abs(correction) < 0.1 * error:
             break

@@ -1,7 +1,7 @@
 """Columns of the terms that a drive lacks, at the rows of a fit: what model comparisons consist of.
 
 A term with parameters in which the equation is nonlinear has one set of columns per value on a
-coarse grid. Other columns are derivatives at the fit, where the level of the term is zero.
+grid. Other columns are derivatives at the fit, where the level of the term is zero.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from itertools import product
 
 import numpy as np
 
-from seaid._arrays import Array, BoolArray, FrozenMapping, IndexArray
+from seaid._arrays import Array, FrozenMapping, IndexArray
 from seaid._files import toml_table
 from seaid.checks.engine import (
     Alternative,
@@ -22,7 +22,6 @@ from seaid.checks.engine import (
     ModelComparison,
     Point,
     Trial,
-    best_supported,
     compared_candidates,
 )
 from seaid.drives import (
@@ -36,7 +35,7 @@ from seaid.drives import (
     term_fields,
     unit_of,
 )
-from seaid.errors import RobotError
+from seaid.errors import IdentificationError, RobotError
 from seaid.estimation import FittedRows
 from seaid.log import Motion, in_band, in_band_at
 from seaid.regressor import (
@@ -104,10 +103,8 @@ class DriveRows:
     """A drive at the rows of the side that has its equation.
 
     `values` are the fitted ones of the drive. `regressor` derives the equation of the side, which
-    is that of the motor or of the spring; `signals` evaluate it. `placed` are the parts of the
-    drive's columns in the equations: places among the rows, samples of each motion, factor. If
-    `is_coarse`, samples are places between those of motions with fewer samples, and changed columns
-    are given as their changes.
+    is that of the motor or of the spring; `signals` evaluate it. `factors` {index of an equation:
+    factor} are those of the drive's columns in the equations.
     """
 
     robot: Robot
@@ -117,11 +114,10 @@ class DriveRows:
     values: Mapping[str, float]
     regressor: Callable[[Robot, str], DriveRegressor]
     signals: Sequence[Mapping[str, Array]]
-    placed: Sequence[tuple[BoolArray, Sequence[IndexArray | Array], float]]
-    is_coarse: bool = False
+    factors: Mapping[int, float]
 
     def terms(
-        self, field: str, term: str, given: Mapping[str, Sequence[float]] | None = None
+        self, field: str, term: str, given: Mapping[str, Sequence[float]] = FrozenMapping({})
     ) -> Iterator[Point]:
         """Yield a term at each point of its grid; `given` {parameter: values} replaces a grid."""
         drive = self.robot.drives[self.joint]
@@ -133,8 +129,8 @@ class DriveRows:
             if values.get("stiffness", 0.0) <= 0:  # the fit does not have the zero
                 return
             rest = -values.get("spring_offset", 0.0) / values["stiffness"]
-            values["deflection_zero"] = (given or {}).get("deflection_zero", (rest,))[0]
-        grid = self._grid(extra, given or {})
+            values["deflection_zero"] = given.get("deflection_zero", (rest,))[0]
+        grid = self._grid(extra, given)
         changed = _changed(term, old, new, extra)
         added = [name for name in extra if name not in (*grid, "deflection_zero")]
         if not added and not grid:  # no part of this equation
@@ -144,15 +140,12 @@ class DriveRows:
             for place, name in enumerate(self.rows.names)
             if parameter_of(name) in changed and getattr(name, "joint", self.joint) == self.joint
         ]
-        points = [dict(zip(grid, one, strict=True)) for one in product(*grid.values())]
-        wanted = [(new, values | at, [*changed, *added]) for at in points]
-        *found, before = self._columns([*wanted, (old, values, changed)])
+        points = [dict(zip(grid, values_at, strict=True)) for values_at in product(*grid.values())]
+        columns = self._columns(new, [values | at for at in points], [*changed, *added])
         more = len(added) + len(grid)
         zero = {name: values[name] for name in ("deflection_zero",) if name in extra}
-        for at, columns in zip(points, found, strict=True):
-            if self.is_coarse:
-                columns[:, : len(changed)] -= before
-            yield Point(at | zero, Alternative(columns, more, tuple(places)))
+        for at, H in zip(points, columns, strict=True):
+            yield Point(at | zero, Alternative(H, more, tuple(places)))
 
     def _grid(
         self, names: Sequence[str], given: Mapping[str, Sequence[float]]
@@ -168,7 +161,7 @@ class DriveRows:
             or [part * size_of(name, self._scale) for part in _dense(PARAMETERS[name].starts)]
             for name in searched
         }
-        if "coulomb_width" in grid and "coulomb_width" not in given and not self.is_coarse:
+        if "coulomb_width" in grid and "coulomb_width" not in given:
             widths = grid["coulomb_width"]
             grid["coulomb_width"] = [x for x in widths if x > self._crossing] or widths[-1:]
         return grid
@@ -189,47 +182,54 @@ class DriveRows:
         return scale_of(self.robot, self.motions, self.joint)
 
     def _columns(
-        self, wanted: Sequence[tuple[DriveRegressor, Mapping[str, float], Sequence[str]]]
+        self, of: DriveRegressor, points: Sequence[Mapping[str, float]], names: Sequence[str]
     ) -> list[Array]:
-        """Return the columns (R, names) of (regressor, values, names) at all rows of the side."""
+        """Return the columns (R, names) of a regressor at each point, at all rows of the side."""
         parts = [
-            np.hstack([of.columns(one, values, names) for of, values, names in wanted])
-            for one in self.signals
+            np.hstack([of.columns(signals, values, names) for values in points])
+            for signals in self.signals
         ]
-        ends = np.cumsum([len(names) for _, _, names in wanted])[:-1]
-        return np.split(self.at_rows(parts), ends, axis=1)
+        return np.split(self.at_rows(parts), len(points), axis=1)
 
     def at_rows(self, parts: Sequence[Array]) -> Array:
-        """Return columns (T, c) of torques at the samples of each motion at all rows (R, c)."""
-        found = np.zeros((len(self.rows.y), parts[0].shape[1]))
-        for mine, samples, factor in self.placed:
-            known = self._where_known(mine, parts)
-            banded = map(in_band_at, self.motions, known, samples)
-            found[mine] = factor * np.concatenate(list(banded))
-        return found
+        """Return columns (T, c) of torques at the samples of each motion at all rows (R, c).
+
+        Those of a stiff drive are zero where friction in the equation is not known.
+        """
+        is_elastic = self.robot.drives[self.joint].is_elastic
+
+        def in_equation(motion: Motion, part: Array, samples: IndexArray, index: int) -> Array:
+            known = part if is_elastic else motion.where_known(index, part)
+            return in_band_at(motion, known, samples)
+
+        return self._placed(parts, in_equation)
 
     def slope_at_rows(self, torques: Sequence[Array]) -> Array:
-        """Return the slope (R, 1) of torques (T,) of each motion, below the cutoff, at all rows.
+        """Return the slope (R, 1) of torques (T, 1) of each motion, below the cutoff, at all rows.
 
         They are filtered first: at the ends of a log the filter continues a torque and not a slope,
         whose noise is as large as its first difference.
         """
-        slopes = [
-            np.gradient(in_band(motion, torque), motion.time)
-            for motion, torque in zip(self.motions, torques, strict=True)
-        ]
-        found = np.zeros((len(self.rows.y), 1))
-        for mine, samples, factor in self.placed:
-            parts = [slope[own] for slope, own in zip(slopes, samples, strict=True)]
-            found[mine, 0] = factor * np.concatenate(parts)
-        return found
 
-    def _where_known(self, mine: BoolArray, parts: Sequence[Array]) -> Sequence[Array]:
-        """Return columns of the load side, zero where friction in the equation is not known."""
-        if self.robot.drives[self.joint].is_elastic:
-            return parts
-        index = int(self.rows.joint[mine][0])
-        return [one.where_known(index, part) for one, part in zip(self.motions, parts, strict=True)]
+        def slope(motion: Motion, torque: Array, samples: IndexArray, index: int) -> Array:
+            del index  # the torque of one motor is in all of its equations
+            return np.gradient(in_band(motion, torque), motion.time, axis=0)[samples]
+
+        return self._placed(torques, slope)
+
+    def _placed(
+        self,
+        parts: Sequence[Array],
+        at_samples: Callable[[Motion, Array, IndexArray, int], Array],
+    ) -> Array:
+        """Return what `at_samples` makes of the parts (T, c) of each motion, at all rows (R, c)."""
+        placed = np.zeros((len(self.rows.y), parts[0].shape[1]))
+        for index, factor in self.factors.items():
+            for run, (motion, part) in enumerate(zip(self.motions, parts, strict=True)):
+                chosen = (self.rows.joint == index) & (self.rows.run == run)
+                samples = np.searchsorted(motion.time, self.rows.time[chosen])
+                placed[chosen] = factor * at_samples(motion, part, samples, index)
+        return placed
 
 
 def _dense(starts: Sequence[float]) -> list[float]:
@@ -251,45 +251,21 @@ def _changed(
 
 
 def actuator_drive(
-    robot: Robot,
-    motions: Sequence[Motion],
-    joint: str,
-    rows: Regression,
-    theta: Array,
-    coarse: Sequence[Motion] = (),
+    robot: Robot, motions: Sequence[Motion], joint: str, rows: Regression, theta: Array
 ) -> DriveRows:
-    """Return an elastic drive at the rows of its actuator side (10), with its fit `theta`.
-
-    `coarse` motions, with fewer samples, are those of the signals if given.
-    """
-    equations = [actuator_equation(robot, one, joint) for one in coarse or motions]
+    """Return an elastic drive at the rows of its actuator side (10), with its fit `theta`."""
+    equations = [actuator_equation(robot, motion, joint) for motion in motions]
     is_motor = equations[0][0] == motor_regressor(robot, joint)
-    every = np.ones(len(rows.y), dtype=bool)
     return DriveRows(
         robot=robot,
-        motions=coarse or motions,
+        motions=motions,
         joint=joint,
         rows=rows,
         values={**robot.drives[joint].values, **dict(zip(rows.names, theta.tolist(), strict=True))},
         regressor=motor_regressor if is_motor else spring_regressor,
         signals=[signals for _, signals in equations],
-        placed=[(every, _samples(motions, rows, every, coarse), 1.0)],
-        is_coarse=bool(coarse),
+        factors={robot.index(joint): 1.0},
     )
-
-
-def _samples(
-    motions: Sequence[Motion], rows: Regression, mine: BoolArray, coarse: Sequence[Motion]
-) -> list[IndexArray | Array]:
-    """Return the samples of each motion that are rows of `mine`, or their places in `coarse`."""
-    found: list[IndexArray | Array] = [
-        np.searchsorted(motion.time, rows.time[mine & (rows.run == run)])
-        for run, motion in enumerate(motions)
-    ]
-    return [
-        samples / decimated_by(motion) if coarse else samples
-        for samples, motion in zip(found, motions, strict=True)
-    ]
 
 
 def load_drive(
@@ -298,74 +274,48 @@ def load_drive(
     joint: str,
     rows: Regression,
     theta: Array,
-    coarse: Sequence[Motion] = (),
     *,
     at_joint: bool = False,
 ) -> DriveRows:
     """Return a drive at the rows of the load side (8): a stiff one, or what acts `at_joint`."""
-    index, n = robot.index(joint), robot.n
-    own = {
+    index = robot.index(joint)
+    unit = np.eye(robot.n)[index]
+    factors = unit * robot.drives[joint].ratio
+    by_motion = [input_signals(robot, motion, index) for motion in motions]
+    if at_joint:  # of its own states, also where a drive moves several joints
+        factors = torques_at_drives(robot.transmission, unit)
+        for signals, motion in zip(by_motion, motions, strict=True):
+            states = (state[:, index] for state in motion.joint_states)
+            signals |= dict(zip(_JOINT, states, strict=True))
+    fitted = {
         parameter_of(name): value
         for name, value in zip(rows.names, theta.tolist(), strict=True)
         if getattr(name, "joint", "") == joint
     }
-    share = np.eye(n)[index] * robot.drives[joint].ratio
-    if at_joint:
-        share = torques_at_drives(robot.transmission, np.eye(n)[index])
-    of_joint = {k: np.asarray(rows.joint == k) for k in range(n) if share[k]}
-    by_motion = [input_signals(robot, motion, index) for motion in coarse or motions]
-    if at_joint:  # of its own states, also where a drive moves several joints
-        for signals, motion in zip(by_motion, coarse or motions, strict=True):
-            states = (state[:, index] for state in motion.joint_states)
-            signals |= dict(zip(_JOINT, states, strict=True))
     return DriveRows(
         robot=robot,
-        motions=coarse or motions,
+        motions=motions,
         joint=joint,
         rows=rows,
-        values={**robot.drives[joint].values, **own},
+        values={**robot.drives[joint].values, **fitted},
         regressor=joint_regressor if at_joint else motor_regressor,
         signals=by_motion,
-        placed=[
-            (mine, _samples(motions, rows, mine, coarse), float(share[k]))
-            for k, mine in of_joint.items()
-            if np.any(mine)
-        ],
-        is_coarse=bool(coarse),
+        factors={place: factor for place, factor in enumerate(factors.tolist()) if factor},
     )
 
 
 _JOINT = ("theta_L", "theta_L_dot", "theta_L_ddot")
 
 
-_COARSE = 40.0
-"""Samples per period of the cutoff at which terms are screened."""
-
-
-def decimated_by(motion: Motion) -> int:
-    """Return the number of samples of a motion per coarse one."""
-    return max(1, int(motion.rate_hz / (_COARSE * motion.cutoff_hz)))
-
-
-def coarse_motions(motions: Sequence[Motion]) -> list[Motion]:
-    """Return motions with as many samples as screening needs."""
-    return [one.samples(slice(None, None, decimated_by(one))) for one in motions]
-
-
 def term_candidates(
-    exact: DriveRows,
-    coarse: DriveRows,
+    drive: DriveRows,
     terms: Iterable[tuple[str, str]],
     grids: Mapping[str, Sequence[float]] = FrozenMapping({}),
 ) -> list[Candidate]:
-    """Return terms (field, term) of a drive as candidates; `coarse` is the drive at few samples."""
-
-    def points(of_few: bool, field: str, term: str) -> list[Point]:
-        drive = coarse if of_few else exact
-        return list(drive.terms(field, term, grids))
-
+    """Return terms (field, term) of a drive as candidates."""
     return [
-        Candidate(exact.joint, *one, partial(points, field=one[0], term=one[1])) for one in terms
+        Candidate(drive.joint, field, term, partial(drive.terms, field, term, grids))
+        for field, term in terms
     ]
 
 
@@ -442,13 +392,6 @@ class TermComparison:
         return self.comparison is not None and self.comparison.is_supported
 
 
-def best_comparison(comparisons: Sequence[TermComparison]) -> TermComparison | None:
-    """Return the best of the supported terms, None without any."""
-    compared = [one for one in comparisons if one.comparison is not None]
-    place = best_supported([one.comparison for one in compared if one.comparison is not None])
-    return None if place is None else compared[place]
-
-
 def evidence_of(comparison: ModelComparison, values: Mapping[str, float]) -> dict[str, float]:
     """Return the numbers of a comparison at `values` of nonlinear parameters, as evidence."""
     return {
@@ -490,17 +433,21 @@ def compared_terms(
     `count` is the number of all comparisons, `grids` {nonlinear parameter: values} replace those of
     the search.
     """
-    equation = Equation(fitted_rows(fitted), fitted.weights)
-    candidates = term_candidates(drive, drive, terms, grids)
-    return [comparison_of(one, step) for one in compared_candidates(equation, candidates, count)]
-
-
-def fitted_rows(fitted: FittedRows) -> Regression:
-    """Return the rows of a fit, which are in memory."""
     assert fitted.rows is not None
-    return fitted.rows
+    reason, trials = _NO_COLUMN, list[Trial]()
+    try:
+        candidates = term_candidates(drive, terms, grids)
+        equation = Equation(fitted.rows, fitted.weights)
+        trials = compared_candidates(equation, candidates, count)
+    except IdentificationError as problem:  # too few rows
+        reason = str(problem)
+    compared = {trial.candidate.name: trial for trial in trials}
+    return [
+        TermComparison(drive.joint, *name, step, trial.comparison, values=trial.point.values)
+        if (trial := compared.get((drive.joint, *name)))
+        else TermComparison(drive.joint, *name, step, None, reason)
+        for name in terms
+    ]
 
 
-def comparison_of(one: Trial, step: int) -> TermComparison:
-    """Return a tested term of a drive as the comparison of a step."""
-    return TermComparison(*one.candidate.name, step, one.comparison, one.reason, values=one.values)
+_NO_COLUMN = "it has no column: the log lacks its equation, or the fit the stiffness of the spring"

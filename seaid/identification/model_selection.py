@@ -25,7 +25,6 @@ from seaid.checks import (
     Trial,
     actuator_drive,
     backlash,
-    best_comparison,
     best_of,
     compared_terms,
     duration_s,
@@ -274,7 +273,7 @@ def _extended(
     """
     for step in range(_MOST_STEPS):
         found = _compared_terms(model, joint, asked, count, step)
-        best = best_comparison(found)
+        best = best_of(found)
         if best is not None:
             try:
                 model = model.with_term(best)
@@ -490,33 +489,29 @@ def with_default_terms(
         if isinstance(drive.friction, DefaultTerms)
     }
     of_joint: dict[str, list[Trial]] = {joint: [] for joint in open_drives}
-    for one in (one for side in selected for one in side.selection.first):
-        candidate = one.candidate
+    for trial in (trial for side in selected for trial in side.selection.first):
+        candidate = trial.candidate
         if candidate.joint in of_joint and candidate.field in ("friction", "spring"):
-            of_joint[candidate.joint].append(one)
+            of_joint[candidate.joint].append(trial)
     # a term is asked of each drive
     penalty = 2 * math.log(max(len(DEFAULTS) * len(of_joint), 1))
     drives: dict[str, Drive] = {}
     notes = []
-    for joint, terms in of_joint.items():
+    for joint, trials in of_joint.items():
         compared = [
-            replace(one, comparison=replace(one.comparison, bic=one.comparison.bic - penalty))
-            for one in terms
-            if one.comparison is not None
+            replace(trial, comparison=replace(trial.comparison, bic=trial.comparison.bic - penalty))
+            for trial in trials
         ]
         best = best_of(compared)
-        for one in compared:
-            term = one.candidate.term
-            is_added = term == "offset" or (one is best and term in DEFAULTS)
-            if is_added and one.comparison is not None and one.comparison.is_supported:
+        for trial in compared:
+            term, values = trial.candidate.term, trial.point.values
+            is_added = term == "offset" or (trial is best and term in DEFAULTS)
+            if is_added and trial.comparison.is_supported:
                 drive = with_term(drives.get(joint, robot.drives[joint]), "friction", term)
-                drive = drive.with_values(one.values)
-                drives[joint] = replace(
-                    drive,
-                    friction=DefaultTerms(drive.friction),
-                    known=(*drive.known, *one.values),
-                )
-                notes.append(included_term(one))
+                drive = drive.with_values(values)
+                friction, known = DefaultTerms(drive.friction), (*drive.known, *values)
+                drives[joint] = replace(drive, friction=friction, known=known)
+                notes.append(included_term(trial))
     if drives:
         robot, given = robot.with_drives(drives), given.with_drives(drives)
     return robot, given, notes

@@ -467,24 +467,15 @@ def in_band(motion: Motion, columns: Array) -> Array:
     return in_band_at(motion, columns, np.arange(len(columns)))
 
 
-def in_band_at(motion: Motion, columns: Array, samples: IndexArray | Array) -> Array:
-    """Return some samples of `in_band`, or places between samples by straight lines.
-
-    Zero columns, half of those of a chain, are skipped.
-    """
+def in_band_at(motion: Motion, columns: Array, samples: IndexArray) -> Array:
+    """Return some samples of `in_band`. Zero columns, half of those of a chain, are skipped."""
     shape = columns.shape[1:]
     columns = columns if shape else columns[:, None]
     used = np.argwhere(np.any(columns != 0, axis=0))
     found = np.zeros((len(samples), *columns.shape[1:]))
-    before = np.minimum(samples.astype(np.intp), len(columns) - 2)
     for start in range(0, len(used), _AT_ONCE):
         part = (slice(None), *used[start : start + _AT_ONCE].T)
-        filtered = low_pass(columns[part], motion.rate_hz, motion.cutoff_hz)
-        if samples.dtype.kind == "f":
-            step = filtered[before + 1] - filtered[before]
-            found[part] = filtered[before] + (samples - before)[:, None] * step
-        else:
-            found[part] = filtered[samples]
+        found[part] = low_pass(columns[part], motion.rate_hz, motion.cutoff_hz)[samples]
     return found.reshape(len(samples), *shape)
 
 

@@ -10,13 +10,12 @@ from seaid._arrays import Array
 from seaid.checks.engine import (
     SEGMENTS,
     Alternative,
-    Candidate,
     Equation,
     ModelComparison,
-    Point,
     Selection,
     compare_models,
     forward_selection,
+    linear_candidate,
     time_blocks,
 )
 from seaid.errors import IdentificationError
@@ -144,12 +143,9 @@ def test_too_few_rows_are_refused() -> None:
 def selected(*columns: Array) -> Selection:
     """Return what is selected among columns of different checks, of which the first is true."""
 
-    def points(x: Array, of_few: bool) -> list[Point]:
-        del of_few  # the same rows
-        return [Point({}, Alternative(x[:, None], 1))]
-
     candidates = [
-        Candidate("j", str(place), "", partial(points, x), place) for place, x in enumerate(columns)
+        replace(linear_candidate("j", str(place), "", partial(np.reshape, x, (-1, 1))), about=place)
+        for place, x in enumerate(columns)
     ]
     data = rows((1.0, -2.0, 1.0, 0.0))
     return forward_selection(Equation(first(data, 2), np.ones(2)), candidates, 3, 6.0)

@@ -15,11 +15,19 @@ import pytest
 
 import seaid
 from scripts.benchmarks import contact_backlash
-from seaid._arrays import Array, FrozenMapping
-from seaid.checks import drive_findings, engine, that_matter
+from seaid._arrays import Array
+from seaid.checks import drive_findings, that_matter
 from seaid.checks.codes import MISSING_TERM
 from seaid.checks.columns import DRIVE_CHECKS, Side, resolved_widths
-from seaid.checks.engine import Accepted, Candidate, ModelComparison, Trial
+from seaid.checks.engine import (
+    Accepted,
+    Alternative,
+    Candidate,
+    Equation,
+    ModelComparison,
+    Point,
+    Trial,
+)
 from seaid.drives.drives import DefaultTerms
 from seaid.drives.terms import FrictionTerm
 from seaid.drives.toml import drive_table, drives_from_mapping
@@ -276,8 +284,9 @@ def test_a_width_that_the_sampling_explains_is_noted_only() -> None:
         bic=50.0, F=90.0, explained=0.5, improvement=0.5, improvement_std=0.1, better=8, blocks=8,
         t=9.0, independent=200.0, parameters=1,
     )  # fmt: skip
-    candidate = Candidate("hip_roll", "friction", "smooth_coulomb", lambda _: (), MISSING_TERM)
-    width = Trial(candidate, support, FrozenMapping({"coulomb_width": 8.0}))
+    candidate = Candidate("hip_roll", "friction", "smooth_coulomb", tuple)
+    smooth = Point({"coulomb_width": 8.0}, Alternative(np.ones((1, 1)), 1))
+    width = Trial(candidate, support, smooth)
     accepted = [Accepted(width, np.ones(1), np.ones(1))]
     check = next(check for check in DRIVE_CHECKS if check.code is MISSING_TERM)
     nothing: Any = None
@@ -323,8 +332,7 @@ def test_screening_excludes_no_term_that_a_comparison_supports(
     make: Callable[[], Log], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     screened = identify(open_robot(), make())
-    monkeypatch.setattr(engine, "PROMISING", 0.0)
-    monkeypatch.setattr(engine, "LEAST_TORQUE", 0.0)
+    monkeypatch.setattr(Equation, "is_promising", lambda *_: True)
     whole = identify(open_robot(), make())
     assert [str(one) for one in screened.warnings] == [str(one) for one in whole.warnings]
     assert screened.known.drives == whole.known.drives
