@@ -134,6 +134,14 @@ hold in 80 to 90 %, with more in 94 %. Right set-ups of eight seconds have at le
 (`scripts/benchmarks/short_logs.py`). Up to twice as many do not determine the torques of other
 motions where these have large errors."""
 
+ALONE = 0.9
+"""Part of the information on a direction of the parameters from which a block alone determines it.
+The other blocks then predict it with ten times the variance of the noise, for an eighth with 1/7
+of it."""
+
+MOST_NAMED, MOST_LISTED = 6, 12
+"""Joints that the verdict names per code, and those that a warning names."""
+
 NO_CHANCE = 0.999
 """Level of the interval that excludes zero if an error of a channel is none by chance."""
 

@@ -17,26 +17,11 @@ import numpy as np
 
 from seaid._arrays import Array, BoolArray, FrozenMapping, safely
 from seaid._progress import Display
+from seaid.checks import tolerances as tol
 from seaid.checks.check import Observation, excluding_torque, observed
 from seaid.checks.codes import CONTACT, FEW_ROWS, NO_FIT, POORLY_IDENTIFIED
 from seaid.checks.engine import time_blocks
 from seaid.checks.experiment import Experiment
-from seaid.checks.tolerances import (
-    BURST,
-    CORRELATED_ROWS,
-    FEWEST_BY_BLOCKS,
-    FEWEST_INDEPENDENT,
-    HALF_POWER,
-    NEGLIGIBLE,
-    NOTHING,
-    PART,
-    POOR,
-    RARE,
-    SLIGHT,
-    SURE,
-    TWICE,
-    WINDOW_S,
-)
 from seaid.errors import Finding, IdentificationError, SeaidError, Severity, listed
 from seaid.estimation import (
     RANK_TOLERANCE,
@@ -116,19 +101,24 @@ def that_matter(
     What a model lacks is a note where its torque errors do not matter, and so are too few rows
     where another finding is why blocks of the logs contradict each other.
     """
-    loose = {one.joint for one in findings if one.code == "backlash"}
-    weak = {one.joint for one in findings if one.code == "weak-spring"}
+    loose, weak = _joints("backlash", findings), _joints("weak-spring", findings)
     echoes = {**dict.fromkeys((*_ECHOES, "delay"), weak), "weak-spring": loose}
     echoes["nonlinear-spring"] = weak | loose
-    exact = {name for name, one in fits.items() if not max(one.own, one.motor) > NEGLIGIBLE}
-    has_cause = any(one.severity != "note" and one.code != FEW_ROWS.name for one in findings)
+    exact = {joint for joint, fit in fits.items() if not max(fit.own, fit.motor) > tol.NEGLIGIBLE}
+    minor = dict.fromkeys(_ECHOES, exact)
+    if {finding.code for finding in findings if finding.severity != "note"} - {FEW_ROWS.name}:
+        minor[FEW_ROWS.name] = {""}
+    kept = (finding for finding in findings if finding.joint not in echoes.get(finding.code, ()))
     return [
-        replace(one, severity="note")
-        if (one.code in _ECHOES and one.joint in exact) or (one.code == FEW_ROWS.name and has_cause)
-        else one
-        for one in findings
-        if one.joint not in echoes.get(one.code, ())
+        replace(finding, severity="note")
+        if finding.joint in minor.get(finding.code, ())
+        else finding
+        for finding in kept
     ]
+
+
+def _joints(code: str, findings: Iterable[Finding]) -> set[str]:
+    return {finding.joint for finding in findings if finding.code == code}
 
 
 @contextmanager
@@ -137,11 +127,9 @@ def explained(findings: Sequence[Finding]) -> Iterator[None]:
     try:
         yield
     except SeaidError as problem:
-        wrong = [one for one in findings if one.severity == "wrong"]
-        if not wrong:
-            raise
-        text = f"{wrong[0].code}: {wrong[0].message}; {wrong[0].remedy}\nand so: {problem}"
-        problem.args = SeaidError(text).args
+        for wrong in _of_severity("wrong", findings)[:1]:
+            text = f"{wrong.code}: {wrong.message}; {wrong.remedy}\nand so: {problem}"
+            problem.args = SeaidError(text).args
         raise
 
 
@@ -153,9 +141,6 @@ _OF_SEVERITY: tuple[tuple[Severity, Level, str], ...] = (
 )
 """(severity, level, how the sentence begins), the worst first."""
 
-_MOST_NAMED = 6
-"""Joints that the verdict names per code; the warnings name all."""
-
 
 def verdict_of(warnings: Sequence[Finding], joints: Mapping[str, JointFit]) -> Verdict:
     """Return the verdict that follows from the warnings of a result."""
@@ -164,14 +149,10 @@ def verdict_of(warnings: Sequence[Finding], joints: Mapping[str, JointFit]) -> V
         return Verdict("do not use", loads, joints)
     for severity, level, start in _OF_SEVERITY:
         reasons: dict[str, dict[str, None]] = {}  # {code: its joints}
-        for finding in warnings:
-            if finding.severity == severity:
-                reasons.setdefault(finding.code, {})[finding.joint] = None
-        names = [
-            code + (f" ({listed([*filter(None, own)], _MOST_NAMED)})" if any(own) else "")
-            for code, own in reasons.items()
-        ]
-        if names:
+        for finding in _of_severity(severity, warnings):
+            reasons.setdefault(finding.code, {})[finding.joint] = None
+        if reasons:
+            names = (code + _in_brackets(filter(None, own)) for code, own in reasons.items())
             return Verdict(level, f"{start}: {', '.join(names)}", joints)
     unknown = {
         finding.joint: None
@@ -179,9 +160,18 @@ def verdict_of(warnings: Sequence[Finding], joints: Mapping[str, JointFit]) -> V
         if finding.code == POORLY_IDENTIFIED.name
         and finding.evidence.get("standard error", 0) >= abs(finding.evidence.get("value", 1))
     }
-    but = f", but drives have errors of 100% and more: {listed([*unknown], _MOST_NAMED)}"
+    but = f", but drives have errors of 100% and more: {listed(unknown, tol.MOST_NAMED)}"
     sentence = "good: no warning contradicts the set-up or the model"
-    return Verdict("good", sentence + (but if unknown else ""), joints)
+    return Verdict("good", sentence + but * bool(unknown), joints)
+
+
+def _of_severity(severity: Severity, findings: Iterable[Finding]) -> list[Finding]:
+    return [finding for finding in findings if finding.severity == severity]
+
+
+def _in_brackets(joints: Iterable[str]) -> str:
+    names = listed(joints, tol.MOST_NAMED)
+    return f" ({names})" if names else ""
 
 
 def _load_sides(warnings: Sequence[Finding], joints: Mapping[str, JointFit]) -> str:
@@ -189,27 +179,27 @@ def _load_sides(warnings: Sequence[Finding], joints: Mapping[str, JointFit]) -> 
 
     It names load sides of springs, and less than half of the joints otherwise.
     """
-    wrong = [one for one in warnings if one.severity == "wrong"]
-    if not all(one.code == NO_FIT.name and one.joint in joints for one in wrong):
+    wrong = _of_severity("wrong", warnings)
+    names = [*dict.fromkeys(finding.joint for finding in wrong)]
+    if {finding.code for finding in wrong} != {NO_FIT.name} or not {*names} <= {*joints}:
         return ""
-    motors = {one.joint: joints[one.joint].motor for one in wrong}
-    stiff = [joint for joint, error in motors.items() if np.isnan(error)]
-    if not motors or 2 * len(stiff) >= len(joints):
+    motors = np.array([joints[joint].motor for joint in names])
+    stiff, springs, driven = (
+        np.array(names)[mask].tolist()
+        for mask in (np.isnan(motors), np.isfinite(motors), motors < tol.PART)
+    )
+    if 2 * len(stiff) >= len(joints):
         return ""
-    springs = [joint for joint in motors if joint not in stiff]
-    parts = [f"do not use the load side of {listed(springs)}: no-fit"] if springs else []
-    parts += [f"do not use the torque of {listed(stiff)}: no-fit"] if stiff else []
-    doubtful = [one for one in warnings if one.severity == "doubtful"]
-    for joint in (one for one in springs if motors[one] < PART):
-        care = _care(one for one in doubtful if one.joint == joint)
-        parts.append(f"the drive of {joint} is {care}")
-    if stiff:
-        parts.append(f"the rest is {_care(one for one in doubtful if one.joint not in motors)}")
-    return "; ".join(parts)
+    doubtful = _of_severity("doubtful", warnings)
+    parts = [f"do not use the load side of {listed(springs)}: no-fit"] * bool(springs)
+    parts += [f"do not use the torque of {listed(stiff)}: no-fit"] * bool(stiff)
+    parts += [f"the drive of {joint} is {_care(doubtful, [joint])}" for joint in driven]
+    others = {finding.joint for finding in doubtful}.difference(names)
+    return "; ".join(parts + [f"the rest is {_care(doubtful, others)}"] * bool(stiff))
 
 
-def _care(doubts: Iterable[Finding]) -> str:
-    codes = dict.fromkeys(one.code for one in doubts)
+def _care(doubtful: Sequence[Finding], joints: Collection[str]) -> str:
+    codes = dict.fromkeys(finding.code for finding in doubtful if finding.joint in joints)
     return f"usable with care: {', '.join(codes)}" if codes else "good"
 
 
@@ -255,14 +245,14 @@ class RobotFit:
         if rows is None:
             return None
         instants = np.unique(rows.time[rows.run == rows.run[0]])
-        window_s = max(WINDOW_S, CORRELATED_ROWS * row_step(instants))
+        window_s = max(tol.WINDOW_S, tol.CORRELATED_ROWS * row_step(instants))
         residual = rows.y - rows.H @ self.fit.estimate.values
-        bursts = _bursts(self.joint_names, rows, residual, BURST, window_s)
-        suspects = _bursts(self.joint_names, rows, residual, SURE, window_s)
+        bursts = _bursts(self.joint_names, rows, residual, tol.BURST, window_s)
+        suspects = _bursts(self.joint_names, rows, residual, tol.SURE, window_s)
         apart = np.isin(np.floor(rows.time / window_s), list(suspects))
-        if np.any(apart) and np.mean(apart) < RARE:
+        if np.any(apart) and np.mean(apart) < tol.RARE:
             deleted = _deleted_residual(self.fit, rows, apart)
-            others = _bursts(self.joint_names, rows, deleted, BURST, window_s)
+            others = _bursts(self.joint_names, rows, deleted, tol.BURST, window_s)
             bursts = others if len(set().union(*others.values())) > 1 else bursts
         windows = sorted(bursts)
         if not windows or windows[-1] + 1 - windows[0] > 2 * len(windows):
@@ -291,42 +281,48 @@ def robot_fit(
     rows = bare.rows
     if rows is None or fit.rows is None:
         return bare
-    n, computed, by_blocks = len(rows.joint_names), rows.H @ fit.estimate.values, _blocks(fit)
-    predicted = np.full(len(rows.y), NAN)
-    if by_blocks is not None:
-        predicted = by_blocks.targets if own is None else by_blocks.targets[own]
-    sizes = _load_sizes(experiment, bodies)
+    by_blocks, sizes = _blocks(fit), _load_sizes(experiment, bodies)
+    computed = rows.H @ fit.estimate.values
+    predicted = by_blocks.targets if own is None else by_blocks.targets[own]
     errors, blocks = (_errors(rows, targets, sizes) for targets in (computed, predicted))
-    motors = {rows.joint_names[j - n]: error for j, error in errors.items() if j >= n}
+    misfits = np.column_stack([experiment.of_bodies(bodies), experiment.nominal]).tolist()
+    of_bodies, motors = dict(zip(joint_names, misfits, strict=True)), dict[str, float]()
     for joint, side in actuators.items():
         if side.rows is not None:
             (motors[joint],) = _errors(side.rows, side.rows.H @ side.estimate.values).values()
-    of_bodies = experiment.of_bodies(bodies), experiment.nominal
-    joints = {
-        joint: JointFit(
-            errors[j], blocks[j], motors.get(joint, NAN), *(float(one[j]) for one in of_bodies)
-        )
-        if joint not in locked
-        else JointFit(NAN, NAN, motors.get(joint, NAN))
-        for j, joint in enumerate(joint_names)
-        if j in errors
-    }
-    names = rows.joint_names
-    joints = joints or {names[j]: JointFit(errors[j], blocks[j]) for j in errors if j < n}
+    joints = _joint_fits(rows.joint_names, (errors, blocks), motors, of_bodies)
+    joints |= {x: JointFit(NAN, NAN, joints[x].motor) for x in joints if x in locked}
     residual = NAN, NAN
     if experiment.robot.floating_base is not None:
-        of_joints = np.isin(rows.joint, [j for j, name in enumerate(names) if name in joints])
-        residual = _whole(rows, computed, of_joints), _whole(rows, predicted, of_joints)
-    return replace(
-        bare,
-        joints=FrozenMapping(joints, "joint"),
-        residual=residual,
-        rows_per_parameter=float("inf") if by_blocks is None else by_blocks.rows_per_parameter,
-    )
+        residual = _whole(rows, computed, joints), _whole(rows, predicted, joints)
+    fits, count = FrozenMapping(joints, "joint"), by_blocks.rows_per_parameter
+    return replace(bare, joints=fits, residual=residual, rows_per_parameter=count)
 
 
-def _whole(rows: Regression, computed: Array, some: BoolArray) -> float:
-    """Return the norm of the error of some rows over that of their targets; NaN without."""
+def _joint_fits(
+    names: Sequence[str],
+    errors: tuple[Mapping[int, float], Mapping[int, float]],
+    motors: Mapping[str, float],
+    of_bodies: Mapping[str, Sequence[float]],
+) -> dict[str, JointFit]:
+    """Return the errors of joints, or of the rows of a base where no joint has a torque.
+
+    `errors` {equation: error} are those of the own logs and of excluded blocks, in which the
+    motor equations may be those behind the n of the load side.
+    """
+    own, blocks = errors
+    motors = {x: own[j] for j, x in enumerate(names, len(names)) if j in own} | {**motors}
+    fits = {
+        x: JointFit(own[j], blocks[j], motors.get(x, NAN), *of_bodies.get(x, ()))
+        for j, x in enumerate(names)
+        if j in own
+    }
+    return {x: fit for x, fit in fits.items() if x in of_bodies} or fits
+
+
+def _whole(rows: Regression, computed: Array, joints: Collection[str]) -> float:
+    """Return the norm of the error of the rows of joints over that of their targets."""
+    some = np.isin(rows.joint, [j for j, name in enumerate(rows.joint_names) if name in joints])
     size = float(np.linalg.norm(rows.y[some]))
     return float(np.linalg.norm((rows.y - computed)[some])) / size if size else NAN
 
@@ -363,12 +359,6 @@ def _errors(
     return errors
 
 
-_ALONE = 0.9
-"""Part of the information on a direction of the parameters from which a block alone determines it.
-The other blocks then predict it with ten times the variance of the noise, for an eighth with 1/7
-of it."""
-
-
 @dataclass(frozen=True, eq=False)
 class _Blocks:
     """Targets (R,) of blocks of the rows, each predicted by the fit of the others.
@@ -381,8 +371,8 @@ class _Blocks:
     rows_per_parameter: float
 
 
-def _blocks(fit: FittedRows) -> _Blocks | None:
-    """Return the predictions of blocks, None if there are too few rows for them.
+def _blocks(fit: FittedRows) -> _Blocks:
+    """Return the predictions of blocks, NaN if there are too few rows for them.
 
     Directions of the parameters that a block alone determines, such as the mass at a foot that is
     in the air once, are those of the fit of all: the others predict nothing of them.
@@ -392,7 +382,7 @@ def _blocks(fit: FittedRows) -> _Blocks | None:
     try:
         masks = time_blocks(rows)
     except IdentificationError:  # too few rows
-        return None
+        return _Blocks(np.full(len(rows.y), NAN), float("inf"))
     parts = [qr_factor_of(rows.at(mask)) for mask in masks]
     factors = [
         part.weighted_factor(fit.weights[np.searchsorted(fit.qr_factor.equations, part.equations)])
@@ -412,7 +402,7 @@ def _blocks(fit: FittedRows) -> _Blocks | None:
         variance = shares * (1 - shares)
         real = variance > RANK_TOLERANCE
         scores.append(gradient[real] ** 2 / variance[real])
-        change = np.where(shares < _ALONE, gradient / np.maximum(1 - shares, 1 - _ALONE), 0.0)
+        change = np.where(shares < tol.ALONE, gradient / np.maximum(1 - shares, 1 - tol.ALONE), 0.0)
         targets[mask] = rows.H[mask] @ (theta - root @ (V @ change))
     score, squares = np.concatenate(scores), np.sum((R[:, -1] - R[:, :-1] @ theta) ** 2)
     if not np.sum(score) > 0:  # each direction is determined by a block alone
@@ -432,9 +422,9 @@ def _bursts(
             window = np.floor(rows.time[mine] / window_s)
             starts, place, counts = np.unique(window, return_inverse=True, return_counts=True)
             size = np.sqrt(np.bincount(place, residual[mine] ** 2) / counts)
-            least = SLIGHT * float(np.std(rows.y[mine]))
+            least = tol.SLIGHT * float(np.std(rows.y[mine]))
             far = size > max(times * float(np.median(size)), least)
-            if len(size) >= 8 and np.sum(far) > 1 and np.mean(far) < RARE:
+            if len(size) >= 8 and np.sum(far) > 1 and np.mean(far) < tol.RARE:
                 for start in starts[far].astype(int).tolist():
                     bursts.setdefault(start, set()).add(joint)
     return bursts
@@ -453,7 +443,7 @@ def _deleted_residual(fit: FittedRows, rows: Regression, apart: BoolArray) -> Ar
     residual = rows.y - rows.H @ svd.solve(R[:, p], RANK_TOLERANCE)
     sizes = np.maximum(svd.sizes, RANK_TOLERANCE * svd.sizes[0])
     reach = (H[apart] / svd.norms) @ svd.vectors.T / sizes
-    residual[apart] /= np.sqrt(1 + CORRELATED_ROWS * np.sum(reach**2, axis=1))
+    residual[apart] /= np.sqrt(1 + tol.CORRELATED_ROWS * np.sum(reach**2, axis=1))
     return np.asarray(residual)
 
 
@@ -472,50 +462,16 @@ _LACKS = (
 
 
 def _percent(part: float) -> str:
-    return f"{part:.0%}" if part * POOR < 1 else f"over {1 / POOR:.0%}"
+    return f"{part:.0%}" if part * tol.POOR < 1 else f"over {1 / tol.POOR:.0%}"
 
 
 def _unexplained(given: RobotFit) -> Iterator[Finding]:
     """Yield the joints whose torque the model does not explain."""
-    kept = [x for x, fit in given.joints.items() if x not in BASE_ROWS and fit.own < NOTHING]
     for joint, fit in given.joints.items():
         error = fit.blocks if np.isfinite(fit.blocks) else fit.own
-        evidence = {"error": fit.own, "error of excluded blocks": fit.blocks}
-        is_base, is_nothing = joint in BASE_ROWS, error > NOTHING
-        of = f"the {joint}" if is_base else f"the torque on the load of {joint}"
-        remedy = _OF_BASE if is_base else _OF_JOINT + excluding_torque(kept)
-        holds = f"; its motor equation holds, with an error of {fit.motor:.1%}"
-        holds = holds if fit.motor < PART else ""
-        if is_nothing and fit.own > PART:
-            yield NO_FIT.finding(
-                f"the model explains nothing of {of}: its error is {_percent(fit.own)} of it in "
-                f"the own logs and {_percent(error)} in excluded blocks, that of a constant 100%"
-                f"{holds}",
-                joint,
-                "wrong",
-                evidence,
-                remedy,
-                "certain",
-            )
-        elif is_nothing:
-            yield NO_FIT.finding(
-                f"the model of {joint} fits the own logs, with an error of {fit.own:.0%} of the "
-                f"{'force' if is_base else 'torque'}, and predicts excluded blocks of them with "
-                f"{error:.0%}: the motion of a part of the log does not determine its parameters",
-                joint,
-                evidence=evidence,
-                remedy="record a longer motion"
-                + ("" if is_base else ", or remove terms of this drive"),
-            )
-        elif error > PART and fit.own > PART and joint not in given.weak:
-            yield NO_FIT.finding(
-                f"the model leaves much of {of} unexplained: {fit.own:.0%} of it in the own logs "
-                f"and {error:.0%} in excluded blocks, a constant 100%{holds}",
-                joint,
-                evidence=evidence,
-                remedy=remedy if is_base else _LACKS,
-            )
-        elif fit.nominal < HALF_POWER * fit.identified and fit.identified > POOR:
+        if error > tol.NOTHING or (min(error, fit.own) > tol.PART and joint not in given.weak):
+            yield _misfit(given, joint, error)
+        elif fit.nominal < tol.HALF_POWER * fit.identified and fit.identified > tol.POOR:
             yield NO_FIT.finding(
                 f"the bodies of the robot file predict the torque of {joint} better, with an error "
                 f"of {fit.nominal:.1%}, than the identified ones, with {fit.identified:.1%}",
@@ -525,13 +481,53 @@ def _unexplained(given: RobotFit) -> Iterator[Finding]:
             )
 
 
+def _misfit(given: RobotFit, joint: str, error: float) -> Finding:
+    """Return the finding on a joint of which the model lacks all or much, by its `error`."""
+    fit = given.joints[joint]
+    evidence = {"error": fit.own, "error of excluded blocks": fit.blocks}
+    kept = [
+        x for x, other in given.joints.items() if x not in BASE_ROWS and other.own < tol.NOTHING
+    ]
+    of, force, base = f"the torque on the load of {joint}", "torque", None
+    if joint in BASE_ROWS:
+        of, force, base = f"the {joint}", "force", _OF_BASE
+    holds = f"; its motor equation holds, with an error of {fit.motor:.1%}" * (fit.motor < tol.PART)
+    if fit.own <= tol.PART:
+        return NO_FIT.finding(
+            f"the model of {joint} fits the own logs, with an error of {fit.own:.0%} of the "
+            f"{force}, and predicts excluded blocks of them with {error:.0%}: the motion of a part "
+            "of the log does not determine its parameters",
+            joint,
+            evidence=evidence,
+            remedy="record a longer motion" + ("" if base else ", or remove terms of this drive"),
+        )
+    if error <= tol.NOTHING:
+        return NO_FIT.finding(
+            f"the model leaves much of {of} unexplained: {fit.own:.0%} of it in the own logs and "
+            f"{error:.0%} in excluded blocks, a constant 100%{holds}",
+            joint,
+            evidence=evidence,
+            remedy=base or _LACKS,
+        )
+    return NO_FIT.finding(
+        f"the model explains nothing of {of}: its error is {_percent(fit.own)} of it in the own "
+        f"logs and {_percent(error)} in excluded blocks, that of a constant 100%{holds}",
+        joint,
+        "wrong",
+        evidence,
+        base or _OF_JOINT + excluding_torque(kept),
+        "certain",
+    )
+
+
 def _contacts(given: RobotFit) -> Iterator[Finding]:
     """Yield the times at which residuals of several windows are far beyond those of the others."""
     if given.contact is not None:
         start, end, softly_s, joints = given.contact  # it begins and ends softly, within a window
         yield CONTACT.finding(
             f"between {start:.2f} and {end:.2f} s the torques of {', '.join(joints)} are far from "
-            f"the model, more than {BURST:g} times as far as at other times: contact, or a hand",
+            f"the model, more than {tol.BURST:g} times as far as at other times: contact, or a "
+            "hand",
             joints[0],
             evidence={"start [s]": start, "end [s]": end},
             remedy="in the description of the log:\n"
@@ -541,10 +537,12 @@ def _contacts(given: RobotFit) -> Iterator[Finding]:
 
 def _few_rows(given: RobotFit) -> Iterator[Finding]:
     """Yield that blocks of the logs contradict each other as so few independent rows do."""
-    has_fit = any(NEGLIGIBLE < one.blocks <= NOTHING for one in given.joints.values())
+    has_fit = any(tol.NEGLIGIBLE < one.blocks <= tol.NOTHING for one in given.joints.values())
     error, count = float(np.median([*given.predicted.values()] or [0.0])), given.rows_per_parameter
-    fewest = FEWEST_BY_BLOCKS if given.predicted else FEWEST_INDEPENDENT  # of a floating base
-    is_unclear = error > POOR and count < TWICE * fewest
+    fewest = (
+        tol.FEWEST_BY_BLOCKS if given.predicted else tol.FEWEST_INDEPENDENT
+    )  # of a floating base
+    is_unclear = error > tol.POOR and count < tol.TWICE * fewest
     if has_fit and (count < fewest or is_unclear) and given.contact is None:
         unseen = f", and the torques of other motions have standard errors of {error:.0%} of them"
         yield FEW_ROWS.finding(

@@ -205,7 +205,7 @@ def fitted(count: int, p: int, seed: int, alone: bool = False) -> FittedRows:
 @pytest.mark.parametrize(("count", "p"), [(24, 16), (40, 16), (160, 16), (40, 4)])
 def test_independent_rows_are_counted_by_what_blocks_contradict(count: int, p: int) -> None:
     found = [_blocks(fitted(count, p, seed)) for seed in range(20)]
-    counts = [one.rows_per_parameter for one in found if one is not None]
+    counts = [blocks.rows_per_parameter for blocks in found]
     assert np.median(counts) == pytest.approx(count / p, rel=0.25)
 
 
@@ -236,7 +236,6 @@ def test_what_one_block_alone_determines_is_not_predicted_by_the_others() -> Non
     for seed in range(10):
         fit = fitted(160, 8, seed, alone=True)
         blocks = _blocks(fit)
-        assert blocks is not None
         assert fit.rows is not None
         # the others have a 2500th of the information on the row that acts once
         error = np.std(fit.rows.y - blocks.targets)
