@@ -84,7 +84,6 @@ from .values import contradictions as contradictions
 from .values import disagreement as disagreement
 from .values import drive_findings as drive_findings
 from .values import fixed_findings as fixed_findings
-from .values import fixed_in_simulation as fixed_in_simulation
 from .values import gear_findings as gear_findings
 from .values import homogeneous as homogeneous
 from .values import instruments_without_effect as instruments_without_effect

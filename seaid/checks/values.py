@@ -15,40 +15,9 @@ from typing import Any
 import numpy as np
 
 from seaid._arrays import Array
-from seaid._files import toml_table
-from seaid.checks.check import Code, Observation, consequences, observed, only_joint
-from seaid.checks.codes import (
-    BLOCKS_DISAGREE,
-    DRIFT,
-    FEW_ROWS,
-    GAIN_SCALE,
-    GEAR_COMPLIANCE,
-    HOMOGENEOUS,
-    INCONSISTENT_INERTIA,
-    LOOSE_ENCODER,
-    NEEDLESS_TERM,
-    NEGATIVE_PARAMETER,
-    POORLY_IDENTIFIED,
-    TORQUE_OFFSET,
-    TORQUE_SCALE,
-    UNIDENTIFIABLE,
-    UNUSED_CHANNEL,
-    WEAK_INSTRUMENTS,
-    WEAK_SPRING,
-)
-from seaid.checks.tolerances import (
-    CONTRADICTED,
-    FAR,
-    FEW,
-    FEWEST_INDEPENDENT,
-    NO_CHANCE,
-    NOTHING,
-    POOR,
-    PULL,
-    RARE,
-    SURE,
-    TWICE,
-)
+from seaid.checks import codes
+from seaid.checks import tolerances as tol
+from seaid.checks.check import Code, Observation, consequences, in_drives, observed, only_joint
 from seaid.drives import (
     COMMANDS,
     DEAD_ZONES,
@@ -114,14 +83,14 @@ def homogeneous(fit: FittedRows, weights: Array, cutoff_hz: float) -> Iterator[F
     zero_fits = factor.residual_norms(theta) > torques
     power = (weights * np.linalg.norm(factor.factors[:, :, :-1] @ theta, axis=1)) ** 2
     pull = float(np.sum(power[zero_fits]) / max(float(np.sum(power)), 1e-300))
-    if pull > PULL and not np.all(zero_fits):
+    if pull > tol.PULL and not np.all(zero_fits):
         names = [factor.joint_names[factor.equations[place]] for place in np.flatnonzero(zero_fits)]
-        yield HOMOGENEOUS.finding(
+        yield codes.HOMOGENEOUS.finding(
             f"the torque of {listed(names)} is smaller than what the model leaves unexplained: "
             "without a known torque zero parameters fit best, and noise in the accelerations pulls "
             f"all parameters towards zero, by about {pull:.0%}",
             names[0],
-            "wrong" if pull > RARE else "doubtful",
+            "wrong" if pull > tol.RARE else "doubtful",
             {"reduction": pull},
             f"cutoff_hz={cutoff_hz / 2:.2g} against the noise, or leave it out of torque_joints=",
         )
@@ -132,8 +101,8 @@ def homogeneous(fit: FittedRows, weights: Array, cutoff_hz: float) -> Iterator[F
 
 def _few_rows(estimate: Estimate) -> Iterator[Finding]:
     count, p = estimate.diagnostics.independent_rows, estimate.diagnostics.parameters
-    if count < FEWEST_INDEPENDENT * p:
-        yield FEW_ROWS.finding(
+    if count < tol.FEWEST_INDEPENDENT * p:
+        yield codes.FEW_ROWS.finding(
             f"{p} parameters were estimated from {count:.0f} independent rows: their intervals are "
             "unreliable; record a longer log, or raise cutoff_hz",
             evidence={"independent rows": count, "parameters": float(p)},
@@ -142,8 +111,8 @@ def _few_rows(estimate: Estimate) -> Iterator[Finding]:
 
 def _blocks_disagree(estimate: Estimate) -> Iterator[Finding]:
     scatter = estimate.diagnostics.scatter
-    if scatter >= TWICE:
-        yield BLOCKS_DISAGREE.finding(
+    if scatter >= tol.TWICE:
+        yield codes.BLOCKS_DISAGREE.finding(
             f"{estimate.diagnostics.blocks} parts of the data disagree: their estimates scatter up "
             f"to {scatter**0.5:.1f} times as much as their residuals explain; the standard errors "
             "were enlarged so much",
@@ -156,14 +125,14 @@ def _blocks_disagree(estimate: Estimate) -> Iterator[Finding]:
 def _drifts(estimate: Estimate) -> Iterator[Finding]:
     growth = estimate.diagnostics.growth
     for drift in estimate.diagnostics.drifts:
-        if drift.ratio <= FAR:  # it is in the standard errors all the same
+        if drift.ratio <= tol.FAR:  # it is in the standard errors all the same
             continue
-        yield DRIFT.finding(
+        yield codes.DRIFT.finding(
             f"the torque of {drift.joint or 'the joint'} drifts by about {drift.share:.1%} of its "
             f"rms: below {drift.corner_hz:.2g} Hz the drift is larger than the noise; the standard "
             f"errors were enlarged by it, up to {math.sqrt(growth):.2g} times",
             drift.joint,
-            "doubtful" if growth > TWICE else "note",
+            "doubtful" if growth > tol.TWICE else "note",
             {
                 "share of the torque": drift.share,
                 "corner_hz": drift.corner_hz,
@@ -178,8 +147,8 @@ def _drifts(estimate: Estimate) -> Iterator[Finding]:
 
 def _weak_instruments(estimate: Estimate) -> Iterator[Finding]:
     for name, share in estimate.diagnostics.instruments.items():
-        if share < POOR:
-            yield WEAK_INSTRUMENTS.finding(
+        if share < tol.POOR:
+            yield codes.WEAK_INSTRUMENTS.finding(
                 f"the instruments of {name} are weak (partial R^2 {share:.1%}): its value may be "
                 "as biased as that of least squares",
                 evidence={"partial R^2": share},
@@ -187,10 +156,10 @@ def _weak_instruments(estimate: Estimate) -> Iterator[Finding]:
 
 
 _OF_NOISE = (
-    Observation(FEW_ROWS, _few_rows),
-    Observation(BLOCKS_DISAGREE, _blocks_disagree),
-    Observation(DRIFT, _drifts),
-    Observation(WEAK_INSTRUMENTS, _weak_instruments),
+    Observation(codes.FEW_ROWS, _few_rows),
+    Observation(codes.BLOCKS_DISAGREE, _blocks_disagree),
+    Observation(codes.DRIFT, _drifts),
+    Observation(codes.WEAK_INSTRUMENTS, _weak_instruments),
 )
 
 
@@ -201,7 +170,7 @@ def noise_findings(estimate: Estimate) -> list[Finding]:
 
 def smoothed_instruments(problem: Exception) -> Finding:
     """Return the finding of instruments of the load side that no simulation gave."""
-    return WEAK_INSTRUMENTS.finding(
+    return codes.WEAK_INSTRUMENTS.finding(
         "the instruments of the load side come from the smoothed joint encoders, whose noise may "
         f"bias the base parameters: {problem}"
     )
@@ -209,7 +178,7 @@ def smoothed_instruments(problem: Exception) -> Finding:
 
 def instruments_without_effect() -> Finding:
     """Return the note on instruments of stiff drives."""
-    return WEAK_INSTRUMENTS.finding(
+    return codes.WEAK_INSTRUMENTS.finding(
         "instrumental variables have no effect: the instruments of stiff drives come from the same "
         "motor encoder as the motion",
         severity="note",
@@ -246,14 +215,19 @@ class _Value:
         return {"value": self.value, "standard error": self.error}
 
     @property
+    def has_wrong_sign(self) -> bool:
+        kind = PARAMETERS.get(self.name)
+        return kind is not None and kind.is_positive and self.value < 0
+
+    @property
     def is_sure(self) -> bool:
         """Whether it is below zero, and not only uncertain."""
-        return self.value < -SURE * self.error
+        return self.value < -tol.SURE * self.error
 
     @property
     def reasons(self) -> list[str]:
         """Why it is poorly identified, if it is."""
-        if not self.error > POOR * abs(self.value):
+        if not self.error > tol.POOR * abs(self.value):
             return []
         share = f"standard error {self.error / abs(self.value):.0%}" if self.value else ""
         return [share or "value zero"]
@@ -280,20 +254,6 @@ class _DriveValues:
     def readable(self, name: str) -> str:
         return readable(JointParameter(name, self.joint))
 
-    def below_zero(self, code: Code) -> Iterator[_Value]:
-        """Yield the parameters with the wrong sign, by the code of their findings."""
-        for one in self.values:
-            kind = PARAMETERS.get(one.name)
-            if kind is None or not kind.is_positive or not one.value < 0:
-                continue
-            own = NEGATIVE_PARAMETER
-            if kind.starts:  # the value of a search: not due to a wrong sign in the log
-                own = NEEDLESS_TERM
-            elif one.name == "coulomb_friction" and "stiffness" in self.estimate.names:
-                own = LOOSE_ENCODER
-            if own is code:
-                yield one
-
     @cached_property
     def weak(self) -> list[str]:
         """Why the stiffness may be biased by noise in the deflection, if it may.
@@ -310,7 +270,7 @@ class _DriveValues:
         others = [place for place in range(p) if place not in (k, offset)]
         R = triangle(qr_factor.weighted_factor()[:, [*others, offset, k, p]])[-2:, -2:]
         share = R[0, 1] ** 2 / max(R[0, 1] ** 2 + R[1, 1] ** 2, 1e-300)  # partial R^2
-        if share > 1 - POOR:
+        if share > 1 - tol.POOR:
             return []
         about_mean = triangle(qr_factor.weighted_factor()[:, [offset, k]])[1, 1]
         # amplitude of the sinusoid with the same root mean square
@@ -346,52 +306,45 @@ class _DriveValues:
         return known[0] if known and sizes[known[0]] > sizes["stiffness"] else ""
 
 
-def _weak_spring(given: _DriveValues) -> Iterator[Finding]:
-    for one in given.values if given.weak else ():
-        if one.name == "stiffness":
+def _uncertain(given: _DriveValues) -> Iterator[Finding]:
+    for one in given.values:
+        if one.name == "stiffness" and given.weak:
             subject, constant = one.text, given.scattering
             if constant:
                 subject = f"{given.readable(constant)}, and with it friction and rotor inertia,"
             reasons = "; ".join([*one.reasons, *given.weak])
             message = f"{subject} is poorly identified: {reasons}"
-            yield WEAK_SPRING.finding(message, given.joint, evidence=one.evidence)
-
-
-def _poorly_identified(given: _DriveValues) -> Iterator[Finding]:
-    for one in given.values:
-        if one.reasons and not (one.name == "stiffness" and given.weak):
+            yield codes.WEAK_SPRING.finding(message, given.joint, evidence=one.evidence)
+        elif one.reasons:
             message = f"{one.text} is poorly identified: {one.reasons[0]}"
-            yield POORLY_IDENTIFIED.finding(message, given.joint, "note", one.evidence)
-
-
-def _needless(given: _DriveValues) -> Iterator[Finding]:
-    for one in given.below_zero(NEEDLESS_TERM):
-        message = f"{one.text} is not distinguishable from zero: remove its term"
-        yield NEEDLESS_TERM.finding(message, given.joint, "note", one.evidence)
-
-
-def _loose_encoder(given: _DriveValues) -> Iterator[Finding]:
-    for one in given.below_zero(LOOSE_ENCODER):
-        play = abs(one.value / given.estimate.value("stiffness"))
-        yield LOOSE_ENCODER.finding(
-            f"{one.text} is negative, {one.value:.3g}: the joint encoder, or the spring, has play "
-            f"or hysteresis, at least {play:.2g} (torque of the motor over stiffness)",
-            given.joint,
-            "doubtful" if one.is_sure else "note",
-            one.evidence,
-        )
+            yield codes.POORLY_IDENTIFIED.finding(message, given.joint, "note", one.evidence)
 
 
 def _negative(given: _DriveValues) -> Iterator[Finding]:
-    for one in given.below_zero(NEGATIVE_PARAMETER):
-        sure: Severity = "wrong" if one.name in (*_CONSTANTS, "stiffness") else "doubtful"
-        yield NEGATIVE_PARAMETER.finding(
-            f"{one.text} is negative, {one.value:.3g}: check signs and offsets of the log",
-            given.joint,
-            sure if one.is_sure else "note",
-            one.evidence,
-            _if_negative(one.name, given.estimate.names, one.is_sure),
-        )
+    """Yield the parameters with the wrong sign."""
+    names = given.estimate.names
+    for one in (one for one in given.values if one.has_wrong_sign):
+        severity: Severity = "doubtful" if one.is_sure else "note"
+        if PARAMETERS[one.name].starts:  # of a search: not due to a wrong sign in the log
+            message = f"{one.text} is not distinguishable from zero: remove its term"
+            yield codes.NEEDLESS_TERM.finding(message, given.joint, "note", one.evidence)
+        elif one.name == "coulomb_friction" and "stiffness" in names:
+            play = abs(one.value / given.estimate.value("stiffness"))
+            yield codes.LOOSE_ENCODER.finding(
+                f"{one.text} is negative, {one.value:.3g}: the joint encoder, or the spring, has "
+                f"play or hysteresis, at least {play:.2g} (torque of the motor over stiffness)",
+                given.joint,
+                severity,
+                one.evidence,
+            )
+        else:
+            message = f"{one.text} is negative, {one.value:.3g}: check signs and offsets of the log"
+            remedy = _if_negative(one.name, names, one.is_sure)
+            if one.name in (*_CONSTANTS, "stiffness") and one.is_sure:
+                severity = "wrong"
+            yield codes.NEGATIVE_PARAMETER.finding(
+                message, given.joint, severity, one.evidence, remedy
+            )
 
 
 def _if_negative(name: str, others: Collection[str], sure: bool) -> str:
@@ -420,12 +373,12 @@ def _if_negative(name: str, others: Collection[str], sure: bool) -> str:
 
 
 _OF_DRIVE = (
-    Observation(WEAK_SPRING, _weak_spring),
-    Observation(POORLY_IDENTIFIED, _poorly_identified),
-    Observation(NEEDLESS_TERM, _needless),
-    Observation(LOOSE_ENCODER, _loose_encoder),
-    Observation(NEGATIVE_PARAMETER, _negative),
+    Observation(codes.POORLY_IDENTIFIED, _uncertain),
+    Observation(codes.NEGATIVE_PARAMETER, _negative),
 )
+
+_OF_VALUES = ("poorly-identified", "needless-term", "loose-encoder", "negative-parameter")
+"""The codes of values alone; a weak spring is one by its equation."""
 
 
 def drive_findings(
@@ -437,8 +390,7 @@ def drive_findings(
 
 def revalued(findings: Sequence[Finding], drives: Mapping[str, Estimate]) -> tuple[Finding, ...]:
     """Return findings with those of the values of some drives that were estimated anew."""
-    codes = {check.code.name for check in _OF_DRIVE if check.code is not WEAK_SPRING}
-    kept = [one for one in findings if one.code not in codes or one.joint not in drives]
+    kept = [one for one in findings if one.code not in _OF_VALUES or one.joint not in drives]
     new = [one for joint, estimate in drives.items() for one in drive_findings(joint, estimate)]
     return (*kept, *consequences(findings, new))
 
@@ -447,19 +399,27 @@ _ONE_SIDED = ("dead_zone", "deflection_zero")
 """Half width and centre of a dead zone: a spring that is loaded in one direction shows one end."""
 
 
-def fixed_findings(joint: str, drive: Drive, names: Collection[str]) -> Iterator[Finding]:
-    """Yield the parameters of a drive that a search fixed at their values in the drive."""
+def fixed_findings(
+    joint: str, drive: Drive, names: Collection[str], by_simulation: bool = False
+) -> Iterator[Finding]:
+    """Yield the parameters of a drive that a search fixed at their values in the drive.
+
+    A refinement `by_simulation` has them from `identify`.
+    """
     # without a dead zone, or next to a preload, a zero may be unidentifiable from any motion
     has_zone = {*DEAD_ZONES} & {*drive.spring} and "preload" not in drive.spring
+    where, source = "from this motion", ""
+    if by_simulation:
+        where, source = "in the simulated motion", ", the value of identify"
     for name in names:
         fixed = f"fixed at {drive.values[name]:.3g} {unit_of(drive, name)}"
-        what = f"{readable(JointParameter(name, joint))} is not identifiable from this motion"
-        if name not in _ONE_SIDED or not has_zone:
-            message = f"{what}: {fixed}; remove its term, or excite it"
-            yield UNIDENTIFIABLE.finding(message, joint, "note")
+        what = f"{readable(JointParameter(name, joint))} is not identifiable {where}"
+        if by_simulation or name not in _ONE_SIDED or not has_zone:
+            message = f"{what}: {fixed}{source}; remove its term, or excite it"
+            yield codes.UNIDENTIFIABLE.finding(message, joint, "note")
             continue
         (other,) = (one for one in _ONE_SIDED if one != name)
-        yield UNIDENTIFIABLE.finding(
+        yield codes.UNIDENTIFIABLE.finding(
             f"{what}: the spring is loaded in one direction only and shows one end of its dead "
             f"zone, so that this value, {fixed}, is arbitrary, and that of "
             f"{other.replace('_', ' ')} is wrong by as much",
@@ -472,18 +432,6 @@ def fixed_findings(joint: str, drive: Drive, names: Collection[str]) -> Iterator
         )
 
 
-def fixed_in_simulation(joint: str, drive: Drive, names: Collection[str]) -> Iterator[Finding]:
-    """Yield the parameters of a drive that a refinement fixed at their values in the drive."""
-    for name in names:
-        yield UNIDENTIFIABLE.finding(
-            f"{readable(JointParameter(name, joint))} is not identifiable in the simulated motion: "
-            f"fixed at {drive.values[name]:.3g} {unit_of(drive, name)}, the value of identify; "
-            "remove its term, or excite it",
-            joint,
-            "note",
-        )
-
-
 def offset_findings(robot: Robot, load: FittedRows) -> Iterator[Finding]:
     """Yield the constant errors of motor torques on springs that the load side has as columns."""
     own, qr_factor = load.estimate, load.qr_factor
@@ -491,19 +439,19 @@ def offset_findings(robot: Robot, load: FittedRows) -> Iterator[Finding]:
         if parameter_of(name) != "torque_offset" or not isinstance(name, JointParameter):
             continue
         value, error = float(own.values[place]), float(own.standard_errors[place])
-        lower, upper = own.interval(NO_CHANCE)[place]
+        lower, upper = own.interval(tol.NO_CHANCE)[place]
         joint, drive = name.joint, robot.drives[name.joint]
         equation = qr_factor.equations.index(robot.index(joint))
         rms = np.linalg.norm(qr_factor.factors[equation, :, -1])
         rms /= np.sqrt(qr_factor.counts[equation])
         torque = float(rms / total_ratio(drive))
-        if not lower <= 0 <= upper and abs(value) >= FEW * torque:
-            yield TORQUE_OFFSET.finding(
+        if not lower <= 0 <= upper and abs(value) >= tol.FEW * torque:
+            yield codes.TORQUE_OFFSET.finding(
                 f"the motor torque of {joint} has a constant error of {value:.2g} N m "
                 f"({value / torque:.0%} of the torque on its spring at the motor), which the "
                 "estimates allow for",
                 joint,
-                "doubtful" if abs(value) > RARE * torque else "note",
+                "doubtful" if abs(value) > tol.RARE * torque else "note",
                 {"offset_Nm": value, "standard error": error, "torque_rms_Nm": torque},
                 "set the zero of the torque or current sensor while the motor is off",
             )
@@ -514,7 +462,7 @@ def offset_findings(robot: Robot, load: FittedRows) -> Iterator[Finding]:
 
 def shared_scale(std: float) -> Finding:
     """Return the note that one scale error of all torques is in all standard errors."""
-    return TORQUE_SCALE.finding(
+    return codes.TORQUE_SCALE.finding(
         f"all torques share a scale error of {std:.2g} (known_std): it is in every standard error "
         "and changes all parameters together, so that their ratios are better known",
         severity="note",
@@ -525,7 +473,7 @@ def shared_scale(std: float) -> Finding:
 def scale_of_bodies(joints: Sequence[str]) -> Iterator[Finding]:
     """Yield the note on joints whose motor constants rest on known bodies, which are exact."""
     if joints:
-        yield TORQUE_SCALE.finding(
+        yield codes.TORQUE_SCALE.finding(
             f"the motor constants of {listed(joints)} rest on the known bodies, which count as "
             "exact: were these 10 % heavier, all constants, frictions, rotor inertias and "
             "stiffnesses would be 10 % larger",
@@ -539,32 +487,36 @@ def scale_of_bodies(joints: Sequence[str]) -> Iterator[Finding]:
 
 def unknown_scales(robot: Robot, load_side: Estimate, joints: Sequence[str]) -> Iterator[Finding]:
     """Yield the finding of `joints` whose gains have a scale that nothing determines."""
-    ratios: dict[str, float] = {}
+    if not joints:
+        return
+    scales = (f"{joint} {robot.drives[joint].scale_of_gains:.4g}" for joint in joints)
+    yield codes.GAIN_SCALE.finding(
+        "the gains are in units of the drive, and nothing fixes their scale in N m: it counts as "
+        f"that of the drives file ({listed(scales)}), and all inertias, masses, frictions and "
+        "torques of the joints that move together are known up to that factor. Their ratios, "
+        "delays and the replay of logs do not depend on it",
+        only_joint(joints),
+        "doubtful",
+        {name: x for joint in robot.joint_names for name, x in _ratios(load_side, joint).items()},
+        "known bodies (known_bodies=), logs with and without a payload (identify_conditions), or "
+        + in_drives({(joints[0],): 'gain_scale = 1.0  # write yours\nknown = ["gain_scale"]'}),
+        "certain",
+    )
+
+
+def _ratios(load_side: Estimate, joint: str) -> dict[str, float]:
+    """Return the parameters of a joint over the best known one, which have no unknown scale."""
     others = ("command_delay", "gain_scale", *_CONSTANTS)
-    for joint in robot.joint_names if joints else ():
-        own = [name for name in load_side.names if getattr(name, "joint", "") == joint]
-        own = [name for name in own if parameter_of(name) not in others]
-        sizes = [load_side.standard_error(x) / abs(load_side.value(x) or 1e-300) for x in own]
-        for one in own:
-            first = own[int(np.argmin(sizes))]
-            if one != first:
-                name = f"{parameter_of(one)} over {parameter_of(first)} of {joint}"
-                ratios[name] = load_side.value(one) / load_side.value(first)
-    if joints:
-        scales = (f"{joint} {robot.drives[joint].scale_of_gains:.4g}" for joint in joints)
-        yield GAIN_SCALE.finding(
-            "the gains are in units of the drive, and nothing fixes their scale in N m: it counts "
-            f"as that of the drives file ({listed(scales)}), and all inertias, masses, frictions "
-            "and torques of the joints that move together are known up to that factor. Their "
-            "ratios, delays and the replay of logs do not depend on it",
-            only_joint(joints),
-            "doubtful",
-            ratios,
-            "known bodies (known_bodies=), logs with and without a payload (identify_conditions), "
-            f"or the scale in the drives file:\n{toml_table(joints[0])}\n"
-            'gain_scale = 1.0  # write yours\nknown = ["gain_scale"]',
-            "certain",
-        )
+    relative = dict(zip(load_side.names, load_side.relative_standard_errors, strict=True))
+    own = [x for x in load_side.names if isinstance(x, JointParameter) and x.joint == joint]
+    own = [name for name in own if name.parameter not in others]
+    first = min(own, key=lambda name: relative[name], default=None)
+    return {
+        f"{name.parameter} over {first.parameter} of {joint}": load_side.value(name)
+        / load_side.value(first)
+        for name in own
+        if first is not None and name != first
+    }
 
 
 # Bodies
@@ -579,7 +531,7 @@ def contradictions(robot: Robot, program: Program, least: float, bounds: int) ->
     """
     count = len(program.estimate)
     # chi-square has the mean n and the variance 2 n
-    if least <= count + CONTRADICTED * math.sqrt(2.0 * count):
+    if least <= count + tol.CONTRADICTED * math.sqrt(2.0 * count):
         return
     text = (
         f"no physically consistent robot comes near the estimate: chi-square is at least "
@@ -589,11 +541,11 @@ def contradictions(robot: Robot, program: Program, least: float, bounds: int) ->
         ((nearest(x).chi_square, words) for words, x in _assumptions(robot, program, bounds)),
         default=(least, ""),
     )
-    if smallest < (1 - NOTHING) * least:
-        yield INCONSISTENT_INERTIA.finding(f"{text}, and {smallest:.3g} without {words}")
+    if smallest < (1 - tol.NOTHING) * least:
+        yield codes.INCONSISTENT_INERTIA.finding(f"{text}, and {smallest:.3g} without {words}")
         return
     known = f"known bodies ({', '.join(robot.known_bodies)}), " if robot.known_bodies else ""
-    yield INCONSISTENT_INERTIA.finding(
+    yield codes.INCONSISTENT_INERTIA.finding(
         f"{text}; check {known}missing payloads, encoder offsets, and lengths and axes in the "
         "robot file",
         certainty="possible",
@@ -626,7 +578,7 @@ def _assumptions(robot: Robot, program: Program, bounds: int) -> Iterator[tuple[
 
 def rigid_gear(joint: str, least: float) -> Finding:
     """Return the note on a gear whose stiffness [N m/rad] is above the `least` one."""
-    return GEAR_COMPLIANCE.finding(
+    return codes.GEAR_COMPLIANCE.finding(
         f"the gear of {joint} is rigid within the errors: its stiffness is above {least:.3g} "
         "N m/rad",
         joint,
@@ -659,16 +611,13 @@ def gear_findings(
         if not is_by_deflection(joint)
     ]
     if joints:
-        yield GEAR_COMPLIANCE.finding(
+        yield codes.GEAR_COMPLIANCE.finding(
             f"the stiffness of {listed(joints)} is that between the encoders, of spring and gear "
             "in series; give gear_stiffness_Nm_per_rad in the drives, or log the deflection too, "
             "for that of the spring alone",
             only_joint(joints),
             "note",
         )
-
-
-_CHANNELS = (*INPUT_FIELDS.values(), "joint_torque")
 
 
 def unused_findings(
@@ -678,31 +627,41 @@ def unused_findings(
     motions: Sequence[Motion],
 ) -> Iterator[Finding]:
     """Yield notes on parameters of `drives` that no equation has, and on channels without use."""
-    for joint in robot.elastic_joints:  # without the motor equation (7), where one is missing
-        own, names = robot.drives[joint], motor_regressor(robot, joint).names
-        missing = [name.replace("_", " ") for name in names if name not in drives[joint].names]
-        if missing:
-            message = (
-                f"the log has the joint torque of {joint} and not its motor {own.motor_input}, "
-                f"which alone would identify {listed(missing)}"
-            )
-            yield UNIDENTIFIABLE.finding(message, joint, "note", certainty="certain")
-
-    def is_logged(channel: str, joint: str) -> bool:
-        signals = [getattr(motion, channel) for motion in motions]
-        index = robot.index(joint)
-        return any(one is not None and np.any(np.isfinite(one[:, index])) for one in signals)
-
-    used = {x: INPUT_FIELDS[robot.drives[x].motor_input] for x in torque_joints}
-    for channel in _CHANNELS:
-        unused = [
-            joint
-            for joint in robot.joint_names
-            if joint in used and channel != used[joint] and is_logged(channel, joint)
-            if channel != "joint_torque"
-            or (not robot.drives[joint].is_elastic and is_logged(used[joint], joint))
-        ]
+    yield from _without_motor_equation(robot, drives)
+    inputs = {x: INPUT_FIELDS[robot.drives[x].motor_input] for x in torque_joints}
+    logged = _logged_torques(robot, motions)
+    for channel, joints in logged.items():
+        unused = [joint for joint in joints if inputs.get(joint, channel) != channel]
+        if channel == "joint_torque":  # that is in (4b), or stands for that of the motor
+            stiff = {*robot.joint_names}.difference(robot.elastic_joints)
+            unused = [x for x in unused if x in stiff.intersection(logged[inputs[x]])]
         if unused:
             name, joint = channel.replace("_", " "), only_joint(unused)
             message = f"the {name} of {listed(unused)} is in the log and in no equation"
-            yield UNUSED_CHANNEL.finding(message, joint, "note", certainty="certain")
+            yield codes.UNUSED_CHANNEL.finding(message, joint, "note", certainty="certain")
+
+
+def _without_motor_equation(robot: Robot, drives: Mapping[str, Estimate]) -> Iterator[Finding]:
+    for joint in robot.elastic_joints:
+        names = motor_regressor(robot, joint).names
+        missing = [name.replace("_", " ") for name in names if name not in drives[joint].names]
+        if missing:
+            yield codes.UNIDENTIFIABLE.finding(
+                f"the log has the joint torque of {joint} and not its motor "
+                f"{robot.drives[joint].motor_input}, which alone would identify {listed(missing)}",
+                joint,
+                "note",
+                certainty="certain",
+            )
+
+
+def _logged_torques(robot: Robot, motions: Sequence[Motion]) -> dict[str, list[str]]:
+    """Return {channel: joints of which some motion has it}."""
+    logged = {}
+    for channel in (*INPUT_FIELDS.values(), "joint_torque"):
+        signals = (getattr(motion, channel) for motion in motions)
+        is_logged = np.zeros(robot.n, dtype=bool)
+        for values in (values for values in signals if values is not None):
+            is_logged |= np.any(np.isfinite(values), axis=0)
+        logged[channel] = np.array(robot.joint_names)[is_logged].tolist()
+    return logged

@@ -22,7 +22,7 @@ from seaid._arrays import Array, BoolArray, FrozenMapping, white_noise
 from seaid._progress import track
 from seaid.checks import (
     consequences,
-    fixed_in_simulation,
+    fixed_findings,
     nothing_to_simulate,
     revalued,
     worse_than_start,
@@ -776,7 +776,9 @@ def _held(found: Identification, layout: Layout, here: Point) -> Identification 
         if not weak:
             continue
         places = [place for place, name in enumerate(own.names) if name not in weak]
-        notes += consequences(found.findings, fixed_in_simulation(joint, drive, weak))
+        notes += consequences(
+            found.findings, fixed_findings(joint, drive, weak, by_simulation=True)
+        )
         part = own.part(places, [own.names[place] for place in places])
         sides[joint] = part
         known[joint] = replace(drive, known=(*drive.known, *weak))
