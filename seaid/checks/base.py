@@ -6,32 +6,18 @@ the samples. If they are right, the contacts are looked at.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import chain
 
 import numpy as np
 
 from seaid._arrays import Array, is_constant
-from seaid.checks.check import Observation, observed, only_joint
-from seaid.checks.codes import (
-    BASE_BIAS,
-    BASE_FRAMES,
-    BASE_JUMPS,
-    BASE_SENSOR,
-    NO_TORQUE,
-    SENSOR_ZERO,
-    UNIDENTIFIABLE,
-)
+from seaid.checks import codes
+from seaid.checks import tolerances as tol
+from seaid.checks.check import Observation, is_wrong, observed, only_joint
 from seaid.checks.contacts import MOTION_CHECKS, FeetInMotion, unused_lifts
-from seaid.checks.tolerances import (
-    BASE_TURNS_RAD_S,
-    FRAMES_HZ,
-    MANY_TIMES,
-    NEGLIGIBLE,
-    PART,
-    RARE,
-)
 from seaid.errors import Finding, listed
 from seaid.log import (
     CHANNELS,
@@ -63,7 +49,7 @@ def _missing_axes(record: BaseRecord) -> Iterator[Finding]:
         columns = zip("xyz", CHANNELS[name], () if values is None else values.T, strict=False)
         for axis, whole_name, column in columns:
             if whole_name in needed and is_constant(column):
-                yield BASE_SENSOR.finding(
+                yield codes.BASE_SENSOR.finding(
                     f"the {axis} axis of the {name.replace('_', ' ')} of the base is "
                     f"{column[0]:.4g} all the time: it is missing",
                     severity="wrong",
@@ -77,7 +63,7 @@ def _jumps(record: BaseRecord) -> Iterator[Finding]:
     """Yield jumps of a pose, which were taken out."""
     for name, (count, largest, first_s) in base_jumps(record.samples, record.time).items():
         unit = {"position": " m", "velocity": " m/s"}.get(name, " rad")
-        yield BASE_JUMPS.finding(
+        yield codes.BASE_JUMPS.finding(
             f"the {name} of the base jumps {count} times, by up to {largest:.3g}{unit}, first at t "
             f"= {first_s:.4g} s, as a state estimator does that corrects itself: the jumps were "
             "taken out, and samples near them are not used",
@@ -107,8 +93,8 @@ def _against_gyroscope_or_gravity(record: BaseRecord) -> Iterator[Finding]:
             return
     if samples.specific_force is not None:
         force = turned_to_world(samples.orientation, samples.specific_force @ imu.T).mean(axis=0)
-        if force[2] < -PART * np.linalg.norm(force):
-            yield BASE_FRAMES.finding(
+        if force[2] < -tol.PART * np.linalg.norm(force):
+            yield codes.BASE_FRAMES.finding(
                 "the specific force of the base points downwards: an accelerometer at rest "
                 "measures 9.81 m/s^2 upwards",
                 severity="wrong",
@@ -126,8 +112,8 @@ def _out_of_plane(record: BaseRecord) -> Iterator[Finding]:
     inside = float(np.std(w @ np.array(base.normal)))
     outside = float(np.linalg.norm(np.std(w @ (np.eye(3) - base.turning), 0)))
     # a guide with play and an IMU that is mounted askew have a few hundredths
-    if outside > max(RARE * inside, BASE_TURNS_RAD_S):
-        yield BASE_FRAMES.finding(
+    if outside > max(tol.RARE * inside, tol.BASE_TURNS_RAD_S):
+        yield codes.BASE_FRAMES.finding(
             f"the base turns with {outside:.2g} rad/s (rms) about the axes in its plane and with "
             f"{inside:.2g} rad/s about the normal: it does not move in this plane",
             severity="wrong",
@@ -139,10 +125,10 @@ def _out_of_plane(record: BaseRecord) -> Iterator[Finding]:
 def _turning(orientation: Array, w: Array, time: Array) -> Iterator[Finding]:
     """Yield the order, frame or unit that makes the gyroscope the change of the orientation."""
     rate_hz = (len(time) - 1) / float(time[-1] - time[0])
-    band_hz = min(FRAMES_HZ, 0.4 * rate_hz)
+    band_hz = min(tol.FRAMES_HZ, 0.4 * rate_hz)
     w, orientation = (low_pass(x, rate_hz, band_hz) for x in (w, orientation))
     change = quaternion_rates(orientation, time)
-    if float(np.std(change)) < BASE_TURNS_RAD_S:
+    if float(np.std(change)) < tol.BASE_TURNS_RAD_S:
         return
     w_in_base = turned_to_world(orientation, w, back=True)
     readings = {
@@ -154,24 +140,19 @@ def _turning(orientation: Array, w: Array, time: Array) -> Iterator[Finding]:
             w,
         ),
     }
-    misfit = 1 - _correlation(change, w)
-    misfits = {
-        text: 1 - _correlation(quaternion_rates(turns, time), rates)
-        for text, (turns, rates) in readings.items()
-    }
+    misfit, misfits = 1 - _correlation(change, w), dict[str, float]()
+    for text, (turns, rates) in readings.items():
+        misfits[text] = 1 - _correlation(quaternion_rates(turns, time), rates)
     best = min(misfits, key=misfits.__getitem__)
-    if misfit > NEGLIGIBLE and MANY_TIMES * misfits[best] < misfit:
-        text, remedy = f"the angular velocity contradicts the orientation: {best}", _BY_SAMPLES
-    elif misfit > PART:
-        text = "the angular velocity contradicts the orientation: order, frame, or times are others"
-        remedy = _BY_SAMPLES
-    elif abs(np.sum(change * w) / np.sum(w * w) / np.radians(1.0) - 1) < RARE:
-        text = "the angular velocity is in degrees per second"
-        remedy = _described("angular_velocity", "0.0174533")
-    else:
-        return
-    evidence = {"correlation": 1 - misfit}
-    yield BASE_FRAMES.finding(text, severity="wrong", evidence=evidence, remedy=remedy)
+    text, remedy = "contradicts the orientation: order, frame, or times are others", _BY_SAMPLES
+    if misfit > tol.NEGLIGIBLE and tol.MANY_TIMES * misfits[best] < misfit:
+        text = f"contradicts the orientation: {best}"
+    elif misfit <= tol.PART:
+        text, remedy = "is in degrees per second", _described("angular_velocity", "0.0174533")
+        if abs(np.sum(change * w) / np.sum(w * w) / np.radians(1.0) - 1) >= tol.RARE:
+            return
+    text, evidence = f"the angular velocity {text}", {"correlation": 1 - misfit}
+    yield codes.BASE_FRAMES.finding(text, severity="wrong", evidence=evidence, remedy=remedy)
 
 
 _BY_SAMPLES = (
@@ -195,9 +176,9 @@ def _correlation(x: Array, y: Array) -> float:
 
 
 _RECORD_CHECKS = (
-    Observation(BASE_SENSOR, _missing_axes),
-    Observation(BASE_FRAMES, _contradicting_frames),
-    Observation(BASE_JUMPS, _jumps),
+    Observation(codes.BASE_SENSOR, _missing_axes),
+    Observation(codes.BASE_FRAMES, _contradicting_frames),
+    Observation(codes.BASE_JUMPS, _jumps),
 )
 
 
@@ -209,33 +190,31 @@ def base_findings(
     if base is None:
         return []
     records = [BaseRecord(log.base, log.time, base) for log in logs if log.base is not None]
-    findings = [finding for one in records for finding in observed(_RECORD_CHECKS, one)]
-    if not any(finding.severity == "wrong" for finding in findings):
-        every = [motion for parts in motions for motion in parts]
-        for motion in every:
-            findings += observed(MOTION_CHECKS, FeetInMotion(robot, motion, logs))
-        lifts = Observation(UNIDENTIFIABLE, partial(unused_lifts, base))
-        findings += observed((lifts,), every)
-    return findings
+    findings = [finding for record in records for finding in observed(_RECORD_CHECKS, record)]
+    if is_wrong(findings):
+        return findings
+    every = list(chain(*motions))
+    for motion in every:
+        findings += observed(MOTION_CHECKS, FeetInMotion(robot, motion, logs))
+    lifts = Observation(codes.UNIDENTIFIABLE, partial(unused_lifts, base))
+    return findings + observed((lifts,), every)
 
 
-def missing_torques(robot: Robot, asked: Sequence[str], used: Collection[str]) -> list[Finding]:
-    """Return the note on joints of a floating base that are `asked` for and have no torque."""
+def missing_torques(robot: Robot, asked: Sequence[str], used: Collection[str]) -> Iterator[Finding]:
+    """Yield the note on joints of a floating base that are `asked` for and have no torque."""
     missing = [joint for joint in asked if joint not in used]
-    if robot.floating_base is None or not missing:
-        return []
     consequence = "the equations of the base alone are used"
     if used:
         consequence = "their equations are not used, and what moves by them is less certain"
-    note = NO_TORQUE.finding(
-        f"the log has no torque of {listed(missing)}: {consequence}",
-        only_joint(missing),
-        "note",
-        {"joints": float(len(missing))},
-        "describe the torque of these joints, or name the others with torque_joints=",
-        "certain",
-    )
-    return [note]
+    if robot.floating_base is not None and missing:
+        yield codes.NO_TORQUE.finding(
+            f"the log has no torque of {listed(missing)}: {consequence}",
+            only_joint(missing),
+            "note",
+            {"joints": float(len(missing))},
+            "describe the torque of these joints, or name the others with torque_joints=",
+            "certain",
+        )
 
 
 def sensor_errors(
@@ -252,35 +231,45 @@ def sensor_errors(
     standard `errors`; the logs do not determine `hidden` axes.
     """
     bias, error = np.zeros(3), 0.0
-    zeros: dict[str, tuple[float, float]] = {}
+    zeros: dict[tuple[str, int], tuple[float, float]] = {}
     for (link, axis), value, std in zip(places, values.tolist(), errors.tolist(), strict=True):
         if link:
-            zeros[f"{_axis_of(link, axis)} [{('N', 'N m')[axis // 3]}]"] = value, std
+            zeros[link, axis] = value, std
         else:
             bias[axis], error = value, max(error, std)
     if error and imu is not None:
-        bias = bias @ imu
-        yield BASE_BIAS.finding(
-            f"the accelerometer has a bias of {', '.join(f'{x:.2g}' for x in bias)} m/s^2 (x, y, "
-            f"z, standard error {error:.1g}): it was identified with the bodies and subtracted",
+        evidence = dict(zip(("x [m/s^2]", "y [m/s^2]", "z [m/s^2]"), bias @ imu, strict=True))
+        yield codes.BASE_BIAS.finding(
+            f"the accelerometer has a bias of {', '.join(f'{x:.2g}' for x in evidence.values())} "
+            f"m/s^2 (x, y, z, standard error {error:.1g}): it was identified with the bodies and "
+            "subtracted",
             severity="note",
-            evidence={f"{axis} [m/s^2]": float(x) for axis, x in zip("xyz", bias, strict=True)},
+            evidence=evidence,
             remedy="calibrate the accelerometer in several orientations, or let the base tilt "
             "more: the bodies are less certain by the error of the bias",
         )
     if zeros:
-        texts = [f"{name} {value:.3g} +- {std:.1g}" for name, (value, std) in zeros.items()]
-        unknown = f"; not determined: {listed(_axis_of(*at) for at in hidden)}" if hidden else ""
-        yield SENSOR_ZERO.finding(
-            f"force sensors have zeros of {', '.join(texts)}: they were identified with the bodies "
-            f"and subtracted{unknown}",
-            next(link for link, _ in places if link),
-            "note",
-            {name: value for name, (value, _) in zeros.items()},
-            "set the sensors to zero with the feet in the air: the bodies are less certain by the "
-            "errors of the zeros",
-        )
+        yield _zeros(zeros, hidden)
 
 
-def _axis_of(link: str, axis: int) -> str:
-    return f"{('force', 'moment')[axis // 3]} {'xyz'[axis % 3]} of {link}"
+def _zeros(
+    zeros: Mapping[tuple[str, int], tuple[float, float]], hidden: Sequence[tuple[str, int]]
+) -> Finding:
+    """Return the note on zeros {(link, axis): value and standard error} of force sensors."""
+    named = {_axis_of(*place, is_unit=True): pair for place, pair in zeros.items()}
+    texts = (f"{name} {value:.3g} +- {std:.1g}" for name, (value, std) in named.items())
+    unknown = f"; not determined: {listed(_axis_of(*at) for at in hidden)}" if hidden else ""
+    return codes.SENSOR_ZERO.finding(
+        f"force sensors have zeros of {', '.join(texts)}: they were identified with the bodies and "
+        f"subtracted{unknown}",
+        next(iter(zeros))[0],
+        "note",
+        {name: value for name, (value, _) in named.items()},
+        "set the sensors to zero with the feet in the air: the bodies are less certain by the "
+        "errors of the zeros",
+    )
+
+
+def _axis_of(link: str, axis: int, is_unit: bool = False) -> str:
+    name, unit = (("force", "N"), ("moment", "N m"))[axis // 3]
+    return f"{name} {'xyz'[axis % 3]} of {link}" + f" [{unit}]" * is_unit

@@ -85,11 +85,13 @@ def in_drives(tables: Mapping[tuple[str, ...], str], only: str = "") -> str:
     return "\n".join([f"in the drives file{only and f', {only}'}:", *parts])
 
 
-def in_description(sources: Mapping[str, Mapping[str, str]], log: str = "the log") -> str:
+def in_description(
+    sources: Mapping[str, Mapping[str, str]], log: str = "the log", table: str = "joints"
+) -> str:
     """Return the remedy that changes channels of a log: {joint: {quantity: its source as TOML}}."""
     lines = [f"in the description of {log}:"]
-    for joint, entries in sources.items():
-        lines.append(toml_table("joints", joint))
+    for name, entries in sources.items():
+        lines.append(toml_table(table, name))
         lines += [f"{quantity} = {source}" for quantity, source in entries.items()]
     return "\n".join(lines)
 

@@ -15,23 +15,9 @@ from typing import Any
 import numpy as np
 
 from seaid._arrays import Array, BoolArray, IndexArray, runs
-from seaid._files import toml_table
-from seaid.checks.check import Observation
+from seaid.checks import tolerances as tol
+from seaid.checks.check import Observation, in_description
 from seaid.checks.codes import CONTACT_FLAGS, SWAPPED_JOINTS, UNIDENTIFIABLE
-from seaid.checks.tolerances import (
-    FEET_REST_M_S,
-    FEW,
-    FOOT_LEVEL_M,
-    FOOT_LIFTS_M,
-    FOOT_REST_S,
-    FOOT_RISES_M_S,
-    FOOT_SLIDES_M_S,
-    JUDGED_INSTANTS,
-    JUDGED_PARTS,
-    MOST_LEGS,
-    PART,
-    RARE,
-)
 from seaid.errors import Finding, listed
 from seaid.log import LEAST_LIFT, POSITION_BAND, BaseMotion, Log, Motion, as_toml
 from seaid.regressor import contact_map
@@ -113,14 +99,16 @@ class FeetInMotion:
             described = (log.description or {}).get("contacts", described)
         return described.get(link, {}).get("contact", f"{link}.contact")
 
+    def channels_of(self, joint: str) -> dict[str, str]:
+        """Return {quantity: source as TOML} of a joint, as the last description has it."""
+        sources = (log.sources()[joint] for log in self.logs)
+        return {name: as_toml(x) for channels in sources for name, x in channels.items()}
+
 
 def _flag_tables(sources: Mapping[str, Any]) -> str:
     """Return the TOML of flags {link: source}."""
-    tables = (
-        f"{toml_table('contacts', link)}\ncontact = {as_toml(source)}"
-        for link, source in sources.items()
-    )
-    return "\n".join(["in the description of the log:", *tables])
+    flags = {link: {"contact": as_toml(source)} for link, source in sources.items()}
+    return in_description(flags, table="contacts")
 
 
 def _contradicted_flags(feet: FeetInMotion) -> Iterator[Finding]:
@@ -148,13 +136,13 @@ def _moving(feet: FeetInMotion, k: int, link: str) -> Iterator[Finding]:
     """Yield a contact that moves while its flag says that it stands."""
     vertical, along = (speed[:, k] for speed in feet.speeds)
     standing, has_vertical = feet.flags[:, k] & feet.judged, feet.base.up is not None
-    rises, slides = lifted(vertical, standing, feet.motion.rate_hz), along > FOOT_SLIDES_M_S
+    rises, slides = lifted(vertical, standing, feet.motion.rate_hz), along > tol.FOOT_SLIDES_M_S
     for moving, speed, how, is_doubtful in (
         (rises, vertical, "is in the air: it rises and falls", True),
         (slides & standing, along, "slips" if has_vertical else "moves", not has_vertical),
     ):
         share = float(moving.sum()) / max(int(standing.sum()), 1)
-        if share >= FEW:
+        if share >= tol.FEW:
             rms = float(np.sqrt(np.mean(speed[moving] ** 2)))
             yield CONTACT_FLAGS.finding(
                 f"{link} is flagged as standing and {how}, with {rms:.2g} m/s during {share:.1%} "
@@ -175,9 +163,9 @@ def lifted(vertical: Array, standing: BoolArray, rate_hz: float) -> BoolArray:
 
     One that moves by less may sink into the ground, or be soft.
     """
-    rises = standing & (vertical > FOOT_RISES_M_S)
+    rises = standing & (vertical > tol.FOOT_RISES_M_S)
     for start, end in runs(rises):
-        if np.sum(vertical[start:end]) < FOOT_LIFTS_M * rate_hz:
+        if np.sum(vertical[start:end]) < tol.FOOT_LIFTS_M * rate_hz:
             rises[start:end] = False
     return np.asarray(rises)
 
@@ -192,9 +180,9 @@ def _resting(feet: FeetInMotion) -> Iterator[Finding]:
     ground[on_ground] = np.nanmedian(np.where(flags, height, np.nan)[on_ground], axis=1)
     for k, link in enumerate(feet.links):
         in_air = feet.judged & ~flags[:, k]
-        level = runs(in_air & (np.abs(height[:, k] - ground) < FOOT_LEVEL_M))
+        level = runs(in_air & (np.abs(height[:, k] - ground) < tol.FOOT_LEVEL_M))
         rests_s = (level[:, 1] - level[:, 0]) / motion.rate_hz
-        rests_s = rests_s[rests_s > FOOT_REST_S]
+        rests_s = rests_s[rests_s > tol.FOOT_REST_S]
         if not len(rests_s):
             continue
         longest_s = float(np.max(rests_s))
@@ -204,7 +192,7 @@ def _resting(feet: FeetInMotion) -> Iterator[Finding]:
             f"{longest_s:.2g} s, {share:.0%} of that time in all: forces on it would go into the "
             "bodies",
             link,
-            "wrong" if share > RARE else "doubtful",
+            "wrong" if share > tol.RARE else "doubtful",
             {"longest rest [s]": longest_s, "share": share},
             "check the sign, the threshold and the delay of its flag",
         )
@@ -225,18 +213,16 @@ def foot_places(robot: Robot, q: Array, links: Sequence[str]) -> Array:
 def unused_lifts(base: FloatingBase, motions: Sequence[Motion]) -> Iterator[Finding]:
     """Yield feet that are in the air too briefly for any of these samples to be used."""
     for link in base.contact_links:
-        lifts = [
-            (~one.base.contacts[link], one.base.used, one)
-            for one in motions
-            if one.base is not None and link in one.base.contacts
-        ]
-        if any(np.any(is_up & used) for is_up, used, _ in lifts):
+        count, duration_s, least_s, is_used = 0, 0.0, 0.0, False
+        for motion in motions:
+            if motion.base is not None and link in motion.base.contacts:
+                is_up = ~motion.base.contacts[link]
+                is_used |= bool(np.any(is_up & motion.base.used))
+                count += len(runs(is_up))
+                duration_s += float(is_up.sum()) / motion.rate_hz
+                least_s = max(least_s, LEAST_LIFT / (POSITION_BAND * motion.cutoff_hz))
+        if is_used or count == 0:
             continue
-        count = sum(len(runs(is_up)) for is_up, _, _ in lifts)
-        if count == 0:
-            continue
-        duration_s = sum(float(is_up.sum()) / one.rate_hz for is_up, _, one in lifts)
-        least_s = max(LEAST_LIFT / (POSITION_BAND * one.cutoff_hz) for _, _, one in lifts)
         yield UNIDENTIFIABLE.finding(
             f"{link} is in the air for {duration_s:.2g} s in all, in {count} lifts, which are not "
             "used: next to a change of contact the positions have a corner, and half a period of "
@@ -256,11 +242,11 @@ def lateness(feet: FeetInMotion) -> tuple[float, float, float] | None:
     None unless other times are clearly better.
     """
     rate_hz, flags = feet.motion.rate_hz, feet.flags
-    most = int(FOOT_REST_S * rate_hz)
+    most = int(tol.FOOT_REST_S * rate_hz)
     inside = np.arange(most, len(flags) - most)
-    if len(inside) < JUDGED_PARTS or np.all(flags == flags[0]):
+    if len(inside) < tol.JUDGED_PARTS or np.all(flags == flags[0]):
         return None
-    some = inside[_spread(len(inside), 4 * JUDGED_INSTANTS)]
+    some = inside[_spread(len(inside), 4 * tol.JUDGED_INSTANTS)]
     step, own = max(most // 20, 1), feet.velocities[some]
     squares = {
         shift: _mean_squares(own, feet.base, some, flags[some + shift])
@@ -270,7 +256,7 @@ def lateness(feet: FeetInMotion) -> tuple[float, float, float] | None:
     if abs(best) < 2 * step or not _is_clearly_lower(squares[best], squares[0]):
         return None
     now, speed = (float(np.sqrt(np.mean(squares[shift]))) for shift in (0, best))
-    return (best / rate_hz, now, speed) if now > FEET_REST_M_S else None
+    return (best / rate_hz, now, speed) if now > tol.FEET_REST_M_S else None
 
 
 def _late_finding(feet: FeetInMotion, late_s: float, now: float, speed: float) -> Finding:
@@ -304,7 +290,7 @@ def _mean_squares(own: Array, base: BaseMotion, some: IndexArray, flags: BoolArr
     """Return the mean squared speeds of contacts that stand, in successive parts of the time."""
     velocity = None if base.velocity is None else base.velocity[some]
     squares = flags * np.sum(_over_ground(own, velocity, flags) ** 2, axis=2)
-    parts = (np.array_split(x, JUDGED_PARTS) for x in (squares, flags))
+    parts = (np.array_split(x, tol.JUDGED_PARTS) for x in (squares, flags))
     return np.array([np.sum(x) / max(np.sum(stand), 1) for x, stand in zip(*parts, strict=True)])
 
 
@@ -315,8 +301,8 @@ def _spread(count: int, most: int) -> IndexArray:
 
 def _is_clearly_lower(squares: Array, others: Array) -> bool:
     """Whether squared speeds in parts of the time are lower by half, and in most of the parts."""
-    is_half = np.mean(squares) <= PART * np.mean(others)
-    return bool(is_half and np.mean(squares <= others) >= 1 - RARE)
+    is_half = np.mean(squares) <= tol.PART * np.mean(others)
+    return bool(is_half and np.mean(squares <= others) >= 1 - tol.RARE)
 
 
 @dataclass(frozen=True)
@@ -340,38 +326,42 @@ def best_order(feet: FeetInMotion) -> LegOrder | None:
     joints of all legs, then the second ones, and so on; each with all orders of the flags. None
     unless one is clearly better than that of the log and than all others.
     """
-    links, flags = feet.links, feet.flags
-    standing = flags.sum(axis=1)
+    links, standing = feet.links, feet.flags.sum(axis=1)
     used = np.flatnonzero(feet.base.used & (standing >= 2))
-    if len(used) < JUDGED_PARTS:
+    if len(used) < tol.JUDGED_PARTS:
         return None
     differing = used[standing[used] < len(links)]  # all flags are equal while all feet stand
-    used = used if len(differing) < JUDGED_PARTS else differing
-    some = used[_spread(len(used), JUDGED_INSTANTS)]
-    tried: list[tuple[Array, list[int], tuple[int, ...]]] = []
-    as_given = tuple(range(len(links)))
-    flag_orders = list(permutations(as_given)) if len(links) <= MOST_LEGS else [as_given]
+    used = used if len(differing) < tol.JUDGED_PARTS else differing
+    tried = _tried_orders(feet, used[_spread(len(used), tol.JUDGED_INSTANTS)])
+    as_given = next(tried)
+    if np.mean(as_given[0]) < tol.FEET_REST_M_S**2:
+        return None
+    best, second, *_ = sorted([as_given, *tried], key=lambda each: float(np.mean(each[0])))
+    squares, order, places = best
+    is_best = np.mean(squares <= second[0]) >= 1 - tol.RARE
+    if not is_best or not _is_clearly_lower(squares, as_given[0]):
+        return None
+    exchanged = {links[i]: links[j] for i, j in enumerate(places) if i != j}
+    speed, speed_as_given = (float(np.sqrt(np.mean(x))) for x in (squares, as_given[0]))
+    return LegOrder(tuple(order), exchanged, speed, speed_as_given)
+
+
+def _tried_orders(
+    feet: FeetInMotion, some: IndexArray
+) -> Iterator[tuple[Array, list[int], tuple[int, ...]]]:
+    """Yield the mean squared speeds of each order of joints and of flags, first as in the log."""
+    as_given = tuple(range(len(feet.links)))
+    flag_orders = [*permutations(as_given)] if len(as_given) <= tol.MOST_LEGS else [as_given]
     for order in _orders(_legs(feet), feet.robot.n):
         own = feet.velocities_at(some, order)
         for places in flag_orders:
-            squares = _mean_squares(own, feet.base, some, flags[some][:, places])
-            tried.append((squares, order, places))
-            if np.mean(tried[0][0]) < FEET_REST_M_S**2:
-                return None
-    best, second, *_ = sorted(tried, key=lambda one: float(np.mean(one[0])))
-    squares, order, places = best
-    is_best = np.mean(squares <= second[0]) >= 1 - RARE
-    if not is_best or not _is_clearly_lower(squares, tried[0][0]):
-        return None
-    exchanged = {links[i]: links[j] for i, j in enumerate(places) if i != j}
-    speed, speed_as_given = (float(np.sqrt(np.mean(x))) for x in (squares, tried[0][0]))
-    return LegOrder(tuple(order), exchanged, speed, speed_as_given)
+            yield _mean_squares(own, feet.base, some, feet.flags[some][:, places]), order, places
 
 
 def _orders(legs: Sequence[IndexArray], n: int) -> Iterator[list[int]]:
     """Yield orders of the joints (n,), first that of the log."""
     yield list(range(n))
-    if not 2 <= len(legs) <= MOST_LEGS:
+    if not 2 <= len(legs) <= tol.MOST_LEGS:
         return
     own = np.concatenate(legs)
     grouped = np.sort(own).reshape(-1, len(legs))  # a row per kind of joint
@@ -399,22 +389,16 @@ def _legs(feet: FeetInMotion) -> list[IndexArray]:
 
 def _exchanges(feet: FeetInMotion, order: LegOrder) -> Iterator[Finding]:
     """Yield legs that are exchanged, and flags."""
-    names, tables, pairs = feet.robot.joint_names, [], []
-    moved = [j for j, source in enumerate(order.joints) if j != source]
-    for j in moved:
-        joint, source = names[j], names[order.joints[j]]
-        pairs.append(f"{joint} by those of {source}")
-        channels = {name: x for log in feet.logs for name, x in log.sources()[source].items()}
-        lines = (f"{name} = {as_toml(x)}" for name, x in channels.items())
-        tables += [toml_table("joints", joint), *lines]
+    names = feet.robot.joint_names
+    moved = {names[j]: names[source] for j, source in enumerate(order.joints) if j != source}
     if moved:
         yield SWAPPED_JOINTS.finding(
             f"legs are exchanged: standing feet move with {order.speed_as_given:.2g} m/s (rms), "
             f"and with {order.speed:.2g} m/s if the channels of these joints are meant: "
-            f"{listed(pairs)}",
-            names[moved[0]],
+            f"{listed(f'{joint} by those of {source}' for joint, source in moved.items())}",
+            next(iter(moved)),
             "wrong",
-            remedy="\n".join(["in the description of the log:", *tables]),
+            remedy=in_description({x: feet.channels_of(source) for x, source in moved.items()}),
         )
     if order.contacts:
         exchanged = ", ".join(f"{link} by that of {x}" for link, x in order.contacts.items())

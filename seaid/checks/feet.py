@@ -23,13 +23,13 @@ from scipy.special import ndtr, stdtrit
 
 from seaid._arrays import Array, BoolArray, safely
 from seaid._files import toml_table
+from seaid.checks import tolerances as tol
 from seaid.checks.check import Observation
 from seaid.checks.codes import CONTACT_FLAGS, CONTACT_FORCES, GEOMETRY, SOFT_FEET, TOTAL_MASS
 from seaid.checks.contacts import foot_places
-from seaid.checks.tolerances import FEW, FOOT_TOUCHES_S, LENGTH_M, RARE, SURE, TWICE
 from seaid.errors import ExcitationError, Finding, listed
 from seaid.estimation import Estimate, FittedRows, ordinary, with_further_columns
-from seaid.log import Motion, in_band, smoothed_where
+from seaid.log import BaseMotion, Motion, in_band, smoothed_where
 from seaid.regressor import LoadModel, Regression, late_flag_rows, radius_rows, stacked
 from seaid.robot import Robot
 
@@ -81,34 +81,51 @@ class LeggedFit:
     loads: Sequence[LoadedFeet] = ()
 
     @property
+    def bases(self) -> list[BaseMotion]:
+        """The motions of the base."""
+        return [motion.base for motion in self.motions if motion.base is not None]
+
+    @property
     def are_upright(self) -> bool:
         """Whether all bases have an orientation."""
-        return all(one.base is not None and one.base.up is not None for one in self.motions)
+        return all(base.up is not None for base in self.bases)
 
-    def with_columns(
-        self, regress: Callable[[Motion], Regression], counts: Callable[[Array], bool]
-    ) -> Estimate | None:
-        """Return the fit with further columns, the last parameters; None if it has none.
+    def sure_columns(
+        self,
+        regress: Callable[[Motion], Regression],
+        count: int,
+        least: float,
+        size: Callable[[Array], Array] = np.abs,
+    ) -> list[tuple[int, float, float]]:
+        """Return place, value and standard error of further columns that the rows do not refuse.
 
-        `counts` decides by their values whether they matter at all.
+        The `size` of the value is beyond chance and at least the `least` one that matters.
         """
         columns = stacked([regress(motion) for motion in self.motions]).H
-        return with_further_columns(self.fit, np.hstack([self.sensor_errors, columns]), counts)
+        larger = with_further_columns(
+            self.fit,
+            np.hstack([self.sensor_errors, columns]),
+            lambda values: bool(np.any(size(values[-count:]) > least)),
+        )
+        if larger is None:
+            return []
+        values, errors = larger.values[-count:], larger.standard_errors[-count:]
+        sure = np.flatnonzero(size(values) > np.maximum(_beyond_chance(larger) * errors, least))
+        return list(zip(sure.tolist(), values[sure].tolist(), errors[sure].tolist(), strict=True))
 
 
 def _beyond_chance(estimate: Estimate) -> float:
     """Return the standard errors of Student's t that are as rare as sure ones of a normal value."""
     freedom = estimate.degrees_of_freedom
-    return SURE if freedom is None else float(stdtrit(np.min(freedom), ndtr(SURE)))
+    return tol.SURE if freedom is None else float(stdtrit(np.min(freedom), ndtr(tol.SURE)))
 
 
 def _radius(fit: LeggedFit) -> Iterator[Finding]:
     """Yield a radius of the feet, one for all of them, that the rows of a fit contradict."""
-    base = fit.robot.floating_base
-    contacts = [] if base is None else [one for one in base.contacts if not one.is_flat]
-    radii, feet = {one.radius_m for one in contacts}, {one.link for one in contacts}
-    flagged = all(one.base is not None and feet <= {*one.base.contacts} for one in fit.motions)
-    if len(radii) != 1 or not fit.are_upright or not flagged:
+    assert fit.robot.floating_base is not None
+    radii = {x.link: x.radius_m for x in fit.robot.floating_base.contacts if not x.is_flat}
+    flagged = all(radii.keys() <= base.contacts.keys() for base in fit.bases)
+    if len({*radii.values()}) != 1 or not fit.are_upright or not flagged:
         return
     regress = partial(
         radius_rows,
@@ -118,76 +135,62 @@ def _radius(fit: LeggedFit) -> Iterator[Finding]:
         theta=fit.theta,
         bodies=fit.bodies,
     )
-    larger = fit.with_columns(regress, lambda x: bool(abs(x[-1]) > LENGTH_M))
-    if larger is None:
-        return
-    change_m, error_m = float(larger.values[-1]), float(larger.standard_errors[-1])
-    radius_m = radii.pop()
-    fitted_m = radius_m + change_m
-    if abs(change_m) < max(_beyond_chance(larger) * error_m, LENGTH_M) or fitted_m <= 0:
-        return
-    yield GEOMETRY.finding(
-        f"the feet touch the ground as balls of {1e3 * fitted_m:.3g} mm, with a standard error of "
-        f"{1e3 * error_m:.2g} mm, and have {1e3 * radius_m:.3g} mm: the moments of the contact "
-        "forces would go into the bodies",
-        evidence={"radius [m]": fitted_m, "standard error [m]": error_m},
-        remedy=f"load the robot with contacts of radius_m = {fitted_m:.4g}, also if the foot is "
-        "larger: a soft one touches nearer to its centre",
-    )
+    for _, change_m, error_m in fit.sure_columns(regress, 1, tol.LENGTH_M):
+        radius_m = max(radii.values())
+        fitted_m = radius_m + change_m
+        if fitted_m > 0:
+            yield GEOMETRY.finding(
+                f"the feet touch the ground as balls of {1e3 * fitted_m:.3g} mm, with a standard "
+                f"error of {1e3 * error_m:.2g} mm, and have {1e3 * radius_m:.3g} mm: the moments "
+                "of the contact forces would go into the bodies",
+                evidence={"radius [m]": fitted_m, "standard error [m]": error_m},
+                remedy=f"load the robot with contacts of radius_m = {fitted_m:.4g}, also if the "
+                "foot is larger: a soft one touches nearer to its centre",
+            )
 
 
 def _pushing_feet(fit: LeggedFit) -> Iterator[Finding]:
     """Yield feet that push at the ground before or after their flag, by the rows of a fit."""
-    bases = [one.base for one in fit.motions if one.base is not None]
-    lifts = any(not np.all(flag) for base in bases for flag in base.contacts.values())
+    lifts = any(not np.all(flag) for base in fit.bases for flag in base.contacts.values())
     if not lifts or not fit.are_upright or not np.isfinite(fit.mass_kg):
         return
-    gravity = np.mean([np.linalg.norm(base.specific_force, axis=1).mean() for base in bases])
-    least_N = FEW * fit.mass_kg * float(gravity)
-    regress = partial(late_flag_rows, fit.robot, model=fit.model, reach_s=FOOT_TOUCHES_S)
-    larger = fit.with_columns(regress, lambda x: bool(np.any(x[-2:] > least_N)))
-    if larger is None:
-        return
-    values, errors = larger.values[-2:].tolist(), larger.standard_errors[-2:].tolist()
-    pushes = {
-        text: (value, error)
-        for text, value, error in zip(
-            ("before a landing", "after it leaves"), values, errors, strict=True
-        )
-        if value > max(least_N, _beyond_chance(larger) * error)
-    }
+    gravity = np.mean([np.linalg.norm(base.specific_force, axis=1).mean() for base in fit.bases])
+    least_N = tol.FEW * fit.mass_kg * float(gravity)
+    regress = partial(late_flag_rows, fit.robot, model=fit.model, reach_s=tol.FOOT_TOUCHES_S)
+    times = ("before a landing", "after it leaves")
+    pushes = fit.sure_columns(regress, len(times), least_N, np.asarray)
     if pushes:
-        texts = [f"{value:.2g} +- {error:.1g} N {x}" for x, (value, error) in pushes.items()]
+        texts = [f"{value:.2g} +- {error:.1g} N {times[x]}" for x, value, error in pushes]
         yield CONTACT_FLAGS.finding(
             f"a foot pushes at the ground while it is flagged as in the air, with {listed(texts)}, "
-            f"fading within {FOOT_TOUCHES_S:g} s: these forces go into the bodies and the total "
-            "mass",
-            evidence={f"{text} [N]": value for text, (value, _) in pushes.items()},
+            f"fading within {tol.FOOT_TOUCHES_S:g} s: these forces go into the bodies and the "
+            "total mass",
+            evidence={f"{times[x]} [N]": value for x, value, _ in pushes},
             remedy="flag a foot from the first touch on: lower the threshold of its force (above = "
             "... in the description of the log), or make each flag longer by "
-            f"{FOOT_TOUCHES_S:g} s at both ends",
+            f"{tol.FOOT_TOUCHES_S:g} s at both ends",
         )
 
 
 def _sinking_feet(fit: LeggedFit) -> Iterator[Finding]:
     """Yield the sinking of feet under their load, if the heights of standing feet show one."""
-    parts = [_heights(fit.robot, feet) for feet in fit.loads]
-    y, loads, others, time, forces = ([part[place] for part in parts] for place in range(5))
-    count = sum(map(len, y))
-    if count == 0:
+    parts = [part for part in (_heights(fit.robot, feet) for feet in fit.loads) if len(part[0])]
+    if not parts:
         return
-    H = np.column_stack([np.concatenate(loads), block_diag(*others)])
+    heights, aside, times, forces = zip(*parts, strict=True)
+    y, loads = np.concatenate(heights).T
+    H = np.column_stack([loads, block_diag(*aside)])
     H = H[:, np.any(H != 0, axis=0)]
     rows = Regression(
         names=tuple(f"height {place}" for place in range(H.shape[1])),
         units=("",) * H.shape[1],
         H=H,
-        y=np.concatenate(y),
-        joint=np.zeros(count),
-        time=np.concatenate(time),
-        run=np.repeat(np.arange(len(y), dtype=float), list(map(len, y))),
+        y=y,
+        joint=np.zeros(len(y)),
+        time=np.concatenate(times),
+        run=np.repeat(np.arange(len(parts), dtype=float), list(map(len, times))),
         excluded=0,
-        propagated=np.empty((count, 0)),
+        propagated=np.empty((len(y), 0)),
     )
     try:
         estimate = ordinary(rows)
@@ -196,7 +199,7 @@ def _sinking_feet(fit: LeggedFit) -> Iterator[Finding]:
     compliance, error = float(estimate.values[0]), float(estimate.standard_errors[0])
     load_N = float(np.concatenate(forces).mean())
     sinking_m = compliance * load_N
-    if compliance < _beyond_chance(estimate) * error or sinking_m < LENGTH_M:
+    if compliance < _beyond_chance(estimate) * error or sinking_m < tol.LENGTH_M:
         return
     yield SOFT_FEET.finding(
         f"the feet sink in by {1e3 * sinking_m:.2g} mm under their mean load of {load_N:.3g} N, by "
@@ -213,47 +216,37 @@ def _sinking_feet(fit: LeggedFit) -> Iterator[Finding]:
     )
 
 
-def _heights(robot: Robot, feet: LoadedFeet) -> tuple[Array, Array, Array, Array, Array]:
-    """Return heights (R,) of standing feet about their mean, loads (R,), and other columns (R, m).
+def _heights(robot: Robot, feet: LoadedFeet) -> tuple[Array, Array, Array, Array]:
+    """Return heights of standing feet about their mean and loads (R, 2), other columns (R, m).
 
-    The last two results are the times (R,), and the loads of all standing feet.
+    The last two results are the times (R,), and the loads (R,) themselves. Without an orientation
+    the height of a foot over the plane of the others counts.
     """
     motion, base = feet.motion, feet.motion.base
     assert base is not None
-    up = base.up
+    up, fewest = base.up, 2
     if up is None:
-        mean = in_band(motion, base.specific_force)
+        mean, fewest = in_band(motion, base.specific_force), 4
         up = mean / np.linalg.norm(mean, axis=1, keepdims=True)
     places = foot_places(robot, motion.joint_position, feet.links)
     places = smoothed_where(motion, places, feet.counts)
-    height, load, *aside = (
-        np.einsum("tki,ti->tk", vectors, axis)
-        for vectors, axis in (
-            (places, up),
-            (feet.forces, up),
-            *((places, x) for x in _level(up)),
-        )
-    )
-    counts = feet.counts & np.isfinite(height) & np.isfinite(load)
-    k = len(feet.links)
-    offsets = [np.tile(unit, (len(up), 1)) for unit in np.eye(k)[1:]]  # of feet from the first one
-    values = np.stack([height, -load, *aside, *offsets], axis=2)
-    constant = np.ones_like(height)
-    # without orientation the height of a foot over the plane of the others counts
-    hidden = np.stack([constant] if base.up is not None else [constant, *aside], axis=2)
-    fewest = 2 if base.up is not None else 4
-    picked = [(np.empty((0, values.shape[2])), np.empty(0), np.empty(0))]
-    for pattern in np.unique(counts, axis=0):
-        standing = np.flatnonzero(pattern)
-        if len(standing) < fewest:
-            continue
-        at = np.ix_(np.flatnonzero(np.all(counts == pattern, axis=1)), standing)
+    height, *aside = (np.einsum("tki,ti->tk", places, axis) for axis in (up, *_level(up)))
+    load = np.einsum("tki,ti->tk", feet.forces, up)
+    counts, k = feet.counts & np.isfinite(height) & np.isfinite(load), len(feet.links)
+    # feet have heights of their own, but for the first one
+    offsets = np.broadcast_to(np.eye(k)[:, 1:], (*height.shape, k - 1))
+    values = np.concatenate([np.stack([height, -load, *aside], axis=2), offsets], axis=2)
+    hidden = np.stack([np.ones_like(height), *(aside if base.up is None else ())], axis=2)
+    picked = [np.empty((0, values.shape[2] + 2))]
+    for pattern in np.unique(counts[np.sum(counts, axis=1) >= fewest], axis=0):
+        at = np.ix_(np.flatnonzero(np.all(counts == pattern, axis=1)), np.flatnonzero(pattern))
         inverse = safely(np.linalg.pinv, hidden[at], what="the places of standing feet")
-        left = values[at] - hidden[at] @ inverse @ values[at]
-        time = np.repeat(motion.time[at[0]], len(standing))
-        picked.append((left.reshape(-1, left.shape[2]), time, load[at].ravel()))
-    whole, time, loads = (np.concatenate([part[place] for part in picked]) for place in range(3))
-    return whole[:, 0], whole[:, 1], whole[:, 2:], time, loads
+        about_mean = values[at] - hidden[at] @ inverse @ values[at]
+        times = np.broadcast_to(motion.time[at[0]], load[at].shape)
+        rows = np.concatenate([about_mean, times[:, :, None], load[at][:, :, None]], axis=2)
+        picked.append(rows.reshape(-1, rows.shape[2]))
+    rows = np.concatenate(picked)
+    return rows[:, :2], rows[:, 2:-2], rows[:, -2], rows[:, -1]
 
 
 def _level(up: Array) -> tuple[Array, Array]:
@@ -271,7 +264,7 @@ def mass_findings(
     `robot` has that of its file. The mass is NaN where it is not determined.
     """
     nominal_kg = float(np.sum((robot.parameters + robot.payload_parameters)[::10]))
-    sure_kg = SURE * error_kg
+    sure_kg = tol.SURE * error_kg
     evidence = {
         "mass [kg]": mass_kg,
         "standard error [kg]": error_kg,
@@ -291,7 +284,7 @@ def mass_findings(
         )
     elif (
         min(mass_kg, nominal_kg) > 0
-        and not 1 / TWICE < mass_kg / nominal_kg < TWICE
+        and not 1 / tol.TWICE < mass_kg / nominal_kg < tol.TWICE
         and abs(mass_kg - nominal_kg) > sure_kg
     ):
         yield TOTAL_MASS.finding(
@@ -318,7 +311,7 @@ def force_findings(feet: Mapping[str, Mapping[str, Any]]) -> Iterator[Finding]:
     """
     for link, foot in feet.items():
         error, scale = foot["relative_error"], foot["scale"]
-        if error is not None and error > RARE:
+        if error is not None and error > tol.RARE:
             yield CONTACT_FORCES.finding(
                 f"the measured force at {link} is not that of torques and motion: they differ by "
                 f"{error:.0%}, and least with the measured one times {scale:.2g}",
@@ -328,7 +321,7 @@ def force_findings(feet: Mapping[str, Mapping[str, Any]]) -> Iterator[Finding]:
                 "the link, in the frame of the link), and its zero in the air",
             )
         pulled = foot["pulled"]
-        if pulled is not None and pulled > FEW:
+        if pulled is not None and pulled > tol.FEW:
             least_N, error_N = foot["least_normal"], foot["standard_error"]
             yield CONTACT_FORCES.finding(
                 f"{link} would have to pull at the ground: its predicted normal force is clearly "
