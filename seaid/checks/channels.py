@@ -8,49 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from seaid._arrays import Array, is_constant, resolution, runs
-from seaid._files import toml_key, toml_table
+from seaid._files import toml_key
+from seaid.checks import codes
+from seaid.checks import tolerances as tol
 from seaid.checks.check import Observation, in_description, in_drives, only_joint
-from seaid.checks.codes import (
-    CONTACT,
-    DELAY,
-    ENCODER_OFFSETS_DIFFER,
-    HOLES,
-    LOCKED_OUTPUT,
-    MISSING_DRIVES,
-    REFERENCE_POSITION,
-    SATURATION,
-    STANDSTILL,
-    TIME_UNIT,
-    UNIT,
-    WRAPS,
-)
 from seaid.checks.experiment import Experiment, stands_locked
-from seaid.checks.tolerances import (
-    CORRELATED_ROWS,
-    EVENTS,
-    FAR,
-    FASTEST_HZ,
-    FEW,
-    LARGEST_DEFLECTION_RAD,
-    LEAST_DELAY_S,
-    LEAST_OFFSET,
-    LEAST_SWING,
-    LEVELS,
-    MANY_TIMES,
-    MATERIAL,
-    MOST,
-    NEGLIGIBLE,
-    PART,
-    POOR,
-    SIGNIFICANT,
-    SLOWEST_HZ,
-    TWICE,
-    WINDOW_S,
-)
 from seaid.drives import Drive, total_ratio
 from seaid.errors import Finding
 from seaid.estimation import RANK_TOLERANCE, scaled_svd
@@ -85,13 +52,13 @@ _UNITS_OF_TIME = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
 def _time_units(logged: Logged) -> Iterator[Finding]:
     """Yield logs whose time is not in seconds; of several units, that of the usual rate."""
-    usual_hz = np.sqrt(SLOWEST_HZ * FASTEST_HZ)
+    usual_hz = np.sqrt(tol.SLOWEST_HZ * tol.FASTEST_HZ)
     for _, log in logged.numbered:
         rate = 1 / float(np.median(np.diff(log.time)))  # a gap is not the unit of the clock
-        if SLOWEST_HZ <= rate <= FASTEST_HZ:
+        if tol.SLOWEST_HZ <= rate <= tol.FASTEST_HZ:
             continue
         rates = {unit: rate / size for unit, size in _UNITS_OF_TIME.items()}
-        rates = {unit: x for unit, x in rates.items() if SLOWEST_HZ <= x <= FASTEST_HZ}
+        rates = {unit: x for unit, x in rates.items() if tol.SLOWEST_HZ <= x <= tol.FASTEST_HZ}
         text, remedy = "is its time in seconds?", ""
         if rates:
             unit = min(rates, key=lambda unit: abs(float(np.log(rates[unit] / usual_hz))))
@@ -101,7 +68,7 @@ def _time_units(logged: Logged) -> Iterator[Finding]:
             remedy = (
                 f'in the description of the log:\ntime = {{ column = "{column}", unit = "{unit}" }}'
             )
-        yield TIME_UNIT.finding(
+        yield codes.TIME_UNIT.finding(
             f"the log has {rate:.3g} samples per second: {text}",
             severity="wrong",
             evidence={"rate [Hz]": rate},
@@ -110,38 +77,69 @@ def _time_units(logged: Logged) -> Iterator[Finding]:
         )
 
 
-def _positions(log: Log) -> Iterator[tuple[str, str, Array]]:
-    """Yield joint, quantity and samples (T,) of the positions of a log that change."""
-    for quantity in ("motor_position", "joint_position"):
+@dataclass(frozen=True, eq=False)
+class Channel:
+    """The samples (T,) of a quantity of a joint, and the `source` in which the log has them."""
+
+    joint: str
+    quantity: str
+    values: Array
+    source: str | Mapping[str, Any] | None
+
+    @property
+    def entry(self) -> Mapping[str, Any]:
+        """The entry of the description, empty for a column alone."""
+        return self.source if isinstance(self.source, Mapping) else {}
+
+    def changed(self, **changes: float) -> str:
+        """Return the TOML of the source with the changes of `changed_source`."""
+        return changed_source(self.source or "", **changes)
+
+    @property
+    def scale(self) -> float:
+        """The factor on the column."""
+        return float(self.entry.get("scale", 1.0))
+
+    @property
+    def largest(self) -> float:
+        """The largest size of a sample."""
+        return float(np.max(np.abs(self.values)))
+
+
+def _channels(log: Log, joints: Collection[str], *quantities: str) -> Iterator[Channel]:
+    """Yield the channels of joints whose samples are all known, and change."""
+    sources = log.sources()
+    for quantity in (name for name in quantities if getattr(log, name) is not None):
         for joint, values in zip(log.joint_names, getattr(log, quantity).T, strict=True):
-            if np.all(np.isfinite(values)) and not is_constant(values):
-                yield joint, quantity, values
+            if joint in joints and np.all(np.isfinite(values)) and not is_constant(values):
+                yield Channel(joint, quantity, values, sources[joint].get(quantity))
+
+
+def _positions(log: Log) -> Iterator[Channel]:
+    """Yield the positions of a log that change."""
+    return _channels(log, log.joint_names, "motor_position", "joint_position")
+
+
+def _torques(log: Log, used: Collection[str]) -> list[Channel]:
+    """Return the torques that change, and have a column without a unit."""
+    channels = _channels(log, used, "motor_torque", "joint_torque")
+    return [each for each in channels if each.source is not None and "unit" not in each.entry]
 
 
 def _wraps(logged: Logged) -> Iterator[Finding]:
     """Yield the joints of each log with positions or torques that wrap around."""
     for where, log in logged.numbered:
-        sources, lines, first = log.sources(), dict[str, dict[str, str]](), 0.0
-        channels = [(*x, wrap_period(log.time, x[2])) for x in _positions(log)]
-        for joint, quantity, values, scale in _torques(log, logged.used):
-            channels.append((joint, quantity, values, _period_of_integer(values, scale)))
-        for joint, quantity, values, period in channels:
-            source = sources[joint].get(quantity)
-            if period is None or source is None:
-                continue
-            offset = 0.0
-            if quantity in ("motor_torque", "joint_torque"):
-                offset = -period * float(values[0] > 0.5 * period)
-            elif quantity == "joint_position" and abs(period / (2 * np.pi) - 1) < NEGLIGIBLE:
-                # the unwrapped angle begins within the turn of its first sample
-                low, high = logged.robot.position_range(joint)
-                middle = 0.5 * (low + high) if np.isfinite(high - low) else 0.0
-                offset = period * float(np.rint((middle - np.mean(np.unwrap(values))) / period))
-            source = changed_source(source, offset=offset, wraps=period)
-            lines.setdefault(joint, {})[quantity] = source
-            first = first or period
+        periods = [(each, wrap_period(log.time, each.values)) for each in _positions(log)]
+        periods += [(each, _period_of_integer(each)) for each in _torques(log, logged.used)]
+        lines, first = dict[str, dict[str, str]](), 0.0
+        for channel, period in periods:
+            if period is not None and channel.source is not None:
+                offset = _offset_of_turn(logged.robot, channel, period)
+                source = channel.changed(offset=offset, wraps=period)
+                lines.setdefault(channel.joint, {})[channel.quantity] = source
+                first = first or period
         if lines:
-            yield WRAPS.finding(
+            yield codes.WRAPS.finding(
                 f"channels of {', '.join(lines)}{where} jump by {first:.4g} at once, from one end "
                 "of their range to the other, and move on as before: an encoder that wraps "
                 "around, or a signed integer that was read as one without sign",
@@ -154,61 +152,56 @@ def _wraps(logged: Logged) -> Iterator[Finding]:
             )
 
 
-def _torques(log: Log, used: Collection[str]) -> Iterator[tuple[str, str, Array, float]]:
-    """Yield joint, quantity, samples (T,) and scale of the torques that change and have no unit."""
-    sources = log.sources()
-    for quantity in ("motor_torque", "joint_torque"):
-        for joint in used if getattr(log, quantity) is not None else ():
-            source = sources[joint].get(quantity) if joint in log.joint_names else None
-            if source is None or (isinstance(source, Mapping) and "unit" in source):
-                continue
-            values = getattr(log, quantity)[:, log.joint_names.index(joint)]
-            if np.all(np.isfinite(values)) and not is_constant(values):
-                scale = 1.0 if isinstance(source, str) else float(source.get("scale", 1.0))
-                yield joint, quantity, values, scale
+def _offset_of_turn(robot: Robot, channel: Channel, period: float) -> float:
+    """Return what to add to a channel that is unwrapped from its first sample on."""
+    if channel.quantity in ("motor_torque", "joint_torque"):
+        return -period * float(channel.values[0] > 0.5 * period)
+    if channel.quantity != "joint_position" or abs(period / (2 * np.pi) - 1) >= tol.NEGLIGIBLE:
+        return 0.0
+    # the unwrapped angle begins within the turn of its first sample
+    low, high = robot.position_range(channel.joint)
+    middle = 0.5 * (low + high) if np.isfinite(high - low) else 0.0
+    return period * float(np.rint((middle - np.mean(np.unwrap(channel.values))) / period))
 
 
 _BITS = (16, 32)
 
 
-def _period_of_integer(values: Array, scale: float) -> float | None:
-    """Return scale 2^b if a channel (T,) is a signed integer of b bits, read without its sign.
+def _period_of_integer(channel: Channel) -> float | None:
+    """Return scale 2^b if a channel is a signed integer of b bits, read without its sign.
 
     It is at both ends of this range, and not in its middle half.
     """
+    values = channel.values
     span, middle = float(np.ptp(values)), 0.5 * float(np.min(values) + np.max(values))
-    if float(np.mean(np.abs(values - middle) < 0.25 * span)) > FEW:
+    if float(np.mean(np.abs(values - middle) < 0.25 * span)) > tol.FEW:
         return None
-    periods = (scale * 2.0**bits for bits in _BITS)
-    return next((period for period in periods if abs(span / period - 1) < FEW), None)
+    periods = (channel.scale * 2.0**bits for bits in _BITS)
+    return next((period for period in periods if abs(span / period - 1) < tol.FEW), None)
+
+
+def _is_whole(channel: Channel) -> bool:
+    """Whether the samples of a torque in N m are whole numbers, but not those of an encoder."""
+    has_levels = channel.scale == 1 and len(np.unique(channel.values)) >= tol.EVENTS
+    return has_levels and not np.any(channel.values % 1) and _period_of_integer(channel) is None
 
 
 def _whole_numbers(logged: Logged) -> Iterator[Finding]:
     """Yield the torques of each log in N m that are whole numbers, such as a percentage."""
-    robot, limits = logged.robot, logged.robot.effort_limits
     for where, log in logged.numbered:
-        whole = {
-            (joint, quantity): float(np.max(np.abs(values)))
-            for joint, quantity, values, scale in _torques(log, logged.used)
-            if scale == 1 and not np.any(values % 1) and len(np.unique(values)) >= EVENTS
-            if _period_of_integer(values, scale) is None
-        }
-        largest = max(whole.values(), default=0.0)
+        whole = filter(_is_whole, _torques(log, logged.used))
+        ratings = {channel: _rating(logged.robot, channel) for channel in whole}
+        largest = max((channel.largest for channel in ratings), default=0.0)
         unit, full = ("per cent", 100) if largest <= 100 else ("per mille", 1000)
-        sources, lines, is_known, is_far = log.sources(), dict[str, dict[str, str]](), True, False
-        for (joint, quantity), size in whole.items():
-            lever = total_ratio(robot.drives[joint]) if quantity == "motor_torque" else 1.0
-            rating = float(limits[robot.index(joint)]) / abs(lever)
-            is_known, is_far = (
-                is_known and 0 < rating < np.inf,
-                is_far or size > MANY_TIMES * rating,
-            )
-            factor = (rating if 0 < rating < np.inf else 1.0) / full
-            source = changed_source(sources[joint][quantity], factor=factor)
-            lines.setdefault(joint, {})[quantity] = source
-        by = f"{unit} of the limits of the robot file" if is_known else "times the rating"
-        if whole:
-            yield UNIT.finding(
+        lines, by = dict[str, dict[str, str]](), f"{unit} of the limits of the robot file"
+        for channel, rating in ratings.items():
+            if not 0 < rating < np.inf:
+                rating, by = 1.0, "times the rating"
+            source = channel.changed(factor=rating / full)
+            lines.setdefault(channel.joint, {})[channel.quantity] = source
+        is_far = any(x.largest > tol.MANY_TIMES * rating for x, rating in ratings.items())
+        if lines:
+            yield codes.UNIT.finding(
                 f"the torques of {', '.join(lines)}{where} are whole numbers up to {largest:g}: "
                 f"{unit} of a rating of each motor, or counts of its driver, and not N m",
                 only_joint([*lines]),
@@ -220,6 +213,12 @@ def _whole_numbers(logged: Logged) -> Iterator[Finding]:
             )
 
 
+def _rating(robot: Robot, channel: Channel) -> float:
+    """Return the limit of the robot file for a torque, at the motor for that of a motor."""
+    lever = total_ratio(robot.drives[channel.joint]) if channel.quantity == "motor_torque" else 1.0
+    return float(robot.effort_limits[robot.index(channel.joint)]) / abs(lever)
+
+
 def _lost_samples(logged: Logged) -> Iterator[Finding]:
     """Yield logs whose time counts the samples, some of which were lost.
 
@@ -229,25 +228,13 @@ def _lost_samples(logged: Logged) -> Iterator[Finding]:
     """
     for where, log in logged.numbered:
         steps, kinds = np.diff(log.time), {repair.kind for repair in log.report}
-        positions = [values for _, _, values in _positions(log)]
-        is_counter = (
-            np.ptp(steps) < NEGLIGIBLE * np.median(steps) and "irregular steps" not in kinds
-        )
-        if not is_counter or not positions or len(steps) < EVENTS:
+        is_counter = np.ptp(steps) < tol.NEGLIGIBLE * np.median(steps)
+        positions = [channel.values for channel in _positions(log)]
+        if not is_counter or "irregular steps" in kinds or not positions:
             continue
-        moved = np.diff(positions, axis=1)
-        usual, change = 0.5 * (moved[:, :-2] + moved[:, 2:]), moved[:, 2:] - moved[:, :-2]
-        apart = np.median(np.abs(moved[:, 1:-1] - usual), axis=1)
-        coarse = [resolution(values) / np.sqrt(12) for values in positions]
-        moved, usual, change = (
-            x / np.maximum(apart, coarse)[:, None] for x in (moved[:, 1:-1], usual, change)
-        )
-        size = np.linalg.norm(usual, axis=0)
-        times = np.round(np.sum(moved * usual, axis=0) / np.maximum(size**2, np.finfo(float).tiny))
-        left = np.linalg.norm([change, moved - times * usual], axis=1)
-        lost = (times - 1)[(times > 1) & (size > FAR) & np.all(left < MOST * size, axis=0)]
-        if len(lost) >= EVENTS:
-            yield HOLES.finding(
+        lost = _lost(positions)
+        if len(lost) >= tol.EVENTS:
+            yield codes.HOLES.finding(
                 f"in {len(lost)} single steps{where} all positions move twice as far as before and "
                 f"after, or a larger whole number of times, while the time has equal steps: "
                 f"{int(np.sum(lost))} samples were lost, and the time counts those that are left",
@@ -257,37 +244,52 @@ def _lost_samples(logged: Logged) -> Iterator[Finding]:
             )
 
 
+def _lost(positions: Sequence[Array]) -> Array:
+    """Return the numbers of samples that were lost in single steps of all positions (T,)."""
+    moved = np.diff(positions, axis=1)
+    if moved.shape[1] < tol.EVENTS:
+        return np.empty(0)
+    usual, change = 0.5 * (moved[:, :-2] + moved[:, 2:]), moved[:, 2:] - moved[:, :-2]
+    apart = np.median(np.abs(moved[:, 1:-1] - usual), axis=1)
+    coarse = [resolution(values) / np.sqrt(12) for values in positions]
+    moved, usual, change = (
+        x / np.maximum(apart, coarse)[:, None] for x in (moved[:, 1:-1], usual, change)
+    )
+    size = np.linalg.norm(usual, axis=0)
+    times = np.round(np.sum(moved * usual, axis=0) / np.maximum(size**2, np.finfo(float).tiny))
+    differing = np.linalg.norm([change, moved - times * usual], axis=1)
+    is_same = np.all(differing < tol.MOST * size, axis=0)
+    return np.asarray((times - 1)[(times > 1) & (size > tol.FAR) & is_same])
+
+
 def _missing_drives(logged: Logged) -> Iterator[Finding]:
     """Yield the joints with two different encoders and an ideal drive."""
+    robot = logged.robot
+    stiff = [x for x, drive in robot.drives.items() if not drive.is_elastic and drive.ratio == 1]
     for _, log in logged.numbered:
-        tables: dict[str, str] = {}
-        ratios: dict[str, float] = {}
-        for joint, drive in logged.robot.drives.items():
-            if drive.is_elastic or drive.ratio != 1 or joint not in log.joint_names:
-                continue
-            gear = _gear(log, log.joint_names.index(joint))
-            if gear is None:
-                continue
-            ratios[joint], is_stiff = gear
-            is_linear = logged.robot.is_prismatic[logged.robot.index(joint)] and is_stiff
-            key = "gear_ratio_rad_per_m" if is_linear else "gear_ratio"
-            kind = "stiff" if is_stiff else "series_elastic"
-            tables[joint] = f'{toml_table(joint)}\ntype = "{kind}"\n{key} = {ratios[joint]:.4g}'
-        if not tables:
-            continue
-        first = next(iter(ratios))
-        yield MISSING_DRIVES.finding(
-            f"the log has the motor side of {', '.join(tables)}, which moves {ratios[first]:.3g} "
-            "times as far as the joint, and the robot has no drive there: friction, gear and "
-            "spring are not in the model (--drives, drives=)",
-            first,
-            "wrong",
-            {"motor over joint motion": ratios[first]},
-            "\n".join(
-                ["option: --drives FILE, or without one", "in the drives file:", *tables.values()]
-            ),
-            "certain",
-        )
+        gears = {x: _gear(log, log.joint_names.index(x)) for x in stiff if x in log.joint_names}
+        tables, ratios = dict[tuple[str, ...], str](), dict[str, float]()
+        for joint, gear in gears.items():
+            if gear is not None:
+                ratios[joint] = gear[0]
+                tables[joint,] = _drive_table(robot.is_prismatic[robot.index(joint)], *gear)
+        for first, ratio in [*ratios.items()][:1]:
+            yield codes.MISSING_DRIVES.finding(
+                f"the log has the motor side of {', '.join(ratios)}, which moves {ratio:.3g} times "
+                "as far as the joint, and the robot has no drive there: friction, gear and spring "
+                "are not in the model (--drives, drives=)",
+                first,
+                "wrong",
+                {"motor over joint motion": ratio},
+                f"option: --drives FILE, or without one\n{in_drives(tables)}",
+                "certain",
+            )
+
+
+def _drive_table(is_prismatic: bool, ratio: float, is_stiff: bool) -> str:
+    """Return the lines of a drive with a gear."""
+    key = "gear_ratio_rad_per_m" if is_prismatic and is_stiff else "gear_ratio"
+    return f'type = "{"stiff" if is_stiff else "series_elastic"}"\n{key} = {ratio:.4g}'
 
 
 def _gear(log: Log, j: int) -> tuple[float, bool] | None:
@@ -299,7 +301,7 @@ def _gear(log: Log, j: int) -> tuple[float, bool] | None:
     motor, position = log.motor_position[:, j], log.joint_position[:, j]
     torque = log.motor_torque[:, j]
     moved = float(np.std(position))
-    if not np.all(np.isfinite([motor, position])) or not 0 < TWICE * moved <= np.std(motor):
+    if not np.all(np.isfinite([motor, position])) or not 0 < tol.TWICE * moved <= np.std(motor):
         return None
     columns = [position, np.ones(len(position))]
     if np.all(np.isfinite(torque)):
@@ -308,7 +310,7 @@ def _gear(log: Log, j: int) -> tuple[float, bool] | None:
         return None
     ratio, zero, *_ = scaled_svd(np.column_stack(columns)).solve(motor).tolist()
     apart = float(np.std(motor / ratio - position - zero / ratio)) / moved
-    return abs(ratio), apart <= NEGLIGIBLE
+    return abs(ratio), apart <= tol.NEGLIGIBLE
 
 
 def _references(logged: Logged) -> Iterator[Finding]:
@@ -320,7 +322,7 @@ def _references(logged: Logged) -> Iterator[Finding]:
         low, high = (float(end(np.concatenate(positions))) for end in (np.nanmin, np.nanmax))
         reference, unit = drive.reference_position_rad, drive.joint_units[1]
         if not low <= reference <= high:
-            yield REFERENCE_POSITION.finding(
+            yield codes.REFERENCE_POSITION.finding(
                 f"Coulomb friction of {joint} is stated at {reference:g} {unit}, outside its "
                 f"motion from {low:.3g} to {high:.3g} {unit}: it is extrapolated to there and may "
                 "come out negative, which no simulation has",
@@ -341,51 +343,44 @@ def _held_torques(logged: Logged) -> Iterator[Finding]:
     A value that is held over n samples is (n - 1) / 2 samples late on average.
     """
     for where, log in logged.numbered if not logged.robot.has_controllers else ():
-        sources, held = log.sources(), dict[int, list[str]]()
-        for j, joint in enumerate(log.joint_names):
-            source = sources[joint].get("motor_torque", {"delay_s": np.nan})
-            if joint in logged.used and (isinstance(source, str) or not source.get("delay_s")):
-                sides = (log.motor_position[:, j], log.joint_position[:, j])
-                count = held_over(log.time, log.motor_torque[:, j])
-                if count > max(held_over(log.time, side) for side in sides):
-                    held.setdefault(count, []).append(joint)
-        for count, joints in held.items():
+        held: dict[int, list[Channel]] = {}
+        for channel in _channels(log, logged.used, "motor_torque"):
+            j = log.joint_names.index(channel.joint)
+            sides = (log.motor_position[:, j], log.joint_position[:, j])
+            count = held_over(log.time, channel.values)
+            is_late = channel.source is not None and not channel.entry.get("delay_s")
+            if is_late and count > max(held_over(log.time, side) for side in sides):
+                held.setdefault(count, []).append(channel)
+        for count, channels in held.items():
             late = 0.5 * (count - 1) * float(np.median(np.diff(log.time)))
-            earlier = {x: changed_source(sources[x]["motor_torque"], delay_s=late) for x in joints}
-            yield DELAY.finding(
-                f"the motor torques of {', '.join(joints)} are held over {count} samples{where}, "
+            lines = {x.joint: {"motor_torque": x.changed(delay_s=late)} for x in channels}
+            yield codes.DELAY.finding(
+                f"the motor torques of {', '.join(lines)} are held over {count} samples{where}, "
                 f"and so {1e3 * late:.3g} ms late on average, which biases friction, unless the "
                 "motors give them so",
-                only_joint(joints),
+                only_joint([*lines]),
                 "note",
                 {HELD: count, "delay [s]": late},
-                in_description(
-                    {joint: {"motor_torque": source} for joint, source in earlier.items()},
-                    _named(where),
-                ),
+                in_description(lines, _named(where)),
                 "possible",
-                tuple(joints),
+                tuple(lines),
             )
 
 
 def _saturated(logged: Logged) -> Iterator[Finding]:
     """Yield the channels that stay at their extremes: of each the log that does so longest."""
-    shares: dict[tuple[str, str], tuple[float, str, float]] = {}
+    longest: dict[tuple[str, str], tuple[float, str, float]] = {}
     for where, log in logged.numbered:
-        for field in INPUT_FIELDS.values():
-            values = getattr(log, field)
-            for j, joint in enumerate(log.joint_names if values is not None else ()):
-                share = _share_at_limit(values[:, j])
-                longest = shares.get((field, joint), (FEW,))[0]
-                if joint in logged.used and share > longest:
-                    limit = float(np.max(np.abs(values[:, j])))
-                    shares[field, joint] = share, where.replace(" of ", " in "), limit
-    for (field, joint), (share, where, limit) in shares.items():
-        yield SATURATION.finding(
-            f"the {field.replace('_', ' ')} of {joint} is at its limit, {limit:.4g}, during "
+        for channel in _channels(log, logged.used, *INPUT_FIELDS.values()):
+            share, name = _share_at_limit(channel.values), (channel.quantity, channel.joint)
+            if share > longest.get(name, (tol.FEW,))[0]:
+                longest[name] = share, where.replace(" of ", " in "), channel.largest
+    for (quantity, joint), (share, where, limit) in longest.items():
+        yield codes.SATURATION.finding(
+            f"the {quantity.replace('_', ' ')} of {joint} is at its limit, {limit:.4g}, during "
             f"{share:.1%} of the time{where}: a command there is not what the motor gave",
             joint,
-            "doubtful" if field == "motor_torque" else "note",
+            "doubtful" if quantity == "motor_torque" else "note",
             {"share at the limit": share},
             "record a slower motion, or log the measured current",
             "certain",
@@ -394,16 +389,16 @@ def _saturated(logged: Logged) -> Iterator[Finding]:
 
 def _share_at_limit(values: Array) -> float:
     """Return the share of samples (T,) in runs at the largest or smallest value."""
-    if not np.all(np.isfinite(values)) or len(np.unique(values)) < LEVELS:
+    if len(np.unique(values)) < tol.LEVELS:
         return 0.0
     at_limit = (values == np.max(values)) | (values == np.min(values))
-    return float(np.mean(np.convolve(at_limit, np.ones(EVENTS), mode="same") >= EVENTS))
+    return float(np.mean(np.convolve(at_limit, np.ones(tol.EVENTS), mode="same") >= tol.EVENTS))
 
 
 def _locked(logged: Logged) -> Iterator[Finding]:
     """Yield a note for each joint with a locked output."""
     for joint in locked_outputs(logged.robot, logged.logs):
-        yield LOCKED_OUTPUT.finding(
+        yield codes.LOCKED_OUTPUT.finding(
             f"the output of {joint} does not move while its motor deflects the spring: it counts "
             "as locked, so that its motor, friction and spring are identified and the torque on "
             "its load is not used. If it did move, its encoder is dead: exclude its column",
@@ -440,16 +435,16 @@ def _is_locked(drive: Drive, log: Log, joint: str) -> bool:
     if not np.all(np.isfinite([motor, output])) or is_constant(motor):
         return False
     behind = motor / total_ratio(drive)
-    return bool(np.ptp(behind) < LARGEST_DEFLECTION_RAD) and stands_locked(output, behind)
+    return bool(np.ptp(behind) < tol.LARGEST_DEFLECTION_RAD) and stands_locked(output, behind)
 
 
 def _standing(logged: Logged) -> Iterator[Finding]:
     """Yield a robot that hardly moves, unless its outputs are locked."""
     sides = [side for log in logged.logs for side in log.joint_position.T]
     swings = [float(np.ptp(side)) for side in sides if np.all(np.isfinite(side))]
-    if not swings or max(swings) >= LEAST_SWING or locked_outputs(logged.robot, logged.logs):
+    if not swings or max(swings) >= tol.LEAST_SWING or locked_outputs(logged.robot, logged.logs):
         return
-    yield STANDSTILL.finding(
+    yield codes.STANDSTILL.finding(
         f"the robot hardly moves: its widest motion is {max(swings):.2g} rad or m",
         evidence={"widest motion": max(swings)},
         remedy="record a wider motion: seaid excite plans one",
@@ -459,29 +454,29 @@ def _standing(logged: Logged) -> Iterator[Finding]:
 
 def without_torque(findings: Iterable[Finding]) -> set[str]:
     """Return the joints whose torques are in another unit, wrap around, or are those of a stop."""
-    codes = (UNIT.name, WRAPS.name, CONTACT.name)
-    wrong = (finding for finding in findings if finding.code in codes)
+    names = (codes.UNIT.name, codes.WRAPS.name, codes.CONTACT.name)
+    wrong = (finding for finding in findings if finding.code in names)
     return {joint for finding in wrong for joint in finding.joints}
 
 
 OF_LOGS = (
-    Observation(TIME_UNIT, _time_units),
-    Observation(WRAPS, _wraps),
-    Observation(UNIT, _whole_numbers),
-    Observation(HOLES, _lost_samples),
-    Observation(MISSING_DRIVES, _missing_drives),
-    Observation(REFERENCE_POSITION, _references),
-    Observation(DELAY, _held_torques),
-    Observation(SATURATION, _saturated),
-    Observation(LOCKED_OUTPUT, _locked),
-    Observation(STANDSTILL, _standing),
+    Observation(codes.TIME_UNIT, _time_units),
+    Observation(codes.WRAPS, _wraps),
+    Observation(codes.UNIT, _whole_numbers),
+    Observation(codes.HOLES, _lost_samples),
+    Observation(codes.MISSING_DRIVES, _missing_drives),
+    Observation(codes.REFERENCE_POSITION, _references),
+    Observation(codes.DELAY, _held_torques),
+    Observation(codes.SATURATION, _saturated),
+    Observation(codes.LOCKED_OUTPUT, _locked),
+    Observation(codes.STANDSTILL, _standing),
 )
 
 
 def excluded_findings(processing: Iterable[Processing]) -> Iterator[Finding]:
     """Yield notes of the samples that were excluded: rest at the ends, frozen channels, holes."""
     for repair in (repair for each in processing for repair in each.excluded):
-        code = STANDSTILL if repair.kind == REST else HOLES
+        code = codes.STANDSTILL if repair.kind == REST else codes.HOLES
         yield code.finding(str(repair), severity="note", certainty="certain")
 
 
@@ -501,7 +496,7 @@ def standstill_findings(
                 f"locked = {{ {toml_key(joint)} = {at} }}"
             )
             evidence = {"position": positions[joint]}
-        yield STANDSTILL.finding(
+        yield codes.STANDSTILL.finding(
             f"{text}: its {what} and rotor inertia are not estimated, and its torque is not used",
             joint,
             evidence=evidence,
@@ -517,21 +512,21 @@ def offset_findings(experiment: Experiment) -> Iterator[Finding]:
     (that of the motor but for friction), and an offset of each log. What is left is correlated over
     a log, and counts as the error of its mean.
     """
-    robot, logs = experiment.robot, np.unique(experiment.log).tolist()
+    logs = np.unique(experiment.log).tolist()
     for j in np.flatnonzero(experiment.both).tolist() if len(logs) > 1 else ():
-        is_elastic, is_used = robot.drives[robot.joint_names[j]].is_elastic, j in experiment.used
-        if is_elastic and robot.floating_base is not None and not is_used:
-            continue  # its load is unknown, and is another one hanging than standing
+        drive = experiment.robot.drives[experiment.robot.joint_names[j]]
         y = experiment.motor[0][:, j] / experiment.lever[j] - experiment.joint[0][:, j]
         H = np.equal.outer(experiment.log, logs).astype(float)
-        if is_elastic and is_used:
+        if drive.is_elastic and j in experiment.used:
             H = np.column_stack([H, experiment.target[:, j], experiment.friction[j][:, :2]])
+        elif drive.is_elastic and experiment.robot.floating_base is not None:
+            continue  # its load is unknown, and is another one hanging than standing
         x = scaled_svd(H).solve(y)
-        noise = float(np.std(y - H @ x))
-        size = float(np.std(H[:, len(logs) :] @ x[len(logs) :])) if is_elastic else 0.0
-        least = POOR * size if is_elastic else LEAST_OFFSET
+        size = float(np.std(H[:, len(logs) :] @ x[len(logs) :]))
+        least = tol.POOR * size if drive.is_elastic else tol.LEAST_OFFSET
+        beyond = least + tol.MATERIAL * float(np.std(y - H @ x))
         for number, change in enumerate((x[1 : len(logs)] - x[0]).tolist(), 2):
-            if abs(change) > least + MATERIAL * noise:
+            if abs(change) > beyond:
                 yield _offset(experiment, j, number, change, size)
 
 
@@ -542,7 +537,7 @@ def _offset(experiment: Experiment, j: int, number: int, change: float, size: fl
     offset = -change * experiment.lever[j] if size else change
     times = f", {abs(change) / size:.2g} times the deflection of its spring (rms)" if size else ""
     source = changed_source(experiment.source(j, quantity, number - 1), offset=offset)
-    return ENCODER_OFFSETS_DIFFER.finding(
+    return codes.ENCODER_OFFSETS_DIFFER.finding(
         f"the encoder offsets of {joint} differ by {abs(change):.4g} at the joint between log 1 "
         f"and log {number}{times}: the robot was switched on anew",
         joint,
@@ -559,42 +554,23 @@ def rating_findings(experiment: Experiment) -> Iterator[Finding]:
     Factors on the torques of the bodies in the robot file differ from joint to joint as their
     limits do, or are all so large that masses do not explain them.
     """
-    robot, lever = experiment.robot, experiment.lever
+    robot = experiment.robot
     if robot.has_controllers or not experiment.used or not np.all(np.isfinite(experiment.bodies)):
         return  # on a floating base no joint is used, whose bodies have columns of their own
-    of_bodies, is_motor = experiment.regressor @ experiment.bodies, np.isfinite(experiment.torque)
-    torque = np.where(is_motor, lever * experiment.torque, experiment.sensed)
-    factors, clear = dict[int, float](), list[int]()
-    for j in experiment.used:
-        columns = (of_bodies[:, j], *experiment.load_columns(j).T, experiment.motor[2][:, j])
-        x = scaled_svd(np.column_stack(columns)).solve(torque[:, j])
-        left = torque[:, j] - np.column_stack(columns) @ x
-        factors |= {j: float(x[0])} if x[0] > 0 else {}
-        clear += [j] if np.std(left) < PART * x[0] * np.std(of_bodies[:, j]) else []
+    factors, clear = _torque_factors(experiment)
     logs = np.log([factors[j] for j in clear])
-    behind = logs - np.log(np.abs(lever[clear]))  # torques behind the gears have their ratio
-    is_right = len(clear) < 3 or np.median(np.abs(logs)) < MOST
-    if is_right or np.std(logs) < MOST or np.max(np.abs(behind)) < np.log(TWICE):
+    if not _are_scales(logs, np.abs(experiment.lever[clear])):
         return
-    scales, by = {j: 1 / factor for j, factor in factors.items()}, "masses"
-    limits = robot.effort_limits / np.where(is_motor[0], np.abs(lever), 1.0)
-    if np.all(np.isfinite(limits) & (limits > 0)):
-        parts = logs + np.log(limits[clear])
-        if np.std(parts) < PART * np.std(logs) > PART * np.log(TWICE):
-            full = 10.0 ** np.rint(np.median(parts) / np.log(10))
-            if full >= _PER_CENT:  # masses that are a hundred times too large look like parts of 1
-                scales, by = {j: float(limits[j] / full) for j in experiment.used}, "limits"
-    if by == "masses" and np.min(logs) < np.log(FAR):
-        return
-    least, largest = (float(np.exp(end(logs))) for end in (np.min, np.max))
+    scales, by = _parts_of_limits(experiment, logs, clear), "limits"
+    if not scales:
+        scales, by = {j: 1 / factor for j, factor in factors.items()}, "masses"
+        if np.min(logs) < np.log(tol.FAR):
+            return
+    least, largest = np.exp([np.min(logs), np.max(logs)]).tolist()
     lines = {
-        robot.joint_names[j]: {
-            quantity: changed_source(experiment.source(j, quantity), factor=float(f"{x:.4g}"))
-            for quantity in experiment.logged(j, "t")
-        }
-        for j, x in scales.items()
+        robot.joint_names[j]: _scaled_sources(experiment, j, factor) for j, factor in scales.items()
     }
-    yield UNIT.finding(
+    yield codes.UNIT.finding(
         f"the torques of {', '.join(lines)} are {least:.3g} to {largest:.3g} times those of the "
         "bodies of the robot file, as parts of a rating of each motor are (per cent, per mille)",
         severity="wrong",
@@ -605,8 +581,49 @@ def rating_findings(experiment: Experiment) -> Iterator[Finding]:
     )
 
 
-_PER_CENT = 100.0
-"""Least number of parts that a rating is logged in."""
+def _scaled_sources(experiment: Experiment, j: int, factor: float) -> dict[str, str]:
+    """Return the sources of the torques of joint j, with a factor of four digits on them."""
+    factor = float(f"{factor:.4g}")
+    sources = {name: experiment.source(j, name) for name in experiment.logged(j, "t")}
+    return {name: changed_source(source, factor=factor) for name, source in sources.items()}
+
+
+def _are_scales(logs: Array, levers: Array) -> bool:
+    """Whether logarithms of factors on torques are large and differ, and not by the gears alone."""
+    if len(logs) < 3 or np.median(np.abs(logs)) < tol.MOST or np.std(logs) < tol.MOST:
+        return False
+    # torques behind the gears have their ratio
+    return bool(np.max(np.abs(logs - np.log(levers))) >= np.log(tol.TWICE))
+
+
+def _torque_factors(experiment: Experiment) -> tuple[dict[int, float], list[int]]:
+    """Return torques over those of the bodies of the robot file, and where they explain most."""
+    of_bodies, sensed = experiment.regressor @ experiment.bodies, experiment.sensed
+    of_motors = experiment.lever * experiment.torque
+    torque = np.where(np.isfinite(of_motors), of_motors, sensed)
+    factors, clear = dict[int, float](), list[int]()
+    for j in experiment.used:
+        columns = (of_bodies[:, j], experiment.load_columns(j), experiment.motor[2][:, j])
+        H = np.column_stack(columns)
+        x = scaled_svd(H).solve(torque[:, j])
+        unexplained = float(np.std(torque[:, j] - H @ x))
+        factors |= {j: float(x[0])} if x[0] > 0 else {}
+        clear += [j] if unexplained < tol.PART * x[0] * np.std(of_bodies[:, j]) else []
+    return factors, clear
+
+
+def _parts_of_limits(experiment: Experiment, logs: Array, clear: Sequence[int]) -> dict[int, float]:
+    """Return the scales of torques that are parts of the limits of the robot file, or none."""
+    is_motor = np.isfinite(experiment.torque[0])
+    limits = experiment.robot.effort_limits / np.where(is_motor, np.abs(experiment.lever), 1.0)
+    if not np.all(np.isfinite(limits) & (limits > 0)):
+        return {}
+    parts = logs + np.log(limits[clear])
+    full = 10.0 ** np.rint(np.median(parts) / np.log(10))
+    is_part = np.std(parts) < tol.PART * np.std(logs) > tol.PART * np.log(tol.TWICE)
+    # masses that are a hundred times too large look like parts of 1
+    is_part = is_part and full >= tol.PER_CENT
+    return {j: float(limits[j] / full) for j in experiment.used} if is_part else {}
 
 
 def strength_findings(experiment: Experiment) -> Iterator[Finding]:
@@ -626,10 +643,10 @@ def strength_findings(experiment: Experiment) -> Iterator[Finding]:
     )
     heaviest = max(used, key=lambda j: float(sizes[j]))
     times = np.sqrt(np.mean(experiment.target**2, axis=0)) / sizes[heaviest]
-    joints = [robot.joint_names[j] for j in used if times[j] > FAR]
-    if joints and of_known[heaviest] > PART * sizes[heaviest]:
+    joints = [robot.joint_names[j] for j in used if times[j] > tol.FAR]
+    if joints and of_known[heaviest] > tol.PART * sizes[heaviest]:
         largest = float(np.nanmax(times[used]))
-        yield UNIT.finding(
+        yield codes.UNIT.finding(
             f"the torques of {', '.join(joints)} are up to {largest:.3g} times those which move "
             f"and hold the known bodies and the payload ({sizes[heaviest]:.3g} N m, rms): they are "
             "a percentage, a current or counts, or in another unit",
@@ -652,10 +669,10 @@ def stop_findings(experiment: Experiment, logs: Sequence[Log]) -> Iterator[Findi
         joint, (low, high) = robot.joint_names[j], robot.position_range(robot.joint_names[j])
         if not np.isfinite(high - low):
             continue
-        place, far = experiment.joint[0][:, j] - 0.5 * (low + high), (0.5 - FEW) * (high - low)
+        place, far = experiment.joint[0][:, j] - 0.5 * (low + high), (0.5 - tol.FEW) * (high - low)
         at_limit = np.abs(place) > far
         share = float(np.mean(at_limit))
-        if not FEW < share < MOST:
+        if not tol.FEW < share < tol.MOST:
             continue
         y = experiment.target[:, j] / np.std(experiment.target[:, j])
         rate = experiment.motor[2][:, j]
@@ -664,10 +681,12 @@ def stop_findings(experiment: Experiment, logs: Sequence[Log]) -> Iterator[Findi
         kept, left = svd.rank(RANK_TOLERANCE), y - H @ svd.solve(y[~at_limit], RANK_TOLERANCE)
         reach = (H[at_limit] / svd.norms) @ svd.vectors[:kept].T / svd.sizes[:kept]
         noise = np.sum(left[~at_limit] ** 2) / max(np.sum(~at_limit) - kept, 1)
-        error = np.sqrt(1 + CORRELATED_ROWS * np.sum(reach**2, axis=1)) * max(noise**0.5, FEW)
+        error = np.sqrt(1 + tol.CORRELATED_ROWS * np.sum(reach**2, axis=1)) * max(
+            noise**0.5, tol.FEW
+        )
         push = float(np.median(left[at_limit] * np.sign(place[at_limit]) / error))
-        if push > SIGNIFICANT:
-            yield CONTACT.finding(
+        if push > tol.SIGNIFICANT:
+            yield codes.CONTACT.finding(
                 f"{joint} is at its limit in the robot file, or beyond it, in {share:.0%} of the "
                 f"samples, where its motor pushes outwards by {push:.3g} times the error of what "
                 "the other samples predict: the torque there is that of a stop",
@@ -689,7 +708,7 @@ def _times_beyond(log: Log, robot: Robot, joint: str, far: float) -> list[list[f
     motor, place = log.motor_position[:, j], log.joint_position[:, j]
     place = np.where(np.isnan(place), motor / total_ratio(robot.drives[joint]), place)
     is_beyond = np.abs(place - np.mean(robot.position_range(joint))) > far
-    near = np.convolve(is_beyond, np.ones(2 * round(WINDOW_S / step) + 1), mode="same") > 0.5
+    near = np.convolve(is_beyond, np.ones(2 * round(tol.WINDOW_S / step) + 1), mode="same") > 0.5
     return [[round(float(log.time[k]), 3) for k in (a, b - 1)] for a, b in runs(near)]
 
 
@@ -708,8 +727,8 @@ def limit_findings(experiment: Experiment) -> Iterator[Finding]:
     for name, values, limits in looked_at:
         for j, joint in enumerate(robot.joint_names):
             largest, limit = float(np.max(np.abs(values[:, j]))), float(limits[j])
-            if np.isfinite(limit) and 0 < MANY_TIMES * limit < largest:
-                yield UNIT.finding(
+            if np.isfinite(limit) and 0 < tol.MANY_TIMES * limit < largest:
+                yield codes.UNIT.finding(
                     f"the {name} of {joint} reaches {largest / limit:.3g} times the limit of the "
                     "robot file: check the unit of its channels and of the time",
                     joint,
@@ -729,8 +748,8 @@ def decided_delays(experiment: Experiment, known: Sequence[Finding]) -> Iterator
         late = finding.evidence["delay [s]"]
         values, errors = np.array(delays).reshape(-1, 2).T
         weights = 1.0 / (errors**2 + late**2)
-        half = PART * late
+        half = tol.PART * late
         if not delays or float(np.linalg.norm(weights * errors) / np.sum(weights)) > half:
             yield finding
-        elif half < np.average(values, weights=weights) < max(late + half, LEAST_DELAY_S):
+        elif half < np.average(values, weights=weights) < max(late + half, tol.LEAST_DELAY_S):
             yield replace(finding, severity="doubtful", certainty="likely")

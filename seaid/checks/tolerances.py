@@ -142,6 +142,9 @@ of it."""
 MOST_NAMED, MOST_LISTED = 6, 12
 """Joints that the verdict names per code, and those that a warning names."""
 
+PER_CENT = 100.0
+"""Least number of parts that a rating is logged in."""
+
 NO_CHANCE = 0.999
 """Level of the interval that excludes zero if an error of a channel is none by chance."""
 
