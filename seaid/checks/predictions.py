@@ -11,25 +11,8 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 from scipy.special import ndtri
 
-from seaid._files import toml_table
+from seaid.checks import codes
 from seaid.checks.check import in_drives, only_joint
-from seaid.checks.codes import (
-    ESTIMATOR_DISAGREES,
-    HIDDEN_RESONANCE,
-    MOTOR_SIDE,
-    NEEDLESS_TERM,
-    NO_FIT,
-    NONLINEAR_SPRING,
-    NOT_IN_FORMAT,
-    NOT_REPLAYED,
-    NOTHING_TO_SIMULATE,
-    REPLAY_WORSE,
-    ROTOR_INERTIA,
-    SIGN,
-    UNSEEN_MOTION,
-    WORSE_THAN_START,
-    WRONG_MINIMUM,
-)
 from seaid.checks.tolerances import FAR, NOTHING, PART, POOR, RARE, SLIGHT, SURE, TWICE
 from seaid.errors import Finding, Severity, listed
 from seaid.estimation import Estimate
@@ -51,7 +34,7 @@ def unseen_motion(of: str, joint: str, error: float, ratio: float) -> Iterator[F
         if joint
         else "payload, force sensors and IMU"
     )
-    yield UNSEEN_MOTION.finding(
+    yield codes.UNSEEN_MOTION.finding(
         f"the model does not predict {of} in another motion: its error is {error:.0%} of it, that "
         f"of a constant 100%{own}",
         joint,
@@ -65,7 +48,7 @@ def unseen_motion(of: str, joint: str, error: float, ratio: float) -> Iterator[F
 def not_measured(joints: Sequence[str]) -> Iterator[Finding]:
     """Yield the note on joints that a validation simulates from their motor angles."""
     if joints:
-        yield MOTOR_SIDE.finding(
+        yield codes.MOTOR_SIDE.finding(
             f"the log has no sensor behind the spring of {', '.join(joints)}: the joint is "
             "simulated from the motor angle, and the motor torque compared; there is no measured "
             "torque on its load to compare",
@@ -80,7 +63,7 @@ def not_measured(joints: Sequence[str]) -> Iterator[Finding]:
 
 def not_replayed(joint: str, reason: str) -> Finding:
     """Return the note on a joint that follows its measured motion in a replay."""
-    return NOT_REPLAYED.finding(
+    return codes.NOT_REPLAYED.finding(
         f"{joint} follows its measured motion in the replay, which compares the other joints: "
         f"{reason}",
         joint,
@@ -91,25 +74,26 @@ def not_replayed(joint: str, reason: str) -> Finding:
 
 def diverged_replay(title: str, inertias: Mapping[str, float]) -> Finding:
     """Return that a model was replayed with other rotor `inertias`, since it had diverged."""
-    is_nominal, (first, *_) = title == "nominal", inertias
-    return ROTOR_INERTIA.finding(
+    severity: Severity = "doubtful"
+    remedy = "check the gains, their units, and the sign and zero of each joint"
+    if title == "nominal":
+        line = "motor_inertia_kg_m2 = 1e-5  # write that of your motor"
+        severity, remedy = "note", f"nominal values {in_drives({(next(iter(inertias)),): line})}"
+    return codes.ROTOR_INERTIA.finding(
         f"the {title} model has too little rotor inertia to be simulated under its controllers "
         "(the simulation diverged): it was replayed with the least that can, at the joint "
         f"[kg m^2 or kg]: {listed(f'{joint} {x:.2g}' for joint, x in inertias.items())}",
         only_joint([*inertias]),
-        "note" if is_nominal else "doubtful",
+        severity,
         inertias,
-        f"nominal values in the drives file:\n{toml_table(first)}\n"
-        "motor_inertia_kg_m2 = 1e-5  # write that of your motor"
-        if is_nominal
-        else "check the gains, their units, and the sign and zero of each joint",
+        remedy,
         "certain",
     )
 
 
 def least_inertias(title: str, inertias: Mapping[str, float], least_s: float) -> Finding:
     """Return the note that friction stops joints within a time [s] without other inertias."""
-    return ROTOR_INERTIA.finding(
+    return codes.ROTOR_INERTIA.finding(
         f"the {title} model has so little inertia at "
         f"{listed(f'{joint} {x:.2g}' for joint, x in inertias.items())} that viscous friction "
         f"stops it within {1e3 * least_s:g} ms: it was replayed with these rotor inertias at the "
@@ -133,7 +117,7 @@ def replay_worse(
     whole = float(np.exp(np.mean(np.log(np.maximum([*ratios.values()], tiny)))))
     remedy = "check gains, delay and limit of the controllers, and that the log is of this robot"
     if whole > 1:
-        yield REPLAY_WORSE.finding(
+        yield codes.REPLAY_WORSE.finding(
             "the identified model replays this log worse than the nominal one: its rms errors are "
             f"{whole:.2g} times those before (geometric mean of the joints)",
             "",
@@ -145,7 +129,7 @@ def replay_worse(
         return
     for (joint, ratio), unit in zip(ratios.items(), units, strict=True):
         if ratio > 1 + POOR:  # less is within the scatter of parts of one log
-            yield REPLAY_WORSE.finding(
+            yield codes.REPLAY_WORSE.finding(
                 f"the identified model replays {joint} worse than the nominal one: its rms error "
                 f"is {1e3 * after[joint]:.3g} {unit}, {ratio:.2g} times that before",
                 joint,
@@ -159,7 +143,7 @@ def replay_worse(
 
 def nothing_to_simulate() -> Finding:
     """Return the note that a refinement has no joint to simulate."""
-    return NOTHING_TO_SIMULATE.finding(
+    return codes.NOTHING_TO_SIMULATE.finding(
         "refine returns the values of its start: no joint has a spring whose torque is unknown, so "
         "there is no motion to simulate, and the torques alone determine no more than identify "
         "found",
@@ -172,7 +156,7 @@ def nothing_to_simulate() -> Finding:
 
 def worse_than_start(reason: str, evidence: Mapping[str, float]) -> Finding:
     """Return that a refinement returns its start, because of a reason."""
-    return WORSE_THAN_START.finding(
+    return codes.WORSE_THAN_START.finding(
         f"refine returns the values of its start, because {reason}: the model lacks an effect that "
         "the simulation of the joints accumulates, or the log is another one",
         evidence=evidence,
@@ -209,7 +193,7 @@ def motor_side_findings(
         f"have lowered the stiffness by up to {bounds} (95 %); motions up to twice the "
         "antiresonance show more"
     )
-    yield MOTOR_SIDE.finding(
+    yield codes.MOTOR_SIDE.finding(
         f"{', '.join(tests)}: no sensor behind the spring, so that stiffness and load come from "
         "motor angle and torque by output error; the stiffness is that of gear, spring and link in "
         "series, and the joint angle that of the motor over the gear ratio at a spring without "
@@ -223,7 +207,7 @@ def motor_side_findings(
 
 
 def _undamped(joint: str, size: float, error: float) -> Finding:
-    return MOTOR_SIDE.finding(
+    return codes.MOTOR_SIDE.finding(
         f"the spring of {joint} has damping that its drive lacks, a damping ratio of "
         f"{size / 2:.2%} of its load, {size / error:.0f} standard errors: its stiffness and "
         "friction may be wrong by more than their intervals",
@@ -235,7 +219,7 @@ def _undamped(joint: str, size: float, error: float) -> Finding:
 
 def _flexible(joint: str, size: float, error: float, antiresonance_hz: float) -> Finding:
     less = [math.sqrt(size * share / (1 - share)) for share in (0.3, 0.5)]
-    return MOTOR_SIDE.finding(
+    return codes.MOTOR_SIDE.finding(
         f"the stiffness that the motor of {joint} feels falls with the frequency, by {size:.2%} at "
         f"its antiresonance of {antiresonance_hz:.3g} Hz, {size / error:.0f} standard errors: "
         "something behind the spring is elastic too, a link, a gear or a mounting, which the model "
@@ -251,7 +235,7 @@ def noisy_springs(unexplained: Mapping[str, float]) -> Iterator[Finding]:
     """Yield the joints whose torque, as their motors feel it, is mostly not explained."""
     for joint, part in unexplained.items():
         if part > PART:
-            yield MOTOR_SIDE.finding(
+            yield codes.MOTOR_SIDE.finding(
                 f"{part:.0%} of the torque on the spring of {joint}, as its motor feels it, is "
                 "not explained: its stiffness and load may be wrong by more than their intervals; "
                 "load this spring more (a larger motion, a test mass), or log the joint position",
@@ -277,7 +261,7 @@ def hidden_springs(
         hz, share = antiresonances_hz[joint], error / abs(k)
         needed_hz, larger = rate_hz[1] * hz, share / SLIGHT
         rate = f"log at {needed_hz:.3g} Hz or more, " if needed_hz > rate_hz[0] else ""
-        yield HIDDEN_RESONANCE.finding(
+        yield codes.HIDDEN_RESONANCE.finding(
             f"the motor torque hardly shows the spring of {joint}: its stiffness is known to "
             f"{share:.0%}. The motor feels it most at the antiresonance, about {hz:.3g} Hz, and "
             f"the motion has a band of {band_hz:.3g} Hz",
@@ -330,7 +314,7 @@ def unseen_resonance(
         reason = f"no resonance stands out up to {top:.3g} Hz; it is above that, or inside the "
         reason += f"noise, which is {noise:.2g} of the response there"
         remedy = f"excite up to {2 * top:.3g} Hz, logged at {6 * top:.3g} Hz or more; or {louder}"
-    yield HIDDEN_RESONANCE.finding(
+    yield codes.HIDDEN_RESONANCE.finding(
         f"the response of {joint} does not determine its spring (relative standard error "
         f"{error:.2g}): {reason}",
         joint,
@@ -343,7 +327,7 @@ def unseen_resonance(
 
 def wrong_minimum(lack_of_fit: float) -> Finding:
     """Return that the errors of coupled joints follow the angles of their motors."""
-    return WRONG_MINIMUM.finding(
+    return codes.WRONG_MINIMUM.finding(
         "the errors of the torques of the coupled joints follow their motor angles: they are "
         f"{lack_of_fit:.3g} times as large as what does not; the search may have ended in a wrong "
         "minimum, or links or gears are elastic",
@@ -366,7 +350,7 @@ def contradicted_rotor(
     low, high = free.interval()[free.names.index("motor_inertia")]
     inertia, stiffness = stated["motor_inertia"], stated["stiffness"]
     if abs(inertia - rotor) > high - low and abs(stiffness - k) > SLIGHT * k:
-        yield ROTOR_INERTIA.finding(
+        yield codes.ROTOR_INERTIA.finding(
             f"the response of {joint} contradicts its rotor inertia of {inertia:.3g} kg m^2: it "
             f"shows {rotor:.3g} kg m^2, {low:.3g} to {high:.3g}, with which the stiffness is "
             f"{k:.4g} {free.units[free.names.index('stiffness')]} and not {stiffness:.4g}",
@@ -384,7 +368,7 @@ def stiffness_disagrees(joint: str, response: Estimate, other: Estimate) -> Iter
     if low > most or high < least:
         one, two = response.value("stiffness"), other.value("stiffness")
         unit = response.units[response.names.index("stiffness")]
-        yield ESTIMATOR_DISAGREES.finding(
+        yield codes.ESTIMATOR_DISAGREES.finding(
             f"the stiffness of {joint} is {one:.4g} {unit} by its frequency response, {low:.4g} to "
             f"{high:.4g}, and {two:.4g} by the identification, {least:.4g} to {most:.4g}: a spring "
             "that is not linear, or softer at other amplitudes, a cutoff below its resonance, or "
@@ -408,20 +392,20 @@ def calibration_findings(
     term, and `is_curved` whether it is significant.
     """
     if misfit > SLIGHT:
-        yield NO_FIT.finding(
+        yield codes.NO_FIT.finding(
             f"the law explains the loads to {misfit:.1%} of their standard deviation only",
             severity="wrong" if misfit > PART else "doubtful",
             remedy="check the order of the rows and their units, and that the joint was at rest",
         )
     if law == "linear" and is_curved:
         text = f"the law is not a straight line: a cubic term has a p-value of {p_value:.2g}"
-        yield NONLINEAR_SPRING.finding(text, remedy='law="cubic"')
+        yield codes.NONLINEAR_SPRING.finding(text, remedy='law="cubic"')
     if law == "cubic" and not is_curved:
         text = f"the cubic term is not significant: its p-value is {p_value:.2g}"
-        yield NEEDLESS_TERM.finding(text, severity="note", remedy='law="linear"')
+        yield codes.NEEDLESS_TERM.finding(text, severity="note", remedy='law="linear"')
     if slope < 0:
         text = "a larger load has a smaller reading: the sign of one of them is opposite"
-        yield SIGN.finding(text, remedy="change the sign of the readings")
+        yield codes.SIGN.finding(text, remedy="change the sign of the readings")
 
 
 # Files for simulators
@@ -434,4 +418,4 @@ def not_in_format(
     remedy: str = "",
 ) -> Finding:
     """Return that a written file does not hold a part of the model."""
-    return NOT_IN_FORMAT.finding(text, "", severity, dict(evidence or {}), remedy, "certain")
+    return codes.NOT_IN_FORMAT.finding(text, "", severity, dict(evidence or {}), remedy, "certain")
