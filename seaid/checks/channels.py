@@ -106,7 +106,7 @@ class Channel:
         return float(np.max(np.abs(self.values)))
 
 
-def _channels(log: Log, joints: Collection[str], *quantities: str) -> Iterator[Channel]:
+def channels_of(log: Log, joints: Collection[str], *quantities: str) -> Iterator[Channel]:
     """Yield the channels of joints whose samples are all known, and change."""
     sources = log.sources()
     for quantity in (name for name in quantities if getattr(log, name) is not None):
@@ -117,12 +117,12 @@ def _channels(log: Log, joints: Collection[str], *quantities: str) -> Iterator[C
 
 def _positions(log: Log) -> Iterator[Channel]:
     """Yield the positions of a log that change."""
-    return _channels(log, log.joint_names, "motor_position", "joint_position")
+    return channels_of(log, log.joint_names, "motor_position", "joint_position")
 
 
 def _torques(log: Log, used: Collection[str]) -> list[Channel]:
     """Return the torques that change, and have a column without a unit."""
-    channels = _channels(log, used, "motor_torque", "joint_torque")
+    channels = channels_of(log, used, "motor_torque", "joint_torque")
     return [each for each in channels if each.source is not None and "unit" not in each.entry]
 
 
@@ -344,7 +344,7 @@ def _held_torques(logged: Logged) -> Iterator[Finding]:
     """
     for where, log in logged.numbered if not logged.robot.has_controllers else ():
         held: dict[int, list[Channel]] = {}
-        for channel in _channels(log, logged.used, "motor_torque"):
+        for channel in channels_of(log, logged.used, "motor_torque"):
             j = log.joint_names.index(channel.joint)
             sides = (log.motor_position[:, j], log.joint_position[:, j])
             count = held_over(log.time, channel.values)
@@ -371,7 +371,7 @@ def _saturated(logged: Logged) -> Iterator[Finding]:
     """Yield the channels that stay at their extremes: of each the log that does so longest."""
     longest: dict[tuple[str, str], tuple[float, str, float]] = {}
     for where, log in logged.numbered:
-        for channel in _channels(log, logged.used, *INPUT_FIELDS.values()):
+        for channel in channels_of(log, logged.used, *INPUT_FIELDS.values()):
             share, name = _share_at_limit(channel.values), (channel.quantity, channel.joint)
             if share > longest.get(name, (tol.FEW,))[0]:
                 longest[name] = share, where.replace(" of ", " in "), channel.largest

@@ -8,7 +8,7 @@ are seen by the same signals.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import combinations
@@ -17,6 +17,9 @@ from typing import Any
 import numpy as np
 
 from seaid._arrays import Array, is_constant, resolution
+from seaid.checks import codes
+from seaid.checks import tolerances as tol
+from seaid.checks.channels import Channel, channels_of
 from seaid.checks.check import (
     Observation,
     excluding_torque,
@@ -24,19 +27,6 @@ from seaid.checks.check import (
     in_drives,
     observed,
     only_joint,
-)
-from seaid.checks.codes import (
-    COMMAND_DELAY,
-    CONTACT,
-    DELAY,
-    ENCODER_OFFSET,
-    GAIN_SCALE,
-    NO_MEASUREMENT,
-    SATURATION,
-    SIGN,
-    UNIDENTIFIABLE,
-    UNIT,
-    UNUSED_COMMAND,
 )
 from seaid.checks.experiment import (
     FALLS,
@@ -49,23 +39,6 @@ from seaid.checks.experiment import (
     flipped,
     scaled,
 )
-from seaid.checks.tolerances import (
-    BEYOND_RAD,
-    EVENTS,
-    FAR,
-    FEW,
-    HELD_S,
-    LATE_S,
-    LEAST_DELAY_S,
-    MANY_TIMES,
-    MOST,
-    NEGLIGIBLE,
-    POOR,
-    SIGNIFICANT,
-    SLIGHT,
-    SURE,
-    TWICE,
-)
 from seaid.drives import (
     DELAY_PARAMETER,
     NORMAL_95,
@@ -77,7 +50,7 @@ from seaid.drives import (
     is_stated,
     stated_delay_s,
 )
-from seaid.errors import Finding, listed
+from seaid.errors import Finding, Severity, listed
 from seaid.estimation import Estimate, scaled_svd
 from seaid.log import (
     Log,
@@ -165,20 +138,17 @@ def _not_following(commanded: Commanded) -> Iterator[Finding]:
         return
     r = float(np.corrcoef(command, position)[0, 1])
     times = float(np.std(command) / np.std(position))
-    is_other_unit = r >= MOST and max(times, 1 / times) >= FAR
-    if r > -MOST and not is_other_unit:
+    is_other_unit = r >= tol.MOST and max(times, 1 / times) >= tol.FAR
+    if r > -tol.MOST and not is_other_unit:
         return
     per_degree = math.pi / 180
-    is_degrees = abs(math.log(times * per_degree)) < MOST
-    code, words = (
-        SIGN,
-        f"moves against its position (correlation {r:.3f}): it has the opposite sign",
-    )
-    factor = -1.0
+    factor, code = -1.0, codes.SIGN
+    words = f"moves against its position (correlation {r:.3f}): it has the opposite sign"
     if is_other_unit:
+        is_degrees = abs(math.log(times * per_degree)) < tol.MOST
+        factor, code = float(f"{per_degree if is_degrees else 1 / times:.4g}"), codes.UNIT
         unit = "degrees" if is_degrees else "another unit"
-        code, words = UNIT, f"has {times:.4g} times the range of its position: it is in {unit}"
-        factor = float(f"{per_degree if is_degrees else 1 / times:.4g}")
+        words = f"has {times:.4g} times the range of its position: it is in {unit}"
     source = commanded.log.sources()[joint]["position_command"]
     yield code.finding(
         f"the position command of {joint} {words}",
@@ -195,14 +165,14 @@ def _repeats(commanded: Commanded) -> Iterator[Finding]:
     time, command, joint = commanded.log.time, commanded.command, commanded.joint
     period_s = float(time[-1] - time[0]) / (len(time) - 1)
     runs = np.diff(np.flatnonzero(np.diff(command) != 0))
-    runs = runs[runs * period_s < HELD_S]  # longer ones are rests
-    if len(runs) < POOR * len(command) or np.median(runs) > 1:
+    runs = runs[runs * period_s < tol.HELD_S]  # longer ones are rests
+    if len(runs) < tol.POOR * len(command) or np.median(runs) > 1:
         return
     share = float(np.sum(runs - 1) / np.sum(runs))
-    if share < FEW:
+    if share < tol.FEW:
         return
     longest_ms = 1e3 * period_s * float(np.percentile(runs - 1, 99))
-    yield DELAY.finding(
+    yield codes.DELAY.finding(
         f"{share:.1%} of the position commands of {joint} repeat the one before while others "
         f"change: they are logged twice or late, by {longest_ms:.3g} ms and more at times",
         joint,
@@ -221,16 +191,16 @@ def _at_stop(commanded: Commanded) -> Iterator[Finding]:
 
     command = beyond(commanded.command)
     share, farthest = float(np.mean(command > 0)), float(np.max(command))
-    if share < FEW or np.sum(beyond(commanded.position)) > MOST * np.sum(command):
+    if share < tol.FEW or np.sum(beyond(commanded.position)) > tol.MOST * np.sum(command):
         return
     others = [name for name in robot.joint_names if name != joint]
-    yield CONTACT.finding(
+    yield codes.CONTACT.finding(
         f"{joint} is commanded beyond its limits in the robot file, from {lower:.4g} to "
         f"{upper:.4g} {unit}, in {share:.0%} of the samples, by up to {farthest:.3g} {unit}, and "
         "does not follow there: at its stop its controller pushes against a force that is not in "
         "the model",
         joint,
-        "wrong" if share > MOST else "doubtful",
+        "wrong" if share > tol.MOST else "doubtful",
         {"share beyond the limits": share, "farthest beyond": farthest},
         f"command it within its limits{excluding_torque(others)}",
     )
@@ -238,48 +208,48 @@ def _at_stop(commanded: Commanded) -> Iterator[Finding]:
 
 def _limited(commanded: Commanded) -> Iterator[Finding]:
     """Yield a controller that is at its limit, or asks more than the limit of the robot file."""
-    robot, joint, law = commanded.robot, commanded.joint, commanded.law
-    is_stated_limit = bool(np.isfinite(law.torque_limit_Nm))
-    limit = law.torque_limit_Nm
-    if not is_stated_limit:
+    robot, joint, limit = commanded.robot, commanded.joint, commanded.law.torque_limit_Nm
+    is_stated = bool(np.isfinite(limit))
+    if not is_stated:
         if robot.drives[joint].is_up_to_scale:
             return  # its gains are in other units than the limit
         limit = float(robot.effort_limits[robot.index(joint)])
     asked = np.abs(commanded.asked())
     share = float(np.mean(asked > limit)) if limit > 0 else 0.0
-    if share < FEW:
+    if share < tol.FEW:
         return
-    times = float(np.median(asked)) / limit
+    times, evidence = float(np.median(asked)) / limit, {"share at the limit": share}
     # bodies of the robot file show another unit better than its limits
-    if times > MANY_TIMES and (is_stated_limit or not np.any(robot.parameters)):
-        yield GAIN_SCALE.finding(
+    if times > tol.MANY_TIMES and (is_stated or not np.any(robot.parameters)):
+        yield codes.GAIN_SCALE.finding(
             f"the controller of {joint} asks for more than its torque limit, {limit:.4g} N m, in "
             f"{share:.0%} of the samples, and for {times:.3g} times as much on average: its gains "
             "are in another unit than the limit, such as units of the drive (counts, 1/256, per "
             "degree)",
             joint,
-            evidence={"share at the limit": share, "median torque over its limit": times},
+            evidence={**evidence, "median torque over its limit": times},
             remedy="gains in N m/rad, or gains and limit in units of the drive and their scale as "
             "a parameter with known bodies, "
             + in_drives({(joint, "controller"): "is_up_to_scale = true"}),
         )
-        return
-    text = (
-        f"asks for more than its torque limit, {limit:.4g} N m, in {share:.1%} of the samples: the "
-        "limit counts as its torque there"
-        if is_stated_limit
-        else f"asks for up to {float(np.max(asked)):.3g} N m, in {share:.1%} of the samples more "
-        f"than the effort limit of the robot file ({limit:.4g} N m), and has no torque limit"
-    )
-    line = in_drives({(joint, "controller"): f"torque_limit_Nm = {limit:.4g}"})
-    yield SATURATION.finding(
-        f"the controller of {joint} {text}",
-        joint,
-        "note" if is_stated_limit else "doubtful",
-        {"share at the limit": share},
-        "" if is_stated_limit else line,
-        "certain" if is_stated_limit else "likely",
-    )
+    elif is_stated:
+        yield codes.SATURATION.finding(
+            f"the controller of {joint} asks for more than its torque limit, {limit:.4g} N m, in "
+            f"{share:.1%} of the samples: the limit counts as its torque there",
+            joint,
+            "note",
+            evidence,
+            certainty="certain",
+        )
+    else:
+        yield codes.SATURATION.finding(
+            f"the controller of {joint} asks for up to {float(np.max(asked)):.3g} N m, in "
+            f"{share:.1%} of the samples more than the effort limit of the robot file "
+            f"({limit:.4g} N m), and has no torque limit",
+            joint,
+            evidence=evidence,
+            remedy=in_drives({(joint, "controller"): f"torque_limit_Nm = {limit:.4g}"}),
+        )
 
 
 def _ignored(commanded: Commanded) -> Iterator[Finding]:
@@ -291,7 +261,7 @@ def _ignored(commanded: Commanded) -> Iterator[Finding]:
     largest = float(np.max(np.abs(rates[:, commanded.place])))
     if largest > 0:  # False for a joint without them, too, whose samples are NaN
         line = f"command_velocity_gain_Nms_per_rad = {gain:g}"
-        yield UNUSED_COMMAND.finding(
+        yield codes.UNUSED_COMMAND.finding(
             f"the log has velocity commands of {joint}, of up to {largest:.3g} {commanded.unit}/s, "
             "and its controller has no gain for them: they are not used",
             joint,
@@ -315,9 +285,9 @@ def _too_close(commanded: Commanded) -> Iterator[Finding]:
     """Yield a joint whose tracking error is mostly the noise of its encoder."""
     joint, size = commanded.joint, float(np.std(commanded.error))
     noise = _encoder_noise(commanded.position)
-    if size > SURE * noise or is_constant(commanded.position):
+    if size > tol.SURE * noise or is_constant(commanded.position):
         return
-    yield UNIDENTIFIABLE.finding(
+    yield codes.UNIDENTIFIABLE.finding(
         f"the position of {joint} follows its command within {1e3 * size:.3g} mrad (rms), "
         f"{size / noise if noise else 1.0:.2g} times the noise and resolution of its encoder "
         f"({1e3 * noise:.2g} mrad): what its controller gives is mostly noise, and no parameter is "
@@ -330,11 +300,11 @@ def _too_close(commanded: Commanded) -> Iterator[Finding]:
 
 
 _OF_COMMANDS = (
-    Observation(DELAY, _repeats),
-    Observation(CONTACT, _at_stop),
-    Observation(SATURATION, _limited),
-    Observation(UNUSED_COMMAND, _ignored),
-    Observation(UNIDENTIFIABLE, _too_close),
+    Observation(codes.DELAY, _repeats),
+    Observation(codes.CONTACT, _at_stop),
+    Observation(codes.SATURATION, _limited),
+    Observation(codes.UNUSED_COMMAND, _ignored),
+    Observation(codes.UNIDENTIFIABLE, _too_close),
 )
 
 
@@ -343,38 +313,38 @@ def no_measurements(robot: Robot, log: Log) -> Iterator[Finding]:
 
     The current loop of a real drive leaves more noise, friction of the sensor and delay.
     """
-    for name in ("motor_torque", "joint_torque", "motor_current"):
-        values, commands = getattr(log, name), log.position_command
-        for j, joint in enumerate(log.joint_names if values is not None else ()):
-            drive, torque = robot.drives.get(joint), values[:, j]
-            if drive is None or drive.controller is not None or not np.all(np.isfinite(torque)):
-                continue
-            error = np.full(len(torque), np.nan)
-            if commands is not None:
-                error = commands[:, j] - _controlled_position(log, j, drive.ratio)
-            is_magnitude = _is_magnitude(torque) or _is_folded(error, torque)
-            r = abs(_correlation(error, torque))
-            if not is_magnitude and r < 1 - FEW:
-                continue
-            gain = drive.ratio * float(np.std(torque) / np.std(error)) if r else 0.0
-            what = "has no sign: it is a magnitude and returns to zero without crossing it"
-            if not is_magnitude:
-                what = f"is {gain:.4g} times the tracking error (correlation {r:.4f})"
-            yield NO_MEASUREMENT.finding(
-                f"the {name.replace('_', ' ')} of {joint} {what}, so that it measures no torque",
-                joint,
-                "wrong" if is_magnitude else "doubtful",
-                {"correlation with the tracking error": r},
-                _with_commands(joint, drive.ratio, None if is_magnitude else gain),
-            )
+    quantities = ("motor_torque", "joint_torque", "motor_current")
+    for channel in channels_of(log, log.joint_names, *quantities):
+        drive = robot.drives.get(channel.joint)
+        if drive is not None and drive.controller is None:
+            yield from _no_measurement(log, channel, drive.ratio)
 
 
-def _with_commands(joint: str, ratio: float, gain: float | None) -> str:
-    """Return the drive table of a joint whose position commands replace its torque."""
-    known = "20.0  # write the gain of your controller" if gain is None else f"{gain:.4g}"
+def _no_measurement(log: Log, channel: Channel, ratio: float) -> Iterator[Finding]:
+    """Yield a torque or current that is a magnitude, or computed from the tracking error."""
+    j, torque = log.joint_names.index(channel.joint), channel.values
+    error = np.full(len(torque), np.nan)
+    if log.position_command is not None:
+        error = log.position_command[:, j] - _controlled_position(log, j, ratio)
+    r, known = abs(_correlation(error, torque)), "20.0  # write the gain of your controller"
+    is_magnitude = _is_magnitude(torque) or _is_folded(error, torque)
+    what = "has no sign: it is a magnitude and returns to zero without crossing it"
+    if not is_magnitude:
+        if r < 1 - tol.FEW:
+            return
+        gain = ratio * float(np.std(torque) / np.std(error))
+        known = f"{gain:.4g}"
+        what = f"is {known} times the tracking error (correlation {r:.4f})"
     drive = f'type = "stiff"\ngear_ratio = {ratio:.6g}\nmotor_input = "position_command"'
     law = f"position_gain_Nm_per_rad = {known}"
-    return in_drives({(joint,): drive, (joint, "controller"): law})
+    yield codes.NO_MEASUREMENT.finding(
+        f"the {channel.quantity.replace('_', ' ')} of {channel.joint} {what}, so that it measures "
+        "no torque",
+        channel.joint,
+        "wrong" if is_magnitude else "doubtful",
+        {"correlation with the tracking error": r},
+        in_drives({(channel.joint,): drive, (channel.joint, "controller"): law}),
+    )
 
 
 def _correlation(first: Array, second: Array) -> float:
@@ -386,7 +356,7 @@ def _correlation(first: Array, second: Array) -> float:
 
 def is_unsigned(torque: Array) -> bool:
     """Whether a channel (T,) is never negative, but for what resampling leaves."""
-    return bool(np.min(torque) >= -NEGLIGIBLE * np.percentile(np.abs(torque), 99))
+    return bool(np.min(torque) >= -tol.NEGLIGIBLE * np.percentile(np.abs(torque), 99))
 
 
 def _is_magnitude(torque: Array) -> bool:
@@ -398,14 +368,14 @@ def _is_magnitude(torque: Array) -> bool:
     """
     size = float(np.percentile(np.abs(torque), 99))
     has_one_sign = is_unsigned(torque) or is_unsigned(-torque)
-    is_coarse = len(np.unique(torque)) * SLIGHT < 1  # then zero is no level of its own
+    is_coarse = len(np.unique(torque)) * tol.SLIGHT < 1  # then zero is no level of its own
     if size == 0 or is_coarse or not has_one_sign:
         return False
-    near, away = np.abs(torque) <= SLIGHT * size, np.abs(torque) > MOST * size
-    if np.mean(~near & (np.abs(torque) < (1 - SLIGHT) * size)) < FEW:
+    near, away = np.abs(torque) <= tol.SLIGHT * size, np.abs(torque) > tol.MOST * size
+    if np.mean(~near & (np.abs(torque) < (1 - tol.SLIGHT) * size)) < tol.FEW:
         return False  # a signed integer without its sign is at both ends only
     levels = near[near | away]
-    return int(np.count_nonzero(levels[1:] & ~levels[:-1])) >= EVENTS
+    return int(np.count_nonzero(levels[1:] & ~levels[:-1])) >= tol.EVENTS
 
 
 def _is_folded(error: Array, torque: Array) -> bool:
@@ -414,7 +384,7 @@ def _is_folded(error: Array, torque: Array) -> bool:
         return False
     sides = ((1, error > 0), (-1, error < 0))
     return all(
-        np.mean(part) >= SLIGHT and side * _correlation(error[part], torque[part]) >= MOST
+        np.mean(part) >= tol.SLIGHT and side * _correlation(error[part], torque[part]) >= tol.MOST
         for side, part in sides
     )
 
@@ -430,32 +400,38 @@ def separation_findings(robot: Robot, motions: Sequence[Motion]) -> Iterator[Fin
 
     Of stiff drives; a delay that counts as known, but not exactly, is free here.
     """
-    within = {joint: stated_delay_s(drive) for joint, drive in robot.drives.items()}
-    joints = [joint for joint in within if within[joint] and not robot.drives[joint].is_elastic]
-    if not joints or not is_linear(robot, joints) or robot.floating_base is not None:
+    free = _free_delays(robot)
+    if not free or not is_linear(robot, list(free)) or robot.floating_base is not None:
         return
-    free = {joint: _with_free_delay(robot.drives[joint], within[joint]) for joint in joints}
     robot = robot.with_drives(free)
-    model = load_model_of(robot, motions, joints)
+    model = load_model_of(robot, motions, list(free))
     rows = stacked([load_regression(robot, motion, model, {}) for motion in motions])
     H = rows.H / _residual_std(rows)[:, None]
     is_delay = np.array([DELAY_PARAMETER in str(name) for name in rows.names])
-    others = H[:, ~is_delay]
+    others, names = H[:, ~is_delay], np.array(rows.names)[~is_delay].tolist()
     for bus in buses_of(robot.drives, rows.names):
         columns = H[:, list(bus.places)]
         change = scaled_svd(others).solve(columns.sum(axis=1))
-        names = np.array(rows.names)[~is_delay].tolist()
-        slopes = dict(zip(names, change.tolist(), strict=True))
-        left = (columns.sum(axis=1) - others @ change)[np.any(columns != 0, axis=1)]
+        unshared = (columns.sum(axis=1) - others @ change)[np.any(columns != 0, axis=1)]
         reach = NORMAL_95 * bus.std_s
-        effect = reach * float(np.sqrt(np.mean(left**2)))
+        effect = reach * float(np.sqrt(np.mean(unshared**2)))
         of_bus = [rows.names[place].split(" of ")[1] for place in bus.places]
+        slopes = dict(zip(names, change.tolist(), strict=True))
         yield _separation(robot, of_bus, slopes, reach, effect)
 
 
-def _with_free_delay(drive: Drive, within_s: float) -> Drive:
-    known = tuple(name for name in drive.known if name != DELAY_PARAMETER)
-    return replace(drive, known=known, std={**drive.std, "command_delay_s": within_s / NORMAL_95})
+def _free_delays(robot: Robot) -> dict[str, Drive]:
+    """Return the stiff drives whose delay counts as known, but not exactly, with a free one."""
+    within = {joint: stated_delay_s(drive) for joint, drive in robot.drives.items()}
+    return {
+        joint: replace(
+            drive,
+            known=tuple(name for name in drive.known if name != DELAY_PARAMETER),
+            std={**drive.std, "command_delay_s": within[joint] / NORMAL_95},
+        )
+        for joint, drive in robot.drives.items()
+        if within[joint] and not drive.is_elastic
+    }
 
 
 def _residual_std(rows: Regression) -> Array:
@@ -488,26 +464,20 @@ def _separation(
                 evidence[f"{name} of {joint} per second of delay"] = slope
         if sums:
             texts.append(f"{joint} {' and '.join(sums)} ({' and '.join(alone)} alone)")
-    is_separate = effect > 1
-    verdict = "separates the delay T of the commands from rotor inertia and viscous friction"
-    if not is_separate:
-        verdict = (
-            "does not separate the delay T of the commands from rotor inertia and viscous "
-            "friction; it determines sums, and each alone only as well as T is known: "
-            f"{'; '.join(texts[:_MOST_JOINTS])}"
-        )
-    return COMMAND_DELAY.finding(
-        f"before a fit: this log {verdict}. {reach * 1e3:.3g} ms of T change the torque by "
-        f"{effect:.2g} times the residual beyond what these and the other parameters explain",
+    verdict, but, remedy = "separates", "", ""
+    if effect <= 1:
+        verdict, remedy = "does not separate", _OTHER_GAINS
+        but = "; it determines sums, and each alone only as well as T is known: "
+        but += "; ".join(texts[: tol.MOST_LISTED])
+    return codes.COMMAND_DELAY.finding(
+        f"before a fit: this log {verdict} the delay T of the commands from rotor inertia and "
+        f"viscous friction{but}. {reach * 1e3:.3g} ms of T change the torque by {effect:.2g} times "
+        "the residual beyond what these and the other parameters explain",
         severity="note",
         evidence=evidence,
-        remedy="" if is_separate else _OTHER_GAINS,
+        remedy=remedy,
         certainty="certain",
     )
-
-
-_MOST_JOINTS = 12
-"""Most joints in a message."""
 
 
 def delay_estimate_findings(robot: Robot, load_side: Estimate) -> Iterator[Finding]:
@@ -516,52 +486,69 @@ def delay_estimate_findings(robot: Robot, load_side: Estimate) -> Iterator[Findi
     evidence: dict[str, float] = {}
     stated_s: list[float] = []
     unusual: dict[float, list[str]] = {}
-    for place, name in enumerate(load_side.names):
-        if not isinstance(name, JointParameter) or name.parameter != DELAY_PARAMETER:
-            continue
-        joint, drive = name.joint, robot.drives[name.joint]
-        delay, std = load_side.values[place], load_side.standard_errors[place]
-        is_sure = abs(delay) > SIGNIFICANT * std and DELAY_PARAMETER not in drive.known
-        if is_sure and not -LEAST_DELAY_S < delay < LATE_S:
-            unusual.setdefault(round(float(delay), 4), []).append(joint)
+    for place, joint in _delays(load_side):
+        drive = robot.drives[joint]
+        delay, std = float(load_side.values[place]), float(load_side.standard_errors[place])
+        is_sure = abs(delay) > tol.SIGNIFICANT * std and DELAY_PARAMETER not in drive.known
+        if is_sure and not -tol.LEAST_DELAY_S < delay < tol.LATE_S:
+            unusual.setdefault(round(delay, 4), []).append(joint)
         inertia = JointParameter("motor_inertia", joint)
-        if not is_stated(std, delay_std_s(drive)) or inertia not in load_side.names:
-            continue
-        own = load_side.names.index(inertia)
-        slope = -load_side.covariance[own, place] / std**2  # K_d + F_v, over N^2
-        error = np.sqrt(max(load_side.covariance[own, own] - (slope * std) ** 2, 0.0))
-        scale = drive.ratio**2
-        value = scale * (load_side.values[own] + slope * delay)
-        sums[joint] = f"{joint} {value:.3g} +- {NORMAL_95 * scale * error:.2g}"
-        evidence[f"armature and {scale * slope:.3g} delay of {joint}"] = float(value)
-        stated_s.append(float(std))
+        if is_stated(std, delay_std_s(drive)) and inertia in load_side.names:
+            slope, value, error = _sum_with_delay(load_side, place, inertia)
+            scale = drive.ratio**2
+            sums[joint] = f"{joint} {scale * value:.3g} +- {NORMAL_95 * scale * error:.2g}"
+            evidence[f"armature and {scale * slope:.3g} delay of {joint}"] = scale * value
+            stated_s.append(std)
     if sums:
-        yield COMMAND_DELAY.finding(
+        yield codes.COMMAND_DELAY.finding(
             "the log does not separate the delay of the commands from rotor inertia and friction: "
             f"it counts as known to +-{NORMAL_95 * max(stated_s) * 1e3:.3g} ms, which is in all "
             "intervals. Within one gain set it determines armature + (K_d + F_v) delay "
-            f"[kg m^2], with 95 %: {listed(sums.values(), _MOST_JOINTS)}",
+            f"[kg m^2], with 95 %: {listed(sums.values(), tol.MOST_LISTED)}",
             severity="note",
             evidence=evidence,
             remedy=_OTHER_GAINS,
             certainty="certain",
         )
     for delay, joints in unusual.items():
-        cause = (
-            "they are logged late, or the positions early"
-            if delay < 0
-            else "no bus is so slow: positions or commands have another clock, or the drive "
-            "filters or interpolates commands"
-        )
-        yield DELAY.finding(
-            f"the commands of {listed(joints, _MOST_JOINTS)} act {1e3 * abs(delay):.3g} ms "
-            f"{'before' if delay < 0 else 'after'} their time in the log: {cause}",
-            only_joint(joints),
-            "note" if delay < 0 else "doubtful",
-            {"delay [s]": delay},
-            "log command and position with one clock, each with the time at which it is sent or "
-            "measured; the other parameters do not depend on it",
-        )
+        yield _unusual_delay(delay, joints)
+
+
+def _delays(load_side: Estimate) -> Iterator[tuple[int, str]]:
+    """Yield the places of delays of commands in an estimate, and their joints."""
+    for place, name in enumerate(load_side.names):
+        if isinstance(name, JointParameter) and name.parameter == DELAY_PARAMETER:
+            yield place, name.joint
+
+
+def _sum_with_delay(
+    load_side: Estimate, place: int, inertia: JointParameter
+) -> tuple[float, float, float]:
+    """Return K_d + F_v, the rotor inertia plus that times the delay, and its standard error."""
+    own, std = load_side.names.index(inertia), load_side.standard_errors[place]
+    slope = -load_side.covariance[own, place] / std**2  # over N^2, as the rest
+    error = np.sqrt(max(load_side.covariance[own, own] - (slope * std) ** 2, 0.0))
+    value = load_side.values[own] + slope * load_side.values[place]
+    return float(slope), float(value), float(error)
+
+
+def _unusual_delay(delay: float, joints: Sequence[str]) -> Finding:
+    """Return the finding on commands that act before their time, or later than on any bus."""
+    severity: Severity = "note"
+    when, cause = "before", "they are logged late, or the positions early"
+    if delay > 0:
+        severity, when = "doubtful", "after"
+        cause = "no bus is so slow: positions or commands have another clock, or the drive "
+        cause += "filters or interpolates commands"
+    return codes.DELAY.finding(
+        f"the commands of {listed(joints, tol.MOST_LISTED)} act {1e3 * abs(delay):.3g} ms {when} "
+        f"their time in the log: {cause}",
+        only_joint(joints),
+        severity,
+        {"delay [s]": delay},
+        "log command and position with one clock, each with the time at which it is sent or "
+        "measured; the other parameters do not depend on it",
+    )
 
 
 def _commanded_joints(experiment: Experiment) -> list[int]:
@@ -604,11 +591,11 @@ def hidden_limits(experiment: Experiment) -> Iterator[Finding]:
             if level > 0
         }
         limit = min(after, key=after.__getitem__, default=0.0)
-        if before < SLIGHT or not after or after[limit] > SEVERE * before:
+        if before < tol.SLIGHT or not after or after[limit] > SEVERE * before:
             continue
         share = float(np.mean(np.abs(asked) > limit))
         line = f"torque_limit_Nm = {limit:.3g}  # write that of your drive"
-        yield SATURATION.finding(
+        yield codes.SATURATION.finding(
             f"the controller of {joint} has no torque limit and asks for up to "
             f"{float(np.max(np.abs(asked))):.3g} N m, but the joint moves as if its torque "
             f"ended at about {limit:.3g} N m ({share:.0%} of the samples): that leaves "
@@ -627,7 +614,7 @@ def gain_findings(experiment: Experiment) -> tuple[list[Finding], Experiment]:
     What is so on each joint that shows it counts as so on the others.
     """
     factors = _gain_factors(experiment)
-    off = {j: pair for j, pair in factors.items() if not 1 / TWICE < pair[0] < TWICE}
+    off = {j: pair for j, pair in factors.items() if not 1 / tol.TWICE < pair[0] < tol.TWICE}
     if not off:
         return [], experiment
     changes = {j: factor for j, (factor, _) in off.items()}
@@ -651,7 +638,7 @@ def _gain_factors(experiment: Experiment) -> dict[int, tuple[float, float]]:
         columns, y = _by_bodies(experiment, j)
         x, covariance = fitted(columns, y)
         factor, error = float(x[0]), float(np.sqrt(covariance[0, 0]))
-        if factor > 0 and error < POOR * factor and _share_left(columns, y) < SEVERE:
+        if factor > 0 and error < tol.POOR * factor and _share_left(columns, y) < SEVERE:
             factors[j] = factor, error
     return factors
 
@@ -660,34 +647,35 @@ def _gain_finding(
     experiment: Experiment, shown: Mapping[int, tuple[float, float]], joints: Sequence[int]
 ) -> Finding:
     """Return the finding for the factors and standard errors `shown`, and all joints concerned."""
-    names, is_known = experiment.robot.joint_names, bool(experiment.robot.known_bodies)
-    each = [
-        f"{names[j]} {factor:.3g}" if factor > 1 else f"{names[j]} 1/{1 / factor:.3g}"
-        for j, (factor, _) in shown.items()
-    ]
+    names = np.array(experiment.robot.joint_names)
+    concerned = tuple(names[list(joints)].tolist())
+    times = {str(names[j]): factor for j, (factor, _) in shown.items()}
+    each = [f"{joint} {_as_text(factor)}" for joint, factor in times.items()]
+    others = [joint for joint in concerned if joint not in times]
+    more = f"; {listed(others, tol.MOST_LISTED)} as the others" if others else ""
     error = float(np.median([error / factor for factor, error in shown.values()]))
-    others = [names[j] for j in joints if j not in shown]
-    more = f"; {listed(others, _MOST_JOINTS)} as the others" if others else ""
-    bodies = "known bodies" if is_known else "bodies of the robot file"
-    scale = "" if is_known else " with known bodies (known_bodies=)"
-    return GAIN_SCALE.finding(
+    bodies, scale = "bodies of the robot file", " with known bodies (known_bodies=)"
+    if experiment.robot.known_bodies:
+        bodies, scale = "known bodies", ""
+    return codes.GAIN_SCALE.finding(
         f"the controllers give many times or a fraction of the torque that moves and holds the "
-        f"{bodies} ({listed(each, _MOST_JOINTS)}, +- {error:.1%}{more}): their gains are in units "
-        "of the drive (counts, 1/256, per degree) and not in N m, or those bodies are wrong",
-        only_joint([names[j] for j in joints]),
+        f"{bodies} ({listed(each, tol.MOST_LISTED)}, +- {error:.1%}{more}): their gains are in "
+        "units of the drive (counts, 1/256, per degree) and not in N m, or those bodies are wrong",
+        only_joint(concerned),
         "wrong",
-        {f"torque of {names[j]} over that of the bodies": x for j, (x, _) in shown.items()},
+        {f"torque of {joint} over that of the bodies": factor for joint, factor in times.items()},
         f"gains in N m/rad, or their scale as a parameter{scale}, "
-        + in_drives({(names[j], "controller"): "is_up_to_scale = true" for j in joints}),
-        joints=tuple(names[j] for j in joints),
+        + in_drives(dict.fromkeys([(x, "controller") for x in concerned], "is_up_to_scale = true")),
+        joints=concerned,
     )
+
+
+def _as_text(factor: float) -> str:
+    return f"{factor:.3g}" if factor > 1 else f"1/{1 / factor:.3g}"
 
 
 Poses = dict[int, tuple[float, float]]
 """{joint: sign and offset [rad] of its position}."""
-
-_GRID, _NEAREST = math.radians(30), math.radians(1)
-"""First and last step of the search for the zero of a joint [rad]."""
 
 
 def pose_findings(experiment: Experiment) -> Iterator[Finding]:
@@ -704,16 +692,18 @@ def pose_findings(experiment: Experiment) -> Iterator[Finding]:
     experiment = _with_poses(_thinned(experiment), {})
     if not np.nanmax(experiment.nominal) > SUSPICIOUS:
         return
-    # two signs of joints that both carry the load explain nothing alone
-    pairs: list[Poses] = [{i: (-1.0, 0.0), j: (-1.0, 0.0)} for i, j in combinations(joints, 2)]
-    best = min(pairs, key=partial(_pose_cost, experiment), default={})
-    starts: list[Poses] = [{}]
-    if best and _pose_cost(experiment, best) <= _pose_cost(experiment, {}):
-        starts.append(best)
-    searched = [_searched(experiment, joints, start) for start in starts]
-    poses = min(searched, key=partial(_pose_cost, experiment))
+    cost = partial(_pose_cost, experiment)
+    searched = [_searched(experiment, joints, start) for start in _starts(joints, cost)]
+    poses = min(searched, key=cost)
     for j in sorted(poses):
         yield from _pose_finding(experiment, poses, j)
+
+
+def _starts(joints: Sequence[int], cost: Callable[[Poses], float]) -> list[Poses]:
+    """Return no change, and two signs: of joints that both carry the load they do nothing alone."""
+    pairs: list[Poses] = [{i: (-1.0, 0.0), j: (-1.0, 0.0)} for i, j in combinations(joints, 2)]
+    best = min(pairs, key=cost, default={})
+    return [{}, best] if best and cost(best) <= cost({}) else [{}]
 
 
 def _thinned(experiment: Experiment) -> Experiment:
@@ -743,9 +733,9 @@ def _with_poses(experiment: Experiment, poses: Poses) -> Experiment:
             rotor = experiment.lever[j] * experiment.motor[2][:, j]
             columns = np.column_stack([experiment.friction[j], rotor])
             inertia[j] = max(float(scaled_svd(columns).solve(left[:, j])[-1]), 0.0)
-    found = replace(experiment, inertia=inertia)
-    vars(found)["regressor"] = experiment.regressor  # of the same motion: not computed again
-    return found
+    changed = replace(experiment, inertia=inertia)
+    vars(changed)["regressor"] = experiment.regressor  # of the same motion: not computed again
+    return changed
 
 
 def _pose_cost(experiment: Experiment, poses: Poses) -> float:
@@ -780,21 +770,22 @@ def _best_zero(
     """
     robot, moved = experiment.robot, sign * experiment.joint[0][:, j]
     lower, upper = robot.position_range(robot.joint_names[j])
-    least = max(lower - float(moved.min()) - BEYOND_RAD, -math.pi)
-    most = min(upper - float(moved.max()) + BEYOND_RAD, math.pi)
+    least = max(lower - float(moved.min()) - tol.BEYOND_RAD, -math.pi)
+    most = min(upper - float(moved.max()) + tol.BEYOND_RAD, math.pi)
 
     def at(offset: float) -> tuple[float, float]:
         return _pose_cost(experiment, others | {j: (sign, offset)}), offset
 
-    grid = [float(x) for x in np.arange(-6, 7) * _GRID if least <= x <= most]
+    first, last = math.radians(tol.GRID_DEG), math.radians(tol.NEAREST_DEG)
+    grid = [float(x) for x in np.arange(-6, 7) * first if least <= x <= most]
     best = min(map(at, grid), default=(math.inf, 0.0))
     if best[0] > most_cost + LEAST_GAIN:
         return []
-    step = 0.5 * _GRID
-    while step > 0.5 * _NEAREST:
+    step = 0.5 * first
+    while step > 0.5 * last:
         best, step = min([best, *(at(best[1] + x) for x in (-step, step))]), 0.5 * step
     cost, offset = min(best, at(math.radians(round(math.degrees(best[1])))))
-    is_given = sign > 0 and abs(offset) < SURE * _NEAREST
+    is_given = sign > 0 and abs(offset) < tol.SURE * last
     return [] if is_given else [(cost, others | {j: (sign, offset)})]
 
 
@@ -810,14 +801,10 @@ def _pose_finding(experiment: Experiment, poses: Poses, j: int) -> Iterator[Find
     names, joint = experiment.robot.joint_names, experiment.robot.joint_names[j]
     worst = int(np.argmax(np.where(falls, before / np.maximum(after, 1e-9), 0.0)))
     zero = f"its zero {math.degrees(offset):.0f} degrees from that of the robot file"
-    parts = [*(["the opposite sign"] if sign < 0 else []), *([zero] if offset else [])]
-    sources = {}
-    for quantity in (*experiment.logged(j, "qm"), "position_command"):
-        moved = offset * (float(experiment.ratio[j]) if quantity == "motor_position" else 1.0)
-        source = experiment.source(j, quantity)
-        sources[quantity] = changed_source(source, factor=sign, offset=round(moved, 4))
+    signs = {"the opposite sign": sign < 0, zero: offset != 0}
+    parts = [text for text, is_so in signs.items() if is_so]
     same = "\n# the same sign for velocity_command and torque_command, if the log has them"
-    yield (SIGN if sign < 0 else ENCODER_OFFSET).finding(
+    yield (codes.SIGN if sign < 0 else codes.ENCODER_OFFSET).finding(
         f"the position of {joint} has {' and '.join(parts)}: the part of the torque of "
         f"{names[worst]} that gravity on the known bodies leaves unexplained falls from "
         f"{before[worst]:.0%} to {after[worst]:.0%}",
@@ -828,5 +815,16 @@ def _pose_finding(experiment: Experiment, poses: Poses, j: int) -> Iterator[Find
             "misfit as given": float(before[worst]),
             "misfit without it": float(after[worst]),
         },
-        in_description({joint: sources}) + (same if sign < 0 else ""),
+        in_description({joint: _moved_sources(experiment, j, sign, offset)})
+        + (same if sign < 0 else ""),
     )
+
+
+def _moved_sources(experiment: Experiment, j: int, sign: float, offset: float) -> dict[str, str]:
+    """Return the positions and the command of joint j with a sign, and an offset at the joint."""
+    sources = {}
+    for quantity in (*experiment.logged(j, "qm"), "position_command"):
+        moved = offset * (float(experiment.ratio[j]) if quantity == "motor_position" else 1.0)
+        source = experiment.source(j, quantity)
+        sources[quantity] = changed_source(source, factor=sign, offset=round(moved, 4))
+    return sources

@@ -139,6 +139,9 @@ ALONE = 0.9
 The other blocks then predict it with ten times the variance of the noise, for an eighth with 1/7
 of it."""
 
+GRID_DEG, NEAREST_DEG = 30.0, 1.0
+"""First and last step of the search for the zero of a joint [degrees]."""
+
 MOST_NAMED, MOST_LISTED = 6, 12
 """Joints that the verdict names per code, and those that a warning names."""
 
