@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -16,7 +15,14 @@ from seaid._arrays import Array, is_constant, resolution, runs
 from seaid._files import toml_key
 from seaid.checks import codes
 from seaid.checks import tolerances as tol
-from seaid.checks.check import Observation, in_description, in_drives, only_joint
+from seaid.checks.check import (
+    Channel,
+    Observation,
+    channels_of,
+    in_description,
+    in_drives,
+    only_joint,
+)
 from seaid.checks.experiment import Experiment, stands_locked
 from seaid.drives import Drive, total_ratio
 from seaid.errors import Finding
@@ -75,44 +81,6 @@ def _time_units(logged: Logged) -> Iterator[Finding]:
             remedy=remedy,
             certainty="certain" if rates else "likely",
         )
-
-
-@dataclass(frozen=True, eq=False)
-class Channel:
-    """The samples (T,) of a quantity of a joint, and the `source` in which the log has them."""
-
-    joint: str
-    quantity: str
-    values: Array
-    source: str | Mapping[str, Any] | None
-
-    @property
-    def entry(self) -> Mapping[str, Any]:
-        """The entry of the description, empty for a column alone."""
-        return self.source if isinstance(self.source, Mapping) else {}
-
-    def changed(self, **changes: float) -> str:
-        """Return the TOML of the source with the changes of `changed_source`."""
-        return changed_source(self.source or "", **changes)
-
-    @property
-    def scale(self) -> float:
-        """The factor on the column."""
-        return float(self.entry.get("scale", 1.0))
-
-    @property
-    def largest(self) -> float:
-        """The largest size of a sample."""
-        return float(np.max(np.abs(self.values)))
-
-
-def channels_of(log: Log, joints: Collection[str], *quantities: str) -> Iterator[Channel]:
-    """Yield the channels of joints whose samples are all known, and change."""
-    sources = log.sources()
-    for quantity in (name for name in quantities if getattr(log, name) is not None):
-        for joint, values in zip(log.joint_names, getattr(log, quantity).T, strict=True):
-            if joint in joints and np.all(np.isfinite(values)) and not is_constant(values):
-                yield Channel(joint, quantity, values, sources[joint].get(quantity))
 
 
 def _positions(log: Log) -> Iterator[Channel]:

@@ -1,19 +1,22 @@
 """A check: the code of a mistake, and how it shows.
 
-A `Code` makes findings. An `Observation` looks at what is there, such as the samples of a channel.
-`observed` makes all those of a room. A check that fails is no reason to lose the result: its error
-becomes a note.
+A `Code` makes findings. An `Observation` looks at what is there, such as the samples of a channel
+of a log, a `Channel`. `observed` makes all those of a room. A check that fails is no reason to lose
+the result: its error becomes a note.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
-from seaid._arrays import FrozenMapping
+import numpy as np
+
+from seaid._arrays import Array, FrozenMapping, is_constant
 from seaid._files import toml_table, toml_text
 from seaid.errors import Certainty, Finding, Severity, reason_of
+from seaid.log import Log, changed_source
 
 Given = TypeVar("Given")
 
@@ -109,6 +112,44 @@ def excluding_torque(kept: Sequence[str]) -> str:
         f", or exclude its torque (--torque-joints {','.join(kept)}), in [identify] of "
         f"seaid.toml:\ntorque_joints = [{', '.join(map(toml_text, kept))}]"
     )
+
+
+@dataclass(frozen=True, eq=False)
+class Channel:
+    """The samples (T,) of a quantity of a joint, and the `source` in which the log has them."""
+
+    joint: str
+    quantity: str
+    values: Array
+    source: str | Mapping[str, Any] | None
+
+    @property
+    def entry(self) -> Mapping[str, Any]:
+        """The entry of the description, empty for a column alone."""
+        return self.source if isinstance(self.source, Mapping) else {}
+
+    def changed(self, **changes: float) -> str:
+        """Return the TOML of the source with the changes of `changed_source`."""
+        return changed_source(self.source or "", **changes)
+
+    @property
+    def scale(self) -> float:
+        """The factor on the column."""
+        return float(self.entry.get("scale", 1.0))
+
+    @property
+    def largest(self) -> float:
+        """The largest size of a sample."""
+        return float(np.max(np.abs(self.values)))
+
+
+def channels_of(log: Log, joints: Collection[str], *quantities: str) -> Iterator[Channel]:
+    """Yield the channels of joints whose samples are all known, and change."""
+    sources = log.sources()
+    for quantity in (name for name in quantities if getattr(log, name) is not None):
+        for joint, values in zip(log.joint_names, getattr(log, quantity).T, strict=True):
+            if joint in joints and np.all(np.isfinite(values)) and not is_constant(values):
+                yield Channel(joint, quantity, values, sources[joint].get(quantity))
 
 
 _OF_FIT = ("no-fit", "negative-parameter")

@@ -19,9 +19,10 @@ import numpy as np
 from seaid._arrays import Array, is_constant, resolution
 from seaid.checks import codes
 from seaid.checks import tolerances as tol
-from seaid.checks.channels import Channel, channels_of
 from seaid.checks.check import (
+    Channel,
     Observation,
+    channels_of,
     excluding_torque,
     in_description,
     in_drives,
