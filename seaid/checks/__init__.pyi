@@ -26,6 +26,7 @@ from .contacts import FeetInMotion as FeetInMotion
 from .contacts import best_order as best_order
 from .engine import Trial as Trial
 from .engine import best_of as best_of
+from .engine import best_trial as best_trial
 from .engine import time_blocks as time_blocks
 from .experiment import Experiment as Experiment
 from .experiment import experiment_of as experiment_of

@@ -271,7 +271,7 @@ def _missing_terms(side: Side, joint: str, accepted: Sequence[Accepted], share: 
     names = " and ".join(f"'{term}'" for term in terms)
     if field == "parallel_spring" and drive.is_elastic:
         terms.append("preload")  # it rests at any angle, which the spring in series would hide
-    values = {name: value for trial in trials for name, value in trial.point.values.items()}
+    values = {name: value for trial in trials for name, value in trial.alternative.values.items()}
     is_spring = field == "spring"
     is_sampled = len(trials) == 1 and (
         values.get("coulomb_width", np.inf) <= _UNRESOLVED * side.widths.get(joint, 0)
@@ -371,7 +371,7 @@ DRIVE_CHECKS = (
 
 def included_term(trial: Trial) -> Finding:
     """Return the note that a term was added to a drive whose friction nobody named."""
-    candidate, comparison, values = trial.candidate, trial.comparison, trial.point.values
+    candidate, comparison, values = trial.candidate, trial.comparison, trial.alternative.values
     width = "".join(f" over {value:.2g} rad/s" for value in values.values())
     return MISSING_TERM.finding(
         f"friction of {candidate.joint}, of which the drive names no terms: "

@@ -19,12 +19,12 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
-from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 from scipy.special import stdtrit
 
-from seaid._arrays import Array, BoolArray
+from seaid._arrays import Array, BoolArray, FrozenMapping
 from seaid.errors import IdentificationError
 from seaid.estimation import ROUNDING, long_run_of, scaled_svd, triangle
 
@@ -57,12 +57,13 @@ class Alternative:
     """A larger model: the columns (R, c) in addition to, or in place of, those of the rows.
 
     `replaced` are the places of the columns that it lacks, `parameters` the number of parameters
-    that it has in addition: nonlinear ones, whose values are in the columns, included.
+    that it has in addition: nonlinear ones, at whose `values` the columns are, included.
     """
 
     columns: Array
     parameters: int
     replaced: tuple[int, ...] = ()
+    values: Mapping[str, float] = FrozenMapping({})
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +76,8 @@ class ModelComparison:
     decrease of the squared error in predicting excluded blocks, with `improvement_std` from the
     spread over the blocks; `better` of `blocks` improved. `t` is the mean decrease over its
     standard error, of the absolute or of the relative decreases of the blocks: the larger one.
-    `independent` is the number of independent rows, `parameters` that of additional parameters.
+    `independent` is the number of independent rows, `parameters` that of additional parameters, and
+    `share` the part of the squared residual of the rows that it acts on, which is explained.
     """
 
     bic: float
@@ -88,6 +90,7 @@ class ModelComparison:
     t: float
     independent: float
     parameters: int
+    share: float = 0.0
 
     @property
     def is_supported(self) -> bool:
@@ -109,57 +112,37 @@ class ModelComparison:
         return -rows * math.log(max(1 - self.explained, 1e-300)) - self.parameters * math.log(rows)
 
 
-class Supportable(Protocol):
-    """A model that was compared, or could not be."""
-
-    @property
-    def comparison(self) -> ModelComparison | None:
-        """The comparison with the smaller model."""
-
-    @property
-    def is_supported(self) -> bool:
-        """Whether the data support it."""
+Model = TypeVar("Model")
 
 
-Model = TypeVar("Model", bound=Supportable)
-
-
-def best_of(models: Iterable[Model]) -> Model | None:
-    """Return the best of the supported models, None without any.
+def best_of(supported: Mapping[Model, ModelComparison]) -> Model | None:
+    """Return the best of supported models, None without any.
 
     That is by the criterion with one number of independent rows, the smallest one of all.
     """
-    supported = [
-        (model, model.comparison)
-        for model in models
-        if model.is_supported and model.comparison is not None
-    ]
     if not supported:
         return None
-    rows = min(comparison.independent for _, comparison in supported)
-    return max(supported, key=lambda pair: pair[1].criterion(rows))[0]
+    rows = min(comparison.independent for comparison in supported.values())
+    return max(supported, key=lambda model: supported[model].criterion(rows))
 
 
 def compare_models(
-    rows: Regression,
-    weights: Array,
-    alternatives: Sequence[Alternative],
-    asked: int,
-    least: Sequence[float] = (),
+    equation: Equation, alternatives: Sequence[Alternative], asked: int, *, in_full: bool = True
 ) -> list[ModelComparison]:
-    """Compare the model of the rows with each of the larger `alternatives`.
+    """Compare the model of an equation with each of the larger `alternatives`.
 
-    `weights` (E,) of the equations are kept; `asked` is the number of models compared. With `least`
-    parts of the squared residual, one per alternative, independent rows are counted for those that
-    explain as much, and blocks are predicted by those that the criterion supports too; others count
-    as unchanged. Raises IdentificationError for too few rows.
+    `asked` is the number of models compared. If not `in_full`, independent rows are counted for
+    those that explain enough of the rows that they act on, and blocks are predicted by those that
+    the criterion supports too; others count as unchanged. Raises IdentificationError for too few
+    rows.
     """
+    rows = equation.rows
     p = len(rows.names)
     replaced = sorted({place for model in alternatives for place in model.replaced})
     core = [place for place in range(p) if place not in replaced]
     # columns: the shared ones, those that some alternative replaces, those of alternatives, y
     parts = [rows.H[:, core], rows.H[:, replaced], *(model.columns for model in alternatives)]
-    X = Equation(rows, weights).weight[:, None] * np.column_stack([*parts, rows.y])
+    X = equation.weight[:, None] * np.column_stack([*parts, rows.y])
     factors = [triangle(X[block]) for block in time_blocks(rows, segments=SEGMENTS)]
     joint_factor = np.concatenate(factors)
     whole = _without_core(joint_factor, len(core))[1]
@@ -167,26 +150,30 @@ def compare_models(
     base = list(range(len(replaced)))
     left = X[:, p:] - X[:, :p] @ _without_core(joint_factor, p)[0]
     found, start = [], p
-    for model, share in zip(alternatives, least or [0.0] * len(alternatives), strict=True):
+    for model in alternatives:
         places = list(range(start, start + model.columns.shape[1]))
         start += len(places)
         kept = [k for k, place in enumerate(replaced) if place not in model.replaced]
         larger = [*kept, *(k - len(core) for k in places)]
         growth = _squares(whole, base) / max(_squares(whole, larger), 1e-300)
         explained, count = 1 - 1 / max(growth, 1e-300), 1.0
-        if not least or explained > share:
+        part = equation.squares(np.any(model.columns != 0, axis=1)) / max(
+            equation.squares(), 1e-300
+        )
+        share = explained / max(part, 1e-300)
+        if in_full or share > LEAST_EXPLAINED:
             count = _independent_rows(rows, left[:, [k - p for k in places]], left[:, -1])
         freedom = max(count - p - model.parameters, 1.0)
         penalty = model.parameters * math.log(count) + 2 * math.log(max(asked, 1))
         bic = freedom * math.log(max(growth, 1e-300)) - penalty  # Chen and Chen 2008
         without = within = np.zeros(len(factors))
-        if not least or (bic > 0 and explained > share):
+        if in_full or (bic > 0 and share > LEAST_EXPLAINED):
             without, within = (
                 np.array([np.sum(_left(*block, columns) ** 2) for block in blocks()])
                 for columns in (base, larger)
             )
         F = freedom / model.parameters * max(growth - 1, 0.0)
-        numbers = bic, F, explained, *_changes(without, within), count, model.parameters
+        numbers = bic, F, explained, *_changes(without, within), count, model.parameters, share
         found.append(ModelComparison(*numbers))
     return found
 
@@ -255,14 +242,6 @@ def _left(R: Array, rows: Array, columns: Sequence[int]) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Point:
-    """Columns of a candidate at `values` of the parameters in which its equation is nonlinear."""
-
-    values: Mapping[str, float]
-    alternative: Alternative
-
-
-@dataclass(frozen=True, eq=False)
 class Candidate:
     """What may be wrong with an equation, or lack in it, as columns of its rows.
 
@@ -272,7 +251,7 @@ class Candidate:
         The joint concerned.
     field, term : str
         What it is, such as the field and the term of a drive.
-    points : callable
+    alternatives : callable
         Return the columns at every point of the grid of nonlinear parameters.
     about : ColumnCheck
         The check that the candidate belongs to.
@@ -281,7 +260,7 @@ class Candidate:
     joint: str
     field: str
     term: str
-    points: Callable[[], Iterable[Point]]
+    alternatives: Callable[[], Iterable[Alternative]]
     about: Any = None
 
     @property
@@ -295,11 +274,11 @@ def linear_candidate(
 ) -> Candidate:
     """Return a candidate of columns (R, c) that depend on no nonlinear parameter, if it has any."""
 
-    def points() -> list[Point]:
+    def alternatives() -> list[Alternative]:
         H = columns()
-        return [] if H is None else [Point({}, Alternative(H, H.shape[1]))]
+        return [] if H is None else [Alternative(H, H.shape[1])]
 
-    return Candidate(joint, field, term, points)
+    return Candidate(joint, field, term, alternatives)
 
 
 @dataclass(frozen=True)
@@ -322,20 +301,21 @@ class ColumnCheck(Generic[Fit]):
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """A candidate at the best point of its grid.
-
-    `share` is the part of the squared residual that it explains of the rows that it acts on.
-    """
+    """A candidate at the best point of its grid."""
 
     candidate: Candidate
     comparison: ModelComparison
-    point: Point
-    share: float = 0.0
+    alternative: Alternative
 
     @property
     def is_supported(self) -> bool:
         """Whether criterion and prediction improve, and a part of the residual of its rows goes."""
-        return self.share > LEAST_EXPLAINED and self.comparison.is_better
+        return self.comparison.share > LEAST_EXPLAINED and self.comparison.is_better
+
+
+def best_trial(trials: Iterable[Trial]) -> Trial | None:
+    """Return the best of the supported trials, None without any."""
+    return best_of({trial: trial.comparison for trial in trials if trial.is_supported})
 
 
 @dataclass(frozen=True, eq=False)
@@ -391,21 +371,17 @@ class Equation:
         errors = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", own, scores, own), 0.0))
         return self.values[len(root) - count :], errors
 
-    def squares(self, rows: BoolArray) -> float:
-        """Return the squared residual of some rows."""
+    def squares(self, rows: BoolArray | slice = slice(None)) -> float:
+        """Return the squared residual, of some rows only."""
         return float(np.sum(self.residual[rows] ** 2))
 
-    def part_of(self, rows: BoolArray) -> float:
-        """Return the part of the squared residual that some rows have."""
-        return self.squares(rows) / max(float(self.residual @ self.residual), 1e-300)
-
-    def is_promising(self, points: Iterable[Point]) -> bool:
+    def is_promising(self, alternatives: Iterable[Alternative]) -> bool:
         """Whether columns explain enough of the residual of the rows that they act on.
 
         That is a part of it, and of the torque of some joint. Columns in place of others explain no
         more than they do next to all columns.
         """
-        columns = [self.weight[:, None] * point.alternative.columns for point in points]
+        columns = [self.weight[:, None] * model.columns for model in alternatives]
         if not columns:
             return False
         whole = np.hstack(columns)
@@ -463,22 +439,20 @@ def compared_candidates(
     are compared that may explain enough of the rows that they act on. Raises IdentificationError
     for too few rows.
     """
-    points: list[tuple[Candidate, Point]] = []
+    tested: list[tuple[Candidate, Alternative]] = []
     for candidate in candidates:
-        grid = list(candidate.points())
+        grid = list(candidate.alternatives())
         if not only_promising or equation.is_promising(grid):
-            points += [(candidate, point) for point in grid]
-    if not points:
+            tested += [(candidate, alternative) for alternative in grid]
+    if not tested:
         return []
-    alternatives = [point.alternative for _, point in points]
-    parts = [equation.part_of(np.any(model.columns != 0, axis=1)) for model in alternatives]
-    least = [LEAST_EXPLAINED * part for part in parts] if only_promising else ()
-    compared = compare_models(equation.rows, equation.weights, alternatives, asked, least)
+    models = [alternative for _, alternative in tested]
+    compared = compare_models(equation, models, asked, in_full=not only_promising)
     best: dict[Candidate, Trial] = {}
-    for (candidate, point), comparison, part in zip(points, compared, parts, strict=True):
-        if candidate not in best or comparison.explained > best[candidate].comparison.explained:
-            share = comparison.explained / max(part, 1e-300)
-            best[candidate] = Trial(candidate, comparison, point, share)
+    for (candidate, alternative), comparison in zip(tested, compared, strict=True):
+        trial = best.get(candidate)
+        if trial is None or comparison.explained > trial.comparison.explained:
+            best[candidate] = Trial(candidate, comparison, alternative)
     return list(best.values())
 
 
@@ -532,11 +506,11 @@ def forward_selection(
             compared = compared_candidates(current, remaining, 1, only_promising=True)
             first = first or compared
             strong = [trial for trial in compared if trial.comparison.bic >= least_bic]
-            best = best_of(strong)
+            best = best_trial(strong)
             if best is None:
                 break
-            larger = current.with_alternatives([best.point.alternative])
-            rows = np.any(best.point.alternative.columns != 0, axis=1)
+            larger = current.with_alternatives([best.alternative])
+            rows = np.any(best.alternative.columns != 0, axis=1)
             whole, before, after = (model.squares(rows) for model in (equation, current, larger))
             share = (before - after) / max(whole, 1e-300)
             steps.append((best, share, _rivals(best, strong, least_gain)))
@@ -544,7 +518,7 @@ def forward_selection(
             remaining = [candidate for candidate in remaining if candidate is not best.candidate]
     if not steps:
         return Selection((), equation, tuple(first))
-    counts = [best.point.alternative.columns.shape[1] for best, *_ in steps]
+    counts = [best.alternative.columns.shape[1] for best, *_ in steps]
     parts = (np.split(numbers, np.cumsum(counts)[:-1]) for numbers in current.last(sum(counts)))
     names = {best.candidate.name for best, *_ in steps}
     accepted = tuple(

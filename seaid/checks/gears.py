@@ -143,7 +143,7 @@ def _lever(side: Side, joint: str) -> float:
 
 def _spring_of(side: Side, joint: str, accepted: Sequence[Accepted]) -> float:
     """Return what an angle of the joint adds to the equation of its motor, next to columns."""
-    larger = side.equation.with_alternatives(x.trial.point.alternative for x in accepted)
+    larger = side.equation.with_alternatives(x.trial.alternative for x in accepted)
     stiffness = larger.values[side.fitted.estimate.names.index("stiffness")]
     return float(stiffness) * side.robot.drives[joint].load_radius * _lever(side, joint)
 

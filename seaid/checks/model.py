@@ -7,10 +7,10 @@ named as rivals.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cached_property
+from itertools import product
 
 import numpy as np
 
@@ -47,10 +47,11 @@ finding, all of them below 4 (scripts/benchmarks/term_selection.py --findings)."
 
 @dataclass(frozen=True, eq=False)
 class SideSelection:
-    """What was accepted into the equation of a side."""
+    """What was accepted into the equation of a side, and the finding of each check and joint."""
 
     side: Side
     selection: Selection
+    findings: Mapping[tuple[ColumnCheck[Side], str], Finding]
 
     def vanished(self, cutoff_hz: float) -> set[tuple[str, str]]:
         """Return what the values show without the accepted columns, and not with them.
@@ -58,11 +59,8 @@ class SideSelection:
         It is (code, joint) of each: an echo of what was accepted.
         """
         rows = self.selection.after.rows
-        kept = np.any(rows.H != 0, axis=0)  # columns of zeros were replaced
-        names, units = (
-            tuple(one for one, is_kept in zip(all_of, kept, strict=True) if is_kept)
-            for all_of in (rows.names, rows.units)
-        )
+        kept = np.flatnonzero(np.any(rows.H != 0, axis=0))  # columns of zeros were replaced
+        names, units = (tuple(texts[k] for k in kept) for texts in (rows.names, rows.units))
         rows = replace(rows, names=names, units=units, H=rows.H[:, kept])
         with suppress(SeaidError):
             again = fit(rows, estimator_named("wls"), cutoff_hz=cutoff_hz)
@@ -72,52 +70,17 @@ class SideSelection:
     def _shown(self, fitted: FittedRows) -> set[tuple[str, str]]:
         """Return what the noise and the values of a fit show (code, joint)."""
         findings, estimate = noise_findings(fitted.estimate), fitted.estimate
-        qr_factor = fitted.qr_factor if self.side.is_motor else None
+        is_motor, known = self.side.is_motor, self.side.fitted.estimate.names
         for joint in self.side.joints:
-            own = [
+            places = [
                 place
                 for place, name in enumerate(estimate.names)
-                if name in self.side.fitted.estimate.names
-                and (self.side.is_motor or getattr(name, "joint", "") == joint)
+                if name in known and (is_motor or getattr(name, "joint", "") == joint)
             ]
-            names = [parameter_of(estimate.names[place]) for place in own]
-            findings += drive_findings(joint, estimate.part(own, names), qr_factor)
+            names = [parameter_of(estimate.names[place]) for place in places]
+            qr_factor = fitted.qr_factor if is_motor else None
+            findings += drive_findings(joint, estimate.part(places, names), qr_factor)
         return {(finding.code, finding.joint) for finding in findings}
-
-    @property
-    def findings(self) -> tuple[Finding, ...]:
-        """What was accepted, of each joint and check."""
-        return tuple(finding for *_, finding in self._worded)
-
-    @property
-    def contained(self) -> set[tuple[str, str]]:
-        """The simpler mistakes (code, joint) whose columns are among those that were accepted."""
-        return {(code.name, joint) for check, joint, _ in self._worded for code in check.contains}
-
-    @property
-    def unfounded(self) -> set[tuple[object, str]]:
-        """The checks of joints whose columns were accepted and turn out to be nothing."""
-        accepted = {
-            (x.trial.candidate.about, x.trial.candidate.joint) for x in self.selection.accepted
-        }
-        return accepted - {(check, joint) for check, joint, _ in self._worded}
-
-    @cached_property
-    def _worded(self) -> tuple[tuple[ColumnCheck[Side], str, Finding], ...]:
-        return tuple(self._word())
-
-    def _word(self) -> Iterator[tuple[ColumnCheck[Side], str, Finding]]:
-        for joint in self.side.joints:
-            for check in COLUMN_CHECKS:
-                own = [
-                    one
-                    for one in self.selection.accepted
-                    if one.trial.candidate.about is check and one.trial.candidate.joint == joint
-                ]
-                share = sum(one.share for one in own)
-                finding = check.finding(self.side, joint, own, share) if own else None
-                if finding is not None:
-                    yield check, joint, _with_rivals(self.side, finding, own)
 
 
 def _with_rivals(side: Side, finding: Finding, accepted: Sequence[Accepted]) -> Finding:
@@ -145,10 +108,12 @@ def _with_rivals(side: Side, finding: Finding, accepted: Sequence[Accepted]) -> 
 
 def _would_be_named(side: Side, trial: Trial) -> bool:
     """Whether a candidate is a finding if it alone is accepted into the equation of the fit."""
-    candidate, alternative = trial.candidate, trial.point.alternative
+    candidate, alternative = trial.candidate, trial.alternative
     larger = side.equation.with_alternatives([alternative])
     alone = Accepted(trial, *larger.last(alternative.columns.shape[1]))
-    return candidate.about.finding(side, candidate.joint, [alone], trial.share) is not None
+    return (
+        candidate.about.finding(side, candidate.joint, [alone], trial.comparison.share) is not None
+    )
 
 
 def without_setup_echoes(
@@ -164,26 +129,28 @@ def without_setup_echoes(
     drives have the selected terms does not show it, or if it is contained in what was selected: a
     tilt of gravity in springs parallel to the joints, another ratio in a ratio that varies.
     """
-    mistakes = [one for one in setup if one.severity != "note"]
+    mistakes = [finding for finding in setup if finding.severity != "note"]
     if not mistakes:
         return list(findings)
     supported = _with_selected_terms(robot, selected)
-    kept = {(one.code, one.joint) for one in mistakes}
-    if supported.drives != robot.drives:
-        kept = {(one.code, one.joint) for one in mistakes_of(supported)}
-    kept = kept.difference(*(one.contained for one in selected))
-    return [one for one in findings if one not in mistakes or (one.code, one.joint) in kept]
+    shown = mistakes if supported.drives == robot.drives else mistakes_of(supported)
+    contained = {
+        (code.name, joint)
+        for side in selected
+        for check, joint in side.findings
+        for code in check.contains
+    }
+    kept = {(finding.code, finding.joint) for finding in shown} - contained
+    return [x for x in findings if x not in mistakes or (x.code, x.joint) in kept]
 
 
 def _with_selected_terms(robot: Robot, selected: Iterable[SideSelection]) -> Robot:
     """Return the robot whose drives have the terms that the equations support."""
     drives = dict(robot.drives)
-    for one in selected:
-        for found in one.selection.accepted:
-            candidate = found.trial.candidate
-            if candidate.field in term_fields(drives[candidate.joint]):
-                drive = drives[candidate.joint]
-                drives[candidate.joint] = with_term(drive, candidate.field, candidate.term)
+    for accepted in (accepted for side in selected for accepted in side.selection.accepted):
+        joint, field, term = accepted.trial.candidate.name
+        if field in term_fields(drives[joint]):
+            drives[joint] = with_term(drives[joint], field, term)
     return robot.with_drives(drives)
 
 
@@ -196,9 +163,9 @@ def without_echoes(
     drift may be gone: it was an echo of what the model lacks.
     """
     vanished: set[tuple[str, str]] = set()
-    for one in selected:
-        if any(finding.severity != "note" for finding in one.findings):
-            vanished |= one.vanished(cutoff_hz)
+    for side in selected:
+        if any(finding.severity != "note" for finding in side.findings.values()):
+            vanished |= side.vanished(cutoff_hz)
     return [finding for finding in values if (finding.code, finding.joint) not in vanished]
 
 
@@ -254,12 +221,22 @@ def selections(sides: Sequence[Side]) -> list[SideSelection]:
 
 def _selected(side: Side, candidates: Sequence[Candidate], asked: int) -> SideSelection:
     """Return what the rows of a side support, without candidates that turn out to be nothing."""
-    while True:
-        found = SideSelection(side, forward_selection(side.equation, candidates, asked, STRONG))
-        nothing = found.unfounded
-        if not nothing:
-            return found
-        candidates = [one for one in candidates if (one.about, one.joint) not in nothing]
+    selection = forward_selection(side.equation, candidates, asked, STRONG)
+    findings = {}
+    for joint, check in product(side.joints, COLUMN_CHECKS):
+        accepted = [
+            x
+            for x in selection.accepted
+            if x.trial.candidate.about is check and x.trial.candidate.joint == joint
+        ]
+        if not accepted:
+            continue
+        finding = check.finding(side, joint, accepted, sum(x.share for x in accepted))
+        if finding is None:
+            others = [x for x in candidates if (x.about, x.joint) != (check, joint)]
+            return _selected(side, others, asked)
+        findings[check, joint] = _with_rivals(side, finding, accepted)
+    return SideSelection(side, selection, findings)
 
 
 def model_findings(
@@ -269,15 +246,16 @@ def model_findings(
 
     What is `known` already, such as a torque that is held over samples, is not repeated.
     """
-    findings = [finding for one in selected for finding in one.findings]
-    common = common_delay([(one.side, one.selection) for one in selected])
-    if common is not None:
-        findings = [common, *(one for one in findings if one.code != DELAY.name)]
-    codes = {finding.code for finding in known if finding.severity != "note"}
-    if any(not finding.joint for finding in known if finding.severity != "note"):
-        # a mistake about the whole robot, such as a tilt, looks like the zero of a joint
-        findings = [
-            replace(one, severity="note") if one.code == ENCODER_OFFSET.name else one
-            for one in findings
-        ]
-    return [one for one in findings if one.code != DELAY.name or one.code not in codes]
+    findings = [finding for side in selected for finding in side.findings.values()]
+    mistakes = [finding for finding in known if finding.severity != "note"]
+    common = common_delay([(side.side, side.selection) for side in selected])
+    if common is not None or any(finding.code == DELAY.name for finding in mistakes):
+        findings = [finding for finding in findings if finding.code != DELAY.name]
+    if common is not None and all(finding.code != DELAY.name for finding in mistakes):
+        findings = [common, *findings]
+    # a mistake about the whole robot, such as a tilt, looks like the zero of a joint
+    is_whole = any(not finding.joint for finding in mistakes)
+    return [
+        replace(x, severity="note") if is_whole and x.code == ENCODER_OFFSET.name else x
+        for x in findings
+    ]

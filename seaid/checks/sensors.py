@@ -143,9 +143,7 @@ def _delays(side: Side, selection: Selection) -> dict[str, tuple[float, float]]:
     if not joints:
         return {}
     equation = side.equation.with_alternatives(
-        x.trial.point.alternative
-        for x in selection.accepted
-        if x.trial.candidate.about.code is not DELAY
+        x.trial.alternative for x in selection.accepted if x.trial.candidate.about.code is not DELAY
     )
     slopes, others = zip(*(_late_columns(side, joint) for joint in joints), strict=True)
     late = [np.hstack(others), np.hstack(slopes)]

@@ -20,7 +20,6 @@ from seaid.checks.engine import (
     Candidate,
     Equation,
     ModelComparison,
-    Point,
     Trial,
     compared_candidates,
 )
@@ -118,7 +117,7 @@ class DriveRows:
 
     def terms(
         self, field: str, term: str, given: Mapping[str, Sequence[float]] = FrozenMapping({})
-    ) -> Iterator[Point]:
+    ) -> Iterator[Alternative]:
         """Yield a term at each point of its grid; `given` {parameter: values} replaces a grid."""
         drive = self.robot.drives[self.joint]
         larger = self.robot.with_drives({self.joint: with_term(drive, field, term)})
@@ -145,7 +144,7 @@ class DriveRows:
         more = len(added) + len(grid)
         zero = {name: values[name] for name in ("deflection_zero",) if name in extra}
         for at, H in zip(points, columns, strict=True):
-            yield Point(at | zero, Alternative(H, more, tuple(places)))
+            yield Alternative(H, more, tuple(places), FrozenMapping(at | zero))
 
     def _grid(
         self, names: Sequence[str], given: Mapping[str, Sequence[float]]
@@ -443,7 +442,7 @@ def compared_terms(
         reason = str(problem)
     compared = {trial.candidate.name: trial for trial in trials}
     return [
-        TermComparison(drive.joint, *name, step, trial.comparison, values=trial.point.values)
+        TermComparison(drive.joint, *name, step, trial.comparison, values=trial.alternative.values)
         if (trial := compared.get((drive.joint, *name)))
         else TermComparison(drive.joint, *name, step, None, reason)
         for name in terms

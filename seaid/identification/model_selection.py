@@ -26,6 +26,7 @@ from seaid.checks import (
     actuator_drive,
     backlash,
     best_of,
+    best_trial,
     compared_terms,
     duration_s,
     included_term,
@@ -273,7 +274,13 @@ def _extended(
     """
     for step in range(_MOST_STEPS):
         found = _compared_terms(model, joint, asked, count, step)
-        best = best_of(found)
+        best = best_of(
+            {
+                term: term.comparison
+                for term in found
+                if term.comparison is not None and term.is_supported
+            }
+        )
         if best is not None:
             try:
                 model = model.with_term(best)
@@ -502,9 +509,9 @@ def with_default_terms(
             replace(trial, comparison=replace(trial.comparison, bic=trial.comparison.bic - penalty))
             for trial in trials
         ]
-        best = best_of(compared)
+        best = best_trial(compared)
         for trial in compared:
-            term, values = trial.candidate.term, trial.point.values
+            term, values = trial.candidate.term, trial.alternative.values
             is_added = term == "offset" or (trial is best and term in DEFAULTS)
             if is_added and trial.comparison.is_supported:
                 drive = with_term(drives.get(joint, robot.drives[joint]), "friction", term)

@@ -52,7 +52,7 @@ def first(data: Regression, count: int) -> Regression:
 def compared(data: Regression, base: int, *more: Array, asked: int = 1) -> ModelComparison:
     """Compare the model of the first columns with one that has more columns."""
     larger = [Alternative(np.column_stack(more), len(more))]
-    return compare_models(first(data, base), np.ones(2), larger, asked)[0]
+    return compare_models(Equation(first(data, base), np.ones(2)), larger, asked)[0]
 
 
 def test_a_term_that_is_there_is_worth_it_and_one_that_is_not_is_not() -> None:
@@ -90,7 +90,7 @@ def test_improvement_is_that_of_refitting_without_each_block() -> None:
 def test_a_column_may_take_the_place_of_another_one() -> None:
     data = rows((1.0, -2.0, 0.0, 0.5))
     larger = [Alternative(data.H[:, [3]], 1, (2,)), Alternative(data.H[:, [3]], 1)]
-    instead, both = compare_models(first(data, 3), np.ones(2), larger, 1)
+    instead, both = compare_models(Equation(first(data, 3), np.ones(2)), larger, 1)
     columns = data.H[:, [0, 1, 3]]
     left = [
         float(np.sum((data.y - H @ np.linalg.lstsq(H, data.y, rcond=None)[0]) ** 2))

@@ -15,7 +15,7 @@ import pytest
 
 import seaid
 from scripts.benchmarks import contact_backlash
-from seaid._arrays import Array
+from seaid._arrays import Array, FrozenMapping
 from seaid.checks import drive_findings, that_matter
 from seaid.checks.codes import MISSING_TERM
 from seaid.checks.columns import DRIVE_CHECKS, Side, resolved_widths
@@ -25,7 +25,6 @@ from seaid.checks.engine import (
     Candidate,
     Equation,
     ModelComparison,
-    Point,
     Trial,
 )
 from seaid.drives.drives import DefaultTerms
@@ -285,7 +284,7 @@ def test_a_width_that_the_sampling_explains_is_noted_only() -> None:
         t=9.0, independent=200.0, parameters=1,
     )  # fmt: skip
     candidate = Candidate("hip_roll", "friction", "smooth_coulomb", tuple)
-    smooth = Point({"coulomb_width": 8.0}, Alternative(np.ones((1, 1)), 1))
+    smooth = Alternative(np.ones((1, 1)), 1, (), FrozenMapping({"coulomb_width": 8.0}))
     width = Trial(candidate, support, smooth)
     accepted = [Accepted(width, np.ones(1), np.ones(1))]
     check = next(check for check in DRIVE_CHECKS if check.code is MISSING_TERM)
