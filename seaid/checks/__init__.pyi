@@ -68,13 +68,12 @@ from .terms import Scale as Scale
 from .terms import TermComparison as TermComparison
 from .terms import actuator_drive as actuator_drive
 from .terms import compared_terms as compared_terms
-from .terms import deflection_scale as deflection_scale
 from .terms import duration_s as duration_s
 from .terms import load_drive as load_drive
 from .terms import possible_terms as possible_terms
 from .terms import reference_position as reference_position
+from .terms import scale_of as scale_of
 from .terms import size_of as size_of
-from .terms import speed_scale as speed_scale
 from .terms import with_term as with_term
 from .tolerances import LEAST_DELAY_S as LEAST_DELAY_S
 from .tolerances import NOTHING as NOTHING

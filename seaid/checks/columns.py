@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from seaid._arrays import Array, IndexArray, white_noise
+from seaid._arrays import Array, white_noise
 from seaid.checks.check import in_drives
 from seaid.checks.codes import BACKLASH, GAIN_SCALE, MISSING_TERM, NONLINEAR_SPRING
 from seaid.checks.engine import (
@@ -37,7 +37,7 @@ from seaid.checks.terms import (
     toml_of,
     with_term,
 )
-from seaid.checks.tolerances import LEAST_SWING, PART
+from seaid.checks.tolerances import LEAST_SWING, MATTERS, PART, TWICE
 from seaid.drives import IDEAL_DRIVE, DefaultTerms, Drive, unit_of
 from seaid.errors import Finding
 from seaid.estimation import FittedRows
@@ -112,21 +112,6 @@ class Side:
         """The torque (R, 1) of the fitted bodies at the states of the rows."""
         return self.torques_of(self.bodies)
 
-    @cached_property
-    def instants(self) -> Sequence[tuple[IndexArray, IndexArray, IndexArray, Sequence[Array]]]:
-        """Places of the rows of each motion, those of their instants, their samples and states.
-
-        States are position, velocity and acceleration (T, n) of the joints.
-        """
-        rows, found = self.equation.rows, []
-        for run, motion in enumerate(self.motions):
-            places = np.flatnonzero(rows.run == run)
-            times, instants = np.unique(rows.time[places], return_inverse=True)
-            samples = np.searchsorted(motion.time, times)
-            states = [in_band_at(motion, state, samples) for state in motion.joint_states]
-            found.append((places, instants, samples, states))
-        return found
-
     def torques_of(
         self, bodies: Array, joint: str = "", angle: float = 0.0, *, filtered: bool = False
     ) -> Array:
@@ -135,22 +120,26 @@ class Side:
         They are those of the states of the rows, or `filtered` as the rows are: the torque of
         filtered states differs from the filtered torque by more than the error of an angle.
         """
-        robot, joints, turn = self.robot, self.equation.rows.joint, np.zeros(self.robot.n)
+        robot, rows, turn = self.robot, self.equation.rows, np.zeros(self.robot.n)
         if joint:
             turn[robot.index(joint)] = angle
-        found = np.zeros((len(joints), bodies.shape[1]))
-        for motion, instants in zip(self.motions, self.instants, strict=True):
-            places, instant, samples, at_rows = instants
-            q, v, a = motion.joint_states if filtered else at_rows
+        torques = np.zeros((len(rows.y), bodies.shape[1]))
+        for run, motion in enumerate(self.motions):
+            places = np.flatnonzero(rows.run == run)
+            times, instants = np.unique(rows.time[places], return_inverse=True)
+            samples = np.searchsorted(motion.time, times)
+            q, v, a = motion.joint_states
+            if not filtered:
+                q, v, a = (in_band_at(motion, state, samples) for state in (q, v, a))
             parts = [slice(start, start + _AT_ONCE) for start in range(0, len(q), _AT_ONCE)]
-            torques = np.concatenate(
+            columns = np.concatenate(
                 [regressor_at_drives(robot, q[x] + turn, v[x], a[x]) @ bodies for x in parts]
             )
             if filtered:
-                torques = with_known_friction(motion, range(robot.n), torques)
-                torques = in_band_at(motion, torques, samples)
-            found[places] = torques[instant, joints[places].astype(int)]
-        return found
+                known = with_known_friction(motion, range(robot.n), columns)
+                columns = in_band_at(motion, known, samples)
+            torques[places] = columns[instants, rows.joint[places].astype(int)]
+        return torques
 
 
 _AT_ONCE = 4000
@@ -273,12 +262,13 @@ def _missing_terms(side: Side, joint: str, accepted: Sequence[Accepted], share: 
         terms.append("preload")  # it rests at any angle, which the spring in series would hide
     values = {name: value for trial in trials for name, value in trial.alternative.values.items()}
     is_spring = field == "spring"
+    # up to twice the width that the logs resolve, it is that of an encoder step or of a sample
     is_sampled = len(trials) == 1 and (
-        values.get("coulomb_width", np.inf) <= _UNRESOLVED * side.widths.get(joint, 0)
+        values.get("coulomb_width", np.inf) <= TWICE * side.widths.get(joint, 0)
     )
     # the width of a term that was added by itself is one of a coarse grid
     is_coarse = isinstance(drive.friction, DefaultTerms) and "coulomb_width" in drive.known
-    matters = is_spring or (share > _MATTERS and not (is_sampled or is_coarse))
+    matters = is_spring or (share > MATTERS and not (is_sampled or is_coarse))
     if field == "parallel_spring":
         # it resembles gravity, which other mistakes change too: it is the cause of a torque that is
         # not explained if that is explained with it
@@ -300,15 +290,6 @@ def _missing_terms(side: Side, joint: str, accepted: Sequence[Accepted], share: 
         remedy,
     )
 
-
-_MATTERS = 0.25
-"""Part of the squared residual of a joint that makes what its drive lacks doubtful: the residual
-falls by an eighth. A spring that is not linear always is, since its stiffness has no single
-value."""
-
-_UNRESOLVED = 2.0
-"""Width of Coulomb friction, over the one that the logs resolve, up to which it is that of the
-sampling: of an encoder step, or of a sample in which the speed changes its sign."""
 
 _FOLLOWS = {
     "coulomb_position": "the residual of {} follows its position, with the sign of its speed",
@@ -344,27 +325,22 @@ def _gain_is_scaled(
 
 _AT_SPEEDS = "torques at several constant speeds show friction"
 _AT_ANGLES = "torques that hold the joint at several angles show springs and masses"
+_AT_LOADS = (
+    "deflections of the locked joint under slowly growing and falling loads show the law of its "
+    "spring"
+)
 
 DRIVE_CHECKS = (
-    ColumnCheck(MISSING_TERM, _friction, _missing_terms, "'{term}' in its {field}", _AT_SPEEDS),
-    ColumnCheck(
-        MISSING_TERM, _parallel_springs, _missing_terms, "'{term}' in its {field}", _AT_ANGLES
-    ),
+    ColumnCheck(MISSING_TERM, _friction, _missing_terms, _AT_SPEEDS),
+    ColumnCheck(MISSING_TERM, _parallel_springs, _missing_terms, _AT_ANGLES),
     ColumnCheck(
         GAIN_SCALE,
         _gain_scales,
         _gain_is_scaled,
-        "gains of the controller in another unit",
         "a link on a scale shows whether gains or masses are wrong",
+        "gains of the controller in another unit",
     ),
-    ColumnCheck(
-        NONLINEAR_SPRING,
-        _spring_laws,
-        _missing_terms,
-        "'{term}' in its {field}",
-        "deflections of the locked joint under slowly growing and falling loads show the law of "
-        "its spring",
-    ),
+    ColumnCheck(NONLINEAR_SPRING, _spring_laws, _missing_terms, _AT_LOADS),
 )
 """The checks of a drive, in the order in which their findings are listed."""
 

@@ -25,6 +25,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from seaid._arrays import Array, BoolArray, FrozenMapping
+from seaid.checks.tolerances import CONFIDENCE, LEAST_EXPLAINED, LEAST_TORQUE
 from seaid.errors import IdentificationError
 from seaid.estimation import ROUNDING, long_run_of, scaled_svd, triangle
 
@@ -41,15 +42,6 @@ BLOCKS, SEGMENTS = 8, 4
 A block of one segment may lack what makes two models differ, such as the large deflections of a
 spring; four spread over the log find a cubic spring twice as often, and no more that is not there
 (scripts/benchmarks/term_selection.py)."""
-
-CONFIDENCE = 0.975
-"""Confidence with which excluded blocks must be predicted better."""
-
-LEAST_EXPLAINED = 0.05
-"""Part of the squared residual that additional parameters must explain to be supported.
-
-Less is real at times and never useful: in right models of a simulated 7-joint arm the smoothing
-of Coulomb friction by the low pass explains 2 to 4 % (scripts/benchmarks/term_selection.py)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -274,6 +266,7 @@ def linear_candidate(
 ) -> Candidate:
     """Return a candidate of columns (R, c) that depend on no nonlinear parameter, if it has any."""
 
+    @cache
     def alternatives() -> list[Alternative]:
         H = columns()
         return [] if H is None else [Alternative(H, H.shape[1])]
@@ -294,8 +287,8 @@ class ColumnCheck(Generic[Fit]):
     code: Code
     candidates: Callable[[Fit, str], Iterable[Candidate]]
     finding: Callable[[Fit, str, Sequence[Accepted], float], Finding | None]
-    cause: str
     decision: str
+    cause: str = "'{term}' in its {field}"
     contains: tuple[Code, ...] = ()
 
 
@@ -409,13 +402,6 @@ class Equation:
         rows = replace(self.rows, names=(*self.rows.names, *more), units=units, H=H)
         return Equation(rows, self.weights)
 
-
-LEAST_TORQUE = 0.004
-"""Least rms of what a candidate adds, over that of the changes of the joint's torque, to be tested.
-
-Less does not matter, and is what the low pass leaves at reversals: at most 0.22 % in nine logs
-without noise of the simulated leg and arm of the tests. An error of 1 mrad between the encoders is
-0.6 to 1.3 % of the torques of that leg."""
 
 _LOST = 1e-6
 """Part of a column below which nothing is left of it next to the others but rounding."""

@@ -18,7 +18,7 @@ from seaid.checks.check import in_drives
 from seaid.checks.codes import COUPLED_JOINTS, GEAR_RATIO, TRANSMISSION_ERROR, VARYING_RATIO
 from seaid.checks.engine import Accepted, Candidate, ColumnCheck, linear_candidate
 from seaid.checks.terms import DriveRows
-from seaid.checks.tolerances import PART, POOR
+from seaid.checks.tolerances import PART, PERIODIC, POOR
 from seaid.errors import Finding, listed
 from seaid.regressor import motor_regressor
 
@@ -59,10 +59,6 @@ def _angles(drive: DriveRows, name: str) -> list[Array]:
     return [factor * signals[signal] for signals in drive.signals]
 
 
-_LEAST_LEFT = 0.1
-"""Least part of a harmonic that the low pass and the other columns leave, to be tried at all."""
-
-
 def _harmonic(side: Side, joint: str, name: str, order: int) -> Array | None:
     """Return the cosine and sine (R, 2) of an order, None if next to nothing is left of one."""
     drive = side.drive(joint)
@@ -70,7 +66,7 @@ def _harmonic(side: Side, joint: str, name: str, order: int) -> Array | None:
     pair = drive.at_rows([np.column_stack([np.cos(x), np.sin(x)]) for x in angles])
     left = np.abs(np.diag(np.linalg.qr(side.equation.left(pair))[1]))
     # the norm of a cosine over its periods is sqrt(R / 2)
-    return None if np.min(left) < _LEAST_LEFT * np.sqrt(0.5 * len(pair)) else pair
+    return None if np.min(left) < POOR * np.sqrt(0.5 * len(pair)) else pair
 
 
 def _couplings(side: Side, joint: str) -> Iterator[Candidate]:
@@ -94,16 +90,10 @@ def _varying_ratio(side: Side, joint: str) -> Iterator[Candidate]:
 def _angle(side: Side, joint: str, moving: str) -> Array:
     """Return the angle of another joint at the rows, or the angle, cosine and sine of the own."""
     index = side.robot.index(moving)
-    angles = [motion.joint_position[:, index] for motion in side.motions]
+    angles = [motion.joint_position[:, [index]] for motion in side.motions]
     if moving == joint:
-        return side.drive(joint).at_rows(
-            [np.column_stack([x, np.cos(x), np.sin(x)]) for x in angles]
-        )
-    return side.drive(joint).at_rows([x[:, None] for x in angles])
-
-
-_DOUBTFUL_ORDERS = 0.3
-"""Share of the residual that orders must explain to make a result doubtful."""
+        angles = [np.hstack([x, np.cos(x), np.sin(x)]) for x in angles]
+    return side.drive(joint).at_rows(angles)
 
 
 def _periodic(side: Side, joint: str, accepted: Sequence[Accepted], share: float) -> Finding:
@@ -111,8 +101,7 @@ def _periodic(side: Side, joint: str, accepted: Sequence[Accepted], share: float
     drive, estimate = side.robot.drives[joint], side.fitted.estimate
     is_error = joint not in side.gears and not drive.is_nonlinear_spring
     field = "transmission_error" if is_error else "torque_ripple"
-    candidates = [x.trial.candidate for x in accepted]
-    orders = [(candidate.field, int(candidate.term)) for candidate in candidates]
+    orders = [(x.trial.candidate.field, int(x.trial.candidate.term)) for x in accepted]
     text = ", ".join(f"order {order} of the {angle}" for angle, order in orders)
     evidence = {"share of the residual": share}
     if is_error and "stiffness" in estimate.names and estimate.value("stiffness") > 0:
@@ -120,16 +109,16 @@ def _periodic(side: Side, joint: str, accepted: Sequence[Accepted], share: float
         error = largest / (_lever(side, joint) * estimate.value("stiffness"))
         evidence["amplitude"] = error
         text += f"; up to {1e3 * error:.2g} m{drive.spring_units[1]} between the encoders"
-    by_angle: dict[str, list[int]] = {}
     known = [(x.angle, x.order) for x in drive.harmonics if x.field == field]
-    for angle, order in [*known, *orders]:
-        by_angle.setdefault(angle, []).append(order)
-    table = ", ".join(f"{angle} = {sorted(numbers)}" for angle, numbers in by_angle.items())
+    table = ", ".join(
+        f"{name} = {sorted(order for angle, order in [*known, *orders] if angle == name)}"
+        for name in dict.fromkeys(angle for angle, _ in [*known, *orders])
+    )
     return TRANSMISSION_ERROR.finding(
         f"{share:.0%} of the residual of (10) of {joint} is periodic ({text}): an error of the "
         "gear or its encoders, or ripple of the motor",
         joint,
-        "doubtful" if share >= _DOUBTFUL_ORDERS else "note",
+        "doubtful" if share >= PERIODIC else "note",
         evidence,
         in_drives({(joint,): f"{field} = {{ {table} }}"}),
     )
@@ -219,23 +208,23 @@ GEAR_CHECKS = (
         COUPLED_JOINTS,
         _couplings,
         _moves_with,
-        "a motor that moves with {term}",
         "a motor that turns while its joint is held and another joint is moved drives both",
+        "a motor that moves with {term}",
     ),
     ColumnCheck(
         VARYING_RATIO,
         _varying_ratio,
         _ratio_varies,
-        "a gear ratio that varies with the angle",
         "both encoders of a joint that is slowly turned without a load show its ratio",
+        "a gear ratio that varies with the angle",
         (GEAR_RATIO,),
     ),
     ColumnCheck(
         TRANSMISSION_ERROR,
         _orders,
         _periodic,
-        "an error of the gear (order {term} of the {field})",
         "both encoders of a joint that is slowly turned without a load show the errors of its gear",
+        "an error of the gear (order {term} of the {field})",
     ),
 )
 """The checks of a gear, in the order in which their findings are listed."""

@@ -27,6 +27,7 @@ from seaid.checks.engine import (
 from seaid.checks.gears import GEAR_CHECKS
 from seaid.checks.sensors import SENSOR_CHECKS, common_delay
 from seaid.checks.terms import with_term
+from seaid.checks.tolerances import STRONG
 from seaid.checks.values import drive_findings, noise_findings
 from seaid.drives import parameter_of, term_fields
 from seaid.errors import Finding, SeaidError
@@ -37,12 +38,6 @@ from seaid.robot import Robot
 
 COLUMN_CHECKS = (*DRIVE_CHECKS, *GEAR_CHECKS, *SENSOR_CHECKS)
 """The checks of an equation, in the order in which their findings are listed."""
-
-STRONG = 6.0
-"""Least decrease of the information criterion, "strong" by Kass and Raftery (1995).
-
-`compare_terms` is asked, this is not: above zero 3 of 120 right set-ups have a
-finding, all of them below 4 (scripts/benchmarks/term_selection.py --findings)."""
 
 
 @dataclass(frozen=True, eq=False)

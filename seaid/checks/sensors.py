@@ -21,11 +21,11 @@ from seaid.checks.engine import (
     Selection,
     linear_candidate,
 )
-from seaid.checks.tolerances import LEAST_DELAY_S, LEAST_SWING, SIGNIFICANT, SURE
+from seaid.checks.tolerances import LEAST_DELAY_S, LEAST_SWING, SIGNIFICANT, SURE, SURE_TOGETHER
 from seaid.drives import IDEAL_DRIVE, total_ratio
 from seaid.errors import Finding
 from seaid.estimation import qr_factor_of, scaled_svd, settled_weights
-from seaid.log import changed_source
+from seaid.log import changed_source, in_band
 
 if TYPE_CHECKING:
     from seaid.checks.columns import Side
@@ -73,8 +73,13 @@ def _late_columns(side: Side, joint: str) -> tuple[Array, Array]:
     others, weight = rows.at_rows(parts), side.equation.weight[:, None]
     left = np.linalg.norm(side.equation.left(weight * others), axis=0)
     others[:, left < _LEFT * np.linalg.norm(weight * others, axis=0)] = 0.0
-    torques = [motion.motor_torque[:, [index]] for motion in side.motions]
-    return -rows.slope_at_rows(torques), others
+    # filtered first: at the ends of a log the filter continues a torque and not a slope, the noise
+    # of which is as large as its first difference
+    slopes = [
+        np.gradient(in_band(motion, motion.motor_torque[:, [index]]), motion.time, axis=0)
+        for motion in side.motions
+    ]
+    return -rows.at_rows(slopes, in_band=True), others
 
 
 _LEFT = 1e-3
@@ -109,10 +114,6 @@ def _late_torques(
     )
 
 
-_SURE_DELAY = 4.0
-"""Multiple of the standard error, scatter between the joints included, of a common delay."""
-
-
 def common_delay(selected: Sequence[tuple[Side, Selection]]) -> Finding | None:
     """Return the finding that all motor torques are late by as much, None without it.
 
@@ -128,7 +129,7 @@ def common_delay(selected: Sequence[tuple[Side, Selection]]) -> Finding | None:
     spread = float(np.linalg.norm(weights * errors) / np.sum(weights))
     scatter = float(np.sqrt(np.average((values - common) ** 2, weights=weights) / len(values)))
     error = float(np.hypot(spread, scatter))
-    if abs(common) < max(_SURE_DELAY * error, LEAST_DELAY_S):
+    if abs(common) < max(SURE_TOGETHER * error, LEAST_DELAY_S):
         return None
     return _late_torques(selected[0][0], list(delays), common, error, {})
 
@@ -145,12 +146,10 @@ def _delays(side: Side, selection: Selection) -> dict[str, tuple[float, float]]:
     equation = side.equation.with_alternatives(
         x.trial.alternative for x in selection.accepted if x.trial.candidate.about.code is not DELAY
     )
-    slopes, others = zip(*(_late_columns(side, joint) for joint in joints), strict=True)
-    late = [np.hstack(others), np.hstack(slopes)]
-    larger = equation.with_alternatives(Alternative(columns, 0) for columns in late)
-    values, errors = larger.last(len(joints))
-    delays = zip(values.tolist(), errors.tolist(), strict=True)
-    return dict(zip(joints, delays, strict=True))
+    columns = [_late_columns(side, joint) for joint in joints]
+    late = np.hstack([*(others for _, others in columns), *(slope for slope, _ in columns)])
+    values, errors = equation.with_alternatives([Alternative(late, 0)]).last(len(joints))
+    return dict(zip(joints, zip(values.tolist(), errors.tolist(), strict=True), strict=True))
 
 
 def _zeros(side: Side, joint: str) -> Iterator[Candidate]:
@@ -219,17 +218,15 @@ def _zero_is_off(
         offset, error = _searched_zero(side, joint)
     if abs(offset) > np.pi or abs(offset) < SIGNIFICANT * error:
         return None
-    robot = side.robot
-    moved = {(joint, "joint_position"): 1.0}
-    for turns, (other, drive) in zip(
-        robot.transmission[:, robot.index(joint)], robot.drives.items(), strict=True
-    ):
-        moved[other, "motor_position"] = turns * total_ratio(drive)
-    entries: dict[str, dict[str, str]] = {}
-    for (other, quantity), factor in moved.items():
-        if factor and side.source(other, quantity):
-            changed = changed_source(side.source(other, quantity), offset=round(factor * offset, 5))
-            entries.setdefault(other, {})[quantity] = changed
+    robot, entries = side.robot, dict[str, dict[str, str]]()
+    turns = robot.transmission[:, robot.index(joint)].tolist()
+    motors = [x * total_ratio(drive) for x, drive in zip(turns, robot.drives.values(), strict=True)]
+    moved = [(name, "motor_position", x) for name, x in zip(robot.drives, motors, strict=True) if x]
+    for name, quantity, factor in [(joint, "joint_position", 1.0), *moved]:
+        source = side.source(name, quantity)
+        if source:
+            changed = changed_source(source, offset=round(factor * offset, 5))
+            entries.setdefault(name, {})[quantity] = changed
     return ENCODER_OFFSET.finding(
         f"the zero of {joint} is {np.degrees(offset):.2f} +- {np.degrees(error):.2f} degrees from "
         f"that of the robot file: that explains {share:.0%} of the squared residual of its torque",
@@ -245,15 +242,15 @@ SENSOR_CHECKS = (
         DELAY,
         _late_torque,
         _late,
-        "a motor torque that is late or early",
         "torque and position that are stamped by one clock have no delay",
+        "a motor torque that is late or early",
     ),
     ColumnCheck(
         ENCODER_OFFSET,
         _zeros,
         _zero_is_off,
-        "a zero of the joint that is not that of the robot file",
         "a spirit level or a stop shows the zero of a joint",
+        "a zero of the joint that is not that of the robot file",
     ),
 )
 """The checks of sensors, in the order in which their findings are listed."""

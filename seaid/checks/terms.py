@@ -13,7 +13,7 @@ from itertools import product
 
 import numpy as np
 
-from seaid._arrays import Array, FrozenMapping, IndexArray
+from seaid._arrays import Array, FrozenMapping
 from seaid._files import toml_table
 from seaid.checks.engine import (
     Alternative,
@@ -36,7 +36,7 @@ from seaid.drives import (
 )
 from seaid.errors import IdentificationError, RobotError
 from seaid.estimation import FittedRows
-from seaid.log import Motion, in_band, in_band_at
+from seaid.log import Motion, in_band_at
 from seaid.regressor import (
     Regression,
     actuator_equation,
@@ -63,9 +63,10 @@ def with_term(drive: Drive, field: str, term: str) -> Drive:
     Raises RobotError for a term that the drive cannot have.
     """
     alike = [*map(set, (COULOMB, DEAD_ZONES))]
-    own = getattr(drive, field)
-    terms = tuple(one for one in own if not any({one, term} <= some for some in alike))
-    bare = replace(drive, nominal={}, known=(), **{field: (*terms, term)})  # type: ignore[arg-type]
+    kept = (
+        name for name in getattr(drive, field) if not any({name, term} <= some for some in alike)
+    )
+    bare = replace(drive, nominal={}, known=(), **{field: (*kept, term)})  # type: ignore[arg-type]
     names = bare.parameter_names
     valued = bare.with_values({n: x for n, x in drive.values.items() if n in names})
     return replace(valued, known=tuple(name for name in drive.known if name in names))
@@ -74,11 +75,11 @@ def with_term(drive: Drive, field: str, term: str) -> Drive:
 def possible_terms(drive: Drive, asked: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, str]]:
     """Yield the terms (field, term) among those asked for that a drive lacks and can have."""
     for field, terms in asked.items():
-        own = getattr(drive, field) if field in term_fields(drive) else terms
+        known = getattr(drive, field) if field in term_fields(drive) else terms
         smooth = {"friction": COULOMB[1:], "spring": (*DEAD_ZONES, "dahl")}.get(field, ())
         for term in terms:
-            instead = {*smooth, "coulomb"} - {"shifted_coulomb"} if {*smooth} & {*own} else ()
-            if term in own or term in instead:
+            instead = {*smooth, "coulomb"} - {"shifted_coulomb"} if {*smooth} & {*known} else ()
+            if term in known or term in instead:
                 continue
             try:
                 with_term(drive, field, term)
@@ -92,16 +93,15 @@ def reference_position(motions: Sequence[Motion], place: int) -> float:
 
     There the level of Coulomb friction is positive, even if its slope is large.
     """
-    lows = [float(np.min(one.joint_position[:, place])) for one in motions]
-    highs = [float(np.max(one.joint_position[:, place])) for one in motions]
-    return float(f"{0.5 * (min(lows) + max(highs)):.2g}")
+    positions = np.concatenate([motion.joint_position[:, place] for motion in motions])
+    return float(f"{0.5 * (np.min(positions) + np.max(positions)):.2g}")
 
 
 @dataclass(frozen=True, eq=False)
 class DriveRows:
     """A drive at the rows of the side that has its equation.
 
-    `values` are the fitted ones of the drive. `regressor` derives the equation of the side, which
+    `theta` is the fit of the rows. `regressor` derives the equation of the side, which
     is that of the motor or of the spring; `signals` evaluate it. `factors` {index of an equation:
     factor} are those of the drive's columns in the equations.
     """
@@ -110,10 +110,21 @@ class DriveRows:
     motions: Sequence[Motion]
     joint: str
     rows: Regression
-    values: Mapping[str, float]
+    theta: Array
     regressor: Callable[[Robot, str], DriveRegressor]
     signals: Sequence[Mapping[str, Array]]
     factors: Mapping[int, float]
+
+    @cached_property
+    def values(self) -> dict[str, float]:
+        """The fitted values of the drive."""
+        fitted = zip(self.rows.names, self.theta.tolist(), strict=True)
+        known = self.robot.drives[self.joint].values
+        return {**known, **{parameter_of(name): x for name, x in fitted if self._has(name)}}
+
+    def _has(self, name: str) -> bool:
+        """Whether a parameter of the rows is one of the drive."""
+        return getattr(name, "joint", self.joint) == self.joint
 
     def terms(
         self, field: str, term: str, given: Mapping[str, Sequence[float]] = FrozenMapping({})
@@ -137,7 +148,7 @@ class DriveRows:
         places = [
             place
             for place, name in enumerate(self.rows.names)
-            if parameter_of(name) in changed and getattr(name, "joint", self.joint) == self.joint
+            if parameter_of(name) in changed and self._has(name)
         ]
         points = [dict(zip(grid, values_at, strict=True)) for values_at in product(*grid.values())]
         columns = self._columns(new, [values | at for at in points], [*changed, *added])
@@ -150,16 +161,12 @@ class DriveRows:
         self, names: Sequence[str], given: Mapping[str, Sequence[float]]
     ) -> dict[str, Sequence[float]]:
         """Return {nonlinear parameter: the values that are tried}."""
-        searched = [
-            name for name in names if PARAMETERS[name].starts and PARAMETERS[name].is_positive
-        ]
-        if not searched:
-            return {}
-        grid = {
-            name: given.get(name)
-            or [part * size_of(name, self._scale) for part in _dense(PARAMETERS[name].starts)]
-            for name in searched
-        }
+        grid: dict[str, Sequence[float]] = {}
+        for name in names:
+            starts = PARAMETERS[name].starts
+            if starts and PARAMETERS[name].is_positive:
+                searched = [part * size_of(name, self._scale) for part in _dense(starts)]
+                grid[name] = given.get(name) or searched
         if "coulomb_width" in grid and "coulomb_width" not in given:
             widths = grid["coulomb_width"]
             grid["coulomb_width"] = [x for x in widths if x > self._crossing] or widths[-1:]
@@ -176,8 +183,6 @@ class DriveRows:
 
     @cached_property
     def _scale(self) -> Scale:
-        is_elastic = self.robot.drives[self.joint].is_elastic
-        scale_of = deflection_scale if is_elastic else speed_scale
         return scale_of(self.robot, self.motions, self.joint)
 
     def _columns(
@@ -190,44 +195,22 @@ class DriveRows:
         ]
         return np.split(self.at_rows(parts), len(points), axis=1)
 
-    def at_rows(self, parts: Sequence[Array]) -> Array:
+    def at_rows(self, parts: Sequence[Array], *, in_band: bool = False) -> Array:
         """Return columns (T, c) of torques at the samples of each motion at all rows (R, c).
 
-        Those of a stiff drive are zero where friction in the equation is not known.
+        They are filtered as the rows are, if they are not `in_band` already, and those of a stiff
+        drive are zero where friction in the equation is not known.
         """
-        is_elastic = self.robot.drives[self.joint].is_elastic
-
-        def in_equation(motion: Motion, part: Array, samples: IndexArray, index: int) -> Array:
-            known = part if is_elastic else motion.where_known(index, part)
-            return in_band_at(motion, known, samples)
-
-        return self._placed(parts, in_equation)
-
-    def slope_at_rows(self, torques: Sequence[Array]) -> Array:
-        """Return the slope (R, 1) of torques (T, 1) of each motion, below the cutoff, at all rows.
-
-        They are filtered first: at the ends of a log the filter continues a torque and not a slope,
-        whose noise is as large as its first difference.
-        """
-
-        def slope(motion: Motion, torque: Array, samples: IndexArray, index: int) -> Array:
-            del index  # the torque of one motor is in all of its equations
-            return np.gradient(in_band(motion, torque), motion.time, axis=0)[samples]
-
-        return self._placed(torques, slope)
-
-    def _placed(
-        self,
-        parts: Sequence[Array],
-        at_samples: Callable[[Motion, Array, IndexArray, int], Array],
-    ) -> Array:
-        """Return what `at_samples` makes of the parts (T, c) of each motion, at all rows (R, c)."""
         placed = np.zeros((len(self.rows.y), parts[0].shape[1]))
+        is_elastic = self.robot.drives[self.joint].is_elastic
         for index, factor in self.factors.items():
             for run, (motion, part) in enumerate(zip(self.motions, parts, strict=True)):
                 chosen = (self.rows.joint == index) & (self.rows.run == run)
                 samples = np.searchsorted(motion.time, self.rows.time[chosen])
-                placed[chosen] = factor * at_samples(motion, part, samples, index)
+                known = part if is_elastic or in_band else motion.where_known(index, part)
+                placed[chosen] = factor * (
+                    known[samples] if in_band else in_band_at(motion, known, samples)
+                )
         return placed
 
 
@@ -255,16 +238,10 @@ def actuator_drive(
     """Return an elastic drive at the rows of its actuator side (10), with its fit `theta`."""
     equations = [actuator_equation(robot, motion, joint) for motion in motions]
     is_motor = equations[0][0] == motor_regressor(robot, joint)
-    return DriveRows(
-        robot=robot,
-        motions=motions,
-        joint=joint,
-        rows=rows,
-        values={**robot.drives[joint].values, **dict(zip(rows.names, theta.tolist(), strict=True))},
-        regressor=motor_regressor if is_motor else spring_regressor,
-        signals=[signals for _, signals in equations],
-        factors={robot.index(joint): 1.0},
-    )
+    regressor = motor_regressor if is_motor else spring_regressor
+    signals = [by_name for _, by_name in equations]
+    factors = {robot.index(joint): 1.0}
+    return DriveRows(robot, motions, joint, rows, theta, regressor, signals, factors)
 
 
 def load_drive(
@@ -278,29 +255,16 @@ def load_drive(
 ) -> DriveRows:
     """Return a drive at the rows of the load side (8): a stiff one, or what acts `at_joint`."""
     index = robot.index(joint)
-    unit = np.eye(robot.n)[index]
-    factors = unit * robot.drives[joint].ratio
-    by_motion = [input_signals(robot, motion, index) for motion in motions]
+    unit, regressor = np.eye(robot.n)[index], motor_regressor
+    shares = unit * robot.drives[joint].ratio
+    signals = [input_signals(robot, motion, index) for motion in motions]
     if at_joint:  # of its own states, also where a drive moves several joints
-        factors = torques_at_drives(robot.transmission, unit)
-        for signals, motion in zip(by_motion, motions, strict=True):
+        shares, regressor = torques_at_drives(robot.transmission, unit), joint_regressor
+        for by_name, motion in zip(signals, motions, strict=True):
             states = (state[:, index] for state in motion.joint_states)
-            signals |= dict(zip(_JOINT, states, strict=True))
-    fitted = {
-        parameter_of(name): value
-        for name, value in zip(rows.names, theta.tolist(), strict=True)
-        if getattr(name, "joint", "") == joint
-    }
-    return DriveRows(
-        robot=robot,
-        motions=motions,
-        joint=joint,
-        rows=rows,
-        values={**robot.drives[joint].values, **fitted},
-        regressor=joint_regressor if at_joint else motor_regressor,
-        signals=by_motion,
-        factors={place: factor for place, factor in enumerate(factors.tolist()) if factor},
-    )
+            by_name |= dict(zip(_JOINT, states, strict=True))
+    factors = {place: share for place, share in enumerate(shares.tolist()) if share}
+    return DriveRows(robot, motions, joint, rows, theta, regressor, signals, factors)
 
 
 _JOINT = ("theta_L", "theta_L_dot", "theta_L_ddot")
@@ -331,32 +295,27 @@ class Scale:
     reach: float
 
 
-def deflection_scale(robot: Robot, motions: Sequence[Motion], joint: str) -> Scale:
-    """Return the scale of an elastic joint."""
-    drive = robot.drives[joint]
-    by_name = [actuator_equation(robot, motion, joint)[1] for motion in motions]
-    stretch = np.concatenate(
-        [
-            drive.motor_radius / drive.ratio * one["theta_M"] - drive.load_radius * one["theta_L"]
-            for one in by_name
-        ]
-    )
-    low, high = float(np.min(stretch)), float(np.max(stretch))
-    motor = speed_scale(robot, motions, joint)
-    return replace(motor, middle=0.5 * (low + high), reach=max(0.5 * (high - low), 1e-12))
+def scale_of(robot: Robot, motions: Sequence[Motion], joint: str) -> Scale:
+    """Return the scale of a joint, with that of the deflection of an elastic one."""
+    index, drive = robot.index(joint), robot.drives[joint]
+    speed = max(float(np.max(np.abs(motion.motor_velocity[:, index]))) for motion in motions)
+    turn = max(float(np.ptp(motion.motor_position[:, index])) for motion in motions) / 2
+    middle, reach = 0.0, 1.0
+    if drive.is_elastic:
+        signals = [actuator_equation(robot, motion, joint)[1] for motion in motions]
+        motor, load = (np.concatenate([x[name] for x in signals]) for name in _ANGLES)
+        stretch = drive.motor_radius / drive.ratio * motor - drive.load_radius * load
+        low, high = float(np.min(stretch)), float(np.max(stretch))
+        middle, reach = 0.5 * (low + high), max(0.5 * (high - low), 1e-12)
+    return Scale(max(speed, 1e-9), max(turn, 1e-12), duration_s(motions), middle, reach)
 
 
-def speed_scale(robot: Robot, motions: Sequence[Motion], joint: str) -> Scale:
-    """Return the scale of a stiff joint."""
-    index = robot.index(joint)
-    speed = max(float(np.max(np.abs(one.motor_velocity[:, index]))) for one in motions)
-    turn = max(float(np.ptp(one.motor_position[:, index])) for one in motions) / 2
-    return Scale(max(speed, 1e-9), max(turn, 1e-12), duration_s(motions), 0.0, 1.0)
+_ANGLES = ("theta_M", "theta_L")
 
 
 def duration_s(motions: Sequence[Motion]) -> float:
     """Return the time from the start of a log to the end of its motion, of the longest one."""
-    return max(float(one.time[-1] - one.start_s) for one in motions)
+    return max(float(motion.time[-1] - motion.start_s) for motion in motions)
 
 
 def size_of(name: str, scale: Scale) -> float:

@@ -23,10 +23,9 @@ from seaid._arrays import Array, BoolArray, IndexArray
 from seaid._files import toml_table
 from seaid.checks import (
     Scale,
-    deflection_scale,
     duration_s,
+    scale_of,
     size_of,
-    speed_scale,
 )
 from seaid.drives import (
     COULOMB,
@@ -171,7 +170,7 @@ def linearised(
 
 def _linearised_drive(robot: Robot, motions: Sequence[Motion], joint: str) -> Drive:
     drive = robot.drives[joint]
-    scale = deflection_scale(robot, motions, joint)
+    scale = scale_of(robot, motions, joint)
     start = _linear_start(robot, motions, joint)
     search = _actuator_search(robot, motions, joint)
     grid = product(*(starts_of(name, drive, start, scale) for name in search.nonlinear))
@@ -446,7 +445,7 @@ def linearised_load(robot: Robot, motions: Sequence[Motion], used: Sequence[str]
     check_reversals(robot, motions, stiff)
     if not nonlinear:
         return robot
-    scales = {joint: speed_scale(robot, motions, joint) for joint in nonlinear}
+    scales = {joint: scale_of(robot, motions, joint) for joint in nonlinear}
     given, robot = robot.drives, _started(robot, scales)
     for sweep in range(1 if len(nonlinear) == 1 else _SWEEPS):
         for joint in nonlinear:
