@@ -53,9 +53,6 @@ def _named(where: str) -> str:
     return where.removeprefix(" of ") or "the log"
 
 
-_UNITS_OF_TIME = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-
-
 def _time_units(logged: Logged) -> Iterator[Finding]:
     """Yield logs whose time is not in seconds; of several units, that of the usual rate."""
     usual_hz = np.sqrt(tol.SLOWEST_HZ * tol.FASTEST_HZ)
@@ -63,7 +60,7 @@ def _time_units(logged: Logged) -> Iterator[Finding]:
         rate = 1 / float(np.median(np.diff(log.time)))  # a gap is not the unit of the clock
         if tol.SLOWEST_HZ <= rate <= tol.FASTEST_HZ:
             continue
-        rates = {unit: rate / size for unit, size in _UNITS_OF_TIME.items()}
+        rates = {"ms": 1e3 * rate, "us": 1e6 * rate, "ns": 1e9 * rate}
         rates = {unit: x for unit, x in rates.items() if tol.SLOWEST_HZ <= x <= tol.FASTEST_HZ}
         text, remedy = "is its time in seconds?", ""
         if rates:
@@ -132,9 +129,6 @@ def _offset_of_turn(robot: Robot, channel: Channel, period: float) -> float:
     return period * float(np.rint((middle - np.mean(np.unwrap(channel.values))) / period))
 
 
-_BITS = (16, 32)
-
-
 def _period_of_integer(channel: Channel) -> float | None:
     """Return scale 2^b if a channel is a signed integer of b bits, read without its sign.
 
@@ -144,7 +138,7 @@ def _period_of_integer(channel: Channel) -> float | None:
     span, middle = float(np.ptp(values)), 0.5 * float(np.min(values) + np.max(values))
     if float(np.mean(np.abs(values - middle) < 0.25 * span)) > tol.FEW:
         return None
-    periods = (channel.scale * 2.0**bits for bits in _BITS)
+    periods = (channel.scale * 2.0**bits for bits in (16, 32))
     return next((period for period in periods if abs(span / period - 1) < tol.FEW), None)
 
 
@@ -646,13 +640,13 @@ def stop_findings(experiment: Experiment, logs: Sequence[Log]) -> Iterator[Findi
         rate = experiment.motor[2][:, j]
         H = np.column_stack([experiment.regressor[:, j], experiment.load_columns(j), rate])
         svd = scaled_svd(H[~at_limit])
-        kept, left = svd.rank(RANK_TOLERANCE), y - H @ svd.solve(y[~at_limit], RANK_TOLERANCE)
+        kept, residual = svd.rank(RANK_TOLERANCE), y - H @ svd.solve(y[~at_limit], RANK_TOLERANCE)
         reach = (H[at_limit] / svd.norms) @ svd.vectors[:kept].T / svd.sizes[:kept]
-        noise = np.sum(left[~at_limit] ** 2) / max(np.sum(~at_limit) - kept, 1)
+        noise = np.sum(residual[~at_limit] ** 2) / max(np.sum(~at_limit) - kept, 1)
         error = np.sqrt(1 + tol.CORRELATED_ROWS * np.sum(reach**2, axis=1)) * max(
             noise**0.5, tol.FEW
         )
-        push = float(np.median(left[at_limit] * np.sign(place[at_limit]) / error))
+        push = float(np.median(residual[at_limit] * np.sign(place[at_limit]) / error))
         if push > tol.SIGNIFICANT:
             yield codes.CONTACT.finding(
                 f"{joint} is at its limit in the robot file, or beyond it, in {share:.0%} of the "

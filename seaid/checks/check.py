@@ -62,12 +62,12 @@ class Observation(Generic[Given]):
     look: Callable[[Given], Iterable[Finding]]
 
 
-def observed(checks: Iterable[Observation[Given]], given: Given) -> list[Finding]:
+def observed(checks: Iterable[Observation[Given]], subject: Given) -> list[Finding]:
     """Return the findings of checks, in their order; a check that raises becomes a note."""
     findings: list[Finding] = []
     for check in checks:
         try:
-            findings += check.look(given)
+            findings += check.look(subject)
         except Exception as problem:  # the fit stands, whatever a check meets
             findings.append(not_made(check.code, problem))
     return findings
@@ -158,9 +158,11 @@ _OF_FIT = ("no-fit", "negative-parameter")
 
 def is_wrong(setup: Iterable[Finding]) -> bool:
     """Whether findings say that the set-up, and not only the model, is wrong."""
-    return any(one.severity == "wrong" and one.code not in _OF_FIT for one in setup)
+    return any(finding.severity == "wrong" and finding.code not in _OF_FIT for finding in setup)
 
 
 def consequences(setup: Sequence[Finding], findings: Iterable[Finding]) -> list[Finding]:
     """Return findings about a fit: mere notes if the set-up is already known to be wrong."""
-    return [replace(one, severity="note") if is_wrong(setup) else one for one in findings]
+    if not is_wrong(setup):
+        return list(findings)
+    return [replace(finding, severity="note") for finding in findings]

@@ -437,15 +437,15 @@ def _free_delays(robot: Robot) -> dict[str, Drive]:
 
 def _residual_std(rows: Regression) -> Array:
     """Return the rms residual (R,) of the joint of each row, from rows weighted by their torque."""
-    noise = np.ones(len(rows.y))
-    for size in (rows.y, None):
-        theta = scaled_svd(rows.H / noise[:, None]).solve(rows.y / noise)
-        left = rows.y - rows.H @ theta if size is None else size
-        for joint in np.unique(rows.joint):
-            of_joint = rows.joint == joint
-            rms = float(np.sqrt(np.mean(left[of_joint] ** 2)))
-            noise[of_joint] = max(rms, np.finfo(float).tiny)
-    return noise
+    _, place = np.unique(rows.joint, return_inverse=True)
+
+    def rms(values: Array) -> Array:
+        squares = np.bincount(place, values**2) / np.bincount(place)
+        return np.sqrt(np.maximum(squares, np.finfo(float).tiny))[place]
+
+    size = rms(rows.y)
+    theta = scaled_svd(rows.H / size[:, None]).solve(rows.y / size)
+    return rms(rows.y - rows.H @ theta)
 
 
 def _separation(
@@ -526,10 +526,10 @@ def _sum_with_delay(
     load_side: Estimate, place: int, inertia: JointParameter
 ) -> tuple[float, float, float]:
     """Return K_d + F_v, the rotor inertia plus that times the delay, and its standard error."""
-    own, std = load_side.names.index(inertia), load_side.standard_errors[place]
-    slope = -load_side.covariance[own, place] / std**2  # over N^2, as the rest
-    error = np.sqrt(max(load_side.covariance[own, own] - (slope * std) ** 2, 0.0))
-    value = load_side.values[own] + slope * load_side.values[place]
+    row, std = load_side.names.index(inertia), load_side.standard_errors[place]
+    slope = -load_side.covariance[row, place] / std**2  # over N^2, as the rest
+    error = np.sqrt(max(load_side.covariance[row, row] - (slope * std) ** 2, 0.0))
+    value = load_side.values[row] + slope * load_side.values[place]
     return float(slope), float(value), float(error)
 
 
@@ -566,10 +566,10 @@ def _by_bodies(experiment: Experiment, j: int) -> tuple[Array, Array]:
     return columns, experiment.lever[j] * experiment.torque[:, j]
 
 
-def _share_left(columns: Array, y: Array) -> float:
+def _unexplained_share(columns: Array, y: Array) -> float:
     """Return the residual of a fit over y (R,), both as standard deviations."""
-    left = y - columns @ fitted(columns, y)[0]
-    return float(np.std(left) / max(float(np.std(y)), np.finfo(float).tiny))
+    residual = y - columns @ fitted(columns, y)[0]
+    return float(np.std(residual) / max(float(np.std(y)), np.finfo(float).tiny))
 
 
 def hidden_limits(experiment: Experiment) -> Iterator[Finding]:
@@ -584,10 +584,10 @@ def hidden_limits(experiment: Experiment) -> Iterator[Finding]:
         if law is None or np.isfinite(law.torque_limit_Nm):
             continue
         columns, asked = _by_bodies(experiment, j)
-        before = _share_left(columns, asked)
+        before = _unexplained_share(columns, asked)
         levels = np.quantile(np.abs(asked), np.linspace(0.3, 0.98, 35))
         after = {
-            level: _share_left(columns, np.clip(asked, -level, level))
+            level: _unexplained_share(columns, np.clip(asked, -level, level))
             for level in levels.tolist()
             if level > 0
         }
@@ -639,7 +639,7 @@ def _gain_factors(experiment: Experiment) -> dict[int, tuple[float, float]]:
         columns, y = _by_bodies(experiment, j)
         x, covariance = fitted(columns, y)
         factor, error = float(x[0]), float(np.sqrt(covariance[0, 0]))
-        if factor > 0 and error < tol.POOR * factor and _share_left(columns, y) < SEVERE:
+        if factor > 0 and error < tol.POOR * factor and _unexplained_share(columns, y) < SEVERE:
             factors[j] = factor, error
     return factors
 
@@ -728,12 +728,12 @@ def _with_poses(experiment: Experiment, poses: Poses) -> Experiment:
         motor[0, :, j] += changed.lever[j] * offset
         experiment = replace(changed, joint=joint, motor=motor)
     inertia, drives = experiment.inertia.copy(), [*experiment.robot.drives.values()]
-    left = experiment.lever * experiment.torque - experiment.regressor @ experiment.bodies
+    unexplained = experiment.lever * experiment.torque - experiment.regressor @ experiment.bodies
     for j in experiment.used:
         if drives[j].motor_inertia_kg_m2 is None:
             rotor = experiment.lever[j] * experiment.motor[2][:, j]
             columns = np.column_stack([experiment.friction[j], rotor])
-            inertia[j] = max(float(scaled_svd(columns).solve(left[:, j])[-1]), 0.0)
+            inertia[j] = max(float(scaled_svd(columns).solve(unexplained[:, j])[-1]), 0.0)
     changed = replace(experiment, inertia=inertia)
     vars(changed)["regressor"] = experiment.regressor  # of the same motion: not computed again
     return changed

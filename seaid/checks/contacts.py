@@ -247,9 +247,9 @@ def lateness(feet: FeetInMotion) -> tuple[float, float, float] | None:
     if len(inside) < tol.JUDGED_PARTS or np.all(flags == flags[0]):
         return None
     some = inside[_spread(len(inside), 4 * tol.JUDGED_INSTANTS)]
-    step, own = max(most // 20, 1), feet.velocities[some]
+    step, velocities = max(most // 20, 1), feet.velocities[some]
     squares = {
-        shift: _mean_squares(own, feet.base, some, flags[some + shift])
+        shift: _mean_squares(velocities, feet.base, some, flags[some + shift])
         for shift in range(-(most // step) * step, most + 1, step)
     }
     best = min(squares, key=lambda shift: float(np.mean(squares[shift])))
@@ -277,19 +277,19 @@ def _late_finding(feet: FeetInMotion, late_s: float, now: float, speed: float) -
     )
 
 
-def _over_ground(own: Array, velocity: Array | None, flags: BoolArray) -> Array:
+def _over_ground(velocities: Array, velocity: Array | None, flags: BoolArray) -> Array:
     """Return the velocities (T, k, 3) of contacts over the ground."""
     if velocity is None:
-        standing = np.where(flags[:, :, None], own, np.nan)
+        standing = np.where(flags[:, :, None], velocities, np.nan)
         standing[~np.any(flags, axis=1)] = 0.0
         velocity = -np.nanmedian(standing, axis=1)
-    return np.asarray(own + velocity[:, None])
+    return np.asarray(velocities + velocity[:, None])
 
 
-def _mean_squares(own: Array, base: BaseMotion, some: IndexArray, flags: BoolArray) -> Array:
+def _mean_squares(velocities: Array, base: BaseMotion, some: IndexArray, flags: BoolArray) -> Array:
     """Return the mean squared speeds of contacts that stand, in successive parts of the time."""
     velocity = None if base.velocity is None else base.velocity[some]
-    squares = flags * np.sum(_over_ground(own, velocity, flags) ** 2, axis=2)
+    squares = flags * np.sum(_over_ground(velocities, velocity, flags) ** 2, axis=2)
     parts = (np.array_split(x, tol.JUDGED_PARTS) for x in (squares, flags))
     return np.array([np.sum(x) / max(np.sum(stand), 1) for x, stand in zip(*parts, strict=True)])
 
@@ -353,9 +353,10 @@ def _tried_orders(
     as_given = tuple(range(len(feet.links)))
     flag_orders = [*permutations(as_given)] if len(as_given) <= tol.MOST_LEGS else [as_given]
     for order in _orders(_legs(feet), feet.robot.n):
-        own = feet.velocities_at(some, order)
+        velocities = feet.velocities_at(some, order)
         for places in flag_orders:
-            yield _mean_squares(own, feet.base, some, feet.flags[some][:, places]), order, places
+            flags = feet.flags[some][:, places]
+            yield _mean_squares(velocities, feet.base, some, flags), order, places
 
 
 def _orders(legs: Sequence[IndexArray], n: int) -> Iterator[list[int]]:
@@ -363,14 +364,14 @@ def _orders(legs: Sequence[IndexArray], n: int) -> Iterator[list[int]]:
     yield list(range(n))
     if not 2 <= len(legs) <= tol.MOST_LEGS:
         return
-    own = np.concatenate(legs)
-    grouped = np.sort(own).reshape(-1, len(legs))  # a row per kind of joint
+    joints = np.concatenate(legs)
+    grouped = np.sort(joints).reshape(-1, len(legs))  # a row per kind of joint
     for places in permutations(range(len(legs))):
         by_leg = np.concatenate([legs[k] for k in places])
         by_kind = np.concatenate([grouped[:, k] for k in places])
         for sources in (by_leg, by_kind):
             order = np.arange(n)
-            order[own] = sources
+            order[joints] = sources
             if order.tolist() != list(range(n)):
                 yield order.tolist()
 
@@ -381,7 +382,7 @@ def _legs(feet: FeetInMotion) -> list[IndexArray]:
     J = contact_map(robot, feet.motion.joint_position[:1], feet.contacts)[0, 6:]
     moved = np.any(J.reshape(robot.n, -1, 3) != 0.0, axis=2)
     sets = np.unique(moved.T, axis=0)
-    legs = [np.flatnonzero(own & (sets.sum(axis=0) == 1)) for own in sets]
+    legs = [np.flatnonzero(moving & (sets.sum(axis=0) == 1)) for moving in sets]
     legs = sorted((leg for leg in legs if len(leg)), key=lambda leg: int(leg[0]))
     kinds = [tuple(np.array(robot.is_prismatic)[leg]) for leg in legs]
     return legs if len(set(kinds)) == 1 else []

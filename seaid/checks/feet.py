@@ -271,7 +271,8 @@ def mass_findings(
         "robot file [kg]": nominal_kg,
     }
     if mass_kg < -sure_kg:
-        sensors = sorted({link for one in motions if one.base for link in one.base.wrenches})
+        bases = (motion.base for motion in motions if motion.base is not None)
+        sensors = sorted({link for base in bases for link in base.wrenches})
         tables = [f"{toml_table('contacts', x)}\nforce = {{ ..., scale = -1 }}" for x in sensors]
         where = "; in the description of the log, and so for each moment:\n" if sensors else ""
         yield TOTAL_MASS.finding(

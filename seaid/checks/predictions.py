@@ -28,7 +28,7 @@ def unseen_motion(of: str, joint: str, error: float, ratio: float) -> Iterator[F
     """
     if not (error > PART and ratio > TWICE):
         return
-    own = f", and {ratio:.2g} times that in the own logs" if math.isfinite(ratio) else ""
+    times = f", and {ratio:.2g} times that in the own logs" if math.isfinite(ratio) else ""
     parts = (
         "payload, mounting, encoder zeros and columns"
         if joint
@@ -36,7 +36,7 @@ def unseen_motion(of: str, joint: str, error: float, ratio: float) -> Iterator[F
     )
     yield codes.UNSEEN_MOTION.finding(
         f"the model does not predict {of} in another motion: its error is {error:.0%} of it, that "
-        f"of a constant 100%{own}",
+        f"of a constant 100%{times}",
         joint,
         "wrong" if error > NOTHING else "doubtful",
         {"error": error, "over that in the own logs": ratio},
@@ -360,21 +360,21 @@ def contradicted_rotor(
         )
 
 
-def stiffness_disagrees(joint: str, response: Estimate, other: Estimate) -> Iterator[Finding]:
+def stiffness_disagrees(joint: str, response: Estimate, identified: Estimate) -> Iterator[Finding]:
     """Yield that the interval of a stiffness by its response excludes that of an identification."""
     (low, high), (least, most) = (
-        one.interval()[one.names.index("stiffness")] for one in (response, other)
+        k.interval()[k.names.index("stiffness")] for k in (response, identified)
     )
     if low > most or high < least:
-        one, two = response.value("stiffness"), other.value("stiffness")
+        k, other_k = response.value("stiffness"), identified.value("stiffness")
         unit = response.units[response.names.index("stiffness")]
         yield codes.ESTIMATOR_DISAGREES.finding(
-            f"the stiffness of {joint} is {one:.4g} {unit} by its frequency response, {low:.4g} to "
-            f"{high:.4g}, and {two:.4g} by the identification, {least:.4g} to {most:.4g}: a spring "
-            "that is not linear, or softer at other amplitudes, a cutoff below its resonance, or "
-            "another posture",
+            f"the stiffness of {joint} is {k:.4g} {unit} by its frequency response, {low:.4g} to "
+            f"{high:.4g}, and {other_k:.4g} by the identification, {least:.4g} to {most:.4g}: a "
+            "spring that is not linear, or softer at other amplitudes, a cutoff below its "
+            "resonance, or another posture",
             joint,
-            evidence={"frequency_response": one, "identification": two},
+            evidence={"frequency_response": k, "identification": other_k},
             remedy="compare the terms of the spring with compare_terms, or motions of one size",
             certainty="possible",
         )

@@ -214,8 +214,8 @@ class _Value:
     def evidence(self) -> dict[str, float]:
         return {"value": self.value, "standard error": self.error}
 
-    @property
     def has_wrong_sign(self) -> bool:
+        """Return whether it is below zero, which no such parameter is."""
         kind = PARAMETERS.get(self.name)
         return kind is not None and kind.is_positive and self.value < 0
 
@@ -244,10 +244,11 @@ class _DriveValues:
     @cached_property
     def values(self) -> list[_Value]:
         """The parameters that are not zero in a drive of this kind."""
-        own = self.estimate
+        names, estimate = self.estimate.names, self.estimate
+        rows = zip(names, estimate.values, estimate.standard_errors, strict=True)
         return [
             _Value(name, self.readable(name), float(value), float(error))
-            for name, value, error in zip(own.names, own.values, own.standard_errors, strict=True)
+            for name, value, error in rows
             if not (name in _ZEROS or is_harmonic(name))
         ]
 
@@ -300,50 +301,52 @@ class _DriveValues:
         Of a constant K that the load or a torque sensor gives, (7) has the stiffness k_1 = k / K:
         where the load has k, it is K that scatters.
         """
-        own = self.estimate
-        sizes = dict(zip(own.names, own.relative_standard_errors, strict=True))
-        known = [one for one in _CONSTANTS if one in own.names]
-        return known[0] if known and sizes[known[0]] > sizes["stiffness"] else ""
+        estimate = self.estimate
+        sizes = dict(zip(estimate.names, estimate.relative_standard_errors, strict=True))
+        constants = [constant for constant in _CONSTANTS if constant in estimate.names]
+        return constants[0] if constants and sizes[constants[0]] > sizes["stiffness"] else ""
 
 
-def _uncertain(given: _DriveValues) -> Iterator[Finding]:
-    for one in given.values:
-        if one.name == "stiffness" and given.weak:
-            subject, constant = one.text, given.scattering
+def _uncertain(drive: _DriveValues) -> Iterator[Finding]:
+    for term in drive.values:
+        if term.name == "stiffness" and drive.weak:
+            subject, constant = term.text, drive.scattering
             if constant:
-                subject = f"{given.readable(constant)}, and with it friction and rotor inertia,"
-            reasons = "; ".join([*one.reasons, *given.weak])
+                subject = f"{drive.readable(constant)}, and with it friction and rotor inertia,"
+            reasons = "; ".join([*term.reasons, *drive.weak])
             message = f"{subject} is poorly identified: {reasons}"
-            yield codes.WEAK_SPRING.finding(message, given.joint, evidence=one.evidence)
-        elif one.reasons:
-            message = f"{one.text} is poorly identified: {one.reasons[0]}"
-            yield codes.POORLY_IDENTIFIED.finding(message, given.joint, "note", one.evidence)
+            yield codes.WEAK_SPRING.finding(message, drive.joint, evidence=term.evidence)
+        elif term.reasons:
+            message = f"{term.text} is poorly identified: {term.reasons[0]}"
+            yield codes.POORLY_IDENTIFIED.finding(message, drive.joint, "note", term.evidence)
 
 
-def _negative(given: _DriveValues) -> Iterator[Finding]:
+def _negative(drive: _DriveValues) -> Iterator[Finding]:
     """Yield the parameters with the wrong sign."""
-    names = given.estimate.names
-    for one in (one for one in given.values if one.has_wrong_sign):
-        severity: Severity = "doubtful" if one.is_sure else "note"
-        if PARAMETERS[one.name].starts:  # of a search: not due to a wrong sign in the log
-            message = f"{one.text} is not distinguishable from zero: remove its term"
-            yield codes.NEEDLESS_TERM.finding(message, given.joint, "note", one.evidence)
-        elif one.name == "coulomb_friction" and "stiffness" in names:
-            play = abs(one.value / given.estimate.value("stiffness"))
+    names = drive.estimate.names
+    for term in filter(_Value.has_wrong_sign, drive.values):
+        severity: Severity = "doubtful" if term.is_sure else "note"
+        if PARAMETERS[term.name].starts:  # of a search: not due to a wrong sign in the log
+            message = f"{term.text} is not distinguishable from zero: remove its term"
+            yield codes.NEEDLESS_TERM.finding(message, drive.joint, "note", term.evidence)
+        elif term.name == "coulomb_friction" and "stiffness" in names:
+            play = abs(term.value / drive.estimate.value("stiffness"))
             yield codes.LOOSE_ENCODER.finding(
-                f"{one.text} is negative, {one.value:.3g}: the joint encoder, or the spring, has "
+                f"{term.text} is negative, {term.value:.3g}: the joint encoder, or the spring, has "
                 f"play or hysteresis, at least {play:.2g} (torque of the motor over stiffness)",
-                given.joint,
+                drive.joint,
                 severity,
-                one.evidence,
+                term.evidence,
             )
         else:
-            message = f"{one.text} is negative, {one.value:.3g}: check signs and offsets of the log"
-            remedy = _if_negative(one.name, names, one.is_sure)
-            if one.name in (*_CONSTANTS, "stiffness") and one.is_sure:
+            message = (
+                f"{term.text} is negative, {term.value:.3g}: check signs and offsets of the log"
+            )
+            remedy = _if_negative(term.name, names, term.is_sure)
+            if term.name in (*_CONSTANTS, "stiffness") and term.is_sure:
                 severity = "wrong"
             yield codes.NEGATIVE_PARAMETER.finding(
-                message, given.joint, severity, one.evidence, remedy
+                message, drive.joint, severity, term.evidence, remedy
             )
 
 
@@ -390,8 +393,8 @@ def drive_findings(
 
 def revalued(findings: Sequence[Finding], drives: Mapping[str, Estimate]) -> tuple[Finding, ...]:
     """Return findings with those of the values of some drives that were estimated anew."""
-    kept = [one for one in findings if one.code not in _OF_VALUES or one.joint not in drives]
-    new = [one for joint, estimate in drives.items() for one in drive_findings(joint, estimate)]
+    kept = (x for x in findings if x.code not in _OF_VALUES or x.joint not in drives)
+    new = [x for joint, estimate in drives.items() for x in drive_findings(joint, estimate)]
     return (*kept, *consequences(findings, new))
 
 
@@ -418,11 +421,11 @@ def fixed_findings(
             message = f"{what}: {fixed}{source}; remove its term, or excite it"
             yield codes.UNIDENTIFIABLE.finding(message, joint, "note")
             continue
-        (other,) = (one for one in _ONE_SIDED if one != name)
+        (second,) = (zone for zone in _ONE_SIDED if zone != name)
         yield codes.UNIDENTIFIABLE.finding(
             f"{what}: the spring is loaded in one direction only and shows one end of its dead "
             f"zone, so that this value, {fixed}, is arbitrary, and that of "
-            f"{other.replace('_', ' ')} is wrong by as much",
+            f"{second.replace('_', ' ')} is wrong by as much",
             joint,
             evidence={name: drive.values[name]},
             remedy=f"record a motion that loads the spring of {joint} in both directions: a "
@@ -434,12 +437,12 @@ def fixed_findings(
 
 def offset_findings(robot: Robot, load: FittedRows) -> Iterator[Finding]:
     """Yield the constant errors of motor torques on springs that the load side has as columns."""
-    own, qr_factor = load.estimate, load.qr_factor
-    for place, name in enumerate(own.names):
+    estimate, qr_factor = load.estimate, load.qr_factor
+    for place, name in enumerate(estimate.names):
         if parameter_of(name) != "torque_offset" or not isinstance(name, JointParameter):
             continue
-        value, error = float(own.values[place]), float(own.standard_errors[place])
-        lower, upper = own.interval(tol.NO_CHANCE)[place]
+        value, error = float(estimate.values[place]), float(estimate.standard_errors[place])
+        lower, upper = estimate.interval(tol.NO_CHANCE)[place]
         joint, drive = name.joint, robot.drives[name.joint]
         equation = qr_factor.equations.index(robot.index(joint))
         rms = np.linalg.norm(qr_factor.factors[equation, :, -1])
@@ -508,13 +511,13 @@ def _ratios(load_side: Estimate, joint: str) -> dict[str, float]:
     """Return the parameters of a joint over the best known one, which have no unknown scale."""
     others = ("command_delay", "gain_scale", *_CONSTANTS)
     relative = dict(zip(load_side.names, load_side.relative_standard_errors, strict=True))
-    own = [x for x in load_side.names if isinstance(x, JointParameter) and x.joint == joint]
-    own = [name for name in own if name.parameter not in others]
-    first = min(own, key=lambda name: relative[name], default=None)
+    names = [x for x in load_side.names if isinstance(x, JointParameter) and x.joint == joint]
+    names = [name for name in names if name.parameter not in others]
+    first = min(names, key=lambda name: relative[name], default=None)
     return {
         f"{name.parameter} over {first.parameter} of {joint}": load_side.value(name)
         / load_side.value(first)
-        for name in own
+        for name in names
         if first is not None and name != first
     }
 
@@ -600,8 +603,8 @@ def gear_findings(
     both = {"motor_position", "joint_position"}
 
     def is_by_deflection(joint: str) -> bool:
-        own = [one.get(joint, {}) for one in sources]
-        return all("deflection" in one and not both <= {*one} for one in own)
+        channels = [source.get(joint, {}) for source in sources]
+        return all("deflection" in source and not both <= {*source} for source in channels)
 
     joints = [
         joint

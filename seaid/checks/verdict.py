@@ -152,7 +152,7 @@ def verdict_of(warnings: Sequence[Finding], joints: Mapping[str, JointFit]) -> V
         for finding in _of_severity(severity, warnings):
             reasons.setdefault(finding.code, {})[finding.joint] = None
         if reasons:
-            names = (code + _in_brackets(filter(None, own)) for code, own in reasons.items())
+            names = (code + _in_brackets(filter(None, named)) for code, named in reasons.items())
             return Verdict(level, f"{start}: {', '.join(names)}", joints)
     unknown = {
         finding.joint: None
@@ -310,12 +310,12 @@ def _joint_fits(
     `errors` {equation: error} are those of the own logs and of excluded blocks, in which the
     motor equations may be those behind the n of the load side.
     """
-    own, blocks = errors
-    motors = {x: own[j] for j, x in enumerate(names, len(names)) if j in own} | {**motors}
+    of_log, blocks = errors
+    motors = {x: of_log[j] for j, x in enumerate(names, len(names)) if j in of_log} | {**motors}
     fits = {
-        x: JointFit(own[j], blocks[j], motors.get(x, NAN), *of_bodies.get(x, ()))
+        x: JointFit(of_log[j], blocks[j], motors.get(x, NAN), *of_bodies.get(x, ()))
         for j, x in enumerate(names)
-        if j in own
+        if j in of_log
     }
     return {x: fit for x, fit in fits.items() if x in of_bodies} or fits
 
@@ -352,9 +352,9 @@ def _errors(
     """
     errors, least = {}, sizes or {}
     for equation in np.unique(rows.joint).astype(int).tolist():
-        mine = rows.joint == equation
-        size = max(float(np.std(rows.y[mine])), least.get(equation, 0.0), 1e-300)
-        rms = float(np.sqrt(np.mean((rows.y[mine] - computed[mine]) ** 2)))
+        of_equation = rows.joint == equation
+        size = max(float(np.std(rows.y[of_equation])), least.get(equation, 0.0), 1e-300)
+        rms = float(np.sqrt(np.mean((rows.y[of_equation] - computed[of_equation]) ** 2)))
         errors[equation] = rms / size
     return errors
 
@@ -418,11 +418,11 @@ def _bursts(
     bursts: dict[int, set[str]] = {}
     for j, joint in enumerate(joint_names):
         for run in np.unique(rows.run[rows.joint == j]).tolist():
-            mine = (rows.joint == j) & (rows.run == run)
-            window = np.floor(rows.time[mine] / window_s)
+            of_run = (rows.joint == j) & (rows.run == run)
+            window = np.floor(rows.time[of_run] / window_s)
             starts, place, counts = np.unique(window, return_inverse=True, return_counts=True)
-            size = np.sqrt(np.bincount(place, residual[mine] ** 2) / counts)
-            least = tol.SLIGHT * float(np.std(rows.y[mine]))
+            size = np.sqrt(np.bincount(place, residual[of_run] ** 2) / counts)
+            least = tol.SLIGHT * float(np.std(rows.y[of_run]))
             far = size > max(times * float(np.median(size)), least)
             if len(size) >= 8 and np.sum(far) > 1 and np.mean(far) < tol.RARE:
                 for start in starts[far].astype(int).tolist():
@@ -465,12 +465,12 @@ def _percent(part: float) -> str:
     return f"{part:.0%}" if part * tol.POOR < 1 else f"over {1 / tol.POOR:.0%}"
 
 
-def _unexplained(given: RobotFit) -> Iterator[Finding]:
+def _unexplained(whole: RobotFit) -> Iterator[Finding]:
     """Yield the joints whose torque the model does not explain."""
-    for joint, fit in given.joints.items():
+    for joint, fit in whole.joints.items():
         error = fit.blocks if np.isfinite(fit.blocks) else fit.own
-        if error > tol.NOTHING or (min(error, fit.own) > tol.PART and joint not in given.weak):
-            yield _misfit(given, joint, error)
+        if error > tol.NOTHING or (min(error, fit.own) > tol.PART and joint not in whole.weak):
+            yield _misfit(whole, joint, error)
         elif fit.nominal < tol.HALF_POWER * fit.identified and fit.identified > tol.POOR:
             yield NO_FIT.finding(
                 f"the bodies of the robot file predict the torque of {joint} better, with an error "
@@ -481,13 +481,11 @@ def _unexplained(given: RobotFit) -> Iterator[Finding]:
             )
 
 
-def _misfit(given: RobotFit, joint: str, error: float) -> Finding:
+def _misfit(whole: RobotFit, joint: str, error: float) -> Finding:
     """Return the finding on a joint of which the model lacks all or much, by its `error`."""
-    fit = given.joints[joint]
+    fit = whole.joints[joint]
     evidence = {"error": fit.own, "error of excluded blocks": fit.blocks}
-    kept = [
-        x for x, other in given.joints.items() if x not in BASE_ROWS and other.own < tol.NOTHING
-    ]
+    kept = [x for x, each in whole.joints.items() if x not in BASE_ROWS and each.own < tol.NOTHING]
     of, force, base = f"the torque on the load of {joint}", "torque", None
     if joint in BASE_ROWS:
         of, force, base = f"the {joint}", "force", _OF_BASE
@@ -520,10 +518,10 @@ def _misfit(given: RobotFit, joint: str, error: float) -> Finding:
     )
 
 
-def _contacts(given: RobotFit) -> Iterator[Finding]:
+def _contacts(whole: RobotFit) -> Iterator[Finding]:
     """Yield the times at which residuals of several windows are far beyond those of the others."""
-    if given.contact is not None:
-        start, end, softly_s, joints = given.contact  # it begins and ends softly, within a window
+    if whole.contact is not None:
+        start, end, softly_s, joints = whole.contact  # it begins and ends softly, within a window
         yield CONTACT.finding(
             f"between {start:.2f} and {end:.2f} s the torques of {', '.join(joints)} are far from "
             f"the model, more than {tol.BURST:g} times as far as at other times: contact, or a "
@@ -535,15 +533,15 @@ def _contacts(given: RobotFit) -> Iterator[Finding]:
         )
 
 
-def _few_rows(given: RobotFit) -> Iterator[Finding]:
+def _few_rows(whole: RobotFit) -> Iterator[Finding]:
     """Yield that blocks of the logs contradict each other as so few independent rows do."""
-    has_fit = any(tol.NEGLIGIBLE < one.blocks <= tol.NOTHING for one in given.joints.values())
-    error, count = float(np.median([*given.predicted.values()] or [0.0])), given.rows_per_parameter
+    has_fit = any(tol.NEGLIGIBLE < each.blocks <= tol.NOTHING for each in whole.joints.values())
+    error, count = float(np.median([*whole.predicted.values()] or [0.0])), whole.rows_per_parameter
     fewest = (
-        tol.FEWEST_BY_BLOCKS if given.predicted else tol.FEWEST_INDEPENDENT
+        tol.FEWEST_BY_BLOCKS if whole.predicted else tol.FEWEST_INDEPENDENT
     )  # of a floating base
     is_unclear = error > tol.POOR and count < tol.TWICE * fewest
-    if has_fit and (count < fewest or is_unclear) and given.contact is None:
+    if has_fit and (count < fewest or is_unclear) and whole.contact is None:
         unseen = f", and the torques of other motions have standard errors of {error:.0%} of them"
         yield FEW_ROWS.finding(
             "blocks of the logs contradict each other as if there were only "
