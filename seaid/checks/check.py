@@ -162,7 +162,11 @@ def is_wrong(setup: Iterable[Finding]) -> bool:
 
 
 def consequences(setup: Sequence[Finding], findings: Iterable[Finding]) -> list[Finding]:
-    """Return findings about a fit: mere notes if the set-up is already known to be wrong."""
+    """Return findings about a fit: mere notes if the set-up is already known to be wrong.
+
+    They have no remedy then, because its numbers are those of the wrong set-up: applied next to the
+    remedy of the set-up, a term or an offset of them would spoil the repaired result.
+    """
     if not is_wrong(setup):
         return list(findings)
-    return [replace(finding, severity="note") for finding in findings]
+    return [replace(finding, severity="note", remedy="") for finding in findings]

@@ -128,7 +128,7 @@ def explained(findings: Sequence[Finding]) -> Iterator[None]:
         yield
     except SeaidError as problem:
         for wrong in _of_severity("wrong", findings)[:1]:
-            text = f"{wrong.code}: {wrong.message}; {wrong.remedy}\nand so: {problem}"
+            text = f"{wrong.code}: {wrong.message}; and so: {problem}\n{wrong.remedy}"
             problem.args = SeaidError(text).args
         raise
 

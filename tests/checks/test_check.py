@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from seaid.checks import CODES, Observation, observed
+from seaid.checks.check import consequences
 from seaid.errors import Finding, LogError
 
 DRIFT, HOLES = CODES["drift"], CODES["holes"]
@@ -24,3 +25,11 @@ def test_a_check_that_raises_becomes_a_note_with_its_name() -> None:
     assert [finding.code for finding in found] == ["drift", "drift", "holes"]
     assert found[1].severity == "note"
     assert found[1].message == "the check 'drift' could not be made: 3 rows are too few"
+
+
+def test_what_follows_from_a_wrong_set_up_prints_no_lines_to_apply() -> None:
+    lines = "in the drives file:\n[a]\nspring = ['linear', 'dead_zone']"
+    finding = DRIFT.finding("a drift", "a", "doubtful", remedy=lines)
+    (note,) = consequences([HOLES.finding("holes", severity="wrong")], [finding])
+    assert (note.severity, note.remedy) == ("note", "")
+    assert consequences([HOLES.finding("holes")], [finding]) == [finding]
