@@ -314,21 +314,23 @@ def no_measurements(robot: Robot, log: Log) -> Iterator[Finding]:
 
     The current loop of a real drive leaves more noise, friction of the sensor and delay.
     """
-    quantities = ("motor_torque", "joint_torque", "motor_current")
-    for channel in channels_of(log, log.joint_names, *quantities):
-        drive = robot.drives.get(channel.joint)
-        if drive is not None and drive.controller is None:
-            yield from _no_measurement(log, channel, drive.ratio)
+    for quantity in ("motor_torque", "joint_torque", "motor_current"):
+        channels = list(channels_of(log, log.joint_names, quantity))
+        returns = _returns([channel.values for channel in channels])
+        for channel, count in zip(channels, returns, strict=True):
+            drive = robot.drives.get(channel.joint)
+            if drive is not None and drive.controller is None:
+                yield from _no_measurement(log, channel, drive.ratio, count)
 
 
-def _no_measurement(log: Log, channel: Channel, ratio: float) -> Iterator[Finding]:
+def _no_measurement(log: Log, channel: Channel, ratio: float, returns: int) -> Iterator[Finding]:
     """Yield a torque or current that is a magnitude, or computed from the tracking error."""
     j, torque = log.joint_names.index(channel.joint), channel.values
     error = np.full(len(torque), np.nan)
     if log.position_command is not None:
         error = log.position_command[:, j] - _controlled_position(log, j, ratio)
     r, known = abs(_correlation(error, torque)), "20.0  # write the gain of your controller"
-    is_magnitude = _is_magnitude(torque) or _is_folded(error, torque)
+    is_magnitude = returns >= tol.EVENTS or _is_folded(error, torque)
     what = "has no sign: it is a magnitude and returns to zero without crossing it"
     if not is_magnitude:
         if r < 1 - tol.FEW:
@@ -360,23 +362,33 @@ def is_unsigned(torque: Array) -> bool:
     return bool(np.min(torque) >= -tol.NEGLIGIBLE * np.percentile(np.abs(torque), 99))
 
 
-def _is_magnitude(torque: Array) -> bool:
-    """Whether a channel (T,) has one sign only and returns to zero again and again.
+def _returns(torques: Sequence[Array]) -> list[int]:
+    """Return how often channels (T,) of one sign return to zero and do not cross it.
 
-    It returns when it falls from half of its size to a slight part: between levels that are nearer,
-    noise alone passes often, on a foot that loses its load once and on a joint that gravity pulls
-    to one side.
+    The returns of all joints count together where no joint has a torque below zero: joints that
+    gravity pulls to one side seldom return.
+    """
+    counts = [_returns_of(torque) for torque in torques]
+    is_of_all = len(counts) > 1 and all(is_unsigned(torque) for torque in torques)
+    return [sum(counts)] * len(counts) if is_of_all else counts
+
+
+def _returns_of(torque: Array) -> int:
+    """Return how often a channel (T,) of one sign falls from half of its size to a slight part.
+
+    Between levels that are nearer, noise alone passes often, on a foot that loses its load once and
+    on a joint that gravity pulls to one side.
     """
     size = float(np.percentile(np.abs(torque), 99))
     has_one_sign = is_unsigned(torque) or is_unsigned(-torque)
     is_coarse = len(np.unique(torque)) * tol.SLIGHT < 1  # then zero is no level of its own
     if size == 0 or is_coarse or not has_one_sign:
-        return False
+        return 0
     near, away = np.abs(torque) <= tol.SLIGHT * size, np.abs(torque) > tol.MOST * size
     if np.mean(~near & (np.abs(torque) < (1 - tol.SLIGHT) * size)) < tol.FEW:
-        return False  # a signed integer without its sign is at both ends only
+        return 0  # a signed integer without its sign is at both ends only
     levels = near[near | away]
-    return int(np.count_nonzero(levels[1:] & ~levels[:-1])) >= tol.EVENTS
+    return int(np.count_nonzero(levels[1:] & ~levels[:-1]))
 
 
 def _is_folded(error: Array, torque: Array) -> bool:
