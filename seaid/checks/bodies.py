@@ -1,4 +1,4 @@
-"""Mistakes about bodies as transforms: gravity, lengths and payloads other than those given."""
+"""Mistakes about bodies as transforms: other gravity, lengths, zeros and payloads than given."""
 
 from __future__ import annotations
 
@@ -6,11 +6,13 @@ import math
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
+from itertools import combinations, product
 
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.checks.codes import GEOMETRY, GRAVITY, PAYLOAD
+from seaid.checks.check import only_joint, zeros_in_description
+from seaid.checks.codes import ENCODER_OFFSET, GEOMETRY, GRAVITY, PAYLOAD
 from seaid.checks.experiment import Experiment, Transform
 from seaid.estimation import scaled_svd, triangle
 from seaid.regressor import regressor_at_drives
@@ -121,6 +123,65 @@ def lengths(given: Experiment) -> Iterator[Transform]:
             {"factor": factor},
             penalty=0.5,
         )
+
+
+_LEAST_ZERO, _FAR_ZERO = 0.1, 0.5
+"""Error of the zero of a joint [rad] that errors of nominal bodies do not make; one beyond which
+the effect of an angle on the torque is not linear."""
+
+_QUARTERS = (math.pi / 2, -math.pi / 2)
+"""Angles by which an encoder or a horn is mounted off."""
+
+
+def zeros(given: Experiment) -> Iterator[Transform]:
+    """Yield other zeros of joints: by the first-order effect on the nominal torque, and round."""
+    before = given.regressor @ given.bodies
+    for j in _turning(given):
+        ahead = _with_zeros(given, {j: _ZERO_STEP})
+        slope = given.weighed((ahead.regressor @ given.bodies - before) / _ZERO_STEP)
+        size = float(slope @ slope)
+        angle = float(slope @ given.weighed(given.target - before)) / size if size else 0.0
+        if _LEAST_ZERO < abs(angle) < _FAR_ZERO:
+            yield _moved(given, {j: angle}, 0.5)
+        for turn in (*_QUARTERS, math.pi):
+            yield _moved(given, {j: turn}, ROUND)
+
+
+def zeros_of_two(given: Experiment) -> Iterator[Transform]:
+    """Yield zeros of two joints that are off by a quarter of a turn each."""
+    for pair in combinations(_turning(given), 2):
+        for turns in product(_QUARTERS, repeat=2):
+            yield _moved(given, dict(zip(pair, turns, strict=True)), 2 * ROUND)
+
+
+def _turning(given: Experiment) -> list[int]:
+    return [j for j in given.used if not given.robot.is_prismatic[j]]
+
+
+def _moved(given: Experiment, angles: dict[int, float], penalty: float) -> Transform:
+    """Return the transform that adds angles to the zeros of joints."""
+    named = {given.robot.joint_names[j]: angle for j, angle in angles.items()}
+    words = " and ".join(f"{math.degrees(x):.3g} degrees at {joint}" for joint, x in named.items())
+    return Transform(
+        ENCODER_OFFSET,
+        f"the zeros of joints are not those of the robot file, by {words}",
+        partial(_with_zeros, angles=angles),
+        only_joint([*named]),
+        zeros_in_description(given.robot, named, given.sources[0]),
+        evidence={f"offset of {joint} [rad]": angle for joint, angle in named.items()},
+        penalty=penalty,
+    )
+
+
+_ZERO_STEP = 1e-4
+"""Step [rad] of the difference quotient by the zero of a joint."""
+
+
+def _with_zeros(given: Experiment, angles: dict[int, float]) -> Experiment:
+    joint = given.joint.copy()
+    for j, angle in angles.items():
+        joint[0, :, j] += angle
+    return replace(given, joint=joint)
 
 
 def _with_length(given: Experiment, joint: str, factor: float) -> Experiment:

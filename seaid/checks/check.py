@@ -15,8 +15,10 @@ import numpy as np
 
 from seaid._arrays import Array, FrozenMapping, is_constant
 from seaid._files import toml_table, toml_text
+from seaid.drives import total_ratio
 from seaid.errors import Certainty, Finding, Severity, reason_of
 from seaid.log import Log, changed_source
+from seaid.robot import Robot
 
 Given = TypeVar("Given")
 
@@ -97,6 +99,28 @@ def in_description(
         lines.append(toml_table(table, name))
         lines += [f"{quantity} = {source}" for quantity, source in entries.items()]
     return "\n".join(lines)
+
+
+def zeros_in_description(
+    robot: Robot, angles: Mapping[str, float], sources: Mapping[str, Mapping[str, Any]]
+) -> str:
+    """Return the remedy that adds angles to the zeros of joints, and of the motors that turn them.
+
+    `sources` {joint: {quantity: column or entry of a description}} has what was logged.
+    """
+    moved = {(joint, "joint_position"): angle for joint, angle in angles.items()}
+    added = np.array([angles.get(joint, 0.0) for joint in robot.joint_names])
+    for turned, (joint, drive) in zip(
+        robot.transmission @ added, robot.drives.items(), strict=True
+    ):
+        moved[joint, "motor_position"] = float(turned) * total_ratio(drive)
+    entries: dict[str, dict[str, str]] = {}
+    for (joint, quantity), offset in moved.items():
+        source = sources.get(joint, {}).get(quantity)
+        if offset and source:
+            changed = changed_source(source, offset=round(offset, 5))
+            entries.setdefault(joint, {})[quantity] = changed
+    return in_description(entries)
 
 
 def only_joint(joints: Sequence[str]) -> str:

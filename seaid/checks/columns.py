@@ -83,12 +83,11 @@ class Side:
         index = self.robot.index(joint)
         return max(float(np.ptp(motion.joint_position[:, index])) for motion in self.motions)
 
-    def source(self, joint: str, quantity: str) -> str | Mapping[str, Any]:
-        """Return the column of a quantity, or its entry in the description; "" without it."""
+    @property
+    def sources(self) -> Mapping[str, Mapping[str, Any]]:
+        """Columns, or entries in the description of the first log: {joint: {quantity: source}}."""
         processing = self.motions[0].processing
-        sources = (processing and processing.sources) or {}
-        found: str | Mapping[str, Any] = sources.get(joint, {}).get(quantity, "")
-        return found
+        return (processing and processing.sources) or {}
 
     @cached_property
     def drive(self) -> Callable[[str], DriveRows]:

@@ -106,6 +106,11 @@ class Experiment:
         return list(dict.fromkeys(one for choice in choices for one in choice))
 
     @cached_property
+    def turned(self) -> Array:
+        """Position, velocity and acceleration (3, R, n) behind the gears: phi = C q."""
+        return np.asarray(self.joint @ self.robot.transmission.T)
+
+    @cached_property
     def lever(self) -> Array:
         """N r_L / r_M (n,): the torque on the load per torque of the motor."""
         drives = self.robot.drives.values()
@@ -204,7 +209,7 @@ class Experiment:
         """Misfit (n,) of the motor equation (7) with any spring and friction, or of (4b)."""
         found = np.full(self.robot.n, np.nan)
         for j in self._elastic:
-            stretch = self.motor[0][:, j] / self.lever[j] - self.joint[0][:, j]
+            stretch = self.motor[0][:, j] / self.lever[j] - self.turned[0][:, j]
             columns = np.column_stack([self.friction[j], stretch])
             y = self.torque[:, j] - self.inertia[j] * self.motor[2][:, j]
             if not np.all(np.isfinite(y)):  # (4b) alone: the torque of the sensor
@@ -217,13 +222,21 @@ class Experiment:
         """Misfit (n,) between both encoders, but for a constant and a deflection by the torque."""
         found = np.full(self.robot.n, np.nan)
         for j in np.flatnonzero(self.both).tolist():
-            apart = self.motor[0][:, j] / self.lever[j] - self.joint[0][:, j]
-            moved = float(np.std(self.joint[0][:, j]))
-            torque = self.target[:, j] if j in self.used else np.zeros(len(apart))
-            H = np.column_stack([np.ones(len(apart)), torque / max(float(np.std(torque)), 1e-300)])
+            apart, H = self.between_encoders(j)
             left = apart - H @ scaled_svd(H).solve(apart)
-            found[j] = float(np.std(left)) / max(moved, 1e-300)
+            found[j] = float(np.std(left)) / max(float(np.std(self.turned[0][:, j])), _LEAST)
         return found
+
+    def between_encoders(self, j: int) -> tuple[Array, Array]:
+        """Return the angle (R,) between the encoders of joint j, and what explains it (R, k).
+
+        That is a constant, and a deflection by the torque of a spring.
+        """
+        apart = self.motor[0][:, j] / self.lever[j] - self.turned[0][:, j]
+        columns = [np.ones(len(apart))]
+        if j in self._elastic:
+            columns.append(self.target[:, j] / max(float(np.std(self.target[:, j])), _LEAST))
+        return apart, np.column_stack(columns)
 
     @cached_property
     def _is_open(self) -> BoolArray:
@@ -244,7 +257,7 @@ class Experiment:
         found = {}
         for j in (one for one in driven if one in self._elastic):
             rows, y = self._moving[:, j], self._spring_torque(j)
-            stretch = self.motor[0][:, j] / self.lever[j] - self.joint[0][:, j]
+            stretch = self.motor[0][:, j] / self.lever[j] - self.turned[0][:, j]
             others = [self._any_friction(j), *self._open_rotor(j), stretch]
             columns = np.column_stack([self.torque_rate[:, j], *others])
             if np.sum(rows) > 3 * columns.shape[1]:
@@ -282,7 +295,7 @@ class Experiment:
         zeros = np.equal.outer(self.log, np.unique(self.log)[1:]).astype(float)
         is_elastic = [drive.is_elastic for drive in self.robot.drives.values()]
         for j in np.flatnonzero(self.both).tolist():
-            motor, joint = self.motor[0][:, j], self.joint[0][:, j]
+            motor, joint = self.motor[0][:, j], self.turned[0][:, j]
             per_ratio = self.ratio[j] / self.lever[j]
             if stands_locked(self.lever[j] * joint, motor):
                 continue

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.checks.check import in_description, only_joint
+from seaid.checks.check import in_description, only_joint, zeros_in_description
 from seaid.checks.codes import DELAY, ENCODER_OFFSET
 from seaid.checks.engine import (
     Accepted,
@@ -22,7 +22,7 @@ from seaid.checks.engine import (
     linear_candidate,
 )
 from seaid.checks.tolerances import LEAST_DELAY_S, LEAST_SWING, SIGNIFICANT, SURE, SURE_TOGETHER
-from seaid.drives import IDEAL_DRIVE, total_ratio
+from seaid.drives import IDEAL_DRIVE
 from seaid.errors import Finding
 from seaid.estimation import qr_factor_of, scaled_svd, settled_weights
 from seaid.log import changed_source, in_band
@@ -101,7 +101,7 @@ def _late_torques(
     """Return the finding that the motor torques of joints are late by a delay [s], or early."""
     late_s = round(delay, 5)
     entries = {
-        joint: {"motor_torque": changed_source(side.source(joint, "motor_torque"), delay_s=late_s)}
+        joint: {"motor_torque": changed_source(side.sources[joint]["motor_torque"], delay_s=late_s)}
         for joint in joints
     }
     return DELAY.finding(
@@ -218,22 +218,13 @@ def _zero_is_off(
         offset, error = _searched_zero(side, joint)
     if abs(offset) > np.pi or abs(offset) < SIGNIFICANT * error:
         return None
-    robot, entries = side.robot, dict[str, dict[str, str]]()
-    turns = robot.transmission[:, robot.index(joint)].tolist()
-    motors = [x * total_ratio(drive) for x, drive in zip(turns, robot.drives.values(), strict=True)]
-    moved = [(name, "motor_position", x) for name, x in zip(robot.drives, motors, strict=True) if x]
-    for name, quantity, factor in [(joint, "joint_position", 1.0), *moved]:
-        source = side.source(name, quantity)
-        if source:
-            changed = changed_source(source, offset=round(factor * offset, 5))
-            entries.setdefault(name, {})[quantity] = changed
     return ENCODER_OFFSET.finding(
         f"the zero of {joint} is {np.degrees(offset):.2f} +- {np.degrees(error):.2f} degrees from "
         f"that of the robot file: that explains {share:.0%} of the squared residual of its torque",
         joint,
         "note" if abs(offset) < SURE * side.offset_std else "doubtful",
         {"offset [rad]": offset, "standard error [rad]": error, "explained": share},
-        in_description(entries),
+        zeros_in_description(side.robot, {joint: offset}, side.sources),
     )
 
 

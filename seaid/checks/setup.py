@@ -12,7 +12,8 @@ their motion.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterator, Sequence
+import tomllib
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import combinations
@@ -21,13 +22,15 @@ from typing import Any
 import numpy as np
 
 from seaid._arrays import Array
-from seaid._files import toml_table
+from seaid._files import toml_key, toml_table
 from seaid.checks.bodies import (
     gravities,
     lengths,
     near,
     payloads,
     penalty_of,
+    zeros,
+    zeros_of_two,
 )
 from seaid.checks.channels import (
     HELD,
@@ -48,6 +51,7 @@ from seaid.checks.check import (
 )
 from seaid.checks.codes import (
     CONTACT,
+    COUPLED_JOINTS,
     GEAR_RATIO,
     GEOMETRY,
     GRAVITY,
@@ -62,6 +66,7 @@ from seaid.checks.codes import (
     TIME_UNIT,
     TORQUE_SCALE,
     UNIT,
+    VARYING_RATIO,
     WRAPS,
 )
 from seaid.checks.commands import (
@@ -82,7 +87,7 @@ from seaid.checks.experiment import (
     scaled,
 )
 from seaid.checks.tolerances import CORRELATED_ROWS, POOR, SURE
-from seaid.errors import Certainty, Finding, Severity
+from seaid.errors import Certainty, Finding, Severity, listed
 from seaid.estimation import scaled_svd
 from seaid.log import Log, changed_source
 from seaid.robot import Robot
@@ -119,10 +124,27 @@ def mistakes(given: Experiment) -> tuple[list[Finding], Experiment]:
         if best is None:
             break
         finding, given = best
+        given = _described(given, finding.remedy)
         findings.append(finding)
         if finding.code == NOMINAL_VALUES.name:
             given = replace(given, bodies=np.full_like(given.bodies, np.nan))
     return findings, given
+
+
+def _described(given: Experiment, remedy: str) -> Experiment:
+    """Return the experiment whose channels are read as a remedy describes them.
+
+    The lines of the next mistake in a channel then contain those of this one.
+    """
+    header, _, lines = remedy.partition("\n")
+    if not header.endswith("in the description of the log:"):
+        return given
+    changed = tomllib.loads(lines).get("joints", {})
+    sources = (
+        {joint: {**entries, **changed.get(joint, {})} for joint, entries in log.items()}
+        for log in given.sources
+    )
+    return replace(given, sources=tuple(sources))
 
 
 def _is_suspicious(one: Experiment) -> bool:
@@ -293,6 +315,11 @@ def _is_severe(given: Experiment) -> bool:
 def _has_own_channels(given: Experiment) -> bool:
     """Whether each joint has its motor."""
     return np.array_equal(given.robot.transmission, np.eye(given.robot.n))
+
+
+def _has_encoders_apart(given: Experiment) -> bool:
+    """Whether the encoders of a joint contradict each other."""
+    return bool(np.nanmax(given.of_encoders, initial=0.0) > SUSPICIOUS)
 
 
 # Factors on channels: signs, units of angles and of torques
@@ -612,7 +639,7 @@ def encoder_slope(given: Experiment, j: int) -> float:
     The deflection is proportional to the torque of the spring, which is that of the motor but for
     friction: both are columns of the regression next to the joint angle.
     """
-    columns = [given.joint[0][:, j], np.ones(len(given.direction))]
+    columns = [given.turned[0][:, j], np.ones(len(given.direction))]
     if j in given.used:
         columns += [given.target[:, j], *given.friction[j][:, :2].T]
     H = np.column_stack(columns)
@@ -648,6 +675,133 @@ def _gear_ratios(given: Experiment) -> Iterator[Transform]:
                 evidence=evidence,
                 penalty=penalty_of(factor, slope),
             )
+
+
+def _geared(given: Experiment) -> Iterator[Transform]:
+    """Yield joint encoders that are multiplied by the gears: their slope to the motors' is one."""
+    slopes = {j: _other_slope(given, j) for j in np.flatnonzero(given.both).tolist()}
+    joints = [
+        j
+        for j, slope in slopes.items()
+        if slope and abs(math.log(slope * abs(given.lever[j]))) < 3 * _SAME_SLOPE
+    ]
+    if not joints:
+        return
+    factors = {given.robot.joint_names[j]: 1 / float(given.lever[j]) for j in joints}
+    sources = {
+        joint: {
+            "joint_position": changed_source(given.sources[0][joint]["joint_position"], factor=x)
+        }
+        for joint, x in factors.items()
+    }
+    yield Transform(
+        UNIT,
+        f"the joint encoders of {listed(factors)} have the angles of the motors: they are "
+        "multiplied by the gear ratio already",
+        partial(_ungeared, factors=factors),
+        only_joint([*factors]),
+        in_description(sources),
+    )
+
+
+def _ungeared(given: Experiment, factors: Mapping[str, float]) -> Experiment:
+    factor = np.array([factors.get(joint, 1.0) for joint in given.robot.joint_names])
+    return replace(given, joint=given.joint * factor)
+
+
+def _couplings(given: Experiment) -> Iterator[Transform]:
+    """Yield motors that turn with another joint too, and encoders that measure a sum of joints."""
+    robot = given.robot
+    for j in np.flatnonzero(given.both).tolist():
+        joint, drive = robot.joint_names[j], robot.drives[robot.joint_names[j]]
+        apart, columns = given.between_encoders(j)
+        for i in range(robot.n):
+            other = robot.joint_names[i]
+            is_alike = robot.is_prismatic[i] == robot.is_prismatic[j]
+            if other in {joint, *drive.transmission} or not is_alike:
+                continue
+            H = np.column_stack([given.joint[0][:, i], columns])
+            turns = float(scaled_svd(H).solve(apart)[0])
+            if abs(turns) < POOR:
+                continue
+            factors = {**(drive.transmission or {joint: 1.0}), other: float(f"{turns:.4g}")}
+            table = ", ".join(f"{toml_key(name)} = {one:.4g}" for name, one in factors.items())
+            drives = {**robot.drives, joint: replace(drive, transmission=factors)}
+            yield Transform(
+                COUPLED_JOINTS,
+                f"the motor of {joint} turns behind its gear as {joint} and {turns:.3g} times with "
+                f"{other}: it drives both, by a differential, a tendon or a parallel linkage",
+                partial(replace, robot=robot.with_drives(drives)),
+                joint,
+                in_drives({(joint,): f"transmission = {{ {table} }}"}),
+                evidence={f"turns with {other}": turns},
+                penalty=0.5,
+            )
+            if abs(abs(turns) - 1) < 3 * _SAME_SLOPE:
+                way = "minus" if turns < 0 else "plus"
+                yield Transform(
+                    COUPLED_JOINTS,
+                    f"the encoder of {joint} measures its angle against another link than the one "
+                    f"before it: the joint moves as its encoder {way} that of {other}",
+                    partial(_against_link, j=j, i=i, turns=float(np.sign(turns))),
+                    joint,
+                    f"write the angle of {joint} {way} that of {other} into the log, as that of "
+                    f"{joint}",
+                    evidence={f"turns with {other}": turns},
+                    penalty=0.5,
+                )
+
+
+def _against_link(given: Experiment, j: int, i: int, turns: float) -> Experiment:
+    joint = given.joint.copy()
+    joint[:, :, j] += turns * joint[:, :, i]
+    return replace(given, joint=joint)
+
+
+def _varying_ratios(given: Experiment) -> Iterator[Transform]:
+    """Yield gear ratios that vary once per turn: theta = N (q + e q + c cos q + s sin q)."""
+    robot = given.robot
+    for j in np.flatnonzero(given.both).tolist():
+        q = given.turned[0][:, j]
+        if robot.is_prismatic[j] or np.ptp(q) < _LEAST_TURN:
+            continue
+        apart, columns = given.between_encoders(j)
+        H = np.column_stack([q, np.cos(q), np.sin(q), columns])
+        x = scaled_svd(H).solve(apart)[:3]
+        factor = 1 + x[0] - x[1] * np.sin(q) + x[2] * np.cos(q)
+        low, high = float(np.min(factor)), float(np.max(factor))
+        if low <= 0 or high - low < POOR * (high + low) / 2:
+            continue
+        joint, ratio = robot.joint_names[j], float(given.ratio[j])
+        yield Transform(
+            VARYING_RATIO,
+            f"the gear ratio of {joint} depends on its angle: it is from {ratio * low:.3g} to "
+            f"{ratio * high:.3g}, where the drives file has {ratio:g}: the transmission is a "
+            "linkage, a lever or a spindle",
+            partial(_with_constant_ratio, j=j, x=x),
+            joint,
+            "convert angle and torque of the motor to those of a gear with a constant ratio, by "
+            "the geometry of the linkage, before the log is read",
+            evidence={"least ratio": ratio * low, "largest ratio": ratio * high},
+            penalty=1.0,
+        )
+
+
+def _with_constant_ratio(given: Experiment, j: int, x: Array) -> Experiment:
+    """Return the experiment with a motor of constant ratio and the same power.
+
+    Of e q + c cos q + s sin q, with slope g - 1, the derivatives are (g - 1) q' and (g - 1) q'' +
+    g' q'^2.
+    """
+    q, v, a = given.turned[:, :, j]
+    columns = np.column_stack([q, np.cos(q), np.sin(q)])
+    more = np.column_stack([np.ones_like(q), -np.sin(q), np.cos(q)]) @ x
+    change = np.column_stack([-np.cos(q), -np.sin(q)]) @ x[1:]
+    motor, torque, rate = given.motor.copy(), given.torque.copy(), given.torque_rate.copy()
+    motor[:, :, j] -= given.lever[j] * np.array([columns @ x, more * v, more * a + change * v**2])
+    torque[:, j] *= 1 + more
+    rate[:, j] *= 1 + more
+    return replace(given, motor=motor, torque=torque, torque_rate=rate)
 
 
 def _rotor_inertias(given: Experiment) -> Iterator[Transform]:
@@ -754,6 +908,8 @@ MISTAKES = (
     Mistake(_all_torque_scales, (*_BODIES, _has_joints)),
     Mistake(gravities, _BODIES),
     Mistake(lengths, _BODIES),
+    Mistake(zeros, _BODIES),
+    Mistake(zeros_of_two, (*_BODIES, *_SEVERE)),
     Mistake(payloads, _BODIES),
     Mistake(_sign_of_torques, (*_SEVERE, _has_joints)),
     Mistake(_all_angles, (*_SEVERE, _has_joints)),
@@ -761,6 +917,9 @@ MISTAKES = (
     Mistake(_signs, (*_SEVERE, _has_own_channels)),
     Mistake(_angles, (*_SEVERE, _has_own_channels)),
     Mistake(_gear_ratios, (*_SEVERE, _has_own_channels)),
+    Mistake(_geared, _SEVERE),
+    Mistake(_couplings, (_has_encoders_apart,)),
+    Mistake(_varying_ratios, (_has_encoders_apart,)),
     Mistake(_exchanges, (*_SEVERE, _has_own_channels)),
 )
 """What can be wrong with a set-up, and what each needs."""
@@ -774,7 +933,8 @@ def log_findings(
     Those of torques and commands are of the `torque_joints`, by default of all.
     """
     used = robot.joint_names if torque_joints is None else torque_joints
-    return observed((*OF_LOGS, Observation(NO_MEASUREMENT, _unmeasured)), Logged(robot, logs, used))
+    others = Observation(NO_MEASUREMENT, _unmeasured), Observation(GEOMETRY, _sizes)
+    return observed((*OF_LOGS, *others), Logged(robot, logs, used))
 
 
 def _unmeasured(logged: Logged) -> Iterator[Finding]:
@@ -782,6 +942,24 @@ def _unmeasured(logged: Logged) -> Iterator[Finding]:
     for _, log in logged.numbered:
         findings = (*no_measurements(logged.robot, log), *command_findings(logged.robot, log))
         yield from (finding for finding in findings if finding.joint in logged.used)
+
+
+_LONGEST_M = 20.0
+"""Distance [m] between two joints that no robot has; that of 2 cm in mm."""
+
+
+def _sizes(logged: Logged) -> Iterator[Finding]:
+    """Yield that the lengths of the robot file are in mm."""
+    model = logged.robot.model
+    longest = max(float(np.linalg.norm(one.translation)) for one in model.jointPlacements)
+    if longest > _LONGEST_M:
+        yield GEOMETRY.finding(
+            f"two joints of the robot file are {longest:.3g} m apart: its lengths are in mm, not m",
+            severity="wrong",
+            evidence={"longest distance [m]": longest},
+            remedy="in the robot file: all lengths times 0.001, and inertias in kg mm^2 times 1e-6",
+            certainty="certain",
+        )
 
 
 def setup_findings(experiment: Experiment, known: Sequence[Finding]) -> list[Finding]:
@@ -804,7 +982,9 @@ def setup_findings(experiment: Experiment, known: Sequence[Finding]) -> list[Fin
 
 def _of_motion(experiment: Experiment, known: Sequence[Finding]) -> list[Finding]:
     """Return the mistakes of the set-up that the motion shows, next to `known` findings."""
-    if {TIME_UNIT.name, MISSING_DRIVES.name, WRAPS.name} & {finding.code for finding in known}:
+    hiding = {TIME_UNIT.name, MISSING_DRIVES.name, WRAPS.name, GEOMETRY.name}
+    wrong = {finding.code for finding in known if finding.severity == "wrong"}
+    if hiding & {finding.code for finding in known} or NO_MEASUREMENT.name in wrong:
         return []  # the torques show no other mistake
     offsets = list(offset_findings(experiment))
     if offsets:

@@ -137,6 +137,48 @@ def drives(**changed: float) -> Change:
     return lambda setup: replace(setup, drives=tables)
 
 
+def moved(angles: Mapping[str, float]) -> Change:
+    """Return a mistake: encoders whose zeros are off by angles of their joints."""
+
+    def change(columns: Columns) -> Columns:
+        found = dict(columns)
+        for joint, angle in angles.items():
+            found[f"{joint}.joint_position_rad"] = columns[f"{joint}.joint_position_rad"] + angle
+            motor = columns[f"{joint}.motor_position_rad"] + RATIO * angle
+            found[f"{joint}.motor_position_rad"] = motor
+        return found
+
+    return columns_of(change)
+
+
+def rotated(columns: Columns) -> Columns:
+    """Return columns of which each joint has the torque of the next one."""
+    torques = [f"{joint}.motor_torque_Nm" for joint in JOINTS]
+    names = zip(torques, [*torques[1:], torques[0]], strict=True)
+    return columns | {name: columns[other] for name, other in names}
+
+
+def coupled(columns: Columns) -> Columns:
+    """Return columns of an arm whose motor of the elbow turns with its shoulder too: q_e - q_s/2.
+
+    The shoulder holds half of the torque that the elbow has in addition.
+    """
+    q, turns = signals()["shoulder"][0], -0.5
+    v, a = (np.gradient(np.gradient(q)) * RATE_HZ**2 if k else np.gradient(q) * RATE_HZ
+            for k in (0, 1))  # fmt: skip
+    speed = np.gradient(signals()["elbow"][0]) * RATE_HZ
+    dry = COULOMB * (np.sign(speed + turns * v) - np.sign(speed))
+    more = turns * RATIO * (ROTOR * a + VISCOUS * v) + dry
+    friction = ROTOR * RATIO * np.gradient(speed) * RATE_HZ
+    load = columns["elbow.motor_torque_Nm"] - friction - VISCOUS * RATIO * speed
+    return columns | {
+        "elbow.motor_position_rad": columns["elbow.motor_position_rad"] + turns * RATIO * q,
+        "elbow.motor_torque_Nm": columns["elbow.motor_torque_Nm"] + more,
+        "shoulder.motor_torque_Nm": columns["shoulder.motor_torque_Nm"]
+        - turns * (load - COULOMB * np.sign(speed)),
+    }
+
+
 IN_DEGREES = "angles of a joint in degrees"
 MISTAKES: dict[str, tuple[str, Change]] = {
     "all angles in degrees": ("unit", of("", POSITIONS, 180 / np.pi)),
@@ -154,6 +196,12 @@ MISTAKES: dict[str, tuple[str, Change]] = {
     "no drives": ("missing-drives", lambda setup: replace(setup, drives=None)),
     "gravity": ("gravity", lambda setup: replace(setup, gravity=(9.81, 0.0, 0.0))),
     "payload": ("payload", lambda setup: replace(setup, payloads=("wrist_link:2:0,0,0.2",))),
+    "torque in mN m with another sign": ("unit", of("elbow", TORQUES, -1e3)),
+    "rotated torques": ("swapped-joints", columns_of(rotated)),
+    "zero of a joint": ("encoder-offset", moved({"elbow": 0.2})),
+    "zeros of two joints": ("encoder-offset", moved({"shoulder": np.pi / 2, "elbow": -np.pi / 2})),
+    "joint encoders times the gear": ("unit", of("", ("joint_position",), RATIO)),
+    "tendon": ("coupled-joints", columns_of(coupled)),
 }
 """{mistake: its code, and the change of the set-up}"""
 
@@ -196,3 +244,33 @@ def test_a_remedy_speaks_of_the_columns_of_its_log_and_repairs(kind: str, mistak
     repaired = applied(setup, found)
     assert not gauntlet.same(setup, repaired)
     assert findings(repaired) == ()
+
+
+def test_lengths_in_mm_are_named_before_any_motion_is_looked_at() -> None:
+    (columns, _), text = (
+        LOGS["joint positions"](),
+        urdf().replace('xyz="0.05 0 0.3"', 'xyz="50 0 300"'),
+    )
+    (finding,) = findings(Setup(text, DRIVES, (), (columns,), ({},)))
+    assert (finding.code, finding.severity) == ("geometry", "wrong")
+
+
+def test_an_encoder_that_measures_against_another_link_is_named() -> None:
+    columns, _ = LOGS["both positions"]()
+    names = [f"{joint}.joint_position_rad" for joint in ("elbow", "wrist")]
+    sums = columns | {names[1]: columns[names[0]] + columns[names[1]]}
+    (finding,) = findings(Setup(urdf(), DRIVES, (), (sums,), ({},)))
+    assert (finding.code, finding.joint) == ("coupled-joints", "wrist")
+    assert "against another link" in finding.message
+
+
+def test_a_ratio_that_varies_is_none_that_is_constant_and_wrong() -> None:
+    columns, _ = LOGS["both positions"]()
+    q, name = signals()["elbow"][0], "elbow.motor_position_rad"
+    torque = "elbow.motor_torque_Nm"
+    varied = columns | {
+        name: columns[name] + 0.9 * RATIO * (1 - np.cos(q)),
+        torque: columns[torque] / (1 + 0.9 * np.sin(q)),
+    }
+    (finding,) = findings(Setup(urdf(), DRIVES, (), (varied,), ({},)))
+    assert (finding.code, finding.joint) == ("varying-ratio", "elbow")
