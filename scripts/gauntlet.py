@@ -204,13 +204,24 @@ def _errors(case: Case, of: str, found: seaid.Identification) -> Array:
     try:
         validation = seaid.validate(found, measured)
         elastic = np.isin(truth.joint_names, truth.elastic_joints)
-        drives = np.where(
-            elastic, validation.actuator.relative_error, validation.load.relative_error
-        )
+        of_springs = _without_offsets(validation.actuator)
+        drives = np.where(elastic, of_springs, validation.load.relative_error)
     except Exception:  # a model that predicts nothing
         drives = np.full(truth.n, np.inf)
     found_errors = np.concatenate([errors, drives])
     return np.where(np.isfinite(found_errors), found_errors, np.inf)
+
+
+def _without_offsets(torques: Any) -> Array:
+    """Return relative errors (n,) of torques but for a constant, that of the spring's zero.
+
+    It changes with each zero of an encoder, and with the turn in which an incremental one begins.
+    """
+    error = np.where(torques.counted, torques.measured - torques.computed, np.nan)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # stiff joints have no such error
+        sizes = np.nanmean(np.where(torques.counted, torques.measured, np.nan) ** 2, axis=0)
+        return np.asarray(np.nanstd(error, axis=0) / np.sqrt(sizes))
 
 
 @cache
@@ -343,13 +354,14 @@ def _worst(errors: Array | None) -> float:
 def _repaired(case: Case, mistake: Mistake, right: Setup, setup: Setup, first: Run) -> Run:
     """Return the run after all printed remedies, applied together until none is new.
 
-    Where two of them set a value, that of the worse finding, which is printed first, is applied.
+    They are applied in the order in which they are printed: a later line for a channel contains
+    an earlier one.
     """
     last = first
     for _ in range(ROUNDS):
         try:
             changed = setup
-            for remedy in reversed(dict.fromkeys(one.remedy for one in last.said)):
+            for remedy in dict.fromkeys(one.remedy for one in last.said):
                 changed = with_remedy(changed, right, remedy)
         except (tomllib.TOMLDecodeError, ValueError) as problem:
             return Run(last.said, last.errors, f"the remedy cannot be applied: {problem}")

@@ -42,7 +42,7 @@ def absolute(case: Case, setup: Setup) -> Setup:
 
 
 def lever(share: float) -> Change:
-    """Let the gear ratio of the important joint vary by a share with the cosine of its angle."""
+    """Let the gear ratio of the important joint vary by a share with the sine of its angle."""
 
     def change(case: Case, setup: Setup) -> Setup:
         name, joint = case.subject.name, case.subject.joint
@@ -52,7 +52,7 @@ def lever(share: float) -> Change:
         angle, torque = f"{joint}.motor_position_rad", f"{joint}.motor_torque_Nm"
 
         def varied(log: Columns) -> Columns:
-            more, factor = ratio * share * np.sin(turned), 1 + share * np.cos(turned)
+            more, factor = ratio * share * (1 - np.cos(turned)), 1 + share * np.sin(turned)
             return log | {angle: log[angle] + more, torque: log[torque] / factor}
 
         return in_logs(setup, varied)

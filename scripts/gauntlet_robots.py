@@ -317,11 +317,13 @@ def commanded(name: str, motion: int, log: Columns, drives: Tables) -> tuple[Col
     stiff, and turn.
     """
     robot, true = true_robot(name, "plain"), true_motion(name, "plain", motion)
+    usual = true_motion(name, "plain", 0)  # all logs have the same gains
     found, tables = dict(log), {joint: dict(table) for joint, table in drives.items()}
     for index, (joint, drive) in enumerate(robot.drives.items()):
         q, v = true.motor_position[:, index] / drive.ratio, true.motor_velocity[:, index]
         torque = drive.ratio * true.motor_torque[:, index]
-        gain = 20.0 * float(np.std(torque)) / float(np.std(q))
+        gain = 20.0 * float(np.std(usual.motor_torque[:, index]) * drive.ratio**2)
+        gain /= float(np.std(usual.motor_position[:, index]))
         command = q + (torque + 0.05 * gain * v / drive.ratio) / gain
         del found[f"{joint}.motor_torque_Nm"], found[f"{joint}.motor_position_rad"]
         found[f"{joint}.position_command_rad"] = command
