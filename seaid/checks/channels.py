@@ -21,7 +21,6 @@ from seaid.checks.check import (
     channels_of,
     in_description,
     in_drives,
-    only_joint,
 )
 from seaid.checks.experiment import Experiment, stands_locked
 from seaid.drives import Drive, total_ratio
@@ -108,12 +107,11 @@ def _wraps(logged: Logged) -> Iterator[Finding]:
                 f"channels of {', '.join(lines)}{where} jump by {first:.4g} at once, from one end "
                 "of their range to the other, and move on as before: an encoder that wraps "
                 "around, or a signed integer that was read as one without sign",
-                only_joint([*lines]),
-                "wrong",
-                {"period": first},
-                in_description(lines, _named(where)),
-                "certain",
-                tuple(lines),
+                severity="wrong",
+                evidence={"period": first},
+                remedy=in_description(lines, _named(where)),
+                certainty="certain",
+                joints=tuple(lines),
             )
 
 
@@ -166,11 +164,10 @@ def _whole_numbers(logged: Logged) -> Iterator[Finding]:
             yield codes.UNIT.finding(
                 f"the torques of {', '.join(lines)}{where} are whole numbers up to {largest:g}: "
                 f"{unit} of a rating of each motor, or counts of its driver, and not N m",
-                only_joint([*lines]),
-                "wrong" if is_far else "doubtful",
-                {"largest value": largest},
-                f"{in_description(lines, _named(where))}\n# {by}, see the data sheet; if it is the "
-                "duty cycle of a servo, use its commands",
+                severity="wrong" if is_far else "doubtful",
+                evidence={"largest value": largest},
+                remedy=f"{in_description(lines, _named(where))}\n# {by}, see the data sheet; if it "
+                "is the duty cycle of a servo, use its commands",
                 joints=tuple(lines),
             )
 
@@ -320,12 +317,11 @@ def _held_torques(logged: Logged) -> Iterator[Finding]:
                 f"the motor torques of {', '.join(lines)} are held over {count} samples{where}, "
                 f"and so {1e3 * late:.3g} ms late on average, which biases friction, unless the "
                 "motors give them so",
-                only_joint([*lines]),
-                "note",
-                {HELD: count, "delay [s]": late},
-                in_description(lines, _named(where)),
-                "possible",
-                tuple(lines),
+                severity="note",
+                evidence={HELD: count, "delay [s]": late},
+                remedy=in_description(lines, _named(where)),
+                certainty="possible",
+                joints=tuple(lines),
             )
 
 
@@ -612,10 +608,10 @@ def strength_findings(experiment: Experiment) -> Iterator[Finding]:
             f"the torques of {', '.join(joints)} are up to {largest:.3g} times those which move "
             f"and hold the known bodies and the payload ({sizes[heaviest]:.3g} N m, rms): they are "
             "a percentage, a current or counts, or in another unit",
-            only_joint(joints),
-            "wrong",
-            {"torque over that of the bodies": largest},
-            "look up the unit of the channel, and give its scale in the description of the log",
+            severity="wrong",
+            evidence={"torque over that of the bodies": largest},
+            remedy="look up the unit of the channel, and give its scale in the description of the "
+            "log",
             joints=tuple(joints),
         )
 
@@ -643,17 +639,14 @@ def stop_findings(experiment: Experiment, logs: Sequence[Log]) -> Iterator[Findi
         kept, residual = svd.rank(RANK_TOLERANCE), y - H @ svd.solve(y[~at_limit], RANK_TOLERANCE)
         reach = (H[at_limit] / svd.norms) @ svd.vectors[:kept].T / svd.sizes[:kept]
         noise = np.sum(residual[~at_limit] ** 2) / max(np.sum(~at_limit) - kept, 1)
-        error = np.sqrt(1 + tol.CORRELATED_ROWS * np.sum(reach**2, axis=1)) * max(
-            noise**0.5, tol.FEW
-        )
+        error = max(noise**0.5, tol.FEW) * np.sqrt(1 + tol.CORRELATED_ROWS * np.sum(reach**2, 1))
         push = float(np.median(residual[at_limit] * np.sign(place[at_limit]) / error))
         if push > tol.SIGNIFICANT:
             yield codes.CONTACT.finding(
                 f"{joint} is at its limit in the robot file, or beyond it, in {share:.0%} of the "
                 f"samples, where its motor pushes outwards by {push:.3g} times the error of what "
                 "the other samples predict: the torque there is that of a stop",
-                joint,
-                "wrong",
+                severity="wrong",
                 evidence={"share at the limit": share, "push over its error": push},
                 remedy="\n".join(
                     f"in the description of {_named(where)}:\n"

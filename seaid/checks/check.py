@@ -52,7 +52,11 @@ class Code:
         certainty: Certainty = "likely",
         joints: tuple[str, ...] = (),
     ) -> Finding:
-        """Return a finding of this code; the arguments are the attributes of `Finding`."""
+        """Return a finding of this code; the arguments are the attributes of `Finding`.
+
+        The joint is the only one of `joints` unless it is named.
+        """
+        joint = joint or only_joint(joints)
         return Finding(self.name, message, joint, severity, evidence, remedy, certainty, joints)
 
 

@@ -674,10 +674,9 @@ def _gain_finding(
         f"the controllers give many times or a fraction of the torque that moves and holds the "
         f"{bodies} ({listed(each, tol.MOST_LISTED)}, +- {error:.1%}{more}): their gains are in "
         "units of the drive (counts, 1/256, per degree) and not in N m, or those bodies are wrong",
-        only_joint(concerned),
-        "wrong",
-        {f"torque of {joint} over that of the bodies": factor for joint, factor in times.items()},
-        f"gains in N m/rad, or their scale as a parameter{scale}, "
+        severity="wrong",
+        evidence={f"torque of {x} over that of the bodies": times[x] for x in times},
+        remedy=f"gains in N m/rad, or their scale as a parameter{scale}, "
         + in_drives(dict.fromkeys([(x, "controller") for x in concerned], "is_up_to_scale = true")),
         joints=concerned,
     )
