@@ -38,7 +38,14 @@ from seaid.checks.terms import (
     with_term,
 )
 from seaid.checks.tolerances import LEAST_SWING, MATTERS, PART, TWICE
-from seaid.drives import IDEAL_DRIVE, DefaultTerms, Drive, unit_of
+from seaid.drives import (
+    IDEAL_DRIVE,
+    PARAMETERS,
+    PARAMETERS_OF,
+    DefaultTerms,
+    Drive,
+    unit_of,
+)
 from seaid.errors import Finding
 from seaid.estimation import FittedRows
 from seaid.log import Log, Motion, in_band_at, still_speed
@@ -251,8 +258,25 @@ def _spring_laws(side: Side, joint: str) -> list[Candidate]:
     return _terms(side, joint, "spring", _LAWS) if side.is_motor else []
 
 
-def _missing_terms(side: Side, joint: str, accepted: Sequence[Accepted], share: float) -> Finding:
+def _is_impossible(found: Accepted) -> bool:
+    """Whether a linear parameter of a term that cannot be negative is: damping or hysteresis.
+
+    A torque that is late by d has the slope of the spring's torque with -d, which is a damping of
+    -k d: something else looks like the term.
+    """
+    candidate, searched = found.trial.candidate, found.trial.alternative.values
+    names = PARAMETERS_OF[candidate.field][candidate.term]
+    linear = [name for name in names if name not in searched]
+    values = zip(linear, found.coefficients.tolist(), strict=False)
+    return any(PARAMETERS[name].is_positive and value < 0 for name, value in values)
+
+
+def _missing_terms(
+    side: Side, joint: str, accepted: Sequence[Accepted], share: float
+) -> Finding | None:
     """Return the finding of terms that a drive lacks, with the field of the drive that has them."""
+    if any(_is_impossible(found) for found in accepted):
+        return None
     drive, trials = side.robot.drives[joint], [x.trial for x in accepted]
     field, comparison = trials[0].candidate.field, trials[0].comparison
     terms = [trial.candidate.term for trial in trials]

@@ -8,6 +8,7 @@ from dataclasses import replace
 from functools import cache
 from itertools import product
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from scripts.benchmarks import contact_backlash
 from seaid._arrays import Array, FrozenMapping
 from seaid.checks import drive_findings, that_matter
 from seaid.checks.codes import MISSING_TERM
-from seaid.checks.columns import DRIVE_CHECKS, Side, resolved_widths
+from seaid.checks.columns import DRIVE_CHECKS, Side, _is_impossible, resolved_widths
 from seaid.checks.engine import (
     Accepted,
     Alternative,
@@ -523,3 +524,24 @@ def test_a_spring_parallel_to_a_joint_with_a_spring_is_named_and_no_tilt() -> No
         assert estimate.value(name) == pytest.approx(
             values[name], abs=4 * estimate.standard_error(name)
         )
+
+
+@pytest.mark.parametrize(
+    ("term", "coefficients", "searched", "is_impossible"),
+    [
+        ("damping", [-0.3], {}, True),
+        ("damping", [0.3], {}, False),
+        ("dahl", [-0.3], {"hysteresis_deflection": 0.1}, True),
+        ("cubic", [-0.3], {}, False),
+    ],
+)
+def test_a_damping_that_is_negative_is_something_else(
+    term: str, coefficients: list[float], searched: dict[str, float], is_impossible: bool
+) -> None:
+    """A torque that is late by d looks like a damping of -k d; a softening spring is possible."""
+    trial = SimpleNamespace(
+        candidate=SimpleNamespace(field="spring", term=term),
+        alternative=SimpleNamespace(values=searched),
+    )
+    found: Any = SimpleNamespace(trial=trial, coefficients=np.array(coefficients))
+    assert _is_impossible(found) == is_impossible
