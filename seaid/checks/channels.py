@@ -192,15 +192,35 @@ def _lost_samples(logged: Logged) -> Iterator[Finding]:
         if not is_counter or "irregular steps" in kinds or not positions:
             continue
         lost = _lost(positions)
-        if len(lost) >= tol.EVENTS:
+        jumps = 0 if len(lost) >= tol.EVENTS else _common_jumps(positions)
+        if len(lost) >= tol.EVENTS or jumps:
+            steps_of_all = f"in {len(lost)} single steps{where} all positions move twice as far as "
+            steps_of_all += "before and after, or a larger whole number of times"
+            if jumps:
+                steps_of_all = f"most positions jump at once {jumps} times{where}"
+            count = f"{int(np.sum(lost))} samples" if not jumps else "bursts of samples"
             yield codes.HOLES.finding(
-                f"in {len(lost)} single steps{where} all positions move twice as far as before and "
-                f"after, or a larger whole number of times, while the time has equal steps: "
-                f"{int(np.sum(lost))} samples were lost, and the time counts those that are left",
-                evidence={"lost samples": float(np.sum(lost)), "steps": float(len(lost))},
+                f"{steps_of_all}, while the time has equal steps: {count} were lost, and the time "
+                "counts those that are left",
+                severity="wrong" if jumps else "doubtful",
+                evidence={"lost samples": float(np.sum(lost)), "steps": float(len(lost) or jumps)},
                 remedy="log the clock of the robot with each sample, and record anew: gaps in time "
                 "are then bridged or excluded",
             )
+
+
+def _common_jumps(positions: Sequence[Array]) -> int:
+    """Return in how many single steps most positions (T,) jump, as over a burst of lost samples.
+
+    A step is far longer there than the longest ones elsewhere. The positions of one joint may jump
+    by a fault of its encoder: two joints and more do not at once.
+    """
+    moved = np.abs(np.diff(positions, axis=1))
+    usual = np.quantile(moved, 1 - tol.FEW, axis=1)
+    jumps = moved[usual > 0] > tol.MANY_TIMES * usual[usual > 0, None]
+    if len(jumps) <= 2:  # both encoders of a joint
+        return 0
+    return int(np.count_nonzero(np.mean(jumps, axis=0) > tol.MOST))
 
 
 def _lost(positions: Sequence[Array]) -> Array:

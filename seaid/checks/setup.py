@@ -43,6 +43,7 @@ from seaid.checks.channels import (
 from seaid.checks.check import (
     Code,
     Observation,
+    excluding_torque,
     in_description,
     in_drives,
     is_wrong,
@@ -55,6 +56,7 @@ from seaid.checks.codes import (
     GEAR_RATIO,
     GEOMETRY,
     GRAVITY,
+    HOLES,
     MISSING_DRIVES,
     NO_MEASUREMENT,
     NOMINAL_VALUES,
@@ -84,6 +86,7 @@ from seaid.checks.experiment import (
     TIE,
     Experiment,
     Transform,
+    fitted,
     scaled,
 )
 from seaid.checks.tolerances import CORRELATED_ROWS, POOR, SURE
@@ -450,7 +453,17 @@ constants and of rotor inertias that are usual."""
 
 
 def _slopes(given: Experiment, j: int) -> tuple[float, float]:
-    """Return the torque over that of the nominal bodies, and the rotor inertia over the given."""
+    """Return the torque over that of the nominal bodies, and the rotor inertia over the given.
+
+    The first one is zero where the torque does not show those of the bodies, as one that friction
+    alone explains: in any unit it would explain as much.
+    """
+    slope, error, rotor = _slope_of_bodies(given, j)
+    return slope * (abs(slope) > SURE * error), rotor
+
+
+def _slope_of_bodies(given: Experiment, j: int) -> tuple[float, float, float]:
+    """Return the torque over that of the nominal bodies, its error, and the slope of the rotor."""
     columns = np.column_stack([given.regressor[:, j] @ given.bodies, given.load_columns(j)])
     y = given.lever[j] * given.torque[:, j]
     if np.all(np.isnan(y)):
@@ -460,7 +473,38 @@ def _slopes(given: Experiment, j: int) -> tuple[float, float]:
     if has_rotor:
         columns = np.column_stack([columns, given.inertia[j] * rotor])
     x = scaled_svd(columns).solve(y)
-    return float(x[0]), float(x[-1]) if has_rotor else math.nan
+    _, covariance = fitted(columns, y)
+    rotor_slope = float(x[-1]) if has_rotor else math.nan
+    return float(x[0]), math.sqrt(covariance[0, 0]), rotor_slope
+
+
+def _of_friction_alone(given: Experiment) -> Iterator[Finding]:
+    """Yield torques that lack those of the nominal bodies, which other joints show.
+
+    Their slope is zero, with an error that is far below one, and friction explains the torque.
+    """
+    if not _has_bodies(given):
+        return
+    slopes = {j: _slope_of_bodies(given, j)[:2] for j in given.used}
+    shown = [j for j, (slope, error) in slopes.items() if slope > max(POOR, SURE * error)]
+    names = [given.robot.joint_names[j] for j in shown]
+    for j, (slope, error) in slopes.items():
+        torque = given.lever[j] * given.torque[:, j]
+        rubbing = given.friction[j]
+        left = torque - rubbing @ scaled_svd(rubbing).solve(np.nan_to_num(torque))
+        is_friction = float(np.std(left)) < SEVERE * float(np.std(torque))
+        is_silent = abs(slope) < SURE * error < POOR and is_friction
+        if is_silent and 2 * len(shown) > len(slopes):
+            joint = given.robot.joint_names[j]
+            yield NO_MEASUREMENT.finding(
+                f"the torque of {joint} has {slope:.2g} +- {error:.2g} times that of the bodies of "
+                "the robot file, and follows the direction of its motion: it measures friction, or "
+                "nothing",
+                joint,
+                "wrong",
+                {"torque over that of the bodies": slope, "standard error": error},
+                f"log the current or the torque that the drive measures{excluding_torque(names)}",
+            )
 
 
 def _torque_scales(given: Experiment) -> Iterator[Transform]:
@@ -984,7 +1028,7 @@ def _of_motion(experiment: Experiment, known: Sequence[Finding]) -> list[Finding
     """Return the mistakes of the set-up that the motion shows, next to `known` findings."""
     hiding = {TIME_UNIT.name, MISSING_DRIVES.name, WRAPS.name, GEOMETRY.name}
     wrong = {finding.code for finding in known if finding.severity == "wrong"}
-    if hiding & {finding.code for finding in known} or NO_MEASUREMENT.name in wrong:
+    if hiding & {finding.code for finding in known} or {NO_MEASUREMENT.name, HOLES.name} & wrong:
         return []  # the torques show no other mistake
     offsets = list(offset_findings(experiment))
     if offsets:
@@ -1000,5 +1044,8 @@ def _of_motion(experiment: Experiment, known: Sequence[Finding]) -> list[Finding
         gains, without = gain_findings(experiment)
         findings = [*gains, *limit_findings(without), *pose_findings(without)]
         return [finding for finding in findings if finding.joint not in stopped]
+    findings = list(_of_friction_alone(experiment))
+    if findings:
+        return findings
     findings, _ = mistakes(experiment)
     return findings or list(limit_findings(experiment))

@@ -274,3 +274,23 @@ def test_a_ratio_that_varies_is_none_that_is_constant_and_wrong() -> None:
     }
     (finding,) = findings(Setup(urdf(), DRIVES, (), (varied,), ({},)))
     assert (finding.code, finding.joint) == ("varying-ratio", "elbow")
+
+
+def test_a_torque_that_friction_alone_explains_is_in_no_other_unit() -> None:
+    columns, _ = LOGS["joint positions"]()
+    name, speed = "elbow.motor_torque_Nm", np.gradient(signals()["elbow"][0])
+    noise = 0.002 * np.random.default_rng(1).normal(size=len(speed))
+    rubbing = columns | {name: 0.1 * np.sign(speed) + noise}
+    (finding,) = findings(Setup(urdf(), DRIVES, (), (rubbing,), ({},)))
+    assert (finding.code, finding.joint) == ("no-measurement", "elbow")
+
+
+def test_bursts_of_lost_samples_are_no_wrong_clock() -> None:
+    columns, _ = LOGS["joint positions"]()
+    time, kept = columns["time_s"], np.ones(len(columns["time_s"]), dtype=bool)
+    for begin in (200, 650, 1100, 1500):
+        kept[begin : begin + 60] = False
+    lost = {name: values[kept] for name, values in columns.items()}
+    (finding,) = findings(Setup(urdf(), DRIVES, (), (lost | {"time_s": time[: sum(kept)]},), ({},)))
+    assert (finding.code, finding.severity) == ("holes", "wrong")
+    assert finding.evidence["steps"] == 4
