@@ -276,7 +276,7 @@ def _of_files() -> list[Mistake]:
 
 def _of_logs() -> list[Mistake]:
     """Return torques that are none, or of another joint, and samples that are lost."""
-    none, hole = {"no-measurement"}, ("lost", "gap", "missing")
+    none, hole = {"no-measurement"}, ("lost", "gap", "missing", "holes")
     return [
         *forms("torques without sign", none, TORQUE_WORDS,
                   torques(np.abs, True), torques(np.abs, False), repairable=False),
