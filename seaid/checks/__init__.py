@@ -1,7 +1,9 @@
 """Checks: what can be wrong with a set-up, its log or a result, and how it shows.
 
 - `check`: the objects by which checks are declared;
-- `codes`: what each finding stands for, with its usual cause and what to do.
+- `codes`: what each finding stands for, with its usual cause and what to do;
+- `engine`: which columns belong into an equation, by forward selection. `columns` (drives), `gears`
+  and `sensors` propose them, `terms` computes those of drives, and `model` selects and names.
 
 Findings are made here only: a room for each thing that is looked at, such as `channels` of a log.
 Nothing here knows the steps of an identification.

@@ -140,8 +140,8 @@ def compare_models(
     whole = _without_core(joint_factor, len(core))[1]
     blocks = cache(partial(_held_out, factors, len(core)))
     base = list(range(len(replaced)))
-    left = X[:, p:] - X[:, :p] @ _without_core(joint_factor, p)[0]
-    found, start = [], p
+    rest = X[:, p:] - X[:, :p] @ _without_core(joint_factor, p)[0]
+    comparisons, start = [], p
     for model in alternatives:
         places = list(range(start, start + model.columns.shape[1]))
         start += len(places)
@@ -154,7 +154,7 @@ def compare_models(
         )
         share = explained / max(part, 1e-300)
         if in_full or share > LEAST_EXPLAINED:
-            count = _independent_rows(rows, left[:, [k - p for k in places]], left[:, -1])
+            count = _independent_rows(rows, rest[:, [k - p for k in places]], rest[:, -1])
         freedom = max(count - p - model.parameters, 1.0)
         penalty = model.parameters * math.log(count) + 2 * math.log(max(asked, 1))
         bic = freedom * math.log(max(growth, 1e-300)) - penalty  # Chen and Chen 2008
@@ -166,8 +166,8 @@ def compare_models(
             )
         F = freedom / model.parameters * max(growth - 1, 0.0)
         numbers = bic, F, explained, *_changes(without, within), count, model.parameters, share
-        found.append(ModelComparison(*numbers))
-    return found
+        comparisons.append(ModelComparison(*numbers))
+    return comparisons
 
 
 def _independent_rows(rows: Regression, columns: Array, residual: Array) -> float:
@@ -334,10 +334,10 @@ class Equation:
     @cached_property
     def residual(self) -> Array:
         """The weighted residual (R,)."""
-        return self.left(self.weight * self.rows.y)
+        return self.residual_of(self.weight * self.rows.y)
 
-    def left(self, columns: Array) -> Array:
-        """Return what the columns of the rows leave of weighted ones (R,) or (R, c)."""
+    def residual_of(self, columns: Array) -> Array:
+        """Return what the columns of the rows do not explain of weighted ones (R,) or (R, c)."""
         return np.asarray(columns - self.basis @ (self.basis.T @ columns))
 
     @cached_property
@@ -360,8 +360,8 @@ class Equation:
         kept = slice(svd.rank())
         root = (svd.vectors[kept].T / svd.sizes[kept]) / svd.norms[:, None]
         scores = long_run_of(X, self.residual, rows.time, rows.run).for_normal_intervals
-        own = (root @ root.T)[len(root) - count :]
-        errors = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", own, scores, own), 0.0))
+        bread = (root @ root.T)[len(root) - count :]  # of the sandwich B S B^T
+        errors = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", bread, scores, bread), 0.0))
         return self.values[len(root) - count :], errors
 
     def squares(self, rows: BoolArray | slice = slice(None)) -> float:
@@ -378,15 +378,15 @@ class Equation:
         if not columns:
             return False
         whole = np.hstack(columns)
-        rows, left = np.any(whole != 0, axis=1), self.left(whole)
+        rows, rest = np.any(whole != 0, axis=1), self.residual_of(whole)
         of_joints = [
             rows & (self.rows.joint == joint) for joint in np.unique(self.rows.joint[rows])
         ]
         torques = [np.std(self.rows.y[x]) * np.linalg.norm(self.weight[x]) for x in of_joints]
         needed = (LEAST_TORQUE * min(torques, default=0.0)) ** 2
         needed = max(LEAST_EXPLAINED * self.squares(rows), needed)
-        left[:, np.linalg.norm(left, axis=0) <= _LOST * np.linalg.norm(whole, axis=0)] = 0.0
-        parts = np.split(left, np.cumsum([part.shape[1] for part in columns])[:-1], axis=1)
+        rest[:, np.linalg.norm(rest, axis=0) <= _LOST * np.linalg.norm(whole, axis=0)] = 0.0
+        parts = np.split(rest, np.cumsum([part.shape[1] for part in columns])[:-1], axis=1)
         return any(explained_squares(part, self.residual) > needed for part in parts)
 
     def with_alternatives(self, alternatives: Iterable[Alternative]) -> Equation:
@@ -541,10 +541,10 @@ def time_blocks(rows: Regression, count: int = BLOCKS, segments: int = 1) -> lis
     place = np.empty(len(order), dtype=np.intp)
     place[order] = np.arange(len(order))
     block = place * count * segments // max(len(order), 1) % count
-    found = [np.asarray(block == place) for place in range(count)]
+    masks = [np.asarray(block == place) for place in range(count)]
     if len(order) < count * 2 or len(order) * (count - 1) / count <= rows.H.shape[1]:
         raise IdentificationError(
             f"{len(order)} rows are too few to exclude one of {count} blocks and estimate "
             f"{rows.H.shape[1]} parameters from the others: record a longer log"
         )
-    return found
+    return masks

@@ -64,9 +64,9 @@ def _harmonic(side: Side, joint: str, name: str, order: int) -> Array | None:
     drive = side.drive(joint)
     angles = [order * angle for angle in _angles(drive, name)]
     pair = drive.at_rows([np.column_stack([np.cos(x), np.sin(x)]) for x in angles])
-    left = np.abs(np.diag(np.linalg.qr(side.equation.left(pair))[1]))
+    sizes = np.abs(np.diag(np.linalg.qr(side.equation.residual_of(pair))[1]))
     # the norm of a cosine over its periods is sqrt(R / 2)
-    return None if np.min(left) < POOR * np.sqrt(0.5 * len(pair)) else pair
+    return None if np.min(sizes) < POOR * np.sqrt(0.5 * len(pair)) else pair
 
 
 def _couplings(side: Side, joint: str) -> Iterator[Candidate]:

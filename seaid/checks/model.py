@@ -187,11 +187,11 @@ def model_sides(
     loads = tuple(
         joint for place, joint in enumerate(robot.joint_names) if np.any(rows.joint == place)
     )
-    given = widths, frozenset(gears)
+    shared = widths, frozenset(gears)
     sides = [
-        Side(robot, motions, fitted, (joint,), True, *given) for joint, fitted in actuators.items()
+        Side(robot, motions, fitted, (joint,), True, *shared) for joint, fitted in actuators.items()
     ]
-    sides += [Side(robot, motions, load, loads, False, *given, base, offset_std)] if loads else []
+    sides += [Side(robot, motions, load, loads, False, *shared, base, offset_std)] if loads else []
     return [
         side
         for side in sides
@@ -228,8 +228,8 @@ def _selected(side: Side, candidates: Sequence[Candidate], asked: int) -> SideSe
             continue
         finding = check.finding(side, joint, accepted, sum(x.share for x in accepted))
         if finding is None:
-            others = [x for x in candidates if (x.about, x.joint) != (check, joint)]
-            return _selected(side, others, asked)
+            remaining = [x for x in candidates if (x.about, x.joint) != (check, joint)]
+            return _selected(side, remaining, asked)
         findings[check, joint] = _with_rivals(side, finding, accepted)
     return SideSelection(side, selection, findings)
 

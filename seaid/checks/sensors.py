@@ -43,9 +43,10 @@ def _late_torque(side: Side, joint: str) -> Iterator[Candidate]:
 
 def _slope(side: Side, joint: str) -> Array:
     """Return -tau' (R, 1) at the rows, without what friction and rotor of another drive explain."""
-    slope, others = _late_columns(side, joint)
-    left = side.equation.left(side.equation.weight[:, None] * np.hstack([slope, others]))
-    return slope - (others @ scaled_svd(left[:, 1:]).solve(left[:, 0]))[:, None]
+    slope, alike = _late_columns(side, joint)
+    weighted = side.equation.weight[:, None] * np.hstack([slope, alike])
+    rest = side.equation.residual_of(weighted)
+    return slope - (alike @ scaled_svd(rest[:, 1:]).solve(rest[:, 0]))[:, None]
 
 
 def _late_columns(side: Side, joint: str) -> tuple[Array, Array]:
@@ -70,19 +71,19 @@ def _late_columns(side: Side, joint: str) -> tuple[Array, Array]:
         )
         for speed, motion in zip(speeds, side.motions, strict=True)
     ]
-    others, weight = rows.at_rows(parts), side.equation.weight[:, None]
-    left = np.linalg.norm(side.equation.left(weight * others), axis=0)
-    others[:, left < _LEFT * np.linalg.norm(weight * others, axis=0)] = 0.0
+    alike, weight = rows.at_rows(parts), side.equation.weight[:, None]
+    rest = np.linalg.norm(side.equation.residual_of(weight * alike), axis=0)
+    alike[:, rest < _ROUNDING * np.linalg.norm(weight * alike, axis=0)] = 0.0
     # filtered first: at the ends of a log the filter continues a torque and not a slope, the noise
     # of which is as large as its first difference
     slopes = [
         np.gradient(in_band(motion, motion.motor_torque[:, [index]]), motion.time, axis=0)
         for motion in side.motions
     ]
-    return -rows.at_rows(slopes, in_band=True), others
+    return -rows.at_rows(slopes, in_band=True), alike
 
 
-_LEFT = 1e-3
+_ROUNDING = 1e-3
 """Part of a column that rounding leaves of one that is in the model already."""
 
 _WIDTH = 0.1
@@ -147,7 +148,7 @@ def _delays(side: Side, selection: Selection) -> dict[str, tuple[float, float]]:
         x.trial.alternative for x in selection.accepted if x.trial.candidate.about.code is not DELAY
     )
     columns = [_late_columns(side, joint) for joint in joints]
-    late = np.hstack([*(others for _, others in columns), *(slope for slope, _ in columns)])
+    late = np.hstack([*(alike for _, alike in columns), *(slope for slope, _ in columns)])
     values, errors = equation.with_alternatives([Alternative(late, 0)]).last(len(joints))
     return dict(zip(joints, zip(values.tolist(), errors.tolist(), strict=True), strict=True))
 

@@ -127,9 +127,9 @@ class DriveRows:
         return getattr(name, "joint", self.joint) == self.joint
 
     def terms(
-        self, field: str, term: str, given: Mapping[str, Sequence[float]] = FrozenMapping({})
+        self, field: str, term: str, grids: Mapping[str, Sequence[float]] = FrozenMapping({})
     ) -> Iterator[Alternative]:
-        """Yield a term at each point of its grid; `given` {parameter: values} replaces a grid."""
+        """Yield a term at each point of its grid; `grids` {parameter: values} replace its own."""
         drive = self.robot.drives[self.joint]
         larger = self.robot.with_drives({self.joint: with_term(drive, field, term)})
         old, new = (self.regressor(robot, self.joint) for robot in (self.robot, larger))
@@ -139,8 +139,8 @@ class DriveRows:
             if values.get("stiffness", 0.0) <= 0:  # the fit does not have the zero
                 return
             rest = -values.get("spring_offset", 0.0) / values["stiffness"]
-            values["deflection_zero"] = given.get("deflection_zero", (rest,))[0]
-        grid = self._grid(extra, given)
+            values["deflection_zero"] = grids.get("deflection_zero", (rest,))[0]
+        grid = self._grid(extra, grids)
         changed = _changed(term, old, new, extra)
         added = [name for name in extra if name not in (*grid, "deflection_zero")]
         if not added and not grid:  # no part of this equation
@@ -158,7 +158,7 @@ class DriveRows:
             yield Alternative(H, more, tuple(places), FrozenMapping(at | zero))
 
     def _grid(
-        self, names: Sequence[str], given: Mapping[str, Sequence[float]]
+        self, names: Sequence[str], grids: Mapping[str, Sequence[float]]
     ) -> dict[str, Sequence[float]]:
         """Return {nonlinear parameter: the values that are tried}."""
         grid: dict[str, Sequence[float]] = {}
@@ -166,8 +166,8 @@ class DriveRows:
             starts = PARAMETERS[name].starts
             if starts and PARAMETERS[name].is_positive:
                 searched = [part * size_of(name, self._scale) for part in _dense(starts)]
-                grid[name] = given.get(name) or searched
-        if "coulomb_width" in grid and "coulomb_width" not in given:
+                grid[name] = grids.get(name) or searched
+        if "coulomb_width" in grid and "coulomb_width" not in grids:
             widths = grid["coulomb_width"]
             grid["coulomb_width"] = [x for x in widths if x > self._crossing] or widths[-1:]
         return grid
