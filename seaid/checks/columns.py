@@ -285,18 +285,6 @@ def _missing_terms(
         terms.append("preload")  # it rests at any angle, which the spring in series would hide
     values = {name: value for trial in trials for name, value in trial.alternative.values.items()}
     is_spring = field == "spring"
-    # up to twice the width that the logs resolve, it is that of an encoder step or of a sample
-    is_sampled = len(trials) == 1 and (
-        values.get("coulomb_width", np.inf) <= TWICE * side.widths.get(joint, 0)
-    )
-    # the width of a term that was added by itself is one of a coarse grid
-    is_coarse = isinstance(drive.friction, DefaultTerms) and "coulomb_width" in drive.known
-    matters = is_spring or (share > MATTERS and not (is_sampled or is_coarse))
-    if field == "parallel_spring":
-        # it resembles gravity, which other mistakes change too: it is the cause of a torque that is
-        # not explained if that is explained with it
-        before = side.unexplained(joint)
-        matters = matters and before > PART > before * float(np.sqrt(1 - share))
     what = f"the spring of {joint} is not linear" if is_spring else f"{joint} lacks a term"
     what = _FOLLOWS.get(terms[0], what).format(joint)
     remedy = f"in the drives file:\n{toml_of(joint, drive, field, terms, values)}"
@@ -308,10 +296,27 @@ def _missing_terms(
         f"{'motor' if side.is_motor else 'torque'} equation and improve the prediction of excluded "
         f"blocks by {comparison.improvement:.0%}",
         joint,
-        "doubtful" if matters else "note",
+        "doubtful" if is_spring or _matters(side, joint, trials, share) else "note",
         evidence_of(comparison, values) | {"explained": share},
         remedy,
     )
+
+
+def _matters(side: Side, joint: str, trials: Sequence[Trial], share: float) -> bool:
+    """Whether terms that a drive lacks matter, and are no effect of the sampling or of gravity."""
+    drive, width = side.robot.drives[joint], trials[0].alternative.values.get("coulomb_width")
+    # up to twice the width that the logs resolve, it is that of an encoder step or of a sample
+    is_sampled = len(trials) == 1 and (width or np.inf) <= TWICE * side.widths.get(joint, 0)
+    # the width of a term that was added by itself is one of a coarse grid
+    is_coarse = isinstance(drive.friction, DefaultTerms) and "coulomb_width" in drive.known
+    if is_sampled or is_coarse or share <= MATTERS:
+        return False
+    if trials[0].candidate.field != "parallel_spring":
+        return True
+    # it resembles gravity, which other mistakes change too: it is the cause of a torque that is not
+    # explained if that is explained with it
+    before = side.unexplained(joint)
+    return before > PART > before * float(np.sqrt(1 - share))
 
 
 _FOLLOWS = {

@@ -266,7 +266,6 @@ def linear_candidate(
 ) -> Candidate:
     """Return a candidate of columns (R, c) that depend on no nonlinear parameter, if it has any."""
 
-    @cache
     def alternatives() -> list[Alternative]:
         H = columns()
         return [] if H is None else [Alternative(H, H.shape[1])]

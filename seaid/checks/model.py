@@ -243,14 +243,13 @@ def model_findings(
     """
     findings = [finding for side in selected for finding in side.findings.values()]
     mistakes = [finding for finding in known if finding.severity != "note"]
+    is_known = any(finding.code == DELAY.name for finding in mistakes)
     common = common_delay([(side.side, side.selection) for side in selected])
-    if common is not None or any(finding.code == DELAY.name for finding in mistakes):
-        findings = [finding for finding in findings if finding.code != DELAY.name]
-    if common is not None and all(finding.code != DELAY.name for finding in mistakes):
-        findings = [common, *findings]
-    # a mistake about the whole robot, such as a tilt, looks like the zero of a joint
-    is_whole = any(not finding.joint for finding in mistakes)
-    return [
-        replace(x, severity="note") if is_whole and x.code == ENCODER_OFFSET.name else x
-        for x in findings
-    ]
+    if common is not None or is_known:
+        delays = [] if is_known or common is None else [common]
+        findings = [*delays, *(finding for finding in findings if finding.code != DELAY.name)]
+    if any(not finding.joint for finding in mistakes):
+        # a mistake about the whole robot, such as a tilt, looks like the zero of a joint
+        zero = ENCODER_OFFSET.name
+        findings = [replace(x, severity="note") if x.code == zero else x for x in findings]
+    return findings
