@@ -48,6 +48,11 @@ class SideSelection:
     selection: Selection
     findings: Mapping[tuple[ColumnCheck[Side], str], Finding]
 
+    @property
+    def doubtful(self) -> set[tuple[ColumnCheck[Side], str]]:
+        """The checks and joints with a finding above a note: a note explains nothing away."""
+        return {key for key, finding in self.findings.items() if finding.severity != "note"}
+
     def vanished(self, cutoff_hz: float) -> set[tuple[str, str]]:
         """Return what the values show without the accepted columns, and not with them.
 
@@ -132,7 +137,7 @@ def without_setup_echoes(
     contained = {
         (code.name, joint)
         for side in selected
-        for check, joint in side.findings
+        for check, joint in side.doubtful
         for code in check.contains
     }
     kept = {(finding.code, finding.joint) for finding in shown} - contained
@@ -142,10 +147,12 @@ def without_setup_echoes(
 def _with_selected_terms(robot: Robot, selected: Iterable[SideSelection]) -> Robot:
     """Return the robot whose drives have the terms that the equations support."""
     drives = dict(robot.drives)
-    for accepted in (accepted for side in selected for accepted in side.selection.accepted):
-        joint, field, term = accepted.trial.candidate.name
-        if field in term_fields(drives[joint]):
-            drives[joint] = with_term(drives[joint], field, term)
+    for side in selected:
+        for candidate in (accepted.trial.candidate for accepted in side.selection.accepted):
+            joint, field, term = candidate.name
+            is_doubtful = (candidate.about, joint) in side.doubtful
+            if is_doubtful and field in term_fields(drives[joint]):
+                drives[joint] = with_term(drives[joint], field, term)
     return robot.with_drives(drives)
 
 
@@ -159,7 +166,7 @@ def without_echoes(
     """
     vanished: set[tuple[str, str]] = set()
     for side in selected:
-        if any(finding.severity != "note" for finding in side.findings.values()):
+        if side.doubtful:
             vanished |= side.vanished(cutoff_hz)
     return [finding for finding in values if (finding.code, finding.joint) not in vanished]
 

@@ -101,9 +101,10 @@ def _late_torques(
 ) -> Finding:
     """Return the finding that the motor torques of joints are late by a delay [s], or early."""
     late_s = round(delay, 5)
+    sources = {joint: side.sources.get(joint, {}).get("motor_torque", "") for joint in joints}
     entries = {
-        joint: {"motor_torque": changed_source(side.sources[joint]["motor_torque"], delay_s=late_s)}
-        for joint in joints
+        joint: {"motor_torque": changed_source(source, delay_s=late_s)}
+        for joint, source in sources.items()
     }
     return DELAY.finding(
         f"the motor torques of {', '.join(joints)} are {1e3 * abs(delay):.2f} +- "

@@ -151,7 +151,11 @@ class DriveRows:
             if parameter_of(name) in changed and self._has(name)
         ]
         points = [dict(zip(grid, values_at, strict=True)) for values_at in product(*grid.values())]
-        columns = self._columns(new, [values | at for at in points], [*changed, *added])
+        parts = [
+            np.hstack([new.columns(signals, values | at, [*changed, *added]) for at in points])
+            for signals in self.signals
+        ]
+        columns = np.split(self.at_rows(parts), len(points), axis=1)
         more = len(added) + len(grid)
         zero = {name: values[name] for name in ("deflection_zero",) if name in extra}
         for at, H in zip(points, columns, strict=True):
@@ -184,16 +188,6 @@ class DriveRows:
     @cached_property
     def _scale(self) -> Scale:
         return scale_of(self.robot, self.motions, self.joint)
-
-    def _columns(
-        self, of: DriveRegressor, points: Sequence[Mapping[str, float]], names: Sequence[str]
-    ) -> list[Array]:
-        """Return the columns (R, names) of a regressor at each point, at all rows of the side."""
-        parts = [
-            np.hstack([of.columns(signals, values, names) for values in points])
-            for signals in self.signals
-        ]
-        return np.split(self.at_rows(parts), len(points), axis=1)
 
     def at_rows(self, parts: Sequence[Array], *, in_band: bool = False) -> Array:
         """Return columns (T, c) of torques at the samples of each motion at all rows (R, c).
