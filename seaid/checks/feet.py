@@ -271,16 +271,12 @@ def mass_findings(
         "robot file [kg]": nominal_kg,
     }
     if mass_kg < -sure_kg:
-        bases = (motion.base for motion in motions if motion.base is not None)
-        sensors = sorted({link for base in bases for link in base.wrenches})
-        tables = [f"{toml_table('contacts', x)}\nforce = {{ ..., scale = -1 }}" for x in sensors]
-        where = "; in the description of the log, and so for each moment:\n" if sensors else ""
         yield TOTAL_MASS.finding(
             f"the mass of the whole robot is negative, {mass_kg:.3g} kg",
             severity="wrong",
             evidence=evidence,
             remedy="force sensors have the force of the ground on the robot, and torques act on "
-            "the robot along its joint angles: turn their signs round" + where + "\n".join(tables),
+            f"the robot along its joint angles: turn their signs round{_turned_forces(motions)}",
             certainty="certain",
         )
     elif (
@@ -295,6 +291,15 @@ def mass_findings(
             remedy="weigh the robot; is a force sensor or a torque in another unit (1 kgf is 9.81 "
             "N), or does a force act that is not in the log?",
         )
+
+
+def _turned_forces(motions: Sequence[Motion]) -> str:
+    """Return the lines that change the signs of measured forces, "" without any."""
+    bases = (motion.base for motion in motions if motion.base is not None)
+    sensors = sorted({link for base in bases for link in base.wrenches})
+    tables = [f"{toml_table('contacts', x)}\nforce = {{ ..., scale = -1 }}" for x in sensors]
+    where = "; in the description of the log, and so for each moment:\n" if sensors else ""
+    return where + "\n".join(tables)
 
 
 FEET_CHECKS = (
