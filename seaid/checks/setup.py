@@ -753,6 +753,11 @@ def _ungeared(given: Experiment, factors: Mapping[str, float]) -> Experiment:
     return replace(given, joint=given.joint * factor)
 
 
+_ROUND_TURNS = 0.05
+"""Turns with another joint of which pulleys and differentials have multiples: an estimate that is
+so within its error is one, since the deflection of a spring is a thousandth of the angles."""
+
+
 def _couplings(given: Experiment) -> Iterator[Transform]:
     """Yield motors that turn with another joint too, and encoders that measure a sum of joints."""
     robot = given.robot
@@ -765,9 +770,12 @@ def _couplings(given: Experiment) -> Iterator[Transform]:
             if other in {joint, *drive.transmission} or not is_alike:
                 continue
             H = np.column_stack([given.joint[0][:, i], columns])
-            turns = float(scaled_svd(H).solve(apart)[0])
+            x, covariance = fitted(H, apart)
+            turns, error = float(x[0]), math.sqrt(covariance[0, 0])
             if abs(turns) < POOR:
                 continue
+            rounded = round(turns / _ROUND_TURNS) * _ROUND_TURNS
+            turns = rounded if abs(turns - rounded) < SURE * error else turns
             factors = {**(drive.transmission or {joint: 1.0}), other: float(f"{turns:.4g}")}
             table = ", ".join(f"{toml_key(name)} = {one:.4g}" for name, one in factors.items())
             drives = {**robot.drives, joint: replace(drive, transmission=factors)}
