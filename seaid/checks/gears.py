@@ -210,6 +210,7 @@ GEAR_CHECKS = (
         _moves_with,
         "a motor that turns while its joint is held and another joint is moved drives both",
         "a motor that moves with {term}",
+        (COUPLED_JOINTS,),
     ),
     ColumnCheck(
         VARYING_RATIO,
@@ -217,7 +218,7 @@ GEAR_CHECKS = (
         _ratio_varies,
         "both encoders of a joint that is slowly turned without a load show its ratio",
         "a gear ratio that varies with the angle",
-        (GEAR_RATIO,),
+        (GEAR_RATIO, VARYING_RATIO),
     ),
     ColumnCheck(
         TRANSMISSION_ERROR,
