@@ -570,6 +570,8 @@ def _are_scales(logs: Array, levers: Array) -> bool:
     """Whether logarithms of factors on torques are large and differ, and not by the gears alone."""
     if len(logs) < 3 or np.median(np.abs(logs)) < tol.MOST or np.std(logs) < tol.MOST:
         return False
+    if np.median(np.abs(logs - np.median(logs))) < 2 * tol.POOR:
+        return False  # most joints have one factor: it is a unit, and another one is an outlier
     # torques behind the gears have their ratio
     return bool(np.max(np.abs(logs - np.log(levers))) >= np.log(tol.TWICE))
 
