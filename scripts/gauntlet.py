@@ -294,7 +294,7 @@ def is_right(
 
 
 def names_it(mistake: Mistake, one: Said) -> bool:
-    """Return whether a finding has a right code, or a text without code the right words."""
+    """Return whether a finding, or a rival in it, has a right code, or a text the right words."""
     if one.code:
         return bool(one.codes & mistake.codes)
     words = mistake.words or tuple(code.split("-")[0] for code in mistake.codes)

@@ -62,7 +62,6 @@ from .predictions import wrong_minimum as wrong_minimum
 from .setup import encoder_slope as encoder_slope
 from .setup import log_findings as log_findings
 from .setup import setup_findings as setup_findings
-from .setup import weight_findings as weight_findings
 from .terms import DriveRows as DriveRows
 from .terms import Scale as Scale
 from .terms import TermComparison as TermComparison
@@ -76,8 +75,8 @@ from .terms import scale_of as scale_of
 from .terms import size_of as size_of
 from .terms import with_term as with_term
 from .tolerances import LEAST_DELAY_S as LEAST_DELAY_S
+from .tolerances import MOST as MOST
 from .tolerances import NOTHING as NOTHING
-from .tolerances import PART as PART
 from .tolerances import POOR as POOR
 from .tolerances import SURE as SURE
 from .values import contradictions as contradictions

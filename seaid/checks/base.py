@@ -93,7 +93,7 @@ def _against_gyroscope_or_gravity(record: BaseRecord) -> Iterator[Finding]:
             return
     if samples.specific_force is not None:
         force = turned_to_world(samples.orientation, samples.specific_force @ imu.T).mean(axis=0)
-        if force[2] < -tol.PART * np.linalg.norm(force):
+        if force[2] < -tol.MOST * np.linalg.norm(force):
             yield codes.BASE_FRAMES.finding(
                 "the specific force of the base points downwards: an accelerometer at rest "
                 "measures 9.81 m/s^2 upwards",
@@ -147,7 +147,7 @@ def _turning(orientation: Array, w: Array, time: Array) -> Iterator[Finding]:
     text, remedy = "contradicts the orientation: order, frame, or times are others", _BY_SAMPLES
     if misfit > tol.NEGLIGIBLE and tol.MANY_TIMES * misfits[best] < misfit:
         text = f"contradicts the orientation: {best}"
-    elif misfit <= tol.PART:
+    elif misfit <= tol.MOST:
         text, remedy = "is in degrees per second", _described("angular_velocity", "0.0174533")
         if abs(np.sum(change * w) / np.sum(w * w) / np.radians(1.0) - 1) >= tol.RARE:
             return

@@ -588,7 +588,7 @@ def _torque_factors(experiment: Experiment) -> tuple[dict[int, float], list[int]
         x = scaled_svd(H).solve(torque[:, j])
         unexplained = float(np.std(torque[:, j] - H @ x))
         factors |= {j: float(x[0])} if x[0] > 0 else {}
-        clear += [j] if unexplained < tol.PART * x[0] * np.std(of_bodies[:, j]) else []
+        clear += [j] if unexplained < tol.MOST * x[0] * np.std(of_bodies[:, j]) else []
     return factors, clear
 
 
@@ -600,7 +600,7 @@ def _parts_of_limits(experiment: Experiment, logs: Array, clear: Sequence[int]) 
         return {}
     parts = logs + np.log(limits[clear])
     full = 10.0 ** np.rint(np.median(parts) / np.log(10))
-    is_part = np.std(parts) < tol.PART * np.std(logs) > tol.PART * np.log(tol.TWICE)
+    is_part = np.std(parts) < tol.MOST * np.std(logs) > tol.MOST * np.log(tol.TWICE)
     # masses that are a hundred times too large look like parts of 1
     is_part = is_part and full >= tol.PER_CENT
     return {j: float(limits[j] / full) for j in experiment.used} if is_part else {}
@@ -624,7 +624,7 @@ def strength_findings(experiment: Experiment) -> Iterator[Finding]:
     heaviest = max(used, key=lambda j: float(sizes[j]))
     times = np.sqrt(np.mean(experiment.target**2, axis=0)) / sizes[heaviest]
     joints = [robot.joint_names[j] for j in used if times[j] > tol.FAR]
-    if joints and of_known[heaviest] > tol.PART * sizes[heaviest]:
+    if joints and of_known[heaviest] > tol.MOST * sizes[heaviest]:
         largest = float(np.nanmax(times[used]))
         yield codes.UNIT.finding(
             f"the torques of {', '.join(joints)} are up to {largest:.3g} times those which move "
@@ -725,7 +725,7 @@ def decided_delays(experiment: Experiment, known: Sequence[Finding]) -> Iterator
         late = finding.evidence["delay [s]"]
         values, errors = np.array(delays).reshape(-1, 2).T
         weights = 1.0 / (errors**2 + late**2)
-        half = tol.PART * late
+        half = tol.MOST * late
         if not delays or float(np.linalg.norm(weights * errors) / np.sum(weights)) > half:
             yield finding
         elif half < np.average(values, weights=weights) < max(late + half, tol.LEAST_DELAY_S):

@@ -190,11 +190,21 @@ def is_wrong(setup: Iterable[Finding]) -> bool:
 
 
 def consequences(setup: Sequence[Finding], findings: Iterable[Finding]) -> list[Finding]:
-    """Return findings about a fit: mere notes if the set-up is already known to be wrong.
+    """Return findings about a fit: mere notes where the set-up is already known to be wrong.
 
-    They have no remedy then, because its numbers are those of the wrong set-up: applied next to the
-    remedy of the set-up, a term or an offset of them would spoil the repaired result.
+    That is the whole robot if the cause is certain, or is of no joint, and its joints else: a cause
+    that rests on the bodies of the robot file may be false. These notes have no remedy, because its
+    numbers are those of the wrong set-up: applied next to the remedy of the set-up, a term or an
+    offset of them would spoil the repaired result.
     """
-    if not is_wrong(setup):
-        return list(findings)
-    return [replace(finding, severity="note", remedy="") for finding in findings]
+    wrong = [finding for finding in setup if is_wrong([finding])]
+    joints = {joint for finding in wrong for joint in (finding.joint, *finding.joints) if joint}
+    is_whole = any(not one.joint or one.certainty == "certain" for one in wrong)
+
+    def is_echo(finding: Finding) -> bool:
+        return is_whole or not finding.joint or finding.joint in joints
+
+    return [
+        replace(finding, severity="note", remedy="") if wrong and is_echo(finding) else finding
+        for finding in findings
+    ]

@@ -37,7 +37,7 @@ from seaid.checks.terms import (
     toml_of,
     with_term,
 )
-from seaid.checks.tolerances import LEAST_SWING, MATTERS, PART, TWICE
+from seaid.checks.tolerances import LEAST_SWING, MATTERS, MOST, TWICE
 from seaid.drives import (
     IDEAL_DRIVE,
     PARAMETERS,
@@ -316,7 +316,7 @@ def _matters(side: Side, joint: str, trials: Sequence[Trial], share: float) -> b
     # it resembles gravity, which other mistakes change too: it is the cause of a torque that is not
     # explained if that is explained with it
     before = side.unexplained(joint)
-    return before > PART > before * float(np.sqrt(1 - share))
+    return before > MOST > before * float(np.sqrt(1 - share))
 
 
 _FOLLOWS = {

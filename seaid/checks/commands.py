@@ -30,11 +30,6 @@ from seaid.checks.check import (
     only_joint,
 )
 from seaid.checks.experiment import (
-    FALLS,
-    LEAST_GAIN,
-    SEVERE,
-    SUSPICIOUS,
-    TIE,
     Experiment,
     fitted,
     flipped,
@@ -604,7 +599,7 @@ def hidden_limits(experiment: Experiment) -> Iterator[Finding]:
             if level > 0
         }
         limit = min(after, key=after.__getitem__, default=0.0)
-        if before < tol.SLIGHT or not after or after[limit] > SEVERE * before:
+        if before < tol.SLIGHT or not after or after[limit] > tol.SEVERE * before:
             continue
         share = float(np.mean(np.abs(asked) > limit))
         line = f"torque_limit_Nm = {limit:.3g}  # write that of your drive"
@@ -651,7 +646,7 @@ def _gain_factors(experiment: Experiment) -> dict[int, tuple[float, float]]:
         columns, y = _by_bodies(experiment, j)
         x, covariance = fitted(columns, y)
         factor, error = float(x[0]), float(np.sqrt(covariance[0, 0]))
-        if factor > 0 and error < tol.POOR * factor and _unexplained_share(columns, y) < SEVERE:
+        if factor > 0 and error < tol.POOR * factor and _unexplained_share(columns, y) < tol.SEVERE:
             factors[j] = factor, error
     return factors
 
@@ -702,7 +697,7 @@ def pose_findings(experiment: Experiment) -> Iterator[Finding]:
     if not (is_known and joints and np.any(robot.model.gravity.linear)):
         return
     experiment = _with_poses(_thinned(experiment), {})
-    if not np.nanmax(experiment.nominal) > SUSPICIOUS:
+    if not np.nanmax(experiment.nominal) > tol.POOR:
         return
     cost = partial(_pose_cost, experiment)
     searched = [_searched(experiment, joints, start) for start in _starts(joints, cost)]
@@ -759,7 +754,7 @@ def _pose_cost(experiment: Experiment, poses: Poses) -> float:
 def _searched(experiment: Experiment, joints: Sequence[int], poses: Poses) -> Poses:
     """Return the signs and zeros that explain most, found joint by joint from a start."""
     cost, before = _pose_cost(experiment, poses), math.inf
-    while before - cost >= TIE:  # each pass but the last lowers the cost by a tie or more
+    while before - cost >= tol.TIE:  # each pass but the last lowers the cost by a tie or more
         before = cost
         for j in joints:
             others = {i: pose for i, pose in poses.items() if i != j}
@@ -791,7 +786,7 @@ def _best_zero(
     first, last = math.radians(tol.GRID_DEG), math.radians(tol.NEAREST_DEG)
     grid = [float(x) for x in np.arange(-6, 7) * first if least <= x <= most]
     best = min(map(at, grid), default=(math.inf, 0.0))
-    if best[0] > most_cost + LEAST_GAIN:
+    if best[0] > most_cost + tol.LEAST_GAIN:
         return []
     step = 0.5 * first
     while step > 0.5 * last:
@@ -807,8 +802,8 @@ def _pose_finding(experiment: Experiment, poses: Poses, j: int) -> Iterator[Find
     others = {i: pose for i, pose in poses.items() if i != j}
     gain = _pose_cost(experiment, others) - _pose_cost(experiment, poses)
     before, after = (_with_poses(experiment, each).nominal for each in (others, poses))
-    falls = (before > SUSPICIOUS) & (after < FALLS * before)
-    if gain < LEAST_GAIN or not np.any(falls):
+    falls = (before > tol.POOR) & (after < tol.MOST * before)
+    if gain < tol.LEAST_GAIN or not np.any(falls):
         return
     names, joint = experiment.robot.joint_names, experiment.robot.joint_names[j]
     worst = int(np.argmax(np.where(falls, before / np.maximum(after, 1e-9), 0.0)))

@@ -301,7 +301,7 @@ def _spread(count: int, most: int) -> IndexArray:
 
 def _is_clearly_lower(squares: Array, others: Array) -> bool:
     """Whether squared speeds in parts of the time are lower by half, and in most of the parts."""
-    is_half = np.mean(squares) <= tol.PART * np.mean(others)
+    is_half = np.mean(squares) <= tol.MOST * np.mean(others)
     return bool(is_half and np.mean(squares <= others) >= 1 - tol.RARE)
 
 

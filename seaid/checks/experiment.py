@@ -17,12 +17,22 @@ import numpy as np
 
 from seaid._arrays import Array, BoolArray, IndexArray, safely
 from seaid.checks.check import Code
+from seaid.checks.tolerances import (
+    BODY,
+    CENTRE_M,
+    CORRELATED_ROWS,
+    FEW,
+    MOST,
+    POOR,
+    SLIGHT,
+    TWICE,
+)
 from seaid.drives import IDEAL_DRIVE
 from seaid.errors import IdentificationError, Severity
 from seaid.estimation import RANK_TOLERANCE, scaled_svd
 from seaid.log import Motion, in_band, in_band_at, row_samples
 from seaid.regressor import INPUT_FIELDS, regressor_at_drives
-from seaid.robot import Robot, torques_at_drives
+from seaid.robot import Robot, at_drives, torques_at_drives
 
 INSTANTS = 200
 """Instants at which hypotheses are compared."""
@@ -30,29 +40,32 @@ INSTANTS = 200
 _WINDOWS, _WINDOW_SAMPLES = 5, 4000
 """Windows of a longer motion from which these instants are taken, evenly over its time."""
 
-_FLOORS = {"nominal": 0.05, "free": 0.03, "motor": 0.03, "encoders": 0.02}
-"""Misfits that count as none: by bodies of the robot file, by any bodies, of the motor equation, of
-one encoder by the other."""
-
-SUSPICIOUS, SEVERE = 0.12, 0.25
-"""Misfits (rms over that of the torque) from which a set-up is compared with others, and below
-which neither a sign, a unit of an angle, a clock nor an exchange can be wrong."""
-
-LEAST_GAIN, TIE, FALLS = 2.0, 1.0, 0.5
-"""Least decrease of the sum of log squared misfits of a mistake: one that falls by a factor of e;
-difference of decreases that distinguishes nothing; and a mistake is one only if some misfit that
-matters falls below this part of itself."""
-
-_PROPERTIES = {
-    "nominal": "nominal",
-    "free": "free",
-    "motor": "of_motors",
-    "encoders": "of_encoders",
+_KINDS = {
+    "nominal": ("nominal", SLIGHT),
+    "free": ("free", FEW),
+    "motor": ("of_motors", FEW),
+    "encoders": ("of_encoders", FEW),
 }
+"""{kind of misfit: its property, and what counts as none}: by bodies of the robot file, by any
+bodies, of the motor equation, of one encoder by the other."""
 
-_MASS_STD, _PLACE_STD_M, _INERTIA_STD, _NOISE = 0.1, 0.01, 0.2, 0.01
-"""Standard deviations of the mass of a body in a robot file, relative, of its centre of mass, and
-of its inertia, relative, as of CAD; least one of a torque, over its own."""
+
+def inertial_parameters(mass: float, moments: Array, J: Array) -> Array:
+    """Return ten parameters in the order of Pinocchio: m, m c and the inertia at the joint."""
+    return np.array([mass, *moments, *J[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]])
+
+
+def _moved(mass: float, moments: Array) -> Array:
+    """Return the change (10, 3) of a body by a shift of its centre along each axis, per metre.
+
+    A mass m at c that moves by e has m e more as first moments, and m (2 (c.e) 1 - e c^T - c e^T)
+    more as inertia.
+    """
+    shifts = []
+    for e in np.eye(3):
+        J = 2 * (moments @ e) * np.eye(3) - np.outer(e, moments) - np.outer(moments, e)
+        shifts.append(inertial_parameters(0.0, mass * e, J))
+    return np.column_stack(shifts)
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,9 +78,9 @@ class Experiment:
     without the sensor; `unscaled` (R, n): the current or the voltage of a motor whose constant is
     unknown, NaN of the others; `both` (n,): whether both encoders were logged; `ratio`, `inertia`
     (n,): gear ratios and rotor inertias; `bodies` (10n,): standard parameters with payloads;
-    `sources`: of each log {joint: {quantity: column or entry of its description}}; `left` (n,):
-    misfit of any bodies that counts as noise, None for the own one; `has_wrenches`: whether contact
-    forces were measured; `counted` (R, n): the instants at which misfits are taken, None for all.
+    `sources`: of each log {joint: {quantity: column or entry of its description}}; `has_wrenches`:
+    whether contact forces were measured; `counted` (R, n): the instants at which misfits are taken,
+    None for all.
     """
 
     robot: Robot
@@ -85,7 +98,6 @@ class Experiment:
     inertia: Array
     bodies: Array
     sources: tuple[Mapping[str, Mapping[str, Any]], ...]
-    left: Array | None = None
     has_wrenches: bool = False
     counted: BoolArray | None = None
 
@@ -178,13 +190,19 @@ class Experiment:
                 found[j] = self._misfit(j, left[:, j], self.load_columns(j))
         return found
 
-    @cached_property
+    @property
     def free(self) -> Array:
         """Misfit (n,) of any bodies with any friction."""
+        return self._by_any_bodies[0]
+
+    @cached_property
+    def _by_any_bodies(self) -> tuple[Array, Array]:
+        """Misfit (n,) of any bodies with any friction, and rows per independent one of it."""
         used, count, m = self.used, len(self.target), self.robot.parameters.size
         found = np.full(self.robot.n, np.nan)
+        per_row = np.full_like(found, CORRELATED_ROWS)
         if not used:
-            return found
+            return found, per_row
         loads = [self.load_columns(j) for j in used]
         ends = m + np.cumsum([0, *(columns.shape[1] for columns in loads)])
         H = np.zeros((count, len(used), ends[-1]))
@@ -198,11 +216,13 @@ class Experiment:
         size = np.linalg.norm(A, axis=0)
         A[:, size < 1e-9 * np.max(size)] = 0.0
         x = scaled_svd(A).solve(b, RANK_TOLERANCE)
-        left = (b - A @ x).reshape(count, -1)
+        residual = (b - A @ x).reshape(count, -1)
         for place, j in enumerate(used):
             friction = x[ends[place] : ends[place] + 2] / weight[place]
-            found[j] = self._size(j, left[counts[:, place], place] / weight[place], friction)
-        return found
+            rows = residual[counts[:, place], place]
+            found[j] = self._size(j, rows / weight[place], friction)
+            per_row[j] = max(CORRELATED_ROWS, correlated_rows(rows))
+        return found, per_row
 
     @cached_property
     def of_motors(self) -> Array:
@@ -351,69 +371,125 @@ class Experiment:
     @cached_property
     def misfits(self) -> dict[str, Array]:
         """All misfits (n,) by kind."""
-        return {kind: getattr(self, name) for kind, name in _PROPERTIES.items()}
+        return {kind: getattr(self, name) for kind, (name, _) in _KINDS.items()}
 
     @cached_property
-    def _errors(self) -> tuple[list[Array], Array, Array]:
-        """Friction and springs (R, k) of each used joint, and what errors of nominal bodies do.
+    def widths(self) -> Array:
+        """Columns (10N, 5N): one standard deviation of each body of the robot file.
 
-        The torque of a rotor whose inertia is unknown, of a stiff drive, counts as one of these
-        errors, as large as that of the joint. Both as orthonormal columns, with what is left (k,)
-        of the second: of columns B for one standard deviation each, over the noise,
-        (1 + B B^T)^(-1/2) leaves 1 / sqrt(1 + s^2) along each singular direction.
+        A body of mass m at c is wrong by dm (all of it in proportion), by dc, which adds m dc to
+        its first moments and m (2 (c.dc) 1 - dc c^T - c dc^T) to its inertia, and by its inertia.
+        Known bodies are wrong by little.
         """
-        friction = [np.linalg.qr(self.load_columns(j))[0] for j in self.used]
-        n, bodies = self.robot.n, self.robot.parameters.reshape(-1, 10)
-        N = len(bodies)
+        bodies = self.robot.parameters.reshape(-1, 10)
+        N, mass = len(bodies), np.abs(bodies[:, 0])
+        known = np.where(self.robot.is_known[::10], POOR, 1.0)[:, None]
+        # cables, screws and covers weigh much next to a small body, little next to a large one
+        share = np.clip(SLIGHT * np.sum(mass) / np.maximum(mass, _LEAST), BODY, 1.0)
         spread = np.zeros((N, 10, 5))
-        spread[:, :, 0] = _MASS_STD * bodies
-        spread[:, 4:, 4] = _INERTIA_STD * bodies[:, 4:]
-        spread[:, 1:4, 1:4] = _PLACE_STD_M * bodies[:, :1, None] * np.eye(3)
-        effect = np.einsum("rjbp,bpe->jrbe", self.regressor.reshape(-1, n, N, 10), spread)
-        parts = []
-        for j, own in zip(self.used, friction, strict=True):
-            rotors = np.zeros((len(self.target), n))
-            if self._is_open[j] and j not in self._elastic:
-                rate = self.motor[2][:, j]
-                rotors[:, j] = rate * np.std(self.target[:, j]) / max(float(np.std(rate)), _LEAST)
-            columns = np.hstack([effect[j].reshape(-1, 5 * N), rotors])
-            parts.append(self._scaled(columns, j, own))
-        B = np.concatenate(parts)
-        squares, V = safely(
-            np.linalg.eigh, B.T @ B, what="nominal bodies", error=IdentificationError
-        )
-        kept = squares > RANK_TOLERANCE * squares[-1]
-        sizes = np.sqrt(squares[kept])
-        return friction, B @ V[:, kept] / sizes, 1 / np.hypot(1, sizes)
-
-    def _scaled(self, torque: Array, j: int, friction: Array) -> Array:
-        """Return a torque (R, ...) of joint j without friction, over its noise."""
-        noise = self.noise[j] * self._torque_sizes[j]
-        return np.asarray((torque - friction @ (friction.T @ torque)) / noise)
+        spread[:, :, 0] = share[:, None] * bodies
+        spread[:, 4:, 4] = MOST * bodies[:, 4:]
+        for body, (m, moments) in enumerate(zip(mass, bodies[:, 1:4], strict=True)):
+            length = max(CENTRE_M, BODY * float(np.linalg.norm(moments)) / max(m, _LEAST))
+            spread[body, :, 1:4] = length * _moved(m, moments)
+        columns = np.zeros((N, 10, N, 5))
+        columns[np.arange(N), :, np.arange(N)] = known[:, :, None] * spread
+        return columns.reshape(10 * N, 5 * N)
 
     @cached_property
-    def noise(self) -> Array:
-        """Standard deviation (n,) of torques over their size: what any bodies leave."""
-        return np.asarray(np.maximum(self.free if self.left is None else self.left, _NOISE))
+    def common(self) -> Array:
+        """Columns (10N, 1 + N + 4P): standard deviations that no log makes smaller.
 
-    def weighed(self, torque: Array) -> Array:
-        """Return torques (R, n) as one column, weighed by the errors of a nominal model.
-
-        What friction explains is taken out; noise and errors of the nominal bodies weigh by their
-        variance (generalised least squares), so that a joint whose torque is mostly that of a
-        payload says more about it than one that carries the whole robot.
+        All masses of a file may be wrong by one factor, which looks like one of all torques, and
+        each is off by some per cent. Each payload was weighed and measured.
         """
-        friction, U, left = self._errors
-        y = np.concatenate(
-            [self._scaled(torque[:, j], j, own) for j, own in zip(self.used, friction, strict=True)]
-        )
-        return np.asarray(y - U @ ((1 - left) * (U.T @ y)))
+        known = np.where(self.robot.is_known, POOR, 1.0) * self.robot.parameters
+        each = np.repeat(np.eye(len(known) // 10), 10, axis=0) * known[:, None]
+        columns = [BODY * known, *(POOR * each).T]
+        payloads = self.robot.payload_parameters.reshape(-1, 10)
+        for body in np.flatnonzero(payloads[:, 0]).tolist():
+            spread = np.zeros((*payloads.shape, 4))
+            spread[body, :, 0] = SLIGHT * payloads[body]
+            spread[body, :, 1:] = BODY * CENTRE_M * _moved(payloads[body, 0], payloads[body, 1:4])
+            columns += [*spread.reshape(-1, 4).T]
+        return np.column_stack(columns)
 
     @cached_property
-    def chi_square(self) -> float:
-        """Mean square of what the nominal bodies leave, over noise and errors of these bodies."""
-        left = self.weighed(self.target - self.regressor @ self.bodies)
-        return float(left @ left) / len(left)
+    def _nuisances(self) -> list[Array]:
+        """Orthonormal columns (R, k) of each used joint: what a torque has besides bodies.
+
+        The rotor of a stiff drive is among it if its inertia is unknown, and that a motor torque
+        may be late, which is no mistake of a value.
+        """
+        found = []
+        for j in self.used:
+            columns, late = self.load_columns(j), self.torque_rate[:, [j]]
+            if self._is_open[j] and j not in self._elastic:
+                columns = np.hstack([columns, self.motor[2][:, [j]]])
+            if np.all(np.isfinite(late)):
+                columns = np.hstack([columns, late])
+            found.append(np.linalg.qr(columns)[0])
+        return found
+
+    @cached_property
+    def row_noise(self) -> Array:
+        """Standard deviation (n,) of a torque over its size, per independent row."""
+        misfit, per_row = self._by_any_bodies
+        return np.asarray(np.maximum(misfit, FEW) * np.sqrt(per_row))
+
+    @property
+    def independent_rows(self) -> Array:
+        """Independent rows (n,) of each joint, by the correlation of what any bodies leave."""
+        return len(self.target) / self._by_any_bodies[1]
+
+    def over_noise(self, torques: Array) -> Array:
+        """Return torques (R, n, ...) without nuisances over their noise, joint by joint."""
+        parts = []
+        for j, Q in zip(self.used, self._nuisances, strict=True):
+            noise = self.row_noise[j] * self._torque_sizes[j]
+            parts.append((torques[:, j] - Q @ (Q.T @ torques[:, j])) / noise)
+        return np.concatenate(parts)
+
+    @cached_property
+    def _of_common(self) -> tuple[Array, Array]:
+        return _effects(self.over_noise(self.regressor @ self.common))
+
+    @cached_property
+    def _errors(self) -> tuple[Array, Array]:
+        """Orthonormal effects U (rows, k) of errors of the robot file, and their sizes (k,).
+
+        A size is that of the torques over their noise for one standard deviation.
+        """
+        return _effects(_whitened(self.over_noise(self.regressor @ self.widths), *self._of_common))
+
+    def weighed(self, torques: Array) -> Array:
+        """Return torques (R, n) as one column, weighed by noise and the errors of the robot file.
+
+        That is generalised least squares. A joint whose torque is mostly that of a payload says
+        more about it than one that carries the whole robot.
+        """
+        return _whitened(_whitened(self.over_noise(torques), *self._of_common), *self._errors)
+
+    @cached_property
+    def file(self) -> tuple[float, float]:
+        """Minus the log likelihood of what the bodies of the robot file leave, and their scale s.
+
+        With bodies of s times the usual widths the torques along each effect, of size z and in
+        units of the noise, have the variance 1 + s^2 z^2, and s is that of the largest likelihood:
+        the log shows how good its file is. The density of log s is 1 / s above 1, so that one file
+        in ten is ten times worse than a usual one, and even below, down to 3 mm of a centre.
+        """
+        if not self.used or not np.all(np.isfinite(self.bodies)):
+            return 0.0, 1.0
+        U, sizes = self._errors
+        y = self.over_noise(self.target - self.regressor @ self.bodies)
+        along = U.T @ _whitened(y, *self._of_common)
+        most = max(1.0, float(np.max(np.abs(along) / sizes, initial=0.0)))
+        scales = np.geomspace(POOR, most, _SCALES)
+        variance = 1 + (scales[:, None] * sizes) ** 2
+        costs = np.sum(np.log(variance) + along**2 / variance, axis=1) / 2
+        costs += np.log(np.maximum(scales, 1.0))
+        return float(np.min(costs)), float(scales[np.argmin(costs)])
 
     @cached_property
     def in_motion(self) -> Experiment:
@@ -458,11 +534,37 @@ class Experiment:
         drives = max(-power, 0.0) / max(float(np.std(speed)), 1e-300)
         return float(np.hypot(np.std(left), drives)) / max(size, 1e-300)
 
-    def cost(self, kind: str) -> float:
-        """Return the sum of the log squares of one kind of misfit."""
-        # not by `misfits`, which computes all kinds: of most hypotheses only cheap ones are needed
-        misfit = getattr(self, _PROPERTIES[kind])
-        return float(np.nansum(np.log(np.minimum(misfit, 2.0) ** 2 + _FLOORS[kind] ** 2)))
+    def cost(self, kind: str, rows: Array | float = 2.0) -> float:
+        """Return minus the log likelihood of one kind of misfit, of Gaussian residuals of any size.
+
+        Each joint has so many independent `rows`.
+        """
+        # not by `misfits`, which computes all kinds: of most transforms only cheap ones are needed
+        name, floor = _KINDS[kind]
+        squares = np.minimum(getattr(self, name), TWICE) ** 2 + floor**2
+        return float(np.nansum(rows * np.log(squares))) / 2
+
+
+def correlated_rows(residual: Array) -> float:
+    """Return rows per independent one: the long-run variance over the variance (Bartlett)."""
+    x = residual - np.mean(residual)
+    power, lags = float(x @ x), round(2 * math.sqrt(len(x)))
+    sums = [(1 - lag / (lags + 1)) * float(x[lag:] @ x[:-lag]) for lag in range(1, lags + 1)]
+    return 1 + 2 * sum(sums) / power if power > 0 else 1.0
+
+
+def _effects(B: Array) -> tuple[Array, Array]:
+    """Return orthonormal effects U (rows, k) of columns (rows, m), and their sizes (k,)."""
+    squares, V = safely(np.linalg.eigh, B.T @ B, what="nominal bodies", error=IdentificationError)
+    kept = squares > RANK_TOLERANCE * squares[-1]
+    sizes = np.sqrt(squares[kept])
+    return B @ V[:, kept] / sizes, sizes
+
+
+def _whitened(y: Array, U: Array, sizes: Array) -> Array:
+    """Return rows (rows, ...) times (1 + B B^T)^(-1/2), with B = U diag(sizes)."""
+    shrunk = ((1 - 1 / np.hypot(1, sizes)) * U) @ (U.T @ y)
+    return np.asarray(y - shrunk)
 
 
 def _first(columns: Array, y: Array, count: int) -> list[tuple[float, float]]:
@@ -522,6 +624,9 @@ _WIDTH = 0.1
 
 _TINY, _LEAST = 1e-9, 1e-300
 
+_SCALES = 60
+"""Widths of the bodies of a robot file that are compared, see `file`."""
+
 _LOCKED = 0.02
 """Motion of a joint over that of its motor, behind the gear, up to which it counts as locked: it
 shows no gear ratio, and what holds it yields too."""
@@ -552,7 +657,7 @@ def experiment_of(robot: Robot, logs: Sequence[Sequence[Motion]]) -> Experiment:
     )
     drives = robot.drives.values()
     ratio = np.array([drive.ratio for drive in drives])
-    apart = motor[0] - ratio * joint[0]
+    apart = motor[0] - ratio * at_drives(robot.transmission, joint[0])
     both = np.ptp(apart, axis=0) > 1e-9 * np.ptp(motor[0], axis=0)
     inertia = np.array([drive.values.get("motor_inertia", 0.0) for drive in drives])
     bodies = robot.parameters + robot.payload_parameters
@@ -639,7 +744,11 @@ def _unscaled(robot: Robot, motion: Motion) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Transform:
-    """A possible mistake: how to undo it, and the finding if that explains the log."""
+    """A possible mistake: how to undo it, and the finding if that explains the log.
+
+    `penalty`: number of fitted values, of the log likelihood as Akaike counts them, and less than
+    one for what is unusual.
+    """
 
     code: Code
     message: str

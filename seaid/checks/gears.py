@@ -18,7 +18,7 @@ from seaid.checks.check import in_drives
 from seaid.checks.codes import COUPLED_JOINTS, GEAR_RATIO, TRANSMISSION_ERROR, VARYING_RATIO
 from seaid.checks.engine import Accepted, Candidate, ColumnCheck, linear_candidate
 from seaid.checks.terms import DriveRows
-from seaid.checks.tolerances import PART, PERIODIC, POOR
+from seaid.checks.tolerances import MOST, PERIODIC, POOR
 from seaid.errors import Finding, listed
 from seaid.regressor import motor_regressor
 
@@ -159,7 +159,7 @@ def _moves_with(
         f"joints, by a differential, a tendon or a parallel linkage; or the encoder of {joint} "
         "measures its angle against another link than the one before it",
         joint,
-        "wrong" if share > PART else "doubtful",
+        "wrong" if share > MOST else "doubtful",
         {
             **{f"turns with {other}": turns for other, turns in turned.items()},
             "explained": share,

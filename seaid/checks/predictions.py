@@ -13,7 +13,7 @@ from scipy.special import ndtri
 
 from seaid.checks import codes
 from seaid.checks.check import in_drives, only_joint
-from seaid.checks.tolerances import FAR, NOTHING, PART, POOR, RARE, SLIGHT, SURE, TWICE
+from seaid.checks.tolerances import FAR, MOST, NOTHING, POOR, RARE, SLIGHT, SURE, TWICE
 from seaid.errors import Finding, Severity, listed
 from seaid.estimation import Estimate
 
@@ -26,7 +26,7 @@ def unseen_motion(of: str, joint: str, error: float, ratio: float) -> Iterator[F
     `error` is that over the error of a constant, `ratio` is the rms error over that in the own
     logs: infinite if nothing is known of these.
     """
-    if not (error > PART and ratio > TWICE):
+    if not (error > MOST and ratio > TWICE):
         return
     times = f", and {ratio:.2g} times that in the own logs" if math.isfinite(ratio) else ""
     parts = (
@@ -234,7 +234,7 @@ def _flexible(joint: str, size: float, error: float, antiresonance_hz: float) ->
 def noisy_springs(unexplained: Mapping[str, float]) -> Iterator[Finding]:
     """Yield the joints whose torque, as their motors feel it, is mostly not explained."""
     for joint, part in unexplained.items():
-        if part > PART:
+        if part > MOST:
             yield codes.MOTOR_SIDE.finding(
                 f"{part:.0%} of the torque on the spring of {joint}, as its motor feels it, is "
                 "not explained: its stiffness and load may be wrong by more than their intervals; "
@@ -394,7 +394,7 @@ def calibration_findings(
     if misfit > SLIGHT:
         yield codes.NO_FIT.finding(
             f"the law explains the loads to {misfit:.1%} of their standard deviation only",
-            severity="wrong" if misfit > PART else "doubtful",
+            severity="wrong" if misfit > MOST else "doubtful",
             remedy="check the order of the rows and their units, and that the joint was at rest",
         )
     if law == "linear" and is_curved:

@@ -1,9 +1,10 @@
 """Mistakes of a set-up as transforms: what a model explains if a sign, a unit or a place differs.
 
 `MISTAKES` lists what can be wrong with a channel, a drive, gravity or a body, and what each needs.
-A transform undoes one of them. The one that explains far more than the set-up as given is a
-finding, and all others are tested again without that mistake (forward selection): two mistakes are
-found in turn, and the echoes of the first one vanish.
+A transform undoes one of them. The one that explains most is a finding, if the log shows it without
+the bodies of the robot file or contradicts these by far; all others are tested again without that
+mistake (forward selection): two mistakes are found in turn, and the echoes of the first one vanish.
+What explains as much as the finding is named in it, with the measurement that decides.
 
 `log_findings` and `setup_findings` are all that is found before a fit: in the logs alone, and in
 their motion.
@@ -20,15 +21,16 @@ from itertools import combinations
 from typing import Any
 
 import numpy as np
+from scipy.special import chdtri
 
 from seaid._arrays import Array
-from seaid._files import toml_key, toml_table
+from seaid._files import toml_key
 from seaid.checks.bodies import (
+    file_findings,
     gravities,
     lengths,
     near,
     payloads,
-    penalty_of,
     zeros,
     zeros_of_two,
 )
@@ -46,13 +48,13 @@ from seaid.checks.check import (
     excluding_torque,
     in_description,
     in_drives,
-    is_wrong,
     observed,
     only_joint,
 )
 from seaid.checks.codes import (
     CONTACT,
     COUPLED_JOINTS,
+    ENCODER_OFFSET,
     GEAR_RATIO,
     GEOMETRY,
     GRAVITY,
@@ -78,19 +80,9 @@ from seaid.checks.commands import (
     no_measurements,
     pose_findings,
 )
-from seaid.checks.experiment import (
-    FALLS,
-    LEAST_GAIN,
-    SEVERE,
-    SUSPICIOUS,
-    TIE,
-    Experiment,
-    Transform,
-    fitted,
-    scaled,
-)
-from seaid.checks.tolerances import CORRELATED_ROWS, POOR, SURE
-from seaid.errors import Certainty, Finding, Severity, listed
+from seaid.checks.experiment import Experiment, Transform, fitted, scaled, with_torques_of
+from seaid.checks.tolerances import FAR, FEW, MOST, POOR, SEVERE, SIGNIFICANT, SLIGHT, SURE, TWICE
+from seaid.errors import Certainty, Finding, listed
 from seaid.estimation import scaled_svd
 from seaid.log import Log, changed_source
 from seaid.robot import Robot
@@ -98,15 +90,8 @@ from seaid.robot import Robot
 _MOST_MISTAKES = 5
 """Mistakes that are looked for one after the other."""
 
-_BARELY, _TIMES = 0.04, 3.0
-"""The set-up is compared with others from this misfit on too, if the nominal bodies have so many
-times the misfit of any bodies."""
-
-_WORSE = 1.5
-"""Most that a transform may increase the cost of one kind of misfit."""
-
 _SHORTLIST = 12
-"""Transforms, best by the nominal bodies and the encoders, whose other misfits are computed too."""
+"""Transforms, best by what is quickly computed, whose other misfits are computed too."""
 
 
 @dataclass(frozen=True)
@@ -117,166 +102,129 @@ class Mistake:
     needs: tuple[Callable[[Experiment], bool], ...]
 
 
-def mistakes(given: Experiment) -> tuple[list[Finding], Experiment]:
+@dataclass(frozen=True)
+class _Trial:
+    """A transform that was tried: the experiment without the mistake, and what speaks for it.
+
+    `falls` are the misfits that matter and fall by half, {(kind, joint): part that remains}. Gains
+    of the log likelihood: `direct` by all that does not rest on the robot file, `shown` by what
+    matters of it, `bodies` by the bodies of the robot file and their errors.
+    """
+
+    transform: Transform
+    changed: Experiment
+    falls: Mapping[tuple[str, int], float]
+    shown: float
+    direct: float
+    bodies: float
+
+    @property
+    def total(self) -> float:
+        return self.direct + self.bodies - self.transform.penalty
+
+    @property
+    def remaining(self) -> float:
+        """Misfit at its joint, or at the middle one of all: by any bodies or those of the file.
+
+        Another mistake may contradict the latter.
+        """
+        misfit, joint = np.fmin(self.changed.nominal, self.changed.free), self.transform.joint
+        own = float(misfit[self.changed.robot.index(joint)]) if joint else math.nan
+        return own if math.isfinite(own) else _median(misfit)
+
+
+def mistakes(experiment: Experiment) -> tuple[list[Finding], Experiment]:
     """Return the mistakes that explain an experiment far better, and it without them."""
     findings: list[Finding] = []
     while len(findings) < _MOST_MISTAKES:
-        given = replace(given, left=given.free)  # one noise for all that is compared
-        best = _best(given) if _is_suspicious(given) else None
-        best = best or _significant(given)
-        if best is None:
+        trials = _trials(experiment)
+        if not trials:
             break
-        finding, given = best
-        given = _described(given, finding.remedy)
-        findings.append(finding)
-        if finding.code == NOMINAL_VALUES.name:
-            given = replace(given, bodies=np.full_like(given.bodies, np.nan))
-    return findings, given
+        findings.append(_finding(experiment, trials))
+        experiment = _described(trials[0].changed, findings[-1].remedy)
+        if trials[0].transform.code == NOMINAL_VALUES:
+            experiment = replace(experiment, bodies=np.full_like(experiment.bodies, np.nan))
+    return findings, experiment
 
 
-def _described(given: Experiment, remedy: str) -> Experiment:
+def _described(experiment: Experiment, remedy: str) -> Experiment:
     """Return the experiment whose channels are read as a remedy describes them.
 
     The lines of the next mistake in a channel then contain those of this one.
     """
     header, _, lines = remedy.partition("\n")
     if not header.endswith("in the description of the log:"):
-        return given
+        return experiment
     changed = tomllib.loads(lines).get("joints", {})
     sources = (
         {joint: {**entries, **changed.get(joint, {})} for joint, entries in log.items()}
-        for log in given.sources
+        for log in experiment.sources
     )
-    return replace(given, sources=tuple(sources))
+    return replace(experiment, sources=tuple(sources))
 
 
-def _is_suspicious(one: Experiment) -> bool:
-    """Whether a misfit is larger than that of a right set-up."""
-    beyond = (one.nominal > _BARELY) & (one.nominal > _TIMES * one.free)
-    return bool(_largest_misfit(one) > SUSPICIOUS or np.any(beyond))
-
-
-def _largest_misfit(one: Experiment) -> float:
-    return max(float(np.nanmax(misfit, initial=0.0)) for misfit in one.misfits.values())
-
-
-def transforms(given: Experiment, *needs: Callable[[Experiment], bool]) -> Iterator[Transform]:
-    """Yield what undoes each mistake that is possible; with `needs`, of those that have one."""
+def transforms(experiment: Experiment) -> Iterator[Transform]:
+    """Yield what undoes each mistake that is possible."""
     for mistake in MISTAKES:
-        is_meant = not needs or not {*needs}.isdisjoint(mistake.needs)
-        if is_meant and all(need(given) for need in mistake.needs):
-            yield from mistake.transforms(given)
+        if all(need(experiment) for need in mistake.needs):
+            yield from mistake.transforms(experiment)
 
 
-def _best(given: Experiment) -> tuple[Finding, Experiment] | None:
-    """Return the finding of the transform that explains most, and the experiment without it."""
-    quick = ("nominal" if np.any(np.isfinite(given.nominal)) else "free", "encoders")
-    tried = [(one, one.undo(given)) for one in transforms(given)]
-    tried.sort(key=lambda pair: sum(map(pair[1].cost, quick)) + pair[0].penalty)
-    gains = [
-        (_gain(given, changed) - one.penalty, one, changed)
-        for one, changed in tried[:_SHORTLIST]
-        if _left(one, changed) < _EXPLAINED and _explains(given, changed)
-    ]
-    gains.sort(key=lambda entry: -entry[0])
-    if not gains or gains[0][0] < LEAST_GAIN:
-        return None
-    gain, one, changed = gains[0]
-    close = [entry for entry in gains[1:] if entry[0] > gain - TIE and entry[1].code != one.code]
-    certainty: Certainty = "possible" if close else "likely" if gain < 3 * LEAST_GAIN else "certain"
-    instead, severity, remedy = "", one.severity, one.remedy
-    if {entry[1].code for entry in (gains[0], *close)} == {TORQUE_SCALE, NOMINAL_VALUES}:
-        # masses of a robot file are rough, and no line may be printed that one cause supports alone
-        (_, one, changed), *close = sorted((gains[0], *close), key=_is_of_torques)
-        severity, remedy = "note", _WEIGH
-    what, joint, before, after = _fall(given, changed)
-    evidence = {**one.evidence, "misfit as given": before, "misfit without it": after}
-    if close:
-        instead = f"; or {close[0][1].message}"
-        evidence[f"or {close[0][1].code.name}"] = 1.0
-    message = (
-        f"{one.message}: the part of the {what} of {joint} that is left unexplained falls from "
-        f"{before:.0%} to {after:.0%}{instead}"
-    )
-    return one.code.finding(message, one.joint, severity, evidence, remedy, certainty), changed
+def _trials(experiment: Experiment) -> list[_Trial]:
+    """Return the transforms that the log demands, the best first.
+
+    Twice the log of a likelihood ratio has the distribution of chi-square, with the number of
+    fitted values as its degrees of freedom, and at most that of one between values that are not
+    fitted. The least gain is that of which all transforms together have one by chance in a hundred
+    logs. It has to come from what the log shows without the robot file, where a misfit that matters
+    falls, or from all together. Signs, units, clocks and exchanges are mistakes that matter.
+    """
+    tried = [(each, each.undo(experiment)) for each in transforms(experiment)]
+    rows = experiment.independent_rows
+
+    def quick_cost(pair: tuple[Transform, Experiment]) -> float:
+        transform, changed = pair
+        by_bodies = changed.file[0] if _has_bodies(experiment) else changed.cost("free", rows)
+        direct = changed.cost("motor", rows) + changed.cost("encoders", rows)
+        return by_bodies + direct + transform.penalty
+
+    def is_demanded(trial: _Trial) -> bool:
+        values = max(trial.transform.penalty, 1)
+        least = float(chdtri(values, FEW / len(tried))) / 2
+        if trial.shown > least:
+            return True
+        is_possible = bool(trial.falls) or trial.transform.code in _OF_VALUES
+        return trial.shown + trial.bodies > least and is_possible and _explains_all(trial)
+
+    trials = [_trial(experiment, *x) for x in sorted(tried, key=quick_cost)[:_SHORTLIST]]
+    trials = [trial for trial in trials if trial.remaining < MOST and is_demanded(trial)]
+    return sorted(trials, key=lambda trial: -trial.total)
 
 
-def _is_of_torques(entry: tuple[float, Transform, Experiment]) -> bool:
-    return entry[1].code == TORQUE_SCALE
-
-
-_WEIGH = (
-    "weigh a link, or hold a known weight at a known distance and compare the torque: if the robot "
-    "file is wrong, the estimate needs no change; if the torques are, give them their scale in the "
-    "description of the log"
+_OF_VALUES = (
+    *(ENCODER_OFFSET, GEOMETRY, GRAVITY, NOMINAL_VALUES, PAYLOAD, ROTOR_INERTIA, TORQUE_SCALE),
 )
+"""Mistakes that may be small."""
 
 
-_SIGNIFICANT = 6.0
-"""Standard errors of a value, errors of the nominal bodies included, from which it is wrong."""
+def _trial(experiment: Experiment, transform: Transform, changed: Experiment) -> _Trial:
+    rows, kinds = experiment.independent_rows, ("free", "motor", "encoders")
+    gains = sum(experiment.cost(kind, rows) - changed.cost(kind, rows) for kind in kinds)
+    shown = min(gains, _shown(experiment, changed, transform.code in _OF_VALUES))
+    losses = [
+        float(np.nansum(np.where(after > POOR, rows * np.log(after / np.maximum(before, FEW)), 0)))
+        for before, after in ((experiment.misfits[x], changed.misfits[x]) for x in kinds)
+    ]
+    if max(losses) >= SURE**2 / 2:  # a mistake contradicts no kind of evidence
+        gains = shown = -math.inf
+    bodies = experiment.file[0] - changed.file[0]
+    return _Trial(transform, changed, _falls(experiment, changed), shown, gains, bodies)
 
 
-def _significant(given: Experiment) -> tuple[Finding, Experiment] | None:
-    """Return the value about bodies or torques that is wrong by most standard errors, if any is.
-
-    Where no misfit is large, chi-square by the nominal bodies decides: it distinguishes a value
-    that is off by little from errors of nominal masses.
-    """
-    if not _has_bodies(given) or float(np.nanmax(given.nominal, initial=0.0)) >= SEVERE:
-        return None
-    tried = [(one, one.undo(given)) for one in transforms(given, _has_bodies)]
-    scores = [(_score(given, changed) - one.penalty, one, changed) for one, changed in tried]
-    score, one, changed = max(scores, key=lambda entry: entry[0], default=(0.0, None, given))
-    if one is None or score < 0.5 * _SIGNIFICANT**2:
-        return None
-    errors = math.sqrt(2 * score)
-    message = (
-        f"{one.message}: the torques contradict the value given by {errors:.0f} standard errors, "
-        "errors of the masses in the robot file included"
-    )
-    evidence = {**one.evidence, "standard errors": errors}
-    severity: Severity = "note" if one.severity == "note" else "doubtful"
-    return one.code.finding(message, one.joint, severity, evidence, one.remedy), changed
-
-
-def _score(given: Experiment, changed: Experiment) -> float:
-    """Return the gain of the log likelihood, with as much noise as the change leaves at least."""
-    rows, noise = len(given.used) * len(given.target), max(changed.chi_square, 1.0)
-    return rows * (given.chi_square - changed.chi_square) / (2 * noise * CORRELATED_ROWS)
-
-
-_EXPLAINED = 0.6
-"""Misfit above which a transform does not explain the torque either."""
-
-
-def _left(one: Transform, changed: Experiment) -> float:
-    """Return the misfit that a transform leaves at its joint, or at the middle one of all.
-
-    Any bodies count as well as the nominal ones, which another mistake may contradict.
-    """
-    misfit = np.fmin(changed.nominal, changed.free)
-    own = misfit[changed.robot.index(one.joint)] if one.joint else np.nan
-    return float(own) if np.isfinite(own) else _median(misfit)
-
-
-def _median(values: Array) -> float:
-    """Return the median of the finite values, NaN for none."""
-    known = values[np.isfinite(values)]
-    return float(np.median(known)) if len(known) else math.nan
-
-
-def _explains(given: Experiment, changed: Experiment) -> bool:
-    """Whether a misfit of some joint that matters falls by much."""
-    return any(
-        bool(np.any((before > SUSPICIOUS) & (changed.misfits[kind] < FALLS * before)))
-        for kind, before in given.misfits.items()
-    )
-
-
-def _gain(given: Experiment, changed: Experiment) -> float:
-    """Return the decrease of the cost; -inf if the transform contradicts a kind of evidence."""
-    gains = [given.cost(kind) - changed.cost(kind) for kind in given.misfits]
-    return sum(gains) if min(gains) > -_WORSE else -math.inf
+def _explains_all(trial: _Trial) -> bool:
+    """Whether bodies explain the torques without the mistake."""
+    misfit = _median(np.fmin(trial.changed.nominal, trial.changed.free))
+    return max(misfit, trial.remaining) < SEVERE
 
 
 _EXPLAINED_BY = {
@@ -287,54 +235,139 @@ _EXPLAINED_BY = {
 }
 
 
-def _fall(given: Experiment, changed: Experiment) -> tuple[str, str, float, float]:
-    """Return the misfit that falls most, of what and of which joint, as given and changed."""
+def _falls(before: Experiment, after: Experiment) -> dict[tuple[str, int], float]:
+    """Return the misfits that matter and fall by half, {(kind, joint): part that remains}."""
     ratios = {
-        (kind, j): changed.misfits[kind][j] / before[j]
-        for kind, before in given.misfits.items()
-        for j in np.flatnonzero(before > SUSPICIOUS).tolist()
+        (kind, j): float(max(after.misfits[kind][j], FEW) / misfit[j])
+        for kind, misfit in before.misfits.items()
+        for j in np.flatnonzero(misfit > POOR).tolist()
     }
-    kind, j = min(ratios, key=lambda key: float(np.nan_to_num(ratios[key], nan=np.inf)))
-    before, after = (float(one.misfits[kind][j]) for one in (given, changed))
-    return _EXPLAINED_BY[kind], given.robot.joint_names[j], before, after
+    return {place: ratio for place, ratio in ratios.items() if ratio < MOST}
+
+
+def _shown(before: Experiment, after: Experiment, is_value: bool) -> float:
+    """Return the gain of the log likelihood by what matters and does not rest on the robot file.
+
+    Where much is left it is the model's error, which any change makes somewhat smaller or larger:
+    only a fall by half counts there. Where nearly nothing is left it is noise, whose likelihood
+    shows a value that is off by little.
+    """
+    gain = 0.0
+    for kind in ("free", "motor", "encoders"):
+        x, y = (np.fmax(each.misfits[kind], FEW) for each in (before, after))
+        counts = ((x > POOR) & (y < MOST * x)) | (is_value & (y < SLIGHT))
+        gain += float(np.sum(np.where(counts, before.independent_rows * np.log(x / y), 0.0)))
+    return gain
+
+
+def _finding(experiment: Experiment, trials: Sequence[_Trial]) -> Finding:
+    """Return the finding of the first trial, with those that explain as much."""
+    best, transform = trials[0], trials[0].transform
+    message, evidence, severity = transform.message, {**transform.evidence}, transform.severity
+    if best.falls:
+        kind, j = min(best.falls, key=best.falls.__getitem__)
+        before, after = (float(x.misfits[kind][j]) for x in (experiment, best.changed))
+        evidence |= {"misfit as given": before, "misfit without it": after}
+        message += (
+            f": the part of the {_EXPLAINED_BY[kind]} of {experiment.robot.joint_names[j]} that is "
+            f"left unexplained falls from {before:.0%} to {after:.0%}"
+        )
+    else:
+        evidence["standard errors"] = math.sqrt(2 * (best.direct + best.bodies))
+        severity = "note" if severity == "note" else "doubtful"
+        message += (
+            f": the torques contradict the value given by {evidence['standard errors']:.0f} "
+            "standard errors, errors of the bodies in the robot file included"
+        )
+    rivals = {
+        (trial.transform.code, trial.transform.joint): trial
+        for trial in reversed(trials)
+        if trial.total > best.total - SURE**2 / 2
+        and trial.transform.penalty <= transform.penalty + 1  # the simple one of two that agree
+    }
+    rivals.pop((transform.code, transform.joint))
+    remedy, certainty = transform.remedy, _certainty(best)
+    if rivals:
+        others = [rival.transform for rival in rivals.values()]
+        evidence |= {f"or {x.transform.code.name}": best.total - x.total for x in rivals.values()}
+        causes = [(message, transform), *((other.message, other) for other in others)]
+        message = "; or ".join(text + _DECIDED[cause.code][0] for text, cause in causes)
+        measures = list(dict.fromkeys(_DECIDED[cause.code][1] for _, cause in causes))
+        remedy = f"the log does not decide between these: {' or '.join(measures[:2])} first"
+        certainty = "possible"
+    return transform.code.finding(message, transform.joint, severity, evidence, remedy, certainty)
+
+
+def _certainty(trial: _Trial) -> Certainty:
+    """Return how sure a mistake is: at most likely if it rests on the bodies of the robot file."""
+    return "certain" if trial.shown > SIGNIFICANT**2 / 2 else "likely"
+
+
+def _median(values: Array) -> float:
+    """Return the median of the finite values, NaN for none."""
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else math.nan
+
+
+_DECIDED = {
+    UNIT: ("", "turn a joint by a known angle and hold a known weight"),
+    TIME_UNIT: ("", "compare the duration of the log with a clock"),
+    SIGN: ("", "turn the joint by hand in its positive direction and look at the signs"),
+    SWAPPED_JOINTS: ("", "move one of the joints alone"),
+    GEAR_RATIO: ("", "count the turns of the motor for one of the joint"),
+    PAYLOAD: (" (then the bodies are estimated with that error)", "weigh the payload"),
+    GRAVITY: ("", "measure the tilt of the base"),
+    ENCODER_OFFSET: ("", "turn the joints to the zeros of the robot file and read the encoders"),
+    COUPLED_JOINTS: ("", "turn one of the joints by hand and look which motors turn with it"),
+    VARYING_RATIO: ("", "count the turns of the motor at several angles of the joint"),
+    GEOMETRY: ("", "measure the distance between the joints"),
+    ROTOR_INERTIA: ("", "move the motor without its load"),
+    TORQUE_SCALE: (
+        " (then all that is estimated from these torques is off by that factor)",
+        "hold a known weight at a known distance and compare the torque",
+    ),
+    NOMINAL_VALUES: (" (then the estimate is right and the file is not)", "weigh a link"),
+}
+"""{code: (what it implies if it is the cause, the measurement that decides)}."""
 
 
 # What a transform needs
 
 
-def _has_bodies(given: Experiment) -> bool:
-    return bool(given.used) and bool(np.all(np.isfinite(given.bodies)))
+def _has_bodies(experiment: Experiment) -> bool:
+    return bool(experiment.used) and bool(np.all(np.isfinite(experiment.bodies)))
 
 
-def _has_joints(given: Experiment) -> bool:
-    return len(given.used) > 1
+def _has_joints(experiment: Experiment) -> bool:
+    return len(experiment.used) > 1
 
 
-def _is_severe(given: Experiment) -> bool:
+def _is_severe(experiment: Experiment) -> bool:
     """Whether a misfit is as large as that of a wrong sign, unit, clock or place."""
-    return _largest_misfit(given) >= SEVERE
+    misfits = [np.nanmax(misfit, initial=0.0) for misfit in experiment.misfits.values()]
+    return float(max(misfits)) >= SEVERE
 
 
-def _has_own_channels(given: Experiment) -> bool:
+def _has_own_channels(experiment: Experiment) -> bool:
     """Whether each joint has its motor."""
-    return np.array_equal(given.robot.transmission, np.eye(given.robot.n))
+    return np.array_equal(experiment.robot.transmission, np.eye(experiment.robot.n))
 
 
-def _has_encoders_apart(given: Experiment) -> bool:
+def _has_encoders_apart(experiment: Experiment) -> bool:
     """Whether the encoders of a joint contradict each other."""
-    return bool(np.nanmax(given.of_encoders, initial=0.0) > SUSPICIOUS)
+    return bool(np.nanmax(experiment.of_encoders, initial=0.0) > POOR)
 
 
 # Factors on channels: signs, units of angles and of torques
 
 
-def _entries(given: Experiment, joints: Sequence[int], channels: str, factor: float) -> str:
+def _entries(experiment: Experiment, joints: Sequence[int], channels: str, factor: float) -> str:
     """Return the lines of a description that multiply logged channels of joints by a factor."""
     return in_description(
         {
-            given.robot.joint_names[j]: {
-                quantity: changed_source(given.source(j, quantity), factor=factor)
-                for quantity in given.logged(j, channels)
+            experiment.robot.joint_names[j]: {
+                quantity: changed_source(experiment.source(j, quantity), factor=factor)
+                for quantity in experiment.logged(j, channels)
             }
             for j in joints
         }
@@ -344,16 +377,16 @@ def _entries(given: Experiment, joints: Sequence[int], channels: str, factor: fl
 _WORDS = {"joint_position": "joint encoder", "motor_position": "motor encoder"}
 
 
-def _words(given: Experiment, j: int, channels: str, several: str = "") -> str:
+def _words(experiment: Experiment, j: int, channels: str, several: str = "") -> str:
     """Return the words for logged channels of a joint."""
     return " and ".join(
-        f"{_WORDS.get(one, 'torque')}{several}" for one in given.logged(j, channels)
+        f"{_WORDS.get(quantity, 'torque')}{several}" for quantity in experiment.logged(j, channels)
     )
 
 
 def _multiplied(
     code: Code,
-    given: Experiment,
+    experiment: Experiment,
     joints: Sequence[int],
     channels: str,
     factor: float,
@@ -362,8 +395,8 @@ def _multiplied(
 ) -> Transform:
     """Return the transform that multiplies channels (q, m, t) of joints by a factor."""
     undo = partial(scaled, joints=joints, factors=dict.fromkeys(channels, factor))
-    joint = only_joint([given.robot.joint_names[j] for j in joints])
-    remedy = _entries(given, joints, channels, factor)
+    joint = only_joint([experiment.robot.joint_names[j] for j in joints])
+    remedy = _entries(experiment, joints, channels, factor)
     return Transform(code, message, undo, joint, remedy, **more)
 
 
@@ -371,131 +404,131 @@ _SIGNS = {True: {"t": 0.0, "qm": 1.0, "qmt": 0.0}, False: {"q": 0.0, "m": 0.0, "
 """{whether the encoders turn the same way: {channels of the opposite sign: penalty}}."""
 
 
-def _signs(given: Experiment) -> Iterator[Transform]:
-    for j in given.used:
-        joint = given.robot.joint_names[j]
-        product = float(np.mean(given.motor[1][:, j] * given.joint[1][:, j]) * given.ratio[j])
-        agree = not given.both[j] or product > 0
+def _signs(experiment: Experiment) -> Iterator[Transform]:
+    for j in experiment.used:
+        joint = experiment.robot.joint_names[j]
+        product = float(
+            np.mean(experiment.motor[1][:, j] * experiment.joint[1][:, j]) * experiment.ratio[j]
+        )
+        agree = not experiment.both[j] or product > 0
         if not agree and product < 0:
             yield _multiplied(
                 GEAR_RATIO,
-                given,
+                experiment,
                 [j],
                 "mt",
                 -1.0,
                 f"the gear of {joint} reverses: its ratio is negative, so that motor encoder and "
                 "torque have the opposite sign",
-                evidence={"given ratio": float(given.ratio[j])},
+                evidence={"given ratio": float(experiment.ratio[j])},
             )
         for channels, penalty in _SIGNS[agree].items():
-            words = _words(given, j, channels)
+            words = _words(experiment, j, channels)
             message = f"the {words} of {joint} has the opposite sign"
             if channels == "qmt":
                 message = f"the whole joint {joint} has the opposite sign, {words}"
-            yield _multiplied(SIGN, given, [j], channels, -1.0, message, penalty=penalty)
+            yield _multiplied(SIGN, experiment, [j], channels, -1.0, message, penalty=penalty)
 
 
-def _sign_of_torques(given: Experiment) -> Iterator[Transform]:
+def _sign_of_torques(experiment: Experiment) -> Iterator[Transform]:
     message = "the torques of all joints have the opposite sign"
-    yield _multiplied(SIGN, given, given.used, "t", -1.0, message)
+    yield _multiplied(SIGN, experiment, experiment.used, "t", -1.0, message)
 
 
 _ANGLES = {"deg": math.pi / 180, "turn": 2 * math.pi, "rad": 180 / math.pi}
 """{unit of an angle: the factor that repairs it}; "rad" where degrees were declared."""
 
-_LEAST_TURN, _MOST_TURN = 0.1, 4 * math.pi
-"""Range of a joint [rad] in an experiment: one in degrees is 57 times smaller than it seems, so
-that a joint that seems to move by a radian would hardly move."""
+
+def _turns(experiment: Experiment, joints: Sequence[int], factor: float) -> bool:
+    """Whether a factor on the positions leaves the ranges of joints possible, by their median.
+
+    A range in degrees is 57 times smaller than it seems: a joint that seems to move by a radian
+    would hardly move. Two turns are the range of a wrist.
+    """
+    moved = factor * float(np.median(np.ptp(experiment.joint[0][:, joints], axis=0)))
+    return POOR < moved < 4 * math.pi
 
 
-def _turns(given: Experiment, joints: Sequence[int], factor: float) -> bool:
-    """Whether a factor on the positions leaves the ranges of joints possible, by their median."""
-    moved = factor * float(np.median(np.ptp(given.joint[0][:, joints], axis=0)))
-    return _LEAST_TURN < moved < _MOST_TURN
-
-
-def _angles(given: Experiment) -> Iterator[Transform]:
+def _angles(experiment: Experiment) -> Iterator[Transform]:
     """Yield units of the angles of a joint, at both sides or at the one that the slope suggests."""
     evidence = "slope between the encoders over the gear ratio"
-    for j in given.used:
-        joint, is_prismatic = given.robot.joint_names[j], given.robot.is_prismatic[j]
-        slope = _other_slope(given, j)
+    for j in experiment.used:
+        joint, is_prismatic = experiment.robot.joint_names[j], experiment.robot.is_prismatic[j]
+        slope = _other_slope(experiment, j)
         for unit, factor in _ANGLES.items():
-            if not is_prismatic and _turns(given, [j], factor):
+            if not is_prismatic and _turns(experiment, [j], factor):
                 message = f"the positions of {joint} are in {unit}"
-                yield _multiplied(UNIT, given, [j], "qm", factor, message)
+                yield _multiplied(UNIT, experiment, [j], "qm", factor, message)
             for channel, effect in (("m", factor), ("q", 1 / factor)):
-                if slope and abs(math.log(slope * effect)) < 3 * _SAME_SLOPE:
-                    message = f"the {_words(given, j, channel)} of {joint} is in {unit}"
+                if slope and abs(math.log(slope * effect)) < 3 * SLIGHT:
+                    message = f"the {_words(experiment, j, channel)} of {joint} is in {unit}"
                     slopes = {evidence: slope}
-                    yield _multiplied(UNIT, given, [j], channel, factor, message, evidence=slopes)
+                    yield _multiplied(
+                        UNIT, experiment, [j], channel, factor, message, evidence=slopes
+                    )
 
 
-def _all_angles(given: Experiment) -> Iterator[Transform]:
+def _all_angles(experiment: Experiment) -> Iterator[Transform]:
     """Yield units of the angles of all joints, at both sides or at one."""
-    turning = [j for j in range(given.robot.n) if not given.robot.is_prismatic[j]]
-    both = [j for j in turning if given.both[j]]
+    turning = [j for j in range(experiment.robot.n) if not experiment.robot.is_prismatic[j]]
+    both = [j for j in turning if experiment.both[j]]
     choices = [("qm", turning, "positions"), ("q", both, "joint encoders")]
     choices.append(("m", both, "motor encoders"))
     for unit, factor in _ANGLES.items():
         for channels, joints, words in choices:
-            if len(joints) > 1 and (channels != "qm" or _turns(given, joints, factor)):
+            if len(joints) > 1 and (channels != "qm" or _turns(experiment, joints, factor)):
                 message = f"the {words} of all joints are in {unit}"
-                yield _multiplied(UNIT, given, joints, channels, factor, message)
+                yield _multiplied(UNIT, experiment, joints, channels, factor, message)
 
 
 _UNITS = {"mNm": 1e3, "kNm": 1e-3}
 """{unit of a torque: its value over that in N m}."""
 
-_FAR_FACTOR, _LEAST_FACTOR, _LEAST_ROTOR = 20.0, 0.05, 0.2
-"""A factor on a torque beyond this is a unit, not an error of a constant; relative errors of torque
-constants and of rotor inertias that are usual."""
 
-
-def _slopes(given: Experiment, j: int) -> tuple[float, float]:
+def _slopes(experiment: Experiment, j: int) -> tuple[float, float]:
     """Return the torque over that of the nominal bodies, and the rotor inertia over the given.
 
     The first one is zero where the torque does not show those of the bodies, as one that friction
     alone explains: in any unit it would explain as much.
     """
-    slope, error, rotor = _slope_of_bodies(given, j)
+    slope, error, rotor = _slope_of_bodies(experiment, j)
     return slope * (abs(slope) > SURE * error), rotor
 
 
-def _slope_of_bodies(given: Experiment, j: int) -> tuple[float, float, float]:
+def _slope_of_bodies(experiment: Experiment, j: int) -> tuple[float, float, float]:
     """Return the torque over that of the nominal bodies, its error, and the slope of the rotor."""
-    columns = np.column_stack([given.regressor[:, j] @ given.bodies, given.load_columns(j)])
-    y = given.lever[j] * given.torque[:, j]
+    of_bodies = experiment.regressor[:, j] @ experiment.bodies
+    columns = np.column_stack([of_bodies, experiment.load_columns(j)])
+    y = experiment.lever[j] * experiment.torque[:, j]
     if np.all(np.isnan(y)):
-        y = given.sensed[:, j]
-    rotor = given.lever[j] * given.motor[2][:, j]
-    has_rotor = given.inertia[j] > 0 and bool(np.all(np.isfinite(given.torque[:, j])))
+        y = experiment.sensed[:, j]
+    rotor = experiment.lever[j] * experiment.motor[2][:, j]
+    has_rotor = experiment.inertia[j] > 0 and bool(np.all(np.isfinite(experiment.torque[:, j])))
     if has_rotor:
-        columns = np.column_stack([columns, given.inertia[j] * rotor])
-    x = scaled_svd(columns).solve(y)
-    _, covariance = fitted(columns, y)
+        columns = np.column_stack([columns, experiment.inertia[j] * rotor])
+    x, covariance = fitted(columns, y)
     rotor_slope = float(x[-1]) if has_rotor else math.nan
     return float(x[0]), math.sqrt(covariance[0, 0]), rotor_slope
 
 
-def _of_friction_alone(given: Experiment) -> Iterator[Finding]:
+def _of_friction_alone(experiment: Experiment) -> Iterator[Finding]:
     """Yield torques that lack those of the nominal bodies, which other joints show.
 
     Their slope is zero, with an error that is far below one, and friction explains the torque.
     """
-    if not _has_bodies(given):
+    if not _has_bodies(experiment):
         return
-    slopes = {j: _slope_of_bodies(given, j)[:2] for j in given.used}
+    slopes = {j: _slope_of_bodies(experiment, j)[:2] for j in experiment.used}
     shown = [j for j, (slope, error) in slopes.items() if slope > max(POOR, SURE * error)]
-    names = [given.robot.joint_names[j] for j in shown]
+    names = [experiment.robot.joint_names[j] for j in shown]
     for j, (slope, error) in slopes.items():
-        torque = given.lever[j] * given.torque[:, j]
-        rubbing = given.friction[j]
+        torque = experiment.lever[j] * experiment.torque[:, j]
+        rubbing = experiment.friction[j]
         left = torque - rubbing @ scaled_svd(rubbing).solve(np.nan_to_num(torque))
         is_friction = float(np.std(left)) < SEVERE * float(np.std(torque))
         is_silent = abs(slope) < SURE * error < POOR and is_friction
         if is_silent and 2 * len(shown) > len(slopes):
-            joint = given.robot.joint_names[j]
+            joint = experiment.robot.joint_names[j]
             yield NO_MEASUREMENT.finding(
                 f"the torque of {joint} has {slope:.2g} +- {error:.2g} times that of the bodies of "
                 "the robot file, and follows the direction of its motion: it measures friction, or "
@@ -507,158 +540,103 @@ def _of_friction_alone(given: Experiment) -> Iterator[Finding]:
             )
 
 
-def _torque_scales(given: Experiment) -> Iterator[Transform]:
+def _torque_scales(experiment: Experiment) -> Iterator[Transform]:
     """Yield factors on the torque of a joint."""
-    for j in given.used:
-        slope, _ = _slopes(given, j)
+    for j in experiment.used:
+        slope, _ = _slopes(experiment, j)
         if slope > 0:
-            slope *= _refinement(scaled(given, j, {"t": 1 / slope}), j)
-            scale = _scale(given, [j], slope, f"the torque of {given.robot.joint_names[j]} is")
-            if abs(slope - 1) > _LEAST_FACTOR:
+            slope *= _refinement(scaled(experiment, j, {"t": 1 / slope}), j)
+            scale = _scale(
+                experiment, [j], slope, f"the torque of {experiment.robot.joint_names[j]} is"
+            )
+            if abs(slope - 1) > SLIGHT:
                 yield scale
 
 
 def _scale(
-    given: Experiment, joints: Sequence[int], slope: float, words: str, penalty: float = 0.0
+    experiment: Experiment, joints: Sequence[int], slope: float, words: str, penalty: float = 0.0
 ) -> Transform:
     """Return the transform of torques that are `slope` times too large, or in another unit."""
     unit = min(_UNITS, key=lambda name: abs(math.log(slope / _UNITS[name])))
-    is_unit = abs(math.log(slope)) > math.log(_FAR_FACTOR)
-    exact = is_unit and abs(math.log(slope / _UNITS[unit])) < math.log(2.0)
+    is_unit = abs(math.log(slope)) > math.log(FAR)
+    exact = is_unit and abs(math.log(slope / _UNITS[unit])) < math.log(TWICE)
     factor = 1 / _UNITS[unit] if exact else float(f"{1 / slope:.4g}")
     off = f"{slope:.3g} times too large" if slope > 1 else f"{1 / slope:.3g} times too small"
     return _multiplied(
         UNIT if is_unit else TORQUE_SCALE,
-        given,
+        experiment,
         joints,
         "t",
         factor,
         f"{words} {f'in {unit}' if exact else off}",
         severity="wrong" if is_unit else "doubtful",
         evidence={"factor": slope},
-        penalty=penalty,
+        penalty=penalty if exact else 1.0 + penalty,
     )
 
 
-def _refinement(given: Experiment, j: int) -> float:
+def _refinement(experiment: Experiment, j: int) -> float:
     """Return the factor on the torque of a joint that the nominal bodies of all joints suggest.
 
     Nominal torques are the instrument: noise of the logged one would bias least squares.
     """
-    nominal, own = given.regressor @ given.bodies, np.arange(given.robot.n) == j
-    torque = np.where(np.isnan(given.torque), given.sensed, given.lever * given.torque)
-    z, x = given.weighed(own * nominal), given.weighed(own * torque)
+    nominal, own = experiment.regressor @ experiment.bodies, np.arange(experiment.robot.n) == j
+    torque = np.where(
+        np.isnan(experiment.torque), experiment.sensed, experiment.lever * experiment.torque
+    )
+    z, x = experiment.weighed(own * nominal), experiment.weighed(own * torque)
     size = float(z @ x)
-    inverse = 1 + float(z @ given.weighed(nominal - given.target)) / size if size else 1.0
+    inverse = 1 + float(z @ experiment.weighed(nominal - experiment.target)) / size if size else 1.0
     return 1 / inverse if 0.5 < inverse < 2.0 else 1.0
 
 
-_SAME_AS_GEAR = 1.5
-"""Torques of the motors over those of the nominal bodies, over the gear, that say that they are
-behind it: as far from one as errors of nominal bodies are."""
-
-
-def _all_torque_scales(given: Experiment) -> Iterator[Transform]:
+def _all_torque_scales(experiment: Experiment) -> Iterator[Transform]:
     """Yield a factor on all torques: their unit, that they are behind the gears, or the masses."""
-    slopes, rotors = np.array([_slopes(given, j) for j in given.used]).T
+    slopes, rotors = np.array([_slopes(experiment, j) for j in experiment.used]).T
     middle, rotor = float(np.median(slopes)), _median(rotors)
     if middle <= 0:
         return
     # torques in another unit change the apparent rotor inertias too, masses do not
     of_masses = rotor > 0 and abs(math.log(rotor)) < 0.5 * abs(math.log(middle))
     words = "the torques of all joints are"
-    yield _scale(given, given.used, middle, words, penalty=1.0 if of_masses else 0.0)
-    levers, is_driven = given.lever[given.used], np.all(np.isfinite(given.torque[:, given.used]))
-    is_behind = 1 / _SAME_AS_GEAR < float(np.median(slopes / levers)) < _SAME_AS_GEAR
-    if is_driven and np.min(levers) >= _FAR_FACTOR and is_behind:
-        yield _behind_gears(given, middle)
+    yield _scale(experiment, experiment.used, middle, words, penalty=1.0 if of_masses else 0.0)
+    levers, is_driven = (
+        experiment.lever[experiment.used],
+        np.all(np.isfinite(experiment.torque[:, experiment.used])),
+    )
+    is_behind = 1 / TWICE < float(np.median(slopes / levers)) < TWICE
+    if is_driven and np.min(levers) >= FAR and is_behind:
+        yield _behind_gears(experiment, middle)
+    heavier = experiment.bodies + (middle - 1) * experiment.robot.parameters
     yield Transform(
         NOMINAL_VALUES,
-        f"{_heavier(middle)}: the torques are {middle:.3g} times those of the masses in it",
-        partial(replace, bodies=middle * given.bodies),
+        f"the torques are {middle:.3g} times those of the masses in the robot file: wrong "
+        "nominal values, or a payload that was not given",
+        partial(replace, bodies=heavier),
         severity="note",
         remedy="correct the masses in the robot file, or name the payload",
         evidence={"factor": middle},
-        penalty=0.0 if of_masses else 0.5,
+        penalty=1.0,
     )
 
 
-def _heavier(factor: float, error: float | None = None) -> str:
-    """Return the words for a robot that is heavier or lighter than its file by a factor."""
-    spread = "" if error is None else f" +- {error:.1%}"
-    size = f"{abs(factor - 1):.0%}{spread} {'heavier' if factor > 1 else 'lighter'}"
-    return f"the robot is {size} than its file, or carries a payload that was not given"
-
-
-def weight_findings(
-    experiment: Experiment, bodies: Array, known: Sequence[Finding]
-) -> Iterator[Finding]:
-    """Yield the note that the identified bodies (10n,) need more torque than those of the file.
-
-    The factor is the slope of their torques over the nominal ones, weighed by the noise of each
-    joint, without payloads. Its error is that of the jackknife over the joints, or that of the
-    slope. What is `known` about torques and masses explains it already.
-    """
-    robot, used = experiment.robot, experiment.used
-    is_explained = is_wrong(known) or {one.code for one in known} & _OF_WEIGHTS
-    if is_explained or robot.has_controllers or not used or not np.any(robot.parameters):
-        return
-    own = np.stack([robot.parameters, bodies - robot.payload_parameters])
-    nominal, identified = np.einsum("rjp,ep->erj", experiment.regressor[:, used], own)
-    noise = experiment.noise[used] * np.std(experiment.target[:, used], axis=0)
-    nominal, identified = nominal / noise, identified / noise
-    squares, products = np.sum(nominal**2, axis=0), np.sum(nominal * identified, axis=0)
-    if not np.all(np.isfinite(products)) or np.sum(squares) == 0:
-        return
-    factor, count = float(np.sum(products) / np.sum(squares)), len(used)
-    left = np.linalg.norm(identified - factor * nominal)
-    error = float(left / np.sqrt(np.sum(squares) * nominal.size / CORRELATED_ROWS))
-    rest = np.sum(squares) - squares
-    if count > 1 and np.all(rest > 0):  # else one joint alone feels the masses
-        without = (np.sum(products) - products) / rest
-        error = max(error, float(np.sqrt((count - 1) * np.var(without))))
-    if factor > 0 and abs(factor - 1) > max(POOR, SURE * error):
-        yield NOMINAL_VALUES.finding(
-            f"{_heavier(factor, error)}: the identified bodies need {factor:.3g} times the torques "
-            f"of those in it; or all torques are {factor:.3g} times what they should be",
-            severity="note",
-            evidence={"factor": factor, "standard error": error},
-            remedy=_WEIGH,
-        )
-
-
-_OF_WEIGHTS = {
-    one.name
-    for one in (
-        GRAVITY,
-        NOMINAL_VALUES,
-        PAYLOAD,
-        TORQUE_SCALE,
-        UNIT,
-        TIME_UNIT,
-        GEOMETRY,
-        GEAR_RATIO,
-    )
-}
-"""Codes of what changes the torques of bodies as other masses do."""
-
-
-def _behind_gears(given: Experiment, factor: float) -> Transform:
+def _behind_gears(experiment: Experiment, factor: float) -> Transform:
     """Return the transform of motor torques that are those behind the gears."""
-    is_used = np.isin(np.arange(given.robot.n), given.used)
-    torque = np.where(is_used, np.nan, given.torque)
-    sensed = np.where(is_used, given.torque, given.sensed)
-    lines = (
-        f"{toml_table('joints', given.robot.joint_names[j])}\n"
-        f"joint_torque = {changed_source(given.source(j, 'motor_torque'))}"
-        for j in given.used
-    )
+    is_used = np.isin(np.arange(experiment.robot.n), experiment.used)
+    torque = np.where(is_used, np.nan, experiment.torque)
+    sensed = np.where(is_used, experiment.torque, experiment.sensed)
+    sources = {
+        experiment.robot.joint_names[j]: {
+            "joint_torque": changed_source(experiment.source(j, "motor_torque"))
+        }
+        for j in experiment.used
+    }
     note = '# or, if they are computed from currents: motor_torque = {..., side = "joint"}'
     return Transform(
         UNIT,
         "the torques of all joints are those behind the gears, not those of the motors",
         partial(replace, torque=torque, sensed=sensed),
-        remedy="\n".join(["in the description of the log:", *lines, note]),
+        remedy=f"{in_description(sources)}\n{note}",
         evidence={"factor": factor},
     )
 
@@ -666,75 +644,76 @@ def _behind_gears(given: Experiment, factor: float) -> Transform:
 # Gears, rotors and the clock
 
 
-def _with_ratio(given: Experiment, j: int, factor: float) -> Experiment:
+def _with_ratio(experiment: Experiment, j: int, factor: float) -> Experiment:
     """Return the experiment with another gear ratio, and the side that it was computed from."""
-    factors = np.where(np.arange(given.robot.n) == j, factor, 1.0)
-    joint = given.joint if given.both[j] else given.joint / factors
-    return replace(given, ratio=given.ratio * factors, joint=joint)
+    factors = np.where(np.arange(experiment.robot.n) == j, factor, 1.0)
+    joint = experiment.joint if experiment.both[j] else experiment.joint / factors
+    return replace(experiment, ratio=experiment.ratio * factors, joint=joint)
 
 
-_SAME_SLOPE = 0.05
-"""Relative difference of the encoders' slope from the gear ratio that springs and noise explain."""
-
-
-def encoder_slope(given: Experiment, j: int) -> float:
+def encoder_slope(experiment: Experiment, j: int) -> float:
     """Return the motor angle per joint angle over the gear ratio, without the spring's deflection.
 
     The deflection is proportional to the torque of the spring, which is that of the motor but for
     friction: both are columns of the regression next to the joint angle.
     """
-    columns = [given.turned[0][:, j], np.ones(len(given.direction))]
-    if j in given.used:
-        columns += [given.target[:, j], *given.friction[j][:, :2].T]
+    columns = [experiment.turned[0][:, j], np.ones(len(experiment.direction))]
+    if j in experiment.used:
+        columns += [experiment.target[:, j], *experiment.friction[j][:, :2].T]
     H = np.column_stack(columns)
-    x = scaled_svd(H).solve(given.motor[0][:, j])
-    return float(x[0] / given.lever[j])
+    x = scaled_svd(H).solve(experiment.motor[0][:, j])
+    return float(x[0] / experiment.lever[j])
 
 
-def _other_slope(given: Experiment, j: int) -> float | None:
+def _other_slope(experiment: Experiment, j: int) -> float | None:
     """Return the slope between two encoders over the gear ratio, None if it is that of the gear."""
-    slope = abs(encoder_slope(given, j)) if given.both[j] else 1.0
-    return None if abs(slope - 1) < _SAME_SLOPE or not 1e-6 < slope < 1e6 else slope
+    slope = abs(encoder_slope(experiment, j)) if experiment.both[j] else 1.0
+    # springs and noise explain a slight difference
+    return None if abs(slope - 1) < SLIGHT or not 1e-6 < slope < 1e6 else slope
 
 
-def _gear_ratios(given: Experiment) -> Iterator[Transform]:
+def _gear_ratios(experiment: Experiment) -> Iterator[Transform]:
     """Yield gear ratios: of the slope between two encoders, or one half and twice of others."""
-    for j in given.used:
-        joint, slope = given.robot.joint_names[j], _other_slope(given, j)
-        is_linear = given.robot.is_prismatic[j] and not given.robot.drives[joint].is_elastic
+    for j in experiment.used:
+        joint, slope = experiment.robot.joint_names[j], _other_slope(experiment, j)
+        is_linear = (
+            experiment.robot.is_prismatic[j] and not experiment.robot.drives[joint].is_elastic
+        )
         key = "gear_ratio_rad_per_m" if is_linear else "gear_ratio"
-        by, evidence = "", {"given ratio": float(given.ratio[j])}
-        factors = [] if given.both[j] else [0.5, 2.0]
+        by, now, evidence = "", experiment.ratio[j], {"given ratio": float(experiment.ratio[j])}
+        factors = [] if experiment.both[j] else [0.5, 2.0]
         if slope:
             by, factors = " by its two encoders,", near(slope)
             evidence = {"slope between the encoders over the gear ratio": slope}
         for factor in factors:
-            ratio = given.ratio[j] * factor
+            ratio = experiment.ratio[j] * factor
             yield Transform(
                 GEAR_RATIO,
-                f"the gear ratio of {joint} is {ratio:.4g}{by or ','} not {given.ratio[j]:.4g}",
+                f"the gear ratio of {joint} is {ratio:.4g}{by or ','} not {now:.4g}",
                 partial(_with_ratio, j=j, factor=factor),
                 joint,
                 in_drives({(joint,): f"{key} = {ratio:.6g}"}),
                 evidence=evidence,
-                penalty=penalty_of(factor, slope),
+                penalty=float(factor == slope),
             )
 
 
-def _geared(given: Experiment) -> Iterator[Transform]:
+def _geared(experiment: Experiment) -> Iterator[Transform]:
     """Yield joint encoders that are multiplied by the gears: their slope to the motors' is one."""
-    slopes = {j: _other_slope(given, j) for j in np.flatnonzero(given.both).tolist()}
+    slopes = {j: _other_slope(experiment, j) for j in np.flatnonzero(experiment.both).tolist()}
     joints = [
         j
         for j, slope in slopes.items()
-        if slope and abs(math.log(slope * abs(given.lever[j]))) < 3 * _SAME_SLOPE
+        if slope and abs(math.log(slope * abs(experiment.lever[j]))) < 3 * SLIGHT
     ]
     if not joints:
         return
-    factors = {given.robot.joint_names[j]: 1 / float(given.lever[j]) for j in joints}
+    factors = {experiment.robot.joint_names[j]: 1 / float(experiment.lever[j]) for j in joints}
     sources = {
         joint: {
-            "joint_position": changed_source(given.sources[0][joint]["joint_position"], factor=x)
+            "joint_position": changed_source(
+                experiment.sources[0][joint]["joint_position"], factor=x
+            )
         }
         for joint, x in factors.items()
     }
@@ -748,9 +727,9 @@ def _geared(given: Experiment) -> Iterator[Transform]:
     )
 
 
-def _ungeared(given: Experiment, factors: Mapping[str, float]) -> Experiment:
-    factor = np.array([factors.get(joint, 1.0) for joint in given.robot.joint_names])
-    return replace(given, joint=given.joint * factor)
+def _ungeared(experiment: Experiment, factors: Mapping[str, float]) -> Experiment:
+    factor = np.array([factors.get(joint, 1.0) for joint in experiment.robot.joint_names])
+    return replace(experiment, joint=experiment.joint * factor)
 
 
 _ROUND_TURNS = 0.05
@@ -758,18 +737,18 @@ _ROUND_TURNS = 0.05
 so within its error is one, since the deflection of a spring is a thousandth of the angles."""
 
 
-def _couplings(given: Experiment) -> Iterator[Transform]:
+def _couplings(experiment: Experiment) -> Iterator[Transform]:
     """Yield motors that turn with another joint too, and encoders that measure a sum of joints."""
-    robot = given.robot
-    for j in np.flatnonzero(given.both).tolist():
+    robot = experiment.robot
+    for j in np.flatnonzero(experiment.both).tolist():
         joint, drive = robot.joint_names[j], robot.drives[robot.joint_names[j]]
-        apart, columns = given.between_encoders(j)
+        apart, columns = experiment.between_encoders(j)
         for i in range(robot.n):
             other = robot.joint_names[i]
             is_alike = robot.is_prismatic[i] == robot.is_prismatic[j]
             if other in {joint, *drive.transmission} or not is_alike:
                 continue
-            H = np.column_stack([given.joint[0][:, i], columns])
+            H = np.column_stack([experiment.joint[0][:, i], columns])
             x, covariance = fitted(H, apart)
             turns, error = float(x[0]), math.sqrt(covariance[0, 0])
             if abs(turns) < POOR:
@@ -787,9 +766,9 @@ def _couplings(given: Experiment) -> Iterator[Transform]:
                 joint,
                 in_drives({(joint,): f"transmission = {{ {table} }}"}),
                 evidence={f"turns with {other}": turns},
-                penalty=0.5,
+                penalty=1.0,
             )
-            if abs(abs(turns) - 1) < 3 * _SAME_SLOPE:
+            if abs(abs(turns) - 1) < 3 * SLIGHT:
                 way = "minus" if turns < 0 else "plus"
                 yield Transform(
                     COUPLED_JOINTS,
@@ -800,31 +779,31 @@ def _couplings(given: Experiment) -> Iterator[Transform]:
                     f"write the angle of {joint} {way} that of {other} into the log, as that of "
                     f"{joint}",
                     evidence={f"turns with {other}": turns},
-                    penalty=0.5,
+                    penalty=1.0,
                 )
 
 
-def _against_link(given: Experiment, j: int, i: int, turns: float) -> Experiment:
-    joint = given.joint.copy()
+def _against_link(experiment: Experiment, j: int, i: int, turns: float) -> Experiment:
+    joint = experiment.joint.copy()
     joint[:, :, j] += turns * joint[:, :, i]
-    return replace(given, joint=joint)
+    return replace(experiment, joint=joint)
 
 
-def _varying_ratios(given: Experiment) -> Iterator[Transform]:
+def _varying_ratios(experiment: Experiment) -> Iterator[Transform]:
     """Yield gear ratios that vary once per turn: theta = N (q + e q + c cos q + s sin q)."""
-    robot = given.robot
-    for j in np.flatnonzero(given.both).tolist():
-        q = given.turned[0][:, j]
-        if robot.is_prismatic[j] or np.ptp(q) < _LEAST_TURN:
+    robot = experiment.robot
+    for j in np.flatnonzero(experiment.both).tolist():
+        q = experiment.turned[0][:, j]
+        if robot.is_prismatic[j] or np.ptp(q) < POOR:
             continue
-        apart, columns = given.between_encoders(j)
+        apart, columns = experiment.between_encoders(j)
         H = np.column_stack([q, np.cos(q), np.sin(q), columns])
         x = scaled_svd(H).solve(apart)[:3]
         factor = 1 + x[0] - x[1] * np.sin(q) + x[2] * np.cos(q)
         low, high = float(np.min(factor)), float(np.max(factor))
         if low <= 0 or high - low < POOR * (high + low) / 2:
             continue
-        joint, ratio = robot.joint_names[j], float(given.ratio[j])
+        joint, ratio = robot.joint_names[j], float(experiment.ratio[j])
         yield Transform(
             VARYING_RATIO,
             f"the gear ratio of {joint} depends on its angle: it is from {ratio * low:.3g} to "
@@ -839,40 +818,46 @@ def _varying_ratios(given: Experiment) -> Iterator[Transform]:
         )
 
 
-def _with_constant_ratio(given: Experiment, j: int, x: Array) -> Experiment:
+def _with_constant_ratio(experiment: Experiment, j: int, x: Array) -> Experiment:
     """Return the experiment with a motor of constant ratio and the same power.
 
     Of e q + c cos q + s sin q, with slope g - 1, the derivatives are (g - 1) q' and (g - 1) q'' +
     g' q'^2.
     """
-    q, v, a = given.turned[:, :, j]
+    q, v, a = experiment.turned[:, :, j]
     columns = np.column_stack([q, np.cos(q), np.sin(q)])
     more = np.column_stack([np.ones_like(q), -np.sin(q), np.cos(q)]) @ x
     change = np.column_stack([-np.cos(q), -np.sin(q)]) @ x[1:]
-    motor, torque, rate = given.motor.copy(), given.torque.copy(), given.torque_rate.copy()
-    motor[:, :, j] -= given.lever[j] * np.array([columns @ x, more * v, more * a + change * v**2])
+    motor, torque, rate = (
+        experiment.motor.copy(),
+        experiment.torque.copy(),
+        experiment.torque_rate.copy(),
+    )
+    motor[:, :, j] -= experiment.lever[j] * np.array(
+        [columns @ x, more * v, more * a + change * v**2]
+    )
     torque[:, j] *= 1 + more
     rate[:, j] *= 1 + more
-    return replace(given, motor=motor, torque=torque, torque_rate=rate)
+    return replace(experiment, motor=motor, torque=torque, torque_rate=rate)
 
 
-def _rotor_inertias(given: Experiment) -> Iterator[Transform]:
-    for j in given.used:
-        joint, (_, rotor) = given.robot.joint_names[j], _slopes(given, j)
-        if not (math.isfinite(rotor) and rotor > 0) or abs(rotor - 1) < _LEAST_ROTOR:
+def _rotor_inertias(experiment: Experiment) -> Iterator[Transform]:
+    for j in experiment.used:
+        joint, (_, rotor) = experiment.robot.joint_names[j], _slopes(experiment, j)
+        if not (math.isfinite(rotor) and rotor > 0) or abs(rotor - 1) < SLIGHT:
             continue
-        for factor in near(rotor, given.lever[j] ** 2):
-            inertia = given.inertia.copy()
+        for factor in near(rotor, experiment.lever[j] ** 2):
+            inertia = experiment.inertia.copy()
             inertia[j] *= factor
             yield Transform(
                 ROTOR_INERTIA,
                 f"the rotor inertia of {joint} is {inertia[j]:.3g} kg m^2, not "
-                f"{given.inertia[j]:.3g}",
+                f"{experiment.inertia[j]:.3g}",
                 partial(replace, inertia=inertia),
                 joint,
                 in_drives({(joint,): f"motor_inertia_kg_m2 = {inertia[j]:.4g}"}),
                 evidence={"ratio": factor},
-                penalty=penalty_of(factor, rotor),
+                penalty=float(factor == rotor),
             )
 
 
@@ -884,7 +869,7 @@ _FACTORS_OF_TIME = {
 }
 
 
-def _times(given: Experiment) -> Iterator[Transform]:
+def _times(experiment: Experiment) -> Iterator[Transform]:
     """Yield clocks that run too fast or too slowly by a round factor."""
     for factor, words in _FACTORS_OF_TIME.items():
         yield Transform(
@@ -892,37 +877,37 @@ def _times(given: Experiment) -> Iterator[Transform]:
             f"the time of the log is {words}",
             partial(_with_time, factor=factor),
             remedy="in the description of the log:\n"
-            f"time = {{ rate_hz = {given.rate_hz * factor:.6g} }}",
+            f"time = {{ rate_hz = {experiment.rate_hz * factor:.6g} }}",
             evidence={"factor": factor},
             penalty=1.0,
         )
 
 
-def _with_time(given: Experiment, factor: float) -> Experiment:
+def _with_time(experiment: Experiment, factor: float) -> Experiment:
     powers = np.array([1.0, factor, factor**2])[:, None, None]
     return replace(
-        given,
-        joint=powers * given.joint,
-        motor=powers * given.motor,
-        torque_rate=factor * given.torque_rate,
-        rate_hz=given.rate_hz * factor,
+        experiment,
+        joint=powers * experiment.joint,
+        motor=powers * experiment.motor,
+        torque_rate=factor * experiment.torque_rate,
+        rate_hz=experiment.rate_hz * factor,
     )
 
 
 # Channels of two joints exchanged
 
 
-def _exchanges(given: Experiment) -> Iterator[Transform]:
-    for pair in combinations(range(given.robot.n), 2):
-        names = [given.robot.joint_names[j] for j in pair]
-        for channels in ("qmt", "qm", "t", *("qm" if np.all(given.both[[*pair]]) else "")):
-            words = "channels" if channels == "qmt" else _words(given, pair[0], channels, "s")
+def _exchanges(experiment: Experiment) -> Iterator[Transform]:
+    for pair in combinations(range(experiment.robot.n), 2):
+        names = [experiment.robot.joint_names[j] for j in pair]
+        for channels in ("qmt", "qm", "t", *("qm" if np.all(experiment.both[[*pair]]) else "")):
+            words = "channels" if channels == "qmt" else _words(experiment, pair[0], channels, "s")
             sources = {
-                given.robot.joint_names[j]: {
-                    quantity: changed_source(given.source(source, quantity))
-                    for quantity in given.logged(source, channels)
+                experiment.robot.joint_names[j]: {
+                    quantity: changed_source(experiment.source(other, quantity))
+                    for quantity in experiment.logged(other, channels)
                 }
-                for j, source in (pair, pair[::-1])
+                for j, other in (pair, pair[::-1])
             }
             yield Transform(
                 SWAPPED_JOINTS,
@@ -933,9 +918,9 @@ def _exchanges(given: Experiment) -> Iterator[Transform]:
             )
 
 
-def _exchanged(given: Experiment, pair: list[int], channels: str) -> Experiment:
+def _exchanged(experiment: Experiment, pair: list[int], channels: str) -> Experiment:
     """Return the experiment with channels (q, m, t) of two joints exchanged."""
-    order = np.arange(given.robot.n)
+    order = np.arange(experiment.robot.n)
     order[pair] = order[pair[::-1]]
     fields = {
         "q": ("joint",),
@@ -943,13 +928,13 @@ def _exchanged(given: Experiment, pair: list[int], channels: str) -> Experiment:
         "t": ("torque", "torque_rate", "sensed"),
     }
     names = [name for channel in channels for name in fields[channel]]
-    changed = {name: getattr(given, name)[..., order] for name in names}
+    changed = {name: getattr(experiment, name)[..., order] for name in names}
     if {*channels} >= {*"qm"}:
         joint, motor = changed["joint"], changed["motor"]
         for j in pair:  # the side without an encoder was computed from the motor's
-            if not given.both[j]:
-                joint[:, :, j] = motor[:, :, j] / given.ratio[j]
-    return replace(given, **changed)
+            if not experiment.both[j]:
+                joint[:, :, j] = motor[:, :, j] / experiment.ratio[j]
+    return replace(experiment, **changed)
 
 
 _BODIES, _SEVERE = (_has_bodies,), (_is_severe,)
@@ -1052,8 +1037,13 @@ def _of_motion(experiment: Experiment, known: Sequence[Finding]) -> list[Finding
         gains, without = gain_findings(experiment)
         findings = [*gains, *limit_findings(without), *pose_findings(without)]
         return [finding for finding in findings if finding.joint not in stopped]
-    findings = list(_of_friction_alone(experiment))
-    if findings:
-        return findings
-    findings, _ = mistakes(experiment)
-    return findings or list(limit_findings(experiment))
+    silent = list(_of_friction_alone(experiment))
+    if silent:
+        return silent
+    # a torque that ends at a limit has a factor that no sensor has
+    clipped = {finding.joint for finding in known if finding.code == SATURATION.name}
+    kept = {*experiment.robot.joint_names} - clipped
+    findings, without = mistakes(with_torques_of(experiment, kept))
+    is_named = any(finding.severity != "note" for finding in findings)
+    beyond = [] if is_named else list(limit_findings(experiment))
+    return [*findings, *beyond, *file_findings(without)]

@@ -186,7 +186,7 @@ def _load_sides(warnings: Sequence[Finding], joints: Mapping[str, JointFit]) -> 
     motors = np.array([joints[joint].motor for joint in names])
     stiff, springs, driven = (
         np.array(names)[mask].tolist()
-        for mask in (np.isnan(motors), np.isfinite(motors), motors < tol.PART)
+        for mask in (np.isnan(motors), np.isfinite(motors), motors < tol.MOST)
     )
     if 2 * len(stiff) >= len(joints):
         return ""
@@ -469,7 +469,7 @@ def _unexplained(whole: RobotFit) -> Iterator[Finding]:
     """Yield the joints whose torque the model does not explain."""
     for joint, fit in whole.joints.items():
         error = fit.blocks if np.isfinite(fit.blocks) else fit.own
-        if error > tol.NOTHING or (min(error, fit.own) > tol.PART and joint not in whole.weak):
+        if error > tol.NOTHING or (min(error, fit.own) > tol.MOST and joint not in whole.weak):
             yield _misfit(whole, joint, error)
         elif fit.nominal < tol.HALF_POWER * fit.identified and fit.identified > tol.POOR:
             yield NO_FIT.finding(
@@ -489,8 +489,8 @@ def _misfit(whole: RobotFit, joint: str, error: float) -> Finding:
     of, force, base = f"the torque on the load of {joint}", "torque", None
     if joint in BASE_ROWS:
         of, force, base = f"the {joint}", "force", _OF_BASE
-    holds = f"; its motor equation holds, with an error of {fit.motor:.1%}" * (fit.motor < tol.PART)
-    if fit.own <= tol.PART:
+    holds = f"; its motor equation holds, with an error of {fit.motor:.1%}" * (fit.motor < tol.MOST)
+    if fit.own <= tol.MOST:
         return NO_FIT.finding(
             f"the model of {joint} fits the own logs, with an error of {fit.own:.0%} of the "
             f"{force}, and predicts excluded blocks of them with {error:.0%}: the motion of a part "

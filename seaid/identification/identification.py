@@ -53,7 +53,6 @@ from seaid.checks import (
     unknown_scales,
     unused_findings,
     verdict_of,
-    weight_findings,
     with_torques_of,
     without_echoes,
     without_setup_echoes,
@@ -499,7 +498,6 @@ def _identify(
     explains = robot_fit(robot.joint_names, *sides, experiment, bodies, locked=locked, weak=weak)
     explains = replace(explains, predicted=prediction_errors(experiment, model.base, result.load))
     findings += consequences(findings, fit_findings(explains))
-    findings += weight_findings(experiment, bodies, findings)
     weak_drives = [joint for joint in result.drives if joint in weak]
     findings += consequences(findings, backlash_findings(given, sources, weak_drives, used))
     exact = exact_constants(robot, known_std)

@@ -16,7 +16,7 @@ import numpy as np
 
 from seaid._arrays import Array, frozen
 from seaid._progress import Result, counted, track
-from seaid.checks import PART, force_findings, not_measured, unseen_motion
+from seaid.checks import MOST, force_findings, not_measured, unseen_motion
 from seaid.errors import Finding, IdentificationError, SeaidError, checked
 from seaid.identification.contact_forces import contact_forces
 from seaid.identification.datasets import Source
@@ -92,7 +92,7 @@ def _contradictions(
         return np.asarray(np.where(is_unseen, getattr(one.actuator, name), getattr(one.load, name)))
 
     errors = np.sqrt(np.maximum(1 - of(result, "r_squared"), 0))  # over that of a constant torque
-    suspects = [place for place, error in enumerate(errors) if error > PART]
+    suspects = [place for place, error in enumerate(errors) if error > MOST]
     if not suspects or not identification.motions:
         return
     own = [of(compared(identification, one), "rms_error") for one in identification.motions]

@@ -1,0 +1,122 @@
+"""The robot file is a prior: rough files are no mistake, and rivals are named together."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from seaid.checks import Experiment, experiment_of
+from seaid.checks.bodies import file_findings
+from seaid.checks.check import consequences
+from seaid.checks.setup import mistakes
+from seaid.errors import Finding
+from seaid.log.log import Log
+from seaid.log.motion import reconstruct_motions
+from seaid.robot.robot import Payload, Robot, load_robot
+from tests.experiments import TEST_MASS, arm, arm_log, geared_arm_log, leg, leg_log
+
+CASES: dict[str, tuple[Callable[[], Robot], Callable[[], Log]]] = {
+    "leg": (lambda: leg(TEST_MASS), leg_log),
+    "arm": (arm, arm_log),
+    "ur10": (lambda: load_robot("ur10", snap_tolerance_rad=0), geared_arm_log),
+}
+
+
+def experiment(robot: Robot, log: Log) -> Experiment:
+    return experiment_of(robot, [reconstruct_motions(robot, log)])
+
+
+def rough(robot: Robot, seed: int, common: float = 1.0) -> Robot:
+    """Return a robot whose file is as rough as public ones: masses, centres and inertias."""
+    rng, bodies = np.random.default_rng(seed), robot.parameters.reshape(-1, 10).copy()
+    for place, body in enumerate(bodies):
+        inertia = pin.Inertia.FromDynamicParameters(body)
+        factor = common * np.exp(rng.normal(0, 0.3)) * (2.0 if place == len(bodies) - 1 else 1.0)
+        size = max(0.02, 0.2 * float(np.linalg.norm(inertia.lever)))
+        centre = inertia.lever + rng.normal(0, size, 3)
+        about = factor * np.exp(rng.normal(0, 0.3)) * inertia.inertia
+        bodies[place] = pin.Inertia(factor * inertia.mass, centre, about).toDynamicParameters()
+    return robot.with_values(bodies.ravel(), robot.drives)
+
+
+@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize(("seed", "common"), [(0, 1.0), (1, 0.6), (2, 1.6)])
+def test_a_rough_robot_file_is_no_mistake(case: str, seed: int, common: float) -> None:
+    robot, log = CASES[case][0](), CASES[case][1]()
+    findings, _ = mistakes(experiment(rough(robot, seed, common), log))
+    assert [finding for finding in findings if finding.severity != "note"] == []
+
+
+@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("factor", [0.75, 1.25])
+def test_a_robot_that_is_heavier_than_its_file_is_said_to_be(case: str, factor: float) -> None:
+    robot, log = CASES[case][0](), CASES[case][1]()
+    other = robot.with_values(robot.parameters / factor, robot.drives)
+    findings, without = mistakes(experiment(other, log))
+    assert findings == []
+    (finding,) = file_findings(without)
+    assert (finding.code, finding.severity) == ("nominal-values", "note")
+    change, error = (
+        finding.evidence[key] for key in ("relative change of the mass", "standard error")
+    )
+    assert change == pytest.approx(factor - 1, abs=3 * error)
+    assert error < 0.06
+    # torques that are off by that factor, or another payload, explain the same: nothing is pasted
+    assert f"or {'a payload' if case == 'leg' else 'all torques are'}" in finding.message
+    assert "scale" not in finding.remedy
+    assert "weigh" in finding.remedy
+
+
+def test_the_link_that_is_heavier_is_named() -> None:
+    robot = leg(TEST_MASS)
+    bodies = robot.parameters.reshape(-1, 10).copy()
+    shank = robot.body_names.index("shank")
+    bodies[shank] /= 1.5
+    found = experiment(robot.with_values(bodies.ravel(), robot.drives), leg_log())
+    (finding,) = file_findings(found)
+    assert "shank" in finding.message
+    assert finding.evidence["relative change of shank"] == pytest.approx(0.5, abs=0.1)
+
+
+def test_what_the_log_does_not_decide_is_named_together_with_the_measurement_that_does() -> None:
+    """A reversed shoulder of the arm and a reversed slide mirror each other."""
+    robot, log = arm(), arm_log()
+    sign = np.where(np.array(robot.joint_names) == "shoulder", -1.0, 1.0)
+    channels = ("motor_position", "joint_position", "motor_torque")
+    wrong = replace(log, **{name: sign * getattr(log, name) for name in channels})
+    (finding, *_), _ = mistakes(experiment(rough(robot, 1), wrong))
+    assert (finding.code, finding.certainty) == ("sign", "possible")
+    assert "whole joint shoulder" in finding.message
+    assert "; or the whole joint rail" in finding.message
+    assert "sign =" not in finding.remedy
+    assert "turn the joint by hand" in finding.remedy
+
+
+@pytest.mark.parametrize(("case", "kg"), [("leg", 2.6), ("leg", 4.0), ("arm", 1.5)])
+def test_a_named_payload_was_weighed_and_is_contradicted_before_the_bodies_are(
+    case: str, kg: float
+) -> None:
+    """The leg carries 2 kg at its foot, the arm nothing."""
+    place = (0.15, 0.0, 0.0) if case == "leg" else (0.1, 0.05, -0.1)
+    payload = Payload("foot" if case == "leg" else "tool", kg, place)
+    if case == "leg":
+        robot = leg(payload)
+    else:
+        plain = arm()
+        assert plain.urdf
+        robot = load_robot(plain.urdf, plain.drives, payloads=[payload])
+    (finding, *_), _ = mistakes(experiment(robot, CASES[case][1]()))
+    assert (finding.code, finding.severity) == ("payload", "wrong")
+
+
+def test_a_cause_that_rests_on_the_robot_file_spares_the_findings_of_other_joints() -> None:
+    wrong = Finding("torque-scale", "", "knee", "wrong", certainty="likely")
+    findings = [Finding("nonlinear-spring", "", joint) for joint in ("knee", "hip", "")]
+    after = [finding.severity for finding in consequences([wrong], findings)]
+    assert after == ["note", "doubtful", "note"]
+    sure = replace(wrong, certainty="certain")
+    assert {finding.severity for finding in consequences([sure], findings)} == {"note"}
