@@ -36,6 +36,7 @@ from .feet import LeggedFit as LeggedFit
 from .feet import LoadedFeet as LoadedFeet
 from .feet import force_findings as force_findings
 from .feet import mass_findings as mass_findings
+from .gears import encoder_slope as encoder_slope
 from .model import SideSelection as SideSelection
 from .model import model_findings as model_findings
 from .model import model_sides as model_sides
@@ -59,7 +60,6 @@ from .predictions import unseen_motion as unseen_motion
 from .predictions import unseen_resonance as unseen_resonance
 from .predictions import worse_than_start as worse_than_start
 from .predictions import wrong_minimum as wrong_minimum
-from .setup import encoder_slope as encoder_slope
 from .setup import log_findings as log_findings
 from .setup import setup_findings as setup_findings
 from .terms import DriveRows as DriveRows

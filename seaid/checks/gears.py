@@ -1,12 +1,15 @@
 """What a gear does that the drive does not have: periodic errors, other joints, other ratios.
 
 The errors of a gear and its encoders are periodic in the angle of the motor or of the joint; a
-motor may move with several joints; the ratio of a linkage depends on the angle.
+motor may move with several joints; the ratio of a linkage depends on the angle. After a fit these
+are columns next to its equations, before it transforms that undo what is large.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -14,12 +17,22 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid._files import toml_key
-from seaid.checks.check import in_drives
-from seaid.checks.codes import COUPLED_JOINTS, GEAR_RATIO, TRANSMISSION_ERROR, VARYING_RATIO
+from seaid.checks.bodies import near
+from seaid.checks.check import in_description, in_drives, only_joint
+from seaid.checks.codes import (
+    COUPLED_JOINTS,
+    GEAR_RATIO,
+    TRANSMISSION_ERROR,
+    UNIT,
+    VARYING_RATIO,
+)
 from seaid.checks.engine import Accepted, Candidate, ColumnCheck, linear_candidate
+from seaid.checks.experiment import Experiment, Transform, fitted
 from seaid.checks.terms import DriveRows
-from seaid.checks.tolerances import MOST, PERIODIC, POOR
+from seaid.checks.tolerances import MOST, PERIODIC, POOR, SLIGHT, SURE
 from seaid.errors import Finding, listed
+from seaid.estimation import scaled_svd
+from seaid.log import changed_source
 from seaid.regressor import motor_regressor
 
 if TYPE_CHECKING:
@@ -229,3 +242,203 @@ GEAR_CHECKS = (
     ),
 )
 """The checks of a gear, in the order in which their findings are listed."""
+
+
+# Before the fit, as transforms of an experiment
+
+
+def _with_ratio(experiment: Experiment, j: int, factor: float) -> Experiment:
+    """Return the experiment with another gear ratio, and the side that it was computed from."""
+    factors = np.where(np.arange(experiment.robot.n) == j, factor, 1.0)
+    joint = experiment.joint if experiment.both[j] else experiment.joint / factors
+    return replace(experiment, ratio=experiment.ratio * factors, joint=joint)
+
+
+def encoder_slope(experiment: Experiment, j: int) -> float:
+    """Return the motor angle per joint angle over the gear ratio, without the spring's deflection.
+
+    The deflection is proportional to the torque of the spring, which is that of the motor but for
+    friction: both are columns of the regression next to the joint angle.
+    """
+    columns = [experiment.turned[0][:, j], np.ones(len(experiment.direction))]
+    if j in experiment.used:
+        columns += [experiment.target[:, j], *experiment.friction[j][:, :2].T]
+    H = np.column_stack(columns)
+    x = scaled_svd(H).solve(experiment.motor[0][:, j])
+    return float(x[0] / experiment.lever[j])
+
+
+def other_slope(experiment: Experiment, j: int) -> float | None:
+    """Return the slope between two encoders over the gear ratio, None if it is that of the gear."""
+    slope = abs(encoder_slope(experiment, j)) if experiment.both[j] else 1.0
+    # springs and noise explain a slight difference
+    return None if abs(slope - 1) < SLIGHT or not 1e-6 < slope < 1e6 else slope
+
+
+def gear_ratios(experiment: Experiment) -> Iterator[Transform]:
+    """Yield gear ratios: of the slope between two encoders, or one half and twice of others."""
+    for j in experiment.used:
+        joint, slope = experiment.robot.joint_names[j], other_slope(experiment, j)
+        is_linear = (
+            experiment.robot.is_prismatic[j] and not experiment.robot.drives[joint].is_elastic
+        )
+        key = "gear_ratio_rad_per_m" if is_linear else "gear_ratio"
+        by, now, evidence = "", experiment.ratio[j], {"given ratio": float(experiment.ratio[j])}
+        factors = [] if experiment.both[j] else [0.5, 2.0]
+        if slope:
+            by, factors = " by its two encoders,", near(slope)
+            evidence = {"slope between the encoders over the gear ratio": slope}
+        for factor in factors:
+            ratio = experiment.ratio[j] * factor
+            yield Transform(
+                GEAR_RATIO,
+                f"the gear ratio of {joint} is {ratio:.4g}{by or ','} not {now:.4g}",
+                partial(_with_ratio, j=j, factor=factor),
+                joint,
+                in_drives({(joint,): f"{key} = {ratio:.6g}"}),
+                evidence=evidence,
+                penalty=float(factor == slope),
+            )
+
+
+def geared_encoders(experiment: Experiment) -> Iterator[Transform]:
+    """Yield joint encoders that are multiplied by the gears: their slope to the motors' is one."""
+    slopes = {j: other_slope(experiment, j) for j in np.flatnonzero(experiment.both).tolist()}
+    joints = [
+        j
+        for j, slope in slopes.items()
+        if slope and abs(math.log(slope * abs(experiment.lever[j]))) < 3 * SLIGHT
+    ]
+    if not joints:
+        return
+    factors = {experiment.robot.joint_names[j]: 1 / float(experiment.lever[j]) for j in joints}
+    sources = {
+        joint: {
+            "joint_position": changed_source(
+                experiment.sources[0][joint]["joint_position"], factor=x
+            )
+        }
+        for joint, x in factors.items()
+    }
+    yield Transform(
+        UNIT,
+        f"the joint encoders of {listed(factors)} have the angles of the motors: they are "
+        "multiplied by the gear ratio already",
+        partial(_ungeared, factors=factors),
+        only_joint([*factors]),
+        in_description(sources),
+    )
+
+
+def _ungeared(experiment: Experiment, factors: Mapping[str, float]) -> Experiment:
+    factor = np.array([factors.get(joint, 1.0) for joint in experiment.robot.joint_names])
+    return replace(experiment, joint=experiment.joint * factor)
+
+
+_ROUND_TURNS = 0.05
+"""Turns with another joint of which pulleys and differentials have multiples: an estimate that is
+so within its error is one, since the deflection of a spring is a thousandth of the angles."""
+
+
+def coupled_motors(experiment: Experiment) -> Iterator[Transform]:
+    """Yield motors that turn with another joint too, and encoders that measure a sum of joints."""
+    robot = experiment.robot
+    for j in np.flatnonzero(experiment.both).tolist():
+        joint, drive = robot.joint_names[j], robot.drives[robot.joint_names[j]]
+        apart, columns = experiment.between_encoders(j)
+        for i in range(robot.n):
+            other = robot.joint_names[i]
+            is_alike = robot.is_prismatic[i] == robot.is_prismatic[j]
+            if other in {joint, *drive.transmission} or not is_alike:
+                continue
+            H = np.column_stack([experiment.joint[0][:, i], columns])
+            x, covariance = fitted(H, apart)
+            turns, error = float(x[0]), math.sqrt(covariance[0, 0])
+            if abs(turns) < POOR:
+                continue
+            rounded = round(turns / _ROUND_TURNS) * _ROUND_TURNS
+            turns = rounded if abs(turns - rounded) < SURE * error else turns
+            factors = {**(drive.transmission or {joint: 1.0}), other: float(f"{turns:.4g}")}
+            table = ", ".join(f"{toml_key(name)} = {one:.4g}" for name, one in factors.items())
+            drives = {**robot.drives, joint: replace(drive, transmission=factors)}
+            yield Transform(
+                COUPLED_JOINTS,
+                f"the motor of {joint} turns behind its gear as {joint} and {turns:.3g} times with "
+                f"{other}: it drives both, by a differential, a tendon or a parallel linkage",
+                partial(replace, robot=robot.with_drives(drives)),
+                joint,
+                in_drives({(joint,): f"transmission = {{ {table} }}"}),
+                evidence={f"turns with {other}": turns},
+                penalty=1.0,
+            )
+            if abs(abs(turns) - 1) < 3 * SLIGHT:
+                way = "minus" if turns < 0 else "plus"
+                yield Transform(
+                    COUPLED_JOINTS,
+                    f"the encoder of {joint} measures its angle against another link than the one "
+                    f"before it: the joint moves as its encoder {way} that of {other}",
+                    partial(_against_link, j=j, i=i, turns=float(np.sign(turns))),
+                    joint,
+                    f"write the angle of {joint} {way} that of {other} into the log, as that of "
+                    f"{joint}",
+                    evidence={f"turns with {other}": turns},
+                    penalty=1.0,
+                )
+
+
+def _against_link(experiment: Experiment, j: int, i: int, turns: float) -> Experiment:
+    joint = experiment.joint.copy()
+    joint[:, :, j] += turns * joint[:, :, i]
+    return replace(experiment, joint=joint)
+
+
+def linkages(experiment: Experiment) -> Iterator[Transform]:
+    """Yield gear ratios that vary once per turn: theta = N (q + e q + c cos q + s sin q)."""
+    robot = experiment.robot
+    for j in np.flatnonzero(experiment.both).tolist():
+        q = experiment.turned[0][:, j]
+        if robot.is_prismatic[j] or np.ptp(q) < POOR:
+            continue
+        apart, columns = experiment.between_encoders(j)
+        H = np.column_stack([q, np.cos(q), np.sin(q), columns])
+        x = scaled_svd(H).solve(apart)[:3]
+        factor = 1 + x[0] - x[1] * np.sin(q) + x[2] * np.cos(q)
+        low, high = float(np.min(factor)), float(np.max(factor))
+        if low <= 0 or high - low < POOR * (high + low) / 2:
+            continue
+        joint, ratio = robot.joint_names[j], float(experiment.ratio[j])
+        yield Transform(
+            VARYING_RATIO,
+            f"the gear ratio of {joint} depends on its angle: it is from {ratio * low:.3g} to "
+            f"{ratio * high:.3g}, where the drives file has {ratio:g}: the transmission is a "
+            "linkage, a lever or a spindle",
+            partial(_with_constant_ratio, j=j, x=x),
+            joint,
+            "convert angle and torque of the motor to those of a gear with a constant ratio, by "
+            "the geometry of the linkage, before the log is read",
+            evidence={"least ratio": ratio * low, "largest ratio": ratio * high},
+            penalty=1.0,
+        )
+
+
+def _with_constant_ratio(experiment: Experiment, j: int, x: Array) -> Experiment:
+    """Return the experiment with a motor of constant ratio and the same power.
+
+    Of e q + c cos q + s sin q, with slope g - 1, the derivatives are (g - 1) q' and (g - 1) q'' +
+    g' q'^2.
+    """
+    q, v, a = experiment.turned[:, :, j]
+    columns = np.column_stack([q, np.cos(q), np.sin(q)])
+    more = np.column_stack([np.ones_like(q), -np.sin(q), np.cos(q)]) @ x
+    change = np.column_stack([-np.cos(q), -np.sin(q)]) @ x[1:]
+    motor, torque, rate = (
+        experiment.motor.copy(),
+        experiment.torque.copy(),
+        experiment.torque_rate.copy(),
+    )
+    motor[:, :, j] -= experiment.lever[j] * np.array(
+        [columns @ x, more * v, more * a + change * v**2]
+    )
+    torque[:, j] *= 1 + more
+    rate[:, j] *= 1 + more
+    return replace(experiment, motor=motor, torque=torque, torque_rate=rate)
