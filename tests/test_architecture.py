@@ -139,7 +139,7 @@ ONE_IMPORTER = {
     ),
     "one step of a long way, which would make its importer longer than 400 lines": (
         *("excitation.run_in", "excitation.search"),
-        *("checks.base", "checks.bodies", "checks.gears", "checks.sensors"),
+        *("checks.base", "checks.bodies", "checks.sensors"),
         *("identification.command_refinement", "identification.sensitivity"),
         *("export.joint_actuators", "regressor.structural.equations"),
     ),

@@ -14,7 +14,7 @@ from scipy.optimize import least_squares
 from seaid._arrays import Array
 from seaid.checks.check import only_joint, zeros_in_description
 from seaid.checks.codes import ENCODER_OFFSET, GEOMETRY, GRAVITY, NOMINAL_VALUES, PAYLOAD
-from seaid.checks.experiment import Experiment, Transform, inertial_parameters
+from seaid.checks.experiment import Experiment, Transform, inertial_parameters, near
 from seaid.checks.tolerances import (
     BODY,
     CORRELATED_ROWS,
@@ -29,14 +29,6 @@ from seaid.checks.tolerances import (
 from seaid.errors import Finding
 from seaid.estimation import RANK_TOLERANCE, scaled_svd, triangle
 from seaid.regressor import regressor_at_drives
-
-_USUAL = (2.0, 3.0, 4.0, 5.0, 10.0, 100.0, 1000.0)
-
-
-def near(factor: float, *others: float) -> list[float]:
-    """Return a factor, and the usual ones within a fifth of it: mistakes are often round."""
-    usual = [*_USUAL, *others, *(1 / one for one in (*_USUAL, *others))]
-    return [*(one for one in usual if abs(math.log(factor / one)) < 0.2), factor]
 
 
 def _with_gravity(experiment: Experiment, gravity: Array) -> Experiment:

@@ -760,6 +760,15 @@ class Transform:
     penalty: float = 0.0
 
 
+_USUAL = (2.0, 3.0, 4.0, 5.0, 10.0, 100.0, 1000.0)
+
+
+def near(factor: float, *others: float) -> list[float]:
+    """Return a factor, and the usual ones within a fifth of it: mistakes are often round."""
+    usual = [*_USUAL, *others, *(1 / one for one in (*_USUAL, *others))]
+    return [*(one for one in usual if abs(math.log(factor / one)) < 0.2), factor]
+
+
 def flipped(given: Experiment, j: int, channels: str) -> Experiment:
     """Return the experiment with the opposite sign of some channels of joint j."""
     return scaled(given, j, dict.fromkeys(channels, -1.0))

@@ -17,7 +17,6 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid._files import toml_key
-from seaid.checks.bodies import near
 from seaid.checks.check import in_description, in_drives, only_joint
 from seaid.checks.codes import (
     COUPLED_JOINTS,
@@ -27,7 +26,7 @@ from seaid.checks.codes import (
     VARYING_RATIO,
 )
 from seaid.checks.engine import Accepted, Candidate, ColumnCheck, linear_candidate
-from seaid.checks.experiment import Experiment, Transform, fitted
+from seaid.checks.experiment import Experiment, Transform, fitted, near
 from seaid.checks.terms import DriveRows
 from seaid.checks.tolerances import MOST, PERIODIC, POOR, SLIGHT, SURE
 from seaid.errors import Finding, listed

@@ -28,7 +28,6 @@ from seaid.checks.bodies import (
     file_findings,
     gravities,
     lengths,
-    near,
     payloads,
     zeros,
     zeros_of_two,
@@ -79,7 +78,14 @@ from seaid.checks.commands import (
     no_measurements,
     pose_findings,
 )
-from seaid.checks.experiment import Experiment, Transform, fitted, scaled, with_torques_of
+from seaid.checks.experiment import (
+    Experiment,
+    Transform,
+    fitted,
+    near,
+    scaled,
+    with_torques_of,
+)
 from seaid.checks.gears import (
     coupled_motors,
     gear_ratios,
@@ -188,11 +194,14 @@ def _trials(experiment: Experiment) -> list[_Trial]:
     tried = [(each, each.undo(experiment)) for each in transforms(experiment)]
     rows = experiment.independent_rows
 
-    def quick_cost(pair: tuple[Transform, Experiment]) -> float:
+    def by_file(pair: tuple[Transform, Experiment]) -> float:
         transform, changed = pair
         by_bodies = changed.file[0] if _has_bodies(experiment) else changed.cost("free", rows)
         direct = changed.cost("motor", rows) + changed.cost("encoders", rows)
         return by_bodies + direct + transform.penalty
+
+    def by_joint(pair: tuple[Transform, Experiment]) -> float:
+        return pair[1].cost("nominal", rows) + pair[0].penalty
 
     def is_demanded(trial: _Trial) -> bool:
         values = max(trial.transform.penalty, 1)
@@ -202,7 +211,9 @@ def _trials(experiment: Experiment) -> list[_Trial]:
         is_possible = bool(trial.falls) or trial.transform.code in _OF_VALUES
         return trial.shown + trial.bodies > least and is_possible and _explains_all(trial)
 
-    trials = [_trial(experiment, *x) for x in sorted(tried, key=quick_cost)[:_SHORTLIST]]
+    # one of several mistakes repairs its joints, while the others still contradict the robot file
+    best = [pair for cost in (by_file, by_joint) for pair in sorted(tried, key=cost)[:_SHORTLIST]]
+    trials = [_trial(experiment, *pair) for pair in {id(pair): pair for pair in best}.values()]
     trials = [trial for trial in trials if trial.remaining < MOST and is_demanded(trial)]
     return sorted(trials, key=lambda trial: -trial.total)
 
@@ -216,7 +227,8 @@ _OF_VALUES = (
 def _trial(experiment: Experiment, transform: Transform, changed: Experiment) -> _Trial:
     rows, kinds = experiment.independent_rows, ("free", "motor", "encoders")
     gains = sum(experiment.cost(kind, rows) - changed.cost(kind, rows) for kind in kinds)
-    shown = min(gains, _shown(experiment, changed, transform.code in _OF_VALUES))
+    falls, is_value = _falls(experiment, changed), transform.code in _OF_VALUES
+    shown = min(gains, _shown(experiment, changed, is_value)) if falls or is_value else 0.0
     losses = [
         float(np.nansum(np.where(after > POOR, rows * np.log(after / np.maximum(before, FEW)), 0)))
         for before, after in ((experiment.misfits[x], changed.misfits[x]) for x in kinds)
@@ -224,7 +236,7 @@ def _trial(experiment: Experiment, transform: Transform, changed: Experiment) ->
     if max(losses) >= SURE**2 / 2:  # a mistake contradicts no kind of evidence
         gains = shown = -math.inf
     bodies = experiment.file[0] - changed.file[0]
-    return _Trial(transform, changed, _falls(experiment, changed), shown, gains, bodies)
+    return _Trial(transform, changed, falls, shown, gains, bodies)
 
 
 def _explains_all(trial: _Trial) -> bool:
@@ -261,7 +273,7 @@ def _shown(before: Experiment, after: Experiment, is_value: bool) -> float:
     gain = 0.0
     for kind in ("free", "motor", "encoders"):
         x, y = (np.fmax(each.misfits[kind], FEW) for each in (before, after))
-        counts = ((x > POOR) & (y < MOST * x)) | (is_value & (y < SLIGHT))
+        counts = ((x > SLIGHT) & (y < MOST * x)) | (is_value & (y < SLIGHT))
         gain += float(np.sum(np.where(counts, before.independent_rows * np.log(x / y), 0.0)))
     return gain
 

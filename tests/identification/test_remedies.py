@@ -194,7 +194,7 @@ MISTAKES: dict[str, tuple[str, Change]] = {
     "rotor inertia": ("rotor-inertia", drives(motor_inertia_kg_m2=4 * ROTOR)),
     "gear ratio": ("gear-ratio", drives(gear_ratio=0.5 * RATIO)),
     "no drives": ("missing-drives", lambda setup: replace(setup, drives=None)),
-    "gravity": ("gravity", lambda setup: replace(setup, gravity=(9.81, 0.0, 0.0))),
+    "gravity": ("gravity", lambda setup: replace(setup, gravity=(0.0, 9.81, 0.0))),
     "payload": ("payload", lambda setup: replace(setup, payloads=("wrist_link:2:0,0,0.2",))),
     "torque in mN m with another sign": ("unit", of("elbow", TORQUES, -1e3)),
     "rotated torques": ("swapped-joints", columns_of(rotated)),
@@ -244,6 +244,17 @@ def test_a_remedy_speaks_of_the_columns_of_its_log_and_repairs(kind: str, mistak
     repaired = applied(setup, found)
     assert not gauntlet.same(setup, repaired)
     assert findings(repaired) == ()
+
+
+def test_a_tilt_about_the_first_axis_and_its_zero_are_rivals() -> None:
+    """They turn the robot alike: no line may be printed that one of them supports alone."""
+    columns, _ = LOGS["both positions"]()
+    setup = Setup(urdf(), DRIVES, (), (columns,), ({},), gravity=(9.81, 0.0, 0.0))
+    (finding,) = findings(setup)
+    assert (finding.code, finding.certainty) == ("gravity", "possible")
+    assert "or encoder-offset" in finding.evidence
+    assert gauntlet.same(setup, applied(setup, [finding]))
+    assert "tilt of the base" in finding.remedy
 
 
 def test_lengths_in_mm_are_named_before_any_motion_is_looked_at() -> None:
