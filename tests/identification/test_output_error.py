@@ -29,7 +29,14 @@ from seaid.log.motion import Motion
 from seaid.log.reading import Log
 from seaid.robot.robot import Payload, Robot, load_robot
 from seaid.simulation.simulation import Noise, measure, simulate_motion
-from tests.experiments import DATA, drive_errors, drive_scores, perfect_log, wiggle
+from tests.experiments import (
+    DATA,
+    drive_errors,
+    drive_scores,
+    perfect_log,
+    wiggle,
+    with_named_friction,
+)
 from tests.representatives import quick_first
 from tests.standard_errors import check_scores
 from tests.terms import ELASTIC, STIFF, arm, exact_motion
@@ -302,6 +309,7 @@ def settled(layout: Layout, run: Run, x: Array) -> Run:
 @pytest.mark.usefixtures("estimates_only")
 def test_errors_are_as_large_as_the_standard_errors_say() -> None:
     plain, scores = log(), []
+    known = with_named_friction(SPRINGS.without_nominal())
     for seed in range(70):
         rng = np.random.default_rng(seed)
         noise = rng.normal(size=(3, *plain.motor_torque.shape))
@@ -311,7 +319,7 @@ def test_errors_are_as_large_as_the_standard_errors_say() -> None:
             motor_position=plain.motor_position + 1e-3 * noise[1],
             joint_position=plain.joint_position + np.array([1e-4, 1e-5]) * noise[2],
         )
-        one = refine(identify(SPRINGS.without_nominal(), spoiled), spoiled)
+        one = refine(identify(known, spoiled), spoiled)
         true = one.base.project(SPRINGS.parameters)
         load = (one.load.values - true) / one.load.standard_errors
         scores.append(np.append(load, drive_scores(one, SPRINGS, *DRIVE)))

@@ -38,6 +38,7 @@ from tests.experiments import (
     perfect_log,
     true_value,
     wiggle,
+    with_named_friction,
 )
 from tests.standard_errors import check_scores
 
@@ -159,8 +160,9 @@ def test_errors_are_as_large_as_the_standard_errors_say(number: int, draws: int)
     """
     truth, motion, noise = experiments()[number]
     drives, loads = [], []
+    robot = with_named_friction(truth.without_nominal())
     for seed in range(draws):
-        found = identify(truth.without_nominal(), measure(truth, motion, noise, seed))
+        found = identify(robot, measure(truth, motion, noise, seed))
         drives.append(drive_scores(found, truth, *DRIVE))
         true = found.base.project(truth.parameters)
         loads.append((found.load.values - true) / found.load.standard_errors)

@@ -18,7 +18,7 @@ from seaid.log.motion import Motion
 from seaid.log.reading import Log
 from seaid.robot.robot import Robot
 from seaid.simulation.simulation import measure, simulate_motion
-from tests.experiments import perfect_log, wiggle
+from tests.experiments import perfect_log, wiggle, with_named_friction
 from tests.identification.test_output_error import REACH, SENSORS, SPRINGS
 from tests.identification.test_output_error import robot as arm
 from tests.standard_errors import check_scores
@@ -132,9 +132,10 @@ def test_errors_are_as_large_as_the_standard_errors_say() -> None:
     for number, case in enumerate(CASES):
         truth = robot(case)
         motions = [motion_of(truth, seed) for seed in (10, 12)]
+        known = with_named_friction(truth.without_nominal())
         for draw, motion in enumerate(3 * motions):
             log = measure(truth, motion, ENCODERS, seed=6 * number + draw)
-            draws.append(scores(refine(identify(truth.without_nominal(), log), log), truth))
+            draws.append(scores(refine(identify(known, log), log), truth))
     check_scores(draws, band=1.2)
 
 
