@@ -231,7 +231,7 @@ def _trial(experiment: Experiment, transform: Transform, changed: Experiment) ->
     shown = min(gains, _shown(experiment, changed, is_value)) if falls or is_value else 0.0
     losses = [
         float(np.nansum(np.where(after > POOR, rows * np.log(after / np.maximum(before, FEW)), 0)))
-        for before, after in ((experiment.misfits[x], changed.misfits[x]) for x in kinds)
+        for before, after in ((experiment.misfits[x], changed.misfits[x]) for x in _EXPLAINED_BY)
     ]
     if max(losses) >= SURE**2 / 2:  # a mistake contradicts no kind of evidence
         gains = shown = -math.inf
@@ -536,6 +536,8 @@ def _of_friction_alone(experiment: Experiment) -> Iterator[Finding]:
     """
     if not _has_bodies(experiment):
         return
+    # a payload that is named and not there has no torque, of a joint that measures well
+    experiment = replace(experiment, bodies=experiment.robot.parameters)
     slopes = {j: _slope_of_bodies(experiment, j)[:2] for j in experiment.used}
     shown = [j for j, (slope, error) in slopes.items() if slope > max(POOR, SURE * error)]
     names = [experiment.robot.joint_names[j] for j in shown]
