@@ -230,10 +230,12 @@ class Experiment:
         found = np.full(self.robot.n, np.nan)
         for j in self._elastic:
             stretch = self.motor[0][:, j] / self.lever[j] - self.turned[0][:, j]
-            columns = np.column_stack([self.friction[j], stretch])
+            rate = self.torque_rate[:, j]  # a torque that is late is no other mistake
+            columns = np.column_stack([self.friction[j], rate, stretch])
             y = self.torque[:, j] - self.inertia[j] * self.motor[2][:, j]
             if not np.all(np.isfinite(y)):  # (4b) alone: the torque of the sensor
-                columns, y = columns[:, [2, 3]], self.sensed[:, j] / self.lever[j]
+                columns = np.column_stack([self.friction[j][:, 2], stretch])
+                y = self.sensed[:, j] / self.lever[j]
             found[j] = self._misfit(j, y, columns, stretch=columns.shape[1] - 1)
         return found
 
