@@ -104,10 +104,10 @@ def test_an_expression_is_what_it_says_with_exact_numbers(text: str, expected: s
     ],
 )
 def test_what_is_no_expression_or_too_large_is_refused_at_once(text: str, words: str) -> None:
-    start = time.perf_counter()
+    start = time.process_time()
     with pytest.raises(SymbolicError, match=words):
         read(text)
-    assert time.perf_counter() - start < 1.0
+    assert time.process_time() - start < 1.0
 
 
 TOKENS = ("x", "y", "2", "0.5", "1e99", "+", "-", "*", "/", "**", "^", "(", ")", "sin(", "exp(")

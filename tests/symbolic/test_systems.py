@@ -61,12 +61,12 @@ def leftmost(columns: list[list[mpf]]) -> tuple[int, ...]:
 @pytest.mark.slow  # 1.5 s
 @pytest.mark.parametrize("system", SYSTEMS, ids=[system.name for system in SYSTEMS])
 def test_base_form(system: System) -> None:
-    started = time.perf_counter()
+    started = time.process_time()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # dependent functions are part of some systems
         form = separate(system.equations, system.motion, system.unknowns)
         base = reduce(form)
-    assert time.perf_counter() - started < 5.0
+    assert time.process_time() - started < 5.0
     assert system.count in (None, len(base.pivots))
     if system.base:
         assert {sp.expand(x) for x in base.parameters} == {sp.expand(x) for x in system.base}
