@@ -189,7 +189,8 @@ def _trials(experiment: Experiment) -> list[_Trial]:
     fitted values as its degrees of freedom, and at most that of one between values that are not
     fitted. The least gain is that of which all transforms together have one by chance in a hundred
     logs. It has to come from what the log shows without the robot file, where a misfit that matters
-    falls, or from all together. Signs, units, clocks and exchanges are mistakes that matter.
+    falls, or from all together. Signs, units, clocks and exchanges are mistakes that matter. None
+    makes a misfit of another joint matter that did not.
     """
     tried = [(each, each.undo(experiment)) for each in transforms(experiment)]
     rows = experiment.independent_rows
@@ -219,7 +220,13 @@ def _trials(experiment: Experiment) -> list[_Trial]:
 
 
 _OF_VALUES = (
-    *(ENCODER_OFFSET, GEOMETRY, GRAVITY, NOMINAL_VALUES, PAYLOAD, ROTOR_INERTIA, TORQUE_SCALE),
+    ENCODER_OFFSET,
+    GEOMETRY,
+    GRAVITY,
+    NOMINAL_VALUES,
+    PAYLOAD,
+    ROTOR_INERTIA,
+    TORQUE_SCALE,
 )
 """Mistakes that may be small."""
 
