@@ -57,6 +57,7 @@ from seaid.checks.codes import (
     GEOMETRY,
     GRAVITY,
     HOLES,
+    LOCKED_OUTPUT,
     MISSING_DRIVES,
     NO_MEASUREMENT,
     NOMINAL_VALUES,
@@ -870,9 +871,9 @@ def _of_motion(experiment: Experiment, known: Sequence[Finding]) -> list[Finding
     silent = list(_of_friction_alone(experiment))
     if silent:
         return silent
-    # a torque that ends at a limit has a factor that no sensor has
-    clipped = {finding.joint for finding in known if finding.code == SATURATION.name}
-    kept = {*experiment.robot.joint_names} - clipped
+    # a torque that ends at a limit has a factor that no sensor has, what holds an output is no body
+    hidden = {SATURATION.name, LOCKED_OUTPUT.name}
+    kept = {*experiment.robot.joint_names} - {one.joint for one in known if one.code in hidden}
     findings, without = mistakes(with_torques_of(experiment, kept))
     is_named = any(finding.severity != "note" for finding in findings)
     beyond = [] if is_named else list(limit_findings(experiment))
