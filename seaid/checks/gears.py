@@ -339,10 +339,17 @@ _ROUND_TURNS = 0.05
 so within its error is one, since the deflection of a spring is a thousandth of the angles."""
 
 
+def _between_encoders(experiment: Experiment) -> list[int]:
+    """Return the joints whose encoders show the gear: that of a spring needs its torque."""
+    drives = [*experiment.robot.drives.values()]
+    both = np.flatnonzero(experiment.both).tolist()
+    return [j for j in both if j in experiment.used or not drives[j].is_elastic]
+
+
 def coupled_motors(experiment: Experiment) -> Iterator[Transform]:
     """Yield motors that turn with another joint too, and encoders that measure a sum of joints."""
     robot = experiment.robot
-    for j in np.flatnonzero(experiment.both).tolist():
+    for j in _between_encoders(experiment):
         joint, drive = robot.joint_names[j], robot.drives[robot.joint_names[j]]
         apart, columns = experiment.between_encoders(j)
         for i in range(robot.n):
@@ -394,7 +401,7 @@ def _against_link(experiment: Experiment, j: int, i: int, turns: float) -> Exper
 def linkages(experiment: Experiment) -> Iterator[Transform]:
     """Yield gear ratios that vary once per turn: theta = N (q + e q + c cos q + s sin q)."""
     robot = experiment.robot
-    for j in np.flatnonzero(experiment.both).tolist():
+    for j in _between_encoders(experiment):
         q = experiment.turned[0][:, j]
         if robot.is_prismatic[j] or np.ptp(q) < POOR:
             continue
