@@ -14,7 +14,7 @@ from scipy.optimize import least_squares
 from seaid._arrays import Array
 from seaid.checks.check import only_joint, zeros_in_description
 from seaid.checks.codes import ENCODER_OFFSET, GEOMETRY, GRAVITY, NOMINAL_VALUES, PAYLOAD
-from seaid.checks.experiment import Experiment, Transform, inertial_parameters, near
+from seaid.checks.experiment import Experiment, Transform, inertial_parameters, moved, near
 from seaid.checks.tolerances import (
     BODY,
     CORRELATED_ROWS,
@@ -76,10 +76,9 @@ def _best_gravity(experiment: Experiment) -> Array | None:
         for axis in np.eye(3)
     ]
     A = np.column_stack([experiment.weighed(one) for one in columns])
-    residual = experiment.weighed(experiment.target - experiment.regressor @ experiment.bodies)
     now = np.array(experiment.robot.model.gravity.linear) / size
     # what the motion does not show stays as it is
-    found = now + scaled_svd(A).solve(residual, SLIGHT)
+    found = now + scaled_svd(A).solve(experiment.unexplained, SLIGHT)
     norm = float(np.linalg.norm(found))
     return np.asarray(found / norm) if norm > 0.3 else None
 
@@ -92,9 +91,7 @@ def lengths(experiment: Experiment) -> Iterator[Transform]:
         if changed is experiment:
             continue
         slope = (changed.regressor @ experiment.bodies - before) / FEW
-        x = experiment.weighed(slope)
-        size = float(x @ x)
-        factor = 1 + float(x @ experiment.weighed(experiment.target - before)) / size if size else 1
+        factor = 1 + experiment.multiple(slope)
         if abs(factor - 1) < SLIGHT or not 0.3 < factor < 3.0:
             continue
         yield Transform(
@@ -110,29 +107,27 @@ def lengths(experiment: Experiment) -> Iterator[Transform]:
         )
 
 
+def zeros(experiment: Experiment) -> Iterator[Transform]:
+    """Yield other zeros of joints, by the first-order effect on the nominal torque."""
+    before = experiment.regressor @ experiment.bodies
+    for j in _turning(experiment):
+        ahead = _with_zeros(experiment, {j: _ZERO_STEP})
+        angle = experiment.multiple((ahead.regressor @ experiment.bodies - before) / _ZERO_STEP)
+        if POOR < abs(angle) < MOST:  # farther the effect on the torque is not linear
+            yield _moved(experiment, {j: angle}, 1.0)
+
+
 _QUARTERS = (math.pi / 2, -math.pi / 2)
 """Angles by which an encoder or a horn is mounted off."""
 
 
-def zeros(experiment: Experiment) -> Iterator[Transform]:
-    """Yield other zeros of joints: by the first-order effect on the nominal torque, and round."""
-    before = experiment.regressor @ experiment.bodies
-    for j in _turning(experiment):
-        ahead = _with_zeros(experiment, {j: _ZERO_STEP})
-        slope = experiment.weighed((ahead.regressor @ experiment.bodies - before) / _ZERO_STEP)
-        size = float(slope @ slope)
-        angle = (
-            float(slope @ experiment.weighed(experiment.target - before)) / size if size else 0.0
-        )
-        if POOR < abs(angle) < MOST:  # farther the effect on the torque is not linear
-            yield _moved(experiment, {j: angle}, 1.0)
+def quarter_turns(experiment: Experiment) -> Iterator[Transform]:
+    """Yield zeros that are off by quarters of a turn, of a joint or of two."""
+    turning = _turning(experiment)
+    for j in turning:
         for turn in (*_QUARTERS, math.pi):
             yield _moved(experiment, {j: turn}, SLIGHT)
-
-
-def zeros_of_two(experiment: Experiment) -> Iterator[Transform]:
-    """Yield zeros of two joints that are off by a quarter of a turn each."""
-    for pair in combinations(_turning(experiment), 2):
+    for pair in combinations(turning, 2):
         for turns in product(_QUARTERS, repeat=2):
             yield _moved(experiment, dict(zip(pair, turns, strict=True)), 2 * SLIGHT)
 
@@ -189,7 +184,7 @@ def payloads(experiment: Experiment) -> Iterator[Transform]:
         mass, name = own[body, 0], robot.body_names[body]
         com = ",".join(f"{x:.4g}" for x in own[body, 1:4] / mass + 0.0)
         text = f"the payload of {mass:.4g} kg on {name}"
-        factor = _share(experiment, own.ravel())
+        factor = 1 + experiment.multiple(experiment.regressor @ own.ravel())
         absent = f"option: without --payload {name}:{mass:g}:{com}"
         choices = [(-own, f"{text} is not there", absent, 0.0)]
         for other in near(factor) if factor > POOR and abs(factor - 1) > POOR else ():
@@ -208,8 +203,11 @@ def payloads(experiment: Experiment) -> Iterator[Transform]:
 def _placed(
     experiment: Experiment, bodies: Array, text: str, mass: float | None
 ) -> Iterator[Transform]:
-    """Yield a point mass at each body, where it explains the torques best: of a `mass`, or any."""
-    robot = experiment.robot
+    """Yield a point mass at each body, where it explains the torques best: of a `mass`, or any.
+
+    One that was not named is a note: the body that carries it is estimated together with it.
+    """
+    robot, is_named = experiment.robot, mass is not None
     for body, link in enumerate(robot.body_names):
         point = _point_mass(experiment, bodies, body, mass)
         if point[0] <= BODY * abs(bodies[10 * body]) or not np.all(np.isfinite(point)):
@@ -223,10 +221,8 @@ def _placed(
             partial(replace, bodies=changed),
             robot.joint_of(body),
             f"option: --payload {link}:{point[0]:.3g}:{com}",
-            "wrong"
-            if mass is not None
-            else "note",  # the body that carries it is estimated with it
-            penalty=3.0 if mass is not None else 4.0,
+            "wrong" if is_named else "note",
+            penalty=3.0 if is_named else 4.0,
         )
 
 
@@ -248,29 +244,31 @@ def _point_mass(experiment: Experiment, bodies: Array, body: int, mass: float | 
         np.column_stack([*X, experiment.weighed(experiment.target - experiment.regressor @ bodies)])
     )
 
+    def mass_at(x: Array) -> float:
+        return float(mass) if mass else math.exp(min(float(x[3]), 50.0))
+
     def point(x: Array) -> Array:
-        m, c = math.exp(min(float(x[3]), 50.0)) if len(x) == 4 else float(mass or 0.0), x[:3]
+        m, c = mass_at(x), x[:3]
         return inertial_parameters(m, m * c, m * ((c @ c) * np.eye(3) - np.outer(c, c)))
 
     least = max(abs(bodies[10 * body]), 0.1)
     centre = bodies[10 * body + 1 : 10 * body + 4] / least
     starts = [centre] if mass else [[*centre, math.log(x * least)] for x in _STARTS]
+    # a place that no torque shows stays near the body
+    near_body = np.eye(3, 3 if mass else 4) / _FARTHEST_M
 
     def residual(x: Array) -> Array:
-        # a place that no torque shows stays near the body
         return np.concatenate([R[:, :10] @ point(x) - R[:, 10], (x[:3] - centre) / _FARTHEST_M])
 
-    fits = [least_squares(residual, start, method="lm") for start in starts]
+    def jacobian(x: Array) -> Array:
+        slopes = moved(mass_at(x), mass_at(x) * x[:3])
+        if not mass:  # the derivative by log m is the point itself
+            slopes = np.column_stack([slopes, point(x)])
+        return np.vstack([R[:, :10] @ slopes, near_body])
+
+    fits = [least_squares(residual, start, jacobian, method="lm") for start in starts]
     x = min(fits, key=lambda fit: float(fit.cost)).x
     return point(x) if np.linalg.norm(x[:3]) < _FARTHEST_M else np.zeros(10)
-
-
-def _share(experiment: Experiment, part: Array) -> float:
-    """Return the multiple of a part (10n,) of the bodies in the torques."""
-    rest = experiment.target - experiment.regressor @ (experiment.bodies - part)
-    y, x = experiment.weighed(rest), experiment.weighed(experiment.regressor @ part)
-    size = float(x @ x)
-    return float(x @ y) / size if size > 0 else 1.0
 
 
 def file_findings(experiment: Experiment) -> Iterator[Finding]:

@@ -243,7 +243,7 @@ class Candidate:
         The joint concerned.
     field, term : str
         What it is, such as the field and the term of a drive.
-    alternatives : callable
+    proposed : callable
         Return the columns at every point of the grid of nonlinear parameters.
     about : ColumnCheck
         The check that the candidate belongs to.
@@ -252,8 +252,13 @@ class Candidate:
     joint: str
     field: str
     term: str
-    alternatives: Callable[[], Iterable[Alternative]]
+    proposed: Callable[[], Iterable[Alternative]]
     about: Any = None
+
+    @cached_property
+    def alternatives(self) -> tuple[Alternative, ...]:
+        """What is `proposed`, the same next to whatever was accepted before."""
+        return tuple(self.proposed())
 
     @property
     def name(self) -> tuple[str, str, str]:
@@ -426,9 +431,8 @@ def compared_candidates(
     """
     tested: list[tuple[Candidate, Alternative]] = []
     for candidate in candidates:
-        grid = list(candidate.alternatives())
-        if not only_promising or equation.is_promising(grid):
-            tested += [(candidate, alternative) for alternative in grid]
+        if not only_promising or equation.is_promising(candidate.alternatives):
+            tested += [(candidate, alternative) for alternative in candidate.alternatives]
     if not tested:
         return []
     models = [alternative for _, alternative in tested]

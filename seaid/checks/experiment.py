@@ -29,7 +29,7 @@ from seaid.checks.tolerances import (
 )
 from seaid.drives import IDEAL_DRIVE
 from seaid.errors import IdentificationError, Severity
-from seaid.estimation import RANK_TOLERANCE, scaled_svd
+from seaid.estimation import RANK_TOLERANCE, scaled_svd, triangle
 from seaid.log import Motion, in_band, in_band_at, row_samples
 from seaid.regressor import INPUT_FIELDS, regressor_at_drives
 from seaid.robot import Robot, at_drives, torques_at_drives
@@ -55,7 +55,7 @@ def inertial_parameters(mass: float, moments: Array, J: Array) -> Array:
     return np.array([mass, *moments, *J[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]])
 
 
-def _moved(mass: float, moments: Array) -> Array:
+def moved(mass: float, moments: Array) -> Array:
     """Return the change (10, 3) of a body by a shift of its centre along each axis, per metre.
 
     A mass m at c that moves by e has m e more as first moments, and m (2 (c.e) 1 - e c^T - c e^T)
@@ -120,7 +120,12 @@ class Experiment:
     @cached_property
     def turned(self) -> Array:
         """Position, velocity and acceleration (3, R, n) behind the gears: phi = C q."""
-        return np.asarray(self.joint @ self.robot.transmission.T)
+        return at_drives(self.robot.transmission, self.joint)
+
+    @cached_property
+    def apart(self) -> Array:
+        """Angles (R, n) of the motors behind the gears less those of the joints."""
+        return np.asarray(self.motor[0] / self.lever - self.turned[0])
 
     @cached_property
     def lever(self) -> Array:
@@ -215,7 +220,9 @@ class Experiment:
         b = (self.target[:, used] * weight * counts).ravel()
         size = np.linalg.norm(A, axis=0)
         A[:, size < 1e-9 * np.max(size)] = 0.0
-        x = scaled_svd(A).solve(b, RANK_TOLERANCE)
+        # the triangular factor has the singular values and the solution of all rows
+        factor = triangle(np.column_stack([A, b]))
+        x = scaled_svd(factor[:, :-1]).solve(factor[:, -1], RANK_TOLERANCE)
         residual = (b - A @ x).reshape(count, -1)
         for place, j in enumerate(used):
             friction = x[ends[place] : ends[place] + 2] / weight[place]
@@ -229,12 +236,11 @@ class Experiment:
         """Misfit (n,) of the motor equation (7) with any spring and friction, or of (4b)."""
         found = np.full(self.robot.n, np.nan)
         for j in self._elastic:
-            stretch = self.motor[0][:, j] / self.lever[j] - self.turned[0][:, j]
             rate = self.torque_rate[:, j]  # a torque that is late is no other mistake
-            columns = np.column_stack([self.friction[j], rate, stretch])
-            y = self.torque[:, j] - self.inertia[j] * self.motor[2][:, j]
+            columns = np.column_stack([self.friction[j], rate, self.apart[:, j]])
+            y = self._spring_torque(j)
             if not np.all(np.isfinite(y)):  # (4b) alone: the torque of the sensor
-                columns = np.column_stack([self.friction[j][:, 2], stretch])
+                columns = np.column_stack([self.friction[j][:, 2], self.apart[:, j]])
                 y = self.sensed[:, j] / self.lever[j]
             found[j] = self._misfit(j, y, columns, stretch=columns.shape[1] - 1)
         return found
@@ -244,21 +250,20 @@ class Experiment:
         """Misfit (n,) between both encoders, but for a constant and a deflection by the torque."""
         found = np.full(self.robot.n, np.nan)
         for j in np.flatnonzero(self.both).tolist():
-            apart, H = self.between_encoders(j)
+            H, apart = self.encoder_columns(j), self.apart[:, j]
             left = apart - H @ scaled_svd(H).solve(apart)
             found[j] = float(np.std(left)) / max(float(np.std(self.turned[0][:, j])), _LEAST)
         return found
 
-    def between_encoders(self, j: int) -> tuple[Array, Array]:
-        """Return the angle (R,) between the encoders of joint j, and what explains it (R, k).
+    def encoder_columns(self, j: int) -> Array:
+        """Return what explains the angle between the encoders of joint j (R, k).
 
         That is a constant, and a deflection by the torque of a spring.
         """
-        apart = self.motor[0][:, j] / self.lever[j] - self.turned[0][:, j]
-        columns = [np.ones(len(apart))]
+        columns = [np.ones(len(self.target))]
         if j in self._elastic:
-            columns.append(self.target[:, j] / max(float(np.std(self.target[:, j])), _LEAST))
-        return apart, np.column_stack(columns)
+            columns.append(self.target[:, j] / max(self._torque_sizes[j], _LEAST))
+        return np.column_stack(columns)
 
     @cached_property
     def _is_open(self) -> BoolArray:
@@ -279,8 +284,7 @@ class Experiment:
         found = {}
         for j in (one for one in driven if one in self._elastic):
             rows, y = self._moving[:, j], self._spring_torque(j)
-            stretch = self.motor[0][:, j] / self.lever[j] - self.turned[0][:, j]
-            others = [self._any_friction(j), *self._open_rotor(j), stretch]
+            others = [self._any_friction(j), *self._open_rotor(j), self.apart[:, j]]
             columns = np.column_stack([self.torque_rate[:, j], *others])
             if np.sum(rows) > 3 * columns.shape[1]:
                 x, covariance = fitted(columns[rows], y[rows])
@@ -393,7 +397,7 @@ class Experiment:
         spread[:, 4:, 4] = MOST * bodies[:, 4:]
         for body, (m, moments) in enumerate(zip(mass, bodies[:, 1:4], strict=True)):
             length = max(CENTRE_M, BODY * float(np.linalg.norm(moments)) / max(m, _LEAST))
-            spread[body, :, 1:4] = length * _moved(m, moments)
+            spread[body, :, 1:4] = length * moved(m, moments)
         columns = np.zeros((N, 10, N, 5))
         columns[np.arange(N), :, np.arange(N)] = known[:, :, None] * spread
         return columns.reshape(10 * N, 5 * N)
@@ -412,7 +416,7 @@ class Experiment:
         for body in np.flatnonzero(payloads[:, 0]).tolist():
             spread = np.zeros((*payloads.shape, 4))
             spread[body, :, 0] = SLIGHT * payloads[body]
-            spread[body, :, 1:] = BODY * CENTRE_M * _moved(payloads[body, 0], payloads[body, 1:4])
+            spread[body, :, 1:] = BODY * CENTRE_M * moved(payloads[body, 0], payloads[body, 1:4])
             columns += [*spread.reshape(-1, 4).T]
         return np.column_stack(columns)
 
@@ -471,6 +475,20 @@ class Experiment:
         more about it than one that carries the whole robot.
         """
         return _whitened(_whitened(self.over_noise(torques), *self._of_common), *self._errors)
+
+    @cached_property
+    def unexplained(self) -> Array:
+        """What the bodies of the robot file leave of the torques, `weighed`."""
+        return self.weighed(self.target - self.regressor @ self.bodies)
+
+    def multiple(self, torques: Array) -> float:
+        """Return the multiple of torques (R, n) that is in what the robot file leaves unexplained.
+
+        It is that of generalised least squares, zero for torques that it does not see.
+        """
+        x = self.weighed(torques)
+        size = float(x @ x)
+        return float(x @ self.unexplained) / size if size > 0 else 0.0
 
     @cached_property
     def file(self) -> tuple[float, float]:

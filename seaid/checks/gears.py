@@ -164,7 +164,6 @@ def _moves_with(
         turns_with.append(f"{turns:.3g} +- {error:.1g} times with {x.trial.candidate.term}")
     if max(abs(turns) for other, turns in turned.items() if other != joint) < POOR:
         return None
-    table = ", ".join(f"{toml_key(other)} = {turns:.4g}" for other, turns in turned.items())
     return COUPLED_JOINTS.finding(
         f"the motor of {joint} turns behind its gear as {joint} and {listed(turns_with)}: that "
         f"explains {share:.0%} of the squared residual of its motor equation. It drives several "
@@ -176,8 +175,14 @@ def _moves_with(
             **{f"turns with {other}": turns for other, turns in turned.items()},
             "explained": share,
         },
-        in_drives({(joint,): f"transmission = {{ {table} }}"}),
+        _transmission(joint, turned),
     )
+
+
+def _transmission(joint: str, turns: Mapping[str, float]) -> str:
+    """Return the lines of a drive that turns with joints: {joint: turns}."""
+    table = ", ".join(f"{toml_key(name)} = {number:.4g}" for name, number in turns.items())
+    return in_drives({(joint,): f"transmission = {{ {table} }}"})
 
 
 def _ratio_varies(
@@ -210,9 +215,14 @@ def _ratio_varies(
             "sin [rad]": float(sine),
             "explained": share,
         },
-        "convert angle and torque of the motor to those of a gear with a constant ratio, by the "
-        "geometry of the linkage, before the log is read",
+        _CONSTANT_RATIO,
     )
+
+
+_CONSTANT_RATIO = (
+    "convert angle and torque of the motor to those of a gear with a constant ratio, by the "
+    "geometry of the linkage, before the log is read"
+)
 
 
 GEAR_CHECKS = (
@@ -351,7 +361,7 @@ def coupled_motors(experiment: Experiment) -> Iterator[Transform]:
     robot = experiment.robot
     for j in _between_encoders(experiment):
         joint, drive = robot.joint_names[j], robot.drives[robot.joint_names[j]]
-        apart, columns = experiment.between_encoders(j)
+        apart, columns = experiment.apart[:, j], experiment.encoder_columns(j)
         for i in range(robot.n):
             other = robot.joint_names[i]
             is_alike = robot.is_prismatic[i] == robot.is_prismatic[j]
@@ -365,7 +375,6 @@ def coupled_motors(experiment: Experiment) -> Iterator[Transform]:
             rounded = round(turns / _ROUND_TURNS) * _ROUND_TURNS
             turns = rounded if abs(turns - rounded) < SURE * error else turns
             factors = {**(drive.transmission or {joint: 1.0}), other: float(f"{turns:.4g}")}
-            table = ", ".join(f"{toml_key(name)} = {one:.4g}" for name, one in factors.items())
             drives = {**robot.drives, joint: replace(drive, transmission=factors)}
             yield Transform(
                 COUPLED_JOINTS,
@@ -373,7 +382,7 @@ def coupled_motors(experiment: Experiment) -> Iterator[Transform]:
                 f"{other}: it drives both, by a differential, a tendon or a parallel linkage",
                 partial(replace, robot=robot.with_drives(drives)),
                 joint,
-                in_drives({(joint,): f"transmission = {{ {table} }}"}),
+                _transmission(joint, factors),
                 evidence={f"turns with {other}": turns},
                 penalty=1.0,
             )
@@ -405,7 +414,7 @@ def linkages(experiment: Experiment) -> Iterator[Transform]:
         q = experiment.turned[0][:, j]
         if robot.is_prismatic[j] or np.ptp(q) < POOR:
             continue
-        apart, columns = experiment.between_encoders(j)
+        apart, columns = experiment.apart[:, j], experiment.encoder_columns(j)
         H = np.column_stack([q, np.cos(q), np.sin(q), columns])
         x = scaled_svd(H).solve(apart)[:3]
         factor = 1 + x[0] - x[1] * np.sin(q) + x[2] * np.cos(q)
@@ -420,8 +429,7 @@ def linkages(experiment: Experiment) -> Iterator[Transform]:
             "linkage, a lever or a spindle",
             partial(_with_constant_ratio, j=j, x=x),
             joint,
-            "convert angle and torque of the motor to those of a gear with a constant ratio, by "
-            "the geometry of the linkage, before the log is read",
+            _CONSTANT_RATIO,
             evidence={"least ratio": ratio * low, "largest ratio": ratio * high},
             penalty=1.0,
         )

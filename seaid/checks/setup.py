@@ -29,8 +29,8 @@ from seaid.checks.bodies import (
     gravities,
     lengths,
     payloads,
+    quarter_turns,
     zeros,
-    zeros_of_two,
 )
 from seaid.checks.channels import (
     HELD,
@@ -215,7 +215,7 @@ def _trials(experiment: Experiment) -> list[_Trial]:
 
     # one of several mistakes repairs its joints, while the others still contradict the robot file
     best = [pair for cost in (by_file, by_joint) for pair in sorted(tried, key=cost)[:_SHORTLIST]]
-    trials = [_trial(experiment, *pair) for pair in {id(pair): pair for pair in best}.values()]
+    trials = [_trial(experiment, *pair) for pair in dict.fromkeys(best)]
     trials = [trial for trial in trials if trial.remaining < MOST and is_demanded(trial)]
     return sorted(trials, key=lambda trial: -trial.total)
 
@@ -233,8 +233,8 @@ _OF_VALUES = (
 
 
 def _trial(experiment: Experiment, transform: Transform, changed: Experiment) -> _Trial:
-    rows, kinds = experiment.independent_rows, ("free", "motor", "encoders")
-    gains = sum(experiment.cost(kind, rows) - changed.cost(kind, rows) for kind in kinds)
+    rows = experiment.independent_rows
+    gains = sum(experiment.cost(kind, rows) - changed.cost(kind, rows) for kind in _DIRECT)
     falls, is_value = _falls(experiment, changed), transform.code in _OF_VALUES
     shown = min(gains, _shown(experiment, changed, is_value)) if falls or is_value else 0.0
     losses = [
@@ -261,6 +261,10 @@ _EXPLAINED_BY = {
 }
 
 
+_DIRECT = ("free", "motor", "encoders")
+"""Misfits that do not rest on the bodies of the robot file."""
+
+
 def _falls(before: Experiment, after: Experiment) -> dict[tuple[str, int], float]:
     """Return the misfits that matter and fall by half, {(kind, joint): part that remains}."""
     ratios = {
@@ -279,7 +283,7 @@ def _shown(before: Experiment, after: Experiment, is_value: bool) -> float:
     shows a value that is off by little.
     """
     gain = 0.0
-    for kind in ("free", "motor", "encoders"):
+    for kind in _DIRECT:
         x, y = (np.fmax(each.misfits[kind], FEW) for each in (before, after))
         counts = ((x > SLIGHT) & (y < MOST * x)) | (is_value & (y < SLIGHT))
         gain += float(np.sum(np.where(counts, before.independent_rows * np.log(x / y), 0.0)))
@@ -574,11 +578,9 @@ def _torque_scales(experiment: Experiment) -> Iterator[Transform]:
         slope, _ = _slopes(experiment, j)
         if slope > 0:
             slope *= _refinement(scaled(experiment, j, {"t": 1 / slope}), j)
-            scale = _scale(
-                experiment, [j], slope, f"the torque of {experiment.robot.joint_names[j]} is"
-            )
             if abs(slope - 1) > SLIGHT:
-                yield scale
+                words = f"the torque of {experiment.robot.joint_names[j]} is"
+                yield _scale(experiment, [j], slope, words)
 
 
 def _scale(
@@ -614,7 +616,7 @@ def _refinement(experiment: Experiment, j: int) -> float:
     )
     z, x = experiment.weighed(own * nominal), experiment.weighed(own * torque)
     size = float(z @ x)
-    inverse = 1 + float(z @ experiment.weighed(nominal - experiment.target)) / size if size else 1.0
+    inverse = 1 - float(z @ experiment.unexplained) / size if size else 1.0
     return 1 / inverse if 0.5 < inverse < 2.0 else 1.0
 
 
@@ -628,10 +630,8 @@ def _all_torque_scales(experiment: Experiment) -> Iterator[Transform]:
     of_masses = rotor > 0 and abs(math.log(rotor)) < 0.5 * abs(math.log(middle))
     words = "the torques of all joints are"
     yield _scale(experiment, experiment.used, middle, words, penalty=1.0 if of_masses else 0.0)
-    levers, is_driven = (
-        experiment.lever[experiment.used],
-        np.all(np.isfinite(experiment.torque[:, experiment.used])),
-    )
+    levers = experiment.lever[experiment.used]
+    is_driven = np.all(np.isfinite(experiment.torque[:, experiment.used]))
     is_behind = 1 / TWICE < float(np.median(slopes / levers)) < TWICE
     if is_driven and np.min(levers) >= FAR and is_behind:
         yield _behind_gears(experiment, middle)
@@ -777,7 +777,7 @@ MISTAKES = (
     Mistake(gravities, _BODIES),
     Mistake(lengths, _BODIES),
     Mistake(zeros, _BODIES),
-    Mistake(zeros_of_two, (*_BODIES, *_SEVERE)),
+    Mistake(quarter_turns, (*_BODIES, *_SEVERE)),
     Mistake(payloads, _BODIES),
     Mistake(_sign_of_torques, (*_SEVERE, _has_joints)),
     Mistake(_all_angles, (*_SEVERE, _has_joints)),
