@@ -179,6 +179,7 @@ def test_orders_are_found_in_the_residual_and_named() -> None:
     assert "between the encoders" in flag.message
 
 
+@pytest.mark.slow  # two whole identifications of an arm
 def test_remedy_as_printed_repairs_the_result() -> None:
     (flag,) = [one for one in without().warnings if one.code == "transmission-error"]
     first, _, text = flag.remedy.partition("\n")

@@ -101,6 +101,7 @@ def test_more_search_is_never_worse_and_starts_help(leg: Robot) -> None:
     assert longer < 0.2 * short
 
 
+@pytest.mark.slow  # a search of 2 s
 def test_only_some_torques_known(leg: Robot) -> None:
     found = plan(leg, torque_joints=["hip_pitch", "knee_pitch", "ankle_pitch"])
     assert len(found.base.columns) == 21

@@ -29,6 +29,7 @@ from seaid.robot.robot import Robot, load_robot
 from seaid.simulation.forward_dynamics import accelerations, advance
 from seaid.simulation.plant import plant_of
 from tests.experiments import MODELS, TEST_MASS, arm, arm_motion, leg, leg_motion, perfect_log
+from tests.representatives import quick_only
 from tests.terms import ELASTIC, STIFF, with_terms
 from tests.terms import arm as two_joints
 
@@ -357,7 +358,7 @@ def run(
 ROBOTS: dict[str, Callable[[], Robot]] = {"leg": leg, "mixed arm": arm, "stiff arm": stiff_arm}
 
 
-@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("name", quick_only(ROBOTS, ["stiff arm"]))
 def test_motion_without_dry_friction_is_the_plants(name: str, tmp_path: Path) -> None:
     robot = without_friction(ROBOTS[name]())
     own, found = run(robot, tmp_path, 0.3)

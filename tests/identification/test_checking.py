@@ -96,6 +96,7 @@ def test_torques_in_another_unit(case: str, unit: str, factor: float) -> None:
         assert seaid.check(robot, described(wrong, finding.remedy)).warnings == ()
 
 
+@pytest.mark.slow  # 1.5 s
 def test_torques_behind_the_gears_under_the_name_of_the_motors() -> None:
     robot, sensed = leg(TEST_MASS), leg_motion(TEST_MASS).joint_torque
     finding = worst(robot, replace(leg_log(), motor_torque=sensed))
@@ -333,6 +334,7 @@ def test_a_unit_of_all_torques_does_not_hide_exchanged_encoders(case: str) -> No
     assert seaid.check(robot, wrong).warnings == ()
 
 
+@pytest.mark.slow  # 2 s
 def test_nominal_masses_that_are_nonsense_are_noted_only() -> None:
     robot = leg(TEST_MASS)
     other = robot.with_values(100 * robot.parameters, robot.drives)

@@ -80,6 +80,7 @@ def found_standing() -> seaid.Identification:
     return seaid.identify(STANDING.without_nominal(), swayed(), cutoff_hz=4.0)
 
 
+@pytest.mark.slow  # a fit of a whole quadruped
 def test_bodies_of_an_exact_log_are_recovered() -> None:
     found = found_standing()
     assert len(found.load.values) == 90

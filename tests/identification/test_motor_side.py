@@ -119,6 +119,7 @@ def test_stiffness_and_resonance_from_the_motor_alone(found: Identification) -> 
     assert found.load.value("mz_body") == pytest.approx(-ANYDRIVE.mass * ANYDRIVE.length, rel=0.1)
 
 
+@pytest.mark.slow  # a plant of 10 s in Python
 def test_the_method_is_said_and_a_right_set_up_has_no_doubt(found: Identification) -> None:
     notes = [one for one in found.warnings if one.code == "motor-side"]
     assert len(notes) == 1
@@ -127,6 +128,7 @@ def test_the_method_is_said_and_a_right_set_up_has_no_doubt(found: Identificatio
     assert found.drives["arm"].value("spring_offset") == 0.0
 
 
+@pytest.mark.slow  # a plant of 10 s in Python
 def test_tables_report_and_file_have_the_known_offset(
     found: Identification, tmp_path: Path
 ) -> None:
@@ -137,6 +139,7 @@ def test_tables_report_and_file_have_the_known_offset(
     assert "no sensor behind the spring" in (tmp_path / "report.html").read_text("utf-8")
 
 
+@pytest.mark.slow  # a plant of 10 s in Python
 def test_refine_of_the_same_log_stays(found: Identification) -> None:
     again = refine(found, log_of(ANYDRIVE)).drives["arm"]
     error = again.values - found.drives["arm"].values
@@ -207,6 +210,7 @@ def test_an_elastic_link_behind_the_spring_is_named(tmp_path: Path) -> None:
     assert "usable with care: motor-side (arm)" in result.verdict.sentence
 
 
+@pytest.mark.slow  # a plant of 10 s in Python
 def test_the_note_bounds_what_a_log_does_not_show(found: Identification) -> None:
     (note,) = [one for one in found.warnings if one.code == "motor-side"]
     (hidden,) = note.evidence.values()
@@ -219,6 +223,7 @@ def test_the_note_bounds_what_a_log_does_not_show(found: Identification) -> None
     assert next(iter(note.evidence.values())) > hidden
 
 
+@pytest.mark.slow  # a plant of 10 s in Python
 def test_a_torque_that_is_mostly_noise_is_doubted(found: Identification) -> None:
     fit = found.joint_fits["arm"]
     assert fit.own < 0.01
@@ -273,6 +278,7 @@ def test_bodies_are_physically_consistent_if_wanted(robot: Robot, tmp_path: Path
     assert np.all(np.abs(base - result.load.values) < 3 * result.load.standard_errors)
 
 
+@pytest.mark.slow  # a plant of 10 s in Python
 def test_another_log_is_predicted_by_its_motor_torque(found: Identification) -> None:
     result = seaid.validate(found, log_of(ANYDRIVE, seed=1))
     assert result.actuator.relative_error[0] < 0.01
@@ -284,6 +290,7 @@ def test_another_log_is_predicted_by_its_motor_torque(found: Identification) -> 
     assert "motor-side" in str(result.summary())
 
 
+@pytest.mark.slow  # a plant of 10 s in Python
 def test_another_joint_is_not_predicted(found: Identification) -> None:
     result = seaid.validate(found, log_of(HEAVIER, seed=1))
     (finding,) = [one for one in result.warnings if one.code == "unseen-motion"]

@@ -209,7 +209,15 @@ SAME_OF_ALL = (IN_DEGREES, "torque with another sign", "exchanged joints")
 CASES = [("joint positions", mistake) for mistake in [*MISTAKES][:11]]
 OF_KINDS = [(kind, mistake) for kind in [*LOGS][1:] for mistake in SAME_OF_ALL]
 CASES += [*OF_KINDS, *(("both positions", mistake) for mistake in [*MISTAKES][11:])]
-SLOW = [one for one in OF_KINDS if one[0] != "custom columns" and one[1] != IN_DEGREES]
+SLOW = [case for case in OF_KINDS if case[0] != "custom columns"]
+SLOW += [  # the same remedies, of one joint instead of all or in another unit
+    ("joint positions", "torque of a joint in mN m"),
+    ("joint positions", "all torques with another sign"),
+    ("joint positions", "all angles in degrees"),
+    ("custom columns", "torque with another sign"),
+    ("both positions", "torque in mN m with another sign"),
+    ("both positions", "zero of a joint"),
+]
 
 
 def findings(setup: Setup) -> tuple[seaid.Finding, ...]:

@@ -79,6 +79,7 @@ def test_friction_of_a_warming_motor_is_recovered_within_its_intervals() -> None
     assert not any(one.severity == "wrong" for one in found().warnings)
 
 
+@pytest.mark.slow  # 1.4 s
 def test_the_temperature_of_another_run_is_predicted() -> None:
     """The error of the torque at 60 degC is that of the noise only with the terms."""
     hot = log_at(ramp(58.0, 62.0), seed=2)

@@ -21,6 +21,7 @@ from seaid.project.saved import FILE, _checksum, load_run, save_run
 from seaid.robot import load_robot
 from tests import experiments
 from tests.measured import LOGS
+from tests.representatives import quick_first
 
 MODELS = experiments.MODELS
 
@@ -58,7 +59,7 @@ def test_what_is_loaded_is_what_was_saved(case, tmp_path: Path) -> None:  # type
     assert dict(run.provenance) == {"command": ("seaid", "run"), "inputs": ()}
 
 
-@pytest.mark.parametrize("case", [measured, leg])
+@pytest.mark.parametrize("case", quick_first([measured, leg]))
 def test_a_loaded_identification_predicts_and_is_written_alike(  # type: ignore[no-untyped-def]
     case, tmp_path: Path
 ) -> None:
