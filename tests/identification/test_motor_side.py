@@ -150,8 +150,11 @@ def test_a_known_stiffness_or_another_term_is_refused(robot: Robot) -> None:
     drive = robot.drives["arm"]
     assert isinstance(drive, SeriesElasticDrive)
     drive = replace(drive, joint_friction=("viscous",))
+    time = np.arange(0.0, 4.0, 1e-3)
+    swing = np.sin(9.0 * time)[:, None]
+    swinging = Log(time, ("arm",), motor_position=swing, motor_torque=swing)
     with pytest.raises(IdentificationError, match="parallel spring or joint friction"):
-        identify(robot.with_values(robot.parameters, {"arm": drive}), log_of(ANYDRIVE))
+        identify(robot.with_values(robot.parameters, {"arm": drive}), swinging)
 
 
 def with_damping(joint: Joint, folder: Path, **nominal: float) -> Robot:
