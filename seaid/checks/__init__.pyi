@@ -22,8 +22,6 @@ from .commands import delay_estimate_findings as delay_estimate_findings
 from .commands import is_unsigned as is_unsigned
 from .commands import no_measurements as no_measurements
 from .commands import separation_findings as separation_findings
-from .contacts import FeetInMotion as FeetInMotion
-from .contacts import best_order as best_order
 from .engine import Trial as Trial
 from .engine import best_of as best_of
 from .engine import best_trial as best_trial
@@ -32,8 +30,10 @@ from .experiment import Experiment as Experiment
 from .experiment import experiment_of as experiment_of
 from .experiment import with_torques_of as with_torques_of
 from .feet import FEET_CHECKS as FEET_CHECKS
+from .feet import FeetInMotion as FeetInMotion
 from .feet import LeggedFit as LeggedFit
 from .feet import LoadedFeet as LoadedFeet
+from .feet import best_order as best_order
 from .feet import force_findings as force_findings
 from .feet import mass_findings as mass_findings
 from .gears import encoder_slope as encoder_slope

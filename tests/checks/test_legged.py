@@ -18,7 +18,7 @@ from scripts.legged_plant import GO2_FEET, foot_positions, plant, simulate
 from seaid._arrays import Array
 from seaid.checks.base import base_findings
 from seaid.checks.check import observed
-from seaid.checks.contacts import MOTION_CHECKS, FeetInMotion, foot_places, lifted
+from seaid.checks.feet import MOTION_CHECKS, FeetInMotion, foot_places, lifted
 from seaid.errors import Finding, LogError, SeaidError
 from seaid.identification import with_leg_order
 from seaid.log import BaseLog, Description, LogDescription, turned_to_world
