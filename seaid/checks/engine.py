@@ -285,7 +285,6 @@ class ColumnCheck(Generic[Fit]):
     `finding` words what was accepted of a joint, with the part of the squared residual that it
     explains; it may find that it is nothing. `cause` names a candidate as the rival of another, by
     its field and term, and `decision` is the measurement that separates it from its rivals.
-    `contains` are the codes of simpler mistakes, whose columns are among those of the candidates.
     """
 
     code: Code
@@ -293,7 +292,6 @@ class ColumnCheck(Generic[Fit]):
     finding: Callable[[Fit, str, Sequence[Accepted], float], Finding | None]
     decision: str
     cause: str = "'{term}' in its {field}"
-    contains: tuple[Code, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

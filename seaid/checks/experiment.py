@@ -250,20 +250,20 @@ class Experiment:
         """Misfit (n,) between both encoders, but for a constant and a deflection by the torque."""
         found = np.full(self.robot.n, np.nan)
         for j in np.flatnonzero(self.both).tolist():
-            H, apart = self.encoder_columns(j), self.apart[:, j]
+            H, apart = with_constant(self.deflection(j)), self.apart[:, j]
             left = apart - H @ scaled_svd(H).solve(apart)
             found[j] = float(np.std(left)) / max(float(np.std(self.turned[0][:, j])), _LEAST)
         return found
 
-    def encoder_columns(self, j: int) -> Array:
-        """Return what explains the angle between the encoders of joint j (R, k).
+    def deflection(self, j: int) -> Array:
+        """Return columns (R, k) of the deflection of a spring, none of a stiff joint j.
 
-        That is a constant, and a deflection by the torque of a spring.
+        It is proportional to the torque of the spring, which is that of the motor but for friction.
         """
-        columns = [np.ones(len(self.target))]
-        if j in self._elastic:
-            columns.append(self.target[:, j] / max(self._torque_sizes[j], _LEAST))
-        return np.column_stack(columns)
+        if j not in self._elastic:
+            return np.empty((len(self.target), 0))
+        torque = self.target[:, j] / max(self._torque_sizes[j], _LEAST)
+        return np.column_stack([self.friction[j][:, :2], torque])
 
     @cached_property
     def _is_open(self) -> BoolArray:
@@ -781,6 +781,11 @@ class Transform:
 
 
 _USUAL = (2.0, 3.0, 4.0, 5.0, 10.0, 100.0, 1000.0)
+
+
+def with_constant(*columns: Array) -> Array:
+    """Return columns (R, ...) next to a constant."""
+    return np.column_stack([np.ones(len(columns[0])), *columns])
 
 
 def near(factor: float, *others: float) -> list[float]:

@@ -1,8 +1,8 @@
 """What a gear does that the drive does not have: periodic errors, other joints, other ratios.
 
-The errors of a gear and its encoders are periodic in the angle of the motor or of the joint; a
-motor may move with several joints; the ratio of a linkage depends on the angle. After a fit these
-are columns next to its equations, before it transforms that undo what is large.
+The errors of a gear and its encoders are periodic in the angle of the motor or of the joint: they
+are columns next to the equations of a fit. A motor may move with several joints, and the ratio of a
+linkage depends on the angle: before a fit, transforms undo it.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from seaid.checks.codes import (
     VARYING_RATIO,
 )
 from seaid.checks.engine import Accepted, Candidate, ColumnCheck, linear_candidate
-from seaid.checks.experiment import Experiment, Transform, fitted, near
+from seaid.checks.experiment import Experiment, Transform, fitted, near, with_constant
 from seaid.checks.terms import DriveRows
-from seaid.checks.tolerances import MOST, PERIODIC, POOR, SLIGHT, SURE
+from seaid.checks.tolerances import PERIODIC, POOR, SLIGHT, SURE
 from seaid.errors import Finding, listed
 from seaid.estimation import scaled_svd
 from seaid.log import changed_source
@@ -81,33 +81,6 @@ def _harmonic(side: Side, joint: str, name: str, order: int) -> Array | None:
     return None if np.min(sizes) < POOR * np.sqrt(0.5 * len(pair)) else pair
 
 
-def _couplings(side: Side, joint: str) -> Iterator[Candidate]:
-    """Yield the angles of other joints: a motor that moves with them has them in (7).
-
-    Not where the deflection is measured, which shows the spring alone.
-    """
-    if side.is_motor and joint not in side.gears:
-        for other in side.robot.joint_names:
-            if other not in {joint, *side.robot.drives[joint].transmission}:
-                yield linear_candidate(joint, "coupled", other, partial(_angle, side, joint, other))
-
-
-def _varying_ratio(side: Side, joint: str) -> Iterator[Candidate]:
-    """Yield the angle that a motor has more where its ratio varies once per turn of its joint."""
-    is_rotary = side.robot.drives[joint].joint_units[1] == "rad"
-    if side.is_motor and is_rotary and joint not in side.gears:
-        yield linear_candidate(joint, "varying", "joint", partial(_angle, side, joint, joint))
-
-
-def _angle(side: Side, joint: str, moving: str) -> Array:
-    """Return the angle of another joint at the rows, or the angle, cosine and sine of the own."""
-    index = side.robot.index(moving)
-    angles = [motion.joint_position[:, [index]] for motion in side.motions]
-    if moving == joint:
-        angles = [np.hstack([x, np.cos(x), np.sin(x)]) for x in angles]
-    return side.drive(joint).at_rows(angles)
-
-
 def _periodic(side: Side, joint: str, accepted: Sequence[Accepted], share: float) -> Finding:
     """Return the finding of periodic errors, with their orders as TOML."""
     drive, estimate = side.robot.drives[joint], side.fitted.estimate
@@ -115,7 +88,7 @@ def _periodic(side: Side, joint: str, accepted: Sequence[Accepted], share: float
     field = "transmission_error" if is_error else "torque_ripple"
     orders = [(x.trial.candidate.field, int(x.trial.candidate.term)) for x in accepted]
     text = ", ".join(f"order {order} of the {angle}" for angle, order in orders)
-    evidence = {"share of the residual": share}
+    evidence = {"explained": share}
     if is_error and "stiffness" in estimate.names and estimate.value("stiffness") > 0:
         largest = max(float(np.linalg.norm(x.coefficients)) for x in accepted)
         error = largest / (_lever(side, joint) * estimate.value("stiffness"))
@@ -142,81 +115,10 @@ def _lever(side: Side, joint: str) -> float:
     return drive.motor_radius / drive.ratio if is_motor else 1.0
 
 
-def _spring_of(side: Side, joint: str, accepted: Sequence[Accepted]) -> float:
-    """Return what an angle of the joint adds to the equation of its motor, next to columns."""
-    larger = side.equation.with_alternatives(x.trial.alternative for x in accepted)
-    stiffness = larger.values[side.fitted.estimate.names.index("stiffness")]
-    return float(stiffness) * side.robot.drives[joint].load_radius * _lever(side, joint)
-
-
-def _moves_with(
-    side: Side, joint: str, accepted: Sequence[Accepted], share: float
-) -> Finding | None:
-    """Return the finding of a motor that moves with other joints than its own.
-
-    None where the part of another joint is small: flexible links turn encoders by thousandths.
-    """
-    spring, turned = _spring_of(side, joint, accepted), {joint: 1.0}
-    turns_with = []
-    for x in accepted:
-        turns, error = -float(x.coefficients[0]) / spring, abs(float(x.errors[0]) / spring)
-        turned[x.trial.candidate.term] = turns
-        turns_with.append(f"{turns:.3g} +- {error:.1g} times with {x.trial.candidate.term}")
-    if max(abs(turns) for other, turns in turned.items() if other != joint) < POOR:
-        return None
-    return COUPLED_JOINTS.finding(
-        f"the motor of {joint} turns behind its gear as {joint} and {listed(turns_with)}: that "
-        f"explains {share:.0%} of the squared residual of its motor equation. It drives several "
-        f"joints, by a differential, a tendon or a parallel linkage; or the encoder of {joint} "
-        "measures its angle against another link than the one before it",
-        joint,
-        "wrong" if share > MOST else "doubtful",
-        {
-            **{f"turns with {other}": turns for other, turns in turned.items()},
-            "explained": share,
-        },
-        _transmission(joint, turned),
-    )
-
-
 def _transmission(joint: str, turns: Mapping[str, float]) -> str:
     """Return the lines of a drive that turns with joints: {joint: turns}."""
     table = ", ".join(f"{toml_key(name)} = {number:.4g}" for name, number in turns.items())
     return in_drives({(joint,): f"transmission = {{ {table} }}"})
-
-
-def _ratio_varies(
-    side: Side, joint: str, accepted: Sequence[Accepted], share: float
-) -> Finding | None:
-    """Return the finding of a ratio that depends on the angle, None where it hardly does.
-
-    A motor that turns by N (q + e q + c cos q + s sin q) has, for its angle, the ratio
-    N (1 + e - c sin q + s cos q). That of its torque is not in the columns.
-    """
-    drive, index = side.robot.drives[joint], side.robot.index(joint)
-    slope, cosine, sine = -accepted[0].coefficients / _spring_of(side, joint, accepted)
-    reached = np.concatenate([motion.joint_position[:, index] for motion in side.motions])
-    angles = np.linspace(np.min(reached), np.max(reached))
-    ratios = drive.ratio * (1.0 + slope - cosine * np.sin(angles) + sine * np.cos(angles))
-    low, high = int(np.argmin(ratios)), int(np.argmax(ratios))
-    if ratios[high] - ratios[low] < POOR * abs(float(np.mean(ratios))):
-        return None
-    return VARYING_RATIO.finding(
-        f"the gear ratio of {joint} depends on its angle: {ratios[low]:.3g} at {angles[low]:.2g} "
-        f"rad and {ratios[high]:.3g} at {angles[high]:.2g} rad, where the drives file has "
-        f"{drive.ratio:g}. This explains {share:.0%} of the squared residual of its motor "
-        "equation: the transmission is a linkage, a lever or a spindle",
-        joint,
-        "wrong",
-        {
-            "least ratio": float(ratios[low]),
-            "largest ratio": float(ratios[high]),
-            "cos [rad]": float(cosine),
-            "sin [rad]": float(sine),
-            "explained": share,
-        },
-        _CONSTANT_RATIO,
-    )
 
 
 _CONSTANT_RATIO = (
@@ -226,22 +128,6 @@ _CONSTANT_RATIO = (
 
 
 GEAR_CHECKS = (
-    ColumnCheck(
-        COUPLED_JOINTS,
-        _couplings,
-        _moves_with,
-        "a motor that turns while its joint is held and another joint is moved drives both",
-        "a motor that moves with {term}",
-        (COUPLED_JOINTS,),
-    ),
-    ColumnCheck(
-        VARYING_RATIO,
-        _varying_ratio,
-        _ratio_varies,
-        "both encoders of a joint that is slowly turned without a load show its ratio",
-        "a gear ratio that varies with the angle",
-        (GEAR_RATIO, VARYING_RATIO),
-    ),
     ColumnCheck(
         TRANSMISSION_ERROR,
         _orders,
@@ -264,17 +150,9 @@ def _with_ratio(experiment: Experiment, j: int, factor: float) -> Experiment:
 
 
 def encoder_slope(experiment: Experiment, j: int) -> float:
-    """Return the motor angle per joint angle over the gear ratio, without the spring's deflection.
-
-    The deflection is proportional to the torque of the spring, which is that of the motor but for
-    friction: both are columns of the regression next to the joint angle.
-    """
-    columns = [experiment.turned[0][:, j], np.ones(len(experiment.direction))]
-    if j in experiment.used:
-        columns += [experiment.target[:, j], *experiment.friction[j][:, :2].T]
-    H = np.column_stack(columns)
-    x = scaled_svd(H).solve(experiment.motor[0][:, j])
-    return float(x[0] / experiment.lever[j])
+    """Return the motor angle per joint angle over the gear ratio, without a spring's deflection."""
+    H = with_constant(experiment.turned[0][:, j], experiment.deflection(j))
+    return float(scaled_svd(H).solve(experiment.motor[0][:, j])[1] / experiment.lever[j])
 
 
 def other_slope(experiment: Experiment, j: int) -> float | None:
@@ -361,7 +239,7 @@ def coupled_motors(experiment: Experiment) -> Iterator[Transform]:
     robot = experiment.robot
     for j in _between_encoders(experiment):
         joint, drive = robot.joint_names[j], robot.drives[robot.joint_names[j]]
-        apart, columns = experiment.apart[:, j], experiment.encoder_columns(j)
+        apart, columns = experiment.apart[:, j], with_constant(experiment.deflection(j))
         for i in range(robot.n):
             other = robot.joint_names[i]
             is_alike = robot.is_prismatic[i] == robot.is_prismatic[j]
@@ -407,6 +285,10 @@ def _against_link(experiment: Experiment, j: int, i: int, turns: float) -> Exper
     return replace(experiment, joint=joint)
 
 
+_RATIO_STEPS = 3
+"""Steps of a ratio that varies with the angle: each changes it by a tenth of the one before."""
+
+
 def linkages(experiment: Experiment) -> Iterator[Transform]:
     """Yield gear ratios that vary once per turn: theta = N (q + e q + c cos q + s sin q)."""
     robot = experiment.robot
@@ -414,10 +296,11 @@ def linkages(experiment: Experiment) -> Iterator[Transform]:
         q = experiment.turned[0][:, j]
         if robot.is_prismatic[j] or np.ptp(q) < POOR:
             continue
-        apart, columns = experiment.apart[:, j], experiment.encoder_columns(j)
-        H = np.column_stack([q, np.cos(q), np.sin(q), columns])
-        x = scaled_svd(H).solve(apart)[:3]
-        factor = 1 + x[0] - x[1] * np.sin(q) + x[2] * np.cos(q)
+        deflection, factor = experiment.deflection(j), np.ones(len(q))
+        for _ in range(_RATIO_STEPS):  # the torque of a motor on its spring has that factor too
+            H = with_constant(q, np.cos(q), np.sin(q), factor[:, None] * deflection)
+            x = scaled_svd(H).solve(experiment.apart[:, j])[1:4]
+            factor = 1 + x[0] - x[1] * np.sin(q) + x[2] * np.cos(q)
         low, high = float(np.min(factor)), float(np.max(factor))
         if low <= 0 or high - low < POOR * (high + low) / 2:
             continue

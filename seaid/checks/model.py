@@ -126,21 +126,14 @@ def without_setup_echoes(
     """Return findings without mistakes of the set-up that are echoes of what equations lack.
 
     `setup` are the mistakes of the set-up among them. A mistake is an echo if the robot whose
-    drives have the selected terms does not show it, or if it is contained in what was selected: a
-    tilt of gravity in springs parallel to the joints, another ratio in a ratio that varies.
+    drives have the selected terms does not show it, as a tilt of gravity next to parallel springs.
     """
     mistakes = [finding for finding in setup if finding.severity != "note"]
     if not mistakes:
         return list(findings)
     supported = _with_selected_terms(robot, selected)
     shown = mistakes if supported.drives == robot.drives else mistakes_of(supported)
-    contained = {
-        (code.name, joint)
-        for side in selected
-        for check, joint in side.doubtful
-        for code in check.contains
-    }
-    kept = {(finding.code, finding.joint) for finding in shown} - contained
+    kept = {(finding.code, finding.joint) for finding in shown}
     return [x for x in findings if x not in mistakes or (x.code, x.joint) in kept]
 
 

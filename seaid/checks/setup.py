@@ -385,7 +385,7 @@ def _has_own_channels(experiment: Experiment) -> bool:
 
 def _has_encoders_apart(experiment: Experiment) -> bool:
     """Whether the encoders of a joint contradict each other."""
-    return bool(np.nanmax(experiment.of_encoders, initial=0.0) > POOR)
+    return bool(np.nanmax(experiment.of_encoders, initial=0.0) > SLIGHT)
 
 
 # Factors on channels: signs, units of angles and of torques
