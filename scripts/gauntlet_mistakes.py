@@ -486,6 +486,7 @@ _UNIT, SCALE, _TIME = {"unit"}, {"unit", "torque-scale"}, {"time-unit"}
 _FEW = {"few-rows", "poorly-identified", "unidentifiable", "standstill", "no-fit", "weak-spring"}
 _LOOSE = {
     "loose-encoder",
+    "backlash",
     "transmission-error",
     "nonlinear-spring",
     "blocks-disagree",

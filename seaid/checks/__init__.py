@@ -3,7 +3,8 @@
 - `check`: the objects by which checks are declared;
 - `codes`: what each finding stands for, with its usual cause and what to do;
 - `engine`: which columns belong into an equation, by forward selection. `columns` (drives), `gears`
-  and `sensors` propose them, `terms` computes those of drives, and `model` selects and names.
+  and `sensors` propose them, `terms` computes those of drives, and `model` selects and names;
+- `echoes`: which findings follow from others.
 
 Findings are made here only: a room for each thing that is looked at, such as `channels` of a log.
 Nothing here knows the steps of an identification.

@@ -10,8 +10,6 @@ from .channels import strength_findings as strength_findings
 from .channels import without_torque as without_torque
 from .check import Code as Code
 from .check import Observation as Observation
-from .check import consequences as consequences
-from .check import is_wrong as is_wrong
 from .check import observed as observed
 from .codes import CODES as CODES
 from .columns import Side as Side
@@ -22,6 +20,9 @@ from .commands import delay_estimate_findings as delay_estimate_findings
 from .commands import is_unsigned as is_unsigned
 from .commands import no_measurements as no_measurements
 from .commands import separation_findings as separation_findings
+from .echoes import consequences as consequences
+from .echoes import is_wrong as is_wrong
+from .echoes import that_matter as that_matter
 from .engine import Trial as Trial
 from .engine import best_of as best_of
 from .engine import best_trial as best_trial
@@ -102,5 +103,4 @@ from .verdict import explained as explained
 from .verdict import fit_findings as fit_findings
 from .verdict import prediction_errors as prediction_errors
 from .verdict import robot_fit as robot_fit
-from .verdict import that_matter as that_matter
 from .verdict import verdict_of as verdict_of

@@ -16,7 +16,8 @@ import numpy as np
 from seaid._arrays import Array, is_constant
 from seaid.checks import codes
 from seaid.checks import tolerances as tol
-from seaid.checks.check import Observation, is_wrong, observed, only_joint
+from seaid.checks.check import Observation, observed, only_joint
+from seaid.checks.echoes import is_wrong
 from seaid.checks.feet import MOTION_CHECKS, FeetInMotion, unused_lifts
 from seaid.errors import Finding, listed
 from seaid.log import (

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import combinations, product
 
@@ -29,6 +29,7 @@ from seaid.checks.tolerances import (
 from seaid.errors import Finding
 from seaid.estimation import RANK_TOLERANCE, scaled_svd, triangle
 from seaid.regressor import regressor_at_drives
+from seaid.robot import Robot
 
 
 def _with_gravity(experiment: Experiment, gravity: Array) -> Experiment:
@@ -205,7 +206,8 @@ def _placed(
 ) -> Iterator[Transform]:
     """Yield a point mass at each body, where it explains the torques best: of a `mass`, or any.
 
-    One that was not named is a note: the body that carries it is estimated together with it.
+    One that was not named is a note if it may be an error of the robot file: then the body that
+    carries it is estimated together with it.
     """
     robot, is_named = experiment.robot, mass is not None
     for body, link in enumerate(robot.body_names):
@@ -215,13 +217,14 @@ def _placed(
         com = ",".join(f"{x:.3g}" for x in point[1:4] / point[0] + 0.0)
         changed = bodies.copy()
         changed[10 * body : 10 * body + 10] += point
+        is_beyond = point[0] > SURE * experiment.widths[10 * body, 5 * body]
         yield Transform(
             PAYLOAD,
             f"{text} is on {link}, {point[0]:.3g} kg at ({com}) m",
             partial(replace, bodies=changed),
             robot.joint_of(body),
             f"option: --payload {link}:{point[0]:.3g}:{com}",
-            "wrong" if is_named else "note",
+            "wrong" if is_named else "doubtful" if is_beyond else "note",
             penalty=3.0 if is_named else 4.0,
         )
 
@@ -271,15 +274,34 @@ def _point_mass(experiment: Experiment, bodies: Array, body: int, mass: float | 
     return point(x) if np.linalg.norm(x[:3]) < _FARTHEST_M else np.zeros(10)
 
 
-def file_findings(experiment: Experiment) -> Iterator[Finding]:
-    """Yield how much heavier the robot is than its file, and which link most.
+@dataclass(frozen=True, eq=False)
+class _Masses:
+    """Relative changes (N,) of the masses of the robot file, and their errors, by the torques.
+
+    `share` (N,) are the parts of the mass that the torques show, of which `total` is the change.
+    """
+
+    change: Array
+    errors: Array
+    share: Array
+    total: float
+    error: float
+
+    @property
+    def most(self) -> int:
+        """The body that changes the mass most."""
+        return int(np.argmax(np.abs(self.share * self.change)))
+
+
+def _masses(experiment: Experiment) -> _Masses | None:
+    """Return how the masses differ from the robot file, None where no torque shows it.
 
     Each body counts as that of the file times a factor, which the torques determine next to the
     width of its mass; what this leaves unexplained beyond the noise counts as noise.
     """
     robot, bodies = experiment.robot, experiment.robot.parameters.reshape(-1, 10)
     if not experiment.used or not np.all(np.isfinite(experiment.bodies)) or robot.known_bodies:
-        return
+        return None
     each = (np.eye(len(bodies))[:, :, None] * bodies).reshape(len(bodies), -1)
     effects = experiment.over_noise(experiment.regressor @ each.T)
     y = experiment.over_noise(experiment.target - experiment.regressor @ experiment.bodies)
@@ -296,41 +318,57 @@ def file_findings(experiment: Experiment) -> Iterator[Finding]:
     misfit = experiment.of_bodies(experiment.bodies + change @ each)
     is_possible = np.nanmedian(misfit) < SEVERE and np.min(change[shown > 0], initial=0.0) > -1
     if not np.any(shown) or not is_possible:
-        return
+        return None
     share = shown / np.sum(shown)
-    total, error = float(share @ change), float(np.linalg.norm(share @ roots))
-    most = int(np.argmax(np.abs(share * change)))
-    link, part, own = robot.body_names[most], float(change[most]), float(errors[most])
-    is_heavier = abs(total) > max(POOR, SURE * error)
+    return _Masses(
+        change, errors, share, float(share @ change), float(np.linalg.norm(share @ roots))
+    )
+
+
+def file_findings(experiment: Experiment) -> Iterator[Finding]:
+    """Yield how much heavier the robot is than its file, and which link most."""
+    masses = _masses(experiment)
+    if masses is None:
+        return
+    robot, most, total = experiment.robot, masses.most, masses.total
+    link, part = robot.body_names[most], float(masses.change[most])
+    own = float(masses.errors[most])
+    is_heavier = abs(total) > max(POOR, SURE * masses.error)
     differs = abs(part - is_heavier * total) > (SURE if is_heavier else SIGNIFICANT) * own
-    is_mostly = differs and abs(share[most] * part) > (MOST * abs(total) if is_heavier else POOR)
+    least = MOST * abs(total) if is_heavier else POOR
+    is_mostly = differs and abs(masses.share[most] * part) > least
     if is_heavier:
-        message = f"the robot is {_heavier(total, error)} than its file"
+        message = f"the robot is {_heavier(total, masses.error)} than its file"
         message += f", mostly {link}, by {part:+.0%}" if is_mostly else ""
     elif is_mostly:
         message = f"{link} is {_heavier(part, own)} than in its file"
     else:
         return
-    rival = f"all torques are {1 + total:.3g} times what they should be"
-    measurement = f"weigh {link if is_mostly else 'a link'}"
-    if np.any(robot.payload_parameters):
-        rival = "a payload has another mass than the one named"
-        measurement += " and the payload"
-    elif is_mostly:
-        rival = f"a payload on {link} was not named"
-    else:
-        measurement += ", or hold a known weight at a known distance and compare the torque"
+    rival, measurement = _rival_of_masses(robot, total, link if is_mostly else "")
     yield NOMINAL_VALUES.finding(
         f"{message}, by the torques and the shapes of the links in the file; or {rival}",
         robot.joint_of(most) if is_mostly and not is_heavier else "",
         "note",
         {
             "relative change of the mass": total,
-            "standard error": error,
+            "standard error": masses.error,
             f"relative change of {link}": part,
         },
         f"{measurement}: if the file is wrong, the estimate needs no change",
         "possible",
+    )
+
+
+def _rival_of_masses(robot: Robot, total: float, link: str) -> tuple[str, str]:
+    """Return what explains as much as other masses, mostly of a `link`, and what decides."""
+    measurement = f"weigh {link or 'a link'}"
+    if np.any(robot.payload_parameters):
+        return "a payload has another mass than the one named", f"{measurement} and the payload"
+    if link:
+        return f"a payload on {link} was not named", measurement
+    return (
+        f"all torques are {1 + total:.3g} times what they should be",
+        f"{measurement}, or hold a known weight at a known distance and compare the torque",
     )
 
 

@@ -202,10 +202,11 @@ def _lost_samples(logged: Logged) -> Iterator[Finding]:
             yield codes.HOLES.finding(
                 f"{steps_of_all}, while the time has equal steps: {count} were lost, and the time "
                 "counts those that are left",
-                severity="wrong" if jumps else "doubtful",
+                severity="wrong" if jumps or np.sum(lost) > tol.SLIGHT * len(steps) else "doubtful",
                 evidence={"lost samples": float(np.sum(lost)), "steps": float(len(lost) or jumps)},
                 remedy="log the clock of the robot with each sample, and record anew: gaps in time "
                 "are then bridged or excluded",
+                certainty="certain",
             )
 
 
@@ -237,7 +238,10 @@ def _lost(positions: Sequence[Array]) -> Array:
     size = np.linalg.norm(usual, axis=0)
     times = np.round(np.sum(moved * usual, axis=0) / np.maximum(size**2, np.finfo(float).tiny))
     differing = np.linalg.norm([change, moved - times * usual], axis=1)
-    is_same = np.all(differing < tol.MOST * size, axis=0)
+    # of a single encoder that sticks and lets go the others know nothing
+    in_each = np.abs(moved - times * usual) < tol.MOST * np.abs(usual)
+    is_same = np.all(in_each | (np.abs(usual) < tol.FAR), axis=0)
+    is_same &= np.all(differing < tol.MOST * size, axis=0)
     return np.asarray((times - 1)[(times > 1) & (size > tol.FAR) & is_same])
 
 
@@ -675,6 +679,7 @@ def stop_findings(experiment: Experiment, logs: Sequence[Log]) -> Iterator[Findi
                     f"exclude_s = {_times_beyond(log, robot, joint, far)}"
                     for where, log in Logged(robot, logs, ()).numbered
                 ),
+                certainty="certain",
                 joints=(joint,),
             )
 

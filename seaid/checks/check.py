@@ -8,7 +8,7 @@ the result: its error becomes a note.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
 import numpy as np
@@ -35,12 +35,15 @@ class Code:
         What it stands for, in a phrase.
     cause, advice : str
         The usual cause, and what to do, in sentences.
+    is_symptom : bool
+        Whether it says that something is off, and not what: any other mistake brings it with it.
     """
 
     name: str
     meaning: str
     cause: str
     advice: str
+    is_symptom: bool = False
 
     def finding(
         self,
@@ -178,33 +181,3 @@ def channels_of(log: Log, joints: Collection[str], *quantities: str) -> Iterator
         for joint, values in zip(log.joint_names, getattr(log, quantity).T, strict=True):
             if joint in joints and np.all(np.isfinite(values)) and not is_constant(values):
                 yield Channel(joint, quantity, values, sources[joint].get(quantity))
-
-
-_OF_FIT = ("no-fit", "negative-parameter")
-"""Codes of findings that say that a model, or its values, are wrong."""
-
-
-def is_wrong(setup: Iterable[Finding]) -> bool:
-    """Whether findings say that the set-up, and not only the model, is wrong."""
-    return any(finding.severity == "wrong" and finding.code not in _OF_FIT for finding in setup)
-
-
-def consequences(setup: Sequence[Finding], findings: Iterable[Finding]) -> list[Finding]:
-    """Return findings about a fit: mere notes where the set-up is already known to be wrong.
-
-    That is the whole robot if the cause is certain, or is of no joint, and its joints else: a cause
-    that rests on the bodies of the robot file may be false. These notes have no remedy, because its
-    numbers are those of the wrong set-up: applied next to the remedy of the set-up, a term or an
-    offset of them would spoil the repaired result.
-    """
-    wrong = [finding for finding in setup if is_wrong([finding])]
-    joints = {joint for finding in wrong for joint in (finding.joint, *finding.joints) if joint}
-    is_whole = any(not one.joint or one.certainty == "certain" for one in wrong)
-
-    def is_echo(finding: Finding) -> bool:
-        return is_whole or not finding.joint or finding.joint in joints
-
-    return [
-        replace(finding, severity="note", remedy="") if wrong and is_echo(finding) else finding
-        for finding in findings
-    ]

@@ -236,6 +236,7 @@ TORQUE_OFFSET = Code(
     "a constant error of a torque",
     "The current sensor was not zeroed.",
     "Set the zero of the torque or current sensor while the motor is off.",
+    is_symptom=True,
 )
 ENCODER_OFFSETS_DIFFER = Code(
     "encoder-offsets-differ",
@@ -250,6 +251,7 @@ WEAK_SPRING = Code(
     "or the gear has play in place of a spring (`backlash`).",
     "Attach a known mass to the link behind it, or use better encoders; see [design of the "
     "experiment](experiment_design.md).",
+    is_symptom=True,
 )
 BACKLASH = Code(
     "backlash",
@@ -310,6 +312,7 @@ DRIFT = Code(
     "squares and looks the same.",
     "Warm up and zero the sensors before the log, and move faster or longer. If the encoders are "
     "noisy, compare with `--estimator iv`.",
+    is_symptom=True,
 )
 NO_FIT = Code(
     "no-fit",
@@ -319,6 +322,7 @@ NO_FIT = Code(
     "spring, a gear ratio or a rotor inertia that the drives file lacks.",
     "Look at the joint's trace in the report. Exclude its torque with `--torque-joints` if the "
     "other joints are needed at once.",
+    is_symptom=True,
 )
 UNSEEN_MOTION = Code(
     "unseen-motion",
@@ -373,24 +377,28 @@ NEGATIVE_PARAMETER = Code(
     "robot file, which count as known, contain those of the rotors or are too heavy. Small values "
     "are often not distinguishable from zero.",
     "Repair the warnings above it first, then do what the remedy says.",
+    is_symptom=True,
 )
 INCONSISTENT_INERTIA = Code(
     "inconsistent-inertia",
     "base parameters that no physically consistent bodies have",
     "A payload, a length, an axis or an encoder offset that is not as in the files.",
     "Check these; `--feasible` gives the nearest consistent bodies and does not repair the cause.",
+    is_symptom=True,
 )
 WEAK_INSTRUMENTS = Code(
     "weak-instruments",
     "instruments that are hardly correlated with their columns",
     "The simulated motion that serves as instrument differs much from the measured one.",
     "Use the ordinary estimate, or improve the model until the simulation follows the log.",
+    is_symptom=True,
 )
 FEW_ROWS = Code(
     "few-rows",
     "too few independent rows for reliable intervals",
     "The log is too short for so many parameters.",
     "Record a longer motion, several motions, or remove terms.",
+    is_symptom=True,
 )
 HOMOGENEOUS = Code(
     "homogeneous",
@@ -404,12 +412,14 @@ ESTIMATOR_DISAGREES = Code(
     "Noisy encoders, or an effect that the model of one joint lacks.",
     "Halve the cutoff if the encoders are noisy; with position commands raise it if joints stick "
     "at their reversals; otherwise look at the residuals in the report for a missing term.",
+    is_symptom=True,
 )
 BLOCKS_DISAGREE = Code(
     "blocks-disagree",
     "estimates from parts of the data that differ by more than their errors",
     "Something changed between or during the logs: offsets, payload, temperature.",
     "Identify the logs one by one, and compare the results with `seaid compare`.",
+    is_symptom=True,
 )
 CUTOFF_SENSITIVE = Code(
     "cutoff-sensitive",
@@ -417,6 +427,7 @@ CUTOFF_SENSITIVE = Code(
     "Noise of the encoders biases inertias and stiffness at a high cutoff; friction lacks its "
     "reversals at a low one, and with position commands the friction at rest biases the delay.",
     "Give the `--cutoff-hz` of the remedy, and compare others with `seaid.cutoff_sensitivity`.",
+    is_symptom=True,
 )
 WORSE_THAN_START = Code(
     "worse-than-start",

@@ -37,7 +37,7 @@ from seaid.checks.terms import (
     toml_of,
     with_term,
 )
-from seaid.checks.tolerances import LEAST_SWING, MATTERS, MOST, TWICE
+from seaid.checks.tolerances import LEAST_SWING, MATTERS, MOST, POOR, TWICE
 from seaid.drives import (
     IDEAL_DRIVE,
     PARAMETERS,
@@ -314,9 +314,11 @@ def _matters(side: Side, joint: str, trials: Sequence[Trial], share: float) -> b
     if trials[0].candidate.field != "parallel_spring":
         return True
     # it resembles gravity, which other mistakes change too: it is the cause of a torque that is not
-    # explained if that is explained with it
+    # explained if that is explained with it, or if nearly nothing is left with bodies of any mass
     before = side.unexplained(joint)
-    return before > MOST > before * float(np.sqrt(1 - share))
+    after = before * float(np.sqrt(1 - share))
+    is_exact = 1 - share < POOR and not side.robot.known_bodies
+    return (is_exact or before > MOST) and after < MOST
 
 
 _FOLLOWS = {

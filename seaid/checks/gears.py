@@ -25,6 +25,7 @@ from seaid.checks.codes import (
     UNIT,
     VARYING_RATIO,
 )
+from seaid.checks.echoes import OF_MOTOR
 from seaid.checks.engine import Accepted, Candidate, ColumnCheck, linear_candidate
 from seaid.checks.experiment import Experiment, Transform, fitted, near, with_constant
 from seaid.checks.terms import DriveRows
@@ -88,7 +89,7 @@ def _periodic(side: Side, joint: str, accepted: Sequence[Accepted], share: float
     field = "transmission_error" if is_error else "torque_ripple"
     orders = [(x.trial.candidate.field, int(x.trial.candidate.term)) for x in accepted]
     text = ", ".join(f"order {order} of the {angle}" for angle, order in orders)
-    evidence = {"explained": share}
+    evidence = {OF_MOTOR: share}
     if is_error and "stiffness" in estimate.names and estimate.value("stiffness") > 0:
         largest = max(float(np.linalg.norm(x.coefficients)) for x in accepted)
         error = largest / (_lever(side, joint) * estimate.value("stiffness"))

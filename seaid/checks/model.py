@@ -28,9 +28,10 @@ from seaid.checks.gears import GEAR_CHECKS
 from seaid.checks.sensors import SENSOR_CHECKS, common_delay
 from seaid.checks.terms import with_term
 from seaid.checks.tolerances import STRONG
-from seaid.checks.values import drive_findings, noise_findings
+from seaid.checks.values import drive_findings, noise_findings, offset_findings
+from seaid.checks.verdict import RobotFit
 from seaid.drives import parameter_of, term_fields
-from seaid.errors import Finding, SeaidError
+from seaid.errors import Finding, SeaidError, Severity, by_severity
 from seaid.estimation import FittedRows, estimator_named, fit
 from seaid.log import Motion
 from seaid.regressor import BaseParameters
@@ -52,6 +53,11 @@ class SideSelection:
     def doubtful(self) -> set[tuple[ColumnCheck[Side], str]]:
         """The checks and joints with a finding above a note: a note explains nothing away."""
         return {key for key, finding in self.findings.items() if finding.severity != "note"}
+
+    def with_severity(self, severity: Severity) -> SideSelection:
+        """Return the selection with all findings of a severity."""
+        findings = {key: replace(x, severity=severity) for key, x in self.findings.items()}
+        return replace(self, findings=findings)
 
     def vanished(self, cutoff_hz: float) -> set[tuple[str, str]]:
         """Return what the values show without the accepted columns, and not with them.
@@ -80,6 +86,7 @@ class SideSelection:
             names = [parameter_of(estimate.names[place]) for place in places]
             qr_factor = fitted.qr_factor if is_motor else None
             findings += drive_findings(joint, estimate.part(places, names), qr_factor)
+        findings += offset_findings(self.side.robot, fitted)
         return {(finding.code, finding.joint) for finding in findings}
 
 
@@ -151,17 +158,24 @@ def _with_selected_terms(robot: Robot, selected: Iterable[SideSelection]) -> Rob
 
 def without_echoes(
     values: Sequence[Finding], selected: Sequence[SideSelection], cutoff_hz: float
-) -> list[Finding]:
-    """Return what the values of a fit show, but for what its missing columns explain.
+) -> tuple[list[Finding], list[SideSelection]]:
+    """Return what the values of a fit show, but for what its missing columns explain, and these.
 
     Where the accepted columns are in the model, a weak spring, play between the encoders, or a
-    drift may be gone: it was an echo of what the model lacks.
+    drift may be gone: it was an echo of what the model lacks, which is as severe.
     """
+    above = {(x.code, x.joint): x for x in values if x.severity != "note"}
     vanished: set[tuple[str, str]] = set()
+    sides = []
     for side in selected:
-        if side.doubtful:
-            vanished |= side.vanished(cutoff_hz)
-    return [finding for finding in values if (finding.code, finding.joint) not in vanished]
+        if side.doubtful or (side.findings and above):
+            gone = side.vanished(cutoff_hz)
+            explained = by_severity(above[key] for key in gone if key in above)
+            if explained and not side.doubtful:
+                side = side.with_severity(explained[0].severity)
+            vanished |= gone if side.doubtful else set()
+        sides.append(side)
+    return [x for x in values if (x.code, x.joint) not in vanished], sides
 
 
 def model_sides(
@@ -178,9 +192,14 @@ def model_sides(
     `widths` {joint: width of Coulomb friction} are those that the encoders resolve, `gears` the
     joints whose gear was measured, `base` the base parameters of the load side, and `offset_std`
     the standard deviation of the joints' zeros [rad]. Rows that are not in memory are not checked,
-    nor those of robust estimators, which lack some instants.
+    nor those of robust estimators, which lack some instants. They lack the times of a contact: a
+    term would explain there what a hand did.
     """
     actuators, load = fits
+    contact = RobotFit(robot.joint_names, load).contact
+    if contact is not None:
+        actuators = {joint: _apart(fitted, *contact) for joint, fitted in actuators.items()}
+        load = _apart(load, *contact)
     rows = load.rows
     if rows is None or not motions:
         return []
@@ -197,6 +216,17 @@ def model_sides(
         for side in sides
         if side.fitted.rows is not None and (side.fitted.settled is not None or side.fitted.equal)
     ]
+
+
+def _apart(
+    fitted: FittedRows, start: float, end: float, softly_s: float, joints: Sequence[str]
+) -> FittedRows:
+    """Return a fit without the rows of a contact of joints, which begins and ends softly."""
+    rows = fitted.rows
+    if rows is None:
+        return fitted
+    is_apart = (rows.time < start - softly_s) | (rows.time > end + softly_s)
+    return replace(fitted, rows=rows.at(is_apart))
 
 
 def selections(sides: Sequence[Side]) -> list[SideSelection]:
@@ -239,10 +269,18 @@ def model_findings(
 ) -> list[Finding]:
     """Return what the equations of a fit lack: torques that are all late by as much are one.
 
-    What is `known` already, such as a torque that is held over samples, is not repeated.
+    What is `known` already, such as a torque that is held over samples, is not repeated, and what
+    the equations of a joint lack whose channels are wrong is a note without a remedy. That is each
+    joint where the samples of a log are certainly wrong, or the robot hardly moves.
     """
     findings = [finding for side in selected for finding in side.findings.values()]
     mistakes = [finding for finding in known if finding.severity != "note"]
+    joints = {joint for finding in mistakes for joint in (finding.joint, *finding.joints)}
+    is_whole = any(not x.joint and not x.joints and x.certainty == "certain" for x in mistakes)
+    findings = [
+        replace(x, severity="note", remedy="") if is_whole or x.joint in joints - {""} else x
+        for x in findings
+    ]
     is_known = any(finding.code == DELAY.name for finding in mistakes)
     common = common_delay([(side.side, side.selection) for side in selected])
     if common is not None or is_known:

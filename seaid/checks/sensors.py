@@ -110,7 +110,7 @@ def _late_torques(
         f"the motor torques of {', '.join(joints)} are {1e3 * abs(delay):.2f} +- "
         f"{1e3 * error:.2f} ms {'late' if delay > 0 else 'early'} against the positions",
         only_joint(joints),
-        "doubtful" if abs(delay) > LEAST_DELAY_S else "note",
+        "doubtful" if abs(delay) - SURE * error > LEAST_DELAY_S else "note",
         {"delay [s]": delay, "standard error [s]": error, **evidence},
         in_description(entries),
     )
@@ -133,7 +133,10 @@ def common_delay(selected: Sequence[tuple[Side, Selection]]) -> Finding | None:
     error = float(np.hypot(spread, scatter))
     if abs(common) < max(SURE_TOGETHER * error, LEAST_DELAY_S):
         return None
-    return _late_torques(selected[0][0], list(delays), common, error, {})
+    accepted = (x for _, selection in selected for x in selection.accepted)
+    shares = (x.share for x in accepted if x.trial.candidate.about.code is DELAY)
+    evidence = {"explained": max(shares, default=0.0)}
+    return _late_torques(selected[0][0], list(delays), common, error, evidence)
 
 
 def _delays(side: Side, selection: Selection) -> dict[str, tuple[float, float]]:

@@ -139,11 +139,12 @@ class _Trial:
     def remaining(self) -> float:
         """Misfit at its joint, or at the middle one of all: by any bodies or those of the file.
 
-        Another mistake may contradict the latter.
+        Another mistake may contradict the latter, or all but one joint whose misfit falls.
         """
         misfit, joint = np.fmin(self.changed.nominal, self.changed.free), self.transform.joint
         own = float(misfit[self.changed.robot.index(joint)]) if joint else math.nan
-        return own if math.isfinite(own) else _median(misfit)
+        own = own if math.isfinite(own) else _median(misfit)
+        return float(np.fmin.reduce([own, *(misfit[j] for _, j in self.falls)]))
 
 
 def mistakes(experiment: Experiment) -> tuple[list[Finding], Experiment]:
@@ -151,6 +152,9 @@ def mistakes(experiment: Experiment) -> tuple[list[Finding], Experiment]:
     findings: list[Finding] = []
     while len(findings) < _MOST_MISTAKES:
         trials = _trials(experiment)
+        if any(finding.severity != "note" for finding in findings):
+            # its value has an error, which makes others small ones that are none
+            trials = [trial for trial in trials if trial.falls]
         if not trials:
             break
         findings.append(_finding(experiment, trials))
@@ -190,8 +194,9 @@ def _trials(experiment: Experiment) -> list[_Trial]:
     fitted values as its degrees of freedom, and at most that of one between values that are not
     fitted. The least gain is that of which all transforms together have one by chance in a hundred
     logs. It has to come from what the log shows without the robot file, where a misfit that matters
-    falls, or from all together. Signs, units, clocks and exchanges are mistakes that matter. None
-    makes a misfit of another joint matter that did not.
+    falls, or from all together, and the bodies of the file contradict it by less. Signs, units,
+    clocks and exchanges are mistakes that matter. None makes a misfit of another joint matter that
+    did not.
     """
     tried = [(each, each.undo(experiment)) for each in transforms(experiment)]
     rows = experiment.independent_rows
@@ -209,7 +214,7 @@ def _trials(experiment: Experiment) -> list[_Trial]:
         values = max(trial.transform.penalty, 1)
         least = float(chdtri(values, FEW / len(tried))) / 2
         if trial.shown > least:
-            return True
+            return trial.total > 0
         is_possible = bool(trial.falls) or trial.transform.code in _OF_VALUES
         return trial.shown + trial.bodies > least and is_possible and _explains_all(trial)
 
@@ -309,6 +314,22 @@ def _finding(experiment: Experiment, trials: Sequence[_Trial]) -> Finding:
             f": the torques contradict the value given by {evidence['standard errors']:.0f} "
             "standard errors, errors of the bodies in the robot file included"
         )
+    remedy, certainty = transform.remedy, _certainty(best)
+    rivals = _rivals(trials)
+    if rivals:
+        evidence |= {f"or {x.transform.code.name}": best.total - x.total for x in rivals}
+        others = [rival.transform for rival in rivals]
+        causes = [(message, transform), *((other.message, other) for other in others)]
+        message = "; or ".join(text + _DECIDED[cause.code][0] for text, cause in causes)
+        measures = list(dict.fromkeys(_DECIDED[cause.code][1] for _, cause in causes))
+        remedy = f"the log does not decide between these: {' or '.join(measures[:2])} first"
+        certainty = "possible"
+    return transform.code.finding(message, transform.joint, severity, evidence, remedy, certainty)
+
+
+def _rivals(trials: Sequence[_Trial]) -> list[_Trial]:
+    """Return the best of each other code and joint that explains as much as the first trial."""
+    best, transform = trials[0], trials[0].transform
     rivals = {
         (trial.transform.code, trial.transform.joint): trial
         for trial in reversed(trials)
@@ -316,16 +337,7 @@ def _finding(experiment: Experiment, trials: Sequence[_Trial]) -> Finding:
         and trial.transform.penalty <= transform.penalty + 1  # the simple one of two that agree
     }
     rivals.pop((transform.code, transform.joint))
-    remedy, certainty = transform.remedy, _certainty(best)
-    if rivals:
-        others = [rival.transform for rival in rivals.values()]
-        evidence |= {f"or {x.transform.code.name}": best.total - x.total for x in rivals.values()}
-        causes = [(message, transform), *((other.message, other) for other in others)]
-        message = "; or ".join(text + _DECIDED[cause.code][0] for text, cause in causes)
-        measures = list(dict.fromkeys(_DECIDED[cause.code][1] for _, cause in causes))
-        remedy = f"the log does not decide between these: {' or '.join(measures[:2])} first"
-        certainty = "possible"
-    return transform.code.finding(message, transform.joint, severity, evidence, remedy, certainty)
+    return list(rivals.values())
 
 
 def _certainty(trial: _Trial) -> Certainty:
@@ -850,24 +862,16 @@ def setup_findings(experiment: Experiment, known: Sequence[Finding]) -> list[Fin
 
 def _of_motion(experiment: Experiment, known: Sequence[Finding]) -> list[Finding]:
     """Return the mistakes of the set-up that the motion shows, next to `known` findings."""
-    hiding = {TIME_UNIT.name, MISSING_DRIVES.name, WRAPS.name, GEOMETRY.name}
+    hiding = {TIME_UNIT.name, MISSING_DRIVES.name, WRAPS.name, GEOMETRY.name, HOLES.name}
+    mistakes_of_logs = {finding.code for finding in known if finding.severity != "note"}
     wrong = {finding.code for finding in known if finding.severity == "wrong"}
-    if hiding & {finding.code for finding in known} or {NO_MEASUREMENT.name, HOLES.name} & wrong:
+    if hiding & mistakes_of_logs or NO_MEASUREMENT.name in wrong:
         return []  # the torques show no other mistake
     offsets = list(offset_findings(experiment))
     if offsets:
         return offsets
     if experiment.robot.has_controllers:
-        # the channels of a torque are not there, and an unknown armature looks like another mistake
-        if any(finding.severity == "wrong" for finding in known):
-            return []
-        limited = list(hidden_limits(experiment))
-        if limited:  # which looks like gains in another unit, or another zero
-            return limited
-        stopped = {finding.joint for finding in known if finding.code == CONTACT.name}
-        gains, without = gain_findings(experiment)
-        findings = [*gains, *limit_findings(without), *pose_findings(without)]
-        return [finding for finding in findings if finding.joint not in stopped]
+        return [] if wrong else _of_commands(experiment, known)
     silent = list(_of_friction_alone(experiment))
     if silent:
         return silent
@@ -878,3 +882,17 @@ def _of_motion(experiment: Experiment, known: Sequence[Finding]) -> list[Finding
     is_named = any(finding.severity != "note" for finding in findings)
     beyond = [] if is_named else list(limit_findings(experiment))
     return [*findings, *beyond, *file_findings(without)]
+
+
+def _of_commands(experiment: Experiment, known: Sequence[Finding]) -> list[Finding]:
+    """Return the mistakes of the set-up of a robot with controllers.
+
+    The channels of a torque are not there, and an unknown armature looks like another mistake.
+    """
+    limited = list(hidden_limits(experiment))
+    if limited:  # which looks like gains in another unit, or another zero
+        return limited
+    stopped = {finding.joint for finding in known if finding.code == CONTACT.name}
+    gains, without = gain_findings(experiment)
+    findings = [*gains, *limit_findings(without), *pose_findings(without)]
+    return [finding for finding in findings if finding.joint not in stopped]

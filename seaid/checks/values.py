@@ -17,7 +17,8 @@ import numpy as np
 from seaid._arrays import Array
 from seaid.checks import codes
 from seaid.checks import tolerances as tol
-from seaid.checks.check import Code, Observation, consequences, in_drives, observed, only_joint
+from seaid.checks.check import Code, Observation, in_drives, observed, only_joint
+from seaid.checks.echoes import consequences
 from seaid.drives import (
     COMMANDS,
     DEAD_ZONES,

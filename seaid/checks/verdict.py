@@ -82,43 +82,7 @@ class Verdict(Display):
     joints: Mapping[str, JointFit]
 
 
-# What noise raises, or a wrong set-up explains
-
-
-_ECHOES = (
-    *("nonlinear-spring", "missing-term", "transmission-error", "estimator-disagrees"),
-    "drift",
-)
-"""Findings that noise alone raises where the deflection of a spring is mostly noise."""
-
-
-def that_matter(
-    findings: Sequence[Finding], fits: Mapping[str, JointFit] = FrozenMapping({})
-) -> list[Finding]:
-    """Return findings without those that noise alone raises, or whose torques do not matter.
-
-    A weak spring, whose deflection is mostly noise, has such findings; with backlash it is none.
-    What a model lacks is a note where its torque errors do not matter, and so are too few rows
-    where another finding is why blocks of the logs contradict each other.
-    """
-    loose, weak = _joints("backlash", findings), _joints("weak-spring", findings)
-    echoes = {**dict.fromkeys((*_ECHOES, "delay"), weak), "weak-spring": loose}
-    echoes["nonlinear-spring"] = weak | loose
-    exact = {joint for joint, fit in fits.items() if not max(fit.own, fit.motor) > tol.NEGLIGIBLE}
-    minor = dict.fromkeys(_ECHOES, exact)
-    if {finding.code for finding in findings if finding.severity != "note"} - {FEW_ROWS.name}:
-        minor[FEW_ROWS.name] = {""}
-    kept = (finding for finding in findings if finding.joint not in echoes.get(finding.code, ()))
-    return [
-        replace(finding, severity="note")
-        if finding.joint in minor.get(finding.code, ())
-        else finding
-        for finding in kept
-    ]
-
-
-def _joints(code: str, findings: Iterable[Finding]) -> set[str]:
-    return {finding.joint for finding in findings if finding.code == code}
+# A set-up that is wrong, and the verdict
 
 
 @contextmanager
@@ -132,8 +96,6 @@ def explained(findings: Sequence[Finding]) -> Iterator[None]:
             problem.args = SeaidError(text).args
         raise
 
-
-# The verdict
 
 _OF_SEVERITY: tuple[tuple[Severity, Level, str], ...] = (
     ("wrong", "do not use", "do not use this result"),
@@ -530,6 +492,7 @@ def _contacts(whole: RobotFit) -> Iterator[Finding]:
             evidence={"start [s]": start, "end [s]": end},
             remedy="in the description of the log:\n"
             f"exclude_s = [[{max(start - softly_s, 0):.3f}, {end + softly_s:.3f}]]",
+            joints=joints,
         )
 
 

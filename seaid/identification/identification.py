@@ -477,18 +477,18 @@ def _identify(
             lacking = selections(_sides(robot, whole, model, found, widths, encoder_offset_std))
     shown_by = partial(_findings_of_setup, moved, moving, channels, logs_in_memory)
     findings = without_setup_echoes(findings, setup_mistakes, lacking, declared, shown_by)
-    findings += consequences(findings, model_findings(lacking, findings))
     found = _continued(robot, datasets, model, found, (method, estimator), options)
 
     def again(robot: Robot, datasets: Sequence[Dataset]) -> RobotEstimate:
         found = estimate_two_step(robot, datasets, model, *options, further=_further(bias))
         return _continued(robot, datasets, model, found, (method, estimator), options)
 
-    if not is_wrong(findings):
-        findings += sensitivity_findings(robot, datasets, model, found, estimator)
     values = value_findings(found, given, robot)
     weak = {one.joint for one in values if one.code == "weak-spring"}
-    values = without_echoes(values, lacking, datasets[0].cutoff_hz)
+    values, lacking = without_echoes(values, lacking, datasets[0].cutoff_hz)
+    findings += consequences(findings, model_findings(lacking, findings))
+    if not is_wrong(findings):
+        findings += sensitivity_findings(robot, datasets, model, found, estimator)
     found = with_known_std(found, constants_of(robot, datasets, known_std), again)
     found = replace(found, drives=with_searched_values(found.drives, given, robot))
     consistent = _feasible(robot, model, found) if feasible else None

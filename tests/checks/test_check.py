@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from seaid.checks import CODES, Observation, observed
-from seaid.checks.check import consequences
+from seaid.checks.echoes import consequences
 from seaid.errors import Finding, LogError
 
 DRIFT, HOLES = CODES["drift"], CODES["holes"]

@@ -17,7 +17,7 @@ import pytest
 import seaid
 from scripts.benchmarks import contact_backlash
 from seaid._arrays import Array, FrozenMapping
-from seaid.checks import drive_findings, that_matter
+from seaid.checks import drive_findings
 from seaid.checks.codes import MISSING_TERM
 from seaid.checks.columns import DRIVE_CHECKS, Side, _is_impossible, resolved_widths
 from seaid.checks.engine import (
@@ -152,12 +152,6 @@ def test_a_term_that_explains_the_residual_stays_and_its_symptoms_go() -> None:
     assert finding.evidence["explained"] > 0.95
     assert "quadratic" in finding.remedy
     assert not {"weak-spring", "loose-encoder"} & {one.code for one in found.warnings}
-
-
-def test_a_weak_spring_without_such_a_term_silences_what_noise_alone_raises() -> None:
-    weak = Finding("weak-spring", "hardly loaded", "knee")
-    term = Finding("missing-term", "a part of the residual", "knee", evidence={"explained": 0.3})
-    assert that_matter([weak, term]) == [weak]
 
 
 @pytest.mark.slow  # several identifications of a joint with other terms

@@ -11,7 +11,7 @@ import pytest
 
 from seaid.checks import Experiment, experiment_of
 from seaid.checks.bodies import file_findings
-from seaid.checks.check import consequences
+from seaid.checks.echoes import consequences
 from seaid.checks.setup import mistakes
 from seaid.errors import Finding
 from seaid.log.log import Log

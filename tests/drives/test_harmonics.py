@@ -174,7 +174,7 @@ def test_terms_make_the_rest_better() -> None:
 def test_orders_are_found_in_the_residual_and_named() -> None:
     (flag,) = [one for one in without().warnings if one.code == "transmission-error"]
     assert (flag.joint, flag.severity) == ("shoulder", "doubtful")
-    assert flag.evidence["explained"] > 0.95
+    assert flag.evidence["explained of the motor equation"] > 0.95
     assert flag.evidence["amplitude"] == pytest.approx(2e-3, rel=0.2)
     assert "between the encoders" in flag.message
 

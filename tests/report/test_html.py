@@ -435,18 +435,18 @@ def test_findings_of_one_code_are_one_notice_and_their_remedy_is_text_to_copy(
     remedy = "in the drives file:\n[shoulder]\ngear_ratio = 100.0"
     findings = (
         Finding("gear-ratio", "the ratio is off", "shoulder", "wrong", remedy=remedy),
-        Finding("no-fit", "nothing fits", "wrist", "doubtful", remedy="record a longer motion"),
-        Finding("no-fit", "nothing fits here", "rail", "doubtful", remedy="record a longer motion"),
+        Finding("saturation", "it ends", "wrist", "doubtful", remedy="record a slower motion"),
+        Finding("saturation", "it ends here", "rail", "doubtful", remedy="record a slower motion"),
         Finding("holes", "samples are excluded", severity="note"),
     )
     found = replace(arm_found(), findings=findings)
-    ratio, fit, *notes = notices_of(found, runs_of(found, [arm_result()]))
+    ratio, limit, *notes = notices_of(found, runs_of(found, [arm_result()]))
     assert (ratio.remedy, ratio.snippet) == (
         "in the drives file:",
         "[shoulder]\ngear_ratio = 100.0",
     )
-    assert fit.messages == ("Nothing fits.", "Nothing fits here.")
-    assert fit.joints == ("wrist", "rail")
+    assert limit.messages == ("It ends.", "It ends here.")
+    assert limit.joints == ("wrist", "rail")
     assert {one.severity for one in notes} == {"note"}
     page = page_of(tmp_path, found, [arm_result()])
     assert "Do not use Unseen motion" in page.words
