@@ -36,7 +36,9 @@ class Code:
     cause, advice : str
         The usual cause, and what to do, in sentences.
     is_symptom : bool
-        Whether it says that something is off, and not what: any other mistake brings it with it.
+        Whether it says that something is off, and not what: what spoils a fit brings it with it.
+    spoils : bool
+        Whether what it names spoils the fit of its joint, or of all joints if it names none.
     """
 
     name: str
@@ -44,6 +46,7 @@ class Code:
     cause: str
     advice: str
     is_symptom: bool = False
+    spoils: bool = False
 
     def finding(
         self,

@@ -19,12 +19,14 @@ UNIT = Code(
     "that is already in the file; a torque in per cent or per mille of the rating of a motor, or "
     "the duty cycle of a servo.",
     "Apply the `scale` or the unit of the remedy to the channel in the description of the log.",
+    spoils=True,
 )
 TIME_UNIT = Code(
     "time-unit",
     "the time in another unit than seconds",
     "Milliseconds or microseconds in a column `time_s`, or a counter instead of a clock.",
     "Set the unit of the time in the description, or the rate if the column is a counter.",
+    spoils=True,
 )
 WRAPS = Code(
     "wraps",
@@ -34,6 +36,7 @@ WRAPS = Code(
     "was read without its sign, so that -1 is 65535.",
     "Give the `wraps` of the remedy in the description of the log. It does not say in which turn a "
     "log begins: a joint that has the encoder of its motor only needs an `offset` too.",
+    spoils=True,
 )
 SIGN = Code(
     "sign",
@@ -42,24 +45,28 @@ SIGN = Code(
     "defined at the load.",
     "Change the sign of the channels that the remedy names; if both sides of a joint are "
     "reversed, correct the axis in the URDF.",
+    spoils=True,
 )
 ENCODER_OFFSET = Code(
     "encoder-offset",
     "a joint whose zero is not that of the robot file",
     "A servo that was calibrated in the middle of its range, or mounted one tooth off.",
     "Write the `offset` of the remedy into the description of the log, for position and command.",
+    spoils=True,
 )
 SWAPPED_JOINTS = Code(
     "swapped-joints",
     "the channels of joints, or of legs, exchanged",
     "Two cables exchanged, or columns in the order of the bus instead of the order of the joints.",
     "Exchange the two entries in the description.",
+    spoils=True,
 )
 GEAR_RATIO = Code(
     "gear-ratio",
     "a gear ratio that the two encoders contradict",
     "The ratio of another variant, the inverse ratio, or a belt stage that was forgotten.",
     "Write the ratio of the remedy into the drives file. It follows from the two encoders alone.",
+    spoils=True,
 )
 VARYING_RATIO = Code(
     "varying-ratio",
@@ -67,6 +74,7 @@ VARYING_RATIO = Code(
     "A four-bar linkage, a lever or a spindle between motor and joint.",
     "Convert angle and torque of the motor to the joint by the geometry of the linkage before the "
     "log is read.",
+    spoils=True,
 )
 COUPLED_JOINTS = Code(
     "coupled-joints",
@@ -75,12 +83,14 @@ COUPLED_JOINTS = Code(
     "that measures the absolute angle of a link.",
     "Write the `transmission` of the remedy into the drives file, or give the angle against the "
     "link before.",
+    spoils=True,
 )
 MISSING_DRIVES = Code(
     "missing-drives",
     "motor channels in the log without drives for them",
     "A log with motor channels was identified without `--drives`.",
     "Give a drives file. The remedy has a table for each joint.",
+    spoils=True,
 )
 PAYLOAD = Code(
     "payload",
@@ -94,6 +104,7 @@ GRAVITY = Code(
     "another direction of gravity than the one given",
     "The robot hangs, lies or stands on a slope, and the URDF is upright.",
     "Give the `--gravity` of the remedy.",
+    spoils=True,
 )
 NOMINAL_VALUES = Code(
     "nominal-values",
@@ -109,6 +120,7 @@ GEOMETRY = Code(
     "place of balls.",
     "Measure the length; the remedy has the factor for the `origin` of the joint in the URDF, or "
     "the radius of the feet.",
+    spoils=True,
 )
 DELAY = Code(
     "delay",
@@ -119,6 +131,7 @@ DELAY = Code(
     "which are not late.",
     "Give the `delay_s` of the remedy in the description, and log both channels on one clock next "
     "time.",
+    spoils=True,
 )
 COMMAND_DELAY = Code(
     "command-delay",
@@ -197,6 +210,7 @@ ROTOR_INERTIA = Code(
     "a rotor inertia that the motion contradicts",
     "The data sheet has g cm², or the inertia of gear head and brake is missing.",
     "Write the value of the remedy into the drives file, or remove the key to have it identified.",
+    spoils=True,
 )
 TORQUE_SCALE = Code(
     "torque-scale",
@@ -204,6 +218,7 @@ TORQUE_SCALE = Code(
     "A torque constant of another winding, current as rms instead of amplitude, or torque at the "
     "output of the gear.",
     "Apply the scale of the remedy. A weighed mass on the last link confirms it independently.",
+    spoils=True,
 )
 GAIN_SCALE = Code(
     "gain-scale",
@@ -230,6 +245,7 @@ NO_MEASUREMENT = Code(
     '"torque".',
     "Use the position commands with the drive table of the remedy, or log the current with its "
     "sign.",
+    spoils=True,
 )
 TORQUE_OFFSET = Code(
     "torque-offset",
@@ -243,6 +259,7 @@ ENCODER_OFFSETS_DIFFER = Code(
     "encoder offsets that differ between the logs",
     "Incremental encoders were homed anew between two logs.",
     "Give the `offset` of the remedy for the second log, or record all logs without switching off.",
+    spoils=True,
 )
 WEAK_SPRING = Code(
     "weak-spring",
@@ -259,12 +276,14 @@ BACKLASH = Code(
     "Worn teeth, loose keys, or a spring that does not touch at rest.",
     "Add the `dead_zone` of the remedy to the drives file: the stiffness is then that of the "
     "contact.",
+    spoils=True,
 )
 NONLINEAR_SPRING = Code(
     "nonlinear-spring",
     "a spring that is not linear",
     "A hardening spring, rubber, or a stop that is reached.",
     "Add the term of the remedy to the drives file.",
+    spoils=True,
 )
 GEAR_COMPLIANCE = Code(
     "gear-compliance",
@@ -279,6 +298,7 @@ TRANSMISSION_ERROR = Code(
     "Eccentric gears, harmonic drives, ripple of the motor, or a magnet of an encoder that is off "
     "its axis.",
     "Add the orders of the remedy to the drives file.",
+    spoils=True,
 )
 REFERENCE_POSITION = Code(
     "reference-position",
@@ -292,12 +312,14 @@ LOOSE_ENCODER = Code(
     "A coupling or set screw that slips, backlash between the encoders, or hysteresis of the "
     "spring. Coulomb friction then comes out negative.",
     "Tighten it and repeat. A fit cannot repair it.",
+    spoils=True,
 )
 MISSING_TERM = Code(
     "missing-term",
     "a term of friction that the data support and the drive lacks",
     "Stribeck friction, friction that grows with the load, friction that depends on the direction.",
     "Add the term of the remedy to the drives file and identify again.",
+    spoils=True,
 )
 NEEDLESS_TERM = Code(
     "needless-term",
@@ -476,6 +498,7 @@ CONTACT = Code(
     "commanded beyond its limits.",
     "Exclude the time with the `exclude_s` of the remedy, command the joint within its limits, or "
     "exclude its torque.",
+    spoils=True,
 )
 LOCKED_OUTPUT = Code(
     "locked-output",
@@ -489,6 +512,7 @@ STANDSTILL = Code(
     "a joint that hardly moves, or samples at rest that were excluded",
     "A joint was locked, or the motion has long rests.",
     "Move the joint, or accept that its friction is not identified.",
+    spoils=True,
 )
 SATURATION = Code(
     "saturation",
@@ -497,6 +521,7 @@ SATURATION = Code(
     "controller of position commands has a torque limit that the drives file lacks.",
     "Move more slowly, or log the measured current; with commands write the `torque_limit_Nm` of "
     "the remedy.",
+    spoils=True,
 )
 HOLES = Code(
     "holes",
@@ -504,6 +529,7 @@ HOLES = Code(
     "Messages lost on the bus, or a logger that stopped. It is a doubt where a counter of samples, "
     "or a time made from it, hides the gaps: speeds are too large there.",
     "Nothing, if they are few. Record on the machine that runs the controller, with its clock.",
+    spoils=True,
 )
 NOT_IN_FORMAT = Code(
     "not-in-format",

@@ -23,6 +23,9 @@ if TYPE_CHECKING:
 EXPLAINED, OF_MOTOR = "explained", "explained of the motor equation"
 """The evidence of a column: the part of the squared residual of its equation that it explains."""
 
+AS_GIVEN = "misfit as given"
+"""The evidence of a mistake of the set-up: the part of a torque that is unexplained with it."""
+
 
 def is_wrong(setup: Iterable[Finding]) -> bool:
     """Whether findings say that the set-up, and not only the model, is wrong."""
@@ -103,21 +106,21 @@ def _among(finding: Finding, findings: Sequence[Finding]) -> Finding:
 
 
 def _brings(cause: Finding, symptom: Finding) -> bool:
-    """Whether a cause is at the joint of a symptom, and explains it.
+    """Whether a cause spoils the fit of the joint of a symptom, and explains it.
 
-    A mistake of the set-up explains at least half of what is left unexplained; it spoils the
-    bodies, and so other joints, but not worse than its own. A column explains the part of the
-    residual of its equation that is in its evidence: most of it, of a symptom that is worse nearly
-    all, and so much of an error that less than half of the torque is left. What a motor lacks
-    explains no load.
+    A mistake of the set-up whose misfit falls without it explains at least half of what is left
+    unexplained; it spoils the bodies, and so other joints, but not worse than its own. A column
+    explains the part of the residual of its equation that is in its evidence: most of it, of a
+    symptom that is worse nearly all, and so much of an error that less than half of the torque is
+    left. What a motor lacks explains no load.
     """
-    if cause.severity == "note" or _is_symptom(cause):
+    if cause.severity == "note" or not CODES[cause.code].spoils:
         return False
     joints, evidence = {cause.joint, *cause.joints} - {""}, cause.evidence
     is_there = not joints or not symptom.joint or symptom.joint in joints
     is_worse = SEVERITIES.index(symptom.severity) < SEVERITIES.index(cause.severity)
     if not {EXPLAINED, OF_MOTOR} & {*evidence}:
-        return is_there or not is_worse
+        return is_there or (AS_GIVEN in evidence and not is_worse)
     explained = evidence.get(EXPLAINED, 0.0 if is_worse else evidence.get(OF_MOTOR, 0.0))
     left = symptom.evidence.get("error", 0.0) * math.sqrt(max(1 - explained, 0.0))
     is_explained = explained > (1 - tol.POOR if is_worse else tol.MOST) and left < tol.MOST

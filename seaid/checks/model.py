@@ -14,7 +14,7 @@ from itertools import product
 
 import numpy as np
 
-from seaid.checks.codes import DELAY, ENCODER_OFFSET
+from seaid.checks.codes import CODES, DELAY, ENCODER_OFFSET
 from seaid.checks.columns import DRIVE_CHECKS, Side
 from seaid.checks.engine import (
     Accepted,
@@ -275,8 +275,9 @@ def model_findings(
     """
     findings = [finding for side in selected for finding in side.findings.values()]
     mistakes = [finding for finding in known if finding.severity != "note"]
-    joints = {joint for finding in mistakes for joint in (finding.joint, *finding.joints)}
-    is_whole = any(not x.joint and not x.joints and x.certainty == "certain" for x in mistakes)
+    spoiling = [finding for finding in mistakes if CODES[finding.code].spoils]
+    joints = {joint for finding in spoiling for joint in (finding.joint, *finding.joints)}
+    is_whole = any(not x.joint and not x.joints and x.certainty == "certain" for x in spoiling)
     findings = [
         replace(x, severity="note", remedy="") if is_whole or x.joint in joints - {""} else x
         for x in findings

@@ -79,6 +79,7 @@ from seaid.checks.commands import (
     no_measurements,
     pose_findings,
 )
+from seaid.checks.echoes import AS_GIVEN
 from seaid.checks.experiment import (
     Experiment,
     Transform,
@@ -302,7 +303,7 @@ def _finding(experiment: Experiment, trials: Sequence[_Trial]) -> Finding:
     if best.falls:
         kind, j = min(best.falls, key=best.falls.__getitem__)
         before, after = (float(x.misfits[kind][j]) for x in (experiment, best.changed))
-        evidence |= {"misfit as given": before, "misfit without it": after}
+        evidence |= {AS_GIVEN: before, "misfit without it": after}
         message += (
             f": the part of the {_EXPLAINED_BY[kind]} of {experiment.robot.joint_names[j]} that is "
             f"left unexplained falls from {before:.0%} to {after:.0%}"

@@ -27,7 +27,8 @@ def test_a_weak_spring_silences_what_noise_alone_raises() -> None:
         TERM,
         Finding("holes", "788 samples were lost"),
         Finding("contact", "a hand", "hip", "wrong", joints=("hip", "knee")),
-        Finding("torque-scale", "1.2 times too large", "hip"),  # bodies are those of all joints
+        # the bodies, which it spoils, are those of all joints
+        Finding("torque-scale", "1.2 times", "hip", evidence={"misfit as given": 0.16}),
     ],
 )
 def test_a_symptom_of_a_cause_is_a_note_without_a_remedy(cause: Finding) -> None:
@@ -50,6 +51,8 @@ def test_a_cause_is_as_severe_as_its_symptoms() -> None:
         (replace(TERM, severity="note"), NO_FIT),
         (replace(TERM, joint="hip"), NO_FIT),
         (Finding("drift", "slow", "knee"), NO_FIT),  # one symptom explains no other
+        (Finding("gain-scale", "nothing fixes the scale"), NO_FIT),  # which spoils no fit
+        (Finding("standstill", "it stands still", "hip"), NO_FIT),
     ],
 )
 def test_a_symptom_stays_without_a_cause_that_explains_it(cause: Finding, symptom: Finding) -> None:
