@@ -767,7 +767,7 @@ class Transform:
     """A possible mistake: how to undo it, and the finding if that explains the log.
 
     `penalty`: number of fitted values, of the log likelihood as Akaike counts them, and less than
-    one for what is unusual.
+    one for what is unusual. `other`: the second of two joints that are concerned.
     """
 
     code: Code
@@ -778,6 +778,7 @@ class Transform:
     severity: Severity = "wrong"
     evidence: dict[str, float] = field(default_factory=dict)
     penalty: float = 0.0
+    other: str = ""
 
 
 _USUAL = (2.0, 3.0, 4.0, 5.0, 10.0, 100.0, 1000.0)

@@ -93,13 +93,22 @@ _WIDTH = 0.1
 def _late(side: Side, joint: str, accepted: Sequence[Accepted], share: float) -> Finding:
     """Return the finding of a motor torque that is late or early against the positions."""
     (delay,), (error,) = accepted[0].coefficients.tolist(), accepted[0].errors.tolist()
-    return _late_torques(side, [joint], delay, error, {"explained": share})
+    evidence = {"explained": share}
+    return _late_torques(side, [joint], delay, error, evidence, abs(delay) - SURE * error)
 
 
 def _late_torques(
-    side: Side, joints: Sequence[str], delay: float, error: float, evidence: Mapping[str, float]
+    side: Side,
+    joints: Sequence[str],
+    delay: float,
+    error: float,
+    evidence: Mapping[str, float],
+    surely: float,
 ) -> Finding:
-    """Return the finding that the motor torques of joints are late by a delay [s], or early."""
+    """Return the finding that the motor torques of joints are late by a delay [s], or early.
+
+    It is `surely` so large [s]: that of one joint has an error that its scatter does not show.
+    """
     late_s = round(delay, 5)
     sources = {joint: side.sources.get(joint, {}).get("motor_torque", "") for joint in joints}
     entries = {
@@ -110,7 +119,7 @@ def _late_torques(
         f"the motor torques of {', '.join(joints)} are {1e3 * abs(delay):.2f} +- "
         f"{1e3 * error:.2f} ms {'late' if delay > 0 else 'early'} against the positions",
         only_joint(joints),
-        "doubtful" if abs(delay) - SURE * error > LEAST_DELAY_S else "note",
+        "doubtful" if surely > LEAST_DELAY_S else "note",
         {"delay [s]": delay, "standard error [s]": error, **evidence},
         in_description(entries),
     )
@@ -136,7 +145,7 @@ def common_delay(selected: Sequence[tuple[Side, Selection]]) -> Finding | None:
     accepted = (x for _, selection in selected for x in selection.accepted)
     shares = (x.share for x in accepted if x.trial.candidate.about.code is DELAY)
     evidence = {"explained": max(shares, default=0.0)}
-    return _late_torques(selected[0][0], list(delays), common, error, evidence)
+    return _late_torques(selected[0][0], list(delays), common, error, evidence, abs(common))
 
 
 def _delays(side: Side, selection: Selection) -> dict[str, tuple[float, float]]:

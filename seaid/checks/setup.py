@@ -138,14 +138,14 @@ class _Trial:
 
     @property
     def remaining(self) -> float:
-        """Misfit at its joint, or at the middle one of all: by any bodies or those of the file.
+        """Misfit at its joints, or at the middle one of all: by any bodies or those of the file.
 
-        Another mistake may contradict the latter, or all but one joint whose misfit falls.
+        Another mistake may contradict the latter, or one of the two joints of an exchange.
         """
-        misfit, joint = np.fmin(self.changed.nominal, self.changed.free), self.transform.joint
-        own = float(misfit[self.changed.robot.index(joint)]) if joint else math.nan
-        own = own if math.isfinite(own) else _median(misfit)
-        return float(np.fmin.reduce([own, *(misfit[j] for _, j in self.falls)]))
+        misfit = np.fmin(self.changed.nominal, self.changed.free)
+        names = [name for name in (self.transform.joint, self.transform.other) if name]
+        own = misfit[[self.changed.robot.index(name) for name in names]]
+        return float(np.nanmin(own)) if np.any(np.isfinite(own)) else _median(misfit)
 
 
 def mistakes(experiment: Experiment) -> tuple[list[Finding], Experiment]:
@@ -759,6 +759,7 @@ def _exchanges(experiment: Experiment) -> Iterator[Transform]:
                 partial(_exchanged, pair=[*pair], channels=channels),
                 names[0],
                 in_description(sources),
+                other=names[1],
             )
 
 

@@ -260,7 +260,7 @@ def test_payloads_that_are_absent_or_elsewhere() -> None:
     assert finding.code == "payload"
     assert finding.remedy == "option: --payload foot:2:0.15,0,0"
     finding = worst(leg(), leg_log())
-    assert (finding.code, finding.severity) == ("payload", "note")
+    assert (finding.code, finding.severity) == ("payload", "doubtful")
     assert finding.remedy.startswith("option: --payload foot:1.9")
     com = finding.remedy.split(":")[-1]
     assert [*map(float, com.split(","))] == pytest.approx([0.15, 0.0, 0.0], abs=0.01)
