@@ -82,6 +82,7 @@ def test_saturated_torques_and_a_robot_at_rest() -> None:
     assert "standstill" in {one.code for one in seaid.check(leg(TEST_MASS), small).warnings}
 
 
+@pytest.mark.slow  # 1 s
 def test_encoder_offsets_that_differ_between_logs() -> None:
     logs = [leg_log(1), leg_log(2)]
     moved = np.zeros(5)
@@ -93,6 +94,7 @@ def test_encoder_offsets_that_differ_between_logs() -> None:
     assert seaid.check(leg(TEST_MASS), logs).warnings == ()
 
 
+@pytest.mark.slow  # 1 s
 def test_offsets_after_a_log_with_a_hole_are_those_of_the_second_log() -> None:
     first, second = leg_log(1), leg_log(2)
     seen = (first.time < 2.4) | (first.time > 3.2)
@@ -218,7 +220,7 @@ def at(log: Log, samples: IndexArray, time: Array) -> Log:
     return replace(log, time=time, **changed)
 
 
-@pytest.mark.parametrize("case", ROBOTS)
+@pytest.mark.parametrize("case", quick_only(ROBOTS, ["leg", "arm"]))
 def test_the_channels_of_right_logs_are_silent(case: str) -> None:
     assert found_in(case, ROBOTS[case][1]()) == []
 

@@ -120,6 +120,7 @@ def test_free_ends_reach_further(leg: Robot) -> None:
     assert free.condition_number < rest.condition_number
 
 
+@pytest.mark.slow  # a search of 2 s
 def test_progress_is_shown_on_stderr(slider_arm: Robot, capsys: pytest.CaptureFixture[str]) -> None:
     plan(slider_arm, progress=True)
     shown = capsys.readouterr()

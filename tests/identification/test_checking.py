@@ -342,6 +342,7 @@ def test_nominal_masses_that_are_nonsense_are_noted_only() -> None:
     assert [(one.code, one.severity) for one in warnings] == [("nominal-values", "note")]
 
 
+@pytest.mark.slow  # two identifications of the leg
 def test_identify_has_the_findings_and_a_verdict() -> None:
     wrong = of_joint(leg_log(), 3, motor_torque=-1.0)
     found = seaid.identify(leg(TEST_MASS), wrong)

@@ -312,6 +312,7 @@ def test_errors_are_as_large_as_the_standard_errors_say() -> None:
     check_scores(scores, band=1.2)
 
 
+@pytest.mark.slow  # 1 s
 def test_split_gives_what_an_identification_holds() -> None:
     rows, _, _, _, found = free_foot()
     drives, base, load_side = split_estimate(IN_MOTION, model_of(IN_MOTION), found)

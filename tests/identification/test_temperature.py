@@ -124,6 +124,7 @@ def test_a_temperature_that_does_not_change_is_named_with_its_range(last: float)
         seaid.identify(robot_of(), log_at(ramp(31.0, last)))
 
 
+@pytest.mark.slow  # 1 s
 def test_a_cold_and_a_warm_log_are_a_range_together() -> None:
     both = [log_at(ramp(20.0, 20.5)), log_at(ramp(45.0, 45.5), seed=2)]
     estimate = seaid.identify(robot_of(), both).drives[KNEE]

@@ -50,6 +50,7 @@ def test_an_offset_moves_nothing_but_itself() -> None:
         assert abs(error) < 3.0  # no offset in truth
 
 
+@pytest.mark.slow  # 1 s
 def test_a_large_offset_is_a_finding_and_none_is_not() -> None:
     codes = [(one.code, one.joint) for one in found(True).warnings]
     assert ("torque-offset", "knee_pitch") in codes

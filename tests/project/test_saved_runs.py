@@ -78,6 +78,7 @@ def test_a_loaded_identification_predicts_and_is_written_alike(  # type: ignore[
     assert len(q) == again.robot.model.nq
 
 
+@pytest.mark.slow  # 2 s
 def test_motions_are_thinned_without_a_change_of_the_fit(tmp_path: Path) -> None:
     found, _ = leg()
     save_run(found, tmp_path / "a.npz")

@@ -196,6 +196,7 @@ def leg_motion() -> Motion:
     return simulate_motion(leg(TEST_MASS), wiggle(leg(), 2.5, middle, reach))
 
 
+@pytest.mark.slow  # 1 s
 def test_true_motion_obeys_the_equations_it_was_made_of() -> None:
     """(7) and (8) at every tick that is not at rest, of elastic and stiff joints."""
     for robot, motion in ((leg(TEST_MASS), leg_motion()), (arm(), arm_motion())):
