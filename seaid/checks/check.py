@@ -8,7 +8,7 @@ the result: its error becomes a note.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Generic, TypeVar
 
 import numpy as np
@@ -131,6 +131,16 @@ def zeros_in_description(
             changed = changed_source(source, offset=round(offset, 5))
             entries.setdefault(joint, {})[quantity] = changed
     return in_description(entries)
+
+
+def joints_of(findings: Iterable[Finding]) -> set[str]:
+    """Return the joints that findings name, alone or among several."""
+    return {joint for x in findings for joint in (x.joint, *x.joints) if joint}
+
+
+def as_note(finding: Finding) -> Finding:
+    """Return a finding as a note without a remedy, whose numbers are those of a wrong model."""
+    return replace(finding, severity="note", remedy="")
 
 
 def only_joint(joints: Sequence[str]) -> str:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from seaid._arrays import FrozenMapping
 from seaid.checks import tolerances as tol
+from seaid.checks.check import as_note, joints_of
 from seaid.checks.codes import CODES, FEW_ROWS
 from seaid.errors import SEVERITIES, Finding, by_severity
 
@@ -45,16 +46,13 @@ def consequences(setup: Sequence[Finding], findings: Iterable[Finding]) -> list[
     offset of them would spoil the repaired result.
     """
     wrong = [finding for finding in setup if is_wrong([finding])]
-    joints = {joint for finding in wrong for joint in (finding.joint, *finding.joints) if joint}
+    joints = joints_of(wrong)
     is_whole = any(not one.joint or one.certainty == "certain" for one in wrong)
 
     def is_echo(finding: Finding) -> bool:
         return is_whole or not finding.joint or finding.joint in joints
 
-    return [
-        replace(finding, severity="note", remedy="") if wrong and is_echo(finding) else finding
-        for finding in findings
-    ]
+    return [as_note(x) if wrong and is_echo(x) else x for x in findings]
 
 
 _ECHOES = (
@@ -72,7 +70,8 @@ def that_matter(
     A weak spring, whose deflection is mostly noise, has such findings; with backlash it is none.
     What a model lacks is a note where its torque errors do not matter, and so is a symptom of a
     cause that explains it: the cause is as severe as its symptoms, whose remedies have the numbers
-    of a model without it. Too few rows may be why anything else is found.
+    of a model without it. Too few rows are a note where another finding is why blocks of the logs
+    contradict each other.
     """
     loose, weak = _joints("backlash", findings), _joints("weak-spring", findings)
     echoes = {**dict.fromkeys((*_ECHOES, "delay"), weak), "weak-spring": loose}
@@ -100,7 +99,7 @@ def _among(finding: Finding, findings: Sequence[Finding]) -> Finding:
         return finding
     if _is_symptom(finding):
         is_brought = any(_brings(cause, finding) for cause in findings)
-        return replace(finding, severity="note", remedy="") if is_brought else finding
+        return as_note(finding) if is_brought else finding
     symptoms = (other for other in findings if _is_symptom(other) and _brings(finding, other))
     return replace(finding, severity=by_severity([finding, *symptoms])[0].severity)
 
@@ -116,7 +115,7 @@ def _brings(cause: Finding, symptom: Finding) -> bool:
     """
     if cause.severity == "note" or not CODES[cause.code].spoils:
         return False
-    joints, evidence = {cause.joint, *cause.joints} - {""}, cause.evidence
+    joints, evidence = joints_of([cause]), cause.evidence
     is_there = not joints or not symptom.joint or symptom.joint in joints
     is_worse = SEVERITIES.index(symptom.severity) < SEVERITIES.index(cause.severity)
     if not {EXPLAINED, OF_MOTOR} & {*evidence}:

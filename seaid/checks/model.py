@@ -14,6 +14,7 @@ from itertools import product
 
 import numpy as np
 
+from seaid.checks.check import as_note, joints_of
 from seaid.checks.codes import CODES, DELAY, ENCODER_OFFSET
 from seaid.checks.columns import DRIVE_CHECKS, Side
 from seaid.checks.engine import (
@@ -276,12 +277,9 @@ def model_findings(
     findings = [finding for side in selected for finding in side.findings.values()]
     mistakes = [finding for finding in known if finding.severity != "note"]
     spoiling = [finding for finding in mistakes if CODES[finding.code].spoils]
-    joints = {joint for finding in spoiling for joint in (finding.joint, *finding.joints)}
+    joints = joints_of(spoiling)
     is_whole = any(not x.joint and not x.joints and x.certainty == "certain" for x in spoiling)
-    findings = [
-        replace(x, severity="note", remedy="") if is_whole or x.joint in joints - {""} else x
-        for x in findings
-    ]
+    findings = [as_note(x) if is_whole or x.joint in joints else x for x in findings]
     is_known = any(finding.code == DELAY.name for finding in mistakes)
     common = common_delay([(side.side, side.selection) for side in selected])
     if common is not None or is_known:

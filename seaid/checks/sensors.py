@@ -107,7 +107,8 @@ def _late_torques(
 ) -> Finding:
     """Return the finding that the motor torques of joints are late by a delay [s], or early.
 
-    It is `surely` so large [s]: that of one joint has an error that its scatter does not show.
+    It matters by the part [s] of it that is `surely` there: of one joint what is beyond its error,
+    of many all, because how they differ is in the error already.
     """
     late_s = round(delay, 5)
     sources = {joint: side.sources.get(joint, {}).get("motor_torque", "") for joint in joints}
