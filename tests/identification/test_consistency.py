@@ -140,7 +140,6 @@ def test_active_bounds_are_those_of_the_returned_bodies(weight: float | None) ->
     assert bool(flat) == (weight == 0.0)
 
 
-@pytest.mark.slow  # 1 s
 @pytest.mark.rounding
 @settings(max_examples=12)
 @given(st.integers(0, 2**31), st.sampled_from([0.01, 0.3, 3.0, 100.0]), st.booleans())
