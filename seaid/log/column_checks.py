@@ -82,12 +82,12 @@ class Inference:
         `sides` selects those whose names state one of these sides, or none if it contains "".
         Those that say "measured" are first.
         """
-        found = [
+        columns = [
             name
             for name in self._raw.get((quantity, joint), ())
             if name in self.data and (not sides or self.meanings[name].side in sides)
         ]
-        return sorted(found, key=lambda name: not self.meanings[name].is_said)
+        return sorted(columns, key=lambda name: not self.meanings[name].is_said)
 
     def commands(self, joint: str, quantity: str = "position") -> list[str]:
         """Return the columns with a commanded quantity of a joint.
@@ -97,11 +97,11 @@ class Inference:
         """
         return [
             name
-            for name, one in self.meanings.items()
-            if one.is_command and name in self.data
-            if one.joint.removesuffix("_joint") == joint.removesuffix("_joint")
-            if one.quantity == quantity
-            or (quantity == "position" and not one.quantity and self._leads(name, joint))
+            for name, meaning in self.meanings.items()
+            if meaning.is_command and name in self.data
+            if meaning.joint.removesuffix("_joint") == joint.removesuffix("_joint")
+            if meaning.quantity == quantity
+            or (quantity == "position" and not meaning.quantity and self._leads(name, joint))
         ]
 
     def _leads(self, name: str, joint: str) -> bool:
@@ -119,11 +119,11 @@ class Inference:
     @cached_property
     def _raw(self) -> dict[tuple[str, str], list[str]]:
         """The raw columns by quantity and joint."""
-        found: dict[tuple[str, str], list[str]] = {}
+        columns: dict[tuple[str, str], list[str]] = {}
         for name, meaning in self.meanings.items():
             if meaning.is_raw:
-                found.setdefault((meaning.quantity, meaning.joint), []).append(name)
-        return found
+                columns.setdefault((meaning.quantity, meaning.joint), []).append(name)
+        return columns
 
     @cached_property
     def is_of_a_drive(self) -> bool:
@@ -168,24 +168,24 @@ def follows(position: Array, command: Array) -> bool:
     columns = np.column_stack([q, rate, np.gradient(rate), np.ones(len(q))])
     sizes = np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
     columns = columns / sizes
-    found = safely(np.linalg.lstsq, columns, u, rcond=None, what="a command", error=LogError)[0]
-    is_sum = np.var(u - columns @ found) < (1 - _FOLLOWS) * np.var(u)
-    return bool(is_sum and 1 / _LOOP_SLOPE < found[0] / sizes[0] < _LOOP_SLOPE)
+    fit = safely(np.linalg.lstsq, columns, u, rcond=None, what="a command", error=LogError)[0]
+    is_sum = np.var(u - columns @ fit) < (1 - _FOLLOWS) * np.var(u)
+    return bool(is_sum and 1 / _LOOP_SLOPE < fit[0] / sizes[0] < _LOOP_SLOPE)
 
 
 def _sentences(notes: Mapping[str, list[str]]) -> tuple[str, ...]:
-    found = (f"{listed(about, _LISTED)}: {text}" for text, about in notes.items())
-    return tuple(map(in_one_line, found))
+    sentences = (f"{listed(about, _LISTED)}: {text}" for text, about in notes.items())
+    return tuple(map(in_one_line, sentences))
 
 
-def correlation(one: Array, other: Array) -> float:
+def correlation(first: Array, second: Array) -> float:
     """Return the correlation of two channels, 0 where they cannot be compared."""
-    if len(one) != len(other):
+    if len(first) != len(second):
         return 0.0
-    good = np.isfinite(one) & np.isfinite(other)
-    if np.sum(good) < 3 or np.ptp(one[good]) == 0 or np.ptp(other[good]) == 0:
+    good = np.isfinite(first) & np.isfinite(second)
+    if np.sum(good) < 3 or np.ptp(first[good]) == 0 or np.ptp(second[good]) == 0:
         return 0.0
-    return float(np.corrcoef(one[good], other[good])[0, 1])
+    return float(np.corrcoef(first[good], second[good])[0, 1])
 
 
 def is_state(values: Array) -> bool:
@@ -245,7 +245,7 @@ def _velocities(
         t, v, q = time[good] - time[good][0], speed[good], position[good]
         path = np.concatenate([[0.0], np.cumsum(np.diff(t) * (v[1:] + v[:-1]) / 2)])
         t -= np.mean(t)
-        path, q = (one - np.mean(one) - t * (t @ one) / (t @ t) for one in (path, q))
+        path, q = (signal - np.mean(signal) - t * (t @ signal) / (t @ t) for signal in (path, q))
         power = float(path @ path)
         if power > 0 and np.var(q) > 0:
             yield name, float((path @ q) ** 2 / (power * (q @ q))), float(path @ q) / power
@@ -255,8 +255,8 @@ def check_used(
     inference: Inference, joints: Mapping[str, Sources], robot: Robot | None, clocks: set[str]
 ) -> None:
     """Note what words or samples of the columns leave in doubt; `clocks` are those of the time."""
-    used = {one["column"] for sources in joints.values() for one in sources.values()}
-    used |= {one.get("times", "") for sources in joints.values() for one in sources.values()}
+    used = {source["column"] for sources in joints.values() for source in sources.values()}
+    used |= {source.get("times", "") for sources in joints.values() for source in sources.values()}
     used &= inference.meanings.keys()
     _note_unknown_words(inference, used)
     for joint, sources in joints.items():
@@ -276,12 +276,12 @@ def check_used(
 
 def _note_unknown_words(inference: Inference, used: set[str]) -> None:
     """Note words of used columns that no table has, unless most names have them: a prefix."""
-    count = Counter(word for one in inference.meanings.values() for word in set(one.unknown))
+    count = Counter(word for m in inference.meanings.values() for word in set(m.unknown))
     for name in sorted(used):
         words = [
-            one
-            for one in inference.meanings[name].unknown
-            if count[one] < 0.5 * len(inference.meanings)
+            word
+            for word in inference.meanings[name].unknown
+            if count[word] < 0.5 * len(inference.meanings)
         ]
         if words:
             inference.note(name, f"the meaning of {listed(words)} in the name is not known")
@@ -335,13 +335,13 @@ def _check_effort(inference: Inference, column: str) -> None:
 def _check_commands(inference: Inference, column: str, joint: str) -> None:
     """Note a measurement that equals a command of its joint."""
     kind, values = inference.meanings[column].quantity, inference.data[column]
-    for name, one in inference.meanings.items():
-        is_other = (one.quantity, one.joint) == (kind, joint) and not one.is_raw
-        other = inference.data.get(name) if is_other and name != column else None
-        if other is None or len(other) != len(values):
+    for name, meaning in inference.meanings.items():
+        is_other = (meaning.quantity, meaning.joint) == (kind, joint) and not meaning.is_raw
+        command = inference.data.get(name) if is_other and name != column else None
+        if command is None or len(command) != len(values):
             continue
-        good = np.isfinite(other) & np.isfinite(values)
-        if np.any(good) and np.max(np.abs(other - values)[good]) <= _EQUAL * np.ptp(values[good]):
+        good = np.isfinite(command) & np.isfinite(values)
+        if np.any(good) and np.max(np.abs(command - values)[good]) <= _EQUAL * np.ptp(values[good]):
             inference.note(column, f"equals {name}: which one is measured?")
 
 
@@ -349,14 +349,14 @@ def _note_excluded(inference: Inference, used: set[str]) -> None:
     """Note columns with the name of a measurement that are not used."""
     said = used.union(*inference.notes.values())
     forms = {(inference.meanings[name].quantity, *form) for name in used for form in _forms(name)}
-    for name, one in inference.meanings.items():
-        is_measured = one.quantity in ("position", "torque", "deflection", "current")
+    for name, meaning in inference.meanings.items():
+        is_measured = meaning.quantity in ("position", "torque", "deflection", "current")
         if is_of_another_part(name):
-            is_measured &= any((one.quantity, *form) in forms for form in _forms(name))
+            is_measured &= any((meaning.quantity, *form) in forms for form in _forms(name))
         else:
-            is_measured &= one.is_raw or one.is_estimate
+            is_measured &= meaning.is_raw or meaning.is_estimate
         if is_measured and name in inference.data and name not in said:
-            inference.note(name, f"has the name of a {one.quantity}, and is not used")
+            inference.note(name, f"has the name of a {meaning.quantity}, and is not used")
 
 
 def _forms(name: str) -> Iterator[tuple[str, str]]:
@@ -379,7 +379,7 @@ def _note_unknown_columns(
         for sources in joints.values()
     )
     signals = list(_signals(inference, joints))
-    like = _alike({name: inference.data[name] for name in names[:1000]}, signals)
+    like = _matching_signals({name: inference.data[name] for name in names[:1000]}, signals)
     for name in names:
         if name in like:
             inference.note(name, f"not understood, and not used; it moves like {like[name]}")
@@ -390,7 +390,7 @@ def _note_unknown_columns(
 def _is_one_per_joint(name: str, names: list[str], count: int) -> bool:
     """Return whether as many names as joints differ in their numbers only."""
     family = re.sub(r"\d+", "#", name)
-    return count == 1 or sum(re.sub(r"\d+", "#", one) == family for one in names) == count
+    return count == 1 or sum(re.sub(r"\d+", "#", column) == family for column in names) == count
 
 
 def _signals(inference: Inference, joints: Mapping[str, Sources]) -> Iterator[tuple[str, Array]]:
@@ -408,7 +408,7 @@ def _signals(inference: Inference, joints: Mapping[str, Sources]) -> Iterator[tu
                 break
 
 
-def _alike(columns: Block, signals: list[tuple[str, Array]]) -> dict[str, str]:
+def _matching_signals(columns: Block, signals: list[tuple[str, Array]]) -> dict[str, str]:
     """Return {column: name of the signal} of columns that are proportional to one."""
     return {
         name: next(what for what, signal in signals if abs(correlation(signal, values)) > _ALIKE)

@@ -108,7 +108,7 @@ _UNITS = {
     for unit, spellings in units.items()
     for spelling in spellings.split()
 }
-_UNITS_SMALL = {one.lower(): found for one, found in reversed(_UNITS.items())}
+_UNITS_SMALL = {spelling.lower(): unit for spelling, unit in reversed(_UNITS.items())}
 """Units by their spelling, and by that in small letters, as in "TORQUE_MNM"."""
 
 _BY_UNIT = {
@@ -188,21 +188,21 @@ def meaning_of(name: str, joints: Sequence[str] = ()) -> Meaning:
     """
     head, label, unit = _without_brackets(name)
     path = head.split("/") if head.startswith("/") else [head]  # a topic, its parts and a field
-    topic = [_part(one, joints) for one in path[1:-1]]
+    topic = [_part(part, joints) for part in path[1:-1]]
     head, rate = _without_rate(_in_latin(path[-1]))
     joint = _joint_of(label, joints) if label else ""
-    found, words = ("", _words(head)) if joint else _joint_in(_words(head), joints)
-    joint = joint or found
-    texts = [one.text for one in words]
+    named, words = ("", _words(head)) if joint else _joint_in(_words(head), joints)
+    joint = joint or named
+    texts = [word.text for word in words]
     quantity = _quantity(texts)
     if not quantity and (
         by_unit := _unit_of(words, "", "", joint) or _counts_of(words)
     ):  # the unit stands for the quantity
         quantity = by_unit[0]
-        words = [replace(one, text=quantity) if one.unit == by_unit else one for one in words]
+        words = [replace(word, text=quantity) if word.unit == by_unit else word for word in words]
     if not quantity and _is_length(unit, head, words, joint, joints):
         quantity, joint = "position", joint or joint_alone(head, joints)
-    says_nothing = found or _FILLER.issuperset(texts) or texts[-1].isdigit()
+    says_nothing = named or _FILLER.issuperset(texts) or texts[-1].isdigit()
     if not quantity and says_nothing:
         # "/state/positions/elbow", "/effort_controller/commands/data[0]"
         quantity = next(filter(None, (_quantity(part.texts) for part in reversed(topic))), "")
@@ -260,8 +260,8 @@ def _part(text: str, joints: Sequence[str]) -> _Part:
     if (joint := _joint_of(head, joints)) in joints:
         return _Part(joint, "", [])
     joint, words = _joint_in(_words(_in_latin(head)), joints)
-    words = [one for one in words if one.text not in _OF_TOPICS]
-    return _Part(joint, label or _label(words, None), [one.text for one in words])
+    words = [word for word in words if word.text not in _OF_TOPICS]
+    return _Part(joint, label or _label(words, None), [word.text for word in words])
 
 
 def in_file(meaning: Meaning, file: str) -> Meaning:
@@ -273,21 +273,21 @@ def in_file(meaning: Meaning, file: str) -> Meaning:
 
 def is_of_commands(file: str) -> bool:
     """Return whether the name of a file says that it has commands."""
-    texts = {one.text for one in _words(_in_latin(Path(file).name))}
+    texts = {word.text for word in _words(_in_latin(Path(file).name))}
     return bool(texts & (_COMMANDED | {"control"}))
 
 
 def _unknown(words: Sequence[_Word], joints: Sequence[str]) -> tuple[str, ...]:
     """Return the words that are no numbers, units or words of joints, and in no table."""
-    named = (one.text for one in words if one.unit is None and not one.text.isdigit())
-    of_joints = {one for known, _ in _known(tuple(joints)) for one in known}
-    return tuple(one for one in named if one not in _UNDERSTOOD | of_joints)
+    named = (word.text for word in words if word.unit is None and not word.text.isdigit())
+    of_joints = {text for known, _ in _known(tuple(joints)) for text in known}
+    return tuple(text for text in named if text not in _UNDERSTOOD | of_joints)
 
 
 def joint_alone(name: str, joints: Sequence[str]) -> str:
     """Return the joint of a name with nothing else but words without meaning, or an empty text."""
-    texts = tuple(one.text for one in _words(_in_latin(name)))
-    bare = tuple(one for one in texts if one not in _FILLER)
+    texts = tuple(word.text for word in _words(_in_latin(name)))
+    bare = tuple(text for text in texts if text not in _FILLER)
     numbered = ("joint", *bare[1:]) if bare[:1] == ("j",) else bare  # "J1" is joint_1
     spelled = (texts, bare, numbered)
     return next((joint for known, joint in _known(tuple(joints)) if known in spelled), "")
@@ -295,7 +295,7 @@ def joint_alone(name: str, joints: Sequence[str]) -> str:
 
 def is_of_another_part(name: str) -> bool:
     """Return whether a name is no command, but of a tool, a foot, an IMU or a battery."""
-    texts = {one.text for one in _words(_in_latin(name))}
+    texts = {word.text for word in _words(_in_latin(name))}
     return bool(texts & _ELSEWHERE) and not texts & (_COMMANDED | _DERIVED)
 
 
@@ -308,11 +308,11 @@ def _is_measured(texts: Sequence[str], quantity: str) -> bool:
 def _without_brackets(name: str) -> tuple[str, str, _Unit | None]:
     """Return a name without brackets, and the label and the unit in them: "q[1] (rad)"."""
     label, unit = "", None
-    while found := _BRACKETED.fullmatch(name):
-        head, bracket, inside = found.groups()
-        one = _known_unit(_in_latin(inside).strip())
-        if one is not None:
-            name, unit = head, one
+    while match := _BRACKETED.fullmatch(name):
+        head, bracket, inside = match.groups()
+        known = _known_unit(_in_latin(inside).strip())
+        if known is not None:
+            name, unit = head, known
         elif bracket == "[" or inside.isdigit():
             name, label = head, inside
         else:
@@ -322,13 +322,13 @@ def _without_brackets(name: str) -> tuple[str, str, _Unit | None]:
 
 def _without_rate(head: str) -> tuple[str, _Unit | None]:
     """Return a name without the unit of a velocity or an acceleration, and that unit."""
-    found = _RATE.search(head)
-    if found is None:
+    match = _RATE.search(head)
+    if match is None:
         return head, None
-    length, time, square = found.groups()
+    length, time, square = match.groups()
     _, length = _known_unit(length) or ("", length)
     rate = ("acceleration", f"{length}/s^2") if square else ("velocity", f"{length}/{time[0]}")
-    return head[: found.start()] + head[found.end() :], rate
+    return head[: match.start()] + head[match.end() :], rate
 
 
 def _known_unit(text: str) -> _Unit | None:
@@ -340,7 +340,7 @@ def _known_unit(text: str) -> _Unit | None:
 
 def _words(text: str) -> list[_Word]:
     """Return the words of a name; a unit such as mA is one word."""
-    found: list[_Word] = []
+    words: list[_Word] = []
     for run in _RUN.findall(text):
         head, unit = _without_unit(run)
         parts = _SPLIT.findall(head)
@@ -350,12 +350,12 @@ def _words(text: str) -> list[_Word]:
             parts = ["".join(parts[:-1]), parts[-1]]
         for number, part in enumerate(parts):
             glued = number > 0 and part.isdigit()
-            found += [_Word(one, _known_unit(part), glued) for one in _split(part.lower())]
+            words += [_Word(piece, _known_unit(part), glued) for piece in _split(part.lower())]
         if unit:
-            found.append(_Word(unit.lower(), _known_unit(unit)))
+            words.append(_Word(unit.lower(), _known_unit(unit)))
     return [  # the d of "q_d", "tau_J_d" and "theta_md"
-        replace(one, text="desired") if one.text == "d" and before in _BEFORE_D else one
-        for before, one in zip(["", *(one.text for one in found)], found, strict=False)
+        replace(word, text="desired") if word.text == "d" and before in _BEFORE_D else word
+        for before, word in zip(["", *(word.text for word in words)], words, strict=False)
     ]
 
 
@@ -391,11 +391,11 @@ def _quantity(texts: Sequence[str]) -> str:
     """
     texts = texts[: texts.index("from")] if "from" in texts[1:] else texts
     said = [
-        one
-        for one, following in pairwise([*texts, ""])
-        if one in _WORDS and not (one == "current" and _WORDS.get(following, one) != one)
+        word
+        for word, following in pairwise([*texts, ""])
+        if word in _WORDS and not (word == "current" and _WORDS.get(following, word) != word)
     ]
-    kinds = [_WORDS[one] for one in said if one not in _WEAK] or [_WORDS[one] for one in said]
+    kinds = [_WORDS[word] for word in said if word not in _WEAK] or [_WORDS[word] for word in said]
     return min(kinds, key=_RANK.__getitem__, default="")
 
 
@@ -410,7 +410,7 @@ def _fits(unit: _Unit, quantity: str) -> bool:
 
 def _unit_of(words: Sequence[_Word], quantity: str, side: str, joint: str) -> _Unit | None:
     """Return the unit: the last word that is one. One of a single letter is the very last word."""
-    named = [one for one in words if not one.text.isdigit()]
+    named = [word for word in words if not word.text.isdigit()]
     for place, word in enumerate(reversed(named)):
         is_last = place == 0 and (len(named) > 1 or joint != "")
         if word.unit is None or not (is_last or (quantity and len(word.text) > 1)):
@@ -424,13 +424,13 @@ def _unit_of(words: Sequence[_Word], quantity: str, side: str, joint: str) -> _U
 
 def _counts_of(words: Sequence[_Word]) -> _Unit | None:
     """Return the unit of counts or turns on a side of a gear: "motor_counts" are of its encoder."""
-    units = (one.unit for one in words if one.unit is not None and one.unit[1] in _OF_ENCODERS)
+    units = (word.unit for word in words if word.unit is not None and word.unit[1] in _OF_ENCODERS)
     return next(units, None) if _side(words) else None
 
 
 def _side(words: Sequence[_Word]) -> str:
     """Return the side: "joint_position_m" is in metres, "motor_elbow_joint" at the motor."""
-    texts = [one.text for one in words]
+    texts = [word.text for word in words]
     at_joint = _is_at_joint(words)
     if not _MOTOR.isdisjoint(texts) and not (at_joint and texts[-1] == "m"):
         return "motor"
@@ -440,9 +440,9 @@ def _side(words: Sequence[_Word]) -> str:
 def _is_at_joint(words: Sequence[_Word]) -> bool:
     """Return True for a side ("joint_position", "pos_link"), False for a name ("elbow_joint")."""
     others = [
-        one.text
-        for one in words
-        if not one.text.isdigit() and (one.unit is None or one.text in _GENERIC)
+        word.text
+        for word in words
+        if not word.text.isdigit() and (word.unit is None or word.text in _GENERIC)
     ]
     for word, following in pairwise(others):
         if (word in _JOINT and following in _WORDS) or (following == "sensor" and word in _WORDS):
@@ -468,13 +468,13 @@ def _label(words: Sequence[_Word], unit: _Unit | None) -> str:
 
 def _joint_of(label: str, joints: Sequence[str]) -> str:
     """Return the joint of a label that is nothing else, or the label itself."""
-    texts = [one.text for one in _words(_in_latin(label))]
+    texts = [word.text for word in _words(_in_latin(label))]
     return next((joint for known, joint in _known(tuple(joints)) if list(known) == texts), label)
 
 
 def _joint_in(words: list[_Word], joints: Sequence[str]) -> tuple[str, list[_Word]]:
     """Return the joint whose words are in a name, "" if none, and the other words."""
-    texts = tuple(one.text for one in words)
+    texts = tuple(word.text for word in words)
     for known, joint in _known(tuple(joints)):
         for start in range(len(texts) - len(known) + 1):
             end = start + len(known)
@@ -489,15 +489,15 @@ def _joint_in(words: list[_Word], joints: Sequence[str]) -> tuple[str, list[_Wor
 @cache
 def _known(joints: tuple[str, ...]) -> list[tuple[tuple[str, ...], str]]:
     """Return the words of each joint, whole and without "joint", the longest first."""
-    found: dict[tuple[str, ...], str] = {}
+    names: dict[tuple[str, ...], str] = {}
     for joint in joints:
-        texts = tuple(one.text for one in _words(_in_latin(joint)))
-        short = tuple(one for one in texts if one not in _ANY_JOINT)
-        is_name = any(not one.isdigit() and len(one) > 1 for one in short) or len(short) > 1
-        if is_name and short not in found:
-            found[short] = joint
-        found[texts] = joint
-    return sorted(found.items(), key=lambda one: -len(one[0]))
+        texts = tuple(word.text for word in _words(_in_latin(joint)))
+        short = tuple(text for text in texts if text not in _ANY_JOINT)
+        is_name = any(not text.isdigit() and len(text) > 1 for text in short) or len(short) > 1
+        if is_name and short not in names:
+            names[short] = joint
+        names[texts] = joint
+    return sorted(names.items(), key=lambda item: -len(item[0]))
 
 
 def _in_latin(name: str) -> str:
@@ -509,4 +509,4 @@ def _in_latin(name: str) -> str:
         text = dotted.sub(f" {word} ", text)
     for letter, word in _GREEK.items():
         text = text.replace(letter, f" {word} " if len(word) > 1 else word)
-    return "".join(one for one in text if not unicodedata.combining(one))
+    return "".join(letter for letter in text if not unicodedata.combining(letter))

@@ -90,31 +90,31 @@ class BaseGuess:
 def infer_base(table: Table, inference: Inference, robot: Robot) -> BaseGuess:
     """Return the columns of the base and of contacts of a log; `inference` has all samples."""
     assert robot.floating_base is not None
-    found = BaseGuess()
+    guess = BaseGuess()
     vectors = _vectors(table, inference, robot) or _in_one_table(table, inference, robot)
     derivatives = _derivatives(vectors, inference, robot)
     for stem, names in vectors.items():
         if len(names) in (robot.n, *_widths(robot)) and _is_indexed(stem, names):
-            _generalised(found, stem, names, inference, robot, derivatives.get(stem, ""))
-    others = _wrenches(found, vectors, table, inference, robot)
+            _generalised(guess, stem, names, inference, robot, derivatives.get(stem, ""))
+    others = _wrenches(guess, vectors, table, inference, robot)
     for stem, names in vectors.items():
-        if not set(names) & set(found.meanings):
-            _named(found, stem, names, inference, _scale(names, table))
-    taken = {tuple(one.columns) for one in found.base.values()}
+        if not set(names) & set(guess.meanings):
+            _named(guess, stem, names, inference, _scale(names, table))
+    taken = {tuple(source.columns) for source in guess.base.values()}
     for sensor, names in others.items():
         if tuple(names) not in taken:
             inference.note(sensor, "a force sensor whose name is not that of one contact: not used")
-    _contacts(found, table, vectors, inference, robot)
-    _add_loads(found, inference, robot)
+    _contacts(guess, table, vectors, inference, robot)
+    _add_loads(guess, inference, robot)
     if robot.floating_base.normal is not None:
-        free = {x: table.bare(x) for x in inference.data if x not in _used(found, robot, inference)}
+        free = {x: table.bare(x) for x in inference.data if x not in _used(guess, robot, inference)}
         planar = infer_planar(free, inference, robot.floating_base)
-        found.base = {**planar, **found.base}
-    _decide_frames(found, inference)
-    _note_what_is_lacking(found, inference, robot)
-    used = [*found.base.values(), *(x for one in found.contacts.values() for x in one.values())]
-    found.meanings |= {name: _TAKEN for one in used for name in one.columns}
-    return found
+        guess.base = {**planar, **guess.base}
+    _decide_frames(guess, inference)
+    _note_what_is_lacking(guess, inference, robot)
+    used = [*guess.base.values(), *(x for foot in guess.contacts.values() for x in foot.values())]
+    guess.meanings |= {name: _TAKEN for source in used for name in source.columns}
+    return guess
 
 
 def _widths(robot: Robot) -> tuple[int, ...]:
@@ -124,11 +124,11 @@ def _widths(robot: Robot) -> tuple[int, ...]:
     return (robot.n + 3,) if is_planar else (robot.n + 7, robot.n + 6)
 
 
-def _used(found: BaseGuess, robot: Robot, inference: Inference) -> set[str]:
+def _used(guess: BaseGuess, robot: Robot, inference: Inference) -> set[str]:
     """Return the columns that are taken, or have the name of a joint of the robot."""
-    of_joints = {x for x, one in inference.meanings.items() if one.joint in robot.joint_names}
-    vectors = [*found.base.values(), *(x for one in found.contacts.values() for x in one.values())]
-    return {*found.meanings, *of_joints, *(x for one in vectors for x in one.columns)}
+    of_joints = {x for x, m in inference.meanings.items() if m.joint in robot.joint_names}
+    used = [*guess.base.values(), *(x for foot in guess.contacts.values() for x in foot.values())]
+    return {*guess.meanings, *of_joints, *(x for source in used for x in source.columns)}
 
 
 def _vectors(table: Table, inference: Inference, robot: Robot) -> dict[str, list[str]]:
@@ -138,34 +138,34 @@ def _vectors(table: Table, inference: Inference, robot: Robot) -> dict[str, list
     vector of the base, or of its contacts.
     """
     assert robot.floating_base is not None
-    found: dict[str, dict[str, str]] = {}
+    stems: dict[str, dict[str, str]] = {}
     numbered: dict[str, dict[str, str]] = {}
     for name in inference.data:
         bare, file = table.bare(name), table.files.get(name, "")
         part, number = re.fullmatch(r"(.*)\[(\d+)\]", bare), _NUMBERED.fullmatch(bare)
         component = _component(bare)
         if part:
-            found.setdefault(f"{part[1]}[", {})[part[2]] = name
+            stems.setdefault(f"{part[1]}[", {})[part[2]] = name
         elif bare.isdecimal() and file:
-            found.setdefault(f"{file.rsplit('.', 1)[0]}[", {})[bare] = name
+            stems.setdefault(f"{file.rsplit('.', 1)[0]}[", {})[bare] = name
         elif component:
-            found.setdefault(component[0], {}).setdefault(component[1], name)
+            stems.setdefault(component[0], {}).setdefault(component[1], name)
         elif number:
             numbered.setdefault(f"{number[1]}[", {})[number[2]] = name
     sizes = {3, 4, 7, *_widths(robot), len(robot.floating_base.contacts)}
-    found |= {x: own for x, own in numbered.items() if x not in found and len(own) in sizes}
-    return _whole_vectors(found, inference, robot.floating_base.normal is not None)
+    stems |= {x: parts for x, parts in numbered.items() if x not in stems and len(parts) in sizes}
+    return _whole_vectors(stems, inference, robot.floating_base.normal is not None)
 
 
 def _component(bare: str) -> tuple[str, str] | None:
     """Return the name of a vector and the axis of a column: "GyroX [deg/s]", "pelvis_tx_mm"."""
-    if (one := _SHORT_NAME.fullmatch(bare)) and _unit(one[4]) in _UNITS:
-        return f"{one[1] or ''}_{one[2]}", one[3].lower()
-    if (one := _COMPONENT.fullmatch(bare)) and _unit(one[4]) in _UNITS:
-        stem, quantity = one[1], _UNITS[_unit(one[4])][0]
+    if (match := _SHORT_NAME.fullmatch(bare)) and _unit(match[4]) in _UNITS:
+        return f"{match[1] or ''}_{match[2]}", match[3].lower()
+    if (match := _COMPONENT.fullmatch(bare)) and _unit(match[4]) in _UNITS:
+        stem, quantity = match[1], _UNITS[_unit(match[4])][0]
         if quantity and not _kind_of(stem) and re.search(_BASE, stem.lower().replace("_", " ")):
             stem = f"{stem}.{quantity}"
-        return stem, (one[2] or one[3]).lower()
+        return stem, (match[2] or match[3]).lower()
     return None
 
 
@@ -178,16 +178,16 @@ def _unit(tail: str) -> str:
 def _scale(names: Sequence[str], table: Table) -> float:
     """Return the factor to SI units of the unit in the names of a vector."""
     matches = [_SHORT_NAME.fullmatch(x) or _COMPONENT.fullmatch(x) for x in map(table.bare, names)]
-    units = {_unit(one[4]) for one in matches if one}
+    units = {_unit(match[4]) for match in matches if match}
     return _UNITS[units.pop()][1] if len(units) == 1 else 1.0
 
 
 def _whole_vectors(
-    found: Mapping[str, Mapping[str, str]], inference: Inference, is_planar: bool
+    stems: Mapping[str, Mapping[str, str]], inference: Inference, is_planar: bool
 ) -> dict[str, list[str]]:
     """Return the columns in order of the stems with all parts; note a vector that lacks one."""
     vectors = {}
-    for stem, parts in found.items():
+    for stem, parts in stems.items():
         lacking = [x for x in "xyz" if x not in parts]
         if stem.endswith("["):
             vectors[stem] = [parts[place] for place in sorted(parts, key=int)]
@@ -219,23 +219,23 @@ def _in_one_table(table: Table, inference: Inference, robot: Robot) -> dict[str,
     if place is None:
         return {}
     start, place = place - 3, place + 4 + n
-    found = {"q[": names[start:place]}
+    vectors = {"q[": names[start:place]}
     rate = _samples(names[place - n : place], inference)
     widths = {"velocity[": n + 6, "acceleration[": n + 6, "torque[": n, "contact[": feet}
     for stem, width in widths.items():
-        there = names[place : place + width]
-        if len(there) < width:
+        columns = names[place : place + width]
+        if len(columns) < width:
             continue
         if width == n + 6:
-            own, derivative = _samples(there[-n:], inference), np.diff(rate, axis=0)
-            if _alike(derivative, own[: len(derivative)]) < _DERIVED:
+            values, derivative = _samples(columns[-n:], inference), np.diff(rate, axis=0)
+            if _cosine(derivative, values[: len(derivative)]) < _DERIVED:
                 continue
-            rate = own
-        found[stem] = there
+            rate = values
+        vectors[stem] = columns
         place += width
-    text = ", ".join(f"{stem[:-1]} ({len(own)})" for stem, own in found.items())
+    text = ", ".join(f"{stem[:-1]} ({len(columns)})" for stem, columns in vectors.items())
     inference.note(f"columns {names[start]} to {names[place - 1]}", f"taken for {text}")
-    return found
+    return vectors
 
 
 _DERIVED = 0.6
@@ -261,21 +261,21 @@ def _derivatives(
     ]
     if not positions:
         return {}
-    found: dict[str, str] = {}
+    derivatives: dict[str, str] = {}
     rate = arrays[max(positions, key=lambda stem: len(vectors[stem]))]
     for quantity in ("velocity", "acceleration"):
         rate = np.diff(rate, axis=0)
         others = {
-            stem: _alike(rate, values[: len(rate)])
+            stem: _cosine(rate, values[: len(rate)])
             for stem, values in arrays.items()
-            if not words[stem].quantity and stem not in {*positions, *found}
+            if not words[stem].quantity and stem not in {*positions, *derivatives}
         }
         best = max(others, key=others.__getitem__, default="")
         if best and others[best] > _DERIVED:
-            found[best] = quantity
+            derivatives[best] = quantity
             rate = arrays[best]
             inference.note(best[:-1], f"the {quantity} by its samples")
-    return found
+    return derivatives
 
 
 def _is_indexed(stem: str, names: Sequence[str]) -> bool:
@@ -292,7 +292,7 @@ def _is_quaternion(values: Array) -> bool:
 
 
 def _generalised(
-    found: BaseGuess,
+    guess: BaseGuess,
     stem: str,
     names: list[str],
     inference: Inference,
@@ -306,26 +306,26 @@ def _generalised(
     if len(base) == 7:
         if not _is_quaternion(_samples(base[3:], inference)):
             return
-        found.base["position"] = VectorSource(tuple(base[:3]))
-        found.base["orientation"] = VectorSource(tuple(base[3:]))
+        guess.base["position"] = VectorSource(tuple(base[:3]))
+        guess.base["orientation"] = VectorSource(tuple(base[3:]))
         quantity = "position"
     elif len(base) == 6 and quantity == "velocity":
-        found.base["velocity"] = VectorSource(tuple(base[:3]))
-        found.base["angular_velocity"] = VectorSource(tuple(base[3:]))
+        guess.base["velocity"] = VectorSource(tuple(base[:3]))
+        guess.base["angular_velocity"] = VectorSource(tuple(base[3:]))
     elif not quantity:
         return
     elif len(base) == 3:
-        found.base |= planar_states(base, quantity)
-    found.meanings |= dict.fromkeys(base, _TAKEN)
+        guess.base |= planar_states(base, quantity)
+    guess.meanings |= dict.fromkeys(base, _TAKEN)
     for name, joint in zip(joints, robot.joint_names, strict=True):
-        found.meanings[name] = Meaning(quantity, "", joint, meaning.unit, meaning.is_raw)
+        guess.meanings[name] = Meaning(quantity, "", joint, meaning.unit, meaning.is_raw)
     about = f"{stem.removesuffix('[')}: its last {robot.n} columns" if base else stem[:-1]
     order = f"{robot.joint_names[0]}, {robot.joint_names[1]}, ..." if robot.n > 1 else "one"
     inference.note(about, f"taken for the robot's joints in their order ({order})")
 
 
 def _named(
-    found: BaseGuess,
+    guess: BaseGuess,
     stem: str,
     names: list[str],
     inference: Inference,
@@ -334,16 +334,16 @@ def _named(
     """Take a vector for what its name and its samples say; `scale` is that of its unit."""
     text = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", stem).lower().removesuffix("[")
     others = (_ELSEWHERE, _CONTACT, _ANGULAR_ACCELERATION)
-    if len(names) not in (3, 4, 7) or any(one.search(text) for one in others):
+    if len(names) not in (3, 4, 7) or any(pattern.search(text) for pattern in others):
         return
     values = _samples(names, inference)
     if len(names) == 7 and _is_quaternion(values[:, 3:]):
-        found.base.setdefault("position", VectorSource(tuple(names[:3])))
-        found.base.setdefault("orientation", VectorSource(tuple(names[3:])))
+        guess.base.setdefault("position", VectorSource(tuple(names[:3])))
+        guess.base.setdefault("orientation", VectorSource(tuple(names[3:])))
         return
     if _is_quaternion(values):
         source = VectorSource(tuple(names), order=None if stem.endswith("[") else "wxyz")
-        found.base.setdefault("orientation", source)
+        guess.base.setdefault("orientation", source)
         return
     kind = _kind_of(text)
     if len(names) == 4 or kind in (None, "orientation"):
@@ -359,7 +359,7 @@ def _named(
             text = f"its median is {typical:.2g} m/s^2, without gravity: used if nothing else is"
             inference.note(stem.removesuffix("["), text)
             kind, frame = "acceleration", "base"
-    found.base.setdefault(str(kind), VectorSource(tuple(names), frame=frame, scale=scale))
+    guess.base.setdefault(str(kind), VectorSource(tuple(names), frame=frame, scale=scale))
 
 
 def _kind_of(text: str) -> str | None:
@@ -368,7 +368,7 @@ def _kind_of(text: str) -> str | None:
 
 
 def _wrenches(
-    found: BaseGuess,
+    guess: BaseGuess,
     vectors: Mapping[str, list[str]],
     table: Table,
     inference: Inference,
@@ -385,10 +385,10 @@ def _wrenches(
         if match and len(names) == 3 and not _COMMANDED.search(stem.lower()):
             quantity = "force" if match[2].lower().startswith("f") else "moment"
             sensors.setdefault(match[1], {})[quantity] = names
-    places = [one for one, parts in sensors.items() if "force" in parts]
+    places = [sensor for sensor, parts in sensors.items() if "force" in parts]
     links = robot.floating_base.contact_links
     others = {}
-    common = [[len({*_words(one)} & {*_words(link)}) for link in links] for one in places]
+    common = [[len({*_words(sensor)} & {*_words(link)}) for link in links] for sensor in places]
     for place, sensor in enumerate(places):
         score = np.array(common[place])
         best = int(np.argmax(score))
@@ -400,17 +400,17 @@ def _wrenches(
             others[sensor] = sensors[sensor]["force"]
             continue
         parts = sensors[sensor]
-        found.contacts[links[best]] = {
-            x: VectorSource(tuple(own), scale=_scale(own, table)) for x, own in parts.items()
+        guess.contacts[links[best]] = {
+            x: VectorSource(tuple(names), scale=_scale(names, table)) for x, names in parts.items()
         }
-        found.meanings |= {name: _TAKEN for names in parts.values() for name in names}
+        guess.meanings |= {name: _TAKEN for names in parts.values() for name in names}
         text = f"taken for the force of the ground on {links[best]}, in the axes of that link"
         inference.note(sensor, text)
     return others
 
 
 def _contacts(
-    found: BaseGuess,
+    guess: BaseGuess,
     table: Table,
     vectors: Mapping[str, list[str]],
     inference: Inference,
@@ -418,29 +418,29 @@ def _contacts(
 ) -> None:
     """Take columns for contacts: of the name of a link, or an array with one column for each."""
     assert robot.floating_base is not None
-    links = [x for x in robot.floating_base.contact_links if x not in found.contacts]
+    links = [x for x in robot.floating_base.contact_links if x not in guess.contacts]
     for link in links:
         words = _words(link)
         for name in inference.data:
-            own = _words(table.bare(name))
-            if words[0] in own and _CONTACT.search(table.bare(name).lower()):
-                _add_contact(found, link, name, inference)
+            texts = _words(table.bare(name))
+            if words[0] in texts and _CONTACT.search(table.bare(name).lower()):
+                _add_contact(guess, link, name, inference)
     for stem, names in vectors.items():
-        if _CONTACT.search(stem.lower()) and len(names) == len(links) and not found.contacts:
+        if _CONTACT.search(stem.lower()) and len(names) == len(links) and not guess.contacts:
             for link, name in zip(links, names, strict=True):
-                _add_contact(found, link, name, inference)
+                _add_contact(guess, link, name, inference)
             text = f"taken for the contacts in the order of the robot: {', '.join(links)}"
             inference.note(stem.removesuffix("["), text)
 
 
-def _add_loads(found: BaseGuess, inference: Inference, robot: Robot) -> None:
+def _add_loads(guess: BaseGuess, inference: Inference, robot: Robot) -> None:
     """Take "hip.load" for the torque of a joint, as Spot names it, if no other column has one."""
-    meanings = {**inference.meanings, **found.meanings}
-    if any(one.quantity in ("torque", "current") for one in meanings.values()):
+    meanings = {**inference.meanings, **guess.meanings}
+    if any(meaning.quantity in ("torque", "current") for meaning in meanings.values()):
         return
-    for name, one in inference.meanings.items():
-        if not one.quantity and one.joint in robot.joint_names and _words(name)[-1] == "load":
-            found.meanings[name] = replace(one, quantity="torque", side="")
+    for name, m in inference.meanings.items():
+        if not m.quantity and m.joint in robot.joint_names and _words(name)[-1] == "load":
+            guess.meanings[name] = replace(m, quantity="torque", side="")
             inference.note(name, "taken for the torque of the joint")
 
 
@@ -448,7 +448,7 @@ def _words(name: str) -> list[str]:
     return re.findall(r"[a-z]+|\d+", name.lower())
 
 
-def _add_contact(found: BaseGuess, link: str, name: str, inference: Inference) -> None:
+def _add_contact(guess: BaseGuess, link: str, name: str, inference: Inference) -> None:
     """Take a column for a flag, or for a force with a threshold in the middle of its range."""
     values = inference.finite(name)
     above = None
@@ -460,42 +460,42 @@ def _add_contact(found: BaseGuess, link: str, name: str, inference: Inference) -
         low, high = np.quantile(values, [0.05, 0.95])
         above = float(f"{low + 0.2 * (high - low):.3g}")
         inference.note(name, f"a force: above {above:g} it is taken for contact")
-    found.contacts.setdefault(link, {}).setdefault(
+    guess.contacts.setdefault(link, {}).setdefault(
         "contact", VectorSource((name,), scale=scale, above=above)
     )
 
 
-def _decide_frames(found: BaseGuess, inference: Inference) -> None:
+def _decide_frames(guess: BaseGuess, inference: Inference) -> None:
     """Decide the order of a quaternion and the frames of velocities by their samples."""
-    source = found.base.get("orientation")
+    source = guess.base.get("orientation")
     if source is not None:
-        order, frame = _order(found, source, inference)
+        order, frame = _order(guess, source, inference)
         if frame == "world":
-            w = found.base["angular_velocity"]
-            found.base["angular_velocity"] = replace(w, frame="world")
+            w = guess.base["angular_velocity"]
+            guess.base["angular_velocity"] = replace(w, frame="world")
         R = matrices(_in_order(_samples(source.columns, inference), order))
         order_or_none = None if order == "wxyz" else order
-        found.base["orientation"] = VectorSource(source.columns, order=order_or_none)
-        velocity = found.base.get("velocity")
+        guess.base["orientation"] = VectorSource(source.columns, order=order_or_none)
+        velocity = guess.base.get("velocity")
         if velocity is not None:
-            own = _velocity_frame(found, velocity, R, inference)
-            found.base["velocity"] = replace(velocity, frame=own)
-    if {"velocity", "position", "specific_force"} & set(found.base):
-        found.base.pop("acceleration", None)
-    elif "acceleration" in found.base:
+            axes = _velocity_frame(guess, velocity, R, inference)
+            guess.base["velocity"] = replace(velocity, frame=axes)
+    if {"velocity", "position", "specific_force"} & set(guess.base):
+        guess.base.pop("acceleration", None)
+    elif "acceleration" in guess.base:
         inference.note("acceleration", "taken for that of the base in its own axes, as of an IMU")
 
 
-def _note_what_is_lacking(found: BaseGuess, inference: Inference, robot: Robot) -> None:
+def _note_what_is_lacking(guess: BaseGuess, inference: Inference, robot: Robot) -> None:
     """Note the motion of a base of six degrees of freedom that no column says."""
     assert robot.floating_base is not None
     if robot.floating_base.normal is not None:
         return
-    own, turning = set(found.base), {"orientation", "angular_velocity"}
-    if not own & turning:
+    quantities, turning = set(guess.base), {"orientation", "angular_velocity"}
+    if not quantities & turning:
         inference.note("base", f"no column found of how it turns: name one in [base] ({_TURNING})")
-    moving = own & {"specific_force", "acceleration"}
-    if not moving and not ("orientation" in own and own & {"position", "velocity"}):
+    moving = quantities & {"specific_force", "acceleration"}
+    if not moving and not ("orientation" in quantities and quantities & {"position", "velocity"}):
         inference.note(
             "base",
             "no column found of how it accelerates: name in [base] the specific_force of an IMU, "
@@ -512,7 +512,7 @@ def _in_order(values: Array, order: Order) -> Array:
 
 
 def _order(
-    found: BaseGuess, source: VectorSource, inference: Inference
+    guess: BaseGuess, source: VectorSource, inference: Inference
 ) -> tuple[Order, Frame | None]:
     """Return the order of a quaternion, and the frame of the angular velocity."""
     values = _samples(source.columns, inference)
@@ -520,21 +520,21 @@ def _order(
     scores: dict[tuple[Order, Frame | None], float] = {}
     for order in orders:
         R = matrices(_in_order(values, order))
-        if "angular_velocity" in found.base:
-            w = _samples(found.base["angular_velocity"].columns, inference)
+        if "angular_velocity" in guess.base:
+            w = _samples(guess.base["angular_velocity"].columns, inference)
             # the rows of R' are those of R turned: R(t+1) R(t)^T is a turn about w in the world
             turn = np.einsum("tij,tkj->tik", R[1:], R[:-1])
             world = np.column_stack([_axial(turn, *pair) for pair in ((2, 1), (0, 2), (1, 0))])
             body = np.einsum("tji,tj->ti", R[:-1], world)
-            scores[order, "base"] = _alike(body, w[:-1])
-            scores[order, "world"] = _alike(world, w[:-1])
-        elif "specific_force" in found.base:
-            f = _samples(found.base["specific_force"].columns, inference)
+            scores[order, "base"] = _cosine(body, w[:-1])
+            scores[order, "world"] = _cosine(world, w[:-1])
+        elif "specific_force" in guess.base:
+            f = _samples(guess.base["specific_force"].columns, inference)
             scores[order, None] = float(np.mean(np.einsum("tij,tj->ti", R, f)[:, 2])) / 9.81
         else:
             scores[order, None] = float(np.mean(R[:, 2, 2]))
-    (order, frame), best = max(scores.items(), key=lambda one: one[1])
-    others = [score for (other, _), score in scores.items() if other != order]
+    (order, frame), best = max(scores.items(), key=lambda item: item[1])
+    others = [score for (rival, _), score in scores.items() if rival != order]
     if others and best - max(others) < _CLEARER:
         inference.note("orientation", f"its order {order} is a guess: no other column decides it")
     return order, frame
@@ -544,11 +544,11 @@ def _axial(turn: Array, i: int, j: int) -> Array:
     return np.asarray(turn[:, i, j] - turn[:, j, i])
 
 
-def _alike(one: Array, other: Array) -> float:
+def _cosine(first: Array, second: Array) -> float:
     """Return the cosine of two signals (T, 3) without short noise, None of their scales matters."""
-    one, other = (_smoothed(x) for x in (one, other))
-    size = float(np.linalg.norm(one) * np.linalg.norm(other))
-    return float(np.sum(one * other)) / size if size > 0 else 0.0
+    first, second = (_smoothed(x) for x in (first, second))
+    size = float(np.linalg.norm(first) * np.linalg.norm(second))
+    return float(np.sum(first * second)) / size if size > 0 else 0.0
 
 
 _SMOOTHED = 15
@@ -561,15 +561,15 @@ def _smoothed(values: Array) -> Array:
 
 
 def _velocity_frame(
-    found: BaseGuess, velocity: VectorSource, R: Array, inference: Inference
+    guess: BaseGuess, velocity: VectorSource, R: Array, inference: Inference
 ) -> Frame | None:
     """Return the frame of a velocity: that in which it is the derivative of the position."""
-    if "position" not in found.base:
+    if "position" not in guess.base:
         inference.note("velocity", "taken for that in the axes of the base, as in an odometry")
         return "base"
     v = _samples(velocity.columns, inference)
-    rate = np.diff(_samples(found.base["position"].columns, inference), axis=0)
-    in_world, in_base = _alike(rate, v[:-1]), _alike(rate, np.einsum("tij,tj->ti", R, v)[:-1])
+    rate = np.diff(_samples(guess.base["position"].columns, inference), axis=0)
+    in_world, in_base = _cosine(rate, v[:-1]), _cosine(rate, np.einsum("tij,tj->ti", R, v)[:-1])
     if abs(in_world - in_base) < _CLEARER / 5:
         inference.note("velocity", "its frame is a guess: the base hardly turns")
     return "base" if in_base > in_world else None

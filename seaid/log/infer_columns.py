@@ -57,32 +57,32 @@ _LISTED = 100
 
 def quantities_of(inference: Inference, joint: str, robot: Robot | None) -> Sources:
     """Return {quantity: arguments of its Source} of a joint."""
-    found = _positions(inference, joint)
-    for quantity, source in reversed(found.items()):
+    sources = _positions(inference, joint)
+    for quantity, source in reversed(sources.items()):
         source |= _position_unit(inference, str(source["column"]), quantity, joint, robot)
-    units = [source.get("unit") for source in found.values()]
+    units = [source.get("unit") for source in sources.values()]
     if units == [None, "deg"]:
-        found["motor_position"]["unit"] = "deg"
-        column = str(found["motor_position"]["column"])
+        sources["motor_position"]["unit"] = "deg"
+        column = str(sources["motor_position"]["column"])
         inference.note(column, "taken for degrees, like the joint's")
-    has_both = len(found) == 2
-    if not has_both and "joint_position" in found:
-        _note_side(inference, joint, found["joint_position"], robot)
-    _add_deflection(inference, joint, found)
-    _add_torques(inference, joint, found)
-    _add_electric(inference, joint, found)
+    has_both = len(sources) == 2
+    if not has_both and "joint_position" in sources:
+        _note_side(inference, joint, sources["joint_position"], robot)
+    _add_deflection(inference, joint, sources)
+    _add_torques(inference, joint, sources)
+    _add_electric(inference, joint, sources)
     if has_both:
-        _turn_motor_side(inference, joint, found)
-    drives = [one for one in found if one.endswith(("torque", "current", "voltage"))]
-    signed = [one for one in drives if np.any(inference.finite(str(found[one]["column"])) < 0)]
+        _turn_motor_side(inference, joint, sources)
+    drives = [name for name in sources if name.endswith(("torque", "current", "voltage"))]
+    signed = [name for name in drives if np.any(inference.finite(str(sources[name]["column"])) < 0)]
     if (
         not signed
         and not (drives and not inference.commands(joint))
-        and "motor_position" not in found
+        and "motor_position" not in sources
     ):
-        _add_command(inference, joint, found)
-    _add_temperature(inference, joint, found)
-    return found
+        _add_command(inference, joint, sources)
+    _add_temperature(inference, joint, sources)
+    return sources
 
 
 def _positions(inference: Inference, joint: str) -> Sources:
@@ -90,13 +90,13 @@ def _positions(inference: Inference, joint: str) -> Sources:
     load = inference.having("position", joint, "joint", "")
     if load and not motor:
         motor, load = _sides_by_range(inference, load)
-    found: Sources = {}
+    sources: Sources = {}
     for quantity, group in (("motor_position", motor), ("joint_position", load)):
         if group:
-            found[quantity] = {"column": group[0]}
+            sources[quantity] = {"column": group[0]}
         if len(group) > 1:
             inference.note(group[0], f"selected from the positions {', '.join(group)}")
-    return found
+    return sources
 
 
 def _sides_by_range(inference: Inference, names: list[str]) -> tuple[list[str], list[str]]:
@@ -122,14 +122,14 @@ def _note_side(
         inference.choose(column, text, is_usual=is_usual)
 
 
-def _turn_motor_side(inference: Inference, joint: str, found: Sources) -> None:
+def _turn_motor_side(inference: Inference, joint: str, sources: Sources) -> None:
     """Note the gear ratio if motor position and joint position (plus deflection) correlate.
 
     Where it is negative, the motor's side of the gear gets the opposite sign.
     """
     motor, load = (
         inference.data[source["column"]] * _position_factor(source)
-        for source in (found["motor_position"], found["joint_position"])
+        for source in (sources["motor_position"], sources["joint_position"])
     )
     twists = [
         inference.data[name] * _POSITION_FACTORS.get(inference.meanings[name].unit or "rad", np.nan)
@@ -143,10 +143,10 @@ def _turn_motor_side(inference: Inference, joint: str, found: Sources) -> None:
     ratio = np.cov(motor[good], best[good])[0, 1] / np.var(best[good], ddof=1)
     inference.note(joint, f"the motor turns {ratio:.5g} times as far: check the gear ratio")
     if ratio < 0:
-        turned = [one for one in found if one in _MOTOR_SIDE and found[one].get("side") != "joint"]
-        for one in turned:
-            found[one]["sign"] = -int(found[one].get("sign", 1))
-        columns = listed(str(found[one]["column"]) for one in turned)
+        turned = [x for x in sources if x in _MOTOR_SIDE and sources[x].get("side") != "joint"]
+        for quantity in turned:
+            sources[quantity]["sign"] = -int(sources[quantity].get("sign", 1))
+        columns = listed(str(sources[quantity]["column"]) for quantity in turned)
         inference.note(columns, "turns against the joint encoder: sign = -1 on the motor's side")
 
 
@@ -203,33 +203,33 @@ _FAR_FOR_A_SPRING = 0.5
 """Range of a deflection without a unit above which it may be in degrees or mm."""
 
 
-def _add_deflection(inference: Inference, joint: str, found: Sources) -> None:
+def _add_deflection(inference: Inference, joint: str, sources: Sources) -> None:
     names = inference.having("deflection", joint)
     if not names:
         return
-    if len(found) == 2:
+    if len(sources) == 2:
         inference.note(names[0], "redundant, because both positions are there")
-    elif found:
+    elif sources:
         drives = inference.having("torque", joint) or inference.having("current", joint)
         twist = inference.data[names[0]]
         pulls = sum(correlation(inference.data[name], twist) for name in drives[:1])
-        found["deflection"] = {"column": names[0], "sign": -1 if pulls < 0 else 1}
+        sources["deflection"] = {"column": names[0], "sign": -1 if pulls < 0 else 1}
         if unit := inference.meanings[names[0]].unit:
-            found["deflection"]["unit"] = unit
+            sources["deflection"]["unit"] = unit
         elif np.ptp(inference.finite(names[0])) > _FAR_FOR_A_SPRING:
             inference.note(names[0], "its unit is not said, and it moves far for rad or m")
         origin = f", inferred from {drives[0]}" if pulls else ""
         inference.note(names[0], f"check its sign (motor side minus joint side){origin}")
 
 
-def _add_torques(inference: Inference, joint: str, found: Sources) -> None:
+def _add_torques(inference: Inference, joint: str, sources: Sources) -> None:
     twists = inference.having("deflection", joint)
     names = inference.having("torque", joint)
     if not names and not inference.having("current", joint):
         names = [
             name
-            for name, one in inference.meanings.items()
-            if one.is_estimate and (one.quantity, one.joint) == ("torque", joint)
+            for name, meaning in inference.meanings.items()
+            if meaning.is_estimate and (meaning.quantity, meaning.joint) == ("torque", joint)
         ]
         for name in names:
             inference.note(name, "an estimate of the drive, taken as there is no other torque")
@@ -242,7 +242,7 @@ def _add_torques(inference: Inference, joint: str, found: Sources) -> None:
         if twists and abs(correlation(inference.data[name], inference.data[twists[0]])) > _SAME:
             side = "joint"
             inference.note(name, f"proportional to {twists[0]}: one is computed from the other")
-        elif not side and "motor_position" in found:
+        elif not side and "motor_position" in sources:
             side = "motor"
             inference.note(name, "taken for the motor's torque, at the motor")
         elif not side:
@@ -253,37 +253,37 @@ def _add_torques(inference: Inference, joint: str, found: Sources) -> None:
                 "name it joint_torque if a sensor behind the gear measures it",
             )
         arguments |= _unit(meaning, "Nm")
-        if f"{side}_torque" in found:
+        if f"{side}_torque" in sources:
             inference.note(name, f"a second {side}_torque: excluded")
             continue
-        found[f"{side}_torque"] = arguments
+        sources[f"{side}_torque"] = arguments
 
 
 def _no_torque(inference: Inference, joint: str) -> str:
     """Return the note of a joint without torques and commands, with commands of unknown kind."""
-    other = [
+    commands = [
         name
-        for name, one in inference.meanings.items()
-        if one.is_command and one.joint == joint and not one.quantity
+        for name, meaning in inference.meanings.items()
+        if meaning.is_command and meaning.joint == joint and not meaning.quantity
     ]
     what = (
-        f"; {listed(other)}: a command of what is unknown, as the position does not follow it: "
+        f"; {listed(commands)}: a command of what is unknown, as the position does not follow it: "
         "name it position_command, velocity_command or torque_command in a description"
     )
-    return f"no torque, current or voltage found{what if other else ''}"
+    return f"no torque, current or voltage found{what if commands else ''}"
 
 
-def _add_command(inference: Inference, joint: str, found: Sources) -> None:
+def _add_command(inference: Inference, joint: str, sources: Sources) -> None:
     """Add the commands of a joint without torque, its position in the unit of the measured one."""
     kinds = ("position", "velocity", "torque")
     names = {kind: inference.commands(joint, kind) for kind in kinds}
     for kind in kinds[1:]:  # of many drives they are zero all the time
         names[kind] = [name for name in names[kind] if np.any(inference.finite(name))]
     leading = next((kind for kind in kinds[:2] if names[kind]), "")
-    if not leading or not found:
+    if not leading or not sources:
         inference.note(joint, _no_torque(inference, joint))
         return
-    position = found.get("motor_position") or found["joint_position"]
+    position = sources.get("motor_position") or sources["joint_position"]
     for kind in kinds:
         for column in names[kind][:1]:
             source: dict[str, Any] = {"column": column}
@@ -291,7 +291,7 @@ def _add_command(inference: Inference, joint: str, found: Sources) -> None:
                 shared = ("unit", "counts_per_turn")
                 source |= {name: position[name] for name in shared if name in position}
             source |= _unit(inference.meanings[column], {"velocity": "rad/s"}.get(kind, "Nm"))
-            found[f"{kind}_command"] = source
+            sources[f"{kind}_command"] = source
         if len(names[kind]) > 1:
             text = f"selected from the commands {', '.join(names[kind])}"
             inference.note(names[kind][0], text)
@@ -307,10 +307,10 @@ def _add_command(inference: Inference, joint: str, found: Sources) -> None:
             'the whole torque, describe it as motor_torque with side = "joint"',
         )
         return
-    for name, one in inference.meanings.items():
-        is_computed = not (one.is_raw or one.is_command or one.is_estimate)
+    for name, meaning in inference.meanings.items():
+        is_computed = not (meaning.is_raw or meaning.is_command or meaning.is_estimate)
         if (
-            (one.quantity, one.joint) == ("torque", joint)
+            (meaning.quantity, meaning.joint) == ("torque", joint)
             and is_computed
             and name in inference.data
         ):
@@ -326,25 +326,25 @@ def _unit(meaning: Meaning, usual: str) -> dict[str, str]:
     return {} if meaning.unit in (None, usual) else {"unit": meaning.unit}
 
 
-def _add_electric(inference: Inference, joint: str, found: Sources) -> None:
+def _add_electric(inference: Inference, joint: str, sources: Sources) -> None:
     currents = sorted(inference.having("current", joint), key=lambda name: "w" not in name.lower())
     if currents:
         unit = _unit(inference.meanings[currents[0]], "A")
-        found["motor_current"] = {"column": currents[0], **unit}
+        sources["motor_current"] = {"column": currents[0], **unit}
         if len(currents) > 1:
             inference.note(currents[0], f"selected from {len(currents)} currents as the winding's")
     duties = inference.having("duty", joint)
     for name in inference.having("voltage", joint):
         values = inference.finite(name)
         if np.min(values) < 0 < np.max(values):
-            found["motor_voltage"] = {"column": name, **_unit(inference.meanings[name], "V")}
+            sources["motor_voltage"] = {"column": name, **_unit(inference.meanings[name], "V")}
             if inference.meanings[name].side != "motor":
                 inference.note(name, "taken for the voltage of the motor; it may be a command")
             return
         if duties:
             factor = UNIT_FACTORS["V"][inference.meanings[name].unit or "V"]
             scale = {} if factor == 1 else {"scale": factor}
-            found["motor_voltage"] = {"column": duties[0], "times": name, **scale}
+            sources["motor_voltage"] = {"column": duties[0], "times": name, **scale}
             inference.note(f"{duties[0]} times {name}", "taken for the voltage of the motor")
             return
         text = "has one sign: a supply, not the voltage of the motor"
@@ -358,7 +358,7 @@ _KELVIN = 200.0
 """A temperature above this is in kelvin: no motor of a robot is as hot, or as cold."""
 
 
-def _add_temperature(inference: Inference, joint: str, found: Sources) -> None:
+def _add_temperature(inference: Inference, joint: str, sources: Sources) -> None:
     """Add the temperature of the motor: one that says so, else the first of the joint."""
     names = [
         name
@@ -367,12 +367,12 @@ def _add_temperature(inference: Inference, joint: str, found: Sources) -> None:
     ]
     if not names:
         return
-    name = next((one for one in names if inference.meanings[one].side == "motor"), names[0])
+    name = next((name for name in names if inference.meanings[name].side == "motor"), names[0])
     unit = inference.meanings[name].unit
     if unit is None and np.median(inference.finite(name)) > _KELVIN:
         unit = "K"
         inference.note(name, "taken for kelvin")
-    found["motor_temperature"] = {
+    sources["motor_temperature"] = {
         "column": name,
         **({} if unit in (None, "degC") else {"unit": unit}),
     }
@@ -430,8 +430,8 @@ class Description(Display):
 
     def to_toml(self) -> str:
         """Return the TOML of the description, with the uncertain choices as comments on top."""
-        comments = "".join(f"# unsure: {abridged(one)}\n" for one in self.unsure)
-        comments += "".join(f"# assumed: {abridged(one)}\n" for one in self.assumed)
+        comments = "".join(f"# unsure: {abridged(choice)}\n" for choice in self.unsure)
+        comments += "".join(f"# assumed: {abridged(choice)}\n" for choice in self.assumed)
         return comments + self.description.to_toml()
 
     def __str__(self) -> str:
@@ -439,13 +439,13 @@ class Description(Display):
         for joint, sources in self.description.joints.items():
             rows += [(joint, name, *self._cells(source)) for name, source in sources.items()]
         vectors = {"base": self.description.base, **self.description.contacts}
-        for place, own in vectors.items():
-            rows += [(place, name, *_vector_cells(one)) for name, one in own.items()]
+        for place, by_quantity in vectors.items():
+            rows += [(place, name, *_vector_cells(vector)) for name, vector in by_quantity.items()]
         cells = [list(map(in_one_line, row)) for row in rows]
         widths = [max(len(row[place]) for row in cells) for place in range(5)]
         lines = ["  ".join(map(str.ljust, row, widths)).rstrip() for row in cells]
-        lines += [f"unsure: {one}" for one in self.unsure]
-        lines += [f"assumed: {one}" for one in self.assumed]
+        lines += [f"unsure: {choice}" for choice in self.unsure]
+        lines += [f"assumed: {choice}" for choice in self.assumed]
         return "\n".join([*lines, f"not used: {listed(self.unused, _SHOWN) or 'none'}"])
 
     def _cells(self, source: Source) -> tuple[str, str, str]:
@@ -506,7 +506,7 @@ def describe_log(
     """
     held, paths = in_memory(path), [IN_MEMORY]
     if held is None:
-        paths = [Path(path)] if isinstance(path, str | Path) else [Path(one) for one in path]
+        paths = [Path(path)] if isinstance(path, str | Path) else [Path(file) for file in path]
     path, table = Path(" + ".join(map(str, paths))), held or open_tables(paths)
     joints_known = _every_joint(robot) if robot is not None else ()
     meanings = {
@@ -514,16 +514,16 @@ def describe_log(
         for name in table.names
     }
     inference = Inference({}, meanings)
-    _with_bare_names(inference, joints_known)
+    _take_bare_names(inference, joints_known)
     samples, guess = _all_samples(table, inference), BaseGuess()
     if robot is not None and robot.floating_base is not None:
         guess = infer_base(table, replace(inference, data=samples), robot)
         inference.meanings |= guess.meanings
-    inference.data |= _with_signal(samples, inference)
+    inference.data |= _signal_columns(samples, inference)
     clocks = {} if table.clocks else _file_clocks(table, inference)
-    _with_estimates(inference)
+    _take_estimates(inference)
     inference.time = _time_of(inference, clocks.get(""))
-    tags = _with_motor(inference, _joints(inference) or _measured_next_to_commands(inference))
+    tags = _assign_motor(inference, _joints(inference) or _measured_next_to_commands(inference))
     names = _joint_names(tags, robot, inference)
     if not names:
         raise LogError(
@@ -531,22 +531,24 @@ def describe_log(
             f"{listed(table.names, _LISTED)}{'; ' if table.notice else ''}{table.notice}"
         )
     _label_by_joint(inference, names)
-    joints, found = {}, dict[str, Sources]()
+    joints, drafts = {}, dict[str, Sources]()
     for tag, joint in names.items():
-        own = clocks.get(tag) if tag else None
-        if joint not in joints or own:
-            sources = found[joint] = quantities_of(inference, joint, robot)
+        clock = clocks.get(tag) if tag else None
+        if joint not in joints or clock:
+            sources = drafts[joint] = quantities_of(inference, joint, robot)
             joints[joint] = {
-                name: Source(**one, time=own or clocks.get(table.files.get(one["column"], joint)))
-                for name, one in sources.items()
+                name: Source(
+                    **source, time=clock or clocks.get(table.files.get(source["column"], joint))
+                )
+                for name, source in sources.items()
             }
     gains = _gains(samples, inference, joints)
-    check_used(inference, found, robot, {x for one in clocks.values() for x in one.columns()})
+    check_used(inference, drafts, robot, {x for clock in clocks.values() for x in clock.columns()})
     clocks = clocks or ({"": Clock(rate_hz=rate_hz)} if rate_hz else {})
     is_own = bool(table.clocks) or not clocks.keys().isdisjoint(table.files.values())
     common = None if is_own else _common_clock(inference, clocks, tags)
     files = tuple(
-        one.name if one.parent == paths[0].parent else str(one.resolve()) for one in paths
+        file.name if file.parent == paths[0].parent else str(file.resolve()) for file in paths
     )
     description = LogDescription(
         joints, common, base=guess.base, contacts=guess.contacts, files=files if table.files else ()
@@ -569,10 +571,10 @@ def _gains(
     unit = "N m at the joint"
     if supplies:
         unit = f"V per rad, as the motor has the supply '{supplies[0]}': is_up_to_scale = true"
-    found: dict[str, Controller] = {}
+    controllers: dict[str, Controller] = {}
     for joint, sources in joints.items():
         command = next((str(sources[x].column) for x in COMMANDS if x in sources), "")
-        own: dict[str, float] = {}
+        gains: dict[str, float] = {}
         for name, word in columns:
             head, tail = name[: word.start()], name[word.end() :]
             middle = command.removeprefix(head).removesuffix(tail)
@@ -586,24 +588,24 @@ def _gains(
                     "its own (between_s in the project)",
                 )
                 continue
-            own[word[1].lower()] = float(values[0])
+            gains[word[1].lower()] = float(values[0])
             inference.note(name, f"taken for a gain of the controller, in {unit}")
-        if own:
-            found[joint] = Controller(
-                position_gain_Nm_per_rad=own.get("p", 0.0),
-                velocity_gain_Nms_per_rad=own.get("d", 0.0),
+        if gains:
+            controllers[joint] = Controller(
+                position_gain_Nm_per_rad=gains.get("p", 0.0),
+                velocity_gain_Nms_per_rad=gains.get("d", 0.0),
                 is_up_to_scale=bool(supplies),
             )
-    return found
+    return controllers
 
 
-def _with_estimates(inference: Inference) -> None:
+def _take_estimates(inference: Inference) -> None:
     """Take positions that a drive calls estimated for measured, if there are no others."""
-    kinds = {name: one for name, one in inference.meanings.items() if one.quantity == "position"}
-    if not any(one.is_raw and name in inference.data for name, one in kinds.items()):
-        for name, one in kinds.items():
-            if one.is_estimate and name in inference.data:
-                inference.meanings[name] = replace(one, is_raw=True, is_estimate=False)
+    kinds = {name: m for name, m in inference.meanings.items() if m.quantity == "position"}
+    if not any(meaning.is_raw and name in inference.data for name, meaning in kinds.items()):
+        for name, meaning in kinds.items():
+            if meaning.is_estimate and name in inference.data:
+                inference.meanings[name] = replace(meaning, is_raw=True, is_estimate=False)
                 inference.note(name, "an estimate of the drive, as there is no other position")
 
 
@@ -613,8 +615,8 @@ def _common_clock(
     """Return the clock of all joints, None if each has its own or no column looks like one."""
     common = clocks.get("")
     if clocks.keys() >= set(tags) and "" not in tags:
-        other = f"; {common.column} would be a common clock" if common else ""
-        inference.note("time", f"every joint has its own clock, and these are used{other}")
+        hint = f"; {common.column} would be a common clock" if common else ""
+        inference.note("time", f"every joint has its own clock, and these are used{hint}")
         return None
     if common is None:
         inference.note("time", "no column looks like it: name it, or give time = { rate_hz = ... }")
@@ -642,29 +644,29 @@ def logs_of_files(
     motions too, so that each such log is a doubt.
     """
     groups: list[list[_File]] = []
-    for one in (_file_of(path, robot) for path in paths):
-        fitting = (group for group in groups if all(_belong(one, each) for each in group))
+    for file in (_file_of(path, robot) for path in paths):
+        fitting = (group for group in groups if all(_belong(file, each) for each in group))
         group = next(fitting, None)
         if group is None:
-            groups.append([one])
+            groups.append([file])
         else:
-            group.append(one)
+            group.append(file)
     doubts = [
-        f"{listed(one.path.name for one in group)} have different columns over the same time "
-        f"({min(one.end_s for one in group) - max(one.start_s for one in group):.4g} s): taken "
+        f"{listed(file.path.name for file in group)} have different columns over the same time "
+        f"({min(file.end_s for file in group) - max(file.start_s for file in group):.4g} s): taken "
         "for the files of one log; if they are not, give each a [[log]] of its own"
         for group in groups
         if len(group) > 1
     ]
     doubts += [
-        f"{other.path.name} and {one.path.name} have different columns, and one lacks positions or "
-        "torques, but their times do not overlap: if they are of one motion, repair a clock and "
-        f'list both in one [[log]], files = ["{other.path.name}", "{one.path.name}"]'
-        for place, (one, *_) in enumerate(groups)
-        for other, *_ in groups[:place]
-        if _complement(one, other)
+        f"{earlier.path.name} and {file.path.name} have different columns, and one lacks positions "
+        "or torques, but their times do not overlap: if they are of one motion, repair a clock and "
+        f'list both in one [[log]], files = ["{earlier.path.name}", "{file.path.name}"]'
+        for place, (file, *_) in enumerate(groups)
+        for earlier, *_ in groups[:place]
+        if _complement(file, earlier)
     ]
-    return [tuple(one.path for one in group) for group in groups], tuple(doubts)
+    return [tuple(file.path for file in group) for group in groups], tuple(doubts)
 
 
 _OVERLAP = 0.8
@@ -673,32 +675,32 @@ _OVERLAP = 0.8
 _TORQUES = {"torque", "current", "voltage"}
 
 
-def _belong(one: _File, other: _File) -> bool:
-    return _complement(one, other) and _overlap(one, other)
+def _belong(first: _File, second: _File) -> bool:
+    return _complement(first, second) and _overlap(first, second)
 
 
-def _complement(one: _File, other: _File) -> bool:
+def _complement(first: _File, second: _File) -> bool:
     """Whether files share no column, and one at least lacks positions or torques."""
     complete = [
         "position" in each.quantities and not _TORQUES.isdisjoint(each.quantities)
-        for each in (one, other)
+        for each in (first, second)
     ]
-    known = bool(one.columns and other.columns)
-    if _is_with_commands(one, other) or _is_with_commands(other, one):
+    known = bool(first.columns and second.columns)
+    if _is_with_commands(first, second) or _is_with_commands(second, first):
         return known
-    return known and one.columns.isdisjoint(other.columns) and not all(complete)
+    return known and first.columns.isdisjoint(second.columns) and not all(complete)
 
 
-def _is_with_commands(one: _File, other: _File) -> bool:
+def _is_with_commands(first: _File, second: _File) -> bool:
     """Whether the second of "run.state.csv" and "run.control.csv" has the commands of the first."""
-    names = one.path.name.split("."), other.path.name.split(".")
-    is_command = [is_of_commands(path.name) for path in (one.path, other.path)]
+    names = first.path.name.split("."), second.path.name.split(".")
+    is_command = [is_of_commands(path.name) for path in (first.path, second.path)]
     return names[0][0] == names[1][0] and min(map(len, names)) > 2 and is_command == [False, True]
 
 
-def _overlap(one: _File, other: _File) -> bool:
-    common = min(one.end_s, other.end_s) - max(one.start_s, other.start_s)
-    shorter = min(one.end_s - one.start_s, other.end_s - other.start_s)
+def _overlap(first: _File, second: _File) -> bool:
+    common = min(first.end_s, second.end_s) - max(first.start_s, second.start_s)
+    shorter = min(first.end_s - first.start_s, second.end_s - second.start_s)
     return common > _OVERLAP * shorter
 
 
@@ -724,12 +726,12 @@ def _file_of(path: Path, robot: Robot) -> _File:
 def _all_samples(table: Table, inference: Inference) -> Block:
     """Return all readable columns of numbers, found by bisection, from the start of long files."""
     waiting = [[name for name, count in Counter(table.names).items() if count == 1]]
-    found: Block = {}
+    samples: Block = {}
     first, refused = "", 0
     while waiting:
         names = waiting.pop()
         try:
-            found |= table.start(names, _EXAMINED)
+            samples |= table.start(names, _EXAMINED)
         except LogError as problem:
             text = str(problem)
             first, refused = first or text, refused + 1
@@ -742,12 +744,12 @@ def _all_samples(table: Table, inference: Inference) -> Block:
                 for name in names:
                     if f"{name}[0]" not in table.names:  # a matrix, whose columns are read
                         inference.note(name, "no column of numbers: excluded")
-    return found
+    return samples
 
 
-def _with_signal(data: Block, inference: Inference) -> Block:
+def _signal_columns(data: Block, inference: Inference) -> Block:
     """Return the columns with a signal; constant ones are excluded."""
-    found = {}
+    signals = {}
     for name, values in data.items():
         finite = values[np.isfinite(values)]
         meaning = inference.meanings[name]
@@ -757,17 +759,17 @@ def _with_signal(data: Block, inference: Inference) -> Block:
             if np.ptp(finite) > 0:
                 inference.note(name, "has a few whole numbers only: a state, excluded")
             elif meaning.quantity == "voltage":
-                found[name] = values
+                signals[name] = values
             else:
                 inference.note(name, f"{finite[0]:.6g} all the time: a dead sensor, excluded")
         elif len(finite) and (
             np.ptp(finite) > 0 or meaning.quantity == "voltage" or meaning.is_command
         ):
-            found[name] = values
+            signals[name] = values
         elif meaning.quantity in _MEASURED and meaning.is_raw:
             what = f"{finite[0]:.6g} all the time" if len(finite) else "without a number"
             inference.note(name, f"{what}: a dead sensor, excluded")
-    return found
+    return signals
 
 
 def _time_of(inference: Inference, clock: Clock | None) -> Array | None:
@@ -782,22 +784,22 @@ def _file_clocks(table: Table, inference: Inference) -> dict[str, Clock]:
     """Return {joint, or "" for all: clock}; {file: clock} if names differ in several files."""
     if not table.files:
         return _clocks(inference)
-    found, files = dict[str, Clock](), dict.fromkeys(table.files.values())
+    clocks, files = dict[str, Clock](), dict.fromkeys(table.files.values())
     for file in files:
-        own = {name: one for name, one in inference.data.items() if table.files[name] == file}
-        clock = _clocks(replace(inference, data=own)).get("")
-        found |= {file: clock} if clock else {}
-    names = {(table.bare(one.column or ""), one.unit) for one in found.values()}
-    if len(names) == 1 and len(found) == len(files):
+        data = {x: values for x, values in inference.data.items() if table.files[x] == file}
+        clock = _clocks(replace(inference, data=data)).get("")
+        clocks |= {file: clock} if clock else {}
+    names = {(table.bare(clock.column or ""), clock.unit) for clock in clocks.values()}
+    if len(names) == 1 and len(clocks) == len(files):
         ((column, unit),) = names
         return {"": Clock(column, unit)}
-    return found
+    return clocks
 
 
 def _clocks(inference: Inference) -> dict[str, Clock]:
     """Return {joint, or "" for all joints: clock}."""
-    found: dict[str, Clock] = {}
-    if split := _of_two_columns(inference):
+    clocks: dict[str, Clock] = {}
+    if split := _clock_of_two_columns(inference):
         return {"": split}
     for name, values in inference.data.items():
         meaning, steps = inference.meanings[name], np.diff(values[np.isfinite(values)])
@@ -806,18 +808,18 @@ def _clocks(inference: Inference) -> dict[str, Clock]:
             continue
         tag = meaning.joint if re.fullmatch(r"(tx_|rx_)?\d+", meaning.joint) else ""
         tag = tag.rsplit("_", 1)[-1]
-        if tag in found:
-            inference.note(name, f"may be the time instead of {found[tag].column}")
+        if tag in clocks:
+            inference.note(name, f"may be the time instead of {clocks[tag].column}")
             continue
-        found[tag] = Clock(name, _time_unit(name, meaning, steps, inference))
-    return found or _nameless_clock(inference)
+        clocks[tag] = Clock(name, _time_unit(name, meaning, steps, inference))
+    return clocks or _nameless_clock(inference)
 
 
 _WHOLE = 1e9
 """Nanoseconds of a second."""
 
 
-def _of_two_columns(inference: Inference) -> Clock | None:
+def _clock_of_two_columns(inference: Inference) -> Clock | None:
     """Return the clock of whole seconds and nanoseconds, as in the header of a ROS message."""
     named = [name for name in inference.data if inference.meanings[name].quantity == "time"]
     for seconds, rest in permutations(named, 2):
@@ -847,7 +849,7 @@ def _time_unit(name: str, meaning: Meaning, steps: Array, inference: Inference) 
     if meaning.unit in _STEPS_S:
         return str(meaning.unit)
     step = float(np.median(steps))
-    unit = next((one for one, least in _STEPS_S.items() if least <= step < 1000 * least), "s")
+    unit = next((unit for unit, least in _STEPS_S.items() if least <= step < 1000 * least), "s")
     if unit != "s" or step > 0.05:
         inference.note(name, f"has steps of {step:.4g}: taken for {unit}")
     return unit
@@ -866,15 +868,17 @@ def _joints(inference: Inference) -> list[str]:
 def _measured_next_to_commands(inference: Inference) -> list[str]:
     """Return the labels of "actual_1" next to "target_1", which are taken for positions."""
     commands = {
-        one.joint: name
-        for name, one in inference.meanings.items()
-        if one.is_command and not one.quantity and name in inference.data
+        meaning.joint: name
+        for name, meaning in inference.meanings.items()
+        if meaning.is_command and not meaning.quantity and name in inference.data
     }
-    for name, one in inference.meanings.items():
-        leads = commands.get(one.joint)
-        is_unnamed = one.is_raw and one.is_said and not one.quantity and name in inference.data
+    for name, meaning in inference.meanings.items():
+        leads = commands.get(meaning.joint)
+        is_unnamed = (
+            meaning.is_raw and meaning.is_said and not meaning.quantity and name in inference.data
+        )
         if is_unnamed and leads and follows(inference.data[name], inference.data[leads]):
-            inference.meanings[name] = replace(one, quantity="position")
+            inference.meanings[name] = replace(meaning, quantity="position")
             inference.note(name, "measured, without a quantity: taken for the position")
     return _joints(inference)
 
@@ -883,29 +887,29 @@ def _is_number(tag: str) -> bool:
     return tag.isascii() and tag.isdecimal()
 
 
-def _with_motor(inference: Inference, tags: list[str]) -> list[str]:
+def _assign_motor(inference: Inference, tags: list[str]) -> list[str]:
     """Return the labels of joints; a motor without a label is that of the only one with a label."""
-    nameless = [name for name, one in inference.meanings.items() if not one.joint and one.is_raw]
+    nameless = [name for name, m in inference.meanings.items() if not m.joint and m.is_raw]
     positions = [name for name in nameless if inference.meanings[name].quantity == "position"]
     if len(tags) != 2 or "" not in tags:
         return tags
     if any(inference.meanings[name].side != "motor" for name in positions):
         return tags
-    other = next(tag for tag in tags if tag)
+    label = next(tag for tag in tags if tag)
     for name in nameless:
         meaning = inference.meanings[name]
         if meaning.quantity in _MEASURED:
-            inference.meanings[name] = replace(meaning, joint=other)
-            inference.note(name, f"taken for the motor of {other}")
-    return [other]
+            inference.meanings[name] = replace(meaning, joint=label)
+            inference.note(name, f"taken for the motor of {label}")
+    return [label]
 
 
-def _with_bare_names(inference: Inference, joints: Sequence[str]) -> None:
+def _take_bare_names(inference: Inference, joints: Sequence[str]) -> None:
     """Take columns with nothing but the name of a joint for its position, if it has no other."""
     located = {
-        one.joint
-        for one in inference.meanings.values()
-        if one.quantity == "position" and one.is_raw
+        meaning.joint
+        for meaning in inference.meanings.values()
+        if meaning.quantity == "position" and meaning.is_raw
     }
     for name, meaning in inference.meanings.items():
         joint = joint_alone(name, joints)
@@ -921,9 +925,9 @@ def _label_by_joint(inference: Inference, names: Mapping[str, str]) -> None:
     of its quantity.
     """
     labelled = {
-        (one.quantity, names[one.joint])
-        for one in inference.meanings.values()
-        if one.joint in names and one.is_raw
+        (meaning.quantity, names[meaning.joint])
+        for meaning in inference.meanings.values()
+        if meaning.joint in names and meaning.is_raw
     }
     numbers = {_number_in(tag): joint for tag, joint in names.items()}
     for name, meaning in inference.meanings.items():
@@ -953,29 +957,29 @@ def _joint_names(tags: Sequence[str], robot: Robot | None, inference: Inference)
         return {tag: f"joint_{tag}" if _is_number(tag) else tag or "joint" for tag in tags}
     every, labels = _every_joint(robot), list(tags)
     logged = [
-        one.joint
-        for name, one in inference.meanings.items()
-        if one.quantity == "position" and f"{name}[0]" not in inference.meanings
+        meaning.joint
+        for name, meaning in inference.meanings.items()
+        if meaning.quantity == "position" and f"{name}[0]" not in inference.meanings
     ]
     if len({*logged}) == len(every) and {*labels} <= {*logged}:  # constant ones count in the order
         labels = list(dict.fromkeys(logged))
-    found = {tag: tag for tag in labels if tag in every}
-    others = [tag for tag in labels if tag not in found]
+    matches = {tag: tag for tag in labels if tag in every}
+    others = [tag for tag in labels if tag not in matches]
     joints = robot.joint_names if len(others) <= robot.n else every
-    found |= _numbered(others, [joint for joint in joints if joint not in found])
-    others = [tag for tag in others if tag not in found]
-    if not found:
-        found = _in_order(others, joints, inference)
+    matches |= _numbered(others, [joint for joint in joints if joint not in matches])
+    others = [tag for tag in others if tag not in matches]
+    if not matches:
+        matches = _in_order(others, joints, inference)
     for tag in others:
-        if tag not in found and tag in tags:
+        if tag not in matches and tag in tags:
             inference.note(tag, "no joint of the robot has such a name: excluded")
-    still = {tag for tag, joint in found.items() if joint not in robot.joint_names}
+    still = {tag for tag, joint in matches.items() if joint not in robot.joint_names}
     inference.data = {
         name: values
         for name, values in inference.data.items()
         if inference.meanings[name].joint not in still
     }
-    return {tag: joint for tag, joint in found.items() if tag in tags and tag not in still}
+    return {tag: joint for tag, joint in matches.items() if tag in tags and tag not in still}
 
 
 def _numbered(tags: Sequence[str], joints: Sequence[str]) -> dict[str, str]:
@@ -989,8 +993,8 @@ def _numbered(tags: Sequence[str], joints: Sequence[str]) -> dict[str, str]:
 
 def _number_in(name: str) -> str:
     """Return the number at the end of a joint's name, an empty text if there is another one."""
-    found = re.fullmatch(r"\D*?0*(\d+)(?:_joint)?", name, re.ASCII)
-    return found[1] if found else ""
+    match = re.fullmatch(r"\D*?0*(\d+)(?:_joint)?", name, re.ASCII)
+    return match[1] if match else ""
 
 
 def _in_order(tags: Sequence[str], joints: Sequence[str], inference: Inference) -> dict[str, str]:
@@ -1008,8 +1012,8 @@ def _in_order(tags: Sequence[str], joints: Sequence[str], inference: Inference) 
     if tags != [""] or len(joints) > 1:
         about = ", ".join(tag or "columns without a joint" for tag in tags[: len(joints)])
         inference.note(about, "taken for the robot's joints in their order")
-    if not all(_number_in(one) or len(tags) == len(joints) == 1 for one in tags):
-        for name, one in inference.meanings.items():
-            if one.joint in tags and one.is_raw and one.quantity in _MEASURED:
+    if not all(_number_in(tag) or len(tags) == len(joints) == 1 for tag in tags):
+        for name, meaning in inference.meanings.items():
+            if meaning.joint in tags and meaning.is_raw and meaning.quantity in _MEASURED:
                 inference.note(name, "its joint is a guess, by the order of the columns")
     return dict(zip(tags, joints, strict=False))

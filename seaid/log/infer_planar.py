@@ -59,22 +59,22 @@ def infer_planar(
     """
     normal = "xyz"[int(np.argmax(np.abs(np.array(base.normal))))]
     plane = tuple(x for x in "xyz" if x != normal)
-    found: dict[tuple[str, str], str] = {}
+    columns: dict[tuple[str, str], str] = {}
     for column, bare in names.items():
         meaning = _meaning(bare, normal)
         if meaning is not None:
-            found.setdefault(meaning, column)
+            columns.setdefault(meaning, column)
     vectors: dict[str, VectorSource] = {}
     for quantity in ("position", "velocity", "specific_force"):
-        own = [found[quantity, x] for x in plane if (quantity, x) in found]
-        if len(own) == 2:
-            vectors[quantity] = VectorSource(tuple(own))
-        elif own:
-            lacking = next(x for x in plane if (quantity, x) not in found)
-            inference.note(own[0], f"has no {lacking}: the plane of the base needs both")
+        components = [columns[quantity, x] for x in plane if (quantity, x) in columns]
+        if len(components) == 2:
+            vectors[quantity] = VectorSource(tuple(components))
+        elif components:
+            lacking = next(x for x in plane if (quantity, x) not in columns)
+            inference.note(components[0], f"has no {lacking}: the plane of the base needs both")
     for quantity in ("angle", "angular_velocity"):
-        if (quantity, normal) in found:
-            vectors[quantity] = _in_radians(found[quantity, normal], inference)
+        if (quantity, normal) in columns:
+            vectors[quantity] = _in_radians(columns[quantity, normal], inference)
     _check_signs(vectors, inference)
     return _with_gravity(vectors, base, inference)
 
@@ -96,7 +96,7 @@ def _meaning(bare: str, normal: str) -> tuple[str, str] | None:
     """Return (quantity, axis) of a name, None if it is not that of a planar base."""
     words = [*_words(bare)]
     is_of_base = bool(_BASE & {*words})
-    rest = {one for one in words if one not in _BASE | _NO_MEANING}
+    rest = {word for word in words if word not in _BASE | _NO_MEANING}
     axes, angles = rest & set("xyz"), rest & {*_ANGLES[normal]}
     if is_of_base and not axes:
         angles |= rest & _ANY_ANGLE
@@ -180,7 +180,7 @@ def _with_gravity(
     force = vectors.get("specific_force")
     if force is None or abs(float(base.normal_in_world[2])) > 0.5:
         return vectors
-    values = np.column_stack([inference.data[one] for one in force.columns])
+    values = np.column_stack([inference.data[column] for column in force.columns])
     typical = float(np.nanmedian(np.linalg.norm(values, axis=1)))
     if _GRAVITY[0] < typical < _GRAVITY[1]:
         return vectors
@@ -188,4 +188,4 @@ def _with_gravity(
         force.columns[0],
         f"its median is {typical:.2g} m/s^2, without gravity or in another unit: not used",
     )
-    return {name: one for name, one in vectors.items() if name != "specific_force"}
+    return {name: source for name, source in vectors.items() if name != "specific_force"}
