@@ -90,19 +90,19 @@ class VectorSource:
 
     def plain(self) -> Any:
         """Return the source as TOML has it, without default values and its clock."""
-        found: dict[str, Any] = {"columns": _short(self.columns)}
-        for one in fields(self)[1:-1]:
-            if (value := getattr(self, one.name)) != one.default:
-                found[one.name] = value
-        return found["columns"] if len(found) == 1 else found
+        table: dict[str, Any] = {"columns": _short(self.columns)}
+        for field in fields(self)[1:-1]:
+            if (value := getattr(self, field.name)) != field.default:
+                table[field.name] = value
+        return table["columns"] if len(table) == 1 else table
 
 
 def _short(columns: Sequence[str]) -> Any:
     """Return columns as a slice of an array if they are one, a name if there is only one."""
-    parts = [re.fullmatch(r"(.*)\[(\d+)\]", one) for one in columns]
+    parts = [re.fullmatch(r"(.*)\[(\d+)\]", column) for column in columns]
     if len(columns) > 1 and all(parts):
-        places = [int(one[2]) for one in parts if one]
-        stems = {one[1] for one in parts if one}
+        places = [int(part[2]) for part in parts if part]
+        stems = {part[1] for part in parts if part}
         if len(stems) == 1 and places == list(range(places[0], places[0] + len(places))):
             return f"{stems.pop()}[{places[0]}:{places[-1] + 1}]"
     return columns[0] if len(columns) == 1 else list(columns)
@@ -113,7 +113,7 @@ def vector_source(where: str, quantity: str, value: Any, clock: Clock | None) ->
     if isinstance(value, VectorSource):
         return value
     table = value if isinstance(value, Mapping) else {"columns": value}
-    allowed = [one.name for one in fields(VectorSource)[:-1]]
+    allowed = [field.name for field in fields(VectorSource)[:-1]]
     for key in table:
         if key not in allowed:
             raise LogError(f"{where}: {unknown_name('key', str(key), allowed)}")
@@ -144,18 +144,18 @@ _PLANAR = ("position", "velocity", "angular_velocity", "specific_force")
 
 def _expanded(where: str, value: Any) -> tuple[str, ...]:
     """Return the names of columns: 'q[3:7]' stands for four, and a number for itself."""
-    given = value if isinstance(value, list | tuple) else [value]
-    found: list[str] = []
-    for one in given:
-        if type(one) is not int and not (isinstance(one, str) and one):
-            raise LogError(f"{where}: columns must be names of columns, found {shown(one)}")
-        part = _SLICE.fullmatch(str(one))
-        found += (
+    entries = value if isinstance(value, list | tuple) else [value]
+    columns: list[str] = []
+    for entry in entries:
+        if type(entry) is not int and not (isinstance(entry, str) and entry):
+            raise LogError(f"{where}: columns must be names of columns, found {shown(entry)}")
+        part = _SLICE.fullmatch(str(entry))
+        columns += (
             [f"{part[1]}[{place}]" for place in range(int(part[2]), min(int(part[3]), 10_000))]
             if part
-            else [str(one)]
+            else [str(entry)]
         )
-    return tuple(found)
+    return tuple(columns)
 
 
 class DescribedVector(NamedTuple):
@@ -190,13 +190,13 @@ def described_vectors(
     planar = {"angle": (ANGLE,)} if robot.floating_base.normal is not None else {}
     for quantity, every in {**CHANNELS, **planar}.items():
         needed = every if quantity in planar else needed_columns(robot.floating_base, quantity)
-        own = tuple(name for name in every if name in table.names)
-        if quantity not in base and set(needed) <= set(own):
-            yield DescribedVector(f"{where}: {own[0]}", quantity, own, VectorSource(own))
-    yield from _of_contacts(where, contacts, table, robot.floating_base)
+        logged = tuple(name for name in every if name in table.names)
+        if quantity not in base and set(needed) <= set(logged):
+            yield DescribedVector(f"{where}: {logged[0]}", quantity, logged, VectorSource(logged))
+    yield from _contact_vectors(where, contacts, table, robot.floating_base)
 
 
-def _of_contacts(
+def _contact_vectors(
     where: str,
     contacts: Mapping[str, Mapping[str, VectorSource]],
     table: Table,
@@ -208,13 +208,13 @@ def _of_contacts(
         if link not in base.frames:
             raise LogError(f"{place}: {unknown_name('link', link, base.frames)}")
         flag, wrench = contact_columns(link)
-        own = {"contact": (flag,), "force": wrench[:3], "moment": wrench[3:]}
-        for quantity, names in own.items():
-            one = contacts.get(link, {}).get(quantity)
-            if one is None and set(names) <= set(table.names):
-                one = VectorSource(names)
-            if one is not None:
-                yield DescribedVector(f"{place} {quantity}", quantity, names, one)
+        channels = {"contact": (flag,), "force": wrench[:3], "moment": wrench[3:]}
+        for quantity, names in channels.items():
+            source = contacts.get(link, {}).get(quantity)
+            if source is None and set(names) <= set(table.names):
+                source = VectorSource(names)
+            if source is not None:
+                yield DescribedVector(f"{place} {quantity}", quantity, names, source)
 
 
 def _names(where: str, quantity: str, source: VectorSource, base: FloatingBase) -> tuple[str, ...]:
@@ -223,11 +223,11 @@ def _names(where: str, quantity: str, source: VectorSource, base: FloatingBase) 
         if base.normal is None:
             raise LogError(f"{where}: angle is that of a planar base, and this one is floating")
         return (ANGLE,)
-    names, given = _raw(quantity, source), len(source.columns)
-    if given < len(names):
+    names, width = _raw(quantity, source), len(source.columns)
+    if width < len(names):
         needed = needed_columns(base, quantity) if names == CHANNELS[quantity] else names
-        if given != len(needed):
-            raise LogError(f"{where}: needs {len(needed)} columns, found {given}")
+        if width != len(needed):
+            raise LogError(f"{where}: needs {len(needed)} columns, found {width}")
         return needed
     return names
 
@@ -240,20 +240,20 @@ def _raw(quantity: str, source: VectorSource) -> tuple[str, ...]:
     return tuple(f"base.{quantity}_in_{frame}_{x}" for x in "xyz")
 
 
-def vector_channels(one: DescribedVector, data: Block, time: Array) -> list[Channel]:
+def vector_channels(vector: DescribedVector, data: Block, time: Array) -> list[Channel]:
     """Return the channels of a vector as logged: a quaternion without changes of sign."""
-    source = one.source
+    source = vector.source
     values = source.scale * np.column_stack([data[name] for name in source.columns])
-    if one.quantity == "orientation":
+    if vector.quantity == "orientation":
         if source.order == "xyzw":
             values = values[:, [3, 0, 1, 2]]
         values = continuous(values)
-    if one.quantity == "contact":
+    if vector.quantity == "contact":
         limit = 0.5 if source.above is None else source.above
         values = np.where(np.isfinite(values), values > limit, np.nan)
     return [
         Channel(name, time, column, None, source.delay_s)
-        for name, column in zip(one.names, values.T, strict=True)
+        for name, column in zip(vector.names, values.T, strict=True)
     ]
 
 
@@ -262,10 +262,10 @@ def in_own_frames(picked: Mapping[str, Array], robot: Robot) -> dict[str, Array]
 
     f = R^T (a - g) with R from the base to the world. Raises LogError without an orientation.
     """
-    found = with_guided(picked, robot)
+    samples = with_guided(picked, robot)
     turned = [name for name in picked if name.startswith("base.") and "_in_" in name]
     if not turned:
-        return found
+        return samples
     if not set(CHANNELS["orientation"]) <= set(picked):
         kind = turned[0].removeprefix("base.").rsplit("_in_", 1)
         raise LogError(
@@ -283,7 +283,7 @@ def in_own_frames(picked: Mapping[str, Array], robot: Robot) -> dict[str, Array]
     R = matrices(quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True))
     gravity, (imu, _) = robot.model.gravity.linear, base.imu_placement
     for stem in dict.fromkeys(name[:-2] for name in turned):
-        values = np.column_stack([found.pop(f"{stem}_{x}") for x in "xyz"])
+        values = np.column_stack([samples.pop(f"{stem}_{x}") for x in "xyz"])
         quantity, frame = stem.removeprefix("base.").rsplit("_in_", 1)
         if quantity == "velocity":
             values = np.einsum("tij,tj->ti", R, values)
@@ -292,7 +292,7 @@ def in_own_frames(picked: Mapping[str, Array], robot: Robot) -> dict[str, Array]
             values = np.einsum("tji,tj->ti", R, values - down) @ imu
         else:
             values = (values - gravity @ R) @ imu
-        own = "specific_force" if quantity == "acceleration" else quantity
-        if CHANNELS[own][0] not in found:
-            found.update(zip(CHANNELS[own], values.T, strict=True))
-    return found
+        channel = "specific_force" if quantity == "acceleration" else quantity
+        if CHANNELS[channel][0] not in samples:
+            samples.update(zip(CHANNELS[channel], values.T, strict=True))
+    return samples

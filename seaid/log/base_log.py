@@ -85,8 +85,8 @@ class BaseLog(Display):
                 object.__setattr__(self, name, _samples(name, values, len(columns)))
         for name, mapping in (("contacts", self.contacts), ("wrenches", self.wrenches)):
             width = 1 if name == "contacts" else None
-            found = {link: _samples(f"{name} of {link}", x, width) for link, x in mapping.items()}
-            object.__setattr__(self, name, FrozenMapping(found, "link"))
+            samples = {link: _samples(f"{name} of {link}", x, width) for link, x in mapping.items()}
+            object.__setattr__(self, name, FrozenMapping(samples, "link"))
         for link, values in self.wrenches.items():
             if values.shape[1] not in (3, 6):
                 raise LogError(
@@ -98,9 +98,9 @@ class BaseLog(Display):
             object.__setattr__(self, "orientation", continuous(self.orientation))
 
     def _in_short(self) -> str:
-        own = [name.replace("_", " ") for name in CHANNELS if getattr(self, name) is not None]
+        signals = [name.replace("_", " ") for name in CHANNELS if getattr(self, name) is not None]
         feet = [f"contacts of {link}" for link in self.contacts]
-        return ", ".join([*own, *feet, *(f"wrenches of {link}" for link in self.wrenches)])
+        return ", ".join([*signals, *feet, *(f"wrenches of {link}" for link in self.wrenches)])
 
     def unflagged(self, links: Sequence[str]) -> tuple[str, ...]:
         """Return those of some links that have neither a contact flag nor a measured wrench."""
@@ -144,28 +144,28 @@ class BaseLog(Display):
 
     def columns(self) -> dict[str, Array]:
         """Return {column name in a file: samples (T,)}."""
-        found: dict[str, Array] = {}
+        columns: dict[str, Array] = {}
         for name, names in CHANNELS.items():
             values = getattr(self, name)
             if values is not None:
-                found.update(zip(names, values.T, strict=True))
+                columns.update(zip(names, values.T, strict=True))
         for link, values in self.contacts.items():
-            found[contact_columns(link)[0]] = values[:, 0]
+            columns[contact_columns(link)[0]] = values[:, 0]
         for link, values in self.wrenches.items():
-            found.update(zip(contact_columns(link)[1], values.T, strict=False))
-        return found
+            columns.update(zip(contact_columns(link)[1], values.T, strict=False))
+        return columns
 
 
 def _changed(data: BaseLog | BaseMotion, change: Callable[[Any], Any]) -> dict[str, Any]:
     """Return the fields with a function applied to each of the arrays, also of the mappings."""
-    found: dict[str, Any] = {}
-    for one in fields(data):
-        value = getattr(data, one.name)
+    arrays: dict[str, Any] = {}
+    for signal in fields(data):
+        value = getattr(data, signal.name)
         if isinstance(value, Mapping):
-            found[one.name] = {link: change(x) for link, x in value.items()}
+            arrays[signal.name] = {link: change(x) for link, x in value.items()}
         elif value is not None:
-            found[one.name] = change(value)
-    return found
+            arrays[signal.name] = change(value)
+    return arrays
 
 
 def continuous(orientation: Array) -> Array:
@@ -176,12 +176,12 @@ def continuous(orientation: Array) -> Array:
 
 def base_columns(base: FloatingBase) -> tuple[str, ...]:
     """Return the names of all columns of a base and of its contacts."""
-    own = [name for names in CHANNELS.values() for name in names]
-    own += [ANGLE] * (base.normal is not None)
+    columns = [name for names in CHANNELS.values() for name in names]
+    columns += [ANGLE] * (base.normal is not None)
     for link in base.contact_links:
         contact, wrench = contact_columns(link)
-        own += [contact, *wrench]
-    return tuple(own)
+        columns += [contact, *wrench]
+    return tuple(columns)
 
 
 def needed_columns(base: FloatingBase, field: str) -> tuple[str, ...]:
@@ -207,21 +207,21 @@ def with_guided(picked: Mapping[str, Array], robot: Robot) -> dict[str, Array]:
 
     Gravity has a specific force along the normal of a plane that is not vertical.
     """
-    found, base = dict(picked), robot.floating_base
+    columns, base = dict(picked), robot.floating_base
     if base is None or base.normal is None:
-        return found
-    if ANGLE in found:
+        return columns
+    if ANGLE in columns:
         names = CHANNELS["orientation"]
-        found.update(zip(names, _quaternions(base, found.pop(ANGLE)).T, strict=True))
+        columns.update(zip(names, _quaternions(base, columns.pop(ANGLE)).T, strict=True))
     held = -float(robot.model.gravity.linear @ base.normal_in_world)
     values = {"specific_force": held * np.array(base.normal) @ base.imu_placement[0]}
     for name, names in CHANNELS.items():
         needed = needed_columns(base, name)
-        if set(needed) <= set(found):
-            like = found[needed[0]]
-            for one, value in zip(names, values.get(name, np.zeros(4)), strict=False):
-                found.setdefault(one, np.where(np.isnan(like), np.nan, value))
-    return found
+        if set(needed) <= set(columns):
+            like = columns[needed[0]]
+            for column, value in zip(names, values.get(name, np.zeros(4)), strict=False):
+                columns.setdefault(column, np.where(np.isnan(like), np.nan, value))
+    return columns
 
 
 def _quaternions(base: FloatingBase, angle_rad: Array) -> Array:
@@ -236,35 +236,35 @@ def _quaternions(base: FloatingBase, angle_rad: Array) -> Array:
 def base_log(picked: Mapping[str, Array], robot: Robot) -> BaseLog | None:
     """Return the samples of the base from columns {name in a file: samples (T,)}, None without."""
     assert robot.floating_base is not None
-    found: dict[str, Any] = {"contacts": {}, "wrenches": {}}
+    arrays: dict[str, Any] = {"contacts": {}, "wrenches": {}}
     picked = with_guided(picked, robot)
     for name, names in CHANNELS.items():
-        there = [one for one in names if one in picked]
-        if there and len(there) < len(names):
-            missing = ", ".join(one for one in names if one not in picked)
-            raise LogError(f"the log has {there[0]} and no column {missing}")
-        if there:
-            found[name] = np.column_stack([picked[one] for one in names])
+        present = [column for column in names if column in picked]
+        if present and len(present) < len(names):
+            missing = ", ".join(column for column in names if column not in picked)
+            raise LogError(f"the log has {present[0]} and no column {missing}")
+        if present:
+            arrays[name] = np.column_stack([picked[column] for column in names])
     for link in robot.floating_base.contact_links:
         contact, wrench = contact_columns(link)
         if contact in picked:
-            found["contacts"][link] = picked[contact][:, None]
-        width = sum(one in picked for one in wrench)
+            arrays["contacts"][link] = picked[contact][:, None]
+        width = sum(column in picked for column in wrench)
         if width:
-            gone = [one for one in wrench[: 3 if width <= 3 else 6] if one not in picked]
+            gone = [column for column in wrench[: 3 if width <= 3 else 6] if column not in picked]
             if gone:
                 raise LogError(f"the wrench of '{link}' has no column {', '.join(gone)}")
-            found["wrenches"][link] = np.column_stack([picked[one] for one in wrench[:width]])
-    return BaseLog(**found) if any(map(len, found.values())) else None
+            arrays["wrenches"][link] = np.column_stack([picked[x] for x in wrench[:width]])
+    return BaseLog(**arrays) if any(map(len, arrays.values())) else None
 
 
 def _samples(name: str, values: Any, width: int | None) -> Array:
     array = np.asarray(values)
-    found = frozen(name, array[:, None] if array.ndim == 1 else array, (None, width), LogError)
-    if not np.all(np.isfinite(found)):
-        row = int(np.argmax(~np.all(np.isfinite(found), axis=1)))
+    samples = frozen(name, array[:, None] if array.ndim == 1 else array, (None, width), LogError)
+    if not np.all(np.isfinite(samples)):
+        row = int(np.argmax(~np.all(np.isfinite(samples), axis=1)))
         raise LogError(f"base: {name} is not finite in sample {row}")
-    return found
+    return samples
 
 
 _LENGTH = 0.05
@@ -447,26 +447,26 @@ def _jumps(name: str, values: Array) -> tuple[BoolArray, Array]:
 
 def base_jumps(log: BaseLog, time: Array) -> dict[str, tuple[int, float, float]]:
     """Return {field: number of jumps, the largest, time of the first} of a pose that jumps."""
-    found = {}
+    jumps = {}
     for name in _differentiated(log):
         is_jump, off = _jumps(name, getattr(log, name))
         if np.any(is_jump):
             largest = float(np.max(np.linalg.norm(off[is_jump], axis=1)))
-            found[name] = int(is_jump.sum()), largest, float(time[np.argmax(is_jump)])
-    return found
+            jumps[name] = int(is_jump.sum()), largest, float(time[np.argmax(is_jump)])
+    return jumps
 
 
 def _without_jumps(log: BaseLog) -> tuple[BaseLog, BoolArray]:
     """Return the samples without jumps, and a flag (T,) that changes where they were."""
-    own = _changed(log, lambda values: values)
+    arrays = _changed(log, lambda values: values)
     flag = np.zeros(len(next(iter(log.columns().values()))), dtype=bool)
     for name in _differentiated(log):
-        is_jump, off = _jumps(name, own[name])
+        is_jump, off = _jumps(name, arrays[name])
         if np.any(is_jump):
             flag ^= np.cumsum(is_jump) % 2 == 1
             if name != "orientation":
-                own[name] = own[name] - np.cumsum(off * is_jump[:, None], axis=0)
-    return (BaseLog(**own) if np.any(flag) else log), flag
+                arrays[name] = arrays[name] - np.cumsum(off * is_jump[:, None], axis=0)
+    return (BaseLog(**arrays) if np.any(flag) else log), flag
 
 
 def turned_to_world(orientation: Array, vectors: Array, *, back: bool = False) -> Array:
@@ -583,5 +583,5 @@ def _without_short_lifts(
 ) -> BoolArray:
     """Return the used samples (T,) without feet in the air that are so in `fewest` or less."""
     lifts = [used & ~flag for flag in flags.values()]
-    short = [one for one in lifts if np.sum(one) <= fewest]
+    short = [lift for lift in lifts if np.sum(lift) <= fewest]
     return used & ~np.any(short, axis=0) if short else used

@@ -39,9 +39,9 @@ def with_commanded_torque(robot: Robot, log: Log) -> Log:
     if not robot.has_controllers:
         return log
     columns = [log.joint_names.index(joint) for joint in robot.joint_names]
-    given = {field: values[:, columns] for field, values in log.sensors().items()}
+    signals = {field: values[:, columns] for field, values in log.sensors().items()}
     motor_torque = log.motor_torque.copy()
-    motor_torque[:, columns] = commanded_torque(robot, log.time, given)[0]
+    motor_torque[:, columns] = commanded_torque(robot, log.time, signals)[0]
     return replace(log, motor_torque=motor_torque)
 
 
@@ -103,17 +103,17 @@ def commanded_part(
     }
     if drive.motor_input not in commands:
         raise _missing(robot, index, drive.motor_input)
-    found = np.full(len(time), law.feedforward_Nm)
+    torque = np.full(len(time), law.feedforward_Nm)
     position, velocity = (commands.get(kind) for kind in COMMANDS)
     if position is not None and law.position_gain_Nm_per_rad:
-        found += law.position_gain_Nm_per_rad * position
+        torque += law.position_gain_Nm_per_rad * position
     if law.command_velocity_gain_Nms_per_rad:
         if velocity is None:
             velocity = spline_derivatives(time, commands["position_command"][:, None])[1][:, 0]
-        found += law.command_velocity_gain_Nms_per_rad * velocity
+        torque += law.command_velocity_gain_Nms_per_rad * velocity
     if "torque_command" in commands:
-        found += commands["torque_command"] * (drive.scale_of_gains if is_scaled else 1.0)
-    return found
+        torque += commands["torque_command"] * (drive.scale_of_gains if is_scaled else 1.0)
+    return torque
 
 
 def relative_supply(robot: Robot, time: Array, signals: Mapping[str, Array], index: int) -> Array:
@@ -124,16 +124,16 @@ def relative_supply(robot: Robot, time: Array, signals: Mapping[str, Array], ind
     law = robot.drives[robot.joint_names[index]].controller
     if law is None or law.nominal_supply_V is None:
         return np.ones(len(time))
-    found = signals.get("supply_voltage")
-    if found is None or np.isnan(found[0, index]):
+    supply = signals.get("supply_voltage")
+    if supply is None or np.isnan(supply[0, index]):
         raise _missing(robot, index, "supply_voltage")
-    if np.min(found[:, index]) <= 0:
-        row = int(np.argmin(found[:, index]))
+    if np.min(supply[:, index]) <= 0:
+        row = int(np.argmin(supply[:, index]))
         raise LogError(
-            f"the supply voltage of '{robot.joint_names[index]}' is {found[row, index]:.4g} V at "
+            f"the supply voltage of '{robot.joint_names[index]}' is {supply[row, index]:.4g} V at "
             f"{time[row]:.6g} s: it must be more than zero; check its column and unit"
         )
-    return np.asarray(found[:, index] / law.nominal_supply_V)
+    return np.asarray(supply[:, index] / law.nominal_supply_V)
 
 
 def _missing(robot: Robot, index: int, field: str) -> LogError:
@@ -159,8 +159,8 @@ def _below_nyquist(time: Array, command: Array, part: int) -> Callable[[Array], 
 
     smooth = command.copy()
     smooth[1:-1] += np.diff(command, 2) / part
-    found: Callable[[Array], Array] = make_interp_spline(time, smooth, k=3)
-    return found
+    spline: Callable[[Array], Array] = make_interp_spline(time, smooth, k=3)
+    return spline
 
 
 def drive_position(robot: Robot, signals: dict[str, Array], index: int) -> Array:

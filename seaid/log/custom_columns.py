@@ -47,12 +47,12 @@ def channels_of(
     )
     wanted: dict[str, None] = {}
     where = description.where and table.in_file_of(description.where, described[0].source.columns())
-    for one in described:
-        for name in (where, *one.source.columns(), *one.clock.columns()):
+    for spec in described:
+        for name in (where, *spec.source.columns(), *spec.clock.columns()):
             if name is not None and name not in table.names:
-                raise LogError(f"{one.where}: {table.missing(name)}")
+                raise LogError(f"{spec.where}: {table.missing(name)}")
             wanted |= {} if name is None else {name: None}
-    clocks = [_clock_of(one.where, table, description, one.source) for one in vectors]
+    clocks = [_clock_of(vector.where, table, description, vector.source) for vector in vectors]
     for vector, clock in zip(vectors, clocks, strict=True):
         for name in (*vector.source.columns, *clock.columns()):
             if name is not None and name not in table.names:
@@ -60,11 +60,11 @@ def channels_of(
             wanted |= {} if name is None else {name: None}
     data = table.load(list(wanted))
     kept = data[where] != 0 if where else None
-    found = [(one.where, _channel(data, robot, one)) for one in described]
+    channels = [(spec.where, _channel(data, robot, spec)) for spec in described]
     for vector, clock in zip(vectors, clocks, strict=True):
         time = clock.seconds(data, len(data[vector.source.columns[0]]))
-        found += [(vector.where, one) for one in vector_channels(vector, data, time)]
-    return [_selected(place, one, kept, table.sparse) for place, one in found]
+        channels += [(vector.where, channel) for channel in vector_channels(vector, data, time)]
+    return [_selected(place, channel, kept, table.sparse) for place, channel in channels]
 
 
 class _Described(NamedTuple):
@@ -86,8 +86,8 @@ def completed(table: Table, description: LogDescription, robot: Robot) -> LogDes
     joints = {}
     for joint in dict.fromkeys([*described, *robot.joint_names]):
         sources = dict(description.joints.get(joint, {}))
-        joints[joint] = sources | _own_sources(table, robot, joint, sources)
-    return replace(description, joints={joint: own for joint, own in joints.items() if own})
+        joints[joint] = sources | _sources_by_name(table, robot, joint, sources)
+    return replace(description, joints={joint: entry for joint, entry in joints.items() if entry})
 
 
 def _described_quantities(
@@ -100,21 +100,21 @@ def _described_quantities(
             yield _Described(where, joint, quantity, source, clock)
 
 
-def _own_sources(
+def _sources_by_name(
     table: Table, robot: Robot, joint: str, described: Mapping[str, Source]
 ) -> dict[str, Source]:
     """Return the columns with seaid's names for the quantities that are not described."""
     names = column_names(joint, robot.is_prismatic[robot.index(joint)])
     used = {column for source in described.values() for column in source.columns()}
-    own = {
+    logged = {
         field: Source(column)
         for name, field in names.items()
         for column in (short_name(name), name)
         if column in table.names and (column == name or column not in used)
     }
-    if "deflection" in own:  # as a motion of the joint; a described one is that of the spring
-        own["deflection"] = replace(own["deflection"], scale=robot.drives[joint].load_radius)
-    return {field: one for field, one in own.items() if field not in described}
+    if "deflection" in logged:  # as a motion of the joint; a described one is that of the spring
+        logged["deflection"] = replace(logged["deflection"], scale=robot.drives[joint].load_radius)
+    return {field: source for field, source in logged.items() if field not in described}
 
 
 def both_sides(picked: Mapping[str, Array], robot: Robot) -> dict[str, Array]:
@@ -124,30 +124,30 @@ def both_sides(picked: Mapping[str, Array], robot: Robot) -> dict[str, Array]:
     both positions it stays, as a motion of the joint. Raises LogError for a deflection of a rigid
     drive, or without a position.
     """
-    found = dict(picked)
+    samples = dict(picked)
     for index, joint in enumerate(robot.joint_names):
-        name = next((one for one in picked if one.startswith(f"{joint}.deflection_")), None)
+        name = next((name for name in picked if name.startswith(f"{joint}.deflection_")), None)
         if name is None:
             continue
-        deflection, drive = found.pop(name), robot.drives[joint]
+        deflection, drive = samples.pop(name), robot.drives[joint]
         if not drive.is_elastic:
             raise LogError(f"joint '{joint}' has a stiff drive, which has no deflection")
         _check_own_drive(robot, joint, "a deflection does not determine its position")
         name_of = partial(column_name, joint, robot.is_prismatic[index])
         motor, load = name_of("motor_position"), name_of("joint_position")
         behind_gear = drive.motor_radius / drive.ratio
-        if {motor, load} <= set(found):
-            found[name_of("deflection")] = deflection / drive.load_radius
-        elif load in found:
-            found[motor] = (deflection + drive.load_radius * found[load]) / behind_gear
-        elif motor in found:
-            found[load] = (behind_gear * found[motor] - deflection) / drive.load_radius
+        if {motor, load} <= set(samples):
+            samples[name_of("deflection")] = deflection / drive.load_radius
+        elif load in samples:
+            samples[motor] = (deflection + drive.load_radius * samples[load]) / behind_gear
+        elif motor in samples:
+            samples[load] = (behind_gear * samples[motor] - deflection) / drive.load_radius
         else:
             raise LogError(
                 f"joint '{joint}': a deflection determines the other side of the spring only "
                 "together with motor_position or joint_position"
             )
-    return found
+    return samples
 
 
 def _check_own_drive(robot: Robot, joint: str, consequence: str) -> None:
@@ -163,10 +163,10 @@ def _clock_of(
     where: str, table: Table, description: LogDescription, source: Source | VectorSource
 ) -> Clock:
     columns = source.columns() if isinstance(source, Source) else source.columns
-    own = next((table.clocks[one] for one in columns if one in table.clocks), None)
+    time_column = next((table.clocks[column] for column in columns if column in table.clocks), None)
     time_s = table.in_file_of("time_s", columns)
-    own = own or (time_s if time_s in table.names else None)
-    clock = source.time or description.time or (Clock(column=own) if own else None)
+    time_column = time_column or (time_s if time_s in table.names else None)
+    clock = source.time or description.time or (Clock(column=time_column) if time_column else None)
     if clock is not None and clock.column is not None:
         rest = clock.nanoseconds and table.in_file_of(clock.nanoseconds, columns)
         clock = replace(clock, column=table.in_file_of(clock.column, columns), nanoseconds=rest)
@@ -181,9 +181,9 @@ def _clock_of(
     return clock
 
 
-def _channel(data: Block, robot: Robot, one: _Described) -> Channel:
-    source, clock, where = one.source, one.clock, one.where
-    name, unit = _name_of(robot, one.joint, one.quantity)
+def _channel(data: Block, robot: Robot, spec: _Described) -> Channel:
+    source, clock, where = spec.source, spec.clock, spec.where
+    name, unit = _name_of(robot, spec.joint, spec.quantity)
     factor, offset = source.sign * source.scale, source.offset
     try:
         if source.servo:
@@ -193,7 +193,7 @@ def _channel(data: Block, robot: Robot, one: _Described) -> Channel:
                 degree, zero = TEMPERATURES[source.unit or unit]
                 factor, offset = factor * degree, offset + factor * zero
             else:
-                factor *= _unit_factor(robot, one, unit)
+                factor *= _unit_factor(robot, spec, unit)
             values = data[str(source.column)] * _number(data, source.times)
         time = clock.seconds(data, len(values))
         period = None if source.wraps is None else abs(factor) * source.wraps
@@ -214,13 +214,13 @@ def _name_of(robot: Robot, joint: str, quantity: str) -> tuple[str, str]:
     return name, unit_of_column(name)
 
 
-def _unit_factor(robot: Robot, one: _Described, unit: str) -> float:
+def _unit_factor(robot: Robot, spec: _Described, unit: str) -> float:
     """Return the factor from the column to the quantity: unit, torque constant, gear."""
-    source, factor = one.source, 1.0
-    own_side, _, kind = one.quantity.partition("_")
+    source, factor = spec.source, 1.0
+    own_side, _, kind = spec.quantity.partition("_")
     if source.side not in (None, own_side):
-        factor = _gear_factor(robot, one)
-        _, unit = _name_of(robot, one.joint, f"{source.side}_{kind}")
+        factor = _gear_factor(robot, spec)
+        _, unit = _name_of(robot, spec.joint, f"{source.side}_{kind}")
     if source.unit is None:
         return factor
     if source.torque_constant_Nm_per_A is not None:
@@ -231,16 +231,16 @@ def _unit_factor(robot: Robot, one: _Described, unit: str) -> float:
     if source.counts_per_m is not None and unit == "m":
         units["counts"] = 1.0 / source.counts_per_m
     if source.unit not in units:
-        raise LogError(f"{one.where}: {unknown_name('unit of this quantity', source.unit, units)}")
+        raise LogError(f"{spec.where}: {unknown_name('unit of this quantity', source.unit, units)}")
     return factor * units[source.unit]
 
 
-def _gear_factor(robot: Robot, one: _Described) -> float:
+def _gear_factor(robot: Robot, spec: _Described) -> float:
     """Return the factor from the other side of the gear to that of the quantity."""
-    _check_own_drive(robot, one.joint, f"its {one.source.side} side does not determine the other")
-    drive = robot.drives[one.joint]
+    _check_own_drive(robot, spec.joint, f"its {spec.source.side} side does not determine the other")
+    drive = robot.drives[spec.joint]
     ratio = total_ratio(drive)
-    grows = one.quantity in ("motor_position", "joint_torque")  # with the ratio
+    grows = spec.quantity in ("motor_position", "joint_torque")  # with the ratio
     return ratio if grows else 1.0 / ratio
 
 
@@ -253,8 +253,8 @@ def _servo_voltage(data: Block, servo: Servo) -> Array:
     goal, gain = data[servo.goal], servo.gain_factor * _number(data, servo.gain)
     before = np.concatenate([goal[:1], goal[:-1]])
     duties = [
-        np.clip(gain * (one - data[servo.position]), -servo.limit, servo.limit)
-        for one in (before, goal)
+        np.clip(gain * (target - data[servo.position]), -servo.limit, servo.limit)
+        for target in (before, goal)
     ]
     voltage: Array = 0.5 * (duties[0] + duties[1]) * _number(data, servo.supply)
     return voltage

@@ -54,7 +54,7 @@ class Clock:
 
     def columns(self) -> list[str]:
         """Return the columns of the time."""
-        return [one for one in (self.column, self.nanoseconds) if one is not None]
+        return [column for column in (self.column, self.nanoseconds) if column is not None]
 
     def seconds(self, data: Block, count: int) -> Array:
         """Return the stamps [s] of `count` samples."""
@@ -83,7 +83,7 @@ class Servo:
     def columns(self) -> list[str]:
         """Return the columns that the servo uses."""
         used = (self.goal, self.position, self.gain, self.supply)
-        return [one for one in used if isinstance(one, str)]
+        return [column for column in used if isinstance(column, str)]
 
 
 Side = Literal["motor", "joint"]
@@ -132,8 +132,8 @@ class Source:
 
     def columns(self) -> list[str]:
         """Return the columns that the source uses, except that of its clock."""
-        own = [one for one in (self.column, self.times) if isinstance(one, str)]
-        return own + (self.servo.columns() if self.servo else [])
+        columns = [column for column in (self.column, self.times) if isinstance(column, str)]
+        return columns + (self.servo.columns() if self.servo else [])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -196,48 +196,48 @@ class LogDescription(Display):
 
     def columns(self) -> set[str]:
         """Return the columns that the description uses, those of clocks too."""
-        sources = [one for sources in self.joints.values() for one in sources.values()]
-        clocks = [self.time, *(one.time for one in sources)]
-        found = [self.where, *(name for clock in clocks if clock for name in clock.columns())]
-        found += [name for one in sources for name in one.columns()]
+        sources = [source for sources in self.joints.values() for source in sources.values()]
+        clocks = [self.time, *(source.time for source in sources)]
+        columns = [self.where, *(name for clock in clocks if clock for name in clock.columns())]
+        columns += [name for source in sources for name in source.columns()]
         vectors = [
             *self.base.values(),
-            *(x for one in self.contacts.values() for x in one.values()),
+            *(x for contact in self.contacts.values() for x in contact.values()),
         ]
-        found += [name for one in vectors for name in one.columns]
-        found += [name for one in vectors if one.time for name in one.time.columns()]
-        return {name for name in found if name is not None}
+        columns += [name for vector in vectors for name in vector.columns]
+        columns += [name for vector in vectors if vector.time for name in vector.time.columns()]
+        return {name for name in columns if name is not None}
 
     def to_dict(self) -> dict[str, Any]:
         """Return the description as mappings of plain data without default values."""
-        found: dict[str, Any] = {"files": list(self.files)} if self.files else {}
+        content: dict[str, Any] = {"files": list(self.files)} if self.files else {}
         if self.time is not None:
-            found["time"] = _short(_plain(self.time))
+            content["time"] = _short(_plain(self.time))
         if self.where is not None:
-            found["where"] = self.where
+            content["where"] = self.where
         if self.exclude_s:
-            found["exclude_s"] = [list(one) for one in self.exclude_s]
-        found["joints"] = {
+            content["exclude_s"] = [list(interval) for interval in self.exclude_s]
+        content["joints"] = {
             joint: {name: _short(_plain(source)) for name, source in sources.items()}
             for joint, sources in self.joints.items()
         }
         if self.base:
-            found["base"] = _vectors(self.base)
+            content["base"] = _vectors(self.base)
         if self.contacts:
-            found["contacts"] = {link: _vectors(one) for link, one in self.contacts.items()}
+            content["contacts"] = {link: _vectors(foot) for link, foot in self.contacts.items()}
         if repair := _plain(self.repair):
-            found["repair"] = repair
-        return found
+            content["repair"] = repair
+        return content
 
     def to_toml(self) -> str:
         """Return the description as the text of a TOML file."""
         content = self.to_dict()
         keys = [key for key in ("files", "time", "where", "exclude_s") if key in content]
         lines = [f"{key} = {as_toml(content[key])}" for key in keys]
-        tables = {f"joints.{toml_key(joint)}": one for joint, one in content["joints"].items()}
+        tables = {f"joints.{toml_key(joint)}": table for joint, table in content["joints"].items()}
         tables |= {"base": content["base"]} if "base" in content else {}
-        for link, one in content.get("contacts", {}).items():
-            tables[f"contacts.{toml_key(link)}"] = one
+        for link, vectors in content.get("contacts", {}).items():
+            tables[f"contacts.{toml_key(link)}"] = vectors
         if "repair" in content:
             tables["repair"] = content["repair"]
         for name, table in tables.items():
@@ -248,24 +248,24 @@ class LogDescription(Display):
 
 def _vectors(sources: Mapping[str, VectorSource]) -> dict[str, Any]:
     """Return a table of vectors as plain data, with their clock, which is that of the table."""
-    clock = next((one.time for one in sources.values() if one.time), None)
-    found = {name: one.plain() for name, one in sources.items()}
-    return found if clock is None else {"time": _short(_plain(clock)), **found}
+    clock = next((source.time for source in sources.values() if source.time), None)
+    table = {name: source.plain() for name, source in sources.items()}
+    return table if clock is None else {"time": _short(_plain(clock)), **table}
 
 
-def _plain(one: Any) -> dict[str, Any]:
+def _plain(instance: Any) -> dict[str, Any]:
     """Return a dataclass as a mapping without default values."""
-    default = {each.name: each.default for each in fields(one)}
-    found = {key: value for key, value in asdict(one).items() if value != default[key]}
+    default = {each.name: each.default for each in fields(instance)}
+    changed = {key: value for key, value in asdict(instance).items() if value != default[key]}
     return {
-        key: _plain(getattr(one, key)) if isinstance(value, dict) else value
-        for key, value in found.items()
+        key: _plain(getattr(instance, key)) if isinstance(value, dict) else value
+        for key, value in changed.items()
     }
 
 
 def _short(table: dict[str, Any]) -> Any:
     """Return the name of the column for a table with a column only, else the table."""
-    table = {key: _short(one) if key == "time" else one for key, one in table.items()}
+    table = {key: _short(value) if key == "time" else value for key, value in table.items()}
     return table["column"] if list(table) == ["column"] else table
 
 
@@ -282,31 +282,31 @@ def changed_source(
     What the source has already is multiplied or added, so that the text replaces it. Its values
     wrap around every `wraps`, which is given in the unit of the column.
     """
-    found: dict[str, Any] = {"column": source} if isinstance(source, str) else dict(source)
+    table: dict[str, Any] = {"column": source} if isinstance(source, str) else dict(source)
     if factor < 0:
-        found["sign"] = -found.get("sign", 1)
+        table["sign"] = -table.get("sign", 1)
     if abs(factor) != 1:
-        found["scale"] = _rounded(abs(factor) * found.get("scale", 1.0))
-    old = found.get("offset", 0.0)
+        table["scale"] = _rounded(abs(factor) * table.get("scale", 1.0))
+    old = table.get("offset", 0.0)
     if factor * old + offset != old:
-        found["offset"] = _rounded(factor * old + offset)
+        table["offset"] = _rounded(factor * old + offset)
     if delay_s:
-        found["delay_s"] = _rounded(found.get("delay_s", 0.0) + delay_s)
+        table["delay_s"] = _rounded(table.get("delay_s", 0.0) + delay_s)
     if wraps is not None:
-        found["wraps"] = _rounded(wraps / found.get("scale", 1.0))
-    return as_toml(found)
+        table["wraps"] = _rounded(wraps / table.get("scale", 1.0))
+    return as_toml(table)
 
 
 def _rounded(value: float) -> float | int:
     """Return a number with ten digits, an integer if it is one."""
-    found = float(f"{value:.10g}")
-    return int(found) if found.is_integer() else found
+    rounded = float(f"{value:.10g}")
+    return int(rounded) if rounded.is_integer() else rounded
 
 
 def as_toml(value: Any) -> str:
     """Return a value of a description as the text after `key =`."""
     if isinstance(value, Mapping):
-        return "{ " + ", ".join(f"{key} = {as_toml(one)}" for key, one in value.items()) + " }"
+        return "{ " + ", ".join(f"{key} = {as_toml(entry)}" for key, entry in value.items()) + " }"
     if isinstance(value, str):
         return toml_text(value)
     if isinstance(value, list):
@@ -366,11 +366,11 @@ def _names_joints(path: Path) -> bool:
         return True
 
 
-_TOP_LEVEL = {one.name for one in fields(LogDescription)}
+_TOP_LEVEL = {field.name for field in fields(LogDescription)}
 
 
 def _described(where: str, content: Mapping[str, Any]) -> LogDescription:
-    _check_keys(where, content, [one.name for one in fields(LogDescription)])
+    _check_keys(where, content, [field.name for field in fields(LogDescription)])
     joints = content.get("joints", {})
     if not isinstance(joints, Mapping):
         raise LogError(
@@ -382,7 +382,7 @@ def _described(where: str, content: Mapping[str, Any]) -> LogDescription:
         raise LogError(f"{where}: 'where' must be the name of a column, found {shown(column)}")
     repair = content.get("repair", {})
     if not isinstance(repair, Repairs):
-        _check_keys(f"{where} [repair]", repair, [one.name for one in fields(Repairs)])
+        _check_keys(f"{where} [repair]", repair, [field.name for field in fields(Repairs)])
         repair = Repairs(**repair)
     return LogDescription(
         joints={
@@ -395,8 +395,8 @@ def _described(where: str, content: Mapping[str, Any]) -> LogDescription:
         repair=repair,
         base=_vector_table(f"{where} [base]", content.get("base", {}), BASE_QUANTITIES),
         contacts={
-            link: _vector_table(f"{where} [contacts.{link}]", one, CONTACT_QUANTITIES)
-            for link, one in _mapping(f"{where} contacts", content.get("contacts", {})).items()
+            link: _vector_table(f"{where} [contacts.{link}]", table, CONTACT_QUANTITIES)
+            for link, table in _mapping(f"{where} contacts", content.get("contacts", {})).items()
         },
         files=_files(f"{where} files", content.get("files", ())),
     )
@@ -422,34 +422,34 @@ def _vector_table(where: str, table: Any, widths: Mapping[str, int]) -> dict[str
 def _files(where: str, value: Any) -> tuple[str, ...]:
     """Return the names of files, after checking that they are names."""
     is_list = isinstance(value, list | tuple)
-    if not is_list or not all(isinstance(one, str) and one for one in value):
+    if not is_list or not all(isinstance(name, str) and name for name in value):
         raise LogError(f"{where} must be a list of names of files, found {shown(value)}")
     return tuple(value)
 
 
 def _intervals(where: str, value: Any) -> tuple[tuple[float, float], ...]:
     """Return intervals of time, after checking that each has a start before its end."""
-    found = value if isinstance(value, list | tuple) else [value]
-    for one in found:
-        is_pair = isinstance(one, list | tuple) and len(one) == 2 and all(map(_is_finite, one))
-        if not is_pair or not one[0] < one[1]:
+    intervals = value if isinstance(value, list | tuple) else [value]
+    for span in intervals:
+        is_pair = isinstance(span, list | tuple) and len(span) == 2 and all(map(_is_finite, span))
+        if not is_pair or not span[0] < span[1]:
             raise LogError(
-                f"{where} must be a list of intervals [start, end] in seconds, found {shown(one)}"
+                f"{where} must be a list of intervals [start, end] in seconds, found {shown(span)}"
             )
-    return tuple((float(start), float(end)) for start, end in found)
+    return tuple((float(start), float(end)) for start, end in intervals)
 
 
 def _joint(where: str, table: Any) -> dict[str, Source]:
     _check_keys(where, table, ["time", *QUANTITIES])
     clock = _clock(f"{where} time", table.get("time"))
-    found = {
+    sources = {
         name: _source(f"{where} {name}", name, value, clock)
         for name, value in table.items()
         if name != "time"
     }
-    if not found:
+    if not sources:
         raise LogError(f"{where}: names no quantity; allowed: {', '.join(QUANTITIES)}")
-    return found
+    return sources
 
 
 def _source(where: str, quantity: str, value: Any, clock: Clock | None) -> Source:
@@ -552,14 +552,14 @@ def _check_keys(where: str, table: Any, allowed: list[str]) -> None:
 
 def _check_table(where: str, kind: type, table: Any) -> None:
     """Check the keys and the values of a table by the fields of its dataclass."""
-    _check_keys(where, table, [one.name for one in fields(kind)])
-    for one in fields(kind):
-        annotation = str(one.type).removesuffix(" | None")
-        if one.name not in table:
-            if one.default is MISSING:
-                raise LogError(f"{where}: key '{one.name}' is missing")
-        elif annotation in _VALUES and (table[one.name] is not None or annotation == one.type):
-            _check_value(f"{where}: {one.name}", one.name, table[one.name], annotation)
+    _check_keys(where, table, [entry.name for entry in fields(kind)])
+    for entry in fields(kind):
+        annotation = str(entry.type).removesuffix(" | None")
+        if entry.name not in table:
+            if entry.default is MISSING:
+                raise LogError(f"{where}: key '{entry.name}' is missing")
+        elif annotation in _VALUES and (table[entry.name] is not None or annotation == entry.type):
+            _check_value(f"{where}: {entry.name}", entry.name, table[entry.name], annotation)
 
 
 def _check_value(where: str, key: str, value: Any, annotation: str) -> None:

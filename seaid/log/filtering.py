@@ -127,8 +127,8 @@ def mean_directions(velocity: Array, rate_hz: float, band_hz: float, dry: float)
     passes = (slope > _PASSES * dry) & (band_hz < _UNFILTERED * rate_hz)
     late_s = np.zeros(len(velocity))
     late_s[passes] = dry / (2 * np.sqrt(2) * np.pi * band_hz) / slope[passes]
-    found = _mean_signs(velocity, rate_hz, late_s)
-    return low_pass(found[:, None], rate_hz, band_hz)[:, 0]  # as torques and accelerations are
+    directions = _mean_signs(velocity, rate_hz, late_s)
+    return low_pass(directions[:, None], rate_hz, band_hz)[:, 0]  # as torques and accelerations are
 
 
 _BLUR = 3.5
@@ -294,8 +294,8 @@ def select_cutoff(
         return CutoffSelection(
             highest, "an eighth of the rate: nothing moves", (np.nan, np.nan), rate_limit_hz=highest
         )
-    narrowest = _NARROW * max(one.position_hz for one in moving.values())
-    fastest = max(one.speed_hz for one in moving.values())
+    narrowest = _NARROW * max(spectrum.position_hz for spectrum in moving.values())
+    fastest = max(spectrum.speed_hz for spectrum in moving.values())
     widest = max(_WIDE * fastest, narrowest)
     channel = min(moving, key=lambda name: moving[name].limit_hz(fastest))
     noise_hz = moving[channel].limit_hz(fastest)
@@ -326,14 +326,14 @@ def _moving_spectra(
     joint: Array, motor: Array, rate_hz: float, names: Sequence[str], of_commands: bool
 ) -> dict[str, _Spectrum]:
     """Return {channel: spectrum} of the encoders that move."""
-    found: dict[str, _Spectrum] = {}
+    spectra: dict[str, _Spectrum] = {}
     for side, positions in (("joint", joint), ("motor", motor)):
         for index, name in enumerate(names):
             samples = positions[:, index]
             if np.isfinite(samples[0]) and np.ptp(samples) > 0:
                 order = 1 if side == "motor" and np.isfinite(joint[0, index]) else 2
-                found[f"{side} side of {name}"] = _spectrum(samples, rate_hz, order, of_commands)
-    return {name: one for name, one in found.items() if one.moves}
+                spectra[f"{side} side of {name}"] = _spectrum(samples, rate_hz, order, of_commands)
+    return {name: spectrum for name, spectrum in spectra.items() if spectrum.moves}
 
 
 def _spectrum(samples: Array, rate_hz: float, order: int, of_commands: bool) -> _Spectrum:
@@ -472,11 +472,11 @@ def in_band_at(motion: Motion, columns: Array, samples: IndexArray) -> Array:
     shape = columns.shape[1:]
     columns = columns if shape else columns[:, None]
     used = np.argwhere(np.any(columns != 0, axis=0))
-    found = np.zeros((len(samples), *columns.shape[1:]))
+    filtered = np.zeros((len(samples), *columns.shape[1:]))
     for start in range(0, len(used), _AT_ONCE):
         part = (slice(None), *used[start : start + _AT_ONCE].T)
-        found[part] = low_pass(columns[part], motion.rate_hz, motion.cutoff_hz)[samples]
-    return found.reshape(len(samples), *shape)
+        filtered[part] = low_pass(columns[part], motion.rate_hz, motion.cutoff_hz)[samples]
+    return filtered.reshape(len(samples), *shape)
 
 
 def row_samples(motion: Motion) -> IndexArray:
@@ -501,10 +501,10 @@ def pieces(motion: Motion, samples: int = PIECE_SAMPLES) -> Iterator[tuple[Motio
     """
     count, overlap = len(motion.time), filter_overlap(motion.rate_hz, motion.cutoff_hz)
     step = decimation(motion.rate_hz, motion.cutoff_hz)
-    own = step * -(-samples // step)  # whole rows
+    length = step * -(-samples // step)  # whole rows
     motion = replace(motion, fastest=motion.largest_speeds)  # once, not by every piece
-    for start in range(0, count, own):
-        end, part = start + own, slice(max(start - overlap, 0), start + own + overlap)
+    for start in range(0, count, length):
+        end, part = start + length, slice(max(start - overlap, 0), start + length + overlap)
         until = float(motion.time[end]) if end < count else np.inf
         yield motion.samples(part), float(motion.time[start]), until
 

@@ -102,7 +102,7 @@ def unit_of_column(name: str) -> str:
 def column_name(joint: str, is_prismatic: bool, field: str) -> str:
     """Return the column name in a file of one field of `Log` of one joint."""
     names = column_names(joint, is_prismatic).items()
-    return next(name for name, own in names if own == field)
+    return next(name for name, sensor in names if sensor == field)
 
 
 def wanted_columns(
@@ -167,7 +167,7 @@ def near_names(missing: list[str], picked: Iterable[str], file_names: Sequence[s
     text = "".join(f"; '{near}' in the file is similar to '{name}'" for name, near in pairs)
     for name, near in pairs[:1]:
         joint, _, quantity = name.rpartition(".")
-        field = next((one for one in SENSORS if quantity.startswith(one)), "joint_torque")
+        field = next((sensor for sensor in SENSORS if quantity.startswith(sensor)), "joint_torque")
         text += f"; in the description of the log: {toml_table('joints', joint)} "
         text += f'{field} = "{near}"'
     return text
@@ -176,22 +176,22 @@ def near_names(missing: list[str], picked: Iterable[str], file_names: Sequence[s
 def unread_columns(robot: Robot, file_names: Sequence[str]) -> list[str]:
     """Return what is wrong with names of a file that are nearly those of a joint's columns."""
     kinds = dict(zip(robot.joint_names, robot.is_prismatic, strict=True))
-    own = {name for joint, kind in kinds.items() for name in column_names(joint, kind)}
-    own |= {short_name(name) for name in own}
+    expected = {name for joint, kind in kinds.items() for name in column_names(joint, kind)}
+    expected |= {short_name(name) for name in expected}
     quantities = {name for kind in (False, True) for name in column_names("", kind)}
-    still = {*robot.standing_joints, *(one.name for one in robot.dependent_joints)}
-    missing, found = own - {*file_names}, []
+    still = {*robot.standing_joints, *(joint.name for joint in robot.dependent_joints)}
+    missing, faults = expected - {*file_names}, []
     for name in file_names[:_COMPARED]:
         joint, dot, quantity = name.rpartition(".")
-        if not joint or name in own or joint in still:
+        if not joint or name in expected or joint in still:
             continue
         near = get_close_matches(name, missing, 1, 0.9)
         is_unknown = joint not in kinds and dot + quantity in quantities
         if is_unknown or near:
             why = f", as the robot has no joint '{joint}'" if is_unknown else ""
             hint = f": the nearest name is '{near[0]}'" if near else ""
-            found.append(f"'{name}' is not read{why}{hint}")
-    return found
+            faults.append(f"'{name}' is not read{why}{hint}")
+    return faults
 
 
 def _custom(name: str, column: Column) -> tuple[str, float]:
@@ -330,8 +330,8 @@ class Log(Display):
 
     def sensors(self) -> dict[str, Array]:
         """Return {field: samples (T, n)} of all fields that are not None."""
-        found = {field: getattr(self, field) for field in SENSORS}
-        return {field: values for field, values in found.items() if values is not None}
+        samples = {field: getattr(self, field) for field in SENSORS}
+        return {field: values for field, values in samples.items() if values is not None}
 
     def between(self, start_s: float, end_s: float) -> Log:
         """Return the samples with start_s <= time < end_s."""
@@ -346,13 +346,13 @@ class Log(Display):
 
     def columns(self) -> dict[str, Array]:
         """Return {column name in a file: samples (T,)} of all sensors that the log has."""
-        found = {}
+        columns = {}
         for index, joint in enumerate(self.joint_names):
             for name, field in column_names(joint, self.is_prismatic[index]).items():
                 values = getattr(self, field)
                 if values is not None and not np.all(np.isnan(values[:, index])):
-                    found[name] = values[:, index]
-        return found
+                    columns[name] = values[:, index]
+        return columns
 
     def sources(self) -> dict[str, dict[str, Any]]:
         """Return {joint: {quantity: its column, or its entry in the description}} of the log."""
@@ -441,7 +441,7 @@ def log_of(
 
 def description_of(wanted: Mapping[str, tuple[str, float]], robot: Robot) -> dict[str, Any] | None:
     """Return the description of the columns of a file, None if all have the names of seaid."""
-    if all(one == (name, 1.0) for name, one in wanted.items()):
+    if all(source == (name, 1.0) for name, source in wanted.items()):
         return None
     joints: dict[str, dict[str, Any]] = {}
     for joint, is_prismatic in zip(robot.joint_names, robot.is_prismatic, strict=True):
@@ -459,14 +459,14 @@ def sorted_log(picked: dict[str, Array], robot: Robot, file_names: Sequence[str]
     fields = {field: np.full((len(time), robot.n), np.nan) for field in SENSORS}
     for index, joint in enumerate(robot.joint_names):
         names = column_names(joint, robot.is_prismatic[index])
-        found = {
+        logged = {
             name: field
             for name, field in names.items()
             if name in picked and not np.all(np.isnan(picked[name]))
         }
-        for name, field in found.items():
+        for name, field in logged.items():
             fields[field][:, index] = picked[name]
-        _check_sensors(robot, joint, found, picked, file_names)
+        _check_sensors(robot, joint, logged, picked, file_names)
     sensors: dict[str, Any] = {
         field: values
         for field, values in fields.items()
@@ -488,21 +488,21 @@ _ONE = "one position and one torque, current, voltage, position command or veloc
 def _check_sensors(
     robot: Robot,
     joint: str,
-    found: Mapping[str, str],
+    logged: Mapping[str, str],
     picked: Iterable[str],
     file_names: Sequence[str],
 ) -> None:
     """Raise LogError if {column: field} of a joint are too few for its drive."""
     elastic = robot.drives[joint].is_elastic
-    positions = sum(field.endswith("position") for field in found.values())
-    is_enough = robot.floating_base is not None or bool(set(found.values()) - _NO_TORQUES)
-    motor_side = {"motor_position", "motor_torque"} <= set(found.values())
+    positions = sum(field.endswith("position") for field in logged.values())
+    is_enough = robot.floating_base is not None or bool(set(logged.values()) - _NO_TORQUES)
+    motor_side = {"motor_position", "motor_torque"} <= set(logged.values())
     if positions < (2 if elastic and not motor_side else 1) or not is_enough:
         names = column_names(joint, robot.is_prismatic[robot.index(joint)])
-        missing = [name for name in names if name not in found]
+        missing = [name for name in names if name not in logged]
         raise LogError(
             f"joint '{joint}' needs {_BOTH if elastic else _ONE}, "
-            f"found {', '.join(found.values()) or 'none'}; its columns are "
+            f"found {', '.join(logged.values()) or 'none'}; its columns are "
             f"{', '.join(names)}{near_names(missing, picked, file_names)}"
         )
 

@@ -161,12 +161,12 @@ def open_long_log(
     rate_hz = (len(first.time) - 1) / (first.time[-1] - first.time[0])
     check_cutoff(cutoff_hz, rate_hz)
     step, period = decimation(rate_hz, cutoff_hz), rate_hz / cutoff_hz
-    own = step * math.ceil(max(chunk_samples, _SHORTEST_RECORD * period) / step)
+    chunk = step * math.ceil(max(chunk_samples, _SHORTEST_RECORD * period) / step)
     long_log = LongLog(
         path=path,
         robot=robot,
         columns=columns,
-        chunk_samples=own,
+        chunk_samples=chunk,
         overlap_samples=filter_overlap(rate_hz, cutoff_hz),
         cutoff_hz=cutoff_hz,
         step_s=step / rate_hz,
@@ -206,17 +206,17 @@ def iterate_log(
     wanted = wanted_columns(path, table, robot, columns or {})
     blocks = table.blocks(list(dict.fromkeys(name for name, _ in wanted.values())), chunk_samples)
     sensors: set[str] | None = None
-    for data, before, own in _overlapping(blocks, overlap_samples):
+    for data, before, length in _overlapping(blocks, overlap_samples):
         log = log_of(path, data, wanted, robot, table.names)
-        found = set(log.columns())
-        sensors = found if sensors is None else sensors
-        if found != sensors:
+        logged = set(log.columns())
+        sensors = logged if sensors is None else sensors
+        if logged != sensors:
             raise LogError(
-                f"'{path}': {', '.join(sorted(found ^ sensors))} has values in one part of the log "
-                f"and none in another (around t = {log.time[before]:.6g} s); a sensor must be "
+                f"'{path}': {', '.join(sorted(logged ^ sensors))} has values in one part of the "
+                f"log and none in another (around t = {log.time[before]:.6g} s); a sensor must be "
                 "logged in all parts or in none"
             )
-        end = before + own
+        end = before + length
         end_s = float(log.time[end]) if end < len(log.time) else math.inf
         yield LogPart(log, float(log.time[before]), end_s)
 
@@ -232,18 +232,18 @@ def _check_count(name: str, value: Any, least: int) -> None:
 
 def _overlapping(blocks: Blocks, overlap: int) -> Iterator[tuple[Block, int, int]]:
     """Yield blocks with `overlap` samples of neighbours, place and number of own samples."""
-    own = next(blocks)
-    before = _cut(own, slice(0))
+    block = next(blocks)
+    before = _cut(block, slice(0))
     for following in chain(blocks, [None]):
         if following is not None and _length(following) < MINIMUM_SAMPLES:
-            own, after = _joined([own, following]), _cut(own, slice(0))
+            block, after = _joined([block, following]), _cut(block, slice(0))
         else:
-            after = _cut(own, slice(0)) if following is None else _cut(following, slice(overlap))
-        yield _joined([before, own, after]), _length(before), _length(own)
+            after = _cut(block, slice(0)) if following is None else _cut(following, slice(overlap))
+        yield _joined([before, block, after]), _length(before), _length(block)
         if following is None or _length(following) < MINIMUM_SAMPLES:
             return
-        before = _cut(own, slice(_length(own) - overlap, None))
-        own = following
+        before = _cut(block, slice(_length(block) - overlap, None))
+        block = following
 
 
 def _length(block: Block) -> int:
@@ -268,10 +268,10 @@ def _check_even(path: Path, part: LogPart) -> None:
         )
     if is_regular(part.log.time):
         return
-    found = holes(part.log.time)
+    gaps = holes(part.log.time)
     what = f"the time steps around {part.start_s:.6g} s are not equal"
-    if found:
-        what = f"the log has a hole of {found[0]}"
+    if gaps:
+        what = f"the log has a hole of {gaps[0]}"
     raise LogError(
         f"'{path}': {what}; a log that is read in pieces must be sampled evenly: resample it, cut "
         "it there, or use read_log"
@@ -283,9 +283,9 @@ def _extremes(long_log: LongLog) -> tuple[Array, Array | None]:
     fastest, ends = np.zeros((2, long_log.robot.n)), []
     for motion, part in long_log.motions():
         first, last = np.searchsorted(motion.time, [part.start_s, part.end_s])
-        own = motion.samples(slice(first, last))
-        fastest = np.maximum(fastest, own.largest_speeds)
-        if (warmth := own.motor_temperature) is not None:
+        piece = motion.samples(slice(first, last))
+        fastest = np.maximum(fastest, piece.largest_speeds)
+        if (warmth := piece.motor_temperature) is not None:
             ends.append([np.min(warmth, axis=0), np.max(warmth, axis=0)])
     if not ends:
         return fastest, None

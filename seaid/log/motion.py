@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 def has_holes(processing: Sequence[Processing]) -> bool:
     """Return whether a log has holes in time, so that its stretches were processed separately."""
-    return any(repair.kind == HOLES for one in processing for repair in one.repairs)
+    return any(repair.kind == HOLES for entry in processing for repair in entry.repairs)
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ class Processing:
     @property
     def excluded(self) -> tuple[Repair, ...]:
         """The excluded samples: rest at the ends, frozen channels, holes in time."""
-        return tuple(one for one in self.repairs if one.kind in (HOLES, FROZEN, REST))
+        return tuple(repair for repair in self.repairs if repair.kind in (HOLES, FROZEN, REST))
 
     def __str__(self) -> str:
         grid = f"{self.rate_hz:.4g} Hz"
@@ -86,7 +86,7 @@ class Processing:
             low_pass = "positions unfiltered"
         faults = len(self.repairs) - len(self.excluded)
         repaired = f"; {faults} kinds of faults repaired on reading" if faults else ""
-        excluded = [f"; {one.kind}: {one.action}" for one in self.excluded if one.kind != HOLES]
+        excluded = [f"; {part.kind}: {part.action}" for part in self.excluded if part.kind != HOLES]
         return (
             f"{grid}, {low_pass}; regressor and torque below {self.cutoff_selection}; "
             f"{self.transient_s:.2g} s excluded at both ends{''.join(excluded)}{repaired}"
@@ -229,18 +229,18 @@ class Motion(Display):
 def decimated(motion: Motion, factor: int) -> Motion:
     """Return every `factor`-th sample of a motion, of its signals behind a low pass."""
     highest_hz = 0.4 * motion.rate_hz / factor
-    found: dict[str, Any] = {}
-    for one in fields(motion):
-        values = getattr(motion, one.name)
-        if not isinstance(values, np.ndarray) or one.name == "fastest":
+    signals: dict[str, Any] = {}
+    for field in fields(motion):
+        values = getattr(motion, field.name)
+        if not isinstance(values, np.ndarray) or field.name == "fastest":
             continue
         if values.ndim == 2 and len(known := np.flatnonzero(np.isfinite(values[0]))):
             values = values.copy()
             values[:, known] = low_pass(values[:, known], motion.rate_hz, highest_hz)
-        found[one.name] = values[::factor]
+        signals[field.name] = values[::factor]
     if motion.base is not None:
-        found["base"] = motion.base.samples(slice(None, None, factor))
-    return replace(motion, fastest=motion.largest_speeds, **found)
+        signals["base"] = motion.base.samples(slice(None, None, factor))
+    return replace(motion, fastest=motion.largest_speeds, **signals)
 
 
 @checked(LogError)
@@ -285,7 +285,7 @@ def reconstruct_motion(robot: Robot, log: Log, cutoff_hz: float | None = None) -
 def motion_of(robot: Robot, log: Log, cutoff_hz: float | None = None) -> Motion:
     """Return the motion of all samples of a log. Raises LogError for a hole in time."""
     check_whole(log)
-    return _motion(robot, log, None if cutoff_hz is None else _given(cutoff_hz))
+    return _motion(robot, log, None if cutoff_hz is None else _fixed_cutoff(cutoff_hz))
 
 
 def _shortest_s(cutoff_hz: float | None) -> float:
@@ -309,16 +309,16 @@ def reconstruct_motions(
         return (replace(motion_of(robot, log, cutoff_hz), start_s=start_s),)
     longest = max(stretches(log), key=lambda part: float(part.time[-1] - part.time[0]))
     if cutoff_hz is None:
-        choices = [_selected(robot, *_sampled(robot, one)) for one in (log, longest)]
-        cutoff = min(choices, key=lambda one: one.cutoff_hz)
+        choices = [_selected_cutoff(robot, *_sampled(robot, part)) for part in (log, longest)]
+        cutoff = min(choices, key=lambda choice: choice.cutoff_hz)
     else:
-        cutoff = _given(cutoff_hz)
+        cutoff = _fixed_cutoff(cutoff_hz)
         check_cutoff(cutoff_hz, 1.0 / typical_step(log.time))
     parts = stretches(log, 1.001 * SHORTEST_STRETCH / cutoff.cutoff_hz)
     _check_duration(cutoff.cutoff_hz, sum(float(part.time[-1] - part.time[0]) for part in parts))
     motions = [_motion(robot, part, cutoff, fewest=SHORTEST_STRETCH) for part in parts]
-    fastest = np.max([one.largest_speeds for one in motions], axis=0)
-    return tuple(replace(one, fastest=fastest, start_s=start_s) for one in motions)
+    fastest = np.max([motion.largest_speeds for motion in motions], axis=0)
+    return tuple(replace(motion, fastest=fastest, start_s=start_s) for motion in motions)
 
 
 _CORNERS = 3.0
@@ -330,7 +330,7 @@ motion a contact of 4000 N m/rad comes out at a quarter of its stiffness, and th
 the cutoff. That of a stiff drive is not (scripts/benchmarks/hysteresis.py)."""
 
 
-def _given(cutoff_hz: float) -> CutoffSelection:
+def _fixed_cutoff(cutoff_hz: float) -> CutoffSelection:
     return CutoffSelection(cutoff_hz, "as given")
 
 
@@ -341,20 +341,20 @@ def _sampled(robot: Robot, log: Log) -> tuple[Array, dict[str, Array]]:
     return time, signals
 
 
-def _selected(robot: Robot, time: Array, signals: dict[str, Array]) -> CutoffSelection:
+def _selected_cutoff(robot: Robot, time: Array, signals: dict[str, Array]) -> CutoffSelection:
     joint, motor = signals["joint_position"], signals["motor_position"]
-    found = select_cutoff(
+    selection = select_cutoff(
         joint, motor, _rate_hz(time), robot.joint_names, of_commands=robot.has_controllers
     )
     corners = {*DEAD_ZONES, "dahl"}
     elastic = [(joint, drive) for joint, drive in robot.drives.items() if drive.is_elastic]
     sharp = [joint for joint, drive in elastic if corners & {*drive.spring, *drive.friction}]
     if not sharp:
-        return found
-    cutoff_hz = min(_CORNERS * found.cutoff_hz, found.rate_limit_hz)
-    times = cutoff_hz / found.cutoff_hz
+        return selection
+    cutoff_hz = min(_CORNERS * selection.cutoff_hz, selection.rate_limit_hz)
+    times = cutoff_hz / selection.cutoff_hz
     reason = f"{times:.2g} times that of the motion, for the corners in the drive of {sharp[0]}"
-    return replace(found, cutoff_hz=cutoff_hz, reason=reason)
+    return replace(selection, cutoff_hz=cutoff_hz, reason=reason)
 
 
 def _motion(
@@ -364,7 +364,7 @@ def _motion(
     time, signals = _sampled(robot, log)
     rate_hz = _rate_hz(time)
     joint, motor = signals["joint_position"], signals["motor_position"]
-    cutoff = _selected(robot, time, signals) if cutoff is None else cutoff
+    cutoff = _selected_cutoff(robot, time, signals) if cutoff is None else cutoff
     cutoff_hz = cutoff.cutoff_hz
     check_cutoff(cutoff_hz, rate_hz)
     _check_duration(cutoff_hz, float(time[-1] - time[0]), fewest)
@@ -384,7 +384,7 @@ def _motion(
     if robot.floating_base is not None:
         states = (position[:, :n], velocity[:, :n], acceleration[:, :n])
         base = base_motion(robot, _base_on(log, time), time, POSITION_BAND * cutoff_hz, states)
-    found = Motion(
+    motion = Motion(
         time=time,
         base=base,
         joint_names=robot.joint_names,
@@ -418,9 +418,9 @@ def _motion(
         ),
     )
     if not robot.has_controllers:
-        return found
+        return motion
     ends = math.ceil(_ENDS * rate_hz / (POSITION_BAND * cutoff_hz))
-    return with_directions(robot, found.samples(slice(ends, len(time) - ends)), {})
+    return with_directions(robot, motion.samples(slice(ends, len(time) - ends)), {})
 
 
 def with_directions(robot: Robot, motion: Motion, dry: Mapping[str, float]) -> Motion:
@@ -435,11 +435,11 @@ def with_directions(robot: Robot, motion: Motion, dry: Mapping[str, float]) -> M
         drive, velocity = robot.drives[joint], motion.motor_velocity[:, index]
         if not is_commanded(drive):
             continue
-        own = dry.get(joint, np.inf) if is_dry(drive) else 0.0
-        direction[:, index] = mean_directions(velocity, motion.rate_hz, band_hz, own)
+        acceleration = dry.get(joint, np.inf) if is_dry(drive) else 0.0
+        direction[:, index] = mean_directions(velocity, motion.rate_hz, band_hz, acceleration)
         if not drive.is_elastic and robot.floating_base is None:
             known[:, index] = not is_dry(drive) or is_friction_known(
-                velocity, float(fastest[index]), motion.rate_hz, band_hz, own
+                velocity, float(fastest[index]), motion.rate_hz, band_hz, acceleration
             )
     return replace(motion, motor_direction=direction, friction_known=known)
 
@@ -479,12 +479,12 @@ def _uniform(log: Log, columns: list[int]) -> tuple[Array, dict[str, Array]]:
     step = float(np.mean(steps[steps <= longest_bridge(log.time)]))
     count = math.floor((log.time[-1] - log.time[0]) / step + 1e-9) + 1
     time = np.minimum(log.time[0] + step * np.arange(count), log.time[-1])
-    found = {field: np.full((count, len(columns)), np.nan) for field in signals}
+    resampled = {field: np.full((count, len(columns)), np.nan) for field in signals}
     for field, values in signals.items():
         for place in np.flatnonzero(np.isfinite(values[0])):
             how = "spline" if field == "deflection" else interpolation_of(field)
-            found[field][:, place] = interpolated(log.time, values[:, place], time, how)
-    return time, found
+            resampled[field][:, place] = interpolated(log.time, values[:, place], time, how)
+    return time, resampled
 
 
 def _base_on(log: Log, time: Array) -> BaseLog | None:
@@ -498,8 +498,8 @@ def _bridged(logged: Array, time: Array) -> BoolArray | None:
     """Return the mask (T,) of samples of a uniform grid inside a gap of the log, None without."""
     if time is logged:
         return None
-    found = in_gap(logged, time, longest_step(logged))
-    return found if np.any(found) else None
+    inside = in_gap(logged, time, longest_step(logged))
+    return inside if np.any(inside) else None
 
 
 def _check_positions(robot: Robot, joint: Array, motor: Array) -> None:
@@ -578,9 +578,9 @@ def inside_transients(motion: Motion) -> BoolArray:
 def smoothed_where(motion: Motion, values: Array, counts: BoolArray) -> Array:
     """Return the low-passed values (T, k, 3) over the samples that count, NaN at the others."""
     weight = in_band(motion, counts.astype(float))[:, :, None]
-    there = np.where(counts[:, :, None] & np.isfinite(values), values, 0.0)
+    counted = np.where(counts[:, :, None] & np.isfinite(values), values, 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        smooth = in_band(motion, there) / weight
+        smooth = in_band(motion, counted) / weight
     kept = counts & inside_transients(motion)[:, None] & (weight[:, :, 0] > _WEIGHT)
     return np.where(kept[:, :, None] & np.isfinite(values), smooth, np.nan)
 

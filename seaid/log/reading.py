@@ -111,7 +111,7 @@ def read_log(
         description = description.description
     held, paths = in_memory(path), [IN_MEMORY]
     if held is None:
-        paths = [Path(path)] if isinstance(path, str | Path) else [Path(one) for one in path]
+        paths = [Path(path)] if isinstance(path, str | Path) else [Path(file) for file in path]
     if not paths:
         raise LogError("path= is an empty list: name the files of the log")
     if columns and description is not None:
@@ -124,7 +124,7 @@ def read_log(
     described = description_for(paths[0], None if columns else description)
     if described is not None and described.files and len(paths) == 1:
         folder = (description if isinstance(description, str | Path) else None) or paths[0]
-        paths = [Path(folder).parent / one for one in described.files]
+        paths = [Path(folder).parent / file for file in described.files]
     path, table = Path(" + ".join(map(str, paths))), held or open_tables(paths)
     if columns and table.files:
         raise LogError("columns= is for a log of one file: give a description=", "description=")
@@ -168,7 +168,7 @@ def _repaired(
     try:
         time, picked, report = repaired(channels, limits)
         if described is not None:
-            delays_s = {one.name: one.delay_s for one in channels if one.delay_s}
+            delays_s = {channel.name: channel.delay_s for channel in channels if channel.delay_s}
             time, picked, more = _as_described(time, picked, delays_s, described.exclude_s)
             report += more
             picked = in_own_frames(both_sides(picked, robot), robot)
@@ -246,18 +246,18 @@ def _warn_of_columns(
     columns: Mapping[str, Column],
 ) -> None:
     """Warn of columns without a number, and of those that are nearly named as seaid's."""
-    own = {
+    expected = {
         joint: column_names(joint, is_prismatic)
         for joint, is_prismatic in zip(robot.joint_names, robot.is_prismatic, strict=True)
     }
     sources = described.joints if described is not None else {}
     logged, faults = log.columns(), list[str]()
-    for joint, fields in own.items():
+    for joint, fields in expected.items():
         for name, field in fields.items():
             is_there = name in names or name in columns or field in sources.get(joint, {})
             if is_there and name not in logged and field != "deflection":
                 faults.append(f"'{name}' is NaN throughout and counts as not logged")
-    used = {one if isinstance(one, str) else one[0] for one in columns.values()}
+    used = {column if isinstance(column, str) else column[0] for column in columns.values()}
     used |= described.columns() if described is not None else set()
     faults += unread_columns(robot, [name for name in names if name not in used])
     if faults:
@@ -284,30 +284,30 @@ def repaired(
     if not channels:
         raise LogError("no channels to repair: a log needs one at least")
     clocks = clocks_of(channels)
-    found: list[Repair] = []
+    repairs: list[Repair] = []
     if len(clocks) == 1:
-        channels = with_regular_clock(channels, limits, found)
+        channels = with_regular_clock(channels, limits, repairs)
         clocks = [channels]
-    usable = _repaired_channels(clocks, limits, found)
+    usable = _repaired_channels(clocks, limits, repairs)
     if len(clocks) == 1 and limits.rate_hz is None and not _changed(channels, usable):
-        time, values_of = channels[0].time, {one.name: one.values for one in channels}
-        return time, values_of, tuple(found)
+        time, values_of = channels[0].time, {channel.name: channel.values for channel in channels}
+        return time, values_of, tuple(repairs)
     time, sampled = _on_grid(usable, limits)
     nothing = np.full(len(time), np.nan)
-    return time, {one.name: sampled.get(one.name, nothing) for one in channels}, tuple(found)
+    return time, {x.name: sampled.get(x.name, nothing) for x in channels}, tuple(repairs)
 
 
 def _repaired_channels(
-    clocks: Sequence[Sequence[Channel]], limits: Repairs, found: list[Repair]
+    clocks: Sequence[Sequence[Channel]], limits: Repairs, repairs: list[Repair]
 ) -> dict[str, tuple[Array, Array]]:
     """Return {channel: times and samples}, on the first clock, of channels with enough samples."""
     repaired: dict[str, tuple[Array, Array]] = {}
-    for group, line in zip(clocks, clock_lines(clocks, limits, found), strict=True):
-        clock, kept = repaired_group(group, limits, found)
+    for group, line in zip(clocks, clock_lines(clocks, limits, repairs), strict=True):
+        clock, kept = repaired_group(group, limits, repairs)
         for channel in group:
-            time, values = repaired_channel(channel, clock, kept, limits, found)
+            time, values = repaired_channel(channel, clock, kept, limits, repairs)
             repaired[channel.name] = (time if line is None else line.to_reference(time), values)
-    usable = {name: one for name, one in repaired.items() if len(one[0]) >= FEWEST}
+    usable = {name: pair for name, pair in repaired.items() if len(pair[0]) >= FEWEST}
     if not usable:
         raise LogError("no channel of the log has as many as four samples that are numbers")
     return usable
@@ -316,7 +316,7 @@ def _repaired_channels(
 def _changed(channels: Sequence[Channel], usable: dict[str, tuple[Array, Array]]) -> bool:
     """Return whether samples were removed or moved, or the steps are irregular."""
     if len(usable) < len(channels) and any(
-        np.any(np.isfinite(one.values)) for one in channels if one.name not in usable
+        np.any(np.isfinite(channel.values)) for channel in channels if channel.name not in usable
     ):
         return True
     return bool(np.any(irregular_steps(channels[0].time))) or any(

@@ -72,14 +72,14 @@ def _without_rest(log: Log, shortest_s: float) -> Log:
         # its 5th percentile of n steps is at most ptp / 0.95 n
         if len(np.unique(values[::_SOME])) < 1.1 * _STEPS / share:
             least = max(_STEPS * resolution(values), least)
-        own = _rest_s(time, values, least, count)
-        before = min(before, own)
+        rest = _rest_s(time, values, least, count)
+        before = min(before, rest)
         after = min(after, _rest_s(-time[::-1], values[::-1], least, count))
-        moves |= is_position(name) and np.isfinite(own)
+        moves |= is_position(name) and np.isfinite(rest)
     if not moves:
         return log
-    rests = (one if np.isfinite(one) else 0.0 for one in (before, after))
-    cut = np.array([one - REST_S if one > _FULL_REST_S else 0.0 for one in rests])
+    rests = (length if np.isfinite(length) else 0.0 for length in (before, after))
+    cut = np.array([length - REST_S if length > _FULL_REST_S else 0.0 for length in rests])
     cut *= min(1.0, max(float(time[-1] - time[0]) - shortest_s, 0.0) / max(np.sum(cut), REST_S))
     if not np.any(cut):
         return log
@@ -111,41 +111,41 @@ def _moving_mean(values: Array, count: int) -> Array:
 
 def without_frozen(log: Log) -> Log:
     """Return a log without the samples at which a channel is frozen while the robot moves."""
-    bad, found, columns = np.zeros(len(log.time), dtype=bool), [], log.columns()
+    bad, repairs, columns = np.zeros(len(log.time), dtype=bool), [], log.columns()
     for name, values in columns.items():
         repeated = _long_repeats(log.time, values)
         if is_slow(name) or is_command(name) or not np.any(repeated):
             continue
         if is_position(name):
-            own = _frozen_positions(values, repeated)
+            frozen = _frozen_positions(values, repeated)
         else:
             joint = name.rsplit(".", 1)[0]
             sides = [columns[x] for x in columns if x.startswith(f"{joint}.") and is_position(x)]
-            own = _frozen_torques(values, repeated, sides)
-        if np.any(own):
-            longest = max(log.time[end - 1] - log.time[start] for start, end in runs(own))
+            frozen = _frozen_torques(values, repeated, sides)
+        if np.any(frozen):
+            longest = max(log.time[end - 1] - log.time[start] for start, end in runs(frozen))
             action = f"repeated for up to {longest:.3g} s; excluded"
-            at = float(log.time[np.argmax(own)])
-            found.append(Repair(name, FROZEN, len(runs(own)), at, action))
-            bad |= own
-    if not found:
+            at = float(log.time[np.argmax(frozen)])
+            repairs.append(Repair(name, FROZEN, len(runs(frozen)), at, action))
+            bad |= frozen
+    if not repairs:
         return log
     if np.mean(bad) > MOST_EXCLUDED:
         raise LogError(
             f"channels of the log are frozen in {np.mean(bad):.0%} of its samples, allowed "
-            f"{MOST_EXCLUDED:.0%}; {found[0]}"
+            f"{MOST_EXCLUDED:.0%}; {repairs[0]}"
         )
-    return replace(log.at(~bad), report=(*log.report, *found))
+    return replace(log.at(~bad), report=(*log.report, *repairs))
 
 
 def _long_repeats(time: Array, values: Array) -> BoolArray:
     """Return the mask (T,) of samples that repeat a value for longer than gaps are bridged."""
-    found = np.zeros(len(values), dtype=bool)
+    repeats = np.zeros(len(values), dtype=bool)
     spans = runs(np.concatenate([[False], np.diff(values) == 0.0]))
     long = time[spans[:, 1] - 1] - time[spans[:, 0] - 1] > longest_bridge(time)
     for start, end in spans[long]:
-        found[start:end] = True
-    return found
+        repeats[start:end] = True
+    return repeats
 
 
 def _frozen_positions(values: Array, repeated: BoolArray) -> BoolArray:
@@ -156,13 +156,13 @@ def _frozen_positions(values: Array, repeated: BoolArray) -> BoolArray:
     """
     changes = np.abs(np.diff(values))
     usual, large = np.percentile(changes[changes > 0.0], (50, 99)) if np.any(changes) else (0, 0)
-    found = repeated.copy()
+    frozen = repeated.copy()
     for start, end in runs(repeated):
         before = values[max(start - 1 - _BEFORE, 0) : start]
         stops = len(before) > _BEFORE and abs(before[-1] - before[0]) > _BEFORE * usual
         jumps = end < len(values) and abs(values[end] - values[end - 1]) > _JUMP * large
-        found[start:end] = jumps or (end == len(values) and stops)
-    return found
+        frozen[start:end] = jumps or (end == len(values) and stops)
+    return frozen
 
 
 _BEFORE = 8
@@ -177,11 +177,11 @@ def _frozen_torques(values: Array, repeated: BoolArray, positions: list[Array]) 
     changes = np.diff(values[~repeated])
     if np.mean(repeated) > MOST_EXCLUDED or np.sum(changes == 0.0) >= _REPEATS * len(changes):
         return np.zeros_like(repeated)
-    found = repeated & ~np.isin(values, [0.0, np.min(values), np.max(values)])
-    for start, end in runs(found):
+    frozen = repeated & ~np.isin(values, [0.0, np.min(values), np.max(values)])
+    for start, end in runs(frozen):
         moves = [np.ptp(x[start:end]) > _MOVES * np.ptp(x) for x in positions]
-        found[start:end] = any(moves)
-    return found
+        frozen[start:end] = any(moves)
+    return frozen
 
 
 MOST_EXCLUDED = 0.5
@@ -207,15 +207,15 @@ class Hole:
 def holes(time: Array) -> list[Hole]:
     """Return the holes of increasing time stamps (T,) [s]: steps too long to be bridged."""
     before = np.flatnonzero(np.diff(time) > longest_bridge(time))
-    return [Hole(float(time[one]), float(time[one + 1])) for one in before]
+    return [Hole(float(time[row]), float(time[row + 1])) for row in before]
 
 
 def check_whole(log: Log) -> None:
     """Raise LogError naming the first hole of a log, if it has any."""
-    found = holes(log.time)
-    if found:
+    gaps = holes(log.time)
+    if gaps:
         raise LogError(
-            f"the log has holes in time ({len(found)} found, the first of {found[0]}), in which "
+            f"the log has holes in time ({len(gaps)} found, the first of {gaps[0]}), in which "
             "the motion is unknown: take a part without one, log.between(start_s, end_s)"
         )
 
@@ -227,35 +227,35 @@ def stretches(log: Log, shortest_s: float = 0.0) -> list[Log]:
     more entry with the number of holes and the excluded share of the time. Raises LogError if that
     share is above one half.
     """
-    found = holes(log.time)
-    if not found:
+    gaps = holes(log.time)
+    if not gaps:
         return [log]
-    edges = [-np.inf, *(hole.end_s for hole in found), np.inf]
+    edges = [-np.inf, *(hole.end_s for hole in gaps), np.inf]
     places = np.searchsorted(log.time, edges)
     spans = [slice(*edge) for edge in pairwise(places)]
-    lengths = [float(log.time[one.stop - 1] - log.time[one.start]) for one in spans]
+    lengths = [float(log.time[span.stop - 1] - log.time[span.start]) for span in spans]
     used = [
         place
-        for place, one in enumerate(spans)
-        if one.stop - one.start >= MINIMUM_SAMPLES and lengths[place] >= shortest_s
+        for place, span in enumerate(spans)
+        if span.stop - span.start >= MINIMUM_SAMPLES and lengths[place] >= shortest_s
     ]
     whole = float(log.time[-1] - log.time[0])
     excluded = 1.0 - sum(lengths[place] for place in used) / whole
-    worst = max(found, key=lambda hole: hole.length_s)
+    worst = max(gaps, key=lambda hole: hole.length_s)
     if excluded > MOST_EXCLUDED:
         raise LogError(
-            f"the log has holes in time ({len(found)} found, the longest of {worst}): they and the "
+            f"the log has holes in time ({len(gaps)} found, the longest of {worst}): they and the "
             f"stretches between them that are too short to use are {excluded:.0%} of "
             f"{whole:.4g} s, allowed {MOST_EXCLUDED:.0%}; record again without losing samples, or "
             "pass the good stretches as separate logs, log.between(start_s, end_s)"
         )
-    parts = [log.between(log.time[spans[one].start], edges[one + 1]) for one in used]
+    parts = [log.between(log.time[spans[place].start], edges[place + 1]) for place in used]
     short = len(spans) - len(used)
     stubs = f" ({short} stretches between them are too short)" if short else ""
     action = (
         f"of up to {worst}; {excluded:.1%} of the log's time is excluded{stubs}, and so are the "
         "filter transients around them"
     )
-    repair = Repair("time_s", HOLES, len(found), found[0].start_s, action)
+    repair = Repair("time_s", HOLES, len(gaps), gaps[0].start_s, action)
     reports = [(*log.report, repair), *[()] * (len(parts) - 1)]
     return [replace(part, report=report) for part, report in zip(parts, reports, strict=True)]

@@ -60,7 +60,7 @@ def run_in_child(
         raise ChildError("a child process cannot be run: the path of Python is unknown")
     memory = max(min(_MOST_MEMORY, _MEMORY_SHARE * free_memory()), _LEAST_MEMORY)
     call = {
-        "path": [one for one in sys.path if isinstance(one, str)],
+        "path": [entry for entry in sys.path if isinstance(entry, str)],
         "function": [function.__module__, function.__qualname__],
         "arguments": dict(arguments),
         "seconds": seconds,
@@ -101,7 +101,7 @@ def _started(folder: Path, seconds: float) -> str:
         return f"the process that read it did not end within {_WALL_FACTOR * seconds:.3g} s"
     if code == 0:
         return ""
-    out_of_time = {-getattr(signal, one, 0) for one in ("SIGXCPU", "SIGALRM")}
+    out_of_time = {-getattr(signal, name, 0) for name in ("SIGXCPU", "SIGALRM")}
     if code in out_of_time:
         return f"the process that read it did not end within {seconds:.3g} s"
     with suppress(ValueError):

@@ -119,9 +119,9 @@ def open_csv(path: Path) -> Table:
             list(islice(lines, header.skipped))
             while parts := _parts(header, lines, wanted, line, size):
                 line += sum(count for count, _ in parts)
-                found = [part for _, part in parts if part]
-                if found:
-                    yield {name: np.concatenate([one[name] for one in found]) for name in wanted}
+                filled = [part for _, part in parts if part]
+                if filled:
+                    yield {name: np.concatenate([part[name] for part in filled]) for name in wanted}
 
     return Table(header.names, load, blocks, notice="" if header.has_names else _NUMBERED)
 
@@ -191,9 +191,9 @@ def _parts(
     """Return the next `most` lines in parts: the number of lines, and their columns."""
     parts: list[tuple[int, Block]] = []
     count = 0
-    while some := _some(lines, min(most - count, _LINES)):
-        parts.append((len(some), _columns(header, some, wanted, first + count)))
-        count += len(some)
+    while batch := _next_lines(lines, min(most - count, _LINES)):
+        parts.append((len(batch), _columns(header, batch, wanted, first + count)))
+        count += len(batch)
         check_memory(header.path, 8.0 * count * len(wanted), pieces=most < sys.maxsize)
     if first == header.skipped + 1 and not any(part for _, part in parts):
         raise LogError(
@@ -203,16 +203,16 @@ def _parts(
     return parts
 
 
-def _some(lines: Iterator[str], most: int) -> list[str]:
+def _next_lines(lines: Iterator[str], most: int) -> list[str]:
     """Return the next lines, limited in number and size."""
-    found: list[str] = []
+    batch: list[str] = []
     size = 0
     for line in islice(lines, most):
-        found.append(line)
+        batch.append(line)
         size += len(line)
         if size > _TEXT:
             break
-    return found
+    return batch
 
 
 def _header(path: Path, lines: Iterator[str]) -> _Header:
@@ -230,21 +230,21 @@ def _header(path: Path, lines: Iterator[str]) -> _Header:
         if len(others) == 2:
             break
         skipped += not others
-    comments = [one for one in comments if one]
-    if not comments and not any(one.strip(',;\t "') for one in others):
+    comments = [comment for comment in comments if comment]
+    if not comments and not any(line.strip(',;\t "') for line in others):
         raise LogError(
             f"'{path}' is empty; a log starts with a line of column names, then a line per sample"
         )
     if not others or (comments and _format_of(others[0])):
         names = comments.pop()
-        found = _named(path, names, others[0] if others else "", skipped, is_comment=True)
+        header = _named(path, names, others[0] if others else "", skipped, is_comment=True)
         numbers = _format_of([*others, ""][0])
         if numbers and (
-            len(found.names) != numbers.cells
-            or (numbers.cells > 1 and found.delimiter != numbers.delimiter)
+            len(header.names) != numbers.cells
+            or (numbers.cells > 1 and header.delimiter != numbers.delimiter)
         ):
             return _numbered(path, others[0], skipped)  # a text, no names
-        return found
+        return header
     if _format_of(others[0]) and not _counts_from_zero(others[0]):
         return _numbered(path, others[0], skipped)
     return _named(path, others[0], [*others, ""][1], skipped + 1)
@@ -263,8 +263,8 @@ def _format_of(line: str) -> _Format | None:
     for delimiter in ";\t, ":
         cells = line.split() if delimiter == " " else line.split(delimiter)
         for decimal in "." if delimiter == "," else ".,":
-            if all(map(_is_number, (one.replace(decimal, ".") for one in cells))) and any(
-                one.strip() for one in cells
+            if all(map(_is_number, (cell.replace(decimal, ".") for cell in cells))) and any(
+                cell.strip() for cell in cells
             ):
                 return _Format(delimiter, decimal, len(cells))
     return None
@@ -281,7 +281,7 @@ def _is_number(cell: str) -> bool:
 def _counts_from_zero(line: str) -> bool:
     """Return whether a line is 0,1,2,...: the names that pandas gives to columns without one."""
     cells = re.split(r"[,;\t]", line)
-    return len(cells) > 2 and [one.strip() for one in cells] == [*map(str, range(len(cells)))]
+    return len(cells) > 2 and [cell.strip() for cell in cells] == [*map(str, range(len(cells)))]
 
 
 def _numbered(path: Path, line: str, skipped: int) -> _Header:
@@ -293,19 +293,19 @@ def _numbered(path: Path, line: str, skipped: int) -> _Header:
 
 def _named(path: Path, header: str, sample: str, skipped: int, is_comment: bool = False) -> _Header:
     """Return the header in a line of names; the first sample helps to find the delimiter."""
-    counts = {one: header.count(one) for one in ",;\t" if one in header}
-    ranked = sorted(counts, key=lambda one: -counts[one])
-    fitting = [one for one in ranked if sample.count(one) == counts[one]]
+    counts = {delimiter: header.count(delimiter) for delimiter in ",;\t" if delimiter in header}
+    ranked = sorted(counts, key=lambda delimiter: -counts[delimiter])
+    fitting = [delimiter for delimiter in ranked if sample.count(delimiter) == counts[delimiter]]
     delimiter = next(iter(fitting or ranked), "")
     if not delimiter:
-        in_both = _format_of(sample) in [_Format(" ", one, len(header.split())) for one in ".,"]
+        in_both = _format_of(sample) in [_Format(" ", sign, len(header.split())) for sign in ".,"]
         delimiter = " " if is_comment or in_both else ","
     if delimiter == " ":
         header = " ".join(header.split())
     cells = next(_cells(path, [header], delimiter, 1), (1, []))[1]
     names = [name.strip() for name in cells]
     is_decimal = delimiter != "," and any(
-        _DECIMAL_COMMA.fullmatch(one.strip()) for one in sample.split(delimiter)
+        _DECIMAL_COMMA.fullmatch(cell.strip()) for cell in sample.split(delimiter)
     )
     decimal = "," if is_decimal else "."
     if not is_decimal and "[" in sample:
@@ -323,17 +323,17 @@ def _items(
 
     Columns of words, as the kind of a message is, are none.
     """
-    found: list[str] = []
+    columns: list[str] = []
     items: list[tuple[int, int | None]] = []
     for place, (name, cell) in enumerate(zip(names, cells, strict=False)):
         numbers = _list(cell)
         if numbers is not None:
-            found += [f"{name}[{item}]" for item in range(len(numbers))]
+            columns += [f"{name}[{item}]" for item in range(len(numbers))]
             items += [(place, item) for item in range(len(numbers))]
         elif _is_number(cell) or cell.strip().lower() in _TRUTH:
-            found.append(name)
+            columns.append(name)
             items.append((place, None))
-    return found, tuple(items)
+    return columns, tuple(items)
 
 
 def _list(cell: str) -> list[str] | None:
@@ -383,8 +383,8 @@ def _texts(header: _Header, cells: list[str], line: int) -> list[str]:
     """Return the text of each column of a line, those of lists one by one."""
     lists = {place: _list(cells[place]) for place, item in header.items if item == 0}
     counts = Counter(place for place, item in header.items if item is not None)
-    for place, found in lists.items():
-        if found is None or len(found) != counts[place]:
+    for place, numbers in lists.items():
+        if numbers is None or len(numbers) != counts[place]:
             name = header.names[header.items.index((place, 0))].removesuffix("[0]")
             raise LogError(
                 f"'{header.path}', line {line}: column '{shortened(name)}' has "

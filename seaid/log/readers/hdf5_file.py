@@ -54,19 +54,19 @@ def open_hdf5(path: Path) -> Table:
     def load(wanted: list[str]) -> Block:
         with damaged(path, _KIND), h5py.File(path, "r") as file:
             columns = {name: _Column(path, file, name) for name in wanted}
-            check_memory(path, sum(one.size(one.length) for one in columns.values()))
-            return {name: one.read(slice(None)) for name, one in columns.items()}
+            check_memory(path, sum(column.size(column.length) for column in columns.values()))
+            return {name: column.read(slice(None)) for name, column in columns.items()}
 
     def blocks(wanted: list[str], size: int) -> Blocks:
         with damaged(path, _KIND), h5py.File(path, "r") as file:
             columns = {name: _Column(path, file, name) for name in wanted}
-            check_lengths(path, {name: one.length for name, one in columns.items()})
+            check_lengths(path, {name: column.length for name, column in columns.items()})
             total = columns[wanted[0]].length
             check_memory(
-                path, sum(one.size(min(size, total)) for one in columns.values()), pieces=True
+                path, sum(column.size(min(size, total)) for column in columns.values()), pieces=True
             )
             for start in range(0, max(total, 1), size):
-                yield {name: one.read(slice(start, start + size)) for name, one in columns.items()}
+                yield {name: x.read(slice(start, start + size)) for name, x in columns.items()}
 
     return Table(names, load, blocks)
 
@@ -91,7 +91,7 @@ def _columns_of(name: str, data: Any) -> list[str]:
         fields, shape = data.dtype.names, data.shape
     except (TypeError, ValueError, RuntimeError, OSError):
         return [name]
-    return [f"{name}/{one}" for one in fields] if fields else with_parts(name, shape)
+    return [f"{name}/{field}" for field in fields] if fields else with_parts(name, shape)
 
 
 def _place_of(file: Any, name: str) -> tuple[str, int | None, str | None]:

@@ -31,9 +31,9 @@ def open_json(path: Path) -> Table:
     """
     content = _content(path)
     values = content if isinstance(content, Mapping) else {}
-    constants = {name: as_float(one) for name, one in values.items() if isinstance(one, Real)}
-    lists = [one for one in (content, *values.values()) if _are_records(one)]
-    data = _of_records(path, lists[0]) if len(lists) == 1 else _of_lists(path, values, 0)
+    constants = {name: as_float(x) for name, x in values.items() if isinstance(x, Real)}
+    lists = [entry for entry in (content, *values.values()) if _are_records(entry)]
+    data = _record_columns(path, lists[0]) if len(lists) == 1 else _lists_by_name(path, values, 0)
     if not data:
         raise LogError(
             f"'{path}' has no columns; a JSON log is a list of records, or lists of numbers by name"
@@ -61,11 +61,11 @@ def _content(path: Path) -> Any:
 
 def _are_records(value: Any) -> bool:
     return (
-        isinstance(value, list) and bool(value) and all(isinstance(one, Mapping) for one in value)
+        isinstance(value, list) and bool(value) and all(isinstance(row, Mapping) for row in value)
     )
 
 
-def _of_records(path: Path, records: list[Mapping[str, Any]]) -> dict[str, list[Any]]:
+def _record_columns(path: Path, records: list[Mapping[str, Any]]) -> dict[str, list[Any]]:
     """Return the columns of records; None for a value that a record lacks."""
     data: dict[str, list[Any]] = {}
     for row, record in enumerate(records):
@@ -82,29 +82,29 @@ def _flat(path: Path, name: str, value: Any, depth: int) -> Iterator[tuple[str, 
     _check_depth(path, depth)
     if isinstance(value, Mapping):
         dot = f"{name}." if name else ""
-        for key, one in value.items():
-            yield from _flat(path, f"{dot}{key}", one, depth + 1)
+        for key, entry in value.items():
+            yield from _flat(path, f"{dot}{key}", entry, depth + 1)
     elif isinstance(value, list):
-        for index, one in enumerate(value):
-            yield from _flat(path, f"{name}[{index}]", one, depth + 1)
+        for index, entry in enumerate(value):
+            yield from _flat(path, f"{name}[{index}]", entry, depth + 1)
     else:
         yield name, value
 
 
-def _of_lists(path: Path, value: Mapping[str, Any], depth: int) -> dict[str, list[Any]]:
+def _lists_by_name(path: Path, value: Mapping[str, Any], depth: int) -> dict[str, list[Any]]:
     """Return the lists in an object by name."""
     _check_depth(path, depth)
     data: dict[str, list[Any]] = {}
-    for name, one in value.items():
-        if isinstance(one, Mapping):
-            inner = _of_lists(path, one, depth + 1)
+    for name, entry in value.items():
+        if isinstance(entry, Mapping):
+            inner = _lists_by_name(path, entry, depth + 1)
             data.update({f"{name}.{key}": column for key, column in inner.items()})
-        elif isinstance(one, list) and one:
-            data |= _of_list(path, name, one, len(data))
+        elif isinstance(entry, list) and entry:
+            data |= _columns_of_list(path, name, entry, len(data))
     return data
 
 
-def _of_list(path: Path, name: str, rows: list[Any], others: int) -> dict[str, list[Any]]:
+def _columns_of_list(path: Path, name: str, rows: list[Any], others: int) -> dict[str, list[Any]]:
     """Return a list as a column; of lists of equal length, one column per place in them."""
     if not all(isinstance(row, list) for row in rows):
         return {name: rows}
@@ -125,7 +125,7 @@ def _check_depth(path: Path, depth: int) -> None:
 
 def _numbers(path: Path, name: str, values: list[Any]) -> Array:
     """Return a column as numbers; null is NaN."""
-    strange = next((one for one in values if not isinstance(one, Real | None)), None)
+    strange = next((value for value in values if not isinstance(value, Real | None)), None)
     if strange is not None:
         raise no_numbers(path, name, type(strange).__name__, (len(values),))
-    return np.array([math.nan if one is None else as_float(one) for one in values])
+    return np.array([math.nan if value is None else as_float(value) for value in values])

@@ -32,9 +32,9 @@ def open_mat(path: Path) -> Table:
     """
     seconds = _SECONDS + path.stat().st_size / _BYTES_PER_SECOND
     with damaged(path, "a MATLAB file"):
-        names, found = run_in_child(mat_columns, {"path": str(path)}, seconds=seconds)
-    check_columns(path, len(found))
-    data = dict(found)
+        names, columns = run_in_child(mat_columns, {"path": str(path)}, seconds=seconds)
+    check_columns(path, len(columns))
+    data = dict(columns)
     if not data:
         raise LogError(
             f"'{path}' has no array of numbers, found: {listed(names) or 'none'}; {_HINT}"
@@ -51,36 +51,36 @@ def mat_columns(path: str) -> Answer:
     except NotImplementedError:  # version 7.3 is HDF5
         h5py = optional("h5py", "hdf5", Path(path))
         with h5py.File(path, "r") as file:
-            content = _of_group(file, 0)
+            content = _group_arrays(file, 0)
     arrays = dict(_arrays("", content, 0))
-    longest = max((max(one.shape) for one in arrays.values()), default=0)
-    found: Block = {}
+    longest = max((max(array.shape) for array in arrays.values()), default=0)
+    columns: Block = {}
     for name, values in arrays.items():
         rows = values.T if values.shape[1] == longest != values.shape[0] else values
         many = rows.shape[1] > 1
-        check_columns(Path(path), len(found) + rows.shape[1])
+        check_columns(Path(path), len(columns) + rows.shape[1])
         for place, column in enumerate(rows.T):
-            found[f"{name}[{place}]" if many else name] = column.astype(np.float64)
-    return [name for name in content if not name.startswith("_")], found
+            columns[f"{name}[{place}]" if many else name] = column.astype(np.float64)
+    return [name for name in content if not name.startswith("_")], columns
 
 
-def _of_group(group: Any, depth: int) -> dict[str, Any]:
+def _group_arrays(group: Any, depth: int) -> dict[str, Any]:
     """Return the arrays of a group of HDF5, which has the dimensions in reverse, and its groups."""
-    found: dict[str, Any] = {}
-    for name, one in group.items():
+    arrays: dict[str, Any] = {}
+    for name, item in group.items():
         if name.startswith("#") or depth > _DEEPEST:
             continue
-        is_array = hasattr(one, "shape")
-        found[name] = np.asarray(one).T if is_array else _of_group(one, depth + 1)
-    return found
+        is_array = hasattr(item, "shape")
+        arrays[name] = np.asarray(item).T if is_array else _group_arrays(item, depth + 1)
+    return arrays
 
 
 def _arrays(name: str, value: Any, depth: int) -> Iterator[tuple[str, Any]]:
     """Yield the vectors and matrices of numbers in a variable, as matrices."""
     if isinstance(value, Mapping) and depth < _DEEPEST:
-        for key, one in value.items():
+        for key, field in value.items():
             if not key.startswith("__"):
-                yield from _arrays(f"{name}.{key}".removeprefix("."), one, depth + 1)
+                yield from _arrays(f"{name}.{key}".removeprefix("."), field, depth + 1)
     elif isinstance(value, np.ndarray) and value.size > 1 and value.ndim <= 2:
         values = value.reshape(len(value), -1)
         yield from [(name, values)] if is_number(value.dtype) else []

@@ -93,30 +93,30 @@ def _parts(path: Path, archive: zipfile.ZipFile, name: str) -> list[str]:
 def _places(archive: zipfile.ZipFile, wanted: list[str]) -> dict[str, list[tuple[str, int | None]]]:
     """Return {array: (name, place in the array) of its wanted columns}."""
     arrays = set(archive.namelist())
-    found: dict[str, list[tuple[str, int | None]]] = {}
+    places: dict[str, list[tuple[str, int | None]]] = {}
     for name in wanted:
         base, index = (name, None) if f"{name}.npy" in arrays else part_of(name)
-        found.setdefault(base, []).append((name, index))
-    return found
+        places.setdefault(base, []).append((name, index))
+    return places
 
 
 def _picked(path: Path, values: Any, places: list[tuple[str, int | None]]) -> Block:
     """Return the columns of an array of one or two dimensions."""
-    found: Block = {}
+    columns: Block = {}
     for name, index in places:
         if values.ndim != (1 if index is None else 2):
             raise no_numbers(path, name, values.dtype, values.shape)
-        found[name] = as_floats(values if index is None else values[:, index])
-    return found
+        columns[name] = as_floats(values if index is None else values[:, index])
+    return columns
 
 
 def _load(path: Path, wanted: list[str]) -> Block:
     with damaged(path, _KIND), zipfile.ZipFile(path) as archive:
-        found: Block = {}
+        block: Block = {}
         for base, places in _places(archive, wanted).items():
-            found |= _picked(path, _array(path, archive, base), places)
-            check_memory(path, 8.0 * sum(len(one) for one in found.values()))
-    return {name: found[name] for name in wanted}
+            block |= _picked(path, _array(path, archive, base), places)
+            check_memory(path, 8.0 * sum(len(column) for column in block.values()))
+    return {name: block[name] for name in wanted}
 
 
 def _array(path: Path, archive: zipfile.ZipFile, name: str) -> Any:

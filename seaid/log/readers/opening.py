@@ -104,37 +104,37 @@ def open_tables(paths: Sequence[Path]) -> Table:
         return open_table(paths[0])
     tables = {path.name: open_table(path) for path in paths}
     if len(tables) < len(paths):
-        names = listed(one.name for one in paths)
+        names = listed(path.name for path in paths)
         raise LogError(f"the files of one log need names of their own, found {names}")
     counts = Counter(name for table in tables.values() for name in table.names)
-    own = {
+    places = {
         name if counts[name] == 1 else f"{file}:{name}": (file, name)
         for file, table in tables.items()
         for name in table.names
     }
-    merged = {place: name for name, place in own.items()}
+    merged = {place: name for name, place in places.items()}
 
     def load(wanted: list[str]) -> Block:
-        found: Block = {}
+        block: Block = {}
         for file, table in tables.items():
-            mine = {own[name][1]: name for name in wanted if own[name][0] == file}
-            if mine:
-                found |= {mine[one]: values for one, values in table.load(list(mine)).items()}
-        return found
+            full = {places[name][1]: name for name in wanted if places[name][0] == file}
+            if full:
+                block |= {full[bare]: values for bare, values in table.load(list(full)).items()}
+        return block
 
     clocks = {
         merged[file, name]: merged[file, clock]
         for file, table in tables.items()
         for name, clock in table.clocks.items()
     }
-    notices = dict.fromkeys(one.notice for one in tables.values() if one.notice)
+    notices = dict.fromkeys(table.notice for table in tables.values() if table.notice)
     return Table(
-        names=list(own),
+        names=list(places),
         load=load,
         clocks=clocks,
-        sparse=any(one.sparse for one in tables.values()),
+        sparse=any(table.sparse for table in tables.values()),
         notice="; ".join(notices),
-        files={name: file for name, (file, _) in own.items()},
+        files={name: file for name, (file, _) in places.items()},
     )
 
 
@@ -166,7 +166,7 @@ def _reader(path: Path) -> Callable[[Path], Table]:
 def _similar(path: Path) -> str:
     """Return the question whether a similar name in its folder was meant, "" if there is none."""
     with suppress(OSError, ValueError):
-        names = [one.name for one in islice(path.parent.iterdir(), _MOST_NAMES)]
+        names = [sibling.name for sibling in islice(path.parent.iterdir(), _MOST_NAMES)]
         if near := get_close_matches(path.name, names, 1):
             return f"; did you mean '{near[0]}'?"
     return ""

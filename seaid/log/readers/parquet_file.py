@@ -74,7 +74,7 @@ def _check_kinds(path: Path, file: Any, wanted: Sequence[str]) -> None:
             raise LogError(f"'{path}': column '{shortened(name)}' exists {len(places)} times")
         kind = schema.field(places[0]).type
         inner = kind.value_type if types.is_dictionary(kind) else kind
-        if not any(getattr(types, f"is_{one}")(inner) for one in numbers):
+        if not any(getattr(types, f"is_{number}")(inner) for number in numbers):
             raise no_numbers(path, name, kind, (file.metadata.num_rows,))
 
 

@@ -63,19 +63,19 @@ def bag_columns(path: str) -> Answer:
     names: list[str] = []
     clocks: dict[str, str] = {}
     with _opened(Path(path)) as bag:
-        for connection in sorted(bag.connections, key=lambda one: one.topic):
-            topic, found = connection.topic, dict[str, float]()
+        for connection in sorted(bag.connections, key=lambda connection: connection.topic):
+            topic, numbers = connection.topic, dict[str, float]()
             try:
                 for _, message in islice(_messages(bag, [connection]), _LOOKED_AT):
-                    found |= dict(_values(message, bag.start_time))
-                    check_columns(Path(path), len(names) + len(found))
+                    numbers |= dict(_values(message, bag.start_time))
+                    check_columns(Path(path), len(names) + len(numbers))
             except KeyError:  # a type without definition
                 continue
-            if not found:
+            if not numbers:
                 continue
-            stamped = found.get("header.stamp", 0.0) not in (0.0, -bag.start_time * 1e-9)
+            stamped = numbers.get("header.stamp", 0.0) not in (0.0, -bag.start_time * 1e-9)
             clock = f"{topic}/{'header.stamp' if stamped else 'bag_time'}"
-            columns = [f"{topic}/{name}" for name in ("bag_time", *found)]
+            columns = [f"{topic}/{name}" for name in ("bag_time", *numbers)]
             names += [name for name in columns if name not in clocks]
             clocks |= dict.fromkeys(columns, clock)
     return (names, clocks), {}
@@ -85,18 +85,18 @@ def bag_samples(path: str, wanted: list[str]) -> Answer:
     """Return the samples of columns of a bag; runs in the child."""
     data: Block = {}
     with _opened(Path(path)) as bag:
-        topics = {one.topic for one in bag.connections}
+        topics = {connection.topic for connection in bag.connections}
         for topic in sorted(topics):
-            mine = {name: name[len(topic) + 1 :] for name in wanted if name.startswith(f"{topic}/")}
-            if not mine:
+            keys = {name: name[len(topic) + 1 :] for name in wanted if name.startswith(f"{topic}/")}
+            if not keys:
                 continue
-            used = [one for one in bag.connections if one.topic == topic]
+            used = [connection for connection in bag.connections if connection.topic == topic]
             rows = []
             for time, message in _messages(bag, used):
-                found = dict(_values(message, bag.start_time))
-                found["bag_time"] = (time - bag.start_time) * 1e-9
-                rows.append(np.array([found.get(field, np.nan) for field in mine.values()]))
-            data |= dict(zip(mine, np.array(rows, dtype=np.float64).T, strict=True))
+                numbers = dict(_values(message, bag.start_time))
+                numbers["bag_time"] = (time - bag.start_time) * 1e-9
+                rows.append(np.array([numbers.get(field, np.nan) for field in keys.values()]))
+            data |= dict(zip(keys, np.array(rows, dtype=np.float64).T, strict=True))
     return None, data
 
 
@@ -107,8 +107,8 @@ def _values(message: Any, start_ns: int, name: str = "") -> Iterator[tuple[str, 
     elif hasattr(message, "sec") and hasattr(message, "nanosec"):
         yield name, (message.sec * 10**9 + message.nanosec - start_ns) * 1e-9
     elif is_dataclass(message):
-        given = (_labels(getattr(message, one, None)) for one in _NAMES)
-        labels = next(filter(None, given), [])
+        candidates = (_labels(getattr(message, key, None)) for key in _NAMES)
+        labels = next(filter(None, candidates), [])
         for field in fields(message):
             value, path = getattr(message, field.name), f"{name}.{field.name}".removeprefix(".")
             if isinstance(value, list | np.ndarray) and 0 < len(value) <= _LONGEST_ARRAY:
@@ -125,7 +125,7 @@ def _array(values: Any, start_ns: int, name: str, labels: list[str]) -> Iterator
 
 
 def _labels(value: Any) -> list[str]:
-    is_names = isinstance(value, list) and all(isinstance(one, str) for one in value)
+    is_names = isinstance(value, list) and all(isinstance(label, str) for label in value)
     return list(value) if is_names else []
 
 
@@ -148,7 +148,7 @@ def _files(path: Path) -> list[Path]:
     if not path.is_dir() or (path / "metadata.yaml").is_file():
         return [path]
     endings = ("*.db3", "*.mcap", "*.bag")
-    found = sorted(one for end in endings for one in path.glob(end) if one.is_file())
-    if not found:
+    files = sorted(file for end in endings for file in path.glob(end) if file.is_file())
+    if not files:
         raise LogError(f"'{path}' is a folder without a ROS bag (.db3, .mcap or .bag) in it")
-    return found
+    return files

@@ -24,10 +24,10 @@ def free_memory() -> float:
     It is the smallest of the free memory of the machine, of the process's address space, and of
     the control group of a container.
     """
-    return min(_of_machine(), _of_process(), _of_group())
+    return min(_machine_memory(), _process_memory(), _group_memory())
 
 
-def _of_machine() -> float:
+def _machine_memory() -> float:
     with suppress(OSError, ValueError, IndexError, StopIteration):
         lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
         return 1024.0 * next(int(line.split()[1]) for line in lines if "MemAvailable" in line)
@@ -36,7 +36,7 @@ def _of_machine() -> float:
     return float("inf")
 
 
-def _of_process() -> float:
+def _process_memory() -> float:
     with suppress(ImportError, OSError, ValueError, IndexError):
         import resource  # not on Windows
 
@@ -47,7 +47,7 @@ def _of_process() -> float:
     return float("inf")
 
 
-def _of_group() -> float:
+def _group_memory() -> float:
     group = Path("/sys/fs/cgroup")
     with suppress(OSError, ValueError):
         limit = (group / "memory.max").read_text(encoding="ascii")
@@ -71,8 +71,8 @@ MOST_BYTES, MOST_GROWTH = 1e9, 20.0
 
 def check_memory(path: Path, size: float, pieces: bool = False) -> None:
     """Raise LogError, with advice, if `size` bytes of samples read at once are too many."""
-    own, free = size_of(path), max(free_memory(), 0.0)
-    allowed = max(MOST_BYTES, MOST_GROWTH * own)
+    stored, free = size_of(path), max(free_memory(), 0.0)
+    allowed = max(MOST_BYTES, MOST_GROWTH * stored)
     if size <= min(MEMORY_SHARE * free, allowed):
         return
     advice = (
@@ -83,7 +83,7 @@ def check_memory(path: Path, size: float, pieces: bool = False) -> None:
     )
     if size > allowed:
         raise LogError(
-            f"'{path}' of {own / 1e9:.3g} GB declares {size / 1e9:.3g} GB of samples, more than "
+            f"'{path}' of {stored / 1e9:.3g} GB declares {size / 1e9:.3g} GB of samples, more than "
             f"{MOST_GROWTH:g} times its size and than {MOST_BYTES / 1e9:g} GB: it is damaged, or "
             f"padded with equal samples; {advice}"
         )
@@ -118,7 +118,7 @@ def check_names(path: Path, names: Sequence[str]) -> None:
 def size_of(path: Path) -> float:
     """Return the bytes of a file, or of the files in a folder."""
     if path.is_dir():
-        return float(sum(one.stat().st_size for one in path.iterdir() if one.is_file()))
+        return float(sum(file.stat().st_size for file in path.iterdir() if file.is_file()))
     return float(path.stat().st_size)
 
 
@@ -155,8 +155,8 @@ class Table:
 
     def in_file_of(self, name: str, others: Iterable[str]) -> str:
         """Return the column of a name, if several files have it that in the file of the others."""
-        names = [f"{self.files.get(one)}:{name}" for one in others]
-        return next((one for one in [name, *names] if one in self.names), name)
+        names = [f"{self.files.get(column)}:{name}" for column in others]
+        return next((column for column in [name, *names] if column in self.names), name)
 
     def missing(self, name: str) -> str:
         """Return the message for a missing column, with the most similar name.
@@ -164,7 +164,7 @@ class Table:
         In a ROS bag, a name with an unknown topic gets the list of topics.
         """
         topics = _topics(self)
-        files = [self.files[one] for one in self.files if self.bare(one) == name]
+        files = [self.files[column] for column in self.files if self.bare(column) == name]
         if files:
             return f"several files have a column '{name}': write " + " or ".join(
                 f"'{file}:{name}'" for file in files
@@ -172,17 +172,17 @@ class Table:
         if not topics:
             more = f"; {self.notice}" if self.notice else ""
             return unknown_name("column", name, self.names) + more
-        topic = next((one for one in topics if name.startswith(f"{one}/")), None)
+        topic = next((topic for topic in topics if name.startswith(f"{topic}/")), None)
         if topic is None:
             return unknown_name("topic", name, topics)
-        return unknown_name("column", name, [one for one in self.names if topic in one])
+        return unknown_name("column", name, [column for column in self.names if topic in column])
 
 
 def _topics(table: Table) -> list[str]:
     """Return the topics of a bag, which are the parents of the clocks of its columns."""
     clocks = dict.fromkeys(table.clocks.values())
-    found = {clock.removesuffix("/header.stamp").removesuffix("/bag_time") for clock in clocks}
-    return sorted(one for one in found if one.startswith("/"))
+    topics = {clock.removesuffix("/header.stamp").removesuffix("/bag_time") for clock in clocks}
+    return sorted(topic for topic in topics if topic.startswith("/"))
 
 
 @contextmanager
@@ -240,8 +240,8 @@ def as_floats(values: NDArray[Any]) -> Array:
 def check_lengths(path: Path, lengths: Mapping[str, int]) -> None:
     """Raise LogError for columns of different lengths."""
     if len(set(lengths.values())) > 1:
-        found = listed(f"'{shortened(name)}' {length}" for name, length in lengths.items())
-        raise LogError(f"'{path}': columns have different lengths: {found}")
+        text = listed(f"'{shortened(name)}' {length}" for name, length in lengths.items())
+        raise LogError(f"'{path}': columns have different lengths: {text}")
 
 
 FEWEST_SAMPLES, _LONGER = 1000, 4
@@ -279,10 +279,10 @@ def optional(module: str, extra: str, path: Path) -> Any:
 def check_installed(module: str, extra: str, path: Path) -> None:
     """Raise LogError as `optional` does, but without importing the package."""
     try:
-        found = find_spec(module)
+        spec = find_spec(module)
     except ImportError:
-        found = None
-    if found is None:
+        spec = None
+    if spec is None:
         raise _not_installed(module, extra, path)
 
 

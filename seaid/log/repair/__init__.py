@@ -127,8 +127,8 @@ class Repair(Display):
 
     def __str__(self) -> str:
         time = f"{self.time_s:.6g}" if abs(self.time_s) < 1e5 else f"{self.time_s:.2f}"
-        found = f"{self.kind}, {self.count} found, the first at t = {time} s"
-        return f"{self.channel}: {found}: {self.action}"
+        fault = f"{self.kind}, {self.count} found, the first at t = {time} s"
+        return f"{self.channel}: {fault}: {self.action}"
 
 
 FEWEST = 4

@@ -55,21 +55,21 @@ def interpolated(time: Array, values: Array, wanted: Array, how: Interpolation) 
     from scipy.interpolate import Akima1DInterpolator, CubicSpline
 
     if how == "linear":
-        found = np.interp(wanted, time, values)
+        samples = np.interp(wanted, time, values)
         after = np.clip(np.searchsorted(time, wanted), 1, len(time) - 1)
         nearest = np.where(wanted - time[after - 1] < time[after] - wanted, after - 1, after)
         is_there = np.abs(time[nearest] - wanted) < _ROUNDED * typical_step(time)
-        return np.asarray(np.where(is_there, values[nearest], found))
+        return np.asarray(np.where(is_there, values[nearest], samples))
     origin = time[0]
     time, values = _merged(time - origin, values)
     if how == "spline":
-        found, longest = CubicSpline(time, values)(wanted - origin), longest_bridge(time)
+        samples, longest = CubicSpline(time, values)(wanted - origin), longest_bridge(time)
     else:
         akima = Akima1DInterpolator(time, values, method="makima")
-        found, longest = akima(wanted - origin), longest_step(time)
+        samples, longest = akima(wanted - origin), longest_step(time)
     straight = in_gap(time, wanted - origin, longest)
-    found[straight] = np.interp(wanted[straight] - origin, time, values)
-    return np.asarray(found)
+    samples[straight] = np.interp(wanted[straight] - origin, time, values)
+    return np.asarray(samples)
 
 
 def on_time(
@@ -248,39 +248,39 @@ def unwrapped(name: str, time: Array, values: Array, period: float) -> tuple[Arr
 
 def _predicted(name: str, time: Array, nearest: Array, period: float) -> Array:
     """Return steps shifted by whole periods to be nearest to the speed around them."""
-    durations, found = np.diff(time).tolist(), nearest.tolist()
+    durations, steps = np.diff(time).tolist(), nearest.tolist()
     long = _GAP * float(np.median(durations))
-    rate = found[0] / durations[0]
-    for place in range(1, len(found)):
+    rate = steps[0] / durations[0]
+    for place in range(1, len(steps)):
         duration = durations[place]
         expected, doubt = rate * duration, 0.0
-        if duration > long and place + 1 < len(found):
-            before = sum(found[max(0, place - _MEAN) : place])
+        if duration > long and place + 1 < len(steps):
+            before = sum(steps[max(0, place - _MEAN) : place])
             before /= time[place] - time[max(0, place - _MEAN)]
-            follows = _follows(found, durations, place + 1, before, period)
+            follows = _speed_after(steps, durations, place + 1, before, period)
             expected, doubt = 0.5 * (before + follows) * duration, 0.5 * abs(follows - before)
-        found[place] += period * round((expected - found[place]) / period)
-        off = max(abs(found[place] - expected), doubt * duration)
-        if off > _CLEAR * period and abs(found[place]) > period / 4:
+        steps[place] += period * round((expected - steps[place]) / period)
+        off = max(abs(steps[place] - expected), doubt * duration)
+        if off > _CLEAR * period and abs(steps[place]) > period / 4:
             raise LogError(
-                f"'{name}' moves by {abs(found[place]):.3g} from t = {time[place]:.6g} s to the "
+                f"'{name}' moves by {abs(steps[place]):.3g} from t = {time[place]:.6g} s to the "
                 f"next sample, {duration:.3g} s later, and wraps around every "
                 f"{period:.6g}: the number of wraps is ambiguous (the position must be within "
                 f"{_CLEAR:g} of a period of its extrapolation); log at a higher rate, or exclude "
                 "this time"
             )
-        rate = found[place] / duration
-    return np.array(found)
+        rate = steps[place] / duration
+    return np.array(steps)
 
 
-def _follows(
-    found: list[float], durations: list[float], start: int, rate: float, period: float
+def _speed_after(
+    steps: list[float], durations: list[float], start: int, rate: float, period: float
 ) -> float:
     """Return the mean speed of the steps from `start` on, of which the first is near `rate`."""
-    end, total = min(start + _MEAN, len(found)), 0.0
+    end, total = min(start + _MEAN, len(steps)), 0.0
     for place in range(start, end):
         expected = rate * durations[place]
-        step = found[place] + period * round((expected - found[place]) / period)
+        step = steps[place] + period * round((expected - steps[place]) / period)
         rate = step / durations[place]
         total += step
     return total / sum(durations[start:end])
@@ -292,7 +292,7 @@ def _turn(period: float, values: Array) -> float | None:
     candidates = [_TURN, _TURN / 2, _TURN / 4, 2 * _TURN]
     if step > 0 and period / step < 2**24:
         candidates.append(step * 2.0 ** round(np.log2(period / step)))
-    near = min(candidates, key=lambda one: abs(one - period))
+    near = min(candidates, key=lambda candidate: abs(candidate - period))
     return float(near) if abs(near - period) <= _ALIKE * period else None
 
 
@@ -315,10 +315,10 @@ def zero_dropouts(values: Array) -> BoolArray:
     Far means several times the neighbouring changes and the resolution. Zeros that reach an end of
     the log count too, if there is such a jump at their other end.
     """
-    found, step = np.zeros(len(values), dtype=bool), resolution(values)
+    dropouts, step = np.zeros(len(values), dtype=bool), resolution(values)
     for start, end in runs(values == 0.0):
-        found[start:end] = _is_sudden_zero(values, int(start), int(end), step)
-    return found
+        dropouts[start:end] = _is_sudden_zero(values, int(start), int(end), step)
+    return dropouts
 
 
 def held_dropouts(values: Array, fewest: int = 2) -> BoolArray:
@@ -329,14 +329,14 @@ def held_dropouts(values: Array, fewest: int = 2) -> BoolArray:
     resolution, so a coarse encoder within one step is not held. If more than a third of the samples
     are held, the sensor is slower than its log, and all repetitions of that length are held.
     """
-    found = np.zeros(len(values), dtype=bool)
+    dropouts = np.zeros(len(values), dtype=bool)
     if not len(values):
-        return found
+        return dropouts
     starts = np.flatnonzero(np.concatenate([[True], np.diff(values) != 0.0]))
     lengths = np.diff(np.concatenate([starts, [len(values)]]))
     changes = np.diff(values[starts])
     if len(changes) < 3:
-        return found
+        return dropouts
     rates = changes / lengths[:-1]
     with np.errstate(divide="ignore"):
         before, after = rates[:-2] / rates[1:-1], rates[2:] / rates[1:-1]
@@ -349,8 +349,8 @@ def held_dropouts(values: Array, fewest: int = 2) -> BoolArray:
     if np.sum(lengths[stale] - 1) > SLOWER * len(values):
         stale = np.flatnonzero(lengths <= np.max(lengths[stale]))
     for run in stale:
-        found[starts[run] + 1 : starts[run] + lengths[run]] = True
-    return found
+        dropouts[starts[run] + 1 : starts[run] + lengths[run]] = True
+    return dropouts
 
 
 _CHANCE = 1e-6
@@ -389,19 +389,19 @@ def saturated(values: Array) -> BoolArray:
     The largest or smallest value counts as saturation if it occurs far more often than any of the
     five nearest values.
     """
-    found = np.zeros(len(values), dtype=bool)
+    stuck = np.zeros(len(values), dtype=bool)
     if not np.ptp(values) > 0:
-        return found
+        return stuck
     levels, counts = np.unique(values, return_counts=True)
     for place, others in ((0, counts[1:6]), (-1, counts[-6:-1])):
         piled = counts[place] >= max(_PILED * np.max(others), _STUCK)
         if piled and levels[place] != 0.0:
-            found |= values == levels[place]
-    return found
+            stuck |= values == levels[place]
+    return stuck
 
 
 def repaired_channel(
-    channel: Channel, clock: RepairedClock, kept: BoolArray, limits: Repairs, found: list[Repair]
+    channel: Channel, clock: RepairedClock, kept: BoolArray, limits: Repairs, repairs: list[Repair]
 ) -> tuple[Array, Array]:
     """Return stamps and values of the valid samples of a channel, without wraps."""
     time, values = clock.time, channel.values[clock.rows]
@@ -410,27 +410,27 @@ def repaired_channel(
     time, values = time[kept], values[kept]
     total = len(values)
     time, values, missing = _without(
-        channel, time, values, ~np.isfinite(values), "values that are no number", found
+        channel, time, values, ~np.isfinite(values), "values that are no number", repairs
     )
     if is_contact(channel.name):
         return time, values
     if is_command(channel.name):
-        return time, _without_wraps(channel, time, values, found)
+        return time, _without_wraps(channel, time, values, repairs)
     if is_constant(values):
         action = f"it is {values[0]:.6g} all the time; not changed"
-        found.append(Repair(channel.name, "constant channel", 1, float(time[0]), action))
+        repairs.append(Repair(channel.name, "constant channel", 1, float(time[0]), action))
     time, values, lost = _without(
-        channel, time, values, zero_dropouts(values), "sudden zeros", found
+        channel, time, values, zero_dropouts(values), "sudden zeros", repairs
     )
     missing += lost
     if is_slow(channel.name):  # it is slow, so that neither repeats nor gaps are faults
         return time, values
     if len(values) >= FEWEST:
-        values = _without_wraps(channel, time, values, found)
+        values = _without_wraps(channel, time, values, repairs)
     held = held_dropouts(values, 2 if is_position(channel.name) else 3)
     slower = float(np.mean(held)) > SLOWER if len(held) else False
     kind: Fault = "values of a slower sensor" if slower else "held values"
-    time, values, lost = _without(channel, time, values, held, kind, found)
+    time, values, lost = _without(channel, time, values, held, kind, repairs)
     missing += 0 if slower else lost
     if missing > limits.most_missing * total:
         raise LogError(
@@ -440,23 +440,23 @@ def repaired_channel(
         )
     if len(values) < FEWEST:
         return time, values
-    _check_saturation(channel, time, values, limits, found)
+    _check_saturation(channel, time, values, limits, repairs)
     _check_gap(channel, time, values, limits)
     return time, values
 
 
 def _without(
-    channel: Channel, time: Array, values: Array, bad: BoolArray, kind: Fault, found: list[Repair]
+    channel: Channel, time: Array, values: Array, bad: BoolArray, kind: Fault, repairs: list[Repair]
 ) -> tuple[Array, Array, int]:
     """Return a channel without the `bad` samples, and their number."""
     count = int(bad.sum())
     if count:
         at = float(time[np.argmax(bad)])
-        found.append(Repair(channel.name, kind, count, at, "excluded and interpolated"))
+        repairs.append(Repair(channel.name, kind, count, at, "excluded and interpolated"))
     return time[~bad], values[~bad], count
 
 
-def _without_wraps(channel: Channel, time: Array, values: Array, found: list[Repair]) -> Array:
+def _without_wraps(channel: Channel, time: Array, values: Array, repairs: list[Repair]) -> Array:
     period = channel.period
     if period is None and is_position(channel.name):
         period = wrap_period(time, values)
@@ -464,14 +464,14 @@ def _without_wraps(channel: Channel, time: Array, values: Array, found: list[Rep
         return values
     whole, count, first = unwrapped(channel.name, time, values, period)
     if count:
-        given = "as given" if channel.period else "estimated from the jumps"
-        action = f"by {period:.6g} ({given}), unwrapped"
-        found.append(Repair(channel.name, "wraps", count, float(time[first]), action))
+        origin = "as given" if channel.period else "estimated from the jumps"
+        action = f"by {period:.6g} ({origin}), unwrapped"
+        repairs.append(Repair(channel.name, "wraps", count, float(time[first]), action))
     return whole
 
 
 def _check_saturation(
-    channel: Channel, time: Array, values: Array, limits: Repairs, found: list[Repair]
+    channel: Channel, time: Array, values: Array, limits: Repairs, repairs: list[Repair]
 ) -> None:
     """Report saturation of a torque, current or voltage. Raises LogError for too much of it."""
     stuck = np.zeros(1, dtype=bool) if is_position(channel.name) else saturated(values)
@@ -480,7 +480,7 @@ def _check_saturation(
     count, at = int(stuck.sum()), float(time[np.argmax(stuck)])
     level = values[np.argmax(stuck)]
     action = f"saturated at {level:.4g}, cannot be repaired: not changed"
-    found.append(Repair(channel.name, "saturated samples", count, at, action))
+    repairs.append(Repair(channel.name, "saturated samples", count, at, action))
     if count > limits.most_saturated * len(values):
         raise LogError(
             f"'{channel.name}' is saturated ({level:.4g}) in {count} of {len(values)} samples, the "
@@ -494,8 +494,8 @@ def _check_gap(channel: Channel, time: Array, values: Array, limits: Repairs) ->
     """Raise LogError for a gap that cannot be interpolated; holes are excluded elsewhere."""
     steps = np.diff(time)
     hint = "take the parts before and after it as two logs"
-    given, longest, usual = limits.longest_gap_s, bridged_s(time, limits), longest_step(time)
-    if given is not None and np.max(steps) > longest:
+    limit, longest, usual = limits.longest_gap_s, bridged_s(time, limits), longest_step(time)
+    if limit is not None and np.max(steps) > longest:
         place = int(np.argmax(steps))
         raise LogError(
             f"'{channel.name}' has a gap of {steps[place]:.3g} s at t = {time[place]:.6g} s, "
@@ -503,7 +503,7 @@ def _check_gap(channel: Channel, time: Array, values: Array, limits: Repairs) ->
         )
     bridged = np.where(steps <= longest, steps, 0.0)
     place = int(np.argmax(bridged))
-    if given is not None or bridged[place] <= usual or not is_position(channel.name):
+    if limit is not None or bridged[place] <= usual or not is_position(channel.name):
         return
     error = gap_error(time, values, usual, longest)
     if error is None or error > limits.most_gap_error:

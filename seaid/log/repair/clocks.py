@@ -60,7 +60,7 @@ class RepairedClock:
 
 @dataclass(frozen=True)
 class ClockLine:
-    """A clock relative to a reference: own = reference + offset_s + drift (reference - middle_s).
+    """A clock relative to a reference: clock = reference + offset_s + drift (reference - middle_s).
 
     `drift_error` is half of the 95 % confidence interval of the drift; `jitter_s` is the median
     distance from the line.
@@ -189,8 +189,8 @@ def _usual_changes(values: Array, place: int) -> Array:
     """Return the largest change (any,) between samples around a place, excluding that at it."""
     around = np.abs(np.diff(values[max(0, place - _NEIGHBOURS) : place + _NEIGHBOURS], axis=0))
     around = np.delete(around, min(place, _NEIGHBOURS) - 1, axis=0)
-    found = np.where(np.isfinite(around), around, -1.0)
-    largest = np.max(found, axis=0, initial=-1.0)
+    known = np.where(np.isfinite(around), around, -1.0)
+    largest = np.max(known, axis=0, initial=-1.0)
     return np.where(largest < 0, np.nan, largest)
 
 
@@ -208,7 +208,7 @@ def _would_move(values: Array, place: int, steps: float) -> bool:
     return bool(np.any(moved & alike & (speed_before * speed_after > 0)))
 
 
-def clock_line(own: Array, reference: Array) -> ClockLine:
+def clock_line(clock: Array, reference: Array) -> ClockLine:
     """Return the line of one clock over another; both (T,) [s] stamp the same rows.
 
     The line has the median slope through the medians of blocks (Theil 1950, Sen 1968), so late and
@@ -216,12 +216,12 @@ def clock_line(own: Array, reference: Array) -> ClockLine:
     """
     from scipy.stats import theilslopes
 
-    known = np.isfinite(own) & np.isfinite(reference)
-    own, reference = own[known], reference[known]
-    if len(own) < 2:
+    known = np.isfinite(clock) & np.isfinite(reference)
+    clock, reference = clock[known], reference[known]
+    if len(clock) < 2:
         return ClockLine(0.0, 0.0, np.inf, 0.0, 0.0)
-    difference = own - reference
-    blocks = np.array_split(np.arange(len(own)), min(_BLOCKS, len(own)))
+    difference = clock - reference
+    blocks = np.array_split(np.arange(len(clock)), min(_BLOCKS, len(clock)))
     at = np.array([np.median(reference[block]) for block in blocks])
     apart = np.array([np.median(difference[block]) for block in blocks])
     slope, _, low, high = theilslopes(apart, at)
@@ -238,14 +238,14 @@ def is_paired(line: ClockLine, step: float) -> bool:
 
 
 def with_regular_clock(
-    group: Sequence[Channel], limits: Repairs, found: list[Repair]
+    group: Sequence[Channel], limits: Repairs, repairs: list[Repair]
 ) -> list[Channel]:
     """Return channels with a regular clock if their stamps have too few digits, and it is plain.
 
     The stamp changes at the first sample behind each multiple of its resolution. If samples are
     equidistant, time over number of these samples is a line, within one step.
     """
-    time, values = group[0].time, np.column_stack([one.values for one in group])
+    time, values = group[0].time, np.column_stack([channel.values for channel in group])
     if not np.all(np.isfinite(time)):
         return list(group)
     repeats = np.diff(time) == 0
@@ -262,11 +262,11 @@ def with_regular_clock(
         return list(group)
     text = f"replaced by a regular clock of {1 / step:.6g} Hz, by the number of samples per stamp"
     first = float(time[np.argmax(repeats)])
-    found.append(
+    repairs.append(
         Repair(_clock_name(group), "stamps with too few digits", int(np.sum(repeats)), first, text)
     )
     regular = time[0] + start + step * np.arange(len(time))
-    return [replace(one, time=regular) for one in group]
+    return [replace(channel, time=regular) for channel in group]
 
 
 def clocks_of(channels: Sequence[Channel]) -> list[list[Channel]]:
@@ -283,22 +283,22 @@ def clocks_of(channels: Sequence[Channel]) -> list[list[Channel]]:
 
 
 def clock_lines(
-    clocks: Sequence[Sequence[Channel]], limits: Repairs, found: list[Repair]
+    clocks: Sequence[Sequence[Channel]], limits: Repairs, repairs: list[Repair]
 ) -> list[ClockLine | None]:
     """Return the line of each clock over the first one; None: the clock is not changed.
 
     A line is determined only for clocks with the same number of samples that run in step. An offset
     below one step stays, because it cannot be distinguished from sequential sampling.
     """
-    return [None, *(_line(group, clocks[0], limits, found) for group in clocks[1:])]
+    return [None, *(_line(group, clocks[0], limits, repairs) for group in clocks[1:])]
 
 
 def _line(
-    group: Sequence[Channel], first: Sequence[Channel], limits: Repairs, found: list[Repair]
+    group: Sequence[Channel], first: Sequence[Channel], limits: Repairs, repairs: list[Repair]
 ) -> ClockLine | None:
     """Return the line of a group's clock over that of the first group; None: not changed."""
-    own, reference = group[0].time, first[0].time
-    line = clock_line(own, reference) if len(own) == len(reference) else None
+    clock, reference = group[0].time, first[0].time
+    line = clock_line(clock, reference) if len(clock) == len(reference) else None
     step = typical_step(reference[np.isfinite(reference)])
     if line is None or not is_paired(line, step):
         return None
@@ -320,7 +320,7 @@ def _line(
     for kind, size, text in faults:
         if size:
             action = f"{text} relative to {name_first}, removed"
-            found.append(Repair(name, kind, 1, float(np.nanmin(own)), action))
+            repairs.append(Repair(name, kind, 1, float(np.nanmin(clock)), action))
     return line if line.drift or line.offset_s else None
 
 
@@ -330,7 +330,7 @@ def _clock_name(group: Sequence[Channel]) -> str:
 
 
 def repaired_group(
-    group: Sequence[Channel], limits: Repairs, found: list[Repair]
+    group: Sequence[Channel], limits: Repairs, repairs: list[Repair]
 ) -> tuple[RepairedClock, BoolArray]:
     """Return the repaired clock of channels, and the mask of the samples to keep."""
     name = _clock_name(group)
@@ -343,15 +343,15 @@ def repaired_group(
         )
     clock = repaired_clock(name, raw, values, limits.longest_gap_s or longest_step(finite))
     repeats = np.concatenate([[False], np.diff(clock.time) <= 0])
-    _report_disorder(name, raw, clock, repeats, found)
+    _report_disorder(name, raw, clock, repeats, repairs)
     changes = np.diff(values[clock.rows], axis=0, prepend=np.nan)  # NaN differs from any value
     _check_disorder(name, raw, clock, repeats & ~np.all(changes == 0, axis=1), limits)
-    _report_steps(name, clock.time[~repeats], limits, found)
+    _report_steps(name, clock.time[~repeats], limits, repairs)
     return clock, ~repeats
 
 
 def _report_disorder(
-    name: str, raw: Array, clock: RepairedClock, repeats: BoolArray, found: list[Repair]
+    name: str, raw: Array, clock: RepairedClock, repeats: BoolArray, repairs: list[Repair]
 ) -> None:
     """Report the faults in the order of a clock's stamps."""
     jumps = ", ".join(f"{size:.4g} s" for _, size in clock.jumps)
@@ -368,14 +368,14 @@ def _report_disorder(
     for kind, places, action in faults:
         if len(places):
             before = float(raw[max(int(places[0]) - 1, 0)])
-            found.append(Repair(name, kind, len(places), before, action))
+            repairs.append(Repair(name, kind, len(places), before, action))
 
 
 def _check_disorder(
-    name: str, raw: Array, clock: RepairedClock, other: BoolArray, limits: Repairs
+    name: str, raw: Array, clock: RepairedClock, repeated: BoolArray, limits: Repairs
 ) -> None:
-    """Raise LogError for too many stamps out of order; `other`: repeated with other values."""
-    rows = np.concatenate([clock.unknown, clock.late, clock.rows[other]])
+    """Raise LogError for too many stamps out of order; `repeated`: with other values."""
+    rows = np.concatenate([clock.unknown, clock.late, clock.rows[repeated]])
     if len(rows) > limits.most_disordered * len(raw):
         first = float(raw[max(int(np.min(rows)) - 1, 0)])
         raise LogError(
@@ -396,14 +396,14 @@ def _mean_rate(raw: Array) -> str:
     return f"{(len(finite) - 1) / float(np.ptp(finite)):.4g}"
 
 
-def _report_steps(name: str, time: Array, limits: Repairs, found: list[Repair]) -> None:
+def _report_steps(name: str, time: Array, limits: Repairs, repairs: list[Repair]) -> None:
     """Report irregular steps and gaps of a clock. Raises LogError for too much time in gaps."""
     steps = np.diff(time)
     gaps = np.flatnonzero(steps > longest_step(time))
     irregular = np.flatnonzero(irregular_steps(time))
     if len(irregular) > len(gaps):
         action = f"steps of {np.min(steps):.3g} to {np.max(steps):.3g} s, resampled"
-        found.append(
+        repairs.append(
             Repair(name, "irregular steps", len(irregular), float(time[irregular[0]]), action)
         )
     if not len(gaps):
@@ -413,7 +413,7 @@ def _report_steps(name: str, time: Array, limits: Repairs, found: list[Repair]) 
     over = int(np.sum(steps > longest))
     done = f"bridged, {over} above {longest:.3g} s excluded" if over else "bridged"
     action = f"of up to {np.max(steps):.3g} s, {done}: {lost:.1%} of the time"
-    found.append(Repair(name, "gaps", len(gaps), float(time[gaps[0]]), action))
+    repairs.append(Repair(name, "gaps", len(gaps), float(time[gaps[0]]), action))
     if lost > limits.most_missing:
         raise LogError(
             f"the clock of {name} has {len(gaps)} gaps with {lost:.1%} of the time in them, the "
