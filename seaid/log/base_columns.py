@@ -223,7 +223,7 @@ def _names(where: str, quantity: str, source: VectorSource, base: FloatingBase) 
         if base.normal is None:
             raise LogError(f"{where}: angle is that of a planar base, and this one is floating")
         return (ANGLE,)
-    names, width = _raw(quantity, source), len(source.columns)
+    names, width = _raw_names(quantity, source), len(source.columns)
     if width < len(names):
         needed = needed_columns(base, quantity) if names == CHANNELS[quantity] else names
         if width != len(needed):
@@ -232,7 +232,7 @@ def _names(where: str, quantity: str, source: VectorSource, base: FloatingBase) 
     return names
 
 
-def _raw(quantity: str, source: VectorSource) -> tuple[str, ...]:
+def _raw_names(quantity: str, source: VectorSource) -> tuple[str, ...]:
     """Return the names of the channels of a vector, which say its frame if it is to be turned."""
     frame = source.frame or _FRAMES.get(quantity)
     if quantity in CHANNELS and (frame is None or frame == _FRAMES[quantity]):

@@ -95,16 +95,16 @@ def infer_base(table: Table, inference: Inference, robot: Robot) -> BaseGuess:
     derivatives = _derivatives(vectors, inference, robot)
     for stem, names in vectors.items():
         if len(names) in (robot.n, *_widths(robot)) and _is_indexed(stem, names):
-            _generalised(guess, stem, names, inference, robot, derivatives.get(stem, ""))
-    others = _wrenches(guess, vectors, table, inference, robot)
+            _add_generalised(guess, stem, names, inference, robot, derivatives.get(stem, ""))
+    others = _add_wrenches(guess, vectors, table, inference, robot)
     for stem, names in vectors.items():
         if not set(names) & set(guess.meanings):
-            _named(guess, stem, names, inference, _scale(names, table))
+            _add_vector(guess, stem, names, inference, _scale(names, table))
     taken = {tuple(source.columns) for source in guess.base.values()}
     for sensor, names in others.items():
         if tuple(names) not in taken:
             inference.note(sensor, "a force sensor whose name is not that of one contact: not used")
-    _contacts(guess, table, vectors, inference, robot)
+    _add_contacts(guess, table, vectors, inference, robot)
     _add_loads(guess, inference, robot)
     if robot.floating_base.normal is not None:
         free = {x: table.bare(x) for x in inference.data if x not in _used(guess, robot, inference)}
@@ -291,7 +291,7 @@ def _is_quaternion(values: Array) -> bool:
     return values.shape[1] == 4 and float(np.median(np.abs(length - 1))) < _UNIT
 
 
-def _generalised(
+def _add_generalised(
     guess: BaseGuess,
     stem: str,
     names: list[str],
@@ -324,7 +324,7 @@ def _generalised(
     inference.note(about, f"taken for the robot's joints in their order ({order})")
 
 
-def _named(
+def _add_vector(
     guess: BaseGuess,
     stem: str,
     names: list[str],
@@ -367,7 +367,7 @@ def _kind_of(text: str) -> str | None:
     return next((kind for kind, words in _KINDS.items() if re.search(words, text.lower())), None)
 
 
-def _wrenches(
+def _add_wrenches(
     guess: BaseGuess,
     vectors: Mapping[str, list[str]],
     table: Table,
@@ -409,7 +409,7 @@ def _wrenches(
     return others
 
 
-def _contacts(
+def _add_contacts(
     guess: BaseGuess,
     table: Table,
     vectors: Mapping[str, list[str]],

@@ -645,7 +645,7 @@ def logs_of_files(
     """
     groups: list[list[_File]] = []
     for file in (_file_of(path, robot) for path in paths):
-        fitting = (group for group in groups if all(_belong(file, each) for each in group))
+        fitting = (group for group in groups if all(_are_of_one_log(file, each) for each in group))
         group = next(fitting, None)
         if group is None:
             groups.append([file])
@@ -675,7 +675,7 @@ _OVERLAP = 0.8
 _TORQUES = {"torque", "current", "voltage"}
 
 
-def _belong(first: _File, second: _File) -> bool:
+def _are_of_one_log(first: _File, second: _File) -> bool:
     return _complement(first, second) and _overlap(first, second)
 
 

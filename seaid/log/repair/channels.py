@@ -239,14 +239,14 @@ def unwrapped(name: str, time: Array, values: Array, period: float) -> tuple[Arr
     steps = np.diff(values)
     nearest = steps - period * np.round(steps / period)
     if np.max(np.abs(nearest), initial=0.0) > period / 4:
-        nearest = _predicted(name, time, nearest, period)
+        nearest = _predicted_steps(name, time, nearest, period)
     turns = np.round((nearest - steps) / period)
     wraps = np.flatnonzero(turns)
     whole = values + period * np.concatenate([[0.0], np.cumsum(turns)])
     return whole, len(wraps), int(wraps[0]) + 1 if len(wraps) else 0
 
 
-def _predicted(name: str, time: Array, nearest: Array, period: float) -> Array:
+def _predicted_steps(name: str, time: Array, nearest: Array, period: float) -> Array:
     """Return steps shifted by whole periods to be nearest to the speed around them."""
     durations, steps = np.diff(time).tolist(), nearest.tolist()
     long = _GAP * float(np.median(durations))
