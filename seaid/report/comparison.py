@@ -131,17 +131,17 @@ class Comparison(Result):
     measures: tuple[ExcitationMeasures, ExcitationMeasures] | None = None
 
     def _in_short(self) -> str:
-        significant = sum(one.is_significant for one in self.differences)
+        significant = sum(d.is_significant for d in self.differences)
         total = counted(len(self.differences), "parameter")
         return f"{self.names[0]}, {self.names[1]}: {significant} of {total} differ significantly"
 
     @property
     def sentence(self) -> str:
         """How many parameters differ, and what the standard errors of the differences assume."""
-        significant = [one.text for one in self.differences if one.is_significant]
+        significant = [d.text for d in self.differences if d.is_significant]
         total = counted(len(self.differences), "parameter")
-        found = f"{len(significant)} of {total} differ significantly"
-        return f"{found}. {_SENTENCES[self.dependence]}"
+        count = f"{len(significant)} of {total} differ significantly"
+        return f"{count}. {_SENTENCES[self.dependence]}"
 
     @property
     def efficiency(self) -> float:
@@ -182,10 +182,10 @@ def comparison_of(
     """
     groups: dict[str, GroupTest] = {}
     differences: list[Difference] = []
-    for group, one, other in _pairs(first, second):
-        shared = [name for name in one.names if name in other.names]
+    for group, old, new in _pairs(first, second):
+        shared = [name for name in old.names if name in new.names]
         if shared:
-            both = [x.part([x.names.index(name) for name in shared], shared) for x in (one, other)]
+            both = [x.part([x.names.index(name) for name in shared], shared) for x in (old, new)]
             groups[group or "load"] = _group_test(*both)
             differences += _differences(group, *both)
     if not differences:
@@ -193,13 +193,13 @@ def comparison_of(
             f"'{first.robot.name}' and '{second.robot.name}' have no parameter in common: compare "
             "identifications of one robot, with the same known bodies"
         )
-    mine, theirs = (_all_names(one) for one in (first, second))
+    first_names, second_names = (_all_names(identification) for identification in (first, second))
     return Comparison(
         names=names,
         differences=_with_significance(differences),
         only=(
-            tuple(name for name in mine if name not in theirs),
-            tuple(name for name in theirs if name not in mine),
+            tuple(name for name in first_names if name not in second_names),
+            tuple(name for name in second_names if name not in first_names),
         ),
         groups=groups,
         dependence=_dependence(first, second),
@@ -207,12 +207,14 @@ def comparison_of(
     )
 
 
-def measures_of(found: Identification, robot: Robot | None = None) -> ExcitationMeasures | None:
+def measures_of(result: Identification, robot: Robot | None = None) -> ExcitationMeasures | None:
     """Return the measures of the motions of an identification, None if they are not kept."""
-    if not found.motions:
+    if not result.motions:
         return None
     try:
-        return excitation_measures(robot or found.robot, found.motions, found.model.torque_joints)
+        return excitation_measures(
+            robot or result.robot, result.motions, result.model.torque_joints
+        )
     except SeaidError:  # a joint without position
         return None
 
@@ -223,10 +225,10 @@ def _measures(
     """Return the measures of two identifications of the same parameters."""
     if first.model.torque_joints != second.model.torque_joints:
         return None
-    one, other = (measures_of(each, first.robot) for each in (first, second))
-    if one is None or other is None or one.parameters != other.parameters:
+    old, new = (measures_of(each, first.robot) for each in (first, second))
+    if old is None or new is None or old.parameters != new.parameters:
         return None
-    return one, other
+    return old, new
 
 
 def comparison_of_parameters(
@@ -236,19 +238,19 @@ def comparison_of_parameters(
 
     So there is no test of a drive or of the base parameters as a whole.
     """
-    mine, theirs = (_parameters(Path(path)) for path in (first, second))
+    old, new = (_parameters(Path(path)) for path in (first, second))
     differences = [
-        _difference(joint, name, value, theirs[joint, name])
-        for (joint, name), value in mine.items()
-        if (joint, name) in theirs
+        _difference(joint, name, value, new[joint, name])
+        for (joint, name), value in old.items()
+        if (joint, name) in new
     ]
     if not differences:
         raise IdentificationError(
             f"'{first}' and '{second}' have no parameter in common: compare files of one robot"
         )
     only = [
-        tuple(readable(JointParameter(name, joint)) if joint else name for joint, name in found)
-        for found in ([x for x in mine if x not in theirs], [x for x in theirs if x not in mine])
+        tuple(readable(JointParameter(name, joint)) if joint else name for joint, name in keys)
+        for keys in ([x for x in old if x not in new], [x for x in new if x not in old])
     ]
     return Comparison(names, _with_significance(differences), (only[0], only[1]), {}, "unknown")
 
@@ -283,21 +285,21 @@ def _or_nan(value: Any) -> float:
     return nan if value is None else float(value)
 
 
-def _difference(joint: str, name: str, one: _Value, other: _Value) -> Difference:
-    values, errors = ([x[key] for x in (one, other)] for key in ("value", "standard_error"))
+def _difference(joint: str, name: str, old: _Value, new: _Value) -> Difference:
+    values, errors = ([x[key] for x in (old, new)] for key in ("value", "standard_error"))
     freedoms = [
-        _freedom_of(x["interval_95"], error) for x, error in zip((one, other), errors, strict=True)
+        _freedom_of(x["interval_95"], error) for x, error in zip((old, new), errors, strict=True)
     ]
     first, second = values
     p_value = _p_value(second - first, errors, freedoms)
-    return Difference(name, joint, one["unit"], first, second, errors[0], errors[1], p_value)
+    return Difference(name, joint, old["unit"], first, second, errors[0], errors[1], p_value)
 
 
 def _freedom_of(interval: Sequence[float], error: float) -> float:
     """Return the degrees of freedom of Student's t, whose 97.5 % point is half width over error."""
     low, high = interval
-    found = float(stdtridf(0.975, (high - low) / (2 * error))) if error > 0 else nan
-    return found if isfinite(found) and found < _NORMAL else inf
+    freedom = float(stdtridf(0.975, (high - low) / (2 * error))) if error > 0 else nan
+    return freedom if isfinite(freedom) and freedom < _NORMAL else inf
 
 
 _NORMAL = 1e6
@@ -314,28 +316,28 @@ def _pairs(
     yield "", first.load, second.load
 
 
-def _all_names(found: Identification) -> list[str]:
+def _all_names(identification: Identification) -> list[str]:
     drives = [
         readable(JointParameter(name, joint))
-        for joint, estimate in found.drives.items()
+        for joint, estimate in identification.drives.items()
         for name in estimate.names
     ]
-    return [*drives, *found.load.names]
+    return [*drives, *identification.load.names]
 
 
-def _differences(joint: str, one: Estimate, other: Estimate) -> Iterator[Difference]:
-    for place, name in enumerate(one.names):
-        errors = [float(x.standard_errors[place]) for x in (one, other)]
-        change = float(other.values[place] - one.values[place])
+def _differences(joint: str, old: Estimate, new: Estimate) -> Iterator[Difference]:
+    for place, name in enumerate(old.names):
+        errors = [float(x.standard_errors[place]) for x in (old, new)]
+        change = float(new.values[place] - old.values[place])
         yield Difference(
             name=name,
             joint=joint,
-            unit=one.units[place],
-            first=float(one.values[place]),
-            second=float(other.values[place]),
+            unit=old.units[place],
+            first=float(old.values[place]),
+            second=float(new.values[place]),
             first_error=errors[0],
             second_error=errors[1],
-            p_value=_p_value(change, errors, [_freedom(x, place) for x in (one, other)]),
+            p_value=_p_value(change, errors, [_freedom(x, place) for x in (old, new)]),
         )
 
 
@@ -346,29 +348,29 @@ def _freedom(estimate: Estimate, place: int) -> float:
 
 def _p_value(change: float, errors: Sequence[float], freedoms: Sequence[float]) -> float:
     """Return the two-sided probability by Welch's test, 1 where neither has a standard error."""
-    variance = sum(one**2 for one in errors)
+    variance = sum(s**2 for s in errors)
     if not variance > 0:
         return nan if variance != 0 else float(change == 0)
     # Welch and Satterthwaite: (s1^2 + s2^2)^2 / (s1^4 / nu1 + s2^4 / nu2)
-    spread = sum((one**2 / variance) ** 2 / nu for one, nu in zip(errors, freedoms, strict=True))
+    spread = sum((s**2 / variance) ** 2 / nu for s, nu in zip(errors, freedoms, strict=True))
     return float(2 * stdtr(1 / spread if spread else 1e12, -abs(change) / sqrt(variance)))
 
 
 def _with_significance(differences: Sequence[Difference]) -> tuple[Difference, ...]:
     count = len(differences)
-    return tuple(replace(one, is_significant=one.p_value * count < _LEVEL) for one in differences)
+    return tuple(replace(d, is_significant=d.p_value * count < _LEVEL) for d in differences)
 
 
-def _group_test(one: Estimate, other: Estimate) -> GroupTest:
+def _group_test(old: Estimate, new: Estimate) -> GroupTest:
     """Return d' (C1 + C2)^-1 d of the differences d, with their covariances."""
-    change = other.values - one.values
-    covariance = one.covariance + other.covariance
-    there = np.isfinite(change) & np.isfinite(np.diag(covariance)) & (np.diag(covariance) > 0)
-    if not np.any(there):
+    change = new.values - old.values
+    covariance = old.covariance + new.covariance
+    usable = np.isfinite(change) & np.isfinite(np.diag(covariance)) & (np.diag(covariance) > 0)
+    if not np.any(usable):
         return GroupTest(nan, 0, nan)
-    scale = np.sqrt(np.diag(covariance)[there])
-    solved = scaled_svd(covariance[np.ix_(there, there)] / np.outer(scale, scale))
-    scores = change[there] / scale
+    scale = np.sqrt(np.diag(covariance)[usable])
+    solved = scaled_svd(covariance[np.ix_(usable, usable)] / np.outer(scale, scale))
+    scores = change[usable] / scale
     chi_square = float(scores @ solved.solve(scores))
     rank = solved.rank()
     return GroupTest(chi_square, rank, float(chdtrc(rank, max(chi_square, 0.0))))
@@ -377,23 +379,23 @@ def _group_test(one: Estimate, other: Estimate) -> GroupTest:
 def _dependence(first: Identification, second: Identification) -> Dependence:
     if not (first.motions and second.motions):
         return "unknown"
-    shared = any(_of_one_log(one, other) for one in first.motions for other in second.motions)
+    shared = any(_is_same_log(a, b) for a in first.motions for b in second.motions)
     return "correlated" if shared else "independent"
 
 
-def _of_one_log(one: Motion, other: Motion) -> bool:
+def _is_same_log(first: Motion, second: Motion) -> bool:
     """Return whether the unfiltered torques of two motions are equal at their common instants.
 
     Positions would not do: the same planned motion is recorded cold and warm.
     """
-    _, mine, theirs = np.intersect1d(one.time, other.time, return_indices=True)
-    if not len(mine) or one.joint_names != other.joint_names:
+    _, i, j = np.intersect1d(first.time, second.time, return_indices=True)
+    if not len(i) or first.joint_names != second.joint_names:
         return False
-    pairs = [(getattr(one, name), getattr(other, name)) for name in INPUT_FIELDS.values()]
-    pairs.append((one.joint_torque, other.joint_torque))
+    pairs = [(getattr(first, name), getattr(second, name)) for name in INPUT_FIELDS.values()]
+    pairs.append((first.joint_torque, second.joint_torque))
     equal = [
-        np.isclose(a[mine], b[theirs], rtol=1e-9, atol=0)[np.isfinite(a[mine]) & (a[mine] != 0)]
+        np.isclose(a[i], b[j], rtol=1e-9, atol=0)[np.isfinite(a[i]) & (a[i] != 0)]
         for a, b in pairs
         if a is not None and b is not None
     ]
-    return bool(np.any([np.mean(one) > _COMMON for one in equal if len(one)]))
+    return bool(np.any([np.mean(part) > _COMMON for part in equal if len(part)]))

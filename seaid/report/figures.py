@@ -104,10 +104,10 @@ def save_frequency_figure(found: FrequencyResponse, path: str | Path) -> None:
     lines = {"fit": (found.model, "black", "-"), "identification": (found.identified, "C1", "--")}
     for place, joint in enumerate(found.joints):
         upper, lower = axes[:, place]
-        own = found.response[:, place, place]
+        measured = found.response[:, place, place]
         dots = {"color": "0.45", "marker": "o", "markersize": 3, "linestyle": "none"}
-        upper.loglog(hz, np.abs(own), **dots, label="measured")
-        lower.semilogx(hz, np.degrees(np.angle(own)), **dots)
+        upper.loglog(hz, np.abs(measured), **dots, label="measured")
+        lower.semilogx(hz, np.degrees(np.angle(measured)), **dots)
         for name, style, std in (
             ("deviation by noise", ":", found.noise_std),
             ("deviation in total", "-.", found.total_std),
@@ -116,9 +116,9 @@ def save_frequency_figure(found: FrequencyResponse, path: str | Path) -> None:
                 upper.loglog(hz, std[:, place, place], style, color="0.6", lw=0.9, label=name)
         for name, (response, color, style) in lines.items():
             if response is not None:
-                one = response[:, place, place]
-                upper.loglog(hz, np.abs(one), style, color=color, lw=1.1, label=name)
-                lower.semilogx(hz, np.degrees(np.angle(one)), style, color=color, lw=1.1)
+                curve = response[:, place, place]
+                upper.loglog(hz, np.abs(curve), style, color=color, lw=1.1, label=name)
+                lower.semilogx(hz, np.degrees(np.angle(curve)), style, color=color, lw=1.1)
         if joint in found.drives:
             marks = (("resonance", "tab:red"), ("antiresonance", "tab:blue"))
             for name, color in marks:

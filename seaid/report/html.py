@@ -141,33 +141,34 @@ def write_report(
     >>> checked = seaid.validate(result, seaid.read_log("other.csv", robot))
     >>> seaid.write_report(result, "report.html", checked, facts={"place": "Eindhoven"})
     """
-    path, found = _page_path(path), identification
-    given = nominal or found.nominal or found.known
-    if given.joint_names != found.robot.joint_names:
+    path = _page_path(path)
+    nominal_robot = nominal or identification.nominal or identification.known
+    if nominal_robot.joint_names != identification.robot.joint_names:
         raise SeaidError(
-            f"nominal=: the joints {', '.join(given.joint_names)}, but the identified robot has "
-            f"{', '.join(found.robot.joint_names)}: give the same robot with nominal values"
+            f"nominal=: the joints {', '.join(nominal_robot.joint_names)}, but the identified "
+            f"robot has {', '.join(identification.robot.joint_names)}: give the same robot with "
+            "nominal values"
         )
-    results = _checked(found, validations)
-    if frequency is not None and not set(frequency.joints) <= set(found.robot.joint_names):
+    results = _checked(identification, validations)
+    if frequency is not None and not set(frequency.joints) <= set(identification.robot.joint_names):
         raise SeaidError(
             f"frequency=: the joints {', '.join(frequency.joints)}, but the identified robot has "
-            f"{', '.join(found.robot.joint_names)}: give a response of the same robot"
+            f"{', '.join(identification.robot.joint_names)}: give a response of the same robot"
         )
     moved = [replays] if isinstance(replays, ReplayComparison) else list(replays)
-    runs = runs_of(found, results)
-    values, posture = nominal_values(found, given), posture_of(found)
+    runs = runs_of(identification, results)
+    values, posture = nominal_values(identification, nominal_robot), posture_of(identification)
     content = {
-        **_parameters(found, given, values, posture),
-        **_experiment(found, _checked_facts(facts or {})),
-        **_motions(found, runs, values, posture, moved, tuple(notes)),
-        "replays": [_replay(found, one) for one in moved],
+        **_parameters(identification, nominal_robot, values, posture),
+        **_experiment(identification, _checked_facts(facts or {})),
+        **_motions(identification, runs, values, posture, moved, tuple(notes)),
+        "replays": [_replay(identification, replay) for replay in moved],
         "frequency": frequency,
         "responses": [] if frequency is None else response_figures(frequency),
         "springs": None if frequency is None else response_table(frequency),
-        "parameters": _packed_parameters(found, results),
+        "parameters": _packed_parameters(identification, results),
     }
-    write_whole(path, _rendered("report.html.j2", robot=found.robot.name, **content))
+    write_whole(path, _rendered("report.html.j2", robot=identification.robot.name, **content))
 
 
 @checked(SeaidError)
@@ -204,19 +205,19 @@ def write_comparison(
     result = comparison_of(first, second, names=names)
     labels = {}
     for joint in first.robot.joint_names:
-        own = [one for one in result.differences if one.joint == joint]
-        differs = [one for one in own if one.is_significant]
-        said = ", ".join(one.name.replace("_", " ") for one in differs)
-        colour = "none" if not own else "poor" if differs else "good"
-        labels[joint] = Label(joint, said or ("no difference" if own else "no drive"), colour)
+        changes = [difference for difference in result.differences if difference.joint == joint]
+        differs = [difference for difference in changes if difference.is_significant]
+        said = ", ".join(difference.name.replace("_", " ") for difference in differs)
+        colour = "none" if not changes else "poor" if differs else "good"
+        labels[joint] = Label(joint, said or ("no difference" if changes else "no drive"), colour)
     tests = [
         (
             "base parameters" if group == "load" else f"drive of {group}",
-            short(one.chi_square),
-            one.freedom,
-            probability(one.p_value),
+            short(test.chi_square),
+            test.freedom,
+            probability(test.p_value),
         )
-        for group, one in result.groups.items()
+        for group, test in result.groups.items()
     ]
     page = _rendered(
         "comparison.html.j2",
@@ -226,7 +227,8 @@ def write_comparison(
         tests=tests,
         table=difference_table(result),
         numbers=[
-            (name, _identified_from(one)) for name, one in zip(names, (first, second), strict=True)
+            (name, _identified_from(identification))
+            for name, identification in zip(names, (first, second), strict=True)
         ],
         motions=measure_facts(names, result.measures),
     )
@@ -262,7 +264,7 @@ def write_calibration(found: StaticCalibration, path: str | Path, *, name: str =
     direction = np.asarray(statics.direction)
     x = np.linspace(float(statics.reading.min()), float(statics.reading.max()), 161)
     axes = Axis("reading", statics.reading_unit), Axis("load", statics.load_unit)
-    left = statics.load - law
+    residual = statics.load - law
     up, down = direction >= 0, direction < 0
     curves = [
         Layer(statics.reading[up], statics.load[up], "sample up"),
@@ -270,8 +272,8 @@ def write_calibration(found: StaticCalibration, path: str | Path, *, name: str =
         Layer(x, found.load_at(x), "identified", "line"),
     ]
     residuals = [
-        Layer(statics.load[up], left[up], "sample up"),
-        Layer(statics.load[down], left[down], "sample down"),
+        Layer(statics.load[up], residual[up], "sample up"),
+        Layer(statics.load[down], residual[down], "sample down"),
         *(
             Layer(statics.load[of], np.full(int(of.sum()), level), "identified", "line")
             for of, level in ((up, friction), (down, -friction))
@@ -294,11 +296,11 @@ def write_calibration(found: StaticCalibration, path: str | Path, *, name: str =
     write_whole(path, page)
 
 
-def _identified_from(found: Identification) -> str:
-    motions = len(found.motions)
-    length = sum(float(one.time[-1] - one.time[0]) for one in found.motions)
+def _identified_from(identification: Identification) -> str:
+    motions = len(identification.motions)
+    length = sum(float(motion.time[-1] - motion.time[0]) for motion in identification.motions)
     logs = f"{length:.4g} s in {counted(motions, 'motion')}" if motions else "logs read in pieces"
-    return f"{logs}, below {found.cutoff_hz:.3g} Hz: {found.verdict.sentence}"
+    return f"{logs}, below {identification.cutoff_hz:.3g} Hz: {identification.verdict.sentence}"
 
 
 def _page_path(path: str | Path) -> Path:
@@ -308,12 +310,12 @@ def _page_path(path: str | Path) -> Path:
     return path
 
 
-def runs_of(found: Identification, results: Sequence[Validation]) -> list[Run]:
+def runs_of(identification: Identification, results: Sequence[Validation]) -> list[Run]:
     """Return all motions of a page: those used for identification, then the validations."""
-    own = [compared(found, motion) for motion in found.motions]
-    runs = [Run(_name("own log", place, own), one, False) for place, one in enumerate(own)]
+    fits = [compared(identification, motion) for motion in identification.motions]
+    runs = [Run(_name("own log", place, fits), fit, False) for place, fit in enumerate(fits)]
     for place, result in enumerate(results):
-        seen = any(_same(result, one) for one in own)
+        seen = any(_is_same_motion(result, fit) for fit in fits)
         name = _name("validation", place, results)
         runs.append(Run(name, result, not seen))
     return runs
@@ -323,29 +325,32 @@ def _name(kind: str, place: int, every: Sequence[Any]) -> str:
     return f"{kind} {place + 1}" if len(every) > 1 else kind
 
 
-def _same(one: Validation, other: Validation) -> bool:
+def _is_same_motion(first: Validation, second: Validation) -> bool:
     """Return whether two validations are of the same motion."""
-    return one.load.measured.shape == other.load.measured.shape and all(
+    return first.load.measured.shape == second.load.measured.shape and all(
         np.allclose(a, b, rtol=1e-9, atol=0, equal_nan=True)
         for a, b in (
-            (one.time, other.time),
-            (one.actuator.measured, other.actuator.measured),
-            (one.load.measured, other.load.measured),
+            (first.time, second.time),
+            (first.actuator.measured, second.actuator.measured),
+            (first.load.measured, second.load.measured),
         )
     )
 
 
-def _checked(found: Identification, results: Validation | Iterable[Validation]) -> list[Validation]:
+def _checked(
+    identification: Identification, results: Validation | Iterable[Validation]
+) -> list[Validation]:
     every = [results] if isinstance(results, Validation) else list(results)
-    for one in every:
-        if not isinstance(one, Validation):
-            kind = type(one).__name__
+    for validation in every:
+        if not isinstance(validation, Validation):
+            kind = type(validation).__name__
             raise SeaidError(f"validations= must be Validations, found {kind}")
-        if one.joints != found.robot.joint_names:
+        if validation.joints != identification.robot.joint_names:
             raise SeaidError(
-                f"validations: a validation of the joints {', '.join(one.joints)}, but the "
-                f"identified robot '{found.robot.name}' has {', '.join(found.robot.joint_names)}: "
-                "validate the identification of the report"
+                f"validations: a validation of the joints {', '.join(validation.joints)}, but the "
+                f"identified robot '{identification.robot.name}' has "
+                f"{', '.join(identification.robot.joint_names)}: validate the identification of "
+                "the report"
             )
     return every
 
@@ -374,45 +379,45 @@ def _rendered(template: str, **content: Any) -> str:
 
 
 def _parameters(
-    found: Identification, given: Robot, nominal: Nominal, posture: Posture
+    result: Identification, robot: Robot, nominal: Nominal, posture: Posture
 ) -> dict[str, Any]:
     """Return the template values of the estimates."""
     return {
-        "drives": drive_table(found, given),
-        "actuators": actuator_figures(found, given),
-        "base": base_table(found, nominal),
-        "links": bodies_table(found, given),
-        "whole": whole_body_table(found),
+        "drives": drive_table(result, robot),
+        "actuators": actuator_figures(result, robot),
+        "base": base_table(result, nominal),
+        "links": bodies_table(result, robot),
+        "whole": whole_body_table(result),
         "bodies": bodies_picture(
-            posture, given.parameters, found.robot.parameters, "Ellipsoids of inertia of the links"
+            posture, robot.parameters, result.robot.parameters, "Ellipsoids of inertia of the links"
         ),
-        "feasible": found.feasible,
-        "terms": term_table(found),
-        "residuals": residual_table(found),
-        "conditions": condition_table(found),
-        "singular": _singular(found),
-        "correlations": _correlations(found),
+        "feasible": result.feasible,
+        "terms": term_table(result),
+        "residuals": residual_table(result),
+        "conditions": condition_table(result),
+        "singular": _singular(result),
+        "correlations": _correlations(result),
     }
 
 
-def _experiment(found: Identification, facts: list[tuple[str, str]]) -> dict[str, Any]:
+def _experiment(identification: Identification, facts: list[tuple[str, str]]) -> dict[str, Any]:
     """Return the template values of data, settings and experiment."""
     return {
-        "cutoff": f"{found.cutoff_hz:.3g}",
-        "logs": log_facts(found),
-        "used": settings_facts(found),
-        "known": known_table(found),
-        "setup": setup_rows(found),
-        "excitation": excitation_table(found),
-        "measures": measure_facts(("",), (measures_of(found),)),
+        "cutoff": f"{identification.cutoff_hz:.3g}",
+        "logs": log_facts(identification),
+        "used": settings_facts(identification),
+        "known": known_table(identification),
+        "setup": setup_rows(identification),
+        "excitation": excitation_table(identification),
+        "measures": measure_facts(("",), (measures_of(identification),)),
         "command": [text for name, text in facts if name.lower() == "command"],
-        "facts": [one for one in facts if one[0].lower() != "command"],
+        "facts": [fact for fact in facts if fact[0].lower() != "command"],
         "versions": versions(),
     }
 
 
 def _motions(
-    found: Identification,
+    identification: Identification,
     runs: Sequence[Run],
     nominal: Nominal,
     posture: Posture,
@@ -420,20 +425,20 @@ def _motions(
     notes: Sequence[str],
 ) -> dict[str, Any]:
     """Return the template values of the first screen and of the motions."""
-    errors = error_rows(found, runs)
-    traces = traces_of(found, runs)
+    errors = error_rows(identification, runs)
+    traces = traces_of(identification, runs)
     pictured = ([run for run in runs if run.is_unseen] or list(runs))[:1]
-    notices = notices_of(found, runs, replays, notes)
+    notices = notices_of(identification, runs, replays, notes)
     labels = _labels(
-        found, pictured, {x for one in notices if one.severity != "note" for x in one.joints}
+        identification, pictured, {x for n in notices if n.severity != "note" for x in n.joints}
     )
     return {
-        "verdict": page_verdict(found, runs, replays),
+        "verdict": page_verdict(identification, runs, replays),
         "notices": notices,
         "picture": robot_picture(
             posture, labels, "The robot: how well the torque of each joint is explained"
         ),
-        "bars": _bars(found, pictured, nominal),
+        "bars": _bars(identification, pictured, nominal),
         "pictured": [run.name for run in pictured],
         "is_unseen": any(run.is_unseen for run in pictured),
         "errors": error_table(errors),
@@ -443,8 +448,8 @@ def _motions(
             if run.result.contacts is not None
         ],
         "all_errors": len(errors),
-        "printed": [one for run in pictured for one in printed_traces(run)],
-        "has_own": bool(found.motions),
+        "printed": [picture for run in pictured for picture in printed_traces(run)],
+        "has_own": bool(identification.motions),
         "has_runs": bool(runs),
         "traces": _as_json(traces),
         "without_traces": len(runs) - len(traces["runs"]),
@@ -455,12 +460,12 @@ _REPLAY_SAMPLES = 1200
 """Most samples of a drawn trace of a replay."""
 
 
-def _replay(found: Identification, result: ReplayComparison) -> dict[str, Any]:
+def _replay(identification: Identification, result: ReplayComparison) -> dict[str, Any]:
     """Return the template values of a replay: errors, and traces from the largest error down."""
-    if not {*result.joints} <= {*found.robot.joint_names}:
+    if not {*result.joints} <= {*identification.robot.joint_names}:
         raise SeaidError(
             f"replays=: a replay of the joints {', '.join(result.joints)}, but the identified "
-            f"robot '{found.robot.name}' has {', '.join(found.robot.joint_names)}"
+            f"robot '{identification.robot.name}' has {', '.join(identification.robot.joint_names)}"
         )
     step, time = -(-len(result.time) // _REPLAY_SAMPLES), axis_time(result.time)
     before, after = result.rms_errors
@@ -486,9 +491,9 @@ def _replay(found: Identification, result: ReplayComparison) -> dict[str, Any]:
     }
 
 
-def _labels(found: Identification, pictured: Sequence[Run], flagged: set[str]) -> dict[str, Label]:
+def _labels(result: Identification, pictured: Sequence[Run], flagged: set[str]) -> dict[str, Label]:
     """Return how well each joint is explained: on the load side, else on the actuator side."""
-    errors, rests = np.full(found.robot.n, np.nan), np.zeros(found.robot.n, dtype=bool)
+    errors, rests = np.full(result.robot.n, np.nan), np.zeros(result.robot.n, dtype=bool)
     for run in pictured:
         load, actuator = run.result.load, run.result.actuator
         errors = np.where(
@@ -503,7 +508,7 @@ def _labels(found: Identification, pictured: Sequence[Run], flagged: set[str]) -
             joint in flagged,
         )
         for joint, error, is_at_rest in zip(
-            found.robot.joint_names, errors.tolist(), rests.tolist(), strict=True
+            result.robot.joint_names, errors.tolist(), rests.tolist(), strict=True
         )
     }
 
@@ -511,9 +516,9 @@ def _labels(found: Identification, pictured: Sequence[Run], flagged: set[str]) -
 _NO_ERROR = {False: "no torque", True: "stands still"}
 
 
-def _bars(found: Identification, pictured: Sequence[Run], nominal: Nominal) -> dict[str, Any]:
+def _bars(result: Identification, pictured: Sequence[Run], nominal: Nominal) -> dict[str, Any]:
     """Return the errors before and after: bars of each side, as parts of the largest shown."""
-    rows = [row for run in pictured for row in _before_and_after(found, nominal, run.result)]
+    rows = [row for run in pictured for row in _before_and_after(result, nominal, run.result)]
     known = [x for row in rows for x in (row.before, row.after) if np.isfinite(x)]
     full = min(max(known, default=1.0), 1.0) or 1.0
     shown = [
@@ -532,35 +537,35 @@ def _bars(found: Identification, pictured: Sequence[Run], nominal: Nominal) -> d
     ]
     sides = []
     for side, name in (("load", "Torque on the load"), ("actuator", "Torque of the motor")):
-        every = [one for one in shown if one["side"] == side]
-        reasons = {one["reason"] for one in every}
+        every = [bar for bar in shown if bar["side"] == side]
+        reasons = {bar["reason"] for bar in every}
         reason = reasons.pop() if len(reasons) == 1 else ""
         parts = {"few": every[:_FEW_BARS], "more": every[_FEW_BARS:]}
         sides += [{"name": name, "reason": reason, **parts}] if every else []
-    has_rests = any(one["counted"] for one in shown)
+    has_rests = any(bar["counted"] for bar in shown)
     return {"sides": sides, "full": share(full), "has_rests": has_rests}
 
 
 def _before_and_after(
-    found: Identification, nominal: Nominal, result: Validation
+    identification: Identification, nominal: Nominal, result: Validation
 ) -> list[BeforeAfter]:
     """Return the errors of the nominal and of the identified values on one motion."""
-    given = with_nominal_values(found, nominal)
-    before = compared(given, *result.motions) if result.motions else None
+    nominal_result = with_nominal_values(identification, nominal)
+    before = compared(nominal_result, *result.motions) if result.motions else None
     return before_and_after(nominal, before, result)
 
 
-def _packed_parameters(found: Identification, results: Sequence[Validation]) -> str:
+def _packed_parameters(identification: Identification, results: Sequence[Validation]) -> str:
     """Return parameters.json, compressed, as base64; empty if its groupings are too large."""
-    if found.base.grouping.size > _LARGEST_GROUPING:
+    if identification.base.grouping.size > _LARGEST_GROUPING:
         return ""
-    content = found.to_dict(results[0] if results else None)
+    content = identification.to_dict(results[0] if results else None)
     text = json.dumps(plain(content), indent=2, allow_nan=False)
     return base64.b64encode(gzip.compress(text.encode(), mtime=0)).decode("ascii")
 
 
-def _singular(found: Identification) -> dict[str, Any] | None:
-    values = singular_values(found)
+def _singular(identification: Identification) -> dict[str, Any] | None:
+    values = singular_values(identification)
     if values is None:
         return None
     return {
@@ -570,9 +575,9 @@ def _singular(found: Identification) -> dict[str, Any] | None:
     }
 
 
-def _correlations(found: Identification) -> dict[str, Any]:
-    shown = correlation_map(found)
-    strongest = [(one, other, short(value, 2)) for one, other, value in shown.strongest]
+def _correlations(identification: Identification) -> dict[str, Any]:
+    shown = correlation_map(identification)
+    strongest = [(first, second, short(value, 2)) for first, second, value in shown.strongest]
     return {
         "map": shown,
         "cells": cells_of(shown),

@@ -42,7 +42,7 @@ _SIGN_WIDTH = 1e-6
 _FRICTION = {name for terms in PARAMETERS_OF["friction"].values() for name in terms}
 _SPRING = {name for terms in PARAMETERS_OF["spring"].values() for name in terms}
 _SPRING |= {"spring_offset"}
-_SHAPES = {name for name, one in PARAMETERS.items() if one.starts}
+_SHAPES = {name for name, parameter in PARAMETERS.items() if parameter.starts}
 """Parameters whose columns are slopes, no parts of a torque."""
 
 
@@ -79,25 +79,25 @@ class _Samples:
     force: Array
 
 
-def actuator_figures(found: Identification, nominal: Robot) -> list[ActuatorFigures]:
+def actuator_figures(result: Identification, nominal: Robot) -> list[ActuatorFigures]:
     """Return the figures of every joint with friction or a spring, none for long logs."""
-    motions = fitted_motions(found)
-    most = max(60, min(_MOST_SAMPLES, _ROOM // max(2 * found.robot.n, 1)))
-    stiff = [_stiff_sides(found, motion) for motion in motions]
+    motions = fitted_motions(result)
+    most = max(60, min(_MOST_SAMPLES, _ROOM // max(2 * result.robot.n, 1)))
+    stiff = [_stiff_sides(result, motion) for motion in motions]
     figures = []
-    for joint in found.known.joint_names if motions else ():
-        drive = found.known.drives[joint]
+    for joint in result.known.joint_names if motions else ():
+        drive = result.known.drives[joint]
         sides = [
-            _elastic_side(found, motion, joint) if drive.is_elastic else of_motion.get(joint)
+            _elastic_side(result, motion, joint) if drive.is_elastic else of_motion.get(joint)
             for motion, of_motion in zip(motions, stiff, strict=True)
         ]
-        index = found.known.index(joint)
-        there = ((motion, own) for motion, own in zip(motions, sides, strict=True) if own)
-        parts = [_samples(motion, index, own) for motion, own in there]
-        if not any(len(one.speed) for one in parts):
+        index = result.known.index(joint)
+        pairs = ((motion, side) for motion, side in zip(motions, sides, strict=True) if side)
+        parts = [_samples(motion, index, side) for motion, side in pairs]
+        if not any(len(part.speed) for part in parts):
             continue
         samples = _thinned(parts, most)
-        identified = _identified(found, joint)
+        identified = _identified(result, joint)
         friction = spring = None
         if drive.friction:
             friction = _friction_figure(joint, samples, identified, nominal.drives[joint])
@@ -109,28 +109,28 @@ def actuator_figures(found: Identification, nominal: Robot) -> list[ActuatorFigu
     return figures
 
 
-def _identified(found: Identification, joint: str) -> Drive:
+def _identified(identification: Identification, joint: str) -> Drive:
     """Return the drive with the values of its equations, as they were identified."""
-    drive = found.known.drives[joint]
-    estimate = found.drive_side.get(joint)
+    drive = identification.known.drives[joint]
+    estimate = identification.drive_side.get(joint)
     if estimate is None:
         return drive
     values = dict(zip(estimate.names, estimate.values.tolist(), strict=True))
-    own = {
+    valid = {
         name: max(value, 0.0) if parameter_named(name).is_positive else value
         for name, value in values.items()
         if name in drive.parameter_names and (value > 0 or name != "stiffness")
     }
-    return drive.with_values(own)
+    return drive.with_values(valid)
 
 
 def _thinned(parts: Sequence[_Samples], most: int) -> _Samples:
     whole = [
-        np.concatenate([getattr(one, name) for one in parts])
+        np.concatenate([getattr(part, name) for part in parts])
         for name in ("speed", "friction", "x", "force")
     ]
     kept = np.unique(np.linspace(0, len(whole[0]) - 1, most).astype(int))
-    return _Samples(*(one[kept] for one in whole))
+    return _Samples(*(column[kept] for column in whole))
 
 
 def _samples(motion: Motion, index: int, sides: tuple[Array, Array, Array]) -> _Samples:
@@ -142,33 +142,34 @@ def _samples(motion: Motion, index: int, sides: tuple[Array, Array, Array]) -> _
         inside &= ~motion.bridged
     kept = inside & ~standstill(motion, index)
     speed = motion.motor_velocity[:, index]
-    return _Samples(*(one[kept] for one in (in_band(motion, speed), *sides)))
+    return _Samples(*(values[kept] for values in (in_band(motion, speed), *sides)))
 
 
 def _elastic_side(
-    found: Identification, motion: Motion, joint: str
+    identification: Identification, motion: Motion, joint: str
 ) -> tuple[Array, Array, Array] | None:
     """Return friction at the motor, deflection from the spring's zero, and spring force (T,)."""
-    estimate, drive = found.drive_side[joint], found.known.drives[joint]
-    regressor, zeta, R = actuator_columns(found.known, motion, joint)
+    estimate, drive = identification.drive_side[joint], identification.known.drives[joint]
+    regressor, zeta, R = actuator_columns(identification.known, motion, joint)
     if not set(regressor.names) <= set(estimate.names):
         return None
     values = np.array([estimate.value(name) for name in regressor.names])
     offset = estimate.value("torque_offset") if "torque_offset" in estimate.names else 0.0
     parts = R * values
     is_motor = bool(regressor.signals & {"tau_M", "i_M", "u_M"})
-    left = zeta - np.sum(parts, axis=1) - (offset if is_motor else 0.0)
-    own = {
-        kind: left + np.sum(parts[:, [name in names - _SHAPES for name in regressor.names]], axis=1)
+    residual = zeta - np.sum(parts, axis=1) - (offset if is_motor else 0.0)
+    torques = {
+        kind: residual
+        + np.sum(parts[:, [name in names - _SHAPES for name in regressor.names]], axis=1)
         for kind, names in (("friction", _FRICTION), ("spring", _SPRING))
     }
     lever = drive.ratio / drive.motor_radius if is_motor else 1.0
-    by_name = signals(found.known, motion, found.known.index(joint))
+    by_name = signals(identification.known, motion, identification.known.index(joint))
     turned = by_name["theta_M"] * drive.motor_radius / drive.ratio
     stretch = turned - drive.load_radius * by_name["theta_L"]
-    friction = in_band(motion, own["friction"]) if is_motor else np.full_like(left, np.nan)
+    friction = in_band(motion, torques["friction"]) if is_motor else np.full_like(residual, np.nan)
     zero = _spring_zero(drive, dict(zip(estimate.names, estimate.values.tolist(), strict=True)))
-    return friction, in_band(motion, stretch) - zero, lever * in_band(motion, own["spring"])
+    return friction, in_band(motion, stretch) - zero, lever * in_band(motion, torques["spring"])
 
 
 def _spring_zero(drive: Drive, values: Mapping[str, float]) -> float:
@@ -180,31 +181,33 @@ def _spring_zero(drive: Drive, values: Mapping[str, float]) -> float:
     return -values.get("spring_offset", 0.0) / values["stiffness"]
 
 
-def _stiff_sides(found: Identification, motion: Motion) -> dict[str, tuple[Array, Array, Array]]:
+def _stiff_sides(result: Identification, motion: Motion) -> dict[str, tuple[Array, Array, Array]]:
     """Return the sides of `_elastic_side` by stiff joint: the friction at its motor, and nothing.
 
     It is that of the fit with what the load side (8) leaves of the torque: of a robot on the ground
     the contact forces are eliminated from that, and so a part of the friction.
     """
-    model, theta = found.model, found.load_side.values[: len(found.model.names)]
+    model, theta = result.model, result.load_side.values[: len(result.model.names)]
     rows = {
         joint: [
             place
             for place, (of, name, _) in enumerate(model.drives)
-            if of == joint and name in _FRICTION and not found.known.drives[joint].is_elastic
+            if of == joint and name in _FRICTION and not result.known.drives[joint].is_elastic
         ]
         for joint in model.torque_joints
     }
     if not any(rows.values()):
         return {}
-    torque, payload, made = load_torques(found.known, motion, model, found.springs, theta[:, None])
-    left = (torque - payload - made[:, :, 0])[:, -len(rows) :]
-    columns, own = drive_columns(found.known, motion, model), theta[len(model.expressions) :]
+    torque, payload, made = load_torques(
+        result.known, motion, model, result.springs, theta[:, None]
+    )
+    residual = (torque - payload - made[:, :, 0])[:, -len(rows) :]
+    columns, values = drive_columns(result.known, motion, model), theta[len(model.expressions) :]
     sides = {}
     for row, (joint, places) in enumerate(rows.items()):
         if places:
-            friction = left[:, row] + columns[:, row][:, places] @ own[places]
-            friction = in_band(motion, friction) / found.known.drives[joint].ratio
+            friction = residual[:, row] + columns[:, row][:, places] @ values[places]
+            friction = in_band(motion, friction) / result.known.drives[joint].ratio
             nothing = np.full_like(friction, np.nan)
             sides[joint] = (friction, nothing, nothing)
     return sides
@@ -220,7 +223,7 @@ def _friction_figure(joint: str, samples: _Samples, identified: Drive, nominal: 
         curve = _friction_curve(joint, drive, speed)
         if curve is not None:
             layers.append(Layer(speed, curve, name, "line"))
-    low, high = _range([one.y for one in layers if one.name != "nominal"])
+    low, high = _range([layer.y for layer in layers if layer.name != "nominal"])
     return chart(
         layers,
         Axis("motor speed", "rad/s"),
@@ -241,7 +244,7 @@ def _friction_curve(joint: str, drive: Drive, speed: Array) -> Array | None:
 
 def _range(values: Sequence[Array], room: float = 0.08) -> tuple[float, float]:
     """Return the ends of an axis that shows samples and model whole; the nominal may leave it."""
-    known = np.concatenate([one[np.isfinite(one)] for one in values])
+    known = np.concatenate([x[np.isfinite(x)] for x in values])
     low, high = float(np.min(known)), float(np.max(known))
     if low == high:
         return low - 1.0, high + 1.0
@@ -264,7 +267,7 @@ def _spring_figure(joint: str, samples: _Samples, identified: Drive, nominal: Dr
         if curve is not None:
             layers.append(Layer(x, curve, name, "line"))
     force, length = identified.spring_units
-    low, high = _range([one.y for one in layers if one.name != "nominal"])
+    low, high = _range([layer.y for layer in layers if layer.name != "nominal"])
     return chart(
         layers,
         Axis("deflection", length),
@@ -291,37 +294,37 @@ def _spring_force(drive: Drive, x: Array) -> Array | None:
         return None
 
 
-def response_figures(found: FrequencyResponse) -> list[ResponseFigures]:
+def response_figures(response: FrequencyResponse) -> list[ResponseFigures]:
     """Return the measured response of every joint with its deviations, and that of the models.
 
     Vertical lines are the resonance and the antiresonance of an elastic joint.
     """
-    hz, figures = found.frequency_hz, []
-    models = [(found.model, "identified"), (found.identified, "computed")]
-    for place, joint in enumerate(found.joints):
-        own, explained = found.response[:, place, place], found.coherence[:, place]
-        curves = [(one[:, place, place], name) for one, name in models if one is not None]
-        stds = [(found.noise_std, "threshold"), (found.total_std, "nominal")]
-        deviations = [(one[:, place, place], name) for one, name in stds]
-        sizes = np.concatenate([np.abs(own), *(one for one, _ in deviations)])
-        sizes = sizes[np.isfinite(sizes) & (sizes > 1e-6 * np.max(np.abs(own)))]
-        low, high = 0.7 * float(np.min(sizes)), 1.4 * float(np.max(np.abs(own)))
+    hz, figures = response.frequency_hz, []
+    models = [(response.model, "identified"), (response.identified, "computed")]
+    for place, joint in enumerate(response.joints):
+        measured, explained = response.response[:, place, place], response.coherence[:, place]
+        curves = [(model[:, place, place], name) for model, name in models if model is not None]
+        stds = [(response.noise_std, "threshold"), (response.total_std, "nominal")]
+        deviations = [(std[:, place, place], name) for std, name in stds]
+        sizes = np.concatenate([np.abs(measured), *(curve for curve, _ in deviations)])
+        sizes = sizes[np.isfinite(sizes) & (sizes > 1e-6 * np.max(np.abs(measured)))]
+        low, high = 0.7 * float(np.min(sizes)), 1.4 * float(np.max(np.abs(measured)))
         marks = [
-            (found.drives[joint].value(name), style)
+            (response.drives[joint].value(name), style)
             for name, style in (("resonance", "sample up"), ("antiresonance", "sample down"))
-            if joint in found.drives
+            if joint in response.drives
         ]
         across = Axis("frequency", "Hz", float(hz[0]) / 1.05, float(hz[-1]) * 1.05, is_log=True)
         size = [
             *_marked(marks, low, high),
-            *(Layer(hz, one, name, "line") for one, name in deviations),
-            Layer(hz, np.abs(own), "sample"),
-            *(Layer(hz, np.abs(one), name, "line") for one, name in curves),
+            *(Layer(hz, curve, name, "line") for curve, name in deviations),
+            Layer(hz, np.abs(measured), "sample"),
+            *(Layer(hz, np.abs(curve), name, "line") for curve, name in curves),
         ]
         phase = [
             *_marked(marks, -360.0, 360.0),
-            Layer(hz, _degrees(own), "sample"),
-            *(Layer(hz, _degrees(one), name, "line") for one, name in curves),
+            Layer(hz, _degrees(measured), "sample"),
+            *(Layer(hz, _degrees(curve), name, "line") for curve, name in curves),
         ]
         figures.append(
             ResponseFigures(

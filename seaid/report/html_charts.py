@@ -78,8 +78,8 @@ def chart(
     """Return a chart as SVG; `title` says to a screen reader what it shows."""
     from markupsafe import Markup
 
-    across = _Scale(x, _ends(x, [one.x for one in layers]), _LEFT, width - _RIGHT)
-    up = _Scale(y, _ends(y, [one.y for one in layers], 0.05), height - _BOTTOM, _TOP)
+    across = _Scale(x, _ends(x, [layer.x for layer in layers]), _LEFT, width - _RIGHT)
+    up = _Scale(y, _ends(y, [layer.y for layer in layers], 0.05), height - _BOTTOM, _TOP)
     parts = [
         f'<svg class="plot" role="img" viewBox="0 0 {width:g} {height:g}" '
         f'aria-label="{escape(title)}">',
@@ -87,7 +87,7 @@ def chart(
         f'<svg x="{_LEFT:g}" y="{_TOP:g}" width="{width - _LEFT - _RIGHT:g}" '
         f'height="{height - _TOP - _BOTTOM:g}" viewBox="{_LEFT:g} {_TOP:g} '
         f'{width - _LEFT - _RIGHT:g} {height - _TOP - _BOTTOM:g}">',  # cuts what is outside
-        *(_drawn(one, across, up) for one in layers),
+        *(_drawn(layer, across, up) for layer in layers),
         "</svg></svg>",
     ]
     return Markup("".join(parts))
@@ -112,14 +112,14 @@ class _Scale:
     @property
     def power(self) -> int:
         """The power of ten in the label of the axis."""
-        size = max(abs(one) for one in self.ends)
+        size = max(abs(end) for end in self.ends)
         power = math.floor(math.log10(size)) if size > 0 else 0
         return 0 if self.axis.is_log or -1 <= power < 4 else power
 
     @property
     def label(self) -> str:
         power = f"10{str(self.power).translate(_SUPERSCRIPTS)}" if self.power else ""
-        unit = " ".join(one for one in (power, self.axis.unit) if one)
+        unit = " ".join(part for part in (power, self.axis.unit) if part)
         return f"{self.axis.label} [{unit}]" if unit else self.axis.label
 
     def places(self, values: Array) -> Array:
@@ -143,15 +143,15 @@ class _Scale:
             if len(powers) < _FEW_POWERS:
                 start = math.floor(math.log10(low))
                 every = (m * 10.0**p for p in range(start, start + 5) for m in (1, 2, 5))
-                values = [one for one in every if low <= one <= high]
-                texts = [powers_of_ten(f"{one:g}") for one in values]
+                values = [value for value in every if low <= value <= high]
+                texts = [powers_of_ten(f"{value:g}") for value in values]
         else:
             step_size = _round_step((high - low) / _TICKS)
             count = range(
                 math.ceil(low / step_size - 1e-9), math.floor(high / step_size + 1e-9) + 1
             )
             values = [k * step_size for k in count]
-            texts = [_tick(one / 10.0**self.power, step_size / 10.0**self.power) for one in values]
+            texts = [_tick(x / 10.0**self.power, step_size / 10.0**self.power) for x in values]
         return list(zip(self.places(np.array(values)).tolist(), texts, strict=True))
 
 
@@ -167,7 +167,7 @@ def _tick(value: float, step: float) -> str:
 
 def _ends(axis: Axis, values: Sequence[Array], margin: float = 0.02) -> tuple[float, float]:
     """Return the ends of an axis: as given, else of the finite values with a margin."""
-    known = np.concatenate([one[np.isfinite(one)] for one in values] or [np.zeros(0)])
+    known = np.concatenate([x[np.isfinite(x)] for x in values] or [np.zeros(0)])
     low = axis.low if math.isfinite(axis.low) else float(np.min(known, initial=np.inf))
     high = axis.high if math.isfinite(axis.high) else float(np.max(known, initial=-np.inf))
     if not low < high:
@@ -207,12 +207,12 @@ def _grid(across: _Scale, up: _Scale, width: float, height: float) -> list[str]:
 
 def _drawn(layer: Layer, across: _Scale, up: _Scale) -> str:
     x, y = across.places(layer.x), up.places(layer.y)
-    there = np.isfinite(x) & np.isfinite(y)
-    pairs = [f"{a:.1f} {b:.1f}" for a, b in zip(x[there], y[there], strict=True)]
+    visible = np.isfinite(x) & np.isfinite(y)
+    pairs = [f"{a:.1f} {b:.1f}" for a, b in zip(x[visible], y[visible], strict=True)]
     if layer.kind == "points":
         path = "".join(f"M{pair}h0" for pair in pairs)
     else:
-        starts = np.diff(np.flatnonzero(there), prepend=-2) > 1
+        starts = np.diff(np.flatnonzero(visible), prepend=-2) > 1
         path = "".join(
             ("M" if new else "L") + pair for new, pair in zip(starts, pairs, strict=True)
         )
@@ -232,17 +232,17 @@ class SingularValues:
     threshold: float = POORLY_DETERMINED
 
 
-def singular_values(found: Identification) -> SingularValues | None:
+def singular_values(result: Identification) -> SingularValues | None:
     """Return the singular values of the load side over all motions, None for long logs.
 
     Columns have unit norm, rows are weighted by their joint's residual, as in weighted least
     squares: the ratio of largest and smallest is the condition number.
     """
-    if not found.motions or not found.model.names:
+    if not result.motions or not result.model.names:
         return None
-    motions = fitted_motions(found)
+    motions = fitted_motions(result)
     qr_factor = qr_factor_of(
-        stacked([load_regression(found.known, m, found.model, found.springs) for m in motions])
+        stacked([load_regression(result.known, m, result.model, result.springs) for m in motions])
     )
     found_directions = directions(
         qr_factor.weighted_factor(settled_weights(qr_factor)), qr_factor.names
@@ -254,14 +254,14 @@ def singular_values(found: Identification) -> SingularValues | None:
     )
 
 
-def fitted_motions(found: Identification) -> list[Motion]:
+def fitted_motions(identification: Identification) -> list[Motion]:
     """Return the motions used, with the torque through the gears where friction depends on it."""
-    if not under_load(found.known, found.model.torque_joints):
-        return list(found.motions)
-    model, theta = found.model, found.load_side.values
+    if not under_load(identification.known, identification.model.torque_joints):
+        return list(identification.motions)
+    model, theta = identification.model, identification.load_side.values
     return [
-        with_gear_torque(found.known, motion, model, found.springs, theta)
-        for motion in found.motions
+        with_gear_torque(identification.known, motion, model, identification.springs, theta)
+        for motion in identification.motions
     ]
 
 
@@ -283,14 +283,14 @@ class CorrelationMap:
 _MOST_PARAMETERS, _STRONGEST, _STRONG = 110, 10, 0.7
 
 
-def correlation_map(found: Identification) -> CorrelationMap:
+def correlation_map(identification: Identification) -> CorrelationMap:
     """Return the correlations of all estimates, or of the most correlated 110 parameters."""
-    names, blocks, parts = _estimates(found)
+    names, blocks, parts = _estimates(identification)
     total = len(names)
     values = np.full((total, total), np.nan)
     for block, part in enumerate(parts):
-        own = [place for place, one in enumerate(blocks) if one == block]
-        values[np.ix_(own, own)] = part
+        places = [place for place, owner in enumerate(blocks) if owner == block]
+        values[np.ix_(places, places)] = part
     others = np.abs(np.nan_to_num(values - np.eye(total)))
     kept = np.arange(total)
     if total > _MOST_PARAMETERS:
@@ -311,26 +311,26 @@ def correlation_map(found: Identification) -> CorrelationMap:
     )
 
 
-def _estimates(found: Identification) -> tuple[list[str], list[int], list[Array]]:
+def _estimates(identification: Identification) -> tuple[list[str], list[int], list[Array]]:
     """Return short names, the block of each, and the correlations per block: drives, then load."""
     names: list[str] = []
     blocks: list[int] = []
     parts: list[Array] = []
 
-    def add(part: Array, own: Sequence[str]) -> None:
-        names.extend(own)
-        blocks.extend([len(parts)] * len(own))
+    def add(part: Array, block_names: Sequence[str]) -> None:
+        names.extend(block_names)
+        blocks.extend([len(parts)] * len(block_names))
         parts.append(part)
 
-    load = found.load_side
-    for joint in found.known.elastic_joints:
-        drive = found.drives[joint]
-        own = [i for i, name in enumerate(drive.names) if f"{name} of {joint}" not in load.names]
-        if own:
-            named = [readable(JointParameter(drive.names[i], joint)) for i in own]
-            add(drive.correlation[np.ix_(own, own)], named)
+    load = identification.load_side
+    for joint in identification.known.elastic_joints:
+        drive = identification.drives[joint]
+        kept = [i for i, name in enumerate(drive.names) if f"{name} of {joint}" not in load.names]
+        if kept:
+            named = [readable(JointParameter(drive.names[i], joint)) for i in kept]
+            add(drive.correlation[np.ix_(kept, kept)], named)
     if load.names:
-        bodies = [first_term(name) for name in found.model.expressions]
+        bodies = [first_term(name) for name in identification.model.expressions]
         add(load.correlation, [*bodies, *map(readable, load.names[len(bodies) :])])
     return names, blocks, parts
 
@@ -363,15 +363,15 @@ def packed_correlations(shown: CorrelationMap) -> str:
     return base64.b64encode(steps.astype(np.int8).tobytes()).decode("ascii")
 
 
-def singular_chart(found: SingularValues) -> Any:
+def singular_chart(singular: SingularValues) -> Any:
     """Return the singular values over their number as a chart with a logarithmic axis."""
-    shares = np.maximum(found.shares, 1e-16)
+    shares = np.maximum(singular.shares, 1e-16)
     lowest = min(float(shares.min()), POORLY_DETERMINED)
     count = np.arange(1.0, len(shares) + 1.0)
     ends = np.array([0.0, len(shares) + 1.0])
     layers = [
         Layer(count, shares, "singular"),
-        Layer(ends, np.full(2, found.threshold), "threshold", "line"),
+        Layer(ends, np.full(2, singular.threshold), "threshold", "line"),
     ]
     return chart(
         layers,

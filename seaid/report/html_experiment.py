@@ -57,16 +57,16 @@ class LogFacts:
     repairs: tuple[str, ...]
 
 
-def log_facts(found: Identification) -> list[LogFacts]:
+def log_facts(result: Identification) -> list[LogFacts]:
     """Return the facts of every log used for identification."""
-    several = len(found.processing) > 1
-    kind = "Stretch" if has_holes(found.processing) else "Log"
+    several = len(result.processing) > 1
+    kind = "Stretch" if has_holes(result.processing) else "Log"
     logs = []
-    for place, processing in enumerate(found.processing):
-        motion = found.motions[place] if len(found.motions) == len(found.processing) else None
-        facts = [*_measured(found.known, motion), *_processed(processing)]
+    for place, processing in enumerate(result.processing):
+        motion = result.motions[place] if len(result.motions) == len(result.processing) else None
+        facts = [*_measured(result.known, motion), *_processed(processing)]
         name = f"{kind} {place + 1}" if several else "The log"
-        logs.append(LogFacts(name, tuple(facts), tuple(str(one) for one in processing.repairs)))
+        logs.append(LogFacts(name, tuple(facts), tuple(str(r) for r in processing.repairs)))
     return logs
 
 
@@ -81,10 +81,10 @@ def _measured(robot: Robot, motion: Motion | None) -> Iterator[tuple[str, str]]:
     for field, words in _SENSORS.items():
         values = getattr(motion, field)
         if values is not None:
-            there = np.all(np.isfinite(values), axis=0)
-            seen = [j for j, is_there in zip(robot.joint_names, there, strict=True) if is_there]
+            logged = np.all(np.isfinite(values), axis=0)
+            seen = [j for j, is_logged in zip(robot.joint_names, logged, strict=True) if is_logged]
             if seen:
-                yield words.capitalize(), _of(seen, robot)
+                yield words.capitalize(), _listed(seen, robot)
 
 
 def _processed(processing: Processing) -> Iterator[tuple[str, str]]:
@@ -112,32 +112,32 @@ def _positions(robot: Robot, motion: Motion) -> str:
     single = "one side (the other is computed through the stiff gear)"
     if not both:
         return f"every joint: {single}"
-    return f"both sides of {_of(both, robot)}; of the others {single}"
+    return f"both sides of {_listed(both, robot)}; of the others {single}"
 
 
-def _of(joints: Sequence[str], robot: Robot) -> str:
+def _listed(joints: Sequence[str], robot: Robot) -> str:
     if len(joints) == robot.n:
         return f"all {robot.n} joints" if robot.n > 1 else joints[0]
     listed = ", ".join(joints[:12])
     return listed if len(joints) <= 12 else f"{listed} and {len(joints) - 12} more"
 
 
-def settings_facts(found: Identification) -> list[tuple[str, str]]:
+def settings_facts(result: Identification) -> list[tuple[str, str]]:
     """Return the settings of the identification and the known bodies."""
-    robot = found.known
+    robot = result.known
     facts = [
-        ("Torques used on the load side", _of(found.model.torque_joints, robot)),
-        ("Cutoff", f"{found.cutoff_hz:.4g} Hz"),
+        ("Torques used on the load side", _listed(result.model.torque_joints, robot)),
+        ("Cutoff", f"{result.cutoff_hz:.4g} Hz"),
         ("Known loads", "; ".join(_payloads(robot)) or "none"),
         ("Known bodies", ", ".join(robot.known_bodies) or "none"),
-        ("Gravity", " ".join(f"{one:.5g}" for one in robot.model.gravity.linear) + " m/s²"),
+        ("Gravity", " ".join(f"{g:.5g}" for g in robot.model.gravity.linear) + " m/s²"),
     ]
-    facts += [("Constants", text) for text in exact_text(found)]
+    facts += [("Constants", text) for text in exact_text(result)]
     if robot.elastic_joints:
-        method = "simultaneous" if "both" in found.checks else "two-step: springs, then the load"
+        method = "simultaneous" if "both" in result.checks else "two-step: springs, then the load"
         facts.insert(2, ("Method", method))
-    if found.model.absorbed:
-        names = [readable(JointParameter(name, joint)) for joint, name, _ in found.model.absorbed]
+    if result.model.absorbed:
+        names = [readable(JointParameter(name, joint)) for joint, name, _ in result.model.absorbed]
         facts.append(("Identified in combination with base parameters", ", ".join(names)))
     return facts
 
@@ -151,12 +151,12 @@ def _payloads(robot: Robot) -> Iterator[str]:
             yield f"{parameters[0]:.4g} kg on {body} at ({x:.4g}, {y:.4g}, {z:.4g}) m"
 
 
-def known_table(found: Identification) -> Table:
+def known_table(identification: Identification) -> Table:
     """Return for each joint the known and the identified parameters of its drive."""
     rows = []
-    for joint in found.known.joint_names:
-        drive = found.known.drives[joint]
-        estimate = found.drives.get(joint)
+    for joint in identification.known.joint_names:
+        drive = identification.known.drives[joint]
+        estimate = identification.drives.get(joint)
         names = () if estimate is None else estimate.names
         identified = ", ".join(name.replace("_", " ") for name in names)
         rows.append((joint, _known_text(drive), identified or "nothing"))
@@ -175,21 +175,21 @@ def _known_text(drive: Drive) -> str:
 
 def _plain(value: object) -> str:
     if isinstance(value, dict):
-        return ", ".join(f"{key} {_plain(one)}" for key, one in value.items())
+        return ", ".join(f"{key} {_plain(entry)}" for key, entry in value.items())
     if isinstance(value, list):
         return " + ".join(map(str, value))
     return short(value, 6) if isinstance(value, float) else str(value)
 
 
-def excitation_table(found: Identification) -> Table | None:
+def excitation_table(result: Identification) -> Table | None:
     """Return the motion of every joint within its limits, None for long logs."""
-    if not found.motions:
+    if not result.motions:
         return None
-    robot = found.known
+    robot = result.known
     rows: list[list[Cell | str]] = []
     for index, joint in enumerate(robot.joint_names):
         q, v, a = (
-            np.concatenate([getattr(one, f"joint_{state}")[:, index] for one in found.motions])
+            np.concatenate([getattr(m, f"joint_{state}")[:, index] for m in result.motions])
             for state in ("position", "velocity", "acceleration")
         )
         unit = "m" if robot.is_prismatic[index] else "rad"
@@ -198,15 +198,15 @@ def excitation_table(found: Identification) -> Table | None:
         span = upper - lower
         inside = ((low - lower) / span, (high - lower) / span) if 0 < span < np.inf else None
         limits = f" of {short(lower)} … {short(upper)}" if inside else ""
-        effort = max(_largest_torque(robot, one, index) for one in found.motions)
+        effort = max(_largest_torque(robot, motion, index) for motion in result.motions)
         torque = robot.drives[joint].joint_units[0]
         rows.append(
             [
                 joint,
                 Cell(f"{short(low)} … {short(high)}{limits} {unit}", bar=inside),
-                _part(float(np.max(np.abs(v))), float(robot.velocity_limits[index]), f"{unit}/s"),
+                _cell(float(np.max(np.abs(v))), float(robot.velocity_limits[index]), f"{unit}/s"),
                 f"{short(float(np.max(np.abs(a))))} {unit}/s²",
-                _part(effort, float(robot.effort_limits[index]), torque),
+                _cell(effort, float(robot.effort_limits[index]), torque),
             ]
         )
     heads = ("Joint", "Position", "Largest speed", "Largest acceleration", "Largest torque")
@@ -222,23 +222,23 @@ def measure_facts(
 ) -> list[tuple[str, str]]:
     """Return the measures of motions, with the D-efficiency of the first over the second."""
     facts = []
-    for name, one in zip(names, every or (), strict=False):
-        if one is not None:
+    for name, measures in zip(names, every or (), strict=False):
+        if measures is not None:
             of = f" of {name}" if name else ""
-            drives = ", drives included" if one.has_drives else ""
-            columns = f"{one.parameters} columns of unit norm{drives}"
+            drives = ", drives included" if measures.has_drives else ""
+            columns = f"{measures.parameters} columns of unit norm{drives}"
             facts += [
-                (f"Condition number{of}", f"{short(one.scaled_condition_number)} ({columns})"),
-                (f"D-value{of}", short(one.d_value)),
+                (f"Condition number{of}", f"{short(measures.scaled_condition_number)} ({columns})"),
+                (f"D-value{of}", short(measures.d_value)),
             ]
     if len(facts) == 4 and every is not None:
-        one, other = every
-        efficiency = one.d_efficiency(other)  # type: ignore[arg-type, union-attr]
+        first, second = every
+        efficiency = first.d_efficiency(second)  # type: ignore[arg-type, union-attr]
         facts.append(("D-efficiency", f"{short(efficiency)} ({names[0]} over {names[1]})"))
     return facts
 
 
-def _part(value: float, limit: float, unit: str) -> Cell:
+def _cell(value: float, limit: float, unit: str) -> Cell:
     """Return a value with its limit, if there is one, and a bar."""
     if not np.isfinite(value):
         return Cell(NONE)
@@ -255,20 +255,20 @@ def _largest_torque(robot: Robot, motion: Motion, index: int) -> float:
     drive = robot.drives[robot.joint_names[index]]
     lever = total_ratio(drive)
     both = lever * motion.motor_torque[:, index], motion.joint_torque[:, index]
-    known = [float(np.nanmax(np.abs(one))) for one in both if np.any(np.isfinite(one))]
+    known = [float(np.nanmax(np.abs(torque))) for torque in both if np.any(np.isfinite(torque))]
     return known[0] if known else np.nan
 
 
-def setup_rows(found: Identification) -> Table:
+def setup_rows(identification: Identification) -> Table:
     """Return delays, gear ratios and encoder offsets: as found by the logs, and as given."""
     rows = [
         row
-        for joint in found.known.joint_names
+        for joint in identification.known.joint_names
         for row in (
-            *_ratio_row(found, joint),
-            *_delay_rows(found, joint),
-            *_offset_rows(found, joint),
-            *_gear_rows(found, joint),
+            *_ratio_row(identification, joint),
+            *_delay_rows(identification, joint),
+            *_offset_rows(identification, joint),
+            *_gear_rows(identification, joint),
         )
     ]
     caption = (
@@ -282,7 +282,7 @@ def setup_rows(found: Identification) -> Table:
 _Row = tuple[str, ...]
 
 
-def _found(value: float, error: float, reach: float | None = None) -> tuple[str, str]:
+def _texts(value: float, error: float, reach: float | None = None) -> tuple[str, str]:
     """Return a value and its 95 % interval as text; `reach` is half of it if not of a normal."""
     reach = _NORMAL_95 * error if reach is None else reach
     text = rounded(value, error, value - reach, value + reach)
@@ -292,52 +292,52 @@ def _found(value: float, error: float, reach: float | None = None) -> tuple[str,
 _NORMAL_95 = 1.96
 
 
-def _ratio_row(found: Identification, joint: str) -> Iterator[_Row]:
+def _ratio_row(identification: Identification, joint: str) -> Iterator[_Row]:
     """Yield the gear ratio of a joint with two encoders."""
-    drive, one = found.known.drives[joint], found.setup.get(joint)
-    if one is None or not np.isfinite(one.gear_ratio):
+    drive, setup = identification.known.drives[joint], identification.setup.get(joint)
+    if setup is None or not np.isfinite(setup.gear_ratio):
         return
-    given = short(drive.ratio, 7)
+    known = short(drive.ratio, 7)
     if "gear_ratio" in drive.std:
-        given = f"{given} ± {short(drive.std['gear_ratio'], 2)}"
+        known = f"{known} ± {short(drive.std['gear_ratio'], 2)}"
     unit = "rad/m" if getattr(drive, "gear_ratio_rad_per_m", None) else ""
     how = "encoders and motor equation" if drive.is_elastic else "slope between both encoders"
     yield (
         joint,
         "gear ratio",
-        *_found(one.gear_ratio, one.gear_ratio_error),
-        given,
+        *_texts(setup.gear_ratio, setup.gear_ratio_error),
+        known,
         unit,
-        how + _apart(one.gear_ratio - drive.ratio, one.gear_ratio_error),
+        how + _gap(setup.gear_ratio - drive.ratio, setup.gear_ratio_error),
     )
 
 
-def _apart(difference: float, error: float, least: float = 0.0) -> str:
+def _gap(difference: float, error: float, least: float = 0.0) -> str:
     """Return how far from the given value, if it is outside the interval and above `least`."""
     if abs(difference) <= max(_NORMAL_95 * error, least):
         return ""
     return f"; {abs(difference) / error:.1f} standard errors from the given one"
 
 
-def _delay_rows(found: Identification, joint: str) -> Iterator[_Row]:
+def _delay_rows(identification: Identification, joint: str) -> Iterator[_Row]:
     """Yield the delay of the motor torque, and delays that the description of a log corrects."""
-    given = {
+    corrections = {
         quantity: delay_s
-        for name, quantity, delay_s in dict.fromkeys(_delays(found.processing))
+        for name, quantity, delay_s in dict.fromkeys(_delays(identification.processing))
         if name == joint
     }
-    one = found.setup.get(joint)
-    if one is not None and np.isfinite(one.delay_s) and one.delay_error_s < _LARGEST_DELAY_S:
-        corrected = given.pop("motor_torque", 0.0)
+    setup = identification.setup.get(joint)
+    if setup is not None and np.isfinite(setup.delay_s) and setup.delay_error_s < _LARGEST_DELAY_S:
+        corrected = corrections.pop("motor_torque", 0.0)
         yield (
             joint,
             "delay of motor torque",
-            *_found(1e3 * (corrected + one.delay_s), 1e3 * one.delay_error_s),
+            *_texts(1e3 * (corrected + setup.delay_s), 1e3 * setup.delay_error_s),
             short(1e3 * corrected),
             "ms",
-            "torque against the motion" + _apart(one.delay_s, one.delay_error_s, LEAST_DELAY_S),
+            "torque against the motion" + _gap(setup.delay_s, setup.delay_error_s, LEAST_DELAY_S),
         )
-    for quantity, delay_s in given.items():
+    for quantity, delay_s in corrections.items():
         name = f"delay of {quantity.replace('_', ' ')}"
         yield joint, name, NONE, NONE, short(1e3 * delay_s), "ms", "corrected as described"
 
@@ -346,28 +346,28 @@ _LARGEST_DELAY_S = 0.1
 """Standard error of a delay from which the log does not determine it."""
 
 
-def _offset_rows(found: Identification, joint: str) -> Iterator[_Row]:
+def _offset_rows(identification: Identification, joint: str) -> Iterator[_Row]:
     """Yield what the motor equation says of encoder offsets."""
-    drive, estimate = found.known.drives[joint], found.drive_side.get(joint)
+    drive, estimate = identification.known.drives[joint], identification.drive_side.get(joint)
     if estimate is None:
         return
     if {"spring_offset", "stiffness"} <= set(estimate.names) and "preload" not in drive.spring:
         k, f = estimate.value("stiffness"), estimate.value("spring_offset")
         # without a sensor behind the spring the offset is zero by definition
         if k and estimate.standard_error("spring_offset") > 0:
-            both = [estimate.names.index(one) for one in ("spring_offset", "stiffness")]
+            both = [estimate.names.index(name) for name in ("spring_offset", "stiffness")]
             slope = np.array([-1 / k, f / k**2])  # of -f / k
             error = float(np.sqrt(slope @ estimate.covariance[np.ix_(both, both)] @ slope))
             unit, how = drive.spring_units[1], "force of the spring at deflection zero"
             lower, upper = estimate.interval()[both[0]]
             reach = error * (upper - lower) / (2 * estimate.standard_errors[both[0]])
-            yield joint, "offset of the deflection", *_found(-f / k, error, reach), NONE, unit, how
+            yield joint, "offset of the deflection", *_texts(-f / k, error, reach), NONE, unit, how
     yield from _estimated(joint, estimate, "deflection_zero", "motor equation")
 
 
-def _gear_rows(found: Identification, joint: str) -> Iterator[_Row]:
+def _gear_rows(identification: Identification, joint: str) -> Iterator[_Row]:
     """Yield what the deflection sensor says of the gear."""
-    if gear := found.gears.get(joint):
+    if gear := identification.gears.get(joint):
         for name in gear.names:
             yield from _estimated(joint, gear, name, "deflection sensor")
 
@@ -377,14 +377,14 @@ def _estimated(joint: str, estimate: Estimate, name: str, how: str) -> Iterator[
         place = estimate.names.index(name)
         value, error = estimate.value(name), estimate.standard_error(name)
         unit, (lower, upper) = readable_unit(estimate.units[place]), estimate.interval()[place]
-        texts = _found(value, error, (upper - lower) / 2)
+        texts = _texts(value, error, (upper - lower) / 2)
         yield joint, name.replace("_", " "), *texts, NONE, unit, how
 
 
 def _delays(processing: Sequence[Processing]) -> Iterator[tuple[str, str, float]]:
     """Yield (joint, quantity, delay) of the descriptions by which the logs were read."""
-    for one in processing:
-        for joint, quantities in dict(one.sources or {}).items():
+    for log in processing:
+        for joint, quantities in dict(log.sources or {}).items():
             for quantity, source in dict(quantities).items():
                 delay = source.get("delay_s", 0.0) if hasattr(source, "get") else 0.0
                 if delay:

@@ -70,13 +70,13 @@ class Posture:
     @cached_property
     def ends(self) -> Array:
         """The visible ends (n, 3) of the links: of the last ones, beyond their centres of mass."""
-        found = np.full_like(self.origins, np.nan)
+        ends = np.full_like(self.origins, np.nan)
         leaves = set(range(len(self.origins))) - set(self.parents)
         for joint in leaves:
             center = center_of_mass(self.robot.parameters[10 * joint : 10 * joint + 10])
             if center is not None and np.linalg.norm(center) > 0:
-                found[joint] = self.origins[joint] + 1.6 * self.turns[joint] @ center
-        return found
+                ends[joint] = self.origins[joint] + 1.6 * self.turns[joint] @ center
+        return ends
 
     @cached_property
     def points(self) -> Array:
@@ -92,19 +92,19 @@ class Posture:
     @cached_property
     def joint_size(self) -> float:
         """The size of a drawn joint [m]."""
-        starts = [self.origins[one] if one >= 0 else np.zeros(3) for one in self.parents]
+        starts = [self.origins[parent] if parent >= 0 else np.zeros(3) for parent in self.parents]
         links = np.linalg.norm(self.origins - starts, axis=1)
         links = links[links > 1e-3 * self.size]
         typical = float(np.median(links)) if len(links) else self.size
         return max(_LEAST * self.size, min(_JOINT * self.size, _OF_LINK * typical))
 
 
-def posture_of(found: Identification) -> Posture:
+def posture_of(identification: Identification) -> Posture:
     """Return the robot in the middle of the motion that was used, else of its limits."""
-    robot, model = found.robot, found.robot.model
+    robot, model = identification.robot, identification.robot.model
     lower, upper = robot.lower_limits, robot.upper_limits
-    if found.motions:
-        positions = np.concatenate([motion.joint_position for motion in found.motions])
+    if identification.motions:
+        positions = np.concatenate([motion.joint_position for motion in identification.motions])
         lower, upper = positions.min(axis=0), positions.max(axis=0)
     bounded = np.isfinite(lower) & np.isfinite(upper)
     q = np.where(bounded, 0.5 * (np.nan_to_num(lower) + np.nan_to_num(upper)), 0.0)
@@ -153,7 +153,7 @@ def _view(posture: Posture, points: Array, room: float) -> _View:
     helper = np.eye(3)[int(np.argmin(np.abs(posture.up)))]
     front = np.cross(posture.up, np.cross(helper, posture.up))
     front = front / np.linalg.norm(front)
-    starts = [posture.origins[one] if one >= 0 else np.zeros(3) for one in posture.parents]
+    starts = [posture.origins[parent] if parent >= 0 else np.zeros(3) for parent in posture.parents]
     links = np.concatenate([posture.origins - starts, posture.ends - posture.origins])
     links = links[np.isfinite(links[:, 0])]
 
@@ -176,9 +176,9 @@ def _view(posture: Posture, points: Array, room: float) -> _View:
 def robot_picture(posture: Posture, labels: Mapping[str, Label], title: str) -> Any:
     """Return the robot with its joints in the colours of their labels, as SVG."""
     view = _view(posture, posture.points, _LABELS)
-    centers = _apart(posture)
+    centers = _joint_centers(posture)
     followers = posture.robot.dependent_joints
-    labels = {**{one.name: Label(one.name, one.leader, "none") for one in followers}, **labels}
+    labels = {**{j.name: Label(j.name, j.leader, "none") for j in followers}, **labels}
     leaders, texts = _labelled(posture, view.places(centers), labels)
     parts = [_ground(posture, view), _links(posture, view, "link"), *leaders]
     depth = np.argsort(centers @ view.rows[2], kind="stable")
@@ -197,7 +197,7 @@ def _svg(name: str, title: str, parts: Sequence[str]) -> Any:
     )
 
 
-def _apart(posture: Posture) -> Array:
+def _joint_centers(posture: Posture) -> Array:
     """Return the centres (n, 3) of the drawn joints: joints at one place move along their axes."""
     size, centers = posture.joint_size, posture.origins.copy()
     for joint in range(len(centers)):
@@ -216,12 +216,10 @@ def _ground(posture: Posture, view: _View) -> str:
     """Return the base as a plate perpendicular to gravity, with the direction of gravity."""
     turn = np.linspace(0, 2 * np.pi, 40)
     helper = np.eye(3)[int(np.argmin(np.abs(posture.up)))]
-    one = np.cross(posture.up, helper)
-    one = one / np.linalg.norm(one)
-    other = np.cross(posture.up, one)
-    rim = (
-        2.2 * _JOINT * posture.size * (np.outer(np.cos(turn), one) + np.outer(np.sin(turn), other))
-    )
+    u = np.cross(posture.up, helper)
+    u = u / np.linalg.norm(u)
+    v = np.cross(posture.up, u)
+    rim = 2.2 * _JOINT * posture.size * (np.outer(np.cos(turn), u) + np.outer(np.sin(turn), v))
     return f'<path class="ground" d="{_path(view.places(rim))}Z"/>'
 
 
@@ -254,9 +252,9 @@ def _joint(posture: Posture, view: _View, joint: int, center: Array, label: Labe
         )
     turn = np.linspace(0, 2 * np.pi, 48)
     helper = np.eye(3)[int(np.argmin(np.abs(axis)))]
-    one = np.cross(axis, helper)
-    one = one / np.linalg.norm(one)
-    rim = np.outer(np.cos(turn), one) + np.outer(np.sin(turn), np.cross(axis, one))
+    u = np.cross(axis, helper)
+    u = u / np.linalg.norm(u)
+    rim = np.outer(np.cos(turn), u) + np.outer(np.sin(turn), np.cross(axis, u))
     near, far = (view.places(center + size * (0.62 * rim + k * axis)) for k in (0.75, -0.75))
     body = _hull(np.concatenate([near, far]))
     dot = view.places((center + 0.75 * size * axis)[None])[0]
@@ -298,14 +296,14 @@ def _labelled(
     across = sorted(ranked, key=lambda k: float(places[k, 0]))
     half = -(-len(across) // 2)
     lines, texts = [], []
-    for is_left, mine in ((True, across[:half]), (False, across[half:])):
-        mine = sorted(mine, key=lambda k: float(places[k, 1]))
-        for joint, y in zip(mine, _spread(places[mine, 1]), strict=True):
+    for is_left, column in ((True, across[:half]), (False, across[half:])):
+        column = sorted(column, key=lambda k: float(places[k, 1]))
+        for joint, y in zip(column, _spread(places[column, 1]), strict=True):
             label = labels[names[joint]]
             edge, anchor = (_LABELS - 22, "end") if is_left else (_WIDTH - _LABELS + 22, "start")
-            x, own = places[joint]
+            x, joint_y = places[joint]
             near = edge + (14 if is_left else -14)
-            line = f"M{edge + (5 if is_left else -5):.1f} {y:.1f}H{near:.1f}L{x:.1f} {own:.1f}"
+            line = f"M{edge + (5 if is_left else -5):.1f} {y:.1f}H{near:.1f}L{x:.1f} {joint_y:.1f}"
             name = label.name if len(label.name) <= _LONGEST else f"{label.name[: _LONGEST - 1]}…"
             flag = '<tspan class="flag"> !</tspan>' if label.is_flagged else ""
             lines.append(f'<path class="leader" d="{line}"/>')
@@ -326,7 +324,7 @@ def _spread(wanted: Array, step: float = 62.0) -> list[float]:
     heights = np.maximum.accumulate(free) + step * np.arange(count)
     over = max(float(heights[-1]) - (_HEIGHT - 32.0), 0.0) if count else 0.0
     least = 24.0 + step * np.arange(count)
-    return [float(one) for one in np.maximum(heights - over, least)]
+    return [float(height) for height in np.maximum(heights - over, least)]
 
 
 def bodies_picture(posture: Posture, nominal: Array, identified: Array, title: str) -> Any | None:
@@ -355,7 +353,7 @@ def bodies_picture(posture: Posture, nominal: Array, identified: Array, title: s
         if second is not None:
             parts.append(_ellipse(view, posture.frame(joint)[1], second, (x, y)))
         parts.append(f'<path class="center" d="M{x - 4:.1f} {y:.1f}h8M{x:.1f} {y - 4:.1f}v8"/></g>')
-    return _svg("robot bodies", title, parts) if any(one[-1] is not None for one in drawn) else None
+    return _svg("robot bodies", title, parts) if any(d[-1] is not None for d in drawn) else None
 
 
 def _second_moment(body: Array) -> Array:

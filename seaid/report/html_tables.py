@@ -72,7 +72,7 @@ def table_of(
     texts: Sequence[str] = ("Unit", "Note"),
 ) -> Table:
     """Return a table of texts and cells."""
-    cells = tuple(tuple(one if isinstance(one, Cell) else Cell(one) for one in row) for row in rows)
+    cells = tuple(tuple(x if isinstance(x, Cell) else Cell(x) for x in row) for row in rows)
     return Table(name, caption, tuple(heads), cells, words, tuple(texts))
 
 
@@ -103,7 +103,7 @@ def rounded(value: float, error: float, lower: float, upper: float) -> Rounded:
     size = max(abs(value), error if math.isfinite(error) else 0.0)
     top = _power(size) if size > 0 else 0
     shift = 0 if _FIXED[0] <= top < _FIXED[1] else top
-    texts = (_fixed(one, last, shift) for one in (value, error, lower, upper))
+    texts = (_fixed(number, last, shift) for number in (value, error, lower, upper))
     return Rounded(*texts)
 
 
@@ -177,21 +177,21 @@ _HEADS = (
 )
 
 
-def drive_table(found: Identification, nominal: Robot) -> Table:
+def drive_table(identification: Identification, nominal: Robot) -> Table:
     """Return the parameters of all drives, nominal and identified."""
     rows: list[list[Cell | str]] = []
-    for joint, estimate in found.drives.items():
-        given = nominal.drives[joint].own_values
-        before = np.array([given.get(name, np.nan) for name in estimate.names])
+    for joint, estimate in identification.drives.items():
+        values = nominal.drives[joint].own_values
+        before = np.array([values.get(name, np.nan) for name in estimate.names])
         for name, cells in zip(estimate.names, _parameter_cells(estimate, before), strict=True):
             rows.append([joint, name.replace("_", " "), *cells])
     caption = "Parameters of the drives; friction and rotor inertia are at the motor."
     return table_of("drives", caption, ("Joint", "Parameter", *_HEADS), rows, 2)
 
 
-def base_table(found: Identification, nominal: Nominal) -> Table:
+def base_table(identification: Identification, nominal: Nominal) -> Table:
     """Return the base parameters with their groupings, shortened if the page has no room."""
-    names = found.load.names
+    names = identification.load.names
     room = max(_LONG_GROUPING, _GROUPINGS_ROOM // max(len(names), 1))
     before = nominal.load[: len(names)] if nominal.has_bodies else np.full(len(names), np.nan)
 
@@ -207,7 +207,7 @@ def base_table(found: Identification, nominal: Nominal) -> Table:
 
     rows = [
         [grouping(name), *cells]
-        for name, cells in zip(names, _parameter_cells(found.load, before), strict=True)
+        for name, cells in zip(names, _parameter_cells(identification.load, before), strict=True)
     ]
     return table_of("base parameters", "Base parameters of the load.", ("Grouping", *_HEADS), rows)
 
@@ -224,7 +224,7 @@ def _parameter_cells(estimate: Estimate, nominal: Array) -> Iterator[tuple[Cell 
     for place, (value, error, (lower, upper), before) in enumerate(numbers):
         texts = rounded(float(value), float(error), float(lower), float(upper))
         yield (
-            _as_given(float(before)),
+            _nominal_text(float(before)),
             Cell(texts.value, exact=float(value)),
             Cell(texts.error, exact=float(error)),
             f"{texts.lower} … {texts.upper}",
@@ -235,7 +235,7 @@ def _parameter_cells(estimate: Estimate, nominal: Array) -> Iterator[tuple[Cell 
         )
 
 
-def _as_given(value: float) -> str:
+def _nominal_text(value: float) -> str:
     """Return a nominal value with four digits, or with all before its decimal point."""
     whole = _power(abs(value)) + 1 if math.isfinite(value) else 0
     return short(value, max(4, whole if whole <= _FIXED[1] else 0))
@@ -269,58 +269,58 @@ def readable_unit(unit: str) -> str:
     return "" if unit == "1" else unit.replace(" ", "\N{NO-BREAK SPACE}")
 
 
-def whole_body_table(found: Identification) -> Table:
+def whole_body_table(identification: Identification) -> Table:
     """Return mass and centre of mass of a robot with a floating base, and of its base alone."""
     rows: list[list[Cell | str]] = [
         [
-            one.name.capitalize(),
+            quantity.name.capitalize(),
             *(
-                (short(one.value, 4), short(one.standard_error, 2))
-                if one.is_determined
+                (short(quantity.value, 4), short(quantity.standard_error, 2))
+                if quantity.is_determined
                 else ("not determined", "")
             ),
-            readable_unit(one.unit),
+            readable_unit(quantity.unit),
         ]
-        for one in whole_body(found)
+        for quantity in whole_body(identification)
     ]
     heads = ("Quantity", "Identified", "Standard error", "Unit")
     caption = "The whole robot, in the frame of its base at the mean posture of the logs."
     return table_of("whole", caption, heads, rows, texts=heads[:1])
 
 
-def contact_table(name: str, found: ContactForces) -> Table:
+def contact_table(name: str, forces: ContactForces) -> Table:
     """Return the predicted and measured contact forces of a validation."""
     numbers = ("rms_force", "rms_error", "relative_error")
     others = ("mean_normal", "least_normal", "standard_error", "friction_used")
     rows: list[list[Cell | str]] = [
         [
             link,
-            found.basis[place],
-            *(short(getattr(found, one)[place]) for one in numbers[:2]),
-            share(found.relative_error[place]),
-            *(short(getattr(found, one)[place]) for one in others),
+            forces.basis[place],
+            *(short(getattr(forces, field)[place]) for field in numbers[:2]),
+            share(forces.relative_error[place]),
+            *(short(getattr(forces, field)[place]) for field in others),
         ]
-        for place, link in enumerate(found.links)
+        for place, link in enumerate(forces.links)
     ]
     heads = (
         *("Contact", "Parameters", "Measured (rms)", "Error (rms)", "Error"),
         *("Normal (mean)", "Normal (least)", "Standard error", "Friction used"),
     )
     texts = ("predicted {} N", "measured {} N", "weight {} N")
-    sums = (found.vertical, found.measured_vertical, found.weight)
+    sums = (forces.vertical, forces.measured_vertical, forces.weight)
     known = [text.format(short(x)) for text, x in zip(texts, sums, strict=True) if np.isfinite(x)]
     caption = f"Contact forces [N] of the {name}"
     caption += f". Normal forces in sum: {', '.join(known)}." if known else "."
     return table_of(f"contacts {name}", caption, heads, rows, texts=heads[:2])
 
 
-def bodies_table(found: Identification, nominal: Robot) -> Table:
+def bodies_table(identification: Identification, nominal: Robot) -> Table:
     """Return mass and centre of mass of every body, nominal and identified."""
     rows: list[list[Cell | str]] = []
     pairs = zip(
-        found.robot.body_names,
+        identification.robot.body_names,
         nominal.parameters.reshape(-1, 10),
-        found.robot.parameters.reshape(-1, 10),
+        identification.robot.parameters.reshape(-1, 10),
         strict=True,
     )
     for name, before, after in pairs:
@@ -331,8 +331,8 @@ def bodies_table(found: Identification, nominal: Robot) -> Table:
                 short(masses[0], 4),
                 Cell(short(masses[1], 4), exact=masses[1]),
                 change(*masses),
-                *(_center(one) for one in (before, after)),
-                *(_moments(one) for one in (before, after)),
+                *(_center(body) for body in (before, after)),
+                *(_moments(body) for body in (before, after)),
             ]
         )
     heads = (
@@ -362,10 +362,10 @@ def _moments(body: Array) -> str:
 def _vector(values: Array) -> str:
     """Return numbers with three digits, and those that are nothing but rounding as 0."""
     least = 1e-9 * float(np.max(np.abs(values)))
-    return " ".join(short(float(one) if abs(one) > least else 0.0) for one in values)
+    return " ".join(short(float(value) if abs(value) > least else 0.0) for value in values)
 
 
-def term_table(found: Identification) -> Table:
+def term_table(identification: Identification) -> Table:
     """Return each tested term of the drives, and whether the data support it."""
     rows = [
         (
@@ -376,7 +376,7 @@ def term_table(found: Identification) -> Table:
             short(term.bic),
             "yes" if term.bic > 0 else "no",
         )
-        for side, checks in found.checks.items()
+        for side, checks in identification.checks.items()
         for term in checks.terms
     ]
     caption = (
@@ -393,15 +393,15 @@ def term_name(side: str, term: TermTest) -> str:
     return readable(name if side in ("load", "both") else JointParameter(name, side))
 
 
-def calibration_table(found: StaticCalibration) -> Table:
+def calibration_table(calibration: StaticCalibration) -> Table:
     """Return the parameters of a calibration from statics."""
-    rows = _value_rows(found)
+    rows = _value_rows(calibration)
     return table_of("calibration", "Parameters of the law, and friction.", _VALUE_HEADS, rows)
 
 
-def response_table(found: FrequencyResponse) -> Table:
+def response_table(response: FrequencyResponse) -> Table:
     """Return resonance, antiresonance, damping and spring of every elastic joint."""
-    rows = [[Cell(joint), *row] for joint, one in found.drives.items() for row in _value_rows(one)]
+    rows = [[Cell(joint), *row] for joint, d in response.drives.items() for row in _value_rows(d)]
     caption = "From the response of motor angles to motor torques; frequencies with all motors free"
     caption += " (resonance) and held (antiresonance)."
     return table_of("response", caption, ("Joint", *_VALUE_HEADS), rows, 2)
@@ -410,15 +410,15 @@ def response_table(found: FrequencyResponse) -> Table:
 _VALUE_HEADS = ("Parameter", "Value", "Std. error", "95 % interval", "Unit")
 
 
-def _value_rows(found: StaticCalibration | Estimate) -> list[list[Cell]]:
-    every = found.intervals if hasattr(found, "intervals") else found.interval()
+def _value_rows(estimate: StaticCalibration | Estimate) -> list[list[Cell]]:
+    every = estimate.intervals if hasattr(estimate, "intervals") else estimate.interval()
     rows = []
     for name, value, error, (low, high), unit in zip(
-        found.names,
-        found.values.tolist(),
-        found.standard_errors.tolist(),
+        estimate.names,
+        estimate.values.tolist(),
+        estimate.standard_errors.tolist(),
         every.tolist(),
-        found.units,
+        estimate.units,
         strict=True,
     ):
         texts = rounded(value, error, low, high)
@@ -428,11 +428,11 @@ def _value_rows(found: StaticCalibration | Estimate) -> list[list[Cell]]:
     return rows
 
 
-def residual_table(found: Identification) -> Table:
+def residual_table(identification: Identification) -> Table:
     """Return the autocorrelation of the residual of every equation."""
     rows = [
         (joint, side_name(side), short(white.first), short(white.durbin_watson))
-        for side, checks in found.checks.items()
+        for side, checks in identification.checks.items()
         for joint, white in checks.whiteness.items()
     ]
     caption = (
@@ -444,14 +444,14 @@ def residual_table(found: Identification) -> Table:
     return table_of("residuals", caption, heads, rows, 2)
 
 
-def condition_table(found: Identification) -> Table:
+def condition_table(result: Identification) -> Table:
     """Return condition number, residual and number of excluded instants per regression."""
     rows = []
-    for side, checks in found.checks.items():
+    for side, checks in result.checks.items():
         elastic = side not in ("load", "both")
-        estimate = found.drives[side] if elastic else found.load_side
-        unit = "" if not elastic and any(found.robot.is_prismatic) else "N m"
-        excluded = sum(found.excluded.values()) if side == "both" else found.excluded.get(side)
+        estimate = result.drives[side] if elastic else result.load_side
+        unit = "" if not elastic and any(result.robot.is_prismatic) else "N m"
+        excluded = sum(result.excluded.values()) if side == "both" else result.excluded.get(side)
         rows.append(
             (
                 f"actuator side of {side}" if elastic else side_name(side),
@@ -488,7 +488,7 @@ class ErrorRow:
     relative_error: float
 
 
-def error_rows(found: Identification, runs: Sequence[Run]) -> list[ErrorRow]:
+def error_rows(identification: Identification, runs: Sequence[Run]) -> list[ErrorRow]:
     """Return the prediction errors of every run, by side and joint, if there are traces."""
     return [
         ErrorRow(
@@ -496,7 +496,7 @@ def error_rows(found: Identification, runs: Sequence[Run]) -> list[ErrorRow]:
             is_unseen=run.is_unseen,
             joint=joint,
             side=side,
-            cells=_error_cells(fit, index, _torque_unit(found, side, index)),
+            cells=_error_cells(fit, index, _torque_unit(identification, side, index)),
             relative_error=float(fit.relative_error[index]),
         )
         for run in runs
@@ -513,14 +513,12 @@ def error_table(rows: Sequence[ErrorRow]) -> Table:
     kept = [rows[k] for k in sorted(largest)]
     numbers = ("Error", "Counted", "With standstill", "Unfiltered", "RMS error", "R²")
     heads = ("Motion", "Joint", "Side", *numbers)
-    cells = [
-        (f"{one.run}{' (unseen)' * one.is_unseen}", one.joint, one.side, *one.cells) for one in kept
-    ]
+    cells = [(f"{r.run}{' (unseen)' * r.is_unseen}", r.joint, r.side, *r.cells) for r in kept]
     return table_of("predictions", "Prediction errors of the torques.", heads, cells, 3)
 
 
-def _torque_unit(found: Identification, side: str, index: int) -> str:
-    return "N" if side == "load" and found.robot.is_prismatic[index] else "N m"
+def _torque_unit(identification: Identification, side: str, index: int) -> str:
+    return "N" if side == "load" and identification.robot.is_prismatic[index] else "N m"
 
 
 def _error_cells(fit: Fit, index: int, unit: str) -> tuple[str, ...]:
@@ -542,7 +540,7 @@ def replay_error_table(result: ReplayComparison) -> Table:
     rows = [
         (
             joint,
-            *(f"{short(1e3 * float(one[index]))} {unit}" for one in errors),
+            *(f"{short(1e3 * float(error[index]))} {unit}" for error in errors),
             short(float(over[index]), 2),
         )
         for index, joint in enumerate(result.joints)
@@ -554,20 +552,20 @@ def replay_error_table(result: ReplayComparison) -> Table:
 def difference_table(result: Comparison, room: int = _LONG_GROUPING) -> Table:
     """Return the parameters of two identifications side by side."""
     first, second = result.names
-    largest = max((abs(one.significance) for one in result.differences), default=1.0)
+    largest = max((abs(d.significance) for d in result.differences), default=1.0)
     rows: list[list[Cell | str]] = []
-    for one in result.differences:
-        pairs = (one.first, one.first_error), (one.second, one.second_error)
+    for d in result.differences:
+        pairs = (d.first, d.first_error), (d.second, d.second_error)
         rows.append(
             [
-                one.joint or "load",
-                one.name.replace("_", " ") if one.joint else _shortened(one.name, room),
-                *(_with_error(*pair) for pair in pairs),
-                readable_unit(one.unit),
-                change(one.first, one.second),
-                _significance(one.significance, largest),
-                probability(one.p_value),
-                "differs" if one.is_significant else "",
+                d.joint or "load",
+                d.name.replace("_", " ") if d.joint else _shortened(d.name, room),
+                *(_value_cell(*pair) for pair in pairs),
+                readable_unit(d.unit),
+                change(d.first, d.second),
+                _significance(d.significance, largest),
+                probability(d.p_value),
+                "differs" if d.is_significant else "",
             ]
         )
     heads = ("Joint", "Parameter", first, second, "Unit", "Change", "Change / s.e.", "p", "Note")
@@ -579,7 +577,7 @@ def _shortened(name: str, room: int) -> Cell:
     return Cell(name) if len(name) <= room else Cell(f"{name[:room]}…", more=name)
 
 
-def _with_error(value: float, error: float) -> Cell:
+def _value_cell(value: float, error: float) -> Cell:
     text = rounded(value, error, value, value)
     return Cell(f"{text.value} ± {text.error}", exact=value)
 

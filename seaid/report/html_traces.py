@@ -53,24 +53,24 @@ class Run:
     is_unseen: bool
 
 
-def traces_of(found: Identification, runs: Sequence[Run]) -> dict[str, Any]:
+def traces_of(identification: Identification, runs: Sequence[Run]) -> dict[str, Any]:
     """Return runs as packed traces by side and joint; unseen logs take precedence for room."""
-    runs = _with_room(runs)
+    runs = _drawn_runs(runs)
     count = sum(map(_count, runs))
     room = int(_ROOM / _SAMPLE_BYTES / max(count, 1))
     lines = _LINES if count <= _MANY else _FEW_LINES
     return {
-        "joints": list(found.robot.joint_names),
+        "joints": list(identification.robot.joint_names),
         "units": {
-            "actuator": ["N m"] * found.robot.n,
-            "load": ["N" if sliding else "N m" for sliding in found.robot.is_prismatic],
+            "actuator": ["N m"] * identification.robot.n,
+            "load": ["N" if sliding else "N m" for sliding in identification.robot.is_prismatic],
         },
-        "sources": {side: _sources(found, side) for side in SIDES},
+        "sources": {side: _sources(identification, side) for side in SIDES},
         "runs": [_packed_run(run, max(room, _FEWEST), lines) for run in runs],
     }
 
 
-def _with_room(runs: Sequence[Run]) -> list[Run]:
+def _drawn_runs(runs: Sequence[Run]) -> list[Run]:
     """Return the runs whose traces fit in the page, in their order."""
     kept: list[Run] = []
     for run in sorted(runs, key=lambda run: not run.is_unseen):
@@ -88,28 +88,28 @@ def _joints_with_traces(fit: Fit) -> list[int]:
     return [int(i) for i in np.flatnonzero(np.any(np.isfinite(fit.measured), axis=0))]
 
 
-def _sources(found: Identification, side: str) -> list[str]:
+def _sources(identification: Identification, side: str) -> list[str]:
     """Return for each joint the source of the measured torque."""
     source = _motor_source if side == "actuator" else _load_source
-    return [source(found, joint) for joint in found.robot.joint_names]
+    return [source(identification, joint) for joint in identification.robot.joint_names]
 
 
-def _motor_source(found: Identification, joint: str) -> str:
-    kind = found.known.drives[joint].motor_input
+def _motor_source(identification: Identification, joint: str) -> str:
+    kind = identification.known.drives[joint].motor_input
     if kind in COMMANDS:
         return "the torque that the controller gives for the logged command"
     if kind != "torque":
         return f"the motor's {kind} times the identified constant"
-    if not _has_motor_torque(found, joint):
+    if not _has_motor_torque(identification, joint):
         return "the spring torque by the sensor at the joint, reflected to the motor"
     return "the logged motor torque"
 
 
-def _load_source(found: Identification, joint: str) -> str:
-    drive = found.known.drives[joint]
-    if joint in found.springs:
+def _load_source(identification: Identification, joint: str) -> str:
+    drive = identification.known.drives[joint]
+    if joint in identification.springs:
         return "the torque of the identified spring at its measured deflection, (4b)"
-    if joint in found.known.elastic_joints:
+    if joint in identification.known.elastic_joints:
         return "the torque of the sensor at the joint"
     if drive.motor_input in COMMANDS:
         return "the torque that the controller gives for the logged command, at the joint"
@@ -117,14 +117,14 @@ def _load_source(found: Identification, joint: str) -> str:
         return f"the motor's {drive.motor_input} times the identified constant, at the joint"
     if drive == IDEAL_DRIVE:
         return "the logged torque at the joint"
-    if not _has_motor_torque(found, joint):
+    if not _has_motor_torque(identification, joint):
         return "the logged torque at the joint, minus that of a known rotor"
     return "the logged motor torque, reflected to the joint, minus that of a known rotor"
 
 
-def _has_motor_torque(found: Identification, joint: str) -> bool:
-    index = found.known.index(joint)
-    return all(bool(np.isfinite(motion.motor_torque[0, index])) for motion in found.motions)
+def _has_motor_torque(result: Identification, joint: str) -> bool:
+    index = result.known.index(joint)
+    return all(bool(np.isfinite(motion.motor_torque[0, index])) for motion in result.motions)
 
 
 _LONG_STAMP_S = 1e4
@@ -155,13 +155,13 @@ def _packed_run(run: Run, room: int, lines: int) -> dict[str, Any]:
         "start": float(axis_time(result.time)[inside][0]),
         "step": (stretch / 2 if stretch else step) / rate_hz,
         "thinned": _thinned_text(step, stretch, rate_hz, result.cutoff_hz),
-        "frequencies": [float(f"{one:.4g}") for one in bands.frequency],
+        "frequencies": [float(f"{hz:.4g}") for hz in bands.frequency],
         **{
             side: _packed_side(getattr(result, side), inside, (step, stretch), bands, lags)
             for side in SIDES
         },
         **_packed_motion(result.motions, result.time[inside][::step], bool(stretch)),
-        "lags": [float(f"{one:.4g}") for one in lags * step / rate_hz],
+        "lags": [float(f"{lag:.4g}") for lag in lags * step / rate_hz],
         "noise": packed(_noise_correlation(count, rate_hz, result.cutoff_hz, lags * step)),
     }
 
@@ -172,19 +172,19 @@ def _packed_motion(motions: Sequence[Motion], time: Array, is_thinned: bool) -> 
     These are joint positions and velocities, and the temperatures of motors that were logged.
     """
     states = {"position": "joint_position", "velocity": "joint_velocity"}
-    if motions and all(one.motor_temperature is not None for one in motions):
+    if motions and all(motion.motor_temperature is not None for motion in motions):
         states["temperature"] = "motor_temperature"
-    found: dict[str, Any] = dict.fromkeys(("position", "velocity", "temperature"))
+    content: dict[str, Any] = dict.fromkeys(("position", "velocity", "temperature"))
     if is_thinned or not motions:
-        return found
-    own = np.concatenate([motion.time for motion in motions])
+        return content
+    instants = np.concatenate([motion.time for motion in motions])
     for state, field in states.items():
-        whole = np.concatenate([getattr(one, field) for one in motions])
-        found[state] = [
-            packed(np.interp(time, own, one)) if np.all(np.isfinite(one)) else None
-            for one in whole.T
+        whole = np.concatenate([getattr(motion, field) for motion in motions])
+        content[state] = [
+            packed(np.interp(time, instants, column)) if np.all(np.isfinite(column)) else None
+            for column in whole.T
         ]
-    return found
+    return content
 
 
 def _lags(count: int, rate_hz: float, cutoff_hz: float) -> IndexArray:
@@ -195,10 +195,10 @@ def _lags(count: int, rate_hz: float, cutoff_hz: float) -> IndexArray:
 
 def autocorrelation(trace: Array, lags: IndexArray) -> Array:
     """Return the autocorrelation of a trace without its mean at lags in samples."""
-    there = np.nan_to_num(trace - np.nanmean(trace))
-    spectrum = np.abs(fft.rfft(there, fft.next_fast_len(2 * len(there)))) ** 2
-    found = fft.irfft(spectrum)[lags]  # Wiener and Khinchin
-    return np.asarray(found / max(float(there @ there), 1e-300))
+    centred = np.nan_to_num(trace - np.nanmean(trace))
+    spectrum = np.abs(fft.rfft(centred, fft.next_fast_len(2 * len(centred)))) ** 2
+    correlation = fft.irfft(spectrum)[lags]  # Wiener and Khinchin
+    return np.asarray(correlation / max(float(centred @ centred), 1e-300))
 
 
 def _noise_correlation(count: int, rate_hz: float, cutoff_hz: float, lags: IndexArray) -> Array:
@@ -211,8 +211,8 @@ def _noise_correlation(count: int, rate_hz: float, cutoff_hz: float, lags: Index
 def _inside(result: Validation) -> slice:
     """Return the samples with a trace of any joint, without the filter transients at the ends."""
     both = np.hstack([result.actuator.measured, result.load.measured])
-    there = np.flatnonzero(np.any(np.isfinite(both), axis=1))
-    return slice(int(there[0]), int(there[-1]) + 1) if len(there) else slice(0, len(both))
+    samples = np.flatnonzero(np.any(np.isfinite(both), axis=1))
+    return slice(int(samples[0]), int(samples[-1]) + 1) if len(samples) else slice(0, len(both))
 
 
 def _thinned_text(step: int, stretch: int, rate_hz: float, cutoff_hz: float) -> str:
@@ -253,7 +253,7 @@ def _packed_trace(
     }
     return {
         **{name: packed(trace) for name, trace in thin.items()},
-        "spectra": {name: packed(np.log10(bands.amplitude(one))) for name, one in traces.items()},
+        "spectra": {name: packed(np.log10(bands.amplitude(x))) for name, x in traces.items()},
         "autocorrelation": packed(autocorrelation(traces["residual"][::step], lags)),
     }
 
@@ -264,9 +264,9 @@ def envelope(trace: Array, stretch: int) -> Array:
     padded = np.pad(trace, (0, count * stretch - len(trace)), mode="edge").reshape(count, stretch)
     known = np.where(np.isfinite(padded), padded, 0.0)
     places = np.sort([np.argmin(known, axis=1), np.argmax(known, axis=1)], axis=0)
-    found = np.take_along_axis(padded, places.T, axis=1)
-    found[~np.all(np.isfinite(padded), axis=1)] = np.nan
-    return np.asarray(found.ravel())
+    extremes = np.take_along_axis(padded, places.T, axis=1)
+    extremes[~np.all(np.isfinite(padded), axis=1)] = np.nan
+    return np.asarray(extremes.ravel())
 
 
 def packed(trace: Array) -> dict[str, Any]:
@@ -296,11 +296,11 @@ class Bands:
 
     def amplitude(self, trace: Array) -> Array:
         """Return the largest amplitude per band, of a trace without its mean (Hann window)."""
-        there = np.nan_to_num(trace - np.nanmean(trace))
-        window = np.hanning(len(there))
-        lines = 2 * np.abs(np.fft.rfft(window * there)) / max(float(window.sum()), 1e-300)
-        found = np.maximum.reduceat(lines[: self.end], self.start)
-        return np.maximum(found, max(_DEEPEST * float(np.max(found)), 1e-300))
+        centred = np.nan_to_num(trace - np.nanmean(trace))
+        window = np.hanning(len(centred))
+        lines = 2 * np.abs(np.fft.rfft(window * centred)) / max(float(window.sum()), 1e-300)
+        amplitude = np.maximum.reduceat(lines[: self.end], self.start)
+        return np.maximum(amplitude, max(_DEEPEST * float(np.max(amplitude)), 1e-300))
 
 
 def _bands(count: int, rate_hz: float, cutoff_hz: float, lines: int) -> Bands:

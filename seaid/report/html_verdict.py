@@ -78,17 +78,17 @@ class PageVerdict:
 
 
 def page_verdict(
-    found: Identification, runs: Sequence[Run], replays: Sequence[ReplayComparison] = ()
+    result: Identification, runs: Sequence[Run], replays: Sequence[ReplayComparison] = ()
 ) -> PageVerdict:
     """Return the verdict on an identification with its numbers."""
-    verdict = verdict_with(found, [*(run.result for run in runs), *replays])
+    verdict = verdict_with(result, [*(run.result for run in runs), *replays])
     said = verdict.sentence.partition(": ")
     is_repeated = said[0] in ("good", "usable with care", "do not use this result")
     because = "" if verdict.level == "good" else "because of "
     sentence = because + said[2] if is_repeated else verdict.sentence
-    unseen = error_rows(found, [run for run in runs if run.is_unseen])
-    rows = unseen or error_rows(found, runs)
-    kinds = (("Drive parameters", found.drives.values()), ("Base parameters", [found.load]))
+    unseen = error_rows(result, [run for run in runs if run.is_unseen])
+    rows = unseen or error_rows(result, runs)
+    kinds = (("Drive parameters", result.drives.values()), ("Base parameters", [result.load]))
     numbers = [_prediction(rows, bool(unseen))]
     for name, estimates in kinds:
         errors = _relative_errors(estimates)
@@ -96,13 +96,13 @@ def page_verdict(
             good = int(np.sum(errors < POOR))
             note = "with a standard error below 10\N{NO-BREAK SPACE}%"
             numbers.append((name, f"{good} of {len(errors)}", note))
-    for one in replays[:1]:
-        before, after = (1e3 * float(errors.mean()) for errors in one.mean_absolute_errors)
+    for replay in replays[:1]:
+        before, after = (1e3 * float(errors.mean()) for errors in replay.mean_absolute_errors)
         note = f"mean absolute error of the joints; {short(before)} before"
         numbers.append(("Replay", f"{short(after)} mrad", note))
-    if found.motions:
-        length = sum(float(one.time[-1] - one.time[0]) for one in found.motions)
-        note = f"in {counted(len(found.motions), 'motion')}, below {found.cutoff_hz:.3g} Hz"
+    if result.motions:
+        length = sum(float(motion.time[-1] - motion.time[0]) for motion in result.motions)
+        note = f"in {counted(len(result.motions), 'motion')}, below {result.cutoff_hz:.3g} Hz"
         numbers.append(("Data", seconds(length), note))
     level = verdict.level.replace(" ", "-")
     return PageVerdict(level, verdict.level.capitalize(), _sentence(sentence), tuple(numbers))
@@ -110,7 +110,7 @@ def page_verdict(
 
 def _relative_errors(estimates: Iterable[Estimate]) -> Array:
     """Return the relative standard errors of all parameters."""
-    return np.concatenate([np.zeros(0), *(one.relative_standard_errors for one in estimates)])
+    return np.concatenate([np.zeros(0), *(e.relative_standard_errors for e in estimates)])
 
 
 def _prediction(rows: Sequence[ErrorRow], is_unseen: bool) -> tuple[str, str, str]:
@@ -132,7 +132,7 @@ def explained_as(error: float) -> str:
 
 
 def notices_of(
-    found: Identification,
+    result: Identification,
     runs: Sequence[Run],
     replays: Sequence[ReplayComparison] = (),
     notes: Sequence[str] = (),
@@ -142,37 +142,39 @@ def notices_of(
     `notes` are the reasons why logs that were to validate do not.
     """
     every = [
-        *map(_notice, found.warnings),
-        *(_notice(one) for run in runs for one in run.result.warnings),
-        *(_notice(one) for result in replays for one in result.warnings),
+        *map(_notice, result.warnings),
+        *(_notice(finding) for run in runs for finding in run.result.warnings),
+        *(_notice(finding) for replay in replays for finding in replay.warnings),
         *(Notice("not-validated", "doubtful", (_sentence(text),)) for text in notes),
-        *_of_validation(found, runs),
-        *(Notice("inconsistent-inertia", "note", (text,)) for text in _of_bodies(found)),
-        *(Notice("poorly-determined", "note", (text,)) for text in _poorly_determined(found)),
-        *(Notice("needless-term", "note", (text,)) for text in _unsupported_terms(found)),
-        *(Notice("residual", "note", (text,)) for text in _autocorrelated(found)),
-        *(Notice("standstill", "note", (text,)) for text in _excluded(found)),
+        *_validation_notices(result, runs),
+        *(Notice("inconsistent-inertia", "note", (text,)) for text in _inconsistent_bodies(result)),
+        *(Notice("poorly-determined", "note", (text,)) for text in _poorly_determined(result)),
+        *(Notice("needless-term", "note", (text,)) for text in _unsupported_terms(result)),
+        *(Notice("residual", "note", (text,)) for text in _autocorrelated(result)),
+        *(Notice("standstill", "note", (text,)) for text in _excluded(result)),
     ]
     together: dict[tuple[str, ...], Notice] = {}
-    for one in every:
-        key = one.subject, one.severity, one.remedy, one.snippet
-        first = together.get(key, replace(one, messages=(), joints=()))
+    for notice in every:
+        key = notice.subject, notice.severity, notice.remedy, notice.snippet
+        first = together.get(key, replace(notice, messages=(), joints=()))
         together[key] = replace(
             first,
-            messages=first.messages + one.messages,
-            joints=tuple(dict.fromkeys(first.joints + one.joints)),
+            messages=first.messages + notice.messages,
+            joints=tuple(dict.fromkeys(first.joints + notice.joints)),
         )
-    return sorted(together.values(), key=lambda one: SEVERITIES.index(one.severity))
+    return sorted(together.values(), key=lambda notice: SEVERITIES.index(notice.severity))
 
 
-def _notice(one: Finding) -> Notice:
+def _notice(finding: Finding) -> Notice:
     """Return a finding as a notice; a remedy of several lines has a text to copy."""
-    first, _, rest = one.remedy.strip().partition("\n")
-    joints = (one.joint,) if one.joint else ()
-    return Notice(one.code, one.severity, (_sentence(one.message),), joints, first, rest)
+    first, _, rest = finding.remedy.strip().partition("\n")
+    joints = (finding.joint,) if finding.joint else ()
+    return Notice(
+        finding.code, finding.severity, (_sentence(finding.message),), joints, first, rest
+    )
 
 
-def _of_validation(found: Identification, runs: Sequence[Run]) -> Iterator[Notice]:
+def _validation_notices(identification: Identification, runs: Sequence[Run]) -> Iterator[Notice]:
     if not any(run.is_unseen for run in runs):
         yield Notice("not-validated", "note", (NOT_VALIDATED,))
     for run in runs:
@@ -183,25 +185,25 @@ def _of_validation(found: Identification, runs: Sequence[Run]) -> Iterator[Notic
             )
             yield Notice("not-validated", "doubtful", (message,))
     for run in runs:
-        rows = error_rows(found, [run]) if run.is_unseen else []
-        said = {one.joint for one in run.result.warnings}
+        rows = error_rows(identification, [run]) if run.is_unseen else []
+        said = {finding.joint for finding in run.result.warnings}
         rows = [row for row in rows if row.joint not in said]
         bad = [row for row in rows if row.relative_error > _BADLY_PREDICTED]
         if bad:
-            torques = [f"{one.joint} ({one.side} side) {share(one.relative_error)}" for one in bad]
+            torques = [f"{row.joint} ({row.side} side) {share(row.relative_error)}" for row in bad]
             message = f"Relative error of torques in the {run.name}: {_listed(torques)}."
-            yield Notice("badly-predicted", "doubtful", (message,), tuple(one.joint for one in bad))
+            yield Notice("badly-predicted", "doubtful", (message,), tuple(row.joint for row in bad))
 
 
-def _of_bodies(found: Identification) -> Iterator[str]:
+def _inconsistent_bodies(identification: Identification) -> Iterator[str]:
     """Yield the physically inconsistent bodies, which `write_urdf` would refuse."""
-    bodies = found.robot.parameters.reshape(-1, 10)
+    bodies = identification.robot.parameters.reshape(-1, 10)
     wrong = [
         name
-        for name, body in zip(found.robot.body_names, bodies, strict=True)
+        for name, body in zip(identification.robot.body_names, bodies, strict=True)
         if not (np.all(np.isfinite(body)) and is_physical(body, THIN))
     ]
-    if wrong and found.feasible is None:
+    if wrong and identification.feasible is None:
         yield (
             f"{_listed(wrong)}: the inertial parameters are physically inconsistent. They have "
             "the identified base parameters and thus the right torques, but a simulator may refuse "
@@ -211,15 +213,15 @@ def _of_bodies(found: Identification) -> Iterator[str]:
         yield f"{_listed(wrong)}: the inertial parameters are physically inconsistent."
 
 
-def _poorly_determined(found: Identification) -> Iterator[str]:
-    for side, checks in found.checks.items():
+def _poorly_determined(identification: Identification) -> Iterator[str]:
+    for side, checks in identification.checks.items():
         where = f"{side_name(side)}{'' if side in ('load', 'both') else f' of {side}'}"
         for text in checks.poorly_determined:
             yield _sentence(f"{where}: {text}")
 
 
-def _unsupported_terms(found: Identification) -> Iterator[str]:
-    for side, checks in found.checks.items():
+def _unsupported_terms(identification: Identification) -> Iterator[str]:
+    for side, checks in identification.checks.items():
         for term in checks.terms:
             if term.bic <= 0:
                 yield (
@@ -228,8 +230,8 @@ def _unsupported_terms(found: Identification) -> Iterator[str]:
                 )
 
 
-def _autocorrelated(found: Identification) -> Iterator[str]:
-    for side, checks in found.checks.items():
+def _autocorrelated(identification: Identification) -> Iterator[str]:
+    for side, checks in identification.checks.items():
         for joint, white in checks.whiteness.items():
             if white.first > CORRELATED:
                 yield (
@@ -239,14 +241,14 @@ def _autocorrelated(found: Identification) -> Iterator[str]:
                 )
 
 
-def _excluded(found: Identification) -> Iterator[str]:
-    instants = sum(len(row_samples(motion)) for motion in found.motions)
-    for side, count in found.excluded.items():
-        rows = instants * (_load_rows(found) if side == "load" else 1)
+def _excluded(identification: Identification) -> Iterator[str]:
+    instants = sum(len(row_samples(motion)) for motion in identification.motions)
+    for side, count in identification.excluded.items():
+        rows = instants * (_load_rows(identification) if side == "load" else 1)
         if rows and count > _LARGE_EXCLUDED_SHARE * rows:
             where = "The load side" if side == "load" else f"The actuator side of {side}"
             others = "near standstill, where the direction of dry friction is unknown"
-            if side == "load" and found.robot.floating_base is not None:
+            if side == "load" and identification.robot.floating_base is not None:
                 others += ", or next to a change of contact"
             yield (
                 f"{where} is identified from {share(1 - count / rows)} of its instants: the others "
@@ -254,10 +256,10 @@ def _excluded(found: Identification) -> Iterator[str]:
             )
 
 
-def _load_rows(found: Identification) -> int:
+def _load_rows(result: Identification) -> int:
     """Return the number of load-side equations at an instant."""
-    base = found.robot.floating_base
-    return len(found.model.torque_joints) + (0 if base is None else int(base.free_axes.sum()))
+    base = result.robot.floating_base
+    return len(result.model.torque_joints) + (0 if base is None else int(base.free_axes.sum()))
 
 
 def _listed(names: Sequence[str], most: int = 8) -> str:
@@ -300,18 +302,18 @@ class Nominal:
     has_bodies: bool
 
 
-def nominal_values(found: Identification, robot: Robot) -> Nominal:
+def nominal_values(result: Identification, robot: Robot) -> Nominal:
     """Return the values of a robot's files for the parameters that were identified."""
-    model = found.model
+    model = result.model
     drives = {
-        joint: _of_drive(estimate, robot.drives[joint])
-        for joint, estimate in found.drive_side.items()
+        joint: _drive_values(estimate, robot.drives[joint])
+        for joint, estimate in result.drive_side.items()
     }
     places = (*model.drives, *model.absorbed)
     values = np.array([robot.drives[of].values.get(name, np.nan) for of, name, _ in places])
     absent: dict[tuple[str, str], list[str]] = {}
-    for joint, own in drives.items():
-        names = zip(found.drive_side[joint].names, np.isnan(own), strict=True)
+    for joint, nominal in drives.items():
+        names = zip(result.drive_side[joint].names, np.isnan(nominal), strict=True)
         absent["actuator", joint] = [name for name, lacks in names if lacks and name not in _ZEROS]
     for (joint, name, _), lacks in zip(places, np.isnan(values), strict=True):
         absent.setdefault(("load", joint), []).extend([name] * bool(lacks))
@@ -324,12 +326,12 @@ def nominal_values(found: Identification, robot: Robot) -> Nominal:
     if not has_bodies:
         missing |= {("load", joint): NO_BODIES for joint in robot.joint_names}
     values, count = np.nan_to_num(values), len(model.drives)
-    load = np.concatenate([found.base.project(np.nan_to_num(robot.parameters)), values[:count]])
+    load = np.concatenate([result.base.project(np.nan_to_num(robot.parameters)), values[:count]])
     if len(model.absorbed):
         load = load + model.absorption @ values[count:]
-    load = np.concatenate([load, np.zeros(len(found.load_side.names) - len(load))])
+    load = np.concatenate([load, np.zeros(len(result.load_side.names) - len(load))])
     zero = {key: f"without {_listed_names(names)}" for key, names in absent.items() if names}
-    drives = {joint: np.nan_to_num(own) for joint, own in drives.items()}
+    drives = {joint: np.nan_to_num(nominal) for joint, nominal in drives.items()}
     return Nominal(drives, load, missing, zero, has_bodies)
 
 
@@ -337,25 +339,25 @@ def _listed_names(names: Sequence[str]) -> str:
     return ", ".join(name.replace("_", " ") for name in names)
 
 
-def _of_drive(estimate: Estimate, drive: Drive) -> Array:
+def _drive_values(estimate: Estimate, drive: Drive) -> Array:
     """Return the nominal values (p,) of a drive, its encoder zeros as identified."""
-    found: dict[str, float] = dict(zip(estimate.names, estimate.values.tolist(), strict=True))
-    kept = {name: found[name] for name in _ZEROS[1:] if name in found}
-    if "spring_offset" in found and "preload" not in drive.spring:
-        zero = found["spring_offset"] / found["stiffness"] if found.get("stiffness") else np.nan
+    fitted: dict[str, float] = dict(zip(estimate.names, estimate.values.tolist(), strict=True))
+    kept = {name: fitted[name] for name in _ZEROS[1:] if name in fitted}
+    if "spring_offset" in fitted and "preload" not in drive.spring:
+        zero = fitted["spring_offset"] / fitted["stiffness"] if fitted.get("stiffness") else np.nan
         kept["spring_offset"] = zero * drive.values.get("stiffness", np.nan)
     values = {**drive.values, **kept}
     return np.array([values.get(name, np.nan) for name in estimate.names])
 
 
-def with_nominal_values(found: Identification, nominal: Nominal) -> Identification:
+def with_nominal_values(identification: Identification, nominal: Nominal) -> Identification:
     """Return the identification with the nominal values as estimates."""
     drives = {
         joint: replace(estimate, values=nominal.drives[joint])
-        for joint, estimate in found.drive_side.items()
+        for joint, estimate in identification.drive_side.items()
     }
-    load = replace(found.load_side, values=nominal.load)
-    return replace(found, drive_side=FrozenMapping(drives), load_side=load)
+    load = replace(identification.load_side, values=nominal.load)
+    return replace(identification, drive_side=FrozenMapping(drives), load_side=load)
 
 
 @dataclass(frozen=True)

@@ -96,7 +96,7 @@ def table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> T
 
 def fields_table(data: Any) -> Text:
     """Return the fields of an object that differ from their defaults."""
-    return table(repr(data), ["field", "value"], [[*one] for one in field_texts(data)])
+    return table(repr(data), ["field", "value"], [[*row] for row in field_texts(data)])
 
 
 def robot_table(robot: Robot) -> Text:
@@ -119,8 +119,8 @@ def robot_table(robot: Robot) -> Text:
         )
     ]
     rows += [
-        [one.name, "prismatic" if one.is_prismatic else "revolute", _followed(one), body, number(m)]
-        for one, body, m in zip(
+        [j.name, "prismatic" if j.is_prismatic else "revolute", _mimic_text(j), body, number(m)]
+        for j, body, m in zip(
             robot.dependent_joints,
             robot.body_names[robot.n :],
             robot.parameters[::10][robot.n :],
@@ -134,7 +134,7 @@ def robot_table(robot: Robot) -> Text:
     return table(repr(robot), ["joint", "type", "drive", "body", "mass [kg]"], rows)
 
 
-def _followed(joint: DependentJoint) -> str:
+def _mimic_text(joint: DependentJoint) -> str:
     offset = f" {joint.offset:+.4g}" if joint.offset else ""
     return f"mimics: {joint.multiplier:.4g} {joint.leader}{offset}"
 
@@ -162,14 +162,14 @@ def frequency_table(found: FrequencyResponse) -> Text:
     """Return resonances, damping and springs of elastic joints, and the noise of the response."""
     rows = [
         [f"{name.replace('_', ' ')} of {joint}", number(value), number(error), unit]
-        for joint, one in found.drives.items()
-        for name, value, error, unit in _entries(one)
+        for joint, estimate in found.drives.items()
+        for name, value, error, unit in _entries(estimate)
     ]
     header = ["parameter", "estimated", "std. error", "unit"]
     size = np.abs(np.einsum("fii->fi", found.response))
-    parts = [np.einsum("fii->fi", one) / size for one in (found.noise_std, found.total_std)]
+    parts = [np.einsum("fii->fi", std) / size for std in (found.noise_std, found.total_std)]
     quality = [
-        [joint, *(percent(float(np.median(one[:, place]))) for one in parts)]
+        [joint, *(percent(float(np.median(part[:, place]))) for part in parts)]
         for place, joint in enumerate(found.joints)
     ]
     text = "Response of each motor: standard deviation, median over frequencies"
@@ -208,8 +208,8 @@ def excitation_table(plan: Excitation) -> Text:
 
 def condition_lines(plan: Excitation) -> list[str]:
     """Return the condition numbers and the D-value of a planned motion in three lines."""
-    ends = [one[[0, -1]] for one in (plan.start_singular_values, plan.singular_values)]
-    first, last = (one[0] / one[1] if one[1] > 0 else np.inf for one in ends)
+    ends = [values[[0, -1]] for values in (plan.start_singular_values, plan.singular_values)]
+    first, last = (pair[0] / pair[1] if pair[1] > 0 else np.inf for pair in ends)
     return [
         f"condition number of the scaled columns: random start {first:.4g}, planned {last:.4g}",
         f"condition number of the {len(plan.base.columns)} base columns: "
@@ -220,14 +220,14 @@ def condition_lines(plan: Excitation) -> list[str]:
 
 def drive_table(
     title: str,
-    found: Identification,
+    identification: Identification,
     known: Robot | None = None,
     compared: tuple[str, str] = ("true", "off by"),
 ) -> Text:
     """Return Table 1 of the paper: drive parameters with standard errors, and known values."""
     header = ["joint", "parameter", "estimated", "std. error", "rel."]
     rows = []
-    for joint, estimate in found.drives.items():
+    for joint, estimate in identification.drives.items():
         values = {} if known is None else known.drives[joint].own_values
         for name, value, error, unit in _entries(estimate):
             exact = values.get(name, np.nan)
@@ -237,17 +237,17 @@ def drive_table(
     return table(title, [*header, *([] if known is None else compared), "unit"], rows)
 
 
-def load_table(title: str, found: Identification, truth: Robot | None = None) -> Text:
+def load_table(title: str, identification: Identification, truth: Robot | None = None) -> Text:
     """Return the base parameters with standard errors, and true values if `truth` is given.
 
     Long groupings are shortened; `parameters.json` has them in full.
     """
     header = ["base parameter", "estimated", "std. error", "rel."]
-    true = np.full(len(found.load.values), np.nan)
+    true = np.full(len(identification.load.values), np.nan)
     if truth is not None:
-        true = found.base.project(truth.parameters)
+        true = identification.base.project(truth.parameters)
     rows = []
-    for exact, (name, value, error, unit) in zip(true, _entries(found.load), strict=True):
+    for exact, (name, value, error, unit) in zip(true, _entries(identification.load), strict=True):
         off = [number(exact), f"{(value - exact) / error:+.1f} s.e."]
         numbers = [number(value), number(error), percent(error / (abs(value) or np.nan))]
         rows.append([cut(name), *numbers, *([] if truth is None else off), unit])
@@ -264,8 +264,8 @@ def short_text(found: Identification, nominal: Robot, details: bool = False) -> 
 
     With `details` base parameters, processing and checks follow.
     """
-    given = {joint: drive.own_values for joint, drive in nominal.drives.items()}
-    compares = any({*one.names} & {*given[joint]} for joint, one in found.drives.items())
+    values = {joint: drive.own_values for joint, drive in nominal.drives.items()}
+    compares = any({*estimate.names} & {*values[joint]} for joint, estimate in found.drives.items())
     parts = _verdict_lines(found)
     if found.drives:
         parts.append(
@@ -275,41 +275,41 @@ def short_text(found: Identification, nominal: Robot, details: bool = False) -> 
     return joined([*parts, *(_details(found) if details else [_sources_text(found)])])
 
 
-def _details(found: Identification, *drives: Text) -> list[str]:
+def _details(identification: Identification, *drives: Text) -> list[str]:
     return [
-        _sources_text(found),
-        *_processing_text(found),
-        *(f"constants: {text}" for text in exact_text(found)),
+        _sources_text(identification),
+        *_processing_text(identification),
+        *(f"constants: {text}" for text in exact_text(identification)),
         *drives,
-        *(_whole_body_table(found) if drives else []),
-        load_table("Base parameters", found),
-        checks_table(found),
-        *(_feasible_text(found.feasible) if found.feasible is not None else []),
+        *(_whole_body_table(identification) if drives else []),
+        load_table("Base parameters", identification),
+        checks_table(identification),
+        *(_feasible_text(identification.feasible) if identification.feasible is not None else []),
     ]
 
 
-def _whole_body_table(found: Identification) -> list[Text]:
+def _whole_body_table(identification: Identification) -> list[Text]:
     """Return the table of the mass and the centre of mass of a robot with a floating base."""
     from seaid.identification import whole_body
 
     rows = [
         [
-            one.name,
-            number(one.value) if one.is_determined else "not determined",
-            number(one.standard_error) if one.is_determined else "",
-            one.unit,
+            quantity.name,
+            number(quantity.value) if quantity.is_determined else "not determined",
+            number(quantity.standard_error) if quantity.is_determined else "",
+            quantity.unit,
         ]
-        for one in whole_body(found)
+        for quantity in whole_body(identification)
     ]
     title = "Whole robot, in the frame of its base at the mean posture"
     return [table(title, ["", "identified", "std. error", "unit"], rows)] if rows else []
 
 
-def _sources_text(found: Identification) -> str:
-    joints, count = ", ".join(found.model.torque_joints), len(found.load.values)
+def _sources_text(identification: Identification) -> str:
+    joints, count = ", ".join(identification.model.torque_joints), len(identification.load.values)
     source = f"the torques at {joints}" if joints else "the forces on the base"
     bodies = f"{count} base parameters from {source}" if count else "bodies as given"
-    return f"{found.robot.name}: {bodies}; cutoff {found.cutoff_hz:.3g} Hz"
+    return f"{identification.robot.name}: {bodies}; cutoff {identification.cutoff_hz:.3g} Hz"
 
 
 _MOST_NOTES = 4
@@ -322,27 +322,29 @@ def warning_lines(warnings: Iterable[Finding]) -> list[str]:
     Of notes without a remedy the first ones of each code are shown, and the others counted.
     """
     lines, notes = [], Counter[str]()
-    for one in warnings:
-        if one.severity == "note" and not one.remedy:
-            notes[one.code] += 1
-            if notes[one.code] > _MOST_NOTES:
+    for finding in warnings:
+        if finding.severity == "note" and not finding.remedy:
+            notes[finding.code] += 1
+            if notes[finding.code] > _MOST_NOTES:
                 continue
-        mark = "!" if one.severity == "wrong" else "?" if one.severity == "doubtful" else "-"
-        lines.append(f"{mark} {one.code}: {one.message}")
-        if one.remedy:
-            lines += [f"    {line}" for line in one.remedy.splitlines()]
+        mark = (
+            "!" if finding.severity == "wrong" else "?" if finding.severity == "doubtful" else "-"
+        )
+        lines.append(f"{mark} {finding.code}: {finding.message}")
+        if finding.remedy:
+            lines += [f"    {line}" for line in finding.remedy.splitlines()]
     more = {code: count - _MOST_NOTES for code, count in notes.items() if count > _MOST_NOTES}
     return lines + [f"- {code}: {counted(n, 'more note')} like these" for code, n in more.items()]
 
 
-def verdict_text(found: Identification) -> list[str]:
+def verdict_text(identification: Identification) -> list[str]:
     """Return the verdict, the warnings, and per joint how much of its torque is unexplained."""
-    return [*_verdict_lines(found), *_fit_tables(found)]
+    return [*_verdict_lines(identification), *_fit_tables(identification)]
 
 
-def _verdict_lines(found: Identification) -> list[str]:
-    verdict = f"{found.robot.name}: {found.verdict.sentence}"
-    return [verdict, *_gain_lines(found.robot), *warning_lines(found.warnings)]
+def _verdict_lines(identification: Identification) -> list[str]:
+    verdict = f"{identification.robot.name}: {identification.verdict.sentence}"
+    return [verdict, *_gain_lines(identification.robot), *warning_lines(identification.warnings)]
 
 
 def _gain_lines(robot: Robot) -> list[str]:
@@ -362,15 +364,15 @@ def _gain_lines(robot: Robot) -> list[str]:
             joints.setdefault(text, []).append(joint)
     if not joints:
         return []
-    given = "; ".join(f"{text} ({listed(places)})" for text, places in joints.items())
+    gains_text = "; ".join(f"{text} ({listed(places)})" for text, places in joints.items())
     return [
-        f"gains as given, in SI units at the joints: {given}. Inertias, friction and "
+        f"gains as given, in SI units at the joints: {gains_text}. Inertias, friction and "
         "offsets are in proportion to them: if they are assumed, write is_up_to_scale = true into "
         "the controllers: known bodies may determine their scale"
     ]
 
 
-def _fit_tables(found: Identification) -> list[Text]:
+def _fit_tables(identification: Identification) -> list[Text]:
     """Return the table of the unexplained torques, if there is one."""
     header = [
         "joint",
@@ -383,22 +385,22 @@ def _fit_tables(found: Identification) -> list[Text]:
     rows = [
         [
             joint,
-            *(percent(x) for x in (one.own, one.blocks, one.motor, one.identified, one.nominal)),
+            *(percent(x) for x in (fit.own, fit.blocks, fit.motor, fit.identified, fit.nominal)),
         ]
-        for joint, one in found.joint_fits.items()
+        for joint, fit in identification.joint_fits.items()
     ]
     title = "Unexplained torque, of that without its mean (rms)"
-    return [table(title, header, rows), *_residual_text(found)] if rows else []
+    return [table(title, header, rows), *_residual_text(identification)] if rows else []
 
 
-def _residual_text(found: Identification) -> list[Text]:
+def _residual_text(result: Identification) -> list[Text]:
     """Return the residual of all joints together, if it is known."""
-    own, blocks = found.residual
-    if np.isnan(own):
+    fitted, blocks = result.residual
+    if np.isnan(fitted):
         return []
     more = "" if np.isnan(blocks) else f", {percent(blocks)} in excluded blocks"
-    of = "torques of all joints" if found.model.torque_joints else "forces and moments of the base"
-    return [Text(f"Residual over the {of} (norms): {percent(own)} in the own logs{more}")]
+    of = "torques of all joints" if result.model.torque_joints else "forces and moments of the base"
+    return [Text(f"Residual over the {of} (norms): {percent(fitted)} in the own logs{more}")]
 
 
 def setup_table(found: SetupCheck) -> Text:
@@ -407,32 +409,32 @@ def setup_table(found: SetupCheck) -> Text:
     rows = [
         [
             joint,
-            number(one.swing),
-            number(one.encoder_slope),
-            *(percent(error) for error in (one.nominal, one.bodies, one.motor)),
+            number(setup.swing),
+            number(setup.encoder_slope),
+            *(percent(error) for error in (setup.nominal, setup.bodies, setup.motor)),
         ]
-        for joint, one in found.joints.items()
+        for joint, setup in found.joints.items()
     ]
     tables = [table("Torques that the set-up as given leaves unexplained", header, rows)]
     nothing = [] if found.warnings else ["nothing contradicts the set-up"]
     return joined([*(tables if rows else []), *warning_lines(found.warnings), *nothing])
 
 
-def _processing_text(found: Identification) -> list[str]:
+def _processing_text(identification: Identification) -> list[str]:
     """Return one line on the processing of the first log and the number of logs."""
-    others = len(found.processing) - 1
-    kind = "stretches" if has_holes(found.processing) else "logs"
+    others = len(identification.processing) - 1
+    kind = "stretches" if has_holes(identification.processing) else "logs"
     more = f" (first of {others + 1} {kind})" if others > 0 else ""
-    return [f"processing{more}: {one}" for one in found.processing[:1]]
+    return [f"processing{more}: {processing}" for processing in identification.processing[:1]]
 
 
-def exact_text(found: Identification) -> list[str]:
+def exact_text(identification: Identification) -> list[str]:
     """Return one line on the constants whose tolerances are in no standard error, if any."""
-    option = ",".join(f"{name}={std:g}" for name, std in found.exact_constants.items())
+    option = ",".join(f"{name}={std:g}" for name, std in identification.exact_constants.items())
     return [f"taken as exact; to include typical tolerances: --known-std {option}"] * bool(option)
 
 
-def checks_table(found: Identification) -> Text:
+def checks_table(identification: Identification) -> Text:
     """Return the checks of the model: optional terms, residuals and condition numbers.
 
     The data support a term whose BIC difference is above zero. A low-pass filter correlates the
@@ -442,9 +444,9 @@ def checks_table(found: Identification) -> Text:
     residuals: list[list[str]] = []
     conditions: list[str] = []
     poorly: list[str] = []
-    for side, checks in found.checks.items():
-        own = f" of {side}", "actuator", f"the actuator side of {side}"
-        suffix, column, name = _SIDES.get(side, own)
+    for side, checks in identification.checks.items():
+        drive_names = f" of {side}", "actuator", f"the actuator side of {side}"
+        suffix, column, name = _SIDES.get(side, drive_names)
         terms += [[term.terms[0] + suffix, *_term_numbers(term)] for term in checks.terms]
         residuals += [
             [joint, column, number(white.first), number(white.durbin_watson)]
@@ -477,14 +479,14 @@ def feasible_text(found: FeasibleParameters) -> Text:
     return joined(_feasible_text(found))
 
 
-def _feasible_text(found: FeasibleParameters) -> list[str]:
+def _feasible_text(feasible: FeasibleParameters) -> list[str]:
     """Return the summary of the physically consistent parameters."""
     return [
-        f"physically consistent parameters: chi-square {found.chi_square:.3g} over "
-        f"{len(found.values)} values (at least {found.nearest_chi_square:.3g}); weight of the "
-        f"prior {found.weight:.2g}, {found.freedom:.1f} values determined by the data",
-        *(f"  active bound: {text}" for text in found.active_bounds),
-        *(f"  {note}" for note in found.notes),
+        f"physically consistent parameters: chi-square {feasible.chi_square:.3g} over "
+        f"{len(feasible.values)} values (at least {feasible.nearest_chi_square:.3g}); weight of "
+        f"the prior {feasible.weight:.2g}, {feasible.freedom:.1f} values determined by the data",
+        *(f"  active bound: {text}" for text in feasible.active_bounds),
+        *(f"  {note}" for note in feasible.notes),
     ]
 
 
@@ -518,15 +520,15 @@ def validation_table(result: Validation) -> Text:
         ]
         for index, joint in enumerate(result.joints)
     ]
-    whole = [percent(one.whole_relative_error) for one in (result.actuator, result.load)]
+    whole = [percent(fit.whole_relative_error) for fit in (result.actuator, result.load)]
     rows += [["all joints", whole[0], *empty, whole[1], *empty]] * (len(rows) > 1)
     if result.base is not None:
         columns = [getattr(result.base, kind) for kind in kinds]
         rows += [
-            [row, "-", *empty, *(percent(one[place]) for one in columns)]
+            [row, "-", *empty, *(percent(column[place]) for column in columns)]
             for place, row in enumerate(BASE_ROWS)
         ]
-    is_empty = all(np.all(np.isnan(one.measured)) for one in (result.actuator, result.load))
+    is_empty = all(np.all(np.isnan(fit.measured)) for fit in (result.actuator, result.load))
     nothing = Text("Unseen motion: no joint has a torque that could be compared")
     tables = [nothing if is_empty else table(title, header, rows), *_contact_tables(result)]
     return joined([*tables, *warning_lines(result.warnings)])
@@ -539,19 +541,19 @@ def is_partial(share: float) -> bool:
 
 def _contact_tables(result: Validation) -> list[Text]:
     """Return the table of the contact forces of a robot with a floating base."""
-    found = result.contacts
-    if found is None:
+    forces = result.contacts
+    if forces is None:
         return []
     header = ["contact", "parameters", "measured", "error", "", "normal", "least", "std. error"]
     names = ("rms_force", "rms_error", "mean_normal", "least_normal", "standard_error")
     rows = []
-    for place, link in enumerate(found.links):
-        rms, error, *normal = (number(getattr(found, name)[place]) for name in names)
-        relative = percent(found.relative_error[place])
-        used = f"{found.friction_used[place]:.2f}"
-        rows.append([link, found.basis[place], rms, error, relative, *normal, used])
+    for place, link in enumerate(forces.links):
+        rms, error, *normal = (number(getattr(forces, name)[place]) for name in names)
+        relative = percent(forces.relative_error[place])
+        used = f"{forces.friction_used[place]:.2f}"
+        rows.append([link, forces.basis[place], rms, error, relative, *normal, used])
     title = "Contact forces [N]: measured (rms) and error; predicted normal force; friction used"
-    sums = (found.vertical, found.measured_vertical, found.weight)
+    sums = (forces.vertical, forces.measured_vertical, forces.weight)
     texts = ("sum of the predicted normal forces {} N", "of the measured ones {} N", "weight {} N")
     known = [text.format(number(x)) for text, x in zip(texts, sums, strict=True) if np.isfinite(x)]
     return [table(title, [*header, "friction"], rows), Text(", ".join(known))]
@@ -564,13 +566,13 @@ def replay_table(result: ReplayComparison) -> Text:
     rows = [
         [
             joint,
-            *(f"{1e3 * one[index]:.3g}" for one in errors),
+            *(f"{1e3 * error[index]:.3g}" for error in errors),
             f"{errors[3][index] / result.noise[index]:.2g}" if result.noise[index] > 0 else "-",
             "mm" if result.is_prismatic[index] else "mrad",
         ]
         for index, joint in enumerate(result.joints)
     ]
-    mean = [f"{1e3 * float(one.mean()):.3g}" for one in errors]
+    mean = [f"{1e3 * float(error.mean()):.3g}" for error in errors]
     rows += [["all joints", *mean, "", ""]] * (len(rows) > 1)
     length = float(result.time[-1] - result.time[0])
     title = f"Replay of {length:.4g} s by nominal (before) and identified (after) model"
@@ -583,51 +585,51 @@ def comparison_table(result: Comparison) -> Text:
     header = ["parameter", first, second, "change", "", "std. error", "change/s.e.", "p", "unit"]
     rows = [
         [
-            cut(one.text),
-            f"{number(one.first)} +- {one.first_error:.2g}",
-            f"{number(one.second)} +- {one.second_error:.2g}",
-            number(one.change),
-            percent(one.relative_change),
-            f"{one.error:.2g}",
-            f"{one.significance:+.1f}{' *' if one.is_significant else ''}",
-            f"{one.p_value:.2g}",
-            one.unit,
+            cut(difference.text),
+            f"{number(difference.first)} +- {difference.first_error:.2g}",
+            f"{number(difference.second)} +- {difference.second_error:.2g}",
+            number(difference.change),
+            percent(difference.relative_change),
+            f"{difference.error:.2g}",
+            f"{difference.significance:+.1f}{' *' if difference.is_significant else ''}",
+            f"{difference.p_value:.2g}",
+            difference.unit,
         ]
-        for one in result.differences
+        for difference in result.differences
     ]
     title = f"{first} and {second}: value +- standard error; * differs significantly"
     tests = [
         f"{'base parameters' if group == 'load' else f'drive of {group}'} as a whole: chi-square "
-        f"{number(one.chi_square)} for {counted(one.freedom, 'parameter')}, p {one.p_value:.2g}"
-        for group, one in result.groups.items()
+        f"{number(test.chi_square)} for {counted(test.freedom, 'parameter')}, p {test.p_value:.2g}"
+        for group, test in result.groups.items()
     ]
     only = [
-        f"only in {name}: {', '.join(map(cut, found))}"
-        for name, found in zip(result.names, result.only, strict=True)
-        if found
+        f"only in {name}: {', '.join(map(cut, parameters))}"
+        for name, parameters in zip(result.names, result.only, strict=True)
+        if parameters
     ]
     rest = [*only, *measure_lines(result.names, result.measures or ()), result.sentence]
     return joined([table(title, header, rows), *tests, *rest])
 
 
-def measure_text(one: ExcitationMeasures) -> str:
+def measure_text(measures: ExcitationMeasures) -> str:
     """Return the condition number of columns of unit norm, and the D-value."""
-    drives = ", drives included" if one.has_drives else ""
+    drives = ", drives included" if measures.has_drives else ""
     return (
-        f"{one.parameters} columns of unit norm{drives}: {one.scaled_condition_number:.4g}; "
-        f"D-value {one.d_value:.4g}"
+        f"{measures.parameters} columns of unit norm{drives}: "
+        f"{measures.scaled_condition_number:.4g}; D-value {measures.d_value:.4g}"
     )
 
 
 def measure_lines(names: Sequence[str], every: Sequence[ExcitationMeasures]) -> list[str]:
     """Return the measures of motions, and the D-efficiency of the first over each other one."""
     lines = [
-        f"motion of {name}: condition number of {measure_text(one)}"
-        for name, one in zip(names, every, strict=False)
+        f"motion of {name}: condition number of {measure_text(measures)}"
+        for name, measures in zip(names, every, strict=False)
     ]
     lines += [
-        f"D-efficiency of {names[0]} over {name}: {every[0].d_efficiency(one):.4g}"
-        for name, one in zip(names[1:], every[1:], strict=False)
+        f"D-efficiency of {names[0]} over {name}: {every[0].d_efficiency(measures):.4g}"
+        for name, measures in zip(names[1:], every[1:], strict=False)
     ]
     return lines
 
@@ -661,37 +663,37 @@ _WIDTH = 100
 
 def sensors_table(found: Identifiability) -> Text:
     """Return the parameters identifiable individually, in combination, up to scale, or not."""
-    return joined(_lines(found))
+    return joined(_sensor_lines(found))
 
 
-def _lines(found: Identifiability) -> Iterator[str]:
-    grouped = sum(map(len, found.ratios))
+def _sensor_lines(analysis: Identifiability) -> Iterator[str]:
+    grouped = sum(map(len, analysis.ratios))
     yield (
-        f"{found.robot_name}: {len(found.names)} parameters, of which the sensors determine "
-        f"{found.rank} combinations"
+        f"{analysis.robot_name}: {len(analysis.names)} parameters, of which the sensors determine "
+        f"{analysis.rank} combinations"
     )
-    for joint, sentences in found.usable.items():
+    for joint, sentences in analysis.usable.items():
         yield from _wrapped(
-            f"{joint} ({', '.join(found.sensors[joint]) or 'no sensor'}): ", sentences
+            f"{joint} ({', '.join(analysis.sensors[joint]) or 'no sensor'}): ", sentences
         )
-    yield from _list(f"Individually: {len(found.identifiable)}", found.identifiable)
-    yield from _list(f"In combination: {len(found.combinations)}", found.combinations, "\n")
-    for group in found.ratios:
+    yield from _list(f"Individually: {len(analysis.identifiable)}", analysis.identifiable)
+    yield from _list(f"In combination: {len(analysis.combinations)}", analysis.combinations, "\n")
+    for group in analysis.ratios:
         yield from _list(f"Up to scale: {len(group)}", group, "\n")
-    yield from _list(f"Unidentifiable: {len(found.unidentifiable)}", found.unidentifiable)
-    count = len(found.base.names)
-    agree = "agree" if found.agree else "do NOT agree"
+    yield from _list(f"Unidentifiable: {len(analysis.unidentifiable)}", analysis.unidentifiable)
+    count = len(analysis.base.names)
+    agree = "agree" if analysis.agree else "do NOT agree"
     yield (
-        f"{count} combinations, {grouped} of them in {len(found.ratios)} groups; exact and numeric "
-        f"rank {agree}, singular-value gap {found.gap:.0e}"
+        f"{count} combinations, {grouped} of them in {len(analysis.ratios)} groups; exact and "
+        f"numeric rank {agree}, singular-value gap {analysis.gap:.0e}"
     )
-    if found.derivatives is not None:
-        yield from _by_derivatives(found.derivatives)
-    for line in found.commands:
+    if analysis.derivatives is not None:
+        yield from _derivative_lines(analysis.derivatives)
+    for line in analysis.commands:
         yield from _wrapped("", [line])
 
 
-def _by_derivatives(base: BaseParameters) -> Iterator[str]:
+def _derivative_lines(base: BaseParameters) -> Iterator[str]:
     alone = np.count_nonzero(base.grouping, axis=1) == 1
     yield (
         f"By derivatives of motor angle and motor torque, as identify estimates them: "
@@ -725,18 +727,18 @@ def conditions_table(together: Conditions) -> Text:
     """Return the specific parameters, whether they differ by the BIC, and the shared ones."""
     rows = []
     for name, test in together.differences.items():
-        values = [_text(found, name) for found in together.identifications.values()]
+        values = [_value_text(result, name) for result in together.identifications.values()]
         differ = "yes" if test.bic > 0 else "no"
         rows.append([name, *values, number(test.F), number(test.bic), differ])
     count = len(together.identifications)
     size = "(value +- standard error)"
     first = next(iter(together.identifications.values()))
-    named = [JointParameter(x, joint) for joint, one in first.drives.items() for x in one.names]
+    named = [JointParameter(x, joint) for joint, drive in first.drives.items() for x in drive.names]
     shared = [x for x in (*named, *first.load.names) if x not in together.differences]
     common = table(
         f"{count} conditions: shared parameters {size}",
         ["parameter", "all conditions"],
-        [[name, _text(first, name)] for name in shared],
+        [[name, _value_text(first, name)] for name in shared],
     )
     if not rows:
         return common
@@ -745,10 +747,10 @@ def conditions_table(together: Conditions) -> Text:
     return joined([table(title, header, rows), "", common])
 
 
-def _text(found: Identification, name: str) -> str:
-    estimate, key = found.load_side, name
+def _value_text(identification: Identification, name: str) -> str:
+    estimate, key = identification.load_side, name
     if name not in estimate.names and isinstance(name, JointParameter):
-        estimate, key = found.drives[name.joint], name.parameter
+        estimate, key = identification.drives[name.joint], name.parameter
     return f"{number(estimate.value(key))} +- {estimate.standard_error(key):.2g}"
 
 
@@ -774,29 +776,29 @@ def statics_table(found: StaticCalibration) -> Text:
         lines[0] += f", hysteresis {percent(found.hysteresis)} of the range of the load"
     else:
         lines[0] += " of the range of the load; no hysteresis without loads up and down"
-    lines += [f"! {one}" for one in found.warnings]
+    lines += [f"! {finding}" for finding in found.warnings]
     return joined([table(f"Calibration from statics, {found.law} law", header, rows), *lines])
 
 
 def terms_table(selection: TermSelection) -> Text:
     """Return the comparison of all candidate terms, step by step, and the recommendation."""
     header = ["joint: term", "step", "F", "BIC", "excluded blocks", "better", "supported"]
-    rows = [_row(one) for one in selection.comparisons]
-    notes = [f"! {_name(one)}: {one.reason}" for one in selection.comparisons if one.reason]
+    rows = [_term_row(term) for term in selection.comparisons]
+    notes = [f"! {_label(term)}: {term.reason}" for term in selection.comparisons if term.reason]
     title = "Model comparison: a term needs BIC above zero and a smaller error of excluded blocks"
     return joined([table(title, header, rows), *notes, *_recommendation(selection)])
 
 
-def _row(one: TermComparison) -> list[str]:
-    if one.comparison is None:
-        return [_name(one), str(one.step + 1), *["-"] * 4, "not tested"]
-    gain = one.comparison
+def _term_row(candidate: TermComparison) -> list[str]:
+    if candidate.comparison is None:
+        return [_label(candidate), str(candidate.step + 1), *["-"] * 4, "not tested"]
+    gain = candidate.comparison
     excluded = f"{percent(gain.improvement)} +- {percent(gain.improvement_std)}"
-    supported = "selected" if one.selected else "yes" if gain.is_supported else "no"
+    supported = "selected" if candidate.selected else "yes" if gain.is_supported else "no"
     blocks = f"{gain.better} of {gain.blocks}"
     return [
-        _name(one),
-        str(one.step + 1),
+        _label(candidate),
+        str(candidate.step + 1),
         number(gain.F),
         number(gain.bic),
         excluded,
@@ -805,9 +807,9 @@ def _row(one: TermComparison) -> list[str]:
     ]
 
 
-def _name(one: TermComparison) -> str:
-    at = f" at {one.cutoff_hz:.3g} Hz" if one.cutoff_hz is not None else ""
-    return f"{one.joint}: {one.field.replace('_', ' ')} {one.term}{at}"
+def _label(candidate: TermComparison) -> str:
+    at = f" at {candidate.cutoff_hz:.3g} Hz" if candidate.cutoff_hz is not None else ""
+    return f"{candidate.joint}: {candidate.field.replace('_', ' ')} {candidate.term}{at}"
 
 
 def _recommendation(selection: TermSelection) -> list[str]:
@@ -815,7 +817,7 @@ def _recommendation(selection: TermSelection) -> list[str]:
         return ["The data support no term in addition to those of the drives."]
     return [
         f"{joint}: add "
-        + ", ".join(f"'{term}' to {field}" for field, term in found)
+        + ", ".join(f"'{term}' to {field}" for field, term in terms)
         + "; identify(selection.robot, ...) estimates them"
-        for joint, found in selection.recommended.items()
+        for joint, terms in selection.recommended.items()
     ]
