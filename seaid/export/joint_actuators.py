@@ -16,7 +16,7 @@ import numpy as np
 from seaid.checks import not_in_format
 from seaid.drives import Drive, total_ratio, unit_of
 from seaid.errors import Finding, Severity, listed
-from seaid.export.mjcf_drives import SMOOTH, of_term, value_of
+from seaid.export.mjcf_drives import SMOOTH, term_value, value_of
 from seaid.robot import Robot
 
 
@@ -78,15 +78,15 @@ def _actuator(joint: str, drive: Drive, slides: bool, velocity_limit: float) -> 
     ratio, controller = total_ratio(drive), drive.law
     is_dry = any(term in drive.friction for term in ("coulomb", *SMOOTH))
     coulomb = value_of(joint, drive, "coulomb_friction") if is_dry else 0.0
-    viscous = of_term(joint, drive, "friction", "viscous")
+    viscous = term_value(joint, drive, "friction", "viscous")
     return JointActuator(
         joint=joint,
         slides=slides,
         drive=drive,
         armature=ratio**2 * value_of(joint, drive, "motor_inertia"),
-        viscous=ratio**2 * viscous + of_term(joint, drive, "joint_friction", "viscous"),
-        dry=ratio * coulomb + of_term(joint, drive, "joint_friction", "coulomb"),
-        offset=ratio * of_term(joint, drive, "friction", "offset")
+        viscous=ratio**2 * viscous + term_value(joint, drive, "joint_friction", "viscous"),
+        dry=ratio * coulomb + term_value(joint, drive, "joint_friction", "coulomb"),
+        offset=ratio * term_value(joint, drive, "friction", "offset")
         - (controller.feedforward_Nm if controller else 0.0),
         position_gain=controller.position_gain_Nm_per_rad if controller else 0.0,
         velocity_gain=controller.velocity_gain_Nms_per_rad if controller else 0.0,
@@ -115,46 +115,46 @@ _OF_SLIDES = {"kg m^2": "kg", "N m s/rad": "N s/m", "N m/rad": "N/m", "N m": "N"
 """{unit of a joint that turns: that of one that slides}."""
 
 
-def _unit(one: JointActuator, effect: Effect) -> str:
+def _unit(actuator: JointActuator, effect: Effect) -> str:
     if effect is EFFECTS["spring"]:
-        return unit_of(one.drive, "stiffness")
-    return _OF_SLIDES[effect.unit] if one.slides else effect.unit
+        return unit_of(actuator.drive, "stiffness")
+    return _OF_SLIDES[effect.unit] if actuator.slides else effect.unit
 
 
 def _as_commands(lost: Sequence[JointActuator]) -> str:
     """Return the change of commands that replaces friction offsets exactly."""
     shifts = [
-        f"{one.joint} {-one.offset / one.position_gain:+.4g} {'m' if one.slides else 'rad'}"
-        if one.position_gain
-        else f"{one.joint} {-one.offset:+.4g} {'N' if one.slides else 'N m'}"
-        for one in lost
+        f"{a.joint} {-a.offset / a.position_gain:+.4g} {'m' if a.slides else 'rad'}"
+        if a.position_gain
+        else f"{a.joint} {-a.offset:+.4g} {'N' if a.slides else 'N m'}"
+        for a in lost
     ]
     return f"add to the commands: {', '.join(shifts)}"
 
 
-def _spring(one: JointActuator) -> float:
-    return one.drive.values.get("stiffness", math.nan) if one.drive.is_elastic else 0.0
+def _spring(actuator: JointActuator) -> float:
+    return actuator.drive.values.get("stiffness", math.nan) if actuator.drive.is_elastic else 0.0
 
 
-def _parallel(one: JointActuator) -> float:
-    values = one.drive.values
+def _parallel(actuator: JointActuator) -> float:
+    values = actuator.drive.values
     return values.get("parallel_stiffness", 0.0) or values.get("parallel_preload", 0.0)
 
 
-def _of_term(name: str, term: str) -> Callable[[JointActuator], float]:
-    def size(one: JointActuator) -> float:
-        return one.drive.values.get(name, math.nan) if term in one.drive.friction else 0.0
+def _term_size(name: str, term: str) -> Callable[[JointActuator], float]:
+    def size(actuator: JointActuator) -> float:
+        return actuator.drive.values.get(name, math.nan) if term in actuator.drive.friction else 0.0
 
     return size
 
 
 EFFECTS = {
-    "armature": Effect(lambda one: one.armature, "kg m^2", "doubtful"),
-    "viscous friction": Effect(lambda one: one.viscous, "N m s/rad", "doubtful"),
-    "dry friction": Effect(lambda one: one.dry, "N m", "doubtful"),
-    "friction offset": Effect(lambda one: one.offset, "N m", "note", _as_commands),
+    "armature": Effect(lambda a: a.armature, "kg m^2", "doubtful"),
+    "viscous friction": Effect(lambda a: a.viscous, "N m s/rad", "doubtful"),
+    "dry friction": Effect(lambda a: a.dry, "N m", "doubtful"),
+    "friction offset": Effect(lambda a: a.offset, "N m", "note", _as_commands),
     "gains": Effect(
-        lambda one: one.position_gain,
+        lambda a: a.position_gain,
         "N m/rad",
         "note",
         lambda lost: (
@@ -162,8 +162,8 @@ EFFECTS = {
             + ", ".join(f"{x.joint} p {x.position_gain:.6g}, d {x.velocity_gain:.6g}" for x in lost)
         ),
     ),
-    "torque limit": Effect(lambda one: one.limit if one.limit < math.inf else 0, "N m", "note"),
-    "delay": Effect(lambda one: one.delay_s, "s", "doubtful"),
+    "torque limit": Effect(lambda a: a.limit if a.limit < math.inf else 0, "N m", "note"),
+    "delay": Effect(lambda a: a.delay_s, "s", "doubtful"),
     "spring": Effect(
         _spring,
         "N m/rad",
@@ -171,7 +171,7 @@ EFFECTS = {
         lambda _: "--format mjcf, which has springs; in this file the joints are rigid",
     ),
     "parallel spring": Effect(_parallel, "N m/rad", "doubtful"),
-    "Stribeck friction": Effect(_of_term("stribeck_friction", "stribeck"), "N m", "doubtful"),
+    "Stribeck friction": Effect(_term_size("stribeck_friction", "stribeck"), "N m", "doubtful"),
 }
 """What a file may hold of the drives, in the order of the findings and of the table of the docs."""
 
@@ -181,8 +181,8 @@ _BY_OTHERS = ("viscous", "coulomb", *SMOOTH, "offset", "stribeck")
 def _other_terms(drive: Drive) -> list[str]:
     """Return the terms of a drive that no simulator has."""
     springs = ["dahl of the spring"] * ("dahl" in getattr(drive, "spring", ()))
-    periodic = dict.fromkeys(one.field.replace("_", " ") for one in drive.harmonics)
-    own = [term for term in drive.friction if term not in _BY_OTHERS]
+    periodic = dict.fromkeys(harmonic.field.replace("_", " ") for harmonic in drive.harmonics)
+    friction = [term for term in drive.friction if term not in _BY_OTHERS]
     law, of_law = drive.law, list[str]()
     if law is not None and law.command_velocity_gain_Nms_per_rad not in (
         0.0,
@@ -193,49 +193,49 @@ def _other_terms(drive: Drive) -> list[str]:
         of_law.append("no-load speed")
     if law is not None and law.nominal_supply_V is not None:
         of_law.append("supply voltage")
-    return [*own, *springs, *drive.extra_terms, *periodic, *of_law]
+    return [*friction, *springs, *drive.extra_terms, *periodic, *of_law]
 
 
 def lost_effects(
     robot: Robot, actuators: Iterable[JointActuator], title: str, holds: Collection[str]
 ) -> list[Finding]:
     """Return what a format that `holds` some effects does not have of the drives of a robot."""
-    actuators, found = tuple(actuators), []
+    actuators, findings = tuple(actuators), []
     for name, effect in EFFECTS.items():
-        sizes = {one.joint: effect.size(one) for one in actuators}
-        lost = [one for one in actuators if sizes[one.joint] != 0]
+        sizes = {a.joint: effect.size(a) for a in actuators}
+        lost = [a for a in actuators if sizes[a.joint] != 0]
         if name in holds or not lost:
             continue
-        found.append(
+        findings.append(
             not_in_format(
                 f"{title} has no {name}: it is not in the file for "
-                + listed(
-                    f"{one.joint} ({sizes[one.joint]:.4g} {_unit(one, effect)})" for one in lost
-                ),
+                + listed(f"{a.joint} ({sizes[a.joint]:.4g} {_unit(a, effect)})" for a in lost),
                 effect.severity,
-                {one.joint: sizes[one.joint] for one in lost},
+                {a.joint: sizes[a.joint] for a in lost},
                 effect.remedy(lost),
             )
         )
-    others = {one.joint: _other_terms(one.drive) for one in actuators}
+    others = {a.joint: _other_terms(a.drive) for a in actuators}
     texts = [f"{joint} ({', '.join(terms)})" for joint, terms in others.items() if terms]
     if texts and "other terms" not in holds:
-        found.append(not_in_format(f"{title} has not these terms of the drives: {listed(texts)}"))
-    smooth = [one.joint for one in actuators if {*SMOOTH} & {*one.drive.friction}]
+        findings.append(
+            not_in_format(f"{title} has not these terms of the drives: {listed(texts)}")
+        )
+    smooth = [a.joint for a in actuators if {*SMOOTH} & {*a.drive.friction}]
     if smooth and "other terms" not in holds and "dry friction" in holds:
         text = f"smooth friction is written as dry friction for {listed(smooth)}"
-        found.append(not_in_format(text, "note"))
-    single = {one.joint for one in actuators}
+        findings.append(not_in_format(text, "note"))
+    single = {a.joint for a in actuators}
     coupled = [joint for joint in robot.joint_names if joint not in single]
     if coupled and "coupled drives" not in holds:
         text = f"{title} has no drive that moves several joints: those of {listed(coupled)} are"
-        found.append(not_in_format(f"{text} not in the file"))
-    return found
+        findings.append(not_in_format(f"{text} not in the file"))
+    return findings
 
 
 def rounded_delays(actuators: Iterable[JointActuator], step_s: float) -> list[Finding]:
     """Return the delays that differ from those of the file, which are whole steps."""
-    errors = {one.joint: one.steps(step_s) * step_s - one.delay_s for one in actuators}
+    errors = {a.joint: a.steps(step_s) * step_s - a.delay_s for a in actuators}
     far = {joint: error for joint, error in errors.items() if abs(error) > _EXACT * step_s}
     if not far:
         return []

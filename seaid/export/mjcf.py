@@ -159,8 +159,8 @@ def write_mjcf(
     """
     from lxml import etree
 
-    given = found.robot if isinstance(found, Identification) else found
-    robot, path = given.at_temperature(at_temperature_degC), Path(path)
+    reference = found.robot if isinstance(found, Identification) else found
+    robot, path = reference.at_temperature(at_temperature_degC), Path(path)
     if not np.all(np.isfinite(robot.parameters)):
         raise RobotError(f"'{robot.name}' has no inertial parameters to write")
     notes: list[str] = []
@@ -172,7 +172,7 @@ def write_mjcf(
     step, step_note = step_s(robot)
     option.set("timestep", repr(step))
     settings = _SETTINGS_NOTE if robot.floating_base is None else _FLOATING_NOTE
-    notes[:0] = [step_note, settings, *temperature_notes(given, at_temperature_degC)]
+    notes[:0] = [step_note, settings, *temperature_notes(reference, at_temperature_degC)]
     add_drives(robot, joints, world, parts, step, notes)
     _add_dependent(robot, root, step, notes)
     if np.any(robot.payload_parameters):

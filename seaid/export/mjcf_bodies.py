@@ -60,8 +60,8 @@ def _add_base(robot: Robot, world: Any, loaded: Array, notes: list[str], force: 
         body.set("quat", spaced(base.upright_quaternion))
         for name, axis, free in zip("xyz", np.eye(3), base.free_axes, strict=False):
             if free:
-                own = {"name": f"{link}_{name}", "type": "slide", "axis": spaced(axis)}
-                etree.SubElement(body, "joint", **own)
+                slide = {"name": f"{link}_{name}", "type": "slide", "axis": spaced(axis)}
+                etree.SubElement(body, "joint", **slide)
         turns = {"name": f"{link}_angle", "type": "hinge", "axis": spaced(base.normal)}
         etree.SubElement(body, "joint", **turns)
     _add_inertial(body, link, loaded, notes, force)

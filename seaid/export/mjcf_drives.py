@@ -32,7 +32,7 @@ def temperature_notes(robot: Robot, temperature_degC: float | None) -> list[str]
         f"friction of {', '.join(joints)} at a motor temperature of {at:g} degC"
         for at, joints in by_temperature.items()
     ]
-    fading = [joint for joint, one in robot.drives.items() if {*WARM_UP} & {*one.friction}]
+    fading = [joint for joint, drive in robot.drives.items() if {*WARM_UP} & {*drive.friction}]
     return [*notes, f"friction of {', '.join(fading)} of a warm motor"] if fading else notes
 
 
@@ -46,7 +46,7 @@ def note_drive(joint: str, drive: Drive, notes: list[str]) -> None:
     excluded: list[str] = [term for term in drive.friction if term not in _SUPPORTED]
     excluded += ["dahl of the spring"] * ("dahl" in drive.spring)
     excluded += map("extra term {}".format, drive.extra_terms)
-    excluded += dict.fromkeys(one.field.replace("_", " ") for one in drive.harmonics)
+    excluded += dict.fromkeys(harmonic.field.replace("_", " ") for harmonic in drive.harmonics)
     if "cubic" in drive.spring:
         notes.append(f"joint '{joint}': its cubic spring needs a MuJoCo with polynomial stiffness")
     if "smooth_dead_zone" in drive.spring:
@@ -228,13 +228,13 @@ def _actuator(joint: str, drive: Drive, step: float) -> tuple[str, dict[str, str
         return "dcmotor", _dc_motor(drive, turns) | late
     bias = law.feedforward_Nm / turns - offset * gear
     gains = (law.position_gain_Nm_per_rad, law.velocity_gain_Nms_per_rad)
-    own, rate = (gain / turns**2 for gain in gains)
+    stiffness, rate = (gain / turns**2 for gain in gains)
     is_of_position = drive.motor_input == "position_command"
     of_command = gains[0] if is_of_position else law.command_velocity_gain_Nms_per_rad
     attributes = {
         "gainprm": spaced([of_command / turns]),
         "biastype": "affine",
-        "biasprm": spaced([bias, -own, -rate]),
+        "biasprm": spaced([bias, -stiffness, -rate]),
     }
     limit = law.torque_limit_Nm / turns
     if np.isfinite(limit):
@@ -275,13 +275,13 @@ def _dc_motor(drive: Drive, turns: float) -> dict[str, str]:
     assert law is not None
     volts, limit = law.nominal_supply_V or 1.0, law.torque_limit_Nm
     is_of_position = drive.motor_input == "position_command"
-    own = law.position_gain_Nm_per_rad if is_of_position else 0.0
+    gain = law.position_gain_Nm_per_rad if is_of_position else 0.0
     return {
         "gear": spaced([1 / turns]),
         "input": "pos" if is_of_position else "vel",
         "nominal": spaced([volts, limit, law.no_load_speed_rad_per_s]),
         "saturation": spaced([limit, 0, 0]),
-        "controller": spaced([own, 0, law.velocity_gain_Nms_per_rad, 0, 0, volts]),
+        "controller": spaced([gain, 0, law.velocity_gain_Nms_per_rad, 0, 0, volts]),
     }
 
 
@@ -311,10 +311,10 @@ def _behind_gear(joint: str, drive: Drive) -> _Coordinate:
 
 def _parallel(joint: str, drive: Drive) -> _Coordinate:
     """Return the parallel spring and the joint friction."""
-    damping = of_term(joint, drive, "joint_friction", "viscous")
-    friction = of_term(joint, drive, "joint_friction", "coulomb")
-    stiffness = of_term(joint, drive, "parallel_spring", "linear")
-    preload = of_term(joint, drive, "parallel_spring", "preload")
+    damping = term_value(joint, drive, "joint_friction", "viscous")
+    friction = term_value(joint, drive, "joint_friction", "coulomb")
+    stiffness = term_value(joint, drive, "parallel_spring", "linear")
+    preload = term_value(joint, drive, "parallel_spring", "preload")
     if stiffness == 0 and preload != 0:
         raise RobotError(
             f"joint '{joint}': MuJoCo has no parallel preload without a parallel spring: give "
@@ -334,7 +334,7 @@ def _motor(joint: str, drive: Drive) -> _Coordinate:
     dry = any(term in drive.friction for term in ("coulomb", *SMOOTH))
     return _Coordinate(
         armature=value_of(joint, drive, "motor_inertia"),
-        damping=of_term(joint, drive, "friction", "viscous"),
+        damping=term_value(joint, drive, "friction", "viscous"),
         friction=value_of(joint, drive, "coulomb_friction") if dry else 0.0,
     )
 
@@ -346,7 +346,7 @@ def _spring(joint: str, drive: Drive) -> _Coordinate:
             f"joint '{joint}': the spring has the term 'fifth', and MuJoCo's springs end with the "
             "third power: give or identify one with spring=('linear', 'cubic')"
         )
-    k, k_3, f_0 = (of_term(joint, drive, "spring", x) for x in ("linear", "cubic", "preload"))
+    k, k_3, f_0 = (term_value(joint, drive, "spring", x) for x in ("linear", "cubic", "preload"))
     if not (k or k_3):
         raise RobotError(f"joint '{joint}': its spring has no stiffness, found 0")
     zero = drive.values.get("deflection_zero", 0.0) if drive.is_nonlinear_spring else 0.0
@@ -361,10 +361,10 @@ def _spring(joint: str, drive: Drive) -> _Coordinate:
     r = float(min(roots[roots.imag == 0].real, key=abs))
     rest = (zero - gap, zero + gap) if gap else (zero + r,)
     stiffness = (k + 3 * k_3 * r**2, 3 * k_3 * r, k_3) if k_3 else (k,)
-    return _Coordinate(0.0, of_term(joint, drive, "spring", "damping"), 0.0, stiffness, rest)
+    return _Coordinate(0.0, term_value(joint, drive, "spring", "damping"), 0.0, stiffness, rest)
 
 
-def of_term(joint: str, drive: Drive, field: str, term: str) -> float:
+def term_value(joint: str, drive: Drive, field: str, term: str) -> float:
     """Return the value of a term with one parameter, zero if the drive lacks the term."""
     (name,) = PARAMETERS_OF[field][term]
     return value_of(joint, drive, name) if term in getattr(drive, field) else 0.0

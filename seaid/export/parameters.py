@@ -55,7 +55,7 @@ def content_of(found: Identification, validation: Validation | None = None) -> d
         "format": _FORMAT,
         "robot": robot.name,
         "joints": robot.joint_names,
-        "drives": {joint: _values(one) for joint, one in found.drives.items()},
+        "drives": {joint: _values(estimate) for joint, estimate in found.drives.items()},
         "load": [{"expression": name, **value} for name, value in _values(found.load).items()],
         "base_columns": found.base.columns,
         "grouping": found.base.grouping,
@@ -65,12 +65,12 @@ def content_of(found: Identification, validation: Validation | None = None) -> d
         "verdict": verdict_with(found, () if validation is None else [validation]),
         "warnings": found.warnings,
         "bodies": {link: dict(zip(PARAMETERS, ten, strict=True)) for link, ten in bodies},
-        "whole_body": [asdict(one) for one in whole_body(found)],
+        "whole_body": [asdict(quantity) for quantity in whole_body(found)],
         "drive_tables": {joint: drive_table(drive) for joint, drive in robot.drives.items()},
         "feasible": None if found.feasible is None else _feasible(found.feasible),
-        "checks": {side: _checks(one) for side, one in found.checks.items()},
+        "checks": {side: _checks(side_checks) for side, side_checks in found.checks.items()},
         "excluded": found.excluded,
-        "processing": [asdict(one) for one in found.processing],
+        "processing": [asdict(log) for log in found.processing],
         "seaid": __version__,
     }
     return {name: plain(value) for name, value in content.items()}
@@ -123,10 +123,10 @@ def read_parameters(path: str | Path, robot: Robot) -> Robot:
 def parameters_content(path: Path) -> dict[str, Any]:
     """Read a `parameters.json` as plain data; raise RobotError for a file of another kind."""
     content = read_json(path, "parameters", RobotError)
-    found = content.get("format") if isinstance(content, dict) else None
-    if found != _FORMAT:
+    file_format = content.get("format") if isinstance(content, dict) else None
+    if file_format != _FORMAT:
         raise RobotError(
-            f"'{path}' is no file of identified parameters: 'format' is {shown(found)}, not "
+            f"'{path}' is no file of identified parameters: 'format' is {shown(file_format)}, not "
             f"{_FORMAT!r}; give one written by seaid identify or Identification.save"
         )
     try:
@@ -149,7 +149,7 @@ def _body(link: str, table: Any) -> list[float]:
     """Return the ten parameters of a body; Pinocchio stores no first moments without mass."""
     where = f"bodies.{shortened(link)}"
     _check_keys(where, table, PARAMETERS)
-    values = {name: number(f"{where}.{name}", one, RobotError) for name, one in table.items()}
+    values = {name: number(f"{where}.{name}", value, RobotError) for name, value in table.items()}
     largest = max(map(abs, values.values()))
     if largest > _MOST:
         raise RobotError(f"{where}: {largest:g} is not a mass, moment or inertia in SI units")
@@ -190,25 +190,25 @@ def _values(estimate: Estimate) -> dict[str, dict[str, Any]]:
     numbers = (estimate.values, estimate.standard_errors, estimate.interval(), estimate.units)
     keys = ("value", "standard_error", "interval_95", "unit")
     return {
-        name: dict(zip(keys, one, strict=True))
-        for name, *one in zip(estimate.names, *numbers, strict=True)
+        name: dict(zip(keys, row, strict=True))
+        for name, *row in zip(estimate.names, *numbers, strict=True)
     }
 
 
-def _feasible(found: FeasibleParameters) -> dict[str, Any]:
-    columns = (found.names, found.values, found.estimate, found.distance)
+def _feasible(feasible: FeasibleParameters) -> dict[str, Any]:
+    columns = (feasible.names, feasible.values, feasible.estimate, feasible.distance)
     keys = ("name", "value", "estimate", "distance", "unit")
     return {
-        "chi_square": found.chi_square,
-        "nearest_chi_square": found.nearest_chi_square,
-        "weight": found.weight,
-        "freedom": found.freedom,
+        "chi_square": feasible.chi_square,
+        "nearest_chi_square": feasible.nearest_chi_square,
+        "weight": feasible.weight,
+        "freedom": feasible.freedom,
         "combinations": [
-            dict(zip(keys, one, strict=True)) for one in zip(*columns, found.units, strict=True)
+            dict(zip(keys, row, strict=True)) for row in zip(*columns, feasible.units, strict=True)
         ],
-        "active_bounds": found.active_bounds,
-        "notes": found.notes,
-        "warnings": found.warnings,
+        "active_bounds": feasible.active_bounds,
+        "notes": feasible.notes,
+        "warnings": feasible.warnings,
     }
 
 
@@ -216,6 +216,6 @@ def _checks(checks: ModelChecks) -> Mapping[str, Any]:
     return {
         "condition_number": checks.condition_number,
         "poorly_determined": checks.poorly_determined,
-        "terms": [asdict(one) for one in checks.terms],
-        "whiteness": {joint: asdict(one) for joint, one in checks.whiteness.items()},
+        "terms": [asdict(term) for term in checks.terms],
+        "whiteness": {joint: asdict(white) for joint, white in checks.whiteness.items()},
     }

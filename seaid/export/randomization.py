@@ -94,7 +94,7 @@ class Randomization(Display):
     @property
     def unidentified(self) -> tuple[Range, ...]:
         """The parameters that the log does not determine."""
-        return tuple(one for one in self.ranges if one.source == "prior")
+        return tuple(parameter for parameter in self.ranges if parameter.source == "prior")
 
 
 @checked(RobotError)
@@ -158,8 +158,8 @@ def write_randomization(
         "level": level,
         "spread": spread,
         "seed": seed,
-        "parameters": [plain(asdict(one)) for one in made.ranges],
-        "unidentified": [f"{one.name} of {one.of}: {one.why}" for one in made.unidentified],
+        "parameters": [plain(asdict(parameter)) for parameter in made.ranges],
+        "unidentified": [f"{r.name} of {r.of}: {r.why}" for r in made.unidentified],
         "samples": made.samples.tolist(),
     }
     is_yaml = path.suffix.lower() != ".json"
@@ -190,13 +190,13 @@ def _yaml(content: Mapping[str, Any]) -> str:
         if isinstance(value, list):
             return f"[{', '.join(map(flow, value))}]"
         if isinstance(value, dict):
-            return f"{{{', '.join(f'{key}: {flow(one)}' for key, one in value.items())}}}"
+            return f"{{{', '.join(f'{key}: {flow(entry)}' for key, entry in value.items())}}}"
         return text
 
     lines: list[str] = []
     for key, value in content.items():
         is_list = isinstance(value, list) and value
-        lines += [f"{key}:", *(f"- {flow(one)}" for one in value)] if is_list else []
+        lines += [f"{key}:", *(f"- {flow(x)}" for x in value)] if is_list else []
         lines += [] if is_list else [f"{key}: {flow(value)}"]
     return "\n".join([*lines, ""])
 
@@ -214,7 +214,7 @@ def _triangles() -> Array:
 
 
 _BASIS = _triangles()
-_TEN = np.array([from_pseudo_inertia(one) for one in np.eye(16).reshape(16, 4, 4)]).T
+_TEN = np.array([from_pseudo_inertia(unit) for unit in np.eye(16).reshape(16, 4, 4)]).T
 """The linear map (10, 16) from a pseudo-inertia, row by row, to the ten parameters."""
 
 
@@ -225,12 +225,12 @@ class _Cloud:
     parameters of drives that only combinations have (absorbed ones); p rows are combinations.
     """
 
-    def __init__(self, found: Identification, level: float, spread: float) -> None:
-        self.found, self.level, self.spread = found, level, spread
-        self.robot, model = found.robot, found.model
+    def __init__(self, result: Identification, level: float, spread: float) -> None:
+        self.result, self.level, self.spread = result, level, spread
+        self.robot, model = result.robot, result.model
         self.theta = self.robot.parameters.reshape(-1, 10)
         known = self.robot.is_known.reshape(-1, 10).all(axis=1)
-        self.bodies = [int(one) for one in np.flatnonzero(~known)]
+        self.bodies = [int(body) for body in np.flatnonzero(~known)]
         self.roots = np.array([self._root(body) for body in self.bodies]).reshape(-1, 4, 4)
         values = {joint: drive.values for joint, drive in self.robot.drives.items()}
         self.absorbed = [
@@ -244,7 +244,7 @@ class _Cloud:
         self.absorption = np.zeros((len(self.errors), len(self.absorbed)))
         self.absorption[: len(model.absorption)] = model.absorption[:, columns]
         self.values = np.array(
-            [values[one.joint].get(one.parameter, 0.0) for one in self.drives], dtype=float
+            [values[key.joint].get(key.parameter, 0.0) for key in self.drives], dtype=float
         )
         self.center = self._combinations(np.zeros(self.count))
 
@@ -264,17 +264,17 @@ class _Cloud:
 
     def _assemble(self) -> None:
         """Collect names and covariance of what was estimated: p combinations, then drives."""
-        found, model = self.found, self.found.model
-        side = found.load_side
+        result, model = self.result, self.result.model
+        side = result.load_side
         drives = [JointParameter(name, joint) for joint, name, _ in model.drives]
         rows = [side.names.index(name) for name in (*model.expressions, *drives)]
         blocks = [side.covariance[np.ix_(rows, rows)]]
         wider = [self._wider(side)[rows]]
-        for joint, one in found.drives.items():
-            own = [at for at, x in enumerate(one.names) if JointParameter(x, joint) not in drives]
-            drives += [JointParameter(one.names[at], joint) for at in own]
-            blocks.append(one.covariance[np.ix_(own, own)])
-            wider.append(self._wider(one)[own])
+        for joint, e in result.drives.items():
+            alone = [at for at, x in enumerate(e.names) if JointParameter(x, joint) not in drives]
+            drives += [JointParameter(e.names[at], joint) for at in alone]
+            blocks.append(e.covariance[np.ix_(alone, alone)])
+            wider.append(self._wider(e)[alone])
         self.drives, self.p = drives, len(model.expressions)
         covariance = block_diag(*blocks) * np.outer(np.concatenate(wider), np.concatenate(wider))
         self.errors = np.sqrt(np.diag(covariance))
@@ -327,14 +327,14 @@ class _Cloud:
 
     def _combinations(self, x: Array) -> Array:
         """Return the combinations (p,) of bodies and absorbed parameters."""
-        own: Array = self.found.base.grouping @ self._bodies(x).ravel()
-        return own + self.absorption[: self.p] @ self._absorbed(x)
+        bodies: Array = self.result.base.grouping @ self._bodies(x).ravel()
+        return bodies + self.absorption[: self.p] @ self._absorbed(x)
 
     def _slopes(self, x: Array) -> Array:
         """Return the slopes (p, unknowns) of the combinations."""
-        grouping = self.found.base.grouping.reshape(self.p, -1, 10)[:, self.bodies]
-        own = np.einsum("pbi,bik->pbk", grouping, self._body_slopes(x)).reshape(self.p, -1)
-        return np.asarray(np.hstack([own, self.absorption[: self.p] * self._absorbed(x)]))
+        grouping = self.result.base.grouping.reshape(self.p, -1, 10)[:, self.bodies]
+        bodies = np.einsum("pbi,bik->pbk", grouping, self._body_slopes(x)).reshape(self.p, -1)
+        return np.asarray(np.hstack([bodies, self.absorption[: self.p] * self._absorbed(x)]))
 
     def _step(self, x: Array, combinations: Array, prior: Array) -> Array:
         """Return the step of least squares towards changes of combinations and of the prior."""
@@ -372,46 +372,46 @@ class _Cloud:
         shift = self.absorption[self.p :] @ (absorbed - np.exp(self.start))
         values = dict(zip(self.drives, self.values + change - shift, strict=True))
         values |= {
-            JointParameter(name, joint): float(one)
-            for (joint, name), one in zip(self.absorbed, absorbed, strict=True)
+            JointParameter(name, joint): float(value)
+            for (joint, name), value in zip(self.absorbed, absorbed, strict=True)
         }
-        own = [factor * values.get(name, given) for name, factor, given in self._of_drives]
-        least = [self._least_value(name) for name, _, _ in self._of_drives]
+        drives = [factor * values.get(name, nominal) for name, factor, nominal in self._drive_rows]
+        least = [self._least_value(name) for name, _, _ in self._drive_rows]
         theta = self._bodies(x)
         bodies = [_at_center(theta[body]) for body in self.bodies]
-        return np.concatenate([np.maximum(own, least), *bodies])
+        return np.concatenate([np.maximum(drives, least), *bodies])
 
     def _least_value(self, name: JointParameter) -> float:
         return 0.0 if parameter_named(name.parameter).is_positive else -math.inf
 
     @cached_property
-    def _of_drives(self) -> list[tuple[JointParameter, float, float]]:
+    def _drive_rows(self) -> list[tuple[JointParameter, float, float]]:
         """The parameters of drives: name, factor to the joint, value of the robot."""
-        found = []
+        rows = []
         for joint, drive in self.robot.drives.items():
             for name in drive.parameter_names:
                 if name in drive.values and name not in ("spring_offset", "deflection_zero"):
                     power = _AT_JOINT[name][1] if name in _AT_JOINT else 0
                     factor = total_ratio(drive) ** power
-                    found.append((JointParameter(name, joint), factor, drive.values[name]))
-        return found
+                    rows.append((JointParameter(name, joint), factor, drive.values[name]))
+        return rows
 
     def ranges(self, draws: Array) -> tuple[Range, ...]:
         """Return the ranges of all parameters: of drives by their errors, of bodies by draws."""
         tail = 0.5 - self.level / 2
-        found = [self._drive_range(*one, draws[:, at]) for at, one in enumerate(self._of_drives)]
-        start = len(found)
+        ranges = [self._drive_range(*row, draws[:, at]) for at, row in enumerate(self._drive_rows)]
+        start = len(ranges)
         for place, body in enumerate(self.bodies):
-            own = draws[:, start + 10 * place : start + 10 * place + 10]
-            low, high = np.quantile(own, [tail, 1 - tail], axis=0)
+            drawn = draws[:, start + 10 * place : start + 10 * place + 10]
+            low, high = np.quantile(drawn, [tail, 1 - tail], axis=0)
             nominal, name = _at_center(self.theta[body]), self.robot.body_names[body]
             for k in range(10):
-                source, why = self._of_body(place, k)
+                source, why = self._body_source(place, k)
                 limits = float(low[k]), float(high[k])
-                found.append(
+                ranges.append(
                     Range(_BODY[k], name, _UNITS[k], float(nominal[k]), *limits, source, why)
                 )
-        return tuple(found)
+        return tuple(ranges)
 
     def _drive_range(
         self, name: JointParameter, factor: float, value: float, draws: Array
@@ -451,17 +451,17 @@ class _Cloud:
         covariance = safely(np.linalg.inv, information, what="the samples", error=RobotError)
         ratios = []
         for place, J in enumerate(self._body_slopes(x)):
-            own = slice(10 * place, 10 * place + 10)
-            by_both = np.einsum("ik,kl,il->i", J, covariance[own, own], J)
+            block = slice(10 * place, 10 * place + 10)
+            by_both = np.einsum("ik,kl,il->i", J, covariance[block, block], J)
             by_prior = self.spread**2 * np.sum(J**2, axis=1)
             ratios.append(np.sqrt(by_both / np.maximum(by_prior, 1e-300)))
         return np.array(ratios)
 
-    def _of_body(self, place: int, k: int) -> tuple[str, str]:
+    def _body_source(self, place: int, k: int) -> tuple[str, str]:
         """Return the source of a parameter of a body, and why the log does not determine it."""
         if self._remaining[place, k] < _DETERMINED:
             return "data", ""
-        base, column = self.found.base, 10 * self.bodies[place] + k
+        base, column = self.result.base, 10 * self.bodies[place] + k
         in_rows = np.flatnonzero(np.abs(base.grouping[:, column]) > 1e-12)
         if not len(in_rows):
             return "prior", f"no torque of this robot depends on {PARAMETERS[k]} of this body"

@@ -152,15 +152,15 @@ def write_model(
         raise RobotError(
             f"time_step_s= must be more than zero and finite, found {time_step_s}", "time_step_s="
         )
-    given = found.robot if isinstance(found, Identification) else found
-    robot = given.at_temperature(at_temperature_degC)
+    reference = found.robot if isinstance(found, Identification) else found
+    robot = reference.at_temperature(at_temperature_degC)
     kind = FORMATS[format or by_suffix(path)]
     every = actuators_of(robot, is_complete=kind.holds != _IN_TOML)
-    actuators = tuple(one for one in every if kind.has_slides or not one.slides)
-    request = _Request(given, actuators, path, time_step_s, force, at_temperature_degC)
+    actuators = tuple(actuator for actuator in every if kind.has_slides or not actuator.slides)
+    request = _Request(reference, actuators, path, time_step_s, force, at_temperature_degC)
     drives, notes = kind.write(request)
     lost = lost_effects(robot, actuators, kind.title, kind.holds)
-    if sliding := [one.joint for one in every if one not in actuators]:
+    if sliding := [actuator.joint for actuator in every if actuator not in actuators]:
         notes += (f"{kind.title} has joints that turn only: {listed(sliding)} not in the file",)
     if kind.in_steps:
         lost += rounded_delays(actuators, time_step_s)
@@ -233,23 +233,23 @@ def _isaaclab(request: _Request) -> Iterable[str]:
     )
     yield "from isaaclab.actuators import DelayedPDActuatorCfg, IdealPDActuatorCfg"
     yield from ("", "ACTUATORS = {")
-    for one in request.actuators:
-        steps = one.steps(request.step_s)
+    for actuator in request.actuators:
+        steps = actuator.steps(request.step_s)
         delay: dict[str, float] = {"min_delay": steps, "max_delay": steps} if steps else {}
         fields: dict[str, str | float] = {
-            "joint_names_expr": f"[{re.escape(one.joint)!r}]",
-            "stiffness": one.position_gain,
-            "damping": one.velocity_gain,
-            "armature": one.armature,
-            "friction": one.dry,
-            "dynamic_friction": one.dry,
-            "viscous_friction": one.viscous,
-            "effort_limit": one.limit,
-            "velocity_limit": one.velocity_limit,
+            "joint_names_expr": f"[{re.escape(actuator.joint)!r}]",
+            "stiffness": actuator.position_gain,
+            "damping": actuator.velocity_gain,
+            "armature": actuator.armature,
+            "friction": actuator.dry,
+            "dynamic_friction": actuator.dry,
+            "viscous_friction": actuator.viscous,
+            "effort_limit": actuator.limit,
+            "velocity_limit": actuator.velocity_limit,
         }
         name = "DelayedPDActuatorCfg" if delay else "IdealPDActuatorCfg"
         first, *others = _call(name, {**fields, **delay})
-        yield from _indented([f"{one.joint!r}: {first}", *others[:-1], "),"])
+        yield from _indented([f"{actuator.joint!r}: {first}", *others[:-1], "),"])
     yield "}"
 
 
@@ -265,20 +265,20 @@ def _mjlab(request: _Request) -> Iterable[str]:
     )
     yield "from mjlab.actuator import BuiltinPositionActuatorCfg, IdealPdActuatorCfg"
     yield from ("", "ACTUATORS = (")
-    for one in request.actuators:
-        steps = one.steps(request.step_s)
+    for actuator in request.actuators:
+        steps = actuator.steps(request.step_s)
         fields: dict[str, str | float] = {
-            "target_names_expr": f"({re.escape(one.joint)!r},)",
-            "stiffness": one.position_gain,
-            "damping": one.velocity_gain,
-            "effort_limit": one.limit,
-            "armature": one.armature,
-            "frictionloss": one.dry,
-            "viscous_damping": one.viscous,
+            "target_names_expr": f"({re.escape(actuator.joint)!r},)",
+            "stiffness": actuator.position_gain,
+            "damping": actuator.velocity_gain,
+            "effort_limit": actuator.limit,
+            "armature": actuator.armature,
+            "frictionloss": actuator.dry,
+            "viscous_damping": actuator.viscous,
             "delay_min_lag": float(steps),
             "delay_max_lag": float(steps),
         }
-        name = "BuiltinPositionActuatorCfg" if one.has_gains else "IdealPdActuatorCfg"
+        name = "BuiltinPositionActuatorCfg" if actuator.has_gains else "IdealPdActuatorCfg"
         lines = _call(name, fields)
         yield from _indented([*lines[:-1], "),"])
     yield ")"
@@ -286,41 +286,41 @@ def _mjlab(request: _Request) -> Iterable[str]:
 
 def _bam(request: _Request) -> Iterable[str]:
     """Yield the JSON of BAM: the parameters of one joint, or {joint: parameters}."""
-    joints = {one.joint: _bam_joint(one) for one in request.actuators}
+    joints = {actuator.joint: _bam_joint(actuator) for actuator in request.actuators}
     yield json.dumps(next(iter(joints.values())) if len(joints) == 1 else joints, indent=1)
 
 
-def _bam_joint(one: JointActuator) -> dict[str, Any]:
-    values, ratio = one.drive.values, one.drive.ratio
-    found: dict[str, Any] = {"armature": one.armature, "friction_base": one.dry}
-    found["friction_viscous"], model = one.viscous, "m1"
-    if "stribeck" in one.drive.friction:  # F_S exp(-|w / w_S|^alpha) with alpha = 2
-        found |= {
+def _bam_joint(actuator: JointActuator) -> dict[str, Any]:
+    values, ratio = actuator.drive.values, actuator.drive.ratio
+    parameters: dict[str, Any] = {"armature": actuator.armature, "friction_base": actuator.dry}
+    parameters["friction_viscous"], model = actuator.viscous, "m1"
+    if "stribeck" in actuator.drive.friction:  # F_S exp(-|w / w_S|^alpha) with alpha = 2
+        parameters |= {
             "friction_stribeck": ratio * values["stribeck_friction"],
             "dtheta_stribeck": values["stribeck_speed"] / ratio,
             "alpha": 2.0,
         }
         model = "m2"
-    if one.drive.motor_input == "voltage":
+    if actuator.drive.motor_input == "voltage":
         # torque = k_t/R U - k_t^2/R q': a voltage shows k_t/R, and k_t^2/R + viscous friction
         per_volt = ratio * values["voltage_constant"]
-        found |= {"kt": one.viscous / per_volt, "R": one.viscous / per_volt**2}
-        found["friction_viscous"], actuator = 0.0, "xl330"
-    elif one.drive.motor_input == "current":
-        found["kt"], actuator = ratio * values["torque_constant"], "xl330i"
+        parameters |= {"kt": actuator.viscous / per_volt, "R": actuator.viscous / per_volt**2}
+        parameters["friction_viscous"], kind = 0.0, "xl330"
+    elif actuator.drive.motor_input == "current":
+        parameters["kt"], kind = ratio * values["torque_constant"], "xl330i"
     else:
-        found["ratio"], actuator = 1.0, "unitree_go1"
-        if math.isfinite(one.limit):
-            found["max_torque"] = one.limit
-    if one.delay_s > 0:
-        found["command_delay"] = one.delay_s
-    return {**found, "model": model, "actuator": actuator}
+        parameters["ratio"], kind = 1.0, "unitree_go1"
+        if math.isfinite(actuator.limit):
+            parameters["max_torque"] = actuator.limit
+    if actuator.delay_s > 0:
+        parameters["command_delay"] = actuator.delay_s
+    return {**parameters, "model": model, "actuator": kind}
 
 
 def _identifier(name: str) -> str:
     """Return a name as USD allows it: letters, digits and _, no digit first."""
-    found = re.sub(r"[^A-Za-z0-9_]", "_", name)
-    return found if found and not found[0].isdigit() else f"_{found}"
+    identifier = re.sub(r"[^A-Za-z0-9_]", "_", name)
+    return identifier if identifier and not identifier[0].isdigit() else f"_{identifier}"
 
 
 def _layer(request: _Request, joints: list[str], more: Iterable[str] = ()) -> Iterable[str]:
@@ -353,22 +353,22 @@ def _prim(start: str, schemas: Iterable[str], attributes: Mapping[str, str | flo
 def _usd(request: _Request) -> Iterable[str]:
     """Return a layer with drives of UsdPhysics, and armature and friction of PhysX."""
     joints: list[str] = []
-    for one in request.actuators:
-        axis, per_unit = ("linear", 1.0) if one.slides else ("angular", _PER_DEGREE)
+    for actuator in request.actuators:
+        axis, per_unit = ("linear", 1.0) if actuator.slides else ("angular", _PER_DEGREE)
         drive, physx = f"drive:{axis}:physics", f"physxJointAxis:{axis}"
         attributes: dict[str, str | float] = {
             f"uniform token {drive}:type": '"force"',
-            f"float {drive}:stiffness": one.position_gain * per_unit,
-            f"float {drive}:damping": one.velocity_gain * per_unit,
-            f"float {drive}:maxForce": one.limit,
-            "float physxJoint:armature": one.armature,
-            f"float {physx}:armature": one.armature,
-            f"float {physx}:staticFrictionEffort": one.dry,
-            f"float {physx}:dynamicFrictionEffort": one.dry,
-            f"float {physx}:viscousFrictionCoefficient": one.viscous * per_unit,
+            f"float {drive}:stiffness": actuator.position_gain * per_unit,
+            f"float {drive}:damping": actuator.velocity_gain * per_unit,
+            f"float {drive}:maxForce": actuator.limit,
+            "float physxJoint:armature": actuator.armature,
+            f"float {physx}:armature": actuator.armature,
+            f"float {physx}:staticFrictionEffort": actuator.dry,
+            f"float {physx}:dynamicFrictionEffort": actuator.dry,
+            f"float {physx}:viscousFrictionCoefficient": actuator.viscous * per_unit,
         }
         schemas = (f"PhysicsDriveAPI:{axis}", "PhysxJointAPI", f"PhysxJointAxisAPI:{axis}")
-        joints += _prim(f'over "{_identifier(one.joint)}"', schemas, attributes)
+        joints += _prim(f'over "{_identifier(actuator.joint)}"', schemas, attributes)
     return _layer(request, joints)
 
 
@@ -377,24 +377,24 @@ def _newton(request: _Request) -> Iterable[str]:
     joints: list[str] = []
     actuators: list[str] = ['def Scope "actuators"', "{"]
     robot = _identifier(request.robot.name)
-    for one in request.actuators:
-        name, per_unit = _identifier(one.joint), 1.0 if one.slides else _PER_DEGREE
+    for actuator in request.actuators:
+        name, per_unit = _identifier(actuator.joint), 1.0 if actuator.slides else _PER_DEGREE
         passive: dict[str, str | float] = {
-            "float newton:armature": one.armature,
-            "float newton:damping": one.viscous * per_unit,
-            "float newton:friction": one.dry,
+            "float newton:armature": actuator.armature,
+            "float newton:damping": actuator.viscous * per_unit,
+            "float newton:friction": actuator.dry,
         }
         joints += _prim(f'over "{name}"', ("NewtonJointAPI",), passive)
         active: dict[str, str | float] = {
             "rel newton:targets": f"</{robot}/joints/{name}>",
-            "float newton:kp": one.position_gain,
-            "float newton:kd": one.velocity_gain,
-            "float newton:constEffort": -one.offset,
+            "float newton:kp": actuator.position_gain,
+            "float newton:kd": actuator.velocity_gain,
+            "float newton:constEffort": -actuator.offset,
         }
-        schemas, steps = ["NewtonPDControlAPI"], one.steps(request.step_s)
-        if math.isfinite(one.limit):
+        schemas, steps = ["NewtonPDControlAPI"], actuator.steps(request.step_s)
+        if math.isfinite(actuator.limit):
             schemas.append("NewtonMaxEffortClampingAPI")
-            active["float newton:maxEffort"] = one.limit
+            active["float newton:maxEffort"] = actuator.limit
         if steps:
             schemas.append("NewtonActuatorDelayAPI")
             active["int newton:delaySteps"] = str(steps)
@@ -409,10 +409,10 @@ def _name_of(element: Element) -> str:
 def _rigid_dynamics(text: bytes, root: Element, request: _Request) -> list[Edit]:
     """Return the edits that write the friction of elastic drives as of rigid ones."""
     joints, edits = root.named("joint"), []
-    for one in request.actuators:
-        if one.drive.is_elastic:
-            seen = {"damping": _number(one.viscous), "friction": _number(one.dry)}
-            edits += with_children(text, joints[one.joint], {"dynamics": seen})
+    for actuator in request.actuators:
+        if actuator.drive.is_elastic:
+            seen = {"damping": _number(actuator.viscous), "friction": _number(actuator.dry)}
+            edits += with_children(text, joints[actuator.joint], {"dynamics": seen})
     return edits
 
 
@@ -420,9 +420,9 @@ def _drake(request: _Request) -> _Written:
     """Write the URDF with the transmissions of Drake: gear ratio, rotor inertia, gains."""
 
     def more(text: bytes, root: Element) -> list[Edit]:
-        names, edits = {one.joint for one in request.actuators}, []
-        for old in (one for one in root.children if one.tag == "transmission"):
-            moved = [_name_of(one) for one in old.children if one.tag == "joint"]
+        names, edits = {actuator.joint for actuator in request.actuators}, []
+        for old in (child for child in root.children if child.tag == "transmission"):
+            moved = [_name_of(child) for child in old.children if child.tag == "joint"]
             edits += [without(text, old)] if {*moved} & names else []
         if "xmlns:drake" not in root.attributes and b"xmlns:drake" not in text[: root.inside]:
             edits.append(with_start(text, root, {"xmlns:drake": "http://drake.mit.edu"}))
@@ -432,11 +432,11 @@ def _drake(request: _Request) -> _Written:
     return _edited_urdf(request, more)
 
 
-def _drake_transmission(one: JointActuator) -> bytes:
-    name = quoteattr(one.joint)
-    inertia, ratio = one.drive.values["motor_inertia"], total_ratio(one.drive)
-    p, d = _number(one.position_gain), _number(one.velocity_gain)
-    gains = f'<drake:controller_gains p="{p}" d="{d}"/>' if one.has_gains else ""
+def _drake_transmission(actuator: JointActuator) -> bytes:
+    name = quoteattr(actuator.joint)
+    inertia, ratio = actuator.drive.values["motor_inertia"], total_ratio(actuator.drive)
+    p, d = _number(actuator.position_gain), _number(actuator.velocity_gain)
+    gains = f'<drake:controller_gains p="{p}" d="{d}"/>' if actuator.has_gains else ""
     return (
         f'<transmission type="SimpleTransmission" name={name}><joint name={name}/>'
         f'<actuator name={name}><drake:gear_ratio value="{_number(ratio)}"/>'
@@ -450,11 +450,11 @@ def _ros2_control(request: _Request) -> _Written:
     def more(text: bytes, root: Element) -> list[Edit]:
         block = ['<ros2_control name="seaid" type="system">', "  <hardware>"]
         block += ["    <plugin>gz_ros2_control/GazeboSimSystem</plugin>", "  </hardware>"]
-        for one in request.actuators:
-            block.append(f"  <joint name={quoteattr(one.joint)}>")
+        for actuator in request.actuators:
+            block.append(f"  <joint name={quoteattr(actuator.joint)}>")
             block.append('    <command_interface name="effort">')
-            if math.isfinite(one.limit):
-                limits = {"min": -one.limit, "max": one.limit}
+            if math.isfinite(actuator.limit):
+                limits = {"min": -actuator.limit, "max": actuator.limit}
                 block += [
                     f'      <param name="{x}">{_number(y)}</param>' for x, y in limits.items()
                 ]
@@ -463,8 +463,8 @@ def _ros2_control(request: _Request) -> _Written:
             block += [f'    <state_interface name="{state}"/>' for state in states]
             block.append("  </joint>")
         block.append("</ros2_control>")
-        old = [one for one in root.children if one.tag == "ros2_control"]
-        gone = [without(text, one) for one in old if _name_of(one) == "seaid"]
+        old = [child for child in root.children if child.tag == "ros2_control"]
+        gone = [without(text, child) for child in old if _name_of(child) == "seaid"]
         new = with_content(text, root, ["\n".join(block).encode()])
         return [*gone, *_rigid_dynamics(text, root, request), new]
 

@@ -54,12 +54,12 @@ class Element:
 
     def find(self, tag: str) -> Element | None:
         """Return the first child of a tag, None if there is none."""
-        return next((one for one in self.children if one.tag == tag), None)
+        return next((child for child in self.children if child.tag == tag), None)
 
     def named(self, tag: str) -> dict[str, Element]:
         """Return {name: child} of the named children of a tag."""
-        found = (one for one in self.children if one.tag == tag)
-        return {one.attributes["name"]: one for one in found if "name" in one.attributes}
+        children = (child for child in self.children if child.tag == tag)
+        return {child.attributes["name"]: child for child in children if "name" in child.attributes}
 
     def all(self) -> Iterable[Element]:
         """Yield the element and all its descendants."""
@@ -80,10 +80,10 @@ def parse_positions(text: bytes) -> Element:
 
     def begin(tag: str, attributes: Mapping[str, str]) -> None:
         at = parser.CurrentByteIndex
-        found = _START_TAG.match(text, at)
-        if found is None:
+        match = _START_TAG.match(text, at)
+        if match is None:
             raise ValueError("its encoding is not one of single bytes or UTF-8")
-        element = Element(tag, attributes, at, found.end(), found.end(), [])
+        element = Element(tag, attributes, at, match.end(), match.end(), [])
         waiting[-1].children.append(element)
         waiting.append(element)
 
@@ -118,13 +118,13 @@ def with_children(
             old = text[child.start : child.inside]
             edits.append((child.start, child.inside, _with_attributes(old, attributes)))
     if missing:
-        edits.append(with_content(text, parent, [_tag(*one) for one in missing.items()]))
+        edits.append(with_content(text, parent, [_tag(*element) for element in missing.items()]))
     return edits
 
 
 def new_element(tag: str, children: Mapping[str, Mapping[str, str]]) -> bytes:
     """Return an element on one line."""
-    content = b"".join(_tag(*one) for one in children.items())
+    content = b"".join(_tag(*child) for child in children.items())
     return b"<%b>%b</%b>" % (tag.encode(), content, tag.encode())
 
 
@@ -134,8 +134,8 @@ def with_content(text: bytes, parent: Element, elements: Iterable[bytes]) -> Edi
     if not is_empty(text, parent):
         follows = re.compile(rb"\r?\n[ \t]*(?=<(?!/))").match(text, parent.inside)
         indent = follows.group() if follows is not None else outer and outer + b"  "
-        return parent.inside, parent.inside, b"".join(indent + one for one in elements)
-    content = b"".join((outer and outer + b"  ") + one for one in elements)
+        return parent.inside, parent.inside, b"".join(indent + element for element in elements)
+    content = b"".join((outer and outer + b"  ") + element for element in elements)
     opened = text[parent.start : parent.inside].removesuffix(b"/>").rstrip() + b">"
     close = b"%b</%b>" % (outer, parent.tag.encode())
     return parent.start, parent.inside, opened + content + close
@@ -180,9 +180,9 @@ def _with_attributes(tag: bytes, attributes: Mapping[str, str]) -> bytes:
     """Return a start tag with attributes set; existing ones keep their positions."""
     for name, value in attributes.items():
         key, quoted = name.encode(), b'"%b"' % value.encode()
-        there = re.search(rb"""\s%b\s*=\s*("[^"]*"|'[^']*')""" % re.escape(key), tag)
-        if there is not None:
-            tag = tag[: there.start(1)] + quoted + tag[there.end(1) :]
+        existing = re.search(rb"""\s%b\s*=\s*("[^"]*"|'[^']*')""" % re.escape(key), tag)
+        if existing is not None:
+            tag = tag[: existing.start(1)] + quoted + tag[existing.end(1) :]
             continue
         close = re.search(rb"\s*/?>\Z", tag)
         assert close is not None  # it matched as a start tag
@@ -281,7 +281,7 @@ def write_edited(
     _note_missing(robot, notes)
     _note_files(path, source, root, notes)
     with whole_file(path) as temporary:
-        comments = "".join(f"\n<!-- {one} -->\n" for one in warmth)
+        comments = "".join(f"\n<!-- {note} -->\n" for note in warmth)
         temporary.write_bytes(edited(text, edits) + comments.encode())
         if drives is not None:
             write_drives(robot.drives, drives)
@@ -333,7 +333,7 @@ def _bodies(robot: Robot, tree: UrdfTree, notes: list[str], force: bool) -> dict
     for body, lump in zip(robot.body_names, robot.parameters.reshape(-1, 10), strict=True):
         placements = _fixed_links(tree, body, moving)
         fixed = {link: tree.links[link] for link in placements if np.any(tree.links[link])}
-        rest = _rest(lump, [in_parent_frame(own, placements[link]) for link, own in fixed.items()])
+        rest = _rest(lump, [in_parent_frame(ten, placements[link]) for link, ten in fixed.items()])
         is_consistent = is_physical(rest, THIN) and not _is_massless(rest)
         if fixed and not is_consistent and is_physical(lump, THIN):
             notes.append(
@@ -350,25 +350,25 @@ def _rest(lump: Array, parts: Sequence[Array]) -> Array:
     """Return a body without some of its parts, all zero if only rounding errors remain."""
     rest = lump - sum(parts, np.zeros(10))
     kinds = (slice(0, 1), slice(1, 4), slice(4, 10))
-    sizes = [max(float(np.max(np.abs(one[kind]))) for one in (lump, *parts)) for kind in kinds]
-    left = any(
+    sizes = [max(float(np.max(np.abs(body[kind]))) for body in (lump, *parts)) for kind in kinds]
+    remains = any(
         np.max(np.abs(rest[kind])) > _ROUNDING * size
         for kind, size in zip(kinds, sizes, strict=True)
     )
-    return rest if left or not parts else np.zeros(10)
+    return rest if remains or not parts else np.zeros(10)
 
 
 def _fixed_links(tree: UrdfTree, body: str, moving: frozenset[str]) -> dict[str, pin.SE3]:
     """Return {link: placement in the body's frame} of the links fixed to that of a body."""
-    found: dict[str, pin.SE3] = {}
+    placements: dict[str, pin.SE3] = {}
     stack = [(body, pin.SE3.Identity())]
     while stack:
         link, placement = stack.pop()
         for below in tree.children(link):
             if below.name not in moving:
-                found[below.child] = placement * below.placement
-                stack.append((below.child, found[below.child]))
-    return found
+                placements[below.child] = placement * below.placement
+                stack.append((below.child, placements[below.child]))
+    return placements
 
 
 def _check_consistent(body: str, parameters: Array, force: bool, notes: list[str]) -> None:
@@ -463,8 +463,8 @@ def _note_missing(robot: Robot, notes: list[str]) -> None:
 
 def _note_files(path: Path, source: Path, root: Element, notes: list[str]) -> None:
     """Add a note on meshes and textures that are no longer found from another folder."""
-    shapes = (one for one in root.all() if one.tag in ("mesh", "texture"))
-    named = dict.fromkeys(one.attributes.get("filename", "") for one in shapes)
+    shapes = (element for element in root.all() if element.tag in ("mesh", "texture"))
+    named = dict.fromkeys(shape.attributes.get("filename", "") for shape in shapes)
     relative = [
         name for name in filter(None, named) if not ("://" in name or Path(name).is_absolute())
     ]
