@@ -139,7 +139,7 @@ def put_panel(
     gui.configure_theme(control_width="medium", show_logo=False, show_share_button=False)
     run = time = play = speed = compared = None
     if playbacks:
-        names = [one.name for one in playbacks]
+        names = [playback.name for playback in playbacks]
         run = gui.add_dropdown("motion", names, initial_value=names[0])
         time = gui.add_slider("time [s]", 0.0, slider_end(playbacks[0]), 0.001, 0.0)
         play = gui.add_button("Play", icon="player-play")
@@ -193,8 +193,8 @@ def bodies_table(picture: Picture) -> str:
         for name, color in (("nominal (wire)", NOMINAL), ("identified (solid)", IDENTIFIED))
         if getattr(picture, name.split()[0])
     ]
-    nominal = {one.body: one for one in picture.nominal}
-    identified = {one.body: one for one in picture.identified}
+    nominal = {ellipsoid.body: ellipsoid for ellipsoid in picture.nominal}
+    identified = {ellipsoid.body: ellipsoid for ellipsoid in picture.identified}
     rows = []
     for body, name in enumerate(picture.robot.body_names, 1):
         place = body % (len(picture.robot.all_joint_names) + 1)  # a floating base is 0
@@ -291,7 +291,7 @@ def put_plots(server: Any, robot: Robot, playbacks: Sequence[Playback]) -> Plots
     with panel.add_tab("Plots", icon="chart-line"):
         first = _first_joint(robot, playbacks[0])
         joint = gui.add_dropdown("joint", robot.joint_names, initial_value=first)
-        gui.add_html(_key(playbacks))
+        gui.add_html(_legend(playbacks))
         torque, deflection = (
             gui.add_uplot(
                 (np.zeros(2),) * (2 + len(_STYLES)),
@@ -320,9 +320,9 @@ def draw_plots(plots: Plots, robot: Robot, playback: Playback, time: float) -> N
     torque, unit = ("motor torque", "N m") if at_motor else ("torque at the joint", "N m")
     if slides and not at_motor:
         torque, unit = "force at the joint", "N"
-    sources = {name: one[:, index] for name, one in traces.torque.items()}
+    sources = {name: values[:, index] for name, values in traces.torque.items()}
     _draw(plots.torque, f"{torque} of {joint} [{unit}]", traces.time, sources, time)
-    scaled = {name: 1e3 * one[:, index] for name, one in traces.deflection.items()}
+    scaled = {name: 1e3 * values[:, index] for name, values in traces.deflection.items()}
     elastic = joint in robot.elastic_joints
     title = f"spring deflection of {joint} [{'mm' if slides else 'mrad'}]"
     _draw(plots.deflection, title, traces.time, scaled if elastic else {}, time)
@@ -330,7 +330,7 @@ def draw_plots(plots: Plots, robot: Robot, playback: Playback, time: float) -> N
 
 def _draw(plot: Any, title: str, grid: Array, sources: Mapping[str, Array], time: float) -> None:
     """Show the sources {name: (G,)} of a plot, which is hidden without any value."""
-    values = np.concatenate([one[np.isfinite(one)] for one in sources.values()] or [np.zeros(0)])
+    values = np.concatenate([x[np.isfinite(x)] for x in sources.values()] or [np.zeros(0)])
     plot.visible = bool(len(values))
     if not len(values):
         return
@@ -346,10 +346,10 @@ def _draw(plot: Any, title: str, grid: Array, sources: Mapping[str, Array], time
     if plot.scales != scales:
         plot.scales = scales
     step = float(grid[-1]) / _CURSOR_STEPS
-    plot.data = _with_cursor(grid, sources, step * round(time / step), (low, high))
+    plot.data = _cursor_data(grid, sources, step * round(time / step), (low, high))
 
 
-def _with_cursor(
+def _cursor_data(
     grid: Array, sources: Mapping[str, Array], now: float, ends: tuple[float, float]
 ) -> tuple[Array, ...]:
     """Return the data of a plot: time, cursor, and all sources, NaN where one has no value.
@@ -371,10 +371,10 @@ def _first_joint(robot: Robot, playback: Playback) -> str:
     return robot.joint_names[int(np.argmax(np.max(known, axis=0)))]
 
 
-def _key(playbacks: Sequence[Playback]) -> str:
+def _legend(playbacks: Sequence[Playback]) -> str:
     """Return the names of the lines that some motion has."""
-    there = [name for name in _STYLES if any(name in one.traces.torque for one in playbacks)]
-    lines = "".join(f"<span>{_line(**_STYLES[name])}{name}</span>" for name in there)
+    drawn = [name for name in _STYLES if any(name in p.traces.torque for p in playbacks)]
+    lines = "".join(f"<span>{_line(**_STYLES[name])}{name}</span>" for name in drawn)
     return f'<div style="font-size:0.8em;margin:0 0 0.2em">{lines}</div>'
 
 

@@ -102,18 +102,18 @@ class Picture:
     @cached_property
     def _outlines(self) -> list[Array]:
         """Points of each body, (., 3): corners of its shapes' boxes, ends of its lines, marks."""
-        found: list[list[Array]] = [
+        outlines: list[list[Array]] = [
             [np.zeros((1, 3))] for _ in range(len(self.robot.all_joint_names) + 1)
         ]
         for shape in self.shapes:
             ends = np.array([shape.vertices.min(axis=0), shape.vertices.max(axis=0)])
             grid = np.array(np.meshgrid(*ends.T)).reshape(3, -1).T
-            found[shape.body].append(grid)
+            outlines[shape.body].append(grid)
         for body, segment in zip(self.segment_bodies, self.segments, strict=True):
-            found[body].append(segment)
+            outlines[body].append(segment)
         for mark in self.payloads:
-            found[mark.body].append(mark.center[None])
-        return [np.concatenate(points) for points in found]
+            outlines[mark.body].append(mark.center[None])
+        return [np.concatenate(points) for points in outlines]
 
 
 def picture_of(
@@ -137,7 +137,7 @@ def picture_of(
     gravity = robot.model.gravity.linear
     strength = float(np.linalg.norm(gravity))
     nominal = ellipsoids_of(robot)
-    found = () if identified is None else ellipsoids_of(identified)
+    fitted = () if identified is None else ellipsoids_of(identified)
     up = np.array([0.0, 0.0, 1.0]) if strength == 0.0 else -gravity / strength
     return Picture(
         robot=robot,
@@ -147,9 +147,9 @@ def picture_of(
         axes=_axes(robot),
         payloads=payloads,
         nominal=nominal,
-        identified=found,
+        identified=fitted,
         up=frozen("up", up, (3,)),
-        notes=(*notes, *_inconsistent("nominal", nominal), *_inconsistent("identified", found)),
+        notes=(*notes, *_inconsistent("nominal", nominal), *_inconsistent("identified", fitted)),
     )
 
 

@@ -69,32 +69,32 @@ def traces_of(parts: Sequence[Part], at_motor: tuple[bool, ...]) -> Traces:
         torques = [(part[0], part[1][source]) for part in parts if source in part[1]]
         deflections = [(part[0], part[2][source]) for part in parts if source in part[2]]
         if torques:
-            torque[source] = _on(grid, torques)
+            torque[source] = _sampled(grid, torques)
         if deflections:
-            deflection[source] = _on(grid, deflections)
+            deflection[source] = _sampled(grid, deflections)
     return Traces(frozen("time", grid, (None,)), torque, _about_mean(deflection), at_motor)
 
 
-def _on(grid: Array, parts: Sequence[tuple[Array, Array]]) -> Array:
+def _sampled(grid: Array, parts: Sequence[tuple[Array, Array]]) -> Array:
     """Return the values (G, n) of parts (time, values) at the instants of a grid, NaN between."""
-    found = np.full((len(grid), parts[0][1].shape[1]), np.nan)
+    sampled = np.full((len(grid), parts[0][1].shape[1]), np.nan)
     for time, values in parts:
         inside = (grid >= time[0]) & (grid <= time[-1])
-        for column, one in zip(found.T, values.T, strict=True):
-            column[inside] = np.interp(grid[inside], time, one)
-    return found
+        for column, signal in zip(sampled.T, values.T, strict=True):
+            column[inside] = np.interp(grid[inside], time, signal)
+    return sampled
 
 
 def _about_mean(deflection: Mapping[str, Array]) -> dict[str, Array]:
     """Return deflections without the mean of the first source, the others aligned to it."""
-    found: dict[str, Array] = {}
+    aligned: dict[str, Array] = {}
     for source, values in deflection.items():
-        first = next(iter(found.values()), np.zeros_like(values))
+        first = next(iter(aligned.values()), np.zeros_like(values))
         error = values - first
         known = np.isfinite(error)
         count = np.maximum(np.sum(known, axis=0), 1)
-        found[source] = values - np.sum(np.where(known, error, 0.0), axis=0) / count
-    return found
+        aligned[source] = values - np.sum(np.where(known, error, 0.0), axis=0) / count
+    return aligned
 
 
 def logged_traces(
@@ -120,17 +120,17 @@ def logged_traces(
         return traces_of(parts, at_motor), [f"torques are not computed: {problem}"]
     unknown: dict[str, str] = {}
     for motion in motions:
-        own = columns if motion is log else list(range(robot.n))
-        torque = _measured_torque(valued, motion, own)[0]
-        measured = {MEASURED: torque}, {MEASURED: _on(motion.time, [(log.time, deflection)])}
+        indices = columns if motion is log else list(range(robot.n))
+        torque = _measured_torque(valued, motion, indices)[0]
+        measured = {MEASURED: torque}, {MEASURED: _sampled(motion.time, [(log.time, deflection)])}
         parts.append(_inside(motion, (motion.time - start, *measured)))
         rows = slice(None, None, max(1, int(motion.rate_hz / (_PER_PERIOD * motion.cutoff_hz))))
         part, unknown = predicted(
             robot,
             identified,
             motion.time[rows] - start,
-            _states(motion, "joint", rows, own),
-            _states(motion, "motor", rows, own),
+            _states(motion, "joint", rows, indices),
+            _states(motion, "motor", rows, indices),
             at_motor,
         )
         parts.append(_inside(motion, part))
@@ -149,11 +149,11 @@ def _inside(motion: Motion, part: Part) -> Part:
     inside = slice(transient, len(time) - transient)
 
     def smooth(values: Array) -> Array:
-        known, found = np.flatnonzero(np.isfinite(values[0])), values.copy()
-        found[:, known] = low_pass(values[:, known], 1.0 / step, motion.cutoff_hz)
-        return found[inside]
+        known, smoothed = np.flatnonzero(np.isfinite(values[0])), values.copy()
+        smoothed[:, known] = low_pass(values[:, known], 1.0 / step, motion.cutoff_hz)
+        return smoothed[inside]
 
-    torque, deflection = ({name: smooth(one) for name, one in kind.items()} for kind in part[1:])
+    torque, deflection = ({name: smooth(x) for name, x in kind.items()} for kind in part[1:])
     return time[inside], torque, deflection
 
 
@@ -323,12 +323,12 @@ def playback_of(
 def scales(playbacks: Sequence[Playback], is_prismatic: Sequence[bool]) -> Array:
     """Return the ends (n,) of the colour scales, the largest deflections per kind of joint."""
     sliding = np.array(is_prismatic)
-    found = np.zeros(len(sliding))
+    limits = np.zeros(len(sliding))
     for kind in (sliding, ~sliding):
-        sizes = [np.abs(one.deflection[:, kind]) for one in playbacks]
+        sizes = [np.abs(playback.deflection[:, kind]) for playback in playbacks]
         known = np.concatenate([size[np.isfinite(size)] for size in sizes] or [np.zeros(0)])
-        found[kind] = np.max(known, initial=0.0)
-    return found
+        limits[kind] = np.max(known, initial=0.0)
+    return limits
 
 
 def _planned(robot: Robot, trajectory: Trajectory, name: str, identified: Robot | None) -> Playback:

@@ -60,13 +60,13 @@ def shapes_of(
     """
     folders = search_folders(urdf, package_dirs)
     materials = tree.elements.materials
-    palette = {one.name: _rgb(one) for one in materials if one.color is not None}
+    palette = {m.name: _rgb(m) for m in materials if m.color is not None}
     shapes: list[Shape] = []
     missing: dict[str, list[str]] = {}
     for link in tree.elements.links:
         body, placement = places[link.name]
         for visual in link.visuals:
-            wanted = _own_color(visual.material, palette)
+            wanted = _material_color(visual.material, palette)
             try:
                 parts = list(_parts(visual.geometry, folders))
             except _NoMeshError as problem:
@@ -77,7 +77,7 @@ def shapes_of(
             for mesh, painted in parts:
                 moved = mesh.apply_transform(whole)
                 shapes.append(_shape(link.name, body, moved, painted or wanted))
-    return tuple(shapes), tuple(_missing_text(*one) for one in missing.items())
+    return tuple(shapes), tuple(_missing_text(*entry) for entry in missing.items())
 
 
 class _NoMeshError(Exception):
@@ -143,7 +143,7 @@ def _loaded(named: Any, folders: Sequence[Path]) -> Iterator[tuple[Any, Color | 
     if path is None:
         raise _not_found(named.filename)
     try:
-        parts = [one for one in trimesh.load_scene(path).dump() if isinstance(one, trimesh.Trimesh)]
+        parts = [m for m in trimesh.load_scene(path).dump() if isinstance(m, trimesh.Trimesh)]
     except Exception as problem:  # readers of a dozen formats raise any exception
         reason = f"{type(problem).__name__}: {problem}"
         raise _NoMeshError(f"mesh '{path}' cannot be read, {reason}", _CONVERT) from None
@@ -167,7 +167,7 @@ def _painted(visual: Any) -> Color | None:
     return None if color is None else _color(color[:3])
 
 
-def _own_color(material: Any, palette: Mapping[str, Color]) -> Color:
+def _material_color(material: Any, palette: Mapping[str, Color]) -> Color:
     if material is None:
         return GREY
     return _rgb(material) if material.color is not None else palette.get(material.name, GREY)

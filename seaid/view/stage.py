@@ -265,27 +265,27 @@ def _ellipsoids(server: Any, picture: Picture, which: str, color: Color) -> tupl
     """Add the ellipsoids of bodies with their centres of mass, crosses for inconsistent bodies."""
     nodes, radius = [], _POINT * picture.size
     bodies: tuple[Ellipsoid, ...] = getattr(picture, which)
-    for one in bodies:
-        name = f"/robot/{one.body}/{which}"
-        if one.problem is not None:
+    for e in bodies:
+        name = f"/robot/{e.body}/{which}"
+        if e.problem is not None:
             ends = 3.0 * radius * np.array([np.diag([1, 1, 1]), -np.diag([1, 1, 1])])
-            lines = np.swapaxes(one.center + ends, 0, 1)
+            lines = np.swapaxes(e.center + ends, 0, 1)
             nodes.append(server.scene.add_line_segments(name, lines, WRONG, thickness=radius / 2))
             continue
-        x, y, z, w = pin.Quaternion(one.rotation).normalized().coeffs()
+        x, y, z, w = pin.Quaternion(e.rotation).normalized().coeffs()
         nodes += [
             server.scene.add_icosphere(
                 name,
                 1.0,
                 color,
-                scale=tuple(np.maximum(one.semi_axes, _THIN * radius)),
+                scale=tuple(np.maximum(e.semi_axes, _THIN * radius)),
                 subdivisions=2 if which == "nominal" else 4,
                 wireframe=which == "nominal",
                 opacity=0.35 if which == "nominal" else 0.6,
                 wxyz=(w, x, y, z),
-                position=tuple(one.center),
+                position=tuple(e.center),
                 cast_shadow=False,
             ),
-            server.scene.add_icosphere(f"{name}_center", radius, color, position=tuple(one.center)),
+            server.scene.add_icosphere(f"{name}_center", radius, color, position=tuple(e.center)),
         ]
     return tuple(nodes)

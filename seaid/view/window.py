@@ -149,10 +149,10 @@ class View(Display):
         self.stop()
 
     def _named(self, name: str) -> Playback:
-        found = {one.name: one for one in self.playbacks}
-        if name not in found:
-            raise SeaidError(unknown_name("motion", name, found))
-        return found[name]
+        by_name = {playback.name: playback for playback in self.playbacks}
+        if name not in by_name:
+            raise SeaidError(unknown_name("motion", name, by_name))
+        return by_name[name]
 
     def _listen(self) -> None:
         panel = self.panel
@@ -188,10 +188,10 @@ class View(Display):
                 self.panel.table.content = text
             if self.playback is not None and self.plots is not None:
                 draw_plots(self.plots, self.picture.robot, self.playback, self.time)
-            other = None if self.panel.compared is None else self.panel.compared.value
-            show(self.stage.groups["ghost"], other not in (None, NOTHING))
-            if other not in (None, NOTHING):
-                compared, _ = self._named(other).at(self.time)
+            name = None if self.panel.compared is None else self.panel.compared.value
+            show(self.stage.groups["ghost"], name not in (None, NOTHING))
+            if name not in (None, NOTHING):
+                compared, _ = self._named(name).at(self.time)
                 place(self.stage.ghost, self.picture.placements(compared))
 
     def _state(self) -> tuple[Array, Array]:
@@ -288,9 +288,9 @@ def view_robot(
     ...     view.wait()
     """
     server_of = _viser_server()
-    found = _same_robot(robot, identified)
-    picture = picture_of(robot, identified=found, package_dirs=package_dirs)
-    playbacks = [playback_of(robot, one, name, found) for name, one in _by_name(motions).items()]
+    model = _identified_robot(robot, identified)
+    picture = picture_of(robot, identified=model, package_dirs=package_dirs)
+    playbacks = [playback_of(robot, m, name, model) for name, m in _named_motions(motions).items()]
     _check_port(host, port)
     with quietly():
         server = server_of(host=host, port=port, verbose=False)
@@ -303,7 +303,7 @@ def view_robot(
 
 def _opened(server: Any, picture: Picture, playbacks: tuple[Playback, ...]) -> View:
     limits = scales(playbacks, picture.robot.is_prismatic)
-    sampled = [one.position[:: max(1, len(one.time) // _POSTURES)] for one in playbacks]
+    sampled = [p.position[:: max(1, len(p.time) // _POSTURES)] for p in playbacks]
     set_the_view(server, picture, np.concatenate(sampled or [picture.rest_posture[None]]))
     stage = put_on_stage(server, picture)
     panel = put_panel(server, picture, stage, playbacks, limits)
@@ -321,28 +321,29 @@ def _viser_server() -> Any:
     return ViserServer
 
 
-def _same_robot(robot: Robot, identified: Robot | Identification | None) -> Robot | None:
+def _identified_robot(robot: Robot, identified: Robot | Identification | None) -> Robot | None:
     """Return the identified robot. Raises RobotError for one with other joints or bodies."""
     if identified is None:
         return None
-    found = identified if isinstance(identified, Robot) else identified.robot
+    model = identified if isinstance(identified, Robot) else identified.robot
     names = robot.joint_names, robot.body_names
-    if (found.joint_names, found.body_names) != names:
+    if (model.joint_names, model.body_names) != names:
         raise RobotError(
-            f"identified: it has the joints {', '.join(found.joint_names)}, but '{robot.name}' has "
+            f"identified: it has the joints {', '.join(model.joint_names)}, but '{robot.name}' has "
             f"{', '.join(robot.joint_names)}; load both with the same joints=",
             "joints=",
         )
-    return found
+    return model
 
 
-def _by_name(motions: Mapping[str, Shown] | Sequence[Shown] | Shown) -> dict[str, Shown]:
+def _named_motions(motions: Mapping[str, Shown] | Sequence[Shown] | Shown) -> dict[str, Shown]:
     if isinstance(motions, Mapping):
         return dict(motions)
     several = [motions] if isinstance(motions, Log | Motion | Trajectory | Excitation) else motions
     kinds = {Log: "log", Motion: "motion"}
     return {
-        f"{kinds.get(type(one), 'plan')} {number}": one for number, one in enumerate(several, 1)
+        f"{kinds.get(type(motion), 'plan')} {number}": motion
+        for number, motion in enumerate(several, 1)
     }
 
 
