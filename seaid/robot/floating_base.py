@@ -130,7 +130,7 @@ class FloatingBase(Display):
 
     def contact_of(self, link: str) -> Contact:
         """Return the contact at a link, or one at its origin."""
-        return next((one for one in self.contacts if one.link == link), Contact(link))
+        return next((contact for contact in self.contacts if contact.link == link), Contact(link))
 
     @property
     def free_axes(self) -> BoolArray:
@@ -202,7 +202,7 @@ def floating_base(
         name: (order[joint - 1] if joint else -1, placement.rotation, placement.translation)
         for name, (joint, placement) in built.frames.items()
     }
-    touching = tuple(Contact(one) if isinstance(one, str) else one for one in contacts)
+    touching = tuple(Contact(x) if isinstance(x, str) else x for x in contacts)
     base = FloatingBase(
         link=link,
         frames=FrozenMapping(frames, "link"),
@@ -239,18 +239,18 @@ def imu_motion(robot: Robot, q: Array, v: Array, a: Array) -> ImuMotion:
         return ImuMotion(rotation[None], place[None], still, still, still)
     model = pin.Model(robot.model)
     joint = 1 + robot.model_order.index(body)
-    own = pin.Frame("imu of seaid", joint, 0, pin.SE3(rotation, place), pin.FrameType.OP_FRAME)
-    frame, data = model.addFrame(own, False), model.createData()
-    found, axes = np.empty((len(q), 7, 3)), pin.LOCAL_WORLD_ALIGNED
+    imu = pin.Frame("imu of seaid", joint, 0, pin.SE3(rotation, place), pin.FrameType.OP_FRAME)
+    frame, data = model.addFrame(imu, False), model.createData()
+    motion, axes = np.empty((len(q), 7, 3)), pin.LOCAL_WORLD_ALIGNED
     states = (robot.to_model(state, order) for order, state in enumerate((q, v, a)))
     for t, (q_t, v_t, a_t) in enumerate(zip(*states, strict=True)):
         pin.forwardKinematics(model, data, q_t, v_t, a_t)
         placement = pin.updateFramePlacement(model, data, frame)
         rate = pin.getFrameVelocity(model, data, frame, axes)
-        found[t, :3], found[t, 3] = placement.rotation, placement.translation
-        found[t, 4], found[t, 6] = rate.linear, rate.angular
-        found[t, 5] = pin.getFrameClassicalAcceleration(model, data, frame, axes).linear
-    return ImuMotion(found[:, :3], *(found[:, k] for k in range(3, 7)))
+        motion[t, :3], motion[t, 3] = placement.rotation, placement.translation
+        motion[t, 4], motion[t, 6] = rate.linear, rate.angular
+        motion[t, 5] = pin.getFrameClassicalAcceleration(model, data, frame, axes).linear
+    return ImuMotion(motion[:, :3], *(motion[:, k] for k in range(3, 7)))
 
 
 def _normal(kind: BaseKind, at_root: UrdfJoint | None) -> tuple[float, float, float] | None:
@@ -268,11 +268,11 @@ def _normal(kind: BaseKind, at_root: UrdfJoint | None) -> tuple[float, float, fl
 
 def _check_links(base: FloatingBase) -> None:
     """Raise RobotError for contacts and an IMU at links that cannot have them."""
-    for one in base.contact_links:
-        if one not in base.frames:
-            raise RobotError(f"contacts=: {unknown_name('link', one, base.frames)}", "contacts=")
-        if base.contact_links.count(one) > 1:
-            raise RobotError(f"contacts= names '{one}' twice", "contacts=")
+    for link in base.contact_links:
+        if link not in base.frames:
+            raise RobotError(f"contacts=: {unknown_name('link', link, base.frames)}", "contacts=")
+        if base.contact_links.count(link) > 1:
+            raise RobotError(f"contacts= names '{link}' twice", "contacts=")
     imu = base.imu_link
     if imu is not None and imu not in base.frames:
         raise RobotError(f"imu_link=: {unknown_name('link', imu, base.frames)}", "imu_link=")

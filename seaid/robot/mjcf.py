@@ -38,9 +38,9 @@ def urdf_of_mjcf(path: Path) -> bytes:
     except Exception as problem:  # ValueError, and whatever its parser raises
         raise RobotError(f"MuJoCo cannot compile '{path}': {reason_of(problem)}") from None
     if not np.allclose(model.opt.gravity, _EARTH, atol=1e-6):
-        found = ", ".join(f"{one:g}" for one in model.opt.gravity)
+        gravity = ", ".join(f"{component:g}" for component in model.opt.gravity)
         warnings.warn(
-            f"'{path.name}' has a gravity of ({found}) m/s^2, which gravity= must repeat",
+            f"'{path.name}' has a gravity of ({gravity}) m/s^2, which gravity= must repeat",
             SeaidWarning,
             stacklevel=6,
         )
@@ -69,9 +69,9 @@ def joint_dynamics(path: Path) -> dict[str, tuple[float, float, float]]:
     }
 
 
-def _name(one: Any, kind: str = "body") -> str:
+def _name(element: Any, kind: str = "body") -> str:
     """Return the name of a body or a joint, or its kind and number."""
-    return str(one.name or f"{kind}_{one.id}")
+    return str(element.name or f"{kind}_{element.id}")
 
 
 def _joint_name(joint: Any) -> str:
@@ -173,18 +173,18 @@ def _add_equalities(root: Any, model: Any, kinds: Any, path: Path) -> None:
             )
         if kind != kinds.mjEQ_JOINT or model.eq_obj2id[index] < 0:
             continue
-        own, other = (model.joint(int(ids[index])) for ids in (model.eq_obj1id, model.eq_obj2id))
+        joint, leader = (model.joint(int(ids[index])) for ids in (model.eq_obj1id, model.eq_obj2id))
         constant, factor, *curve = map(float, model.eq_data[index][:5])
         if any(curve):
             raise RobotError(
-                f"'{path}': joint '{_joint_name(own)}' follows '{_joint_name(other)}' by a "
+                f"'{path}': joint '{_joint_name(joint)}' follows '{_joint_name(leader)}' by a "
                 "polynomial of higher degree than 1, which seaid does not model"
             )
-        start, lead = (float(model.qpos0[int(one.qposadr[0])]) for one in (own, other))
+        start, lead = (float(model.qpos0[int(x.qposadr[0])]) for x in (joint, leader))
         etree.SubElement(
-            joints[_joint_name(own)],
+            joints[_joint_name(joint)],
             "mimic",
-            joint=_joint_name(other),
+            joint=_joint_name(leader),
             multiplier=repr(factor),
             offset=repr(constant + start - factor * lead),
         )

@@ -91,10 +91,10 @@ class Payload(Display):
         return from_center_of_mass(self.mass, np.array(self.com), np.array(self.inertia))
 
 
-def _check_size(what: str, found: float, most: float, unit: str, least: float = 0.0) -> None:
-    if not least <= found <= most:
+def _check_size(what: str, value: float, most: float, unit: str, least: float = 0.0) -> None:
+    if not least <= value <= most:
         raise RobotError(
-            f"{what} is out of range, found {found:g}: allowed are {least:g} to {most:g} {unit}"
+            f"{what} is out of range, found {value:g}: allowed are {least:g} to {most:g} {unit}"
         )
 
 
@@ -112,7 +112,7 @@ class DependentJoint:
 def movable_joints(tree: UrdfTree) -> tuple[str, ...]:
     """Return the independent joints of a tree that are not fixed, in order."""
     all_of = (tree.joints[joint] for joint in _depth_first(tree))
-    return tuple(one.name for one in all_of if one.type != "fixed" and one.mimic is None)
+    return tuple(joint.name for joint in all_of if joint.type != "fixed" and joint.mimic is None)
 
 
 def moving_joints(tree: UrdfTree, joints: Sequence[str] | None) -> tuple[str, ...]:
@@ -122,7 +122,7 @@ def moving_joints(tree: UrdfTree, joints: Sequence[str] | None) -> tuple[str, ..
         kind = tree.joints[name].type
         if kind not in _MOVING:
             movable = listed(
-                one.name for one in tree.joints.values() if one.type in _MOVING and not one.mimic
+                x.name for x in tree.joints.values() if x.type in _MOVING and not x.mimic
             )
             base = f"; or that of the base with base='{kind}'" if _is_at_root(tree, name) else ""
             raise RobotError(
@@ -173,7 +173,7 @@ def _is_at_root(tree: UrdfTree, name: str) -> bool:
 
 def dependent_joints(tree: UrdfTree, moving: Sequence[str]) -> tuple[DependentJoint, ...]:
     """Return the mimic joints whose leaders move, in the order of the tree."""
-    found = []
+    followers = []
     for name in _depth_first(tree):
         joint, mimic = tree.joints[name], tree.joints[name].mimic
         if mimic is None or joint.type == "fixed":
@@ -183,7 +183,7 @@ def dependent_joints(tree: UrdfTree, moving: Sequence[str]) -> tuple[DependentJo
             raise RobotError(f"{where} and is {joint.type}; allowed are {', '.join(_MOVING)}")
         if mimic.leader in moving and mimic.multiplier != 0:
             is_prismatic = joint.type == "prismatic"
-            found.append(DependentJoint(name, *mimic, is_prismatic))
+            followers.append(DependentJoint(name, *mimic, is_prismatic))
         elif mimic.offset != 0:
             raise RobotError(
                 f"{where}, which does not move it here, and would rest at {mimic.offset:g}: let "
@@ -191,7 +191,7 @@ def dependent_joints(tree: UrdfTree, moving: Sequence[str]) -> tuple[DependentJo
                 "joints=[...]",
                 "independent_mimics=True",
             )
-    return tuple(found)
+    return tuple(followers)
 
 
 def _given_joints(tree: UrdfTree, joints: Sequence[str]) -> list[str]:
@@ -262,7 +262,7 @@ def assemble(
     model.name = tree.name
     model.gravity.linear = np.array(gravity)
     order: list[int] = []
-    own, loads = np.zeros((2, len(moving) + 1, 10))  # the last row is that of the base
+    bodies, loads = np.zeros((2, len(moving) + 1, 10))  # the last row is that of the base
     places = {name: place for place, name in enumerate(moving)}
     frames = {tree.root: (0, pin.SE3.Identity())}
     for name in _depth_first(tree):
@@ -274,7 +274,7 @@ def assemble(
             order.append(places[name])
             placement = pin.SE3.Identity()
         frames[joint.child] = (parent, placement)
-        own[order[parent - 1] if parent else -1] += in_parent_frame(
+        bodies[order[parent - 1] if parent else -1] += in_parent_frame(
             tree.links[joint.child], placement
         )
     for payload in payloads:
@@ -286,10 +286,10 @@ def assemble(
         if not parent and not floats:
             raise RobotError(f"payload on '{payload.link}': no joint moves this link")
         loads[order[parent - 1] if parent else -1] += in_parent_frame(payload.parameters, placement)
-    own[-1] += tree.links[tree.root]
-    _check_masses(tree, moving, own[:-1])
-    base = np.array([own[-1], loads[-1]])
-    return Assembly(model, tuple(order), own[:-1], loads[:-1], base, frames)
+    bodies[-1] += tree.links[tree.root]
+    _check_masses(tree, moving, bodies[:-1])
+    base = np.array([bodies[-1], loads[-1]])
+    return Assembly(model, tuple(order), bodies[:-1], loads[:-1], base, frames)
 
 
 def joints_of(model: pin.Model) -> tuple[dict[str, Any], ...]:
@@ -341,7 +341,7 @@ def with_free_joint(name: str, joints: Sequence[Mapping[str, Any]]) -> pin.Model
     model = pin.Model()
     model.name = name
     model.gravity.linear = np.zeros(3)
-    taken = {one["name"] for one in joints}
+    taken = {joint["name"] for joint in joints}
     free = "base" if "base" not in taken else "floating base of seaid"
     model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), free)
     _add_joints(model, joints, below=1)
@@ -358,10 +358,10 @@ def floating_model(held: pin.Model, base: Array) -> pin.Model:
 
 
 def _add_joints(model: pin.Model, joints: Sequence[Mapping[str, Any]], below: int = 0) -> None:
-    for one in joints:
-        given = {key: one[key] for key in ("name", "type", "axis", *_LIMITS)}
-        placement = pin.SE3(np.array(one["placement"]))
-        _add_joint(model, one["parent"] + below, placement, _Joint(**given))
+    for joint in joints:
+        attributes = {key: joint[key] for key in ("name", "type", "axis", *_LIMITS)}
+        placement = pin.SE3(np.array(joint["placement"]))
+        _add_joint(model, joint["parent"] + below, placement, _Joint(**attributes))
 
 
 @dataclass(frozen=True)
@@ -405,8 +405,8 @@ def _add_joint(model: pin.Model, parent: int, placement: pin.SE3, joint: UrdfJoi
     )
 
 
-def _check_masses(tree: UrdfTree, moving: Sequence[str], own: Array) -> None:
-    for name, parameters in zip(moving, own, strict=True):
+def _check_masses(tree: UrdfTree, moving: Sequence[str], bodies: Array) -> None:
+    for name, parameters in zip(moving, bodies, strict=True):
         if parameters[0] == 0.0 and np.any(parameters):
             raise RobotError(
                 f"'{tree.name}': link '{tree.joints[name].child}' (moved by '{name}') has inertia "

@@ -102,9 +102,9 @@ class Robot(Display):
 
     def _in_short(self) -> str:
         springs = counted(len(self.elastic_joints), "spring")
-        own = self.floating_base
-        base = "" if own is None else ", floating base" if own.normal is None else ", planar base"
-        return f"'{self.name}': {counted(self.n, 'joint')}, {springs}{base}"
+        base = self.floating_base
+        kind = "" if base is None else ", floating base" if base.normal is None else ", planar base"
+        return f"'{self.name}': {counted(self.n, 'joint')}, {springs}{kind}"
 
     @property
     def n(self) -> int:
@@ -229,8 +229,8 @@ class Robot(Display):
         Joints that stand still are ignored. Raises RobotError with the nearest name for an unknown
         joint.
         """
-        given = (names,) if isinstance(names, str) else names
-        selected = self.joint_names if given is None else given
+        wanted = (names,) if isinstance(names, str) else names
+        selected = self.joint_names if wanted is None else wanted
         selected = [name for name in selected if name not in self.standing_joints]
         for name in selected:
             self.index(name)
@@ -243,15 +243,15 @@ class Robot(Display):
         loaded = (parameters + self.payload_parameters).reshape(-1, 10)
         for position, index in enumerate(self.model_order):
             model.inertias[position + 1] = to_pinocchio(loaded[index])
-        given = FrozenMapping({joint: drives[joint] for joint in self.joint_names}, "joint")
-        return replace(self, model=model, parameters=parameters, drives=given)
+        by_joint = FrozenMapping({joint: drives[joint] for joint in self.joint_names}, "joint")
+        return replace(self, model=model, parameters=parameters, drives=by_joint)
 
     def at_temperature(self, temperature_degC: float | None = None) -> Robot:
         """Return the robot with the friction of one temperature; None: that of reference."""
         warm = {
             joint: drive.at_temperature(temperature_degC) for joint, drive in self.drives.items()
         }
-        return self.with_drives({x: one for x, one in warm.items() if one is not self.drives[x]})
+        return self.with_drives({x: new for x, new in warm.items() if new is not self.drives[x]})
 
     def with_drives(self, drives: Mapping[str, Drive]) -> Robot:
         """Return the robot with other drives at some of its joints. Raises RobotError."""
@@ -371,8 +371,8 @@ def load_robot(
         joints_of_file=movable,
     )
     if moves:
-        own = floating_base(tree.root, built, robot.model_order, contacts, imu_link, base, at_root)
-        robot = replace(robot, floating_base=own)
+        root = floating_base(tree.root, built, robot.model_order, contacts, imu_link, base, at_root)
+        robot = replace(robot, floating_base=root)
     elif contacts or imu_link:
         raise RobotError(
             "contacts= and imu_link= are those of a floating base: give base='floating' with them",
@@ -463,16 +463,16 @@ def _within_followers(
     joint: UrdfJoint, tree: UrdfTree, followers: Sequence[DependentJoint]
 ) -> UrdfJoint:
     """Return a joint with the limits within which its dependent joints keep theirs."""
-    for follower in followers:
-        if follower.leader != joint.name:
+    for mimic in followers:
+        if mimic.leader != joint.name:
             continue
-        own = tree.joints[follower.name]
-        ends = sorted((x - follower.offset) / follower.multiplier for x in (own.lower, own.upper))
+        moved = tree.joints[mimic.name]
+        ends = sorted((x - mimic.offset) / mimic.multiplier for x in (moved.lower, moved.upper))
         lower, upper = max(joint.lower, ends[0]), min(joint.upper, ends[1])
         if lower < upper:
             joint = replace(joint, lower=lower, upper=upper)
-        if own.velocity > 0:
-            velocity = min(joint.velocity, own.velocity / abs(follower.multiplier))
+        if moved.velocity > 0:
+            velocity = min(joint.velocity, moved.velocity / abs(mimic.multiplier))
             joint = replace(joint, velocity=velocity)
     return joint
 
@@ -484,8 +484,8 @@ def _known_bodies(robot: Robot, tree: UrdfTree, names: str | Sequence[str]) -> t
             f"known_bodies must be a list of names, found the text {shown(names)}", "known_bodies"
         )
     if names in ("all", ["all"], ("all",)) and "all" not in robot.body_names:
-        given = zip(robot.body_names, bodies, strict=True)
-        names = [name for name, body in given if np.any(np.nan_to_num(body))]
+        pairs = zip(robot.body_names, bodies, strict=True)
+        names = [name for name, body in pairs if np.any(np.nan_to_num(body))]
     still = {tree.joints[joint].child for joint in robot.standing_joints}
     names = [name for name in names if name not in still]  # parts of other bodies
     for name in names:
@@ -509,13 +509,13 @@ def _drives(
     tree: UrdfTree, moving: Sequence[str], drives: str | Path | Mapping[str, Any] | None
 ) -> dict[str, Drive]:
     if drives is None:
-        given: dict[str, Drive] = {}
+        declared: dict[str, Drive] = {}
     elif isinstance(drives, str | Path):
-        given = read_drives(drives)
+        declared = read_drives(drives)
     else:
-        given = drives_from_mapping(drives)
+        declared = drives_from_mapping(drives)
     file = f" of '{drives}'" if isinstance(drives, str | Path) else ""
-    for name in given:
+    for name in declared:
         if name not in tree.joints:
             raise RobotError(
                 f"drives{file} for '{tree.name}': " + unknown_name("joint", name, tree.joints)
@@ -529,8 +529,8 @@ def _drives(
                 "independent_mimics=True",
             )
     for name in moving:
-        check_kind(name, tree.joints[name].type, given.get(name, IDEAL_DRIVE))
-    by_joint = {name: given.get(name, IDEAL_DRIVE) for name in moving}
+        check_kind(name, tree.joints[name].type, declared.get(name, IDEAL_DRIVE))
+    by_joint = {name: declared.get(name, IDEAL_DRIVE) for name in moving}
     check_transmission(moving, by_joint, tree.joints.keys() - set(moving))
     return by_joint
 

@@ -40,14 +40,14 @@ _VERSION_0 = re.compile(rb"""\A((?:\xef\xbb\xbf)?<\?xml\s+version\s*=\s*["'])0\.
 _NAMESPACE = re.compile(rb"""\s+xmlns\s*=\s*(?:"[^"]*"|'[^']*')""")
 
 
-def urdf_path(given: str | Path) -> Path:
+def urdf_path(urdf: str | Path) -> Path:
     """Return the file of a path, or of a name.
 
     Names are those of robot_descriptions, such as 'go2_description', and of the URDFs of
     example-robot-data, such as 'panda'.
     """
-    path = Path(given)
-    name = str(given)
+    path = Path(urdf)
+    name = str(urdf)
     if not _NAME.fullmatch(name) or path.is_file():
         return path
     if not name.endswith("_description"):
@@ -81,14 +81,14 @@ def _example(name: str) -> Path | None:
     RobotError if several begin with the name.
     """
     try:
-        found = metadata.files("example-robot-data") or []
+        files = metadata.files("example-robot-data") or []
     except metadata.PackageNotFoundError:
         return None
-    urdfs = {path.stem: path for path in found if path.suffix == ".urdf"}
+    urdfs = {path.stem: path for path in files if path.suffix == ".urdf"}
     for exact in (name, f"{name}_robot"):
         if exact in urdfs:
             return Path(str(urdfs[exact].locate())).resolve()
-    near = sorted(one for one in urdfs if one.startswith(name))
+    near = sorted(stem for stem in urdfs if stem.startswith(name))
     if near:
         raise RobotError(
             f"example-robot-data has no robot '{name}' but {listed(near)}: name one of them"
@@ -147,9 +147,9 @@ def _root_and_text(text: bytes) -> tuple[str, bytes]:
 
     def begin(tag: str, attributes: dict[str, str]) -> None:
         tags.append(tag)
-        found = "xmlns" in attributes and _NAMESPACE.search(text, parser.CurrentByteIndex)
-        if found:
-            namespaces.add(found.span())
+        declaration = "xmlns" in attributes and _NAMESPACE.search(text, parser.CurrentByteIndex)
+        if declaration:
+            namespaces.add(declaration.span())
 
     parser.StartElementHandler = begin
     with suppress(expat.ExpatError, LookupError, ValueError):  # the parser of the URDF names it
@@ -180,14 +180,14 @@ def _missing(path: Path) -> str:
     try:
         is_folder = path.is_dir()
         folder = path if is_folder else path.parent
-        there = sorted(one.name for one in folder.iterdir() if one.suffix.lower() in ROBOT_SUFFIXES)
+        files = sorted(x.name for x in folder.iterdir() if x.suffix.lower() in ROBOT_SUFFIXES)
     except (OSError, ValueError):
         return text
-    near = there if is_folder else difflib.get_close_matches(path.name, there, 3, 0.6)
+    near = files if is_folder else difflib.get_close_matches(path.name, files, 3, 0.6)
     if not near:
         return text
-    found = listed(near, _MOST_NAMED)
-    return f"{text}: it is a folder; in it: {found}" if is_folder else f"{text}; there is {found}"
+    names = listed(near, _MOST_NAMED)
+    return f"{text}: it is a folder; in it: {names}" if is_folder else f"{text}; there is {names}"
 
 
 def _is_toml(text: bytes) -> bool:

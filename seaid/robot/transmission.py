@@ -29,7 +29,7 @@ def transmission_matrix(joints: Sequence[str], drives: Mapping[str, Drive]) -> A
     for row, joint in enumerate(joints):
         factors = drives[joint].transmission if joint in drives else {}
         if factors:
-            matrix[row] = [factors.get(other, 0.0) for other in joints]
+            matrix[row] = [factors.get(name, 0.0) for name in joints]
     return frozen("transmission", matrix, (None, None))
 
 
@@ -135,7 +135,7 @@ def _mapped(matrix: Array, values: Array, factor: Callable[[Array], Array]) -> A
     groups = coupled_groups(matrix)
     if not groups:
         return values
-    found = np.array(values)
+    mapped = np.array(values)
     for group in groups:
-        found[..., group] = values[..., group] @ factor(matrix[np.ix_(group, group)])
-    return found
+        mapped[..., group] = values[..., group] @ factor(matrix[np.ix_(group, group)])
+    return mapped

@@ -142,22 +142,22 @@ def _check_numbers(where: str, parent: Any) -> None:
 
 def _check_number(where: str, tag: str, name: str, text: str, wanted: _Numbers) -> None:
     try:
-        found = numbers_of(text)
+        values = numbers_of(text)
     except ValueError:
-        found = []
+        values = []
     most = math.inf if tag == "limit" else sys.float_info.max
-    if len(found) != wanted.many or not np.all(np.abs(found) <= most):
+    if len(values) != wanted.many or not np.all(np.abs(values) <= most):
         raise RobotError(
             f"{where}: {name} of <{tag}> must be {wanted.many} finite number"
             f"{'s' if wanted.many > 1 else ''}, found '{shortened(text)}'"
         )
-    if max(map(abs, found)) > wanted.largest:
+    if max(map(abs, values)) > wanted.largest:
         allowed = f"-{wanted.largest:g} to {wanted.largest:g} {wanted.unit}"
         raise RobotError(
             f"{where}: {name} of <{tag}> is out of range, found '{shortened(text)}': allowed are "
             f"{allowed}"
         )
-    if tag == "mass" and 0 < abs(found[0]) < SMALLEST_KG:
+    if tag == "mass" and 0 < abs(values[0]) < SMALLEST_KG:
         raise RobotError(
             f"{where}: its mass is too small, found '{shortened(text)}': allowed are 0 and "
             f"{SMALLEST_KG:g} to {LARGEST_KG:g} kg"
@@ -273,25 +273,25 @@ def _parse_urdf(path: Path, text: bytes) -> Any:
 
 
 def _check_counts(path: Path, counts: dict[str, int], elements: int) -> None:
-    for what, found, most in (
+    for what, count, most in (
         ("joints", counts["joint"], MOST_JOINTS),
         ("links", counts["link"], MOST_JOINTS + 1),
         ("elements", elements, MOST_ELEMENTS),
     ):
-        if found > most:
+        if count > most:
             raise RobotError(f"URDF '{path}' has more than the {most:,} {what} that are allowed")
 
 
 def search_folders(urdf: Path, package_dirs: str | Path | Sequence[str | Path]) -> list[Path]:
     """Return the folders to search for meshes: the given ones, all above the file, and ROS's."""
     several = [package_dirs] if isinstance(package_dirs, str | Path) else package_dirs
-    given = [real_path(folder) for folder in several]
-    for folder in given:
+    folders = [real_path(folder) for folder in several]
+    for folder in folders:
         if not os.path.isdir(folder):
             raise RobotError(f"package_dirs: there is no folder '{folder}'")
     ros = os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep)
-    ros += [f"{one}/share" for one in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)]
-    return [*given, *real_path(urdf).parents, *(Path(one) for one in ros if os.path.isabs(one))]
+    ros += [f"{root}/share" for root in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)]
+    return [*folders, *real_path(urdf).parents, *(Path(x) for x in ros if os.path.isabs(x))]
 
 
 def find_mesh(name: str, folders: Sequence[Path]) -> Path | None:
@@ -382,7 +382,7 @@ class UrdfTree:
 
     def children(self, link: str) -> list[UrdfJoint]:
         """Return the joints below a link, sorted by name (the order of Pinocchio's own reader)."""
-        return self._below.get(link, [])
+        return self._child_joints.get(link, [])
 
     def locked_at(self, positions: Mapping[str, float]) -> UrdfTree:
         """Return the tree with joints fixed at positions [rad or m], and those that mimic them.
@@ -396,8 +396,8 @@ class UrdfTree:
                     f"locked=: '{self.name}': " + unknown_name("joint", name, joints), "locked="
                 )
             if joints[name].type not in _SINGLE or joints[name].mimic is not None:
-                own = joints[name].mimic
-                kind = joints[name].type if own is None else f"moved by '{own.leader}'"
+                mimic = joints[name].mimic
+                kind = joints[name].type if mimic is None else f"moved by '{mimic.leader}'"
                 raise RobotError(
                     f"locked=: '{self.name}': joint '{name}' is {kind}; name revolute, continuous "
                     "or prismatic joints",
@@ -417,15 +417,15 @@ class UrdfTree:
 
     def still(self, positions: Mapping[str, float]) -> dict[str, float]:
         """Return the positions of locked joints, and of those that mimic them."""
-        mimics = {name: one.mimic for name, one in self.joints.items() if one.mimic is not None}
+        mimics = {name: x.mimic for name, x in self.joints.items() if x.mimic is not None}
         return dict(positions) | {
-            name: one.multiplier * positions[one.leader] + one.offset
-            for name, one in mimics.items()
-            if one.leader in positions
+            name: mimic.multiplier * positions[mimic.leader] + mimic.offset
+            for name, mimic in mimics.items()
+            if mimic.leader in positions
         }
 
     @cached_property
-    def _below(self) -> dict[str, list[UrdfJoint]]:
+    def _child_joints(self) -> dict[str, list[UrdfJoint]]:
         below: dict[str, list[UrdfJoint]] = {}
         for joint in sorted(self.joints.values(), key=lambda joint: joint.name):
             below.setdefault(joint.parent, []).append(joint)
@@ -461,7 +461,7 @@ def urdf_tree(path: Path, text: bytes, snap_tolerance_rad: float) -> UrdfTree:
         path, joints, {joint.get("name"): joint.find("mimic") for joint in joints_as_written}
     )
     if not root.get("name"):
-        root.set("name", "".join(one if one.isprintable() else "?" for one in path.stem))
+        root.set("name", "".join(char if char.isprintable() else "?" for char in path.stem))
     return UrdfTree(root.get("name"), base, joints, links, path, etree.tostring(root))
 
 
@@ -513,11 +513,11 @@ def _followed(path: Path, name: str, mimics: Mapping[str, Mimic]) -> Mimic:
         if leader in passed:
             raise RobotError(f"URDF '{path}': mimic joints follow each other: {listed(passed)}")
         passed.append(leader)
-        found = mimics[leader]
+        mimic = mimics[leader]
         # q = m q1 + c and q1 = m1 q2 + c1 give q = (m m1) q2 + (m c1 + c)
-        offset += multiplier * found.offset
-        multiplier *= found.multiplier
-        leader = found.leader
+        offset += multiplier * mimic.offset
+        multiplier *= mimic.multiplier
+        leader = mimic.leader
     return Mimic(leader, multiplier, offset)
 
 
@@ -612,8 +612,8 @@ def _root_link(path: Path, links: dict[str, Array], joints: Iterable[UrdfJoint])
         parents[joint.child] = joint.parent
     roots = [link for link in links if link not in parents]
     if len(roots) != 1:
-        found = shortened(roots, 500) if roots else "none"
-        raise RobotError(f"URDF '{path}' is not one tree: links without parent: {found}")
+        names = shortened(roots, 500) if roots else "none"
+        raise RobotError(f"URDF '{path}' is not one tree: links without parent: {names}")
     _check_reachable(path, roots[0], links, parents)
     return roots[0]
 
