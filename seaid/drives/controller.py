@@ -157,8 +157,8 @@ class Controller:
 def stated_delay_s(drive: Drive) -> float:
     """Return within what a delay is of its nominal value [s], with 95 %; 0 if exactly known."""
     known = drive.controller is None or "command_delay" in drive.known
-    own = drive.std.get("command_delay_s")
-    return (0.0 if known else STATED_DELAY_S) if own is None else NORMAL_95 * own
+    std = drive.std.get("command_delay_s")
+    return (0.0 if known else STATED_DELAY_S) if std is None else NORMAL_95 * std
 
 
 def delay_std_s(drive: Drive) -> float:
@@ -228,14 +228,14 @@ def delay_sums(joint: str, drives: Sequence[Drive]) -> str:
     )
 
 
-def controller_of(given: Any) -> Controller:
+def controller_of(controller: Any) -> Controller:
     """Return a controller, or that of a table as in the TOML. Raises RobotError."""
-    if isinstance(given, Controller):
-        return given
-    if not isinstance(given, Mapping):
-        raise RobotError(f"controller must be a table with its gains, found {shown(given)}")
+    if isinstance(controller, Controller):
+        return controller
+    if not isinstance(controller, Mapping):
+        raise RobotError(f"controller must be a table with its gains, found {shown(controller)}")
     allowed = [field.name for field in fields(Controller)]
-    for key in given:
+    for key in controller:
         if key not in allowed:
             raise RobotError(f"controller: {unknown_name('key', key, allowed)}")
-    return Controller(**given)
+    return Controller(**controller)

@@ -154,12 +154,12 @@ def _names_in(drive: Drive, field: str) -> tuple[str, ...]:
 
 def _numbers_in(drive: Drive, field: str) -> FrozenMapping[float]:
     """Return the table of numbers in a field. Raises RobotError."""
-    given = getattr(drive, field)
-    if not isinstance(given, Mapping):
-        raise RobotError(f"{field} must be a table of numbers, found {shown(given)}")
-    for name, value in given.items():
+    table = getattr(drive, field)
+    if not isinstance(table, Mapping):
+        raise RobotError(f"{field} must be a table of numbers, found {shown(table)}")
+    for name, value in table.items():
         _check_number(f"{field} '{shortened(name)}'", value, "any number")
-    return FrozenMapping(given)
+    return FrozenMapping(table)
 
 
 def _check_terms(drive: Drive) -> None:
@@ -177,10 +177,10 @@ def _check_terms(drive: Drive) -> None:
         object.__setattr__(drive, "controller", controller_of(drive.controller))
     _check_controller(drive)
     for field, alike in (("friction", COULOMB), ("spring", DEAD_ZONES)):
-        found = [term for term in getattr(drive, field) if term in alike]
-        if len(found) > 1:
+        terms = [term for term in getattr(drive, field) if term in alike]
+        if len(terms) > 1:
             raise RobotError(
-                f"{field} may have one of {', '.join(alike)}, found {', '.join(found)}"
+                f"{field} may have one of {', '.join(alike)}, found {', '.join(terms)}"
             )
     if drive.is_elastic and "offset" in drive.friction:
         raise RobotError(
@@ -246,14 +246,14 @@ def _check_spring(drive: SeriesElasticDrive) -> None:
 def _check_harmonics(drive: Drive) -> None:
     """Check the periodic errors of a drive. Raises RobotError."""
     for field in FIELDS:
-        if given := getattr(drive, field):
-            object.__setattr__(drive, field, harmonics_of(field, given))
+        if harmonics := getattr(drive, field):
+            object.__setattr__(drive, field, harmonics_of(field, harmonics))
     if drive.transmission_error and drive.is_nonlinear_spring:
         raise RobotError(
             "a transmission error needs a linear spring, whose force is linear in its amplitudes; "
             f"found {', '.join(drive.spring)}"
         )
-    if "m" in drive.joint_units and any(one.angle == "joint" for one in drive.harmonics):
+    if "m" in drive.joint_units and any(harmonic.angle == "joint" for harmonic in drive.harmonics):
         raise RobotError(
             "an error that is periodic in the joint needs a joint that turns; use 'motor' or 'mesh'"
         )
@@ -360,12 +360,12 @@ class _Parameters(Display):
     @property
     def harmonics(self) -> tuple[Harmonic, ...]:
         """The periodic errors of gear and motor torque."""
-        return tuple(one for field in FIELDS for one in getattr(self, field))
+        return tuple(harmonic for field in FIELDS for harmonic in getattr(self, field))
 
     def without_harmonics(self) -> Self:
         """Return the drive without periodic errors."""
-        there: dict[str, Any] = {field: () for field in FIELDS if getattr(self, field)}
-        return replace(self, **there) if there else self
+        empty: dict[str, Any] = {field: () for field in FIELDS if getattr(self, field)}
+        return replace(self, **empty) if empty else self
 
     def without_memory(self) -> Self:
         """Return the drive with sharp Coulomb friction, and a spring without hysteresis."""
@@ -400,8 +400,8 @@ class _Parameters(Display):
                 names.update(PARAMETERS_OF[field][term])
         if not self.is_up_to_scale:
             names.discard("gain_scale")
-        harmonic = (name for one in self.harmonics for name in one.names)
-        return (*(name for name in PARAMETERS if name in names), *harmonic)
+        amplitudes = (name for harmonic in self.harmonics for name in harmonic.names)
+        return (*(name for name in PARAMETERS if name in names), *amplitudes)
 
     @cached_property
     def own_values(self) -> Mapping[str, float]:
@@ -412,9 +412,9 @@ class _Parameters(Display):
             value = self.nominal.get(name) if field is None else getattr(self, field)
             if value is not None:
                 values[name] = float(value)
-        for one in self.harmonics:
-            if one.amplitudes is not None:
-                values.update(zip(one.names, one.amplitudes, strict=True))
+        for harmonic in self.harmonics:
+            if harmonic.amplitudes is not None:
+                values.update(zip(harmonic.names, harmonic.amplitudes, strict=True))
         return FrozenMapping(values)
 
     @cached_property
@@ -428,7 +428,7 @@ class _Parameters(Display):
 
     @property
     def _amplitudes(self) -> list[str]:
-        return [name for one in self.harmonics for name in one.names]
+        return [name for harmonic in self.harmonics for name in harmonic.names]
 
     @property
     def has_temperature_terms(self) -> bool:
@@ -492,10 +492,10 @@ def _with_amplitudes(drive: Any, values: Mapping[str, float]) -> dict[str, Any]:
     """Return the fields of periodic errors with the amplitudes in `values`, None without both."""
     return {
         field: tuple(
-            replace(one, amplitudes=tuple(values[name] for name in one.names))
-            if set(one.names) <= set(values)
-            else replace(one, amplitudes=None)
-            for one in getattr(drive, field)
+            replace(harmonic, amplitudes=tuple(values[name] for name in harmonic.names))
+            if set(harmonic.names) <= set(values)
+            else replace(harmonic, amplitudes=None)
+            for harmonic in getattr(drive, field)
         )
         for field in FIELDS
         if getattr(drive, field)

@@ -208,10 +208,10 @@ _ANGLES = {"motor": theta_M, "joint": theta_L, "mesh": theta_M - theta_M / N}
 def periodic(drive: Drive, field: str) -> sp.Expr:
     """Return the periodic errors of a field of the drive, with their amplitudes as symbols."""
     terms = (
-        symbol_of(name) * function(one.order * _ANGLES[one.angle])
-        for one in drive.harmonics
-        if one.field == field
-        for name, function in zip(one.names, (sp.cos, sp.sin), strict=True)
+        symbol_of(name) * function(harmonic.order * _ANGLES[harmonic.angle])
+        for harmonic in drive.harmonics
+        if harmonic.field == field
+        for name, function in zip(harmonic.names, (sp.cos, sp.sin), strict=True)
     )
     return sum(terms, sp.Integer(0))
 
@@ -266,9 +266,9 @@ _SMOOTH = {
 def smooth_friction(drive: Drive) -> sp.Expr:
     """Return the motor's friction without sign(w), which cannot hold it at rest, and its ripple."""
     terms = [_SMOOTH[term] for term in drive.friction if term in _SMOOTH]
-    own = sum(terms, sp.Integer(0))
-    own = own + periodic(drive, "torque_ripple")
-    return own + friction_level(drive) * direction(drive) if is_smooth(drive) else own
+    friction = sum(terms, sp.Integer(0))
+    friction = friction + periodic(drive, "torque_ripple")
+    return friction + friction_level(drive) * direction(drive) if is_smooth(drive) else friction
 
 
 def motor_equation(drive: Drive) -> DriveEquation:
@@ -282,12 +282,12 @@ def motor_equation(drive: Drive) -> DriveEquation:
         + behind_gear / N
         - _input_torque(drive)
     )
-    return DriveEquation(expression, _known(drive))
+    return DriveEquation(expression, _known_symbols(drive))
 
 
 def spring_equation(drive: Drive) -> DriveEquation:
     """Return (4b) as a balance of spring forces, for a joint whose torque is measured."""
-    return DriveEquation(spring_force(drive) - tau_L / r_L, _known(drive))
+    return DriveEquation(spring_force(drive) - tau_L / r_L, _known_symbols(drive))
 
 
 def joint_equation(drive: Drive) -> DriveEquation:
@@ -297,7 +297,7 @@ def joint_equation(drive: Drive) -> DriveEquation:
     friction = {"viscous": b_L * speed, "coulomb": c_L * sp.sign(speed)}
     terms = [spring[term] for term in drive.parallel_spring]
     terms += [friction[term] for term in drive.joint_friction]
-    return DriveEquation(sum(terms, sp.Integer(0)) - tau_L, _known(drive))
+    return DriveEquation(sum(terms, sp.Integer(0)) - tau_L, _known_symbols(drive))
 
 
 def _input_torque(drive: Drive) -> sp.Expr:
@@ -316,5 +316,5 @@ def _input_torque(drive: Drive) -> sp.Expr:
     }.get(drive.motor_input, tau_M - T_C * tau_C.diff(t))
 
 
-def _known(drive: Drive) -> tuple[sp.Symbol, ...]:
+def _known_symbols(drive: Drive) -> tuple[sp.Symbol, ...]:
     return tuple(known_values(drive))

@@ -200,8 +200,8 @@ def _with_values(drive: Drive, expression: sp.Expr, needed: Sequence[str] | None
                 f"'{key_of(name, unit_of(drive, name))}' is not given; a simulation needs a "
                 "nominal value"
             )
-    given = flat.subs({symbol_of(name): value for name, value in values.items()})
-    return given.replace(lambda e: isinstance(e, Dahl), _state_of)
+    numeric = flat.subs({symbol_of(name): value for name, value in values.items()})
+    return numeric.replace(lambda e: isinstance(e, Dahl), _state_of)
 
 
 def _state_of(law: Dahl) -> sp.Symbol:
@@ -212,11 +212,11 @@ def _state_of(law: Dahl) -> sp.Symbol:
 
 def _function(expression: sp.Expr) -> OfState:
     arguments = [sp.Symbol(name) for name in _STATE]
-    own = [name for name in _COVARIATES if sp.Symbol(name) in expression.free_symbols]
-    arguments += map(sp.Symbol, own)
+    covariates = [name for name in _COVARIATES if sp.Symbol(name) in expression.free_symbols]
+    arguments += map(sp.Symbol, covariates)
     function = sp.lambdify(arguments, expression, modules="math", cse=True)
-    function.__defaults__ = (0.0,) * (2 + len(own))
-    return partial(function, **dict.fromkeys(own, 0.0)) if own else function
+    function.__defaults__ = (0.0,) * (2 + len(covariates))
+    return partial(function, **dict.fromkeys(covariates, 0.0)) if covariates else function
 
 
 def _vectorised(argument: sp.Symbol, expression: sp.Expr) -> Callable[[Array], Array]:
@@ -272,8 +272,8 @@ class SmoothColumns:
 
     def torque(self, *values: Array, sign_width: float) -> tuple[Array, Array]:
         """Return the only column (T,) and its slopes (s, T) at values (T,) of the signals."""
-        given = dict(zip(self.signals, values, strict=True))
-        columns, slopes = self.evaluate(given, sign_width)
+        by_signal = dict(zip(self.signals, values, strict=True))
+        columns, slopes = self.evaluate(by_signal, sign_width)
         return columns[:, 0], slopes[:, 0].T
 
 

@@ -120,10 +120,10 @@ def _derived(
 
     They do not depend on the values of a drive, so that drives of a kind share them.
     """
-    own = PARAMETER_NAMES.keys() | set(map(symbol_of, parameter_names))
-    nonlinear = () if _hides_a_parameter(equation, own) else non_linear(equation)
+    drive_symbols = PARAMETER_NAMES.keys() | set(map(symbol_of, parameter_names))
+    nonlinear = () if _hides_a_parameter(equation, drive_symbols) else non_linear(equation)
     has_memory = equation.expression.has(Dahl)
-    if (nonlinear or has_memory) and own >= set(nonlinear):
+    if (nonlinear or has_memory) and drive_symbols >= set(nonlinear):
         row = tuple(_slope(equation.expression, symbol) for symbol in equation.unknowns)
         linear = {symbol: 0 for symbol in equation.unknowns if symbol not in nonlinear}
         zeta = -flat_names(equation.expression).subs(linear)
@@ -134,14 +134,14 @@ def _derived(
 @cache
 def _symbols_in(zeta: sp.Expr, row: _Row) -> set[str]:
     """Return the names of the symbols in the entries of a row."""
-    found = [flat_names(entry).free_symbols for entry in (zeta, *row)]
-    return {str(symbol) for symbols in found for symbol in symbols}
+    by_entry = [flat_names(entry).free_symbols for entry in (zeta, *row)]
+    return {str(symbol) for symbols in by_entry for symbol in symbols}
 
 
-def _hides_a_parameter(equation: DriveEquation, own: Collection[sp.Symbol]) -> bool:
+def _hides_a_parameter(equation: DriveEquation, drive_symbols: Collection[sp.Symbol]) -> bool:
     """Whether an extra term has a parameter in a function, whose derivative may be slow."""
-    others = set(equation.unknowns) - set(own)
-    return any(others & one.free_symbols for one in equation.expression.atoms(sp.Function))
+    others = set(equation.unknowns) - set(drive_symbols)
+    return any(others & call.free_symbols for call in equation.expression.atoms(sp.Function))
 
 
 @cache
@@ -150,16 +150,16 @@ def non_linear(equation: DriveEquation) -> tuple[sp.Symbol, ...]:
 
     These are the unknowns p with p in de/dp, and then those that remain in other derivatives.
     """
-    found: list[sp.Symbol] = []
+    nonlinear: list[sp.Symbol] = []
     slopes = {symbol: _slope(equation.expression, symbol) for symbol in equation.unknowns}
     for symbol, slope in slopes.items():
         if symbol in slope.free_symbols:
-            found.append(symbol)
+            nonlinear.append(symbol)
     for symbol, slope in slopes.items():
-        others = slope.free_symbols & set(slopes) - {symbol, *found}
-        if symbol not in found and others:
-            found += sorted(others, key=str)
-    return tuple(symbol for symbol in slopes if symbol in found)
+        others = slope.free_symbols & set(slopes) - {symbol, *nonlinear}
+        if symbol not in nonlinear and others:
+            nonlinear += sorted(others, key=str)
+    return tuple(symbol for symbol in slopes if symbol in nonlinear)
 
 
 def _slope(expression: sp.Expr, symbol: sp.Symbol) -> sp.Expr:
@@ -207,11 +207,11 @@ def _evaluate(
     """Return zeta (T,) and the columns (T, wanted), with nonlinear parameters at `near`."""
     columns = tuple(regressor.row[regressor.names.index(name)] for name in wanted)
     function, names = _compiled(regressor.zeta, columns)
-    given = dict(signals) | {symbol_of(name).name: value for name, value in near.items()}
-    given |= regressor.known
-    if _SIGN in names and _SIGN not in given:
-        given[_SIGN] = np.sign(given["theta_M_dot"])
-    missing = [name for name in names if name not in given]
+    inputs = dict(signals) | {symbol_of(name).name: value for name, value in near.items()}
+    inputs |= regressor.known
+    if _SIGN in names and _SIGN not in inputs:
+        inputs[_SIGN] = np.sign(inputs["theta_M_dot"])
+    missing = [name for name in names if name not in inputs]
     if missing:
         named = {str(symbol): name for symbol, name in PARAMETER_NAMES.items()}
         drive = f"the drive of '{regressor.joint}'" if regressor.joint else "the drive"
@@ -220,7 +220,7 @@ def _evaluate(
             f"{named.get(missing[0], missing[0])} needs an initial value"
         )
     table = np.empty((1 + len(wanted), len(next(iter(signals.values())))))
-    arguments = [given[name] for name in names]
+    arguments = [inputs[name] for name in names]
     for line, entry in zip(table, function(*arguments), strict=True):
         line[:] = entry
     return table[0], np.ascontiguousarray(table[1:].T)
@@ -232,8 +232,8 @@ def _sampled(expression: sp.Expr) -> sp.Expr:
     def signal(x: sp.Expr) -> sp.Expr:
         return sp.Symbol(_SIGN) if str(x) == "theta_M_dot" else sp.sign(x)
 
-    found: sp.Expr = flat_names(expression).replace(sp.sign, signal)
-    return found
+    sampled: sp.Expr = flat_names(expression).replace(sp.sign, signal)
+    return sampled
 
 
 @cache

@@ -132,8 +132,8 @@ def known_values(drive: Drive) -> dict[sp.Symbol, float]:
 
 def _dahl(z: Any, sign: Any, u: Any) -> tuple[Any, Any, Any]:
     """Return z after a travel u >= 0 in units of the width, and its slopes by z and u."""
-    left = np.exp(-u)
-    return sign + (z - sign) * left, left, (sign - z) * left
+    decay = np.exp(-u)
+    return sign + (z - sign) * decay, decay, (sign - z) * decay
 
 
 def after_travel(z: float, travel: float, width: float) -> float:
@@ -146,19 +146,19 @@ def states(x: Array, width: float) -> tuple[Array, Array]:
     step = np.diff(x)
     sign = np.sign(step)
     moves = np.flatnonzero(sign)
-    found = np.zeros((2, len(x)))
+    history = np.zeros((2, len(x)))
     if not len(moves):
-        return found[0], found[1]
+        return history[0], history[1]
     turns = moves[np.flatnonzero(np.diff(sign[moves])) + 1]  # the first steps after a reversal
     z = slope = 0.0
     for first, last in zip([0, *turns], [*turns, len(step)], strict=True):
-        own = slice(first + 1, last + 1)
+        stroke = slice(first + 1, last + 1)
         toward = float(sign[moves[np.searchsorted(moves, first)]])
-        u = np.abs(x[own] - x[first]) / width
-        found[0, own], by_z, by_u = _dahl(z, toward, u)
-        found[1, own] = by_z * slope - by_u * u / width  # du/dwidth = -u/width
-        z, slope = found[:, last].tolist()
-    return found[0], found[1]
+        u = np.abs(x[stroke] - x[first]) / width
+        history[0, stroke], by_z, by_u = _dahl(z, toward, u)
+        history[1, stroke] = by_z * slope - by_u * u / width  # du/dwidth = -u/width
+        z, slope = history[:, last].tolist()
+    return history[0], history[1]
 
 
 class Dahl(sp.Function):  # type: ignore[misc]

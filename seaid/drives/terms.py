@@ -308,10 +308,10 @@ def between_encoders(values: Mapping[str, float], compliance: float) -> dict[str
     Amplitudes of the transmission error become those of a force, k between the encoders times them.
     """
     softer = 1.0 + compliance * values.get("stiffness", 0.0)
-    found = {name: value / softer ** _SERIES_POWERS.get(name, 0) for name, value in values.items()}
-    for name in filter(_is_error, found):
-        found[name] *= found.get("stiffness", 0.0)
-    return found
+    series = {name: value / softer ** _SERIES_POWERS.get(name, 0) for name, value in values.items()}
+    for name in filter(_is_error, series):
+        series[name] *= series.get("stiffness", 0.0)
+    return series
 
 
 def _is_error(name: str) -> bool:
@@ -329,12 +329,12 @@ def of_spring(values: Mapping[str, float], compliance: float) -> dict[str, float
             f"the stiffness between the encoders is {share:.3g} times that of the gear alone, of "
             "which it is a part: check gear_stiffness_Nm_per_rad"
         )
-    found = {
+    spring = {
         name: value / (1.0 - share) ** _SERIES_POWERS.get(name, 0) for name, value in values.items()
     }
-    for name in filter(_is_error, found):
-        found[name] = found[name] / values["stiffness"] if values.get("stiffness") else 0.0
-    return found
+    for name in filter(_is_error, spring):
+        spring[name] = spring[name] / values["stiffness"] if values.get("stiffness") else 0.0
+    return spring
 
 
 def spring_slopes(values: Mapping[str, float], compliance: float) -> dict[str, dict[str, float]]:
@@ -386,19 +386,19 @@ def is_harmonic(name: str) -> bool:
     return name.startswith(FIELDS)
 
 
-def harmonics_of(field: str, given: Any) -> tuple[Harmonic, ...]:
+def harmonics_of(field: str, table: Any) -> tuple[Harmonic, ...]:
     """Return the harmonics of a field from {angle: [orders]} or {angle: {order: [cos, sin]}}.
 
     Raises RobotError naming the field.
     """
-    if isinstance(given, tuple) and all(isinstance(one, Harmonic) for one in given):
-        return given
-    if not isinstance(given, Mapping):
+    if isinstance(table, tuple) and all(isinstance(harmonic, Harmonic) for harmonic in table):
+        return table
+    if not isinstance(table, Mapping):
         raise RobotError(
-            f"{field} must be a table of orders, such as {{ motor = [1, 2] }}, found {shown(given)}"
+            f"{field} must be a table of orders, such as {{ motor = [1, 2] }}, found {shown(table)}"
         )
-    found = []
-    for angle, orders in given.items():
+    harmonics = []
+    for angle, orders in table.items():
         if angle not in get_args(Angle):
             raise RobotError(unknown_name(f"angle of {field}", angle, get_args(Angle)))
         if not isinstance(orders, Mapping | list | tuple) or not orders:
@@ -408,10 +408,10 @@ def harmonics_of(field: str, given: Any) -> tuple[Harmonic, ...]:
             )
         for order in orders:
             amplitudes = orders[order] if isinstance(orders, Mapping) else None
-            found.append(_harmonic(field, angle, order, amplitudes))
-    if len({one.names for one in found}) < len(found):
-        raise RobotError(f"{field} names an order twice: {shown(given)}")
-    return tuple(found)
+            harmonics.append(_harmonic(field, angle, order, amplitudes))
+    if len({harmonic.names for harmonic in harmonics}) < len(harmonics):
+        raise RobotError(f"{field} names an order twice: {shown(table)}")
+    return tuple(harmonics)
 
 
 def _harmonic(field: str, angle: Angle, order: Any, amplitudes: Any) -> Harmonic:
@@ -440,9 +440,9 @@ def _is_finite(x: Any) -> bool:
 def harmonics_table(harmonics: Iterable[Harmonic]) -> dict[str, Any]:
     """Return harmonics as a table for TOML: lists of orders, or amplitudes where they are known."""
     table: dict[str, dict[str, list[float] | None]] = {}
-    for one in harmonics:
-        amplitudes = None if one.amplitudes is None else list(one.amplitudes)
-        table.setdefault(one.angle, {})[str(one.order)] = amplitudes
+    for harmonic in harmonics:
+        amplitudes = None if harmonic.amplitudes is None else list(harmonic.amplitudes)
+        table.setdefault(harmonic.angle, {})[str(harmonic.order)] = amplitudes
     return {
         angle: [int(order) for order in orders] if None in orders.values() else dict(orders)
         for angle, orders in table.items()

@@ -67,13 +67,13 @@ def _drive(where: str, table: Any) -> Drive:
     if not isinstance(table, Mapping):
         raise RobotError(f"{where} must be a table of a drive, found {shown(table)}")
     try:
-        return _of_table(_kind_of(table), _with_new_keys(table))
+        return _drive_of_table(_kind_of(table), _with_new_keys(table))
     except RobotError as problem:
         raise RobotError(f"{where}: {problem}") from None
 
 
 def _kind_of(table: Mapping[str, Any]) -> type[Drive]:
-    inner = next((name for name, one in table.items() if isinstance(one, Mapping)), None)
+    inner = next((name for name, value in table.items() if isinstance(value, Mapping)), None)
     if "type" not in table and inner is not None and "type" in table[inner]:
         raise RobotError(f"the tables of joints stand at the top: write [{inner}] for [...{inner}]")
     if "type" not in table:
@@ -90,15 +90,15 @@ def _with_new_keys(table: Mapping[str, Any]) -> dict[str, Any]:
     return {_OLD_KEYS.get(key, key): value for key, value in table.items() if key != "type"}
 
 
-def _of_table(kind: type[Drive], others: dict[str, Any]) -> Drive:
+def _drive_of_table(kind: type[Drive], others: dict[str, Any]) -> Drive:
     """Return the drive of a table: fields of the kind by name, parameters by names with units."""
     keys = [field.name for field in fields(kind)]
     for key in _RATIOS.intersection(others):
         _check_ratio(key, others[key])
     stds = {f"{name}_std": name for name in (STD_OF_TORQUE, *CONSTANTS)}
-    given = {name: others.pop(key) for key, name in stds.items() if key in others}
-    if given:
-        others["std"] = {**others.get("std", {}), **given}
+    std = {name: others.pop(key) for key, name in stds.items() if key in others}
+    if std:
+        others["std"] = {**others.get("std", {}), **std}
     values = {key: others.pop(key) for key in keys if key in others}
     if all(values.get(key) is None for key in _RATIOS):
         _check_keys(others, keys, _every_key())
@@ -106,7 +106,7 @@ def _of_table(kind: type[Drive], others: dict[str, Any]) -> Drive:
             "key 'gear_ratio' is missing; give the motor turns per turn behind the gear"
         )
     bare = kind(**{**values, "known": ()})
-    named = {key_of(name, unit_of(bare, name)): name for name in _possible(kind)}
+    named = {key_of(name, unit_of(bare, name)): name for name in _possible_parameters(kind)}
     in_other_units = _STIFFNESS - named.keys()
     _check_keys(others, [key for key in keys if key not in in_other_units], named)
     more = {named[key]: value for key, value in others.items()}
@@ -119,35 +119,35 @@ def _of_table(kind: type[Drive], others: dict[str, Any]) -> Drive:
 def _check_ratio(key: str, value: Any) -> None:
     """Raise RobotError for a ratio as text, such as "100:1", with the number to write."""
     if isinstance(value, str):
-        found = re.fullmatch(r"\s*([\d.]+)\s*[:/]\s*([\d.]+)\s*", value)
+        ratio = re.fullmatch(r"\s*([\d.]+)\s*[:/]\s*([\d.]+)\s*", value)
         with suppress(ValueError, ZeroDivisionError):
-            remedy = float(found[1]) / float(found[2]) if found else float(value)
+            remedy = float(ratio[1]) / float(ratio[2]) if ratio else float(value)
             raise RobotError(
                 f"{key} must be a number without quotes, found {shown(value)}: write "
                 f"{key} = {remedy!r}"
             )
 
 
-def _check_keys(found: Iterable[str], keys: list[str], named: Mapping[str, str]) -> None:
-    for key in found:
+def _check_keys(written: Iterable[str], keys: list[str], named: Mapping[str, str]) -> None:
+    for key in written:
         if key not in named:
             raise RobotError(unknown_name("key", key, dict.fromkeys(["type", *keys, *named])))
 
 
-def _possible(kind: type[Drive]) -> list[str]:
+def _possible_parameters(kind: type[Drive]) -> list[str]:
     """Return the parameters that a kind of drive can have with its terms."""
     terms = [names for field in term_fields(kind) for names in PARAMETERS_OF[field].values()]
-    found = {*sum(terms, ()), *(_OF_SPRING if kind.is_elastic else ())}
-    return [name for name in PARAMETERS if name in found]
+    possible = {*sum(terms, ()), *(_OF_SPRING if kind.is_elastic else ())}
+    return [name for name in PARAMETERS if name in possible]
 
 
 def _every_key() -> dict[str, str]:
     """Return {key: parameter} in all units, for a table whose units are not known yet."""
     units = (("N", "m"), ("N m", "rad"))
     return {
-        key_of(name, parameter.unit_for(one, one)): name
+        key_of(name, parameter.unit_for(pair, pair)): name
         for name, parameter in PARAMETERS.items()
-        for one in units
+        for pair in units
     }
 
 
@@ -179,13 +179,13 @@ def write_drives(drives: Mapping[str, Drive], path: str | Path) -> None:
 
 def drive_table(drive: Drive) -> dict[str, Any]:
     """Return the TOML table of a drive: the fields that differ from their defaults, and values."""
-    kind = next(name for name, one in _TYPES.items() if isinstance(drive, one))
+    kind = next(name for name, drive_type in _TYPES.items() if isinstance(drive, drive_type))
     ordered = sorted(fields(drive), key=lambda field: bool(field.kw_only))  # ratios and sizes first
-    given = ((field, getattr(drive, field.name)) for field in ordered)
+    pairs = ((field, getattr(drive, field.name)) for field in ordered)
     kept = {
-        field.name: _plain(one)
-        for field, one in given
-        if one not in (None, field.default) or type(one) is not type(field.default or one)
+        field.name: _plain(value)
+        for field, value in pairs
+        if value not in (None, field.default) or type(value) is not type(field.default or value)
     }
     nominal, transmission = kept.pop("nominal", {}), kept.pop("transmission", None)
     stds = {f"{name}_std": value for name, value in kept.pop("std", {}).items()}
@@ -202,10 +202,10 @@ def drive_table(drive: Drive) -> dict[str, Any]:
 def _plain(value: Any) -> Any:
     """Return a field as a TOML type."""
     if isinstance(value, Controller):
-        given = ((field, getattr(value, field.name)) for field in fields(value))
+        pairs = ((field, getattr(value, field.name)) for field in fields(value))
         return {
             field.name: x if isinstance(x, bool) else float(x)
-            for field, x in given
+            for field, x in pairs
             if x != field.default
         }
     if isinstance(value, Mapping):
