@@ -89,14 +89,14 @@ def newey_west(scores: Array, time: Array, run: Array) -> Array:
     instant and the log of each row. Rows of one instant (several joints) are summed first; excluded
     instants count as zero.
     """
-    found = long_run_of(scores, np.ones(len(scores)), time, run)
-    return np.asarray(found.covariance / left_of_mean(found.bandwidth))
+    long_run = long_run_of(scores, np.ones(len(scores)), time, run)
+    return np.asarray(long_run.covariance / left_of_mean(long_run.bandwidth))
 
 
 def long_run_of(H: Array, factor: Array, time: Array, run: Array) -> LongRun:
     """Return the long-run covariance of the scores `factor` (R,) times `H` (R, p)."""
     summed = by_instant(H, factor, time, run)
-    return long_run([[one] for one in summed], sum(map(len, summed)))
+    return long_run([[sums] for sums in summed], sum(map(len, summed)))
 
 
 def left_of_mean(b: float) -> float:
@@ -117,8 +117,8 @@ def left_by_fit(x: Array, Q: Array, time: Array, run: Array) -> Array:
     lost, logs = np.zeros(x.shape[1]), _instants(time, run)
     lags = automatic_lags(sum(int(np.max(slot)) + 1 for _, slot in logs))
     for rows, slot in logs:
-        own, fitted = (_by_slot(values[rows], slot) for values in (x, Q))
-        lost += _window_squares(own, fitted, lags) / (lags + 1)
+        influence, fitted = (_by_slot(values[rows], slot) for values in (x, Q))
+        lost += _window_squares(influence, fitted, lags) / (lags + 1)
     whole = np.sum(x**2, axis=0)
     return np.asarray(np.maximum(1 - lost / np.where(whole > 0, whole, 1.0), _LEAST_LEFT))
 
@@ -131,29 +131,29 @@ def _by_slot(values: Array, slot: IndexArray) -> Array:
     """Return rows (R, p) by their instant (T, most rows of one, p), zero where there is none."""
     order, counts = np.argsort(slot, kind="stable"), np.bincount(slot)
     place = np.arange(len(slot)) - np.repeat(np.cumsum(counts) - counts, counts)
-    found = np.zeros((len(counts), int(np.max(counts)), values.shape[1]))
-    found[slot[order], place] = values[order]
-    return found
+    table = np.zeros((len(counts), int(np.max(counts)), values.shape[1]))
+    table[slot[order], place] = values[order]
+    return table
 
 
 def _window_squares(x: Array, Q: Array, lags: int) -> Array:
     """Return the squares (p,) of the products of x (T, r, p) with Q (T, r, m), summed over r, m,
     each window of lags + 1 instants, and all windows.
     """
-    count, found = len(x) + lags, np.zeros(x.shape[2])
+    count, squares = len(x) + lags, np.zeros(x.shape[2])
     step = max(_NUMBERS // max(x.shape[2] * Q.shape[2], 1), 1)
-    x, Q = (np.pad(one, ((lags + 1, lags), (0, 0), (0, 0))) for one in (x, Q))
+    x, Q = (np.pad(values, ((lags + 1, lags), (0, 0), (0, 0))) for values in (x, Q))
     window = np.zeros((x.shape[2], Q.shape[2]))
     for start in range(0, count, step):
         end = min(start + step, count)
         leaves, enters = (
-            x[one].swapaxes(1, 2) @ Q[one]
-            for one in (slice(start, end), slice(start + lags + 1, end + lags + 1))
+            x[span].swapaxes(1, 2) @ Q[span]
+            for span in (slice(start, end), slice(start + lags + 1, end + lags + 1))
         )
         windows = window + np.cumsum(enters - leaves, axis=0)
-        found += np.einsum("tpm,tpm->p", windows, windows)
+        squares += np.einsum("tpm,tpm->p", windows, windows)
         window = windows[-1]
-    return found
+    return squares
 
 
 def by_instant(H: Array, factor: Array, time: Array, run: Array) -> list[Array]:
@@ -163,13 +163,13 @@ def by_instant(H: Array, factor: Array, time: Array, run: Array) -> list[Array]:
 
 def _instants(time: Array, run: Array) -> list[tuple[BoolArray | slice, IndexArray]]:
     """Return the rows of each log and the index of their instants."""
-    found: list[tuple[BoolArray | slice, IndexArray]] = []
-    for one in np.unique(run):
-        rows = run == one
+    logs: list[tuple[BoolArray | slice, IndexArray]] = []
+    for log in np.unique(run):
+        rows = run == log
         instants = np.unique(time[rows])
         slot = slots(time[rows], instants[0], row_step(instants))
-        found.append((slice(None) if np.all(rows) else rows, slot))  # a view of all rows
-    return found
+        logs.append((slice(None) if np.all(rows) else rows, slot))  # a view of all rows
+    return logs
 
 
 def row_step(instants: Array) -> float:

@@ -77,52 +77,52 @@ def drifts_of(
         for equation, weight in zip(np.unique(rows.joint), weights, strict=True)
     ]
     highest_hz = _HIGHEST * cutoff_hz
-    if any(np.sum(one.frequency_hz > highest_hz) < _FEWEST for one in bands):
+    if any(np.sum(band.frequency_hz > highest_hz) < _FEWEST for band in bands):
         return ()
     scaled = _independent(bands)
     levels = _levels(scaled, highest_hz)
     if not np.all(levels > 0):  # a log without noise
         return ()
     scaled = _orthonormal(
-        [replace(band, rows=band.rows / one) for band, one in zip(scaled, levels, strict=True)]
+        [replace(band, rows=band.rows / level) for band, level in zip(scaled, levels, strict=True)]
     )
     likelihoods = [_likelihood(band, highest_hz) for band in scaled]
-    moments = [one.moments[0] for one in likelihoods]
+    moments = [likelihood.moments[0] for likelihood in likelihoods]
     count = sum(len(band.rows) for band in scaled)
-    found: list[tuple[Drift, Array]] = []
-    left = list(range(len(bands)))
-    while left:
+    drifts: list[tuple[Drift, Array]] = []
+    rest = list(range(len(bands)))
+    while rest:
         every = np.sum(moments, axis=0)
-        likely = {place: likelihoods[place].best(every - moments[place], count) for place in left}
-        best = max(left, key=lambda place: likely[place][1])
+        likely = {place: likelihoods[place].best(every - moments[place], count) for place in rest}
+        best = max(rest, key=lambda place: likely[place][1])
         corner, ratio = likely[best]
         corner_hz = float(likelihoods[best].corners_hz[corner])
         drift, influence = _drift(rows, bands[best], corner_hz, ratio, levels[best], weights[best])
         if ratio < _SIGNIFICANT or drift.share < _LEAST_SHARE:
             break
         if drift.share < _LARGEST_SHARE:
-            found.append((drift, influence))
-        left.remove(best)
+            drifts.append((drift, influence))
+        rest.remove(best)
         moments[best] = likelihoods[best].moments[corner]
-    return tuple(found)
+    return tuple(drifts)
 
 
 def _band(rows: Regression, equation: int, weight: float, highest_hz: float) -> _Band:
     """Return the weighted rows of an equation in cosines below a frequency, by log."""
-    frequency, found = [], []
+    frequency, coefficients = [], []
     for run in np.unique(rows.run):
-        mine = (rows.joint == equation) & (rows.run == run)
-        if not np.any(mine):
+        mask = (rows.joint == equation) & (rows.run == run)
+        if not np.any(mask):
             continue
-        part = rows.at(mine)
+        part = rows.at(mask)
         start, step = float(np.min(part.time)), row_step(np.unique(part.time))
         columns = np.column_stack([part.H, part.propagated, part.y])
         signal = at_slots(columns, np.full(len(columns), weight), slots(part.time, start, step))
         count = min(len(signal), math.ceil(2 * len(signal) * step * highest_hz - _ROUNDING))
         order = np.maximum(np.arange(count), 0.5)  # the mean is half a step from the first cosine
         frequency.append(order / (2 * len(signal) * step))
-        found.append(dct(signal, axis=0, norm="ortho")[:count])
-    return _Band(equation, np.concatenate(frequency), np.concatenate(found))
+        coefficients.append(dct(signal, axis=0, norm="ortho")[:count])
+    return _Band(equation, np.concatenate(frequency), np.concatenate(coefficients))
 
 
 def _independent(bands: Sequence[_Band]) -> list[_Band]:
@@ -142,15 +142,15 @@ def _levels(bands: Sequence[_Band], highest_hz: float) -> Array:
     """Return the standard deviation (E,) of the residual above the highest corner."""
     every = np.concatenate([band.rows for band in bands])
     Q = np.linalg.qr(every[:, :-1])[0]
-    residual, left = every[:, -1] - Q @ (Q.T @ every[:, -1]), 1 - np.sum(Q**2, axis=1)
+    residual, kept = every[:, -1] - Q @ (Q.T @ every[:, -1]), 1 - np.sum(Q**2, axis=1)
     noise = np.concatenate([band.frequency_hz > highest_hz for band in bands])
     ends = np.cumsum([0, *(len(band.rows) for band in bands)])
-    found = []
+    levels = []
     for start, end in itertools.pairwise(ends):
-        own = slice(start, end)
-        squares = float(np.sum(residual[own][noise[own]] ** 2))
-        found.append(math.sqrt(squares / max(float(np.sum(left[own][noise[own]])), 1.0)))
-    return np.array(found)
+        span = slice(start, end)
+        squares = float(np.sum(residual[span][noise[span]] ** 2))
+        levels.append(math.sqrt(squares / max(float(np.sum(kept[span][noise[span]])), 1.0)))
+    return np.array(levels)
 
 
 def _orthonormal(bands: Sequence[_Band]) -> list[_Band]:
@@ -176,17 +176,17 @@ class _Likelihood:
         lower = safely(np.linalg.cholesky, others + self.moments, what="a drift")
         diagonal = np.log(np.diagonal(lower, axis1=1, axis2=2))
         # -2 log of the restricted likelihood: log|V| + log|H^T V^-1 H| + m log(r^T V^-1 r)
-        freedom = count - others.shape[0] + 1
-        found = self.volumes + 2 * np.sum(diagonal[:, :-1], axis=1) + 2 * freedom * diagonal[:, -1]
-        best = int(np.argmin(found))
-        return best, float(found[0] - found[best])
+        m = count - others.shape[0] + 1
+        deviance = self.volumes + 2 * np.sum(diagonal[:, :-1], axis=1) + 2 * m * diagonal[:, -1]
+        best = int(np.argmin(deviance))
+        return best, float(deviance[0] - deviance[best])
 
 
 def _likelihood(band: _Band, highest_hz: float) -> _Likelihood:
     corners = np.append(0.0, np.geomspace(np.min(band.frequency_hz), highest_hz, _CORNERS))
     # the power of noise and drift over that of noise
     spectra = 1 + (corners[:, None] / band.frequency_hz) ** 2
-    moments = np.array([band.rows.T @ (band.rows / one[:, None]) for one in spectra])
+    moments = np.array([band.rows.T @ (band.rows / spectrum[:, None]) for spectrum in spectra])
     return _Likelihood(corners, moments, np.sum(np.log(spectra), axis=1))
 
 
@@ -220,7 +220,7 @@ def with_drifts(
         added += change @ change.T
     growth = float(np.max(1 + np.diag(added) / np.diag(estimate.covariance)))
     diagnostics = replace(
-        estimate.diagnostics, drifts=tuple(one for one, _ in drifts), growth=growth
+        estimate.diagnostics, drifts=tuple(drift for drift, _ in drifts), growth=growth
     )
     return replace(estimate, covariance=estimate.covariance + added, diagnostics=diagnostics)
 
@@ -259,26 +259,26 @@ def block_factors(
 ) -> list[tuple[int, QRFactor]]:
     """Return log and QR factor of blocks of rows; `spans` {log: first and last instant [s]}."""
     per_log = math.ceil(FEWEST_BLOCKS / max(len(spans), 1))
-    found: dict[tuple[int, int], list[QRFactor]] = {}
+    factors: dict[tuple[int, int], list[QRFactor]] = {}
     for rows in pieces:
         for log in np.unique(rows.run).astype(int):
             start, end = spans[log]
             part = (rows.time - start) / (end - start if end > start else 1.0)
             place = np.minimum((part * per_log).astype(int), per_log - 1)
-            mine = rows.run == log
-            for one in np.unique(place[mine]):
-                own = rows.at(mine & (place == one))
-                found.setdefault((log, int(one)), []).append(qr_factor_of(own))
-    return [(log, combined(parts)) for (log, _), parts in found.items()]
+            of_log = rows.run == log
+            for block in np.unique(place[of_log]):
+                block_rows = rows.at(of_log & (place == block))
+                factors.setdefault((log, int(block)), []).append(qr_factor_of(block_rows))
+    return [(log, combined(parts)) for (log, _), parts in factors.items()]
 
 
 def spans_of(rows: Regression) -> dict[int, tuple[float, float]]:
     """Return {log: first and last instant [s]} of rows in memory."""
-    found = {}
+    spans = {}
     for log in np.unique(rows.run).astype(int):
         time = rows.time[rows.run == log]
-        found[log] = float(time.min()), float(time.max())
-    return found
+        spans[log] = float(time.min()), float(time.max())
+    return spans
 
 
 def agreement(
@@ -298,28 +298,28 @@ def agreement(
     logs = np.array([log for log, _ in blocks])
     ratios, count = np.ones(p), len(blocks)
     for parts in (np.arange(len(blocks)), logs):
-        groups = [np.flatnonzero(parts == one) for one in np.unique(parts)]
-        between = sum(np.sum([sums[i] for i in own], axis=0) ** 2 for own in groups)
-        lost = sum(np.sum(sum(removed[i] for i in own) ** 2, axis=1) for own in groups)
-        left = 1 - lost / np.diag(inverse)
-        found = _ratios(between, left, variance, len(groups) - 1, freedom)
-        if np.max(found, initial=1.0) > np.max(ratios, initial=1.0):
-            ratios, count = found, len(groups)
+        groups = [np.flatnonzero(parts == part) for part in np.unique(parts)]
+        between = sum(np.sum([sums[i] for i in group], axis=0) ** 2 for group in groups)
+        lost = sum(np.sum(sum(removed[i] for i in group) ** 2, axis=1) for group in groups)
+        remaining = 1 - lost / np.diag(inverse)
+        candidate = _ratios(between, remaining, variance, len(groups) - 1, freedom)
+        if np.max(candidate, initial=1.0) > np.max(ratios, initial=1.0):
+            ratios, count = candidate, len(groups)
     return Agreement(ratios, count)
 
 
 def _ratios(
-    between: Array, left: Array, variance: Array, own_freedom: int, freedom: float
+    between: Array, remaining: Array, variance: Array, between_freedom: int, freedom: float
 ) -> Array:
     """Return the ratios (p,) of one division into blocks, all of them 1 if they may be chance."""
-    seen, ratios = (left > _LEAST_LEFT) & (variance > 0), np.ones(len(between))
-    if own_freedom < _FEWEST_FREEDOM or not np.any(seen):
+    seen, ratios = (remaining > _LEAST_LEFT) & (variance > 0), np.ones(len(between))
+    if between_freedom < _FEWEST_FREEDOM or not np.any(seen):
         return ratios
-    own = between[seen] / (left[seen] * variance[seen])
+    seen_ratios = between[seen] / (remaining[seen] * variance[seen])
     # parameters share noise: degrees of freedom of their mean grow with the root of their number
     root_count = math.sqrt(np.sum(seen))
-    least_mean = fdtri(own_freedom * root_count, freedom * root_count, _LEVEL)
-    least_own = fdtri(own_freedom, freedom, 1 - (1 - _LEVEL) / np.sum(seen))
-    if np.mean(own) > least_mean or np.max(own) > least_own:
-        ratios[seen] = own
+    least_mean = fdtri(between_freedom * root_count, freedom * root_count, _LEVEL)
+    least_single = fdtri(between_freedom, freedom, 1 - (1 - _LEVEL) / np.sum(seen))
+    if np.mean(seen_ratios) > least_mean or np.max(seen_ratios) > least_single:
+        ratios[seen] = seen_ratios
     return ratios

@@ -249,11 +249,11 @@ def poorly_determined(
     (p+1, p+1) is the weighted factor; None: all rows have weight one.
     """
     factor = qr_factor.weighted_factor() if factor is None else factor
-    found = directions(factor, qr_factor.names)
+    combinations = directions(factor, qr_factor.names)
     return [
-        f"scaled singular value {found.shares[place]:.1e} of the combination "
-        f"{found.text(int(place))}"
-        for place in np.flatnonzero(found.shares < share)[::-1]
+        f"scaled singular value {combinations.shares[place]:.1e} of the combination "
+        f"{combinations.text(int(place))}"
+        for place in np.flatnonzero(combinations.shares < share)[::-1]
     ]
 
 
@@ -314,25 +314,25 @@ def term_test(
 def whiteness(rows: Regression, theta: Array) -> dict[int, Whiteness]:
     """Return the autocorrelation of the residual of each equation, by joint index."""
     residual = rows.y - rows.H @ theta
-    found = {}
+    by_joint = {}
     for joint in np.unique(rows.joint):
-        mine = rows.joint == joint
-        count = int(np.sum(mine))
-        runs = by_instant(np.ones((count, 1)), residual[mine], rows.time[mine], rows.run[mine])
+        mask = rows.joint == joint
+        count = int(np.sum(mask))
+        runs = by_instant(np.ones((count, 1)), residual[mask], rows.time[mask], rows.run[mask])
         lagged = [
             sum(float(np.sum(run[lag:] * run[: max(len(run) - lag, 0)])) for run in runs)
             for lag in range(_WHITENESS_LAGS + 1)
         ]
         r = np.array(lagged[1:]) / lagged[0] if lagged[0] > 0 else np.zeros(_WHITENESS_LAGS)
-        left = np.maximum(count - np.arange(1, _WHITENESS_LAGS + 1), 1)
-        Q = count * (count + 2) * np.sum(r**2 / left)  # Ljung and Box 1978
+        pairs = np.maximum(count - np.arange(1, _WHITENESS_LAGS + 1), 1)
+        Q = count * (count + 2) * np.sum(r**2 / pairs)  # Ljung and Box 1978
         changes = sum(float(np.sum(np.diff(run, axis=0) ** 2)) for run in runs)
-        found[int(joint)] = Whiteness(
+        by_joint[int(joint)] = Whiteness(
             first=float(r[0]),
             durbin_watson=changes / lagged[0] if lagged[0] > 0 else 2.0,
             p_value=float(chi2.sf(Q, _WHITENESS_LAGS)),
         )
-    return found
+    return by_joint
 
 
 @dataclass(frozen=True, eq=False)

@@ -71,23 +71,23 @@ def regularised(program: Program, weight: float) -> FeasiblePoint:
     in which the prior's is the identity. A weight below 1e-9 of chi-square counts as that, since
     less cannot be resolved. Raises IdentificationError if the minimum is not found.
     """
-    found = minimum(program, weight)
-    point, used = found.point, found.weight
+    optimum = minimum(program, weight)
+    point, used = optimum.point, optimum.weight
     offset, matrix = program.span
     u = point.x[: point.p]
     unknowns = offset + matrix @ point.x
     for body, safe in enumerate(program.bodies(point.Q)):
-        own = slice(10 * body, 10 * body + 10)
-        if not is_physical(unknowns[own], 0.0):  # rounding of large bodies in a small one
-            unknowns[own] = safe
+        span = slice(10 * body, 10 * body + 10)
+        if not is_physical(unknowns[span], 0.0):  # rounding of large bodies in a small one
+            unknowns[span] = safe
     multipliers = np.linalg.eigvalsh(point.Z)
     return FeasiblePoint(
         unknowns=unknowns,
         values=program.estimate + program.root @ u,
         distance=u,
         weight=used,
-        freedom=found.freedom,
-        risk=float(u @ u + 2 * found.freedom - point.p),  # Stein 1981
+        freedom=optimum.freedom,
+        risk=float(u @ u + 2 * optimum.freedom - point.p),  # Stein 1981
         # Z Q = weight, so that Q is below _ACTIVE where Z is above weight / _ACTIVE
         ranks=tuple(map(int, np.sum(multipliers < max(_ACTIVE, used / _ACTIVE), axis=1))),
         active_bounds=tuple(map(int, np.flatnonzero(point.multipliers > _ACTIVE))),
@@ -121,13 +121,13 @@ def with_selected_weight(
     best = regularised(program, resolved[0])
     tried = [best]
     for weight in resolved[1:]:
-        one = regularised(program, weight)
-        tried.append(one)
-        best = min(best, one, key=lambda point: point.risk)
-        if least + 2 * one.freedom - p > best.risk:  # a lower bound of the risk of all that follow
+        fit = regularised(program, weight)
+        tried.append(fit)
+        best = min(best, fit, key=lambda point: point.risk)
+        if least + 2 * fit.freedom - p > best.risk:  # a lower bound of the risk of all that follow
             break
     if best.weight < _OF_ONE:
-        likely = [one for one in tried if one.risk <= best.risk + math.sqrt(2 * p)]
+        likely = [fit for fit in tried if fit.risk <= best.risk + math.sqrt(2 * p)]
         return max(likely, key=lambda point: min(point.weight, _OF_ONE))
     around = best.weight * 10**0.5, best.weight / 10**0.5
     inner = [weight for weight in around if resolved[-1] < weight < resolved[0]]

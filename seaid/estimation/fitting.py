@@ -143,16 +143,16 @@ def _estimate(
     weights, step = weigh(u), 1e-6
     derivative = (weigh(u + step) * (u + step) - weigh(u - step) * (u - step)) / (2 * step)  # psi'
     slope = np.empty_like(u)
-    for mine in _equations(rows):  # positive: half of the rows are within 0.67 scales
-        slope[mine] = np.sum(derivative[mine]) / np.sum(weights[mine])
+    for equation in _equations(rows):  # positive: half of the rows are within 0.67 scales
+        slope[equation] = np.sum(derivative[equation]) / np.sum(weights[equation])
     root = np.sqrt(weights * slope) / scales
     linear = _scaled(replace(rows, y=rows.H @ theta + residual / slope), root)
     scores = long_run_of(linear.H, linear.y - linear.H @ theta, rows.time, rows.run)
     qr_factor = qr_factor_of(linear)
-    one = equal_weights(qr_factor)
-    estimate = estimate_of_rows(linear, qr_factor, one, propagated)
+    ones = equal_weights(qr_factor)
+    estimate = estimate_of_rows(linear, qr_factor, ones, propagated)
     independent = replace(scores, covariance=scores.white, lags=0)
-    white = estimate_of(qr_factor, one, independent, propagated)
+    white = estimate_of(qr_factor, ones, independent, propagated)
     return replace(
         estimate,
         residual_std=float(np.sqrt(np.mean(scales**2))),
@@ -170,8 +170,8 @@ def _scales(rows: Regression, residual: Array) -> Array:
     """Return the scale (R,) of each row's equation: a standard deviation for Gaussian noise."""
     scales = np.empty_like(residual)
     smallest = 1e-9 * float(np.sqrt(np.mean(rows.y**2))) or 1.0
-    for mine in _equations(rows):
-        scales[mine] = max(_GAUSSIAN * float(np.median(np.abs(residual[mine]))), smallest)
+    for equation in _equations(rows):
+        scales[equation] = max(_GAUSSIAN * float(np.median(np.abs(residual[equation]))), smallest)
     return scales
 
 
@@ -306,23 +306,23 @@ def stored_estimate(
         for log, rows in stored.pieces(change)
     )
     blocks = block_factors(numbered, stored.spans)
-    noise = residual_fit(combined(one for _, one in blocks), weights, solution)
+    noise = residual_fit(combined(factor for _, factor in blocks), weights, solution)
 
     def factors(rows: Regression) -> Array:
         return score_factors(with_propagated(rows, propagated), qr_factor, weights, noise)
 
     pieces = ((log, rows) for log, rows in stored.pieces(change) if len(rows.y))
     scores = (
-        _scores((rows for _, rows in mine), stored.spans[log][0], stored.steps_s[log], factors)
-        for log, mine in groupby(pieces, key=lambda piece: piece[0])
+        _scores((rows for _, rows in group), stored.spans[log][0], stored.steps_s[log], factors)
+        for log, group in groupby(pieces, key=lambda piece: piece[0])
     )
     instants = sum(
         round((end - start) / stored.steps_s[log]) + 1 for log, (start, end) in stored.spans.items()
     )
     whole = _whole(stored, change) if instants <= MOST_INSTANTS else None
-    left = None if whole is None else left_of(whole, weights, qr_factor, solution)
-    own = estimate_of(qr_factor, weights, long_run(scores, instants), None, solution, left)
-    estimate = with_blocks(qr_factor, weights, (solution, noise), own, blocks, propagated)
+    remaining = None if whole is None else left_of(whole, weights, qr_factor, solution)
+    initial = estimate_of(qr_factor, weights, long_run(scores, instants), None, solution, remaining)
+    estimate = with_blocks(qr_factor, weights, (solution, noise), initial, blocks, propagated)
     if whole is not None:
         estimate = with_drifts_of(whole, weights, solution, estimate, cutoff_hz)
     return estimate, qr_factor, weights
@@ -389,9 +389,9 @@ class FittedRows:
 
     def checks(self, optional: Sequence[str]) -> ModelChecks:
         """Return the checks of the model, with its `optional` parameters."""
-        found = {} if self.rows is None else whiteness(self.rows, self.estimate.values)
+        by_index = {} if self.rows is None else whiteness(self.rows, self.estimate.values)
         names = () if self.rows is None else self.rows.joint_names
-        named = {names[index % len(names)]: one for index, one in found.items()}
+        named = {names[index % len(names)]: test for index, test in by_index.items()}
         return model_checks(self.qr_factor, self.estimate, optional, named, self.weights)
 
 

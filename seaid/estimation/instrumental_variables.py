@@ -113,19 +113,19 @@ def predicted_columns(H: Array, residual: Array, theta: Array, noisy: Sequence[i
 
     `residual` (E, m) is y - H theta; only equations that have such a column are changed.
     """
-    found = H.copy()
+    predicted = H.copy()
     for place in noisy:
-        own = np.any(H[:, :, place] != 0, axis=1)
-        found[own, :, place] += residual[own] / theta[place]
-    return found
+        equations = np.any(H[:, :, place] != 0, axis=1)
+        predicted[equations, :, place] += residual[equations] / theta[place]
+    return predicted
 
 
 def with_predicted_columns(rows: Regression, theta: Array, noisy: Sequence[int]) -> Regression:
     """Return rows whose least-squares estimate and residual are those of `unattenuated`."""
     residual, H = rows.y - rows.H @ theta, rows.H.copy()
     for equation in np.unique(rows.joint):
-        mine = np.flatnonzero(rows.joint == equation)
-        H[mine] = predicted_columns(rows.H[mine][None], residual[mine][None], theta, noisy)[0]
+        part = np.flatnonzero(rows.joint == equation)
+        H[part] = predicted_columns(rows.H[part][None], residual[part][None], theta, noisy)[0]
     return replace(rows, H=H, y=rows.y + (H - rows.H) @ theta)
 
 

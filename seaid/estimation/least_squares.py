@@ -194,13 +194,13 @@ def _settled(
 
     Norms below `least` (E,) count as that.
     """
-    weights, found = equal_weights(qr_factor), np.asarray(norms)
+    weights, residual_norms = equal_weights(qr_factor), np.asarray(norms)
     root_counts = np.sqrt(np.maximum(qr_factor.counts, 1))
     target = np.linalg.norm(qr_factor.factors[:, :, -1]) / np.sqrt(max(qr_factor.count, 1))
     for _ in range(_MOST_REWEIGHTINGS):
         if norms is None:
             norms = qr_factor.residual_norms(solve(qr_factor, weights).values)
-        found = norms
+        residual_norms = norms
         std = np.maximum(norms, least) / root_counts
         largest = float(np.max(std))
         if largest <= _ROUNDING * target:
@@ -217,7 +217,7 @@ def _settled(
             "joint has too few rows; record a longer log, or use estimator='ols'",
             "estimator='ols'",
         )
-    return weights, found
+    return weights, residual_norms
 
 
 def solve(qr_factor: QRFactor, weights: Array) -> Solution:
@@ -238,12 +238,12 @@ def solve(qr_factor: QRFactor, weights: Array) -> Solution:
     if len(dead):
         names = ", ".join(first_term(qr_factor.names[place]) for place in dead)
         raise ExcitationError(f"the motion does not excite {names}: move these joints")
-    found = directions(R, qr_factor.names)
-    worst = float(found.shares[-1]) if p else 1.0
+    combinations = directions(R, qr_factor.names)
+    worst = float(combinations.shares[-1]) if p else 1.0
     if worst < RANK_TOLERANCE:
-        raise ExcitationError(_unidentifiable(qr_factor, found), "torque_joints=")
-    half = (found.svd.vectors.T / found.svd.sizes) / found.svd.norms[:, None]
-    return Solution(half @ (found.svd.left.T @ R[:p, p]), half, 1 / worst)
+        raise ExcitationError(_unidentifiable(qr_factor, combinations), "torque_joints=")
+    half = (combinations.svd.vectors.T / combinations.svd.sizes) / combinations.svd.norms[:, None]
+    return Solution(half @ (combinations.svd.left.T @ R[:p, p]), half, 1 / worst)
 
 
 def estimate_of(
@@ -321,14 +321,14 @@ def estimate_of_rows(
     solution = solve(qr_factor, weights)
     wide = with_propagated(rows, propagated)
     blocks = block_factors([wide], spans_of(wide))
-    noise = residual_fit(combined(one for _, one in blocks), weights, solution)
+    noise = residual_fit(combined(block for _, block in blocks), weights, solution)
     factors = score_factors(wide, qr_factor, weights, noise)
     scores = long_run_of(rows.H, factors, rows.time, rows.run)
     short = scores.instants <= MOST_INSTANTS
-    left = left_of(rows, weights, qr_factor, solution) if short else None
-    own = estimate_of(qr_factor, weights, scores, None, solution, left)
-    found = with_blocks(qr_factor, weights, (solution, noise), own, blocks, propagated)
-    return with_drifts_of(rows, weights, solution, found, cutoff_hz) if short else found
+    remaining = left_of(rows, weights, qr_factor, solution) if short else None
+    initial = estimate_of(qr_factor, weights, scores, None, solution, remaining)
+    enlarged = with_blocks(qr_factor, weights, (solution, noise), initial, blocks, propagated)
+    return with_drifts_of(rows, weights, solution, enlarged, cutoff_hz) if short else enlarged
 
 
 def with_drifts_of(
@@ -359,21 +359,21 @@ def with_blocks(
     """
     solution, noise = fits
     factors = [
-        (log, one.weighted_factor(weights[np.searchsorted(qr_factor.equations, one.equations)]))
-        for log, one in blocks
+        (log, block.weighted_factor(weights[np.searchsorted(qr_factor.equations, block.equations)]))
+        for log, block in blocks
     ]
-    own = estimate.degrees_of_freedom
-    freedom = np.inf if own is None else float(np.min(own, initial=np.inf))
+    degrees = estimate.degrees_of_freedom
+    freedom = np.inf if degrees is None else float(np.min(degrees, initial=np.inf))
     variance = np.diag(estimate.covariance)
-    found = agreement(factors, noise, solution.root, variance, freedom)
-    scale = np.sqrt(found.factors)
-    fewer = np.where(scale > 1, float(found.blocks - 1), np.inf)
-    worst = float(np.max(found.ratios, initial=1.0))
+    scatter = agreement(factors, noise, solution.root, variance, freedom)
+    scale = np.sqrt(scatter.factors)
+    fewer = np.where(scale > 1, float(scatter.blocks - 1), np.inf)
+    worst = float(np.max(scatter.ratios, initial=1.0))
     enlarged = replace(
         estimate,
         covariance=estimate.covariance * np.outer(scale, scale),
         degrees_of_freedom=np.minimum(freedom, fewer),
-        diagnostics=replace(estimate.diagnostics, scatter=worst, blocks=found.blocks),
+        diagnostics=replace(estimate.diagnostics, scatter=worst, blocks=scatter.blocks),
     )
     return _with_targets(qr_factor, weights, solution, enlarged, propagated)
 
@@ -449,16 +449,16 @@ def left_of(rows: Regression, weights: Array, qr_factor: QRFactor, solution: Sol
     return left_by_fit(H @ solution.inverse, H @ solution.root, rows.time, rows.run)
 
 
-def _unidentifiable(qr_factor: QRFactor, found: Directions) -> str:
+def _unidentifiable(qr_factor: QRFactor, combinations: Directions) -> str:
     """Name the unidentifiable combinations and the joints whose torque depends on them."""
-    lost = [int(place) for place in np.flatnonzero(found.shares < RANK_TOLERANCE)][::-1]
-    columns = sorted({column for place in lost for column in found.terms(place)})
+    lost = [int(place) for place in np.flatnonzero(combinations.shares < RANK_TOLERANCE)][::-1]
+    columns = sorted({column for place in lost for column in combinations.terms(place)})
     names = ", ".join(first_term(qr_factor.names[column]) for column in columns)
-    texts = "; ".join(found.text(place) for place in lost[:_MOST_NAMED])
+    texts = "; ".join(combinations.text(place) for place in lost[:_MOST_NAMED])
     more = f" and {len(lost) - _MOST_NAMED} more" if len(lost) > _MOST_NAMED else ""
     return (
         f"the motion does not excite all parameters: the combination of {names} is unidentifiable "
-        f"({texts}{more}; scaled singular value {found.shares[-1]:.1e}, needed "
+        f"({texts}{more}; scaled singular value {combinations.shares[-1]:.1e}, needed "
         f"{RANK_TOLERANCE:.0e}). It acts on the torque of "
         f"{', '.join(determining_joints(qr_factor, columns))}; move these joints more, or exclude "
         "torques with torque_joints="

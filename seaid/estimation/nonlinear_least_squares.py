@@ -56,11 +56,11 @@ class Residuals:
 def joined(parts: list[Residuals]) -> Residuals:
     """Return the residuals of the parts of one log, in whole windows each."""
     return Residuals(
-        residual=np.concatenate([one.residual for one in parts]),
-        jacobian=np.concatenate([one.jacobian for one in parts]),
-        nuisance=np.concatenate([one.nuisance for one in parts]),
-        kept=np.concatenate([one.kept for one in parts]),
-        time=np.concatenate([one.time for one in parts]),
+        residual=np.concatenate([part.residual for part in parts]),
+        jacobian=np.concatenate([part.jacobian for part in parts]),
+        nuisance=np.concatenate([part.nuisance for part in parts]),
+        kept=np.concatenate([part.kept for part in parts]),
+        time=np.concatenate([part.time for part in parts]),
         channels=parts[0].channels,
     )
 
@@ -138,10 +138,10 @@ def _autocorrelated_covariance(logs: list[Residuals], influence: Array, residual
         start += size
         step = float(np.median(np.diff(log.time.ravel())))
         for channel in range(channels):
-            mine = rows[:, channel]
-            total += mine.T @ mine
+            effect = rows[:, channel]
+            total += effect.T @ effect
             for lag, weight in enumerate(_autocorrelation(white[:, channel], LAG_S / step), 1):
-                cross = mine[lag:].T @ mine[:-lag]
+                cross = effect[lag:].T @ effect[:-lag]
                 total += weight * (cross + cross.T)
     return _at_least(_LEAST_INFLATION, total, influence.T @ influence)
 
@@ -167,12 +167,12 @@ def _autocorrelation(residual: Array, most: float) -> Array:
     """Return the weighted autocorrelation at lags from 1 to twice the last significant one."""
     lags = min(int(most), len(residual) - 1)
     power = max(float(residual @ residual), 1e-300)
-    found = np.array([residual[lag:] @ residual[:-lag] for lag in range(1, lags + 1)]) / power
+    correlation = np.array([residual[lag:] @ residual[:-lag] for lag in range(1, lags + 1)]) / power
     count = max(int(np.count_nonzero(residual)), 1)
-    outstanding = np.flatnonzero(np.abs(found) > _STANDS_OUT / np.sqrt(count))
+    outstanding = np.flatnonzero(np.abs(correlation) > _STANDS_OUT / np.sqrt(count))
     bandwidth = min(2 * (int(outstanding[-1]) + 1), lags) if outstanding.size else 0
     lag = np.arange(1, bandwidth + 1)
-    return np.asarray(found[:bandwidth] * np.minimum(2 - 2 * lag / (bandwidth + 1), 1.0))
+    return np.asarray(correlation[:bandwidth] * np.minimum(2 - 2 * lag / (bandwidth + 1), 1.0))
 
 
 def fisher_covariance(
@@ -247,9 +247,9 @@ def _settled(logs: list[Residuals], distance: Array, precision: Array, frozen: b
 def _stds(logs: list[Residuals], change: Array, nuisance: tuple[Array, ...]) -> Array:
     """Return the root mean square (C,) of the kept residuals after a change of the parameters."""
     total, count = np.zeros((2, max(log.channels.stop for log in logs)))
-    for log, own in zip(logs, nuisance, strict=True):
+    for log, values in zip(logs, nuisance, strict=True):
         after = log.residual + log.jacobian @ change
-        after = after + np.einsum("wbcs,ws->wbc", log.nuisance, own)
+        after = after + np.einsum("wbcs,ws->wbc", log.nuisance, values)
         total[log.channels] += np.sum(np.where(log.kept, after, 0.0) ** 2, axis=(0, 1))
         count[log.channels] += np.sum(log.kept, axis=(0, 1))
     return np.asarray(np.maximum(np.sqrt(total / np.maximum(count, 1)), LEAST_STD))

@@ -98,15 +98,15 @@ def qr_factor_of(rows: Regression) -> QRFactor:
     equations = np.unique(rows.joint)
     of_equation = [np.flatnonzero(rows.joint == equation) for equation in equations]
     p, s = len(rows.names), rows.propagated.shape[1]
-    found, propagated = [], np.zeros((len(equations), p, s))
-    for place, mine in enumerate(of_equation):
-        blocks = (mine[start : start + _BLOCK] for start in range(0, len(mine), _BLOCK))
-        found.append(
+    triangles, propagated = [], np.zeros((len(equations), p, s))
+    for place, indices in enumerate(of_equation):
+        blocks = (indices[start : start + _BLOCK] for start in range(0, len(indices), _BLOCK))
+        triangles.append(
             triangle(np.concatenate([triangle(_columns(rows, block)) for block in blocks]))
         )
         if s:
-            propagated[place] = rows.H[mine].T @ rows.propagated[mine]
-    factors = _stack(found, p + 1)
+            propagated[place] = rows.H[indices].T @ rows.propagated[indices]
+    factors = _stack(triangles, p + 1)
     if not (np.all(np.isfinite(factors)) and np.all(np.isfinite(propagated))):
         raise IdentificationError(_not_finite(rows))
     return QRFactor(
@@ -135,8 +135,8 @@ def triangle(columns: Array) -> Array:
     count, width = columns.shape
     if not count:
         return np.empty((0, width))
-    found = linalg.qr(columns, mode="raw", overwrite_a=True, check_finite=False)[1]
-    return np.asarray(found[: min(count, width)])
+    R = linalg.qr(columns, mode="raw", overwrite_a=True, check_finite=False)[1]
+    return np.asarray(R[: min(count, width)])
 
 
 def _square(columns: Array) -> Array:
@@ -154,39 +154,39 @@ def _stack(factors: Sequence[Array], width: int, height: int | None = None) -> A
     return stack
 
 
-def _sum(one: QRFactor, other: QRFactor) -> QRFactor:
-    same = (one.names, one.units, one.propagated.shape[2]) == (
-        other.names,
-        other.units,
-        other.propagated.shape[2],
+def _sum(first: QRFactor, second: QRFactor) -> QRFactor:
+    same = (first.names, first.units, first.propagated.shape[2]) == (
+        second.names,
+        second.units,
+        second.propagated.shape[2],
     )
-    if not same or one.joint_names != other.joint_names:
+    if not same or first.joint_names != second.joint_names:
         raise IdentificationError(
             f"QR factors add only if their columns are the same: one has "
-            f"{', '.join(one.names)} ({one.propagated.shape[2]} propagated), the other "
-            f"{', '.join(other.names)} ({other.propagated.shape[2]} propagated)"
+            f"{', '.join(first.names)} ({first.propagated.shape[2]} propagated), the other "
+            f"{', '.join(second.names)} ({second.propagated.shape[2]} propagated)"
         )
-    equations = sorted({*one.equations, *other.equations})
+    equations = sorted({*first.equations, *second.equations})
     factors, propagated, counts = [], [], []
     for equation in equations:
-        mine = [
+        blocks = [
             (part.factors[place], part.propagated[place], part.counts[place])
-            for part in (one, other)
-            for place, found in enumerate(part.equations)
-            if found == equation
+            for part in (first, second)
+            for place, number in enumerate(part.equations)
+            if number == equation
         ]
-        factors.append(triangle(np.concatenate([R for R, _, _ in mine])))
-        propagated.append(sum(moments for _, moments, _ in mine))
-        counts.append(sum(count for _, _, count in mine))
+        factors.append(triangle(np.concatenate([R for R, _, _ in blocks])))
+        propagated.append(sum(moments for _, moments, _ in blocks))
+        counts.append(sum(count for _, _, count in blocks))
     return QRFactor(
-        names=one.names,
-        units=one.units,
+        names=first.names,
+        units=first.units,
         equations=tuple(equations),
         counts=tuple(counts),
-        factors=_stack(factors, len(one.names) + 1),
-        propagated=np.array(propagated).reshape(len(equations), *one.propagated.shape[1:]),
-        excluded=one.excluded + other.excluded,
-        joint_names=one.joint_names,
+        factors=_stack(factors, len(first.names) + 1),
+        propagated=np.array(propagated).reshape(len(equations), *first.propagated.shape[1:]),
+        excluded=first.excluded + second.excluded,
+        joint_names=first.joint_names,
     )
 
 
@@ -288,8 +288,8 @@ def scaled_svd(
     """Return the decomposition of columns (R, p); `what` names them in an `error`."""
     norms = np.linalg.norm(columns, axis=0)
     norms[norms == 0] = 1.0
-    left, sizes, vectors = safely(_svd, columns / norms, what=what, error=error)
-    return ScaledSVD(left, sizes, vectors, norms)
+    U, sizes, vectors = safely(_svd, columns / norms, what=what, error=error)
+    return ScaledSVD(U, sizes, vectors, norms)
 
 
 def _svd(matrix: Array) -> tuple[Array, Array, Array]:
@@ -298,11 +298,11 @@ def _svd(matrix: Array) -> tuple[Array, Array, Array]:
     Divide and conquer (gesdd) is faster, but sometimes does not converge for a finite matrix.
     """
     try:
-        found = linalg.svd(matrix, full_matrices=False, check_finite=False)
+        factors = linalg.svd(matrix, full_matrices=False, check_finite=False)
     except linalg.LinAlgError:
-        found = linalg.svd(matrix, full_matrices=False, check_finite=False, lapack_driver="gesvd")
-    left, sizes, vectors = found
-    return left, sizes, vectors
+        factors = linalg.svd(matrix, full_matrices=False, check_finite=False, lapack_driver="gesvd")
+    U, sizes, vectors = factors
+    return U, sizes, vectors
 
 
 @dataclass(frozen=True, eq=False)

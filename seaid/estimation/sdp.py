@@ -94,9 +94,9 @@ class Program:
         first, blocks = [], []
         for body, half in enumerate(np.linalg.inv(self.prior_roots)):
             units = half @ basis @ half.T
-            own = slice(10 * body, 10 * body + 10)
-            first.append(np.tensordot(offset[own], units, 1))
-            blocks.append(np.tensordot(matrix[own].T, units, 1))
+            span = slice(10 * body, 10 * body + 10)
+            first.append(np.tensordot(offset[span], units, 1))
+            blocks.append(np.tensordot(matrix[span].T, units, 1))
         return np.array(first), np.array(blocks)
 
     @cached_property
@@ -116,7 +116,7 @@ class Program:
     def bodies(self, Q: Array) -> Array:
         """Return the parameters (n, 10) of scaled pseudo-inertias."""
         pseudo = self.prior_roots @ Q @ self.prior_roots.transpose(0, 2, 1)
-        return np.array([from_pseudo_inertia(one) for one in pseudo])
+        return np.array([from_pseudo_inertia(inertia) for inertia in pseudo])
 
     def coordinates(self, unknowns: Array) -> Array:
         """Return (u, free unknowns) of unknowns (f,)."""
@@ -284,9 +284,9 @@ def minimum(program: Program, weight: float) -> Minimum:
     """
     start = _start(program, weight)
     for resolved, relative in _ATTEMPTS:
-        found = _search(program, weight, start, resolved, relative)
-        if found is not None:
-            return found
+        optimum = _search(program, weight, start, resolved, relative)
+        if optimum is not None:
+            return optimum
     raise IdentificationError(
         f"the physically consistent bodies nearest to the prior with weight {weight:.3g} were not "
         f"found: the search started {np.sqrt(start.chi_square):.3g} standard errors from the "
@@ -393,13 +393,13 @@ def _direction(
     `predictor` is a step of which `part` of the second-order terms is compensated (Mehrotra 1992).
     """
     blocks, matrix = program.cones[1], program.slack[1]
-    (root, _), (half, other) = point.roots, point.halves
+    (root, _), (half, dual) = point.roots, point.halves
     second_order, product = np.zeros_like(point.Q), np.zeros_like(point.slack)
     if predictor is not None:
         second_order = part * predictor.Z @ predictor.Q @ point.inverse
         product = part * predictor.slack * predictor.multipliers
     upper = root.transpose(0, 2, 1)
-    pull = (weight * upper - targets[0] * half + upper @ second_order) @ other.transpose(0, 2, 1)
+    pull = (weight * upper - targets[0] * half + upper @ second_order) @ dual.transpose(0, 2, 1)
     push = (product - targets[1]) / np.sqrt(point.multipliers * point.slack)
     rest = np.concatenate([pull.ravel(), push, np.sqrt(2.0) * point.x[: point.p]])
     x, decrement = system.solved(rest)
