@@ -54,18 +54,18 @@ def prolonged(
     """Return the relations with their derivatives, up to the order of those in the equations."""
 
     def order(expressions: Iterable[sp.Expr]) -> int:
-        found = (x for x in subexpressions(*expressions) if isinstance(x, sp.Derivative))
-        return max((int(one.derivative_count) for one in found), default=0)
+        derivatives = (x for x in subexpressions(*expressions) if isinstance(x, sp.Derivative))
+        return max((int(derivative.derivative_count) for derivative in derivatives), default=0)
 
     if not relations:
         return []
-    time = {s for one in signals if isinstance(one, AppliedUndef) for s in one.free_symbols}
+    time = {s for x in signals if isinstance(x, AppliedUndef) for s in x.free_symbols}
     highest, result = order((*relations, *equations)), []
     for relation in relations:
         for _ in range(highest - order([relation]) + 1):
             result.append(relation)
             relation = sp.Add(*(relation.diff(t) for t in time))
-    return [one for one in result if one != 0]
+    return [relation for relation in result if relation != 0]
 
 
 def check_closures(ring: Ring, closures: Sequence[Any], relations: Sequence[sp.Expr]) -> None:
@@ -115,15 +115,15 @@ def base_columns(
         while len(samples) < count:
             values = loops.known()
             samples.append((values, loops.echelon(values)[1]))
-        return [(values, found.get(key, 0)) for values, found in samples[:count]]
+        return [(values, factors.get(key, 0)) for values, factors in samples[:count]]
 
-    one = from_polynomial(ring, ring.constant(1))
-    echelon = [{pivot: one} for pivot in pivots]
+    unity = from_polynomial(ring, ring.constant(1))
+    echelon = [{pivot: unity} for pivot in pivots]
     for key, value in entries.items():
         acting = [
             place
-            for group, other in zip(groups, changed, strict=True)
-            if other.get(key) != value or ring.generators[group[0]].is_number
+            for group, factors in zip(groups, changed, strict=True)
+            if factors.get(key) != value or ring.generators[group[0]].is_number
             for place in group
         ]
         echelon[key[0]][key[1]] = _interpolated(loops, acting, partial(sample, key))
@@ -143,9 +143,9 @@ def _loops(ring: Ring, table: _Table, closures: tuple[Any, ...], width: int) -> 
     conjugates = prod(relation.degree for relation in relations)
     for _ in range(_MOST_DRAWS):
         loops = _Loops(ring, table, closures, width, prime, conjugates)
-        found = _solutions(loops, [loops.modular(relation.polynomial) for relation in relations])
+        roots = _solutions(loops, [loops.modular(relation.polynomial) for relation in relations])
         # numbers of a field that is too large are related by sin^2 + cos^2 = 1 only
-        if len(found) >= (conjugates if len(places) == len(relations) else 1):
+        if len(roots) >= (conjugates if len(places) == len(relations) else 1):
             return loops
         prime = sp.prevprime(prime)
     names = ", ".join(str(ring.generators[i]) for i in sorted(places))
@@ -181,12 +181,12 @@ class _Loops:
         free = {i for i, x in enumerate(generators) if isinstance(x, sp.sign)}
         known = set(self.ring.known)
         relations = [r.polynomial for r in self.ring.relations if r.generator not in free | known]
-        found: dict[int, list[fmpz_mod_mpoly]] = {}
-        for one in (*relations, *self.closures):
-            derivatives = [generators[i] for i in _places(one)]
+        levels: dict[int, list[fmpz_mod_mpoly]] = {}
+        for p in (*relations, *self.closures):
+            derivatives = [generators[i] for i in _places(p)]
             orders = [x.derivative_count for x in derivatives if isinstance(x, sp.Derivative)]
-            found.setdefault(max(map(int, orders), default=0), []).append(self.modular(one))
-        return [found.get(level, []) for level in range(max(found) + 1)]
+            levels.setdefault(max(map(int, orders), default=0), []).append(self.modular(p))
+        return [levels.get(level, []) for level in range(max(levels) + 1)]
 
     def modular(self, polynomial: Any) -> Any:
         terms = polynomial.to_dict().items()
@@ -199,7 +199,7 @@ class _Loops:
         """Return the known generators that occur, those that a relation couples together."""
         ratios = [x for row in self.table for _, line in row for x in line.values()]
         polynomials = [*self.closures, *chain(*ratios)]
-        occurring = {i for one in polynomials for i in _places(one)} & set(self.ring.known)
+        occurring = {i for p in polynomials for i in _places(p)} & set(self.ring.known)
         groups = [{i} for i in sorted(occurring)]
         for relation in self.ring.relations:
             coupled = set(_places(relation.polynomial))
@@ -213,8 +213,8 @@ class _Loops:
         relations = [r for r in self.ring.relations if r.generator in self.ring.known]
         fixed = {i: x for i, x in (others or {}).items() if i not in group}
         for _ in range(_MOST_DRAWS):
-            left = [_at(self.modular(r.polynomial), fixed) for r in relations]
-            solutions = _solutions(self, left)
+            polynomials = [_at(self.modular(r.polynomial), fixed) for r in relations]
+            solutions = _solutions(self, polynomials)
             if solutions:
                 drawn = {i: self.random() for i in self.ring.known}
                 return drawn | fixed | self.draw.choice(solutions)
@@ -229,11 +229,11 @@ class _Loops:
 
         The sine and cosine, or the one generator, of `first` are free.
         """
-        polynomials = [_at(one, known) for one in self.levels[0]]
+        polynomials = [_at(p, known) for p in self.levels[0]]
         for _ in range(_MOST_DRAWS):
             drawn = _drawn(self, polynomials, first) if first else {}
-            found = _solutions(self, [_at(one, drawn) for one in polynomials])
-            yield [drawn | rest for rest in found]
+            solutions = _solutions(self, [_at(p, drawn) for p in polynomials])
+            yield [drawn | rest for rest in solutions]
 
     def check_one_motion(self, known: Values) -> list[Values]:
         """Return solutions; raise SymbolicError if they are none, or those of several motions.
@@ -242,13 +242,13 @@ class _Loops:
         """
         angles = [r.polynomial for r in self.ring.relations if r.generator in self.ring.motion]
         result = []
-        moving = {i for one in self.levels[0] for i in _places(one)} - set(self.ring.known)
+        moving = {i for p in self.levels[0] for i in _places(p)} - set(self.ring.known)
         pairs = [pair for pair in map(_places, angles) if moving.issuperset(pair)]
         for first in [(), *pairs, *([i] for i in moving - set(chain(*pairs)))]:
             drawn = zip(range(_DRAWS), self.places_of_motion(known, first), strict=False)
-            found = list(chain(*(several for _, several in drawn)))
-            result += [] if first else found
-            if len(found) > _MOST_MOTIONS * _DRAWS:
+            solutions = list(chain(*(several for _, several in drawn)))
+            result += [] if first else solutions
+            if len(solutions) > _MOST_MOTIONS * _DRAWS:
                 raise SymbolicError(
                     "the relations allow several motions that do not pass into each other, as a "
                     "parallelogram has two; add the relation of the one meant, such as q3 - q1"
@@ -265,7 +265,7 @@ class _Loops:
             [(motion, {j: self._value(x, known) for j, x in row.items()}) for motion, row in rows]
             for rows in self.table
         ]
-        rates = [[_at(one, known) for one in several] for several in self.levels[1:]]
+        rates = [[_at(p, known) for p in level] for level in self.levels[1:]]
         rows: list[list[int]] = []
         for place in chain(start, chain.from_iterable(self.places_of_motion(known))):
             point = self._with_rates(known | place, rates)
@@ -288,10 +288,10 @@ class _Loops:
 
     def _with_rates(self, point: Values, rates: list[list[fmpz_mod_mpoly]]) -> Values | None:
         for polynomials in rates:
-            found = _solutions(self, [_at(one, point) for one in polynomials])
-            if not found:
+            solutions = _solutions(self, [_at(p, point) for p in polynomials])
+            if not solutions:
                 return None
-            point = point | self.draw.choice(found)
+            point = point | self.draw.choice(solutions)
         signs = {
             i: self.draw.choice((1, self.prime - 1))
             for i in self.ring.motion
@@ -301,8 +301,8 @@ class _Loops:
 
     def _value(self, quotient: Ratio, known: Values) -> int:
         above, below = (
-            sum(self.residue(x) * self.power(m, known) for m, x in one.to_dict().items())
-            for one in quotient
+            sum(self.residue(x) * self.power(m, known) for m, x in p.to_dict().items())
+            for p in quotient
         )
         return above * pow(below, -1, self.prime) % self.prime
 
@@ -336,30 +336,30 @@ def _solutions(loops: _Loops, polynomials: Sequence[fmpz_mod_mpoly]) -> list[Val
     One variable is eliminated at a time: by a polynomial in it alone, by one that is linear in it,
     or by resultants.
     """
-    left = list({str(one): one for one in polynomials if not one.is_zero()}.values())
-    if not left:
+    system = list({str(p): p for p in polynomials if not p.is_zero()}.values())
+    if not system:
         return [{}]
-    if any(one.is_constant() for one in left):
+    if any(p.is_constant() for p in system):
         return []
-    occurring = [_places(one) for one in left]
-    for one, places in zip(left, occurring, strict=True):
+    occurring = [_places(p) for p in system]
+    for p, places in zip(system, occurring, strict=True):
         if len(places) == 1:
             return [
                 {places[0]: value} | rest
-                for value in _roots(loops, one, places[0])
-                for rest in _solutions(loops, [_at(other, {places[0]: value}) for other in left])
+                for value in _roots(loops, p, places[0])
+                for rest in _solutions(loops, [_at(q, {places[0]: value}) for q in system])
             ]
-    for one in sorted(left, key=len):
-        for place in _places(one):
-            slope = _constant_slope(one, place)
+    for p in sorted(system, key=len):
+        for place in _places(p):
+            slope = _constant_slope(p, place)
             if slope:
-                return _with_linear(loops, left, one, place, slope)
+                return _with_linear(loops, system, p, place, slope)
     free = sorted(set(chain(*occurring)))
-    if len(left) < len(free):
-        drawn = _drawn(loops, left, free)
-        found = _solutions(loops, [_at(one, drawn) for one in left])
-        return [drawn | rest for rest in found]
-    return _with_resultants(loops, left, free)
+    if len(system) < len(free):
+        drawn = _drawn(loops, system, free)
+        solutions = _solutions(loops, [_at(p, drawn) for p in system])
+        return [drawn | rest for rest in solutions]
+    return _with_resultants(loops, system, free)
 
 
 def _roots(loops: _Loops, polynomial: fmpz_mod_mpoly, place: int) -> list[int]:
@@ -371,21 +371,17 @@ def _roots(loops: _Loops, polynomial: fmpz_mod_mpoly, place: int) -> list[int]:
 
 def _constant_slope(polynomial: fmpz_mod_mpoly, place: int) -> int:
     """Return the coefficient of a variable that occurs once, linearly and alone, or zero."""
-    found = [(m, x) for m, x in polynomial.to_dict().items() if m[place]]
-    return int(found[0][1]) if len(found) == 1 and sum(found[0][0]) == 1 else 0
+    terms = [(m, x) for m, x in polynomial.to_dict().items() if m[place]]
+    return int(terms[0][1]) if len(terms) == 1 and sum(terms[0][0]) == 1 else 0
 
 
 def _with_linear(
-    loops: _Loops, left: list[fmpz_mod_mpoly], one: fmpz_mod_mpoly, place: int, slope: int
+    loops: _Loops, system: list[fmpz_mod_mpoly], p: fmpz_mod_mpoly, place: int, slope: int
 ) -> list[Values]:
     gens = list(loops.context.gens())
-    value = gens[place] - one * pow(slope, -1, loops.prime)
+    value = gens[place] - p * pow(slope, -1, loops.prime)
     rule = [*gens[:place], value, *gens[place + 1 :]]
-    others = [
-        other.compose(*rule) if place in _places(other) else other
-        for other in left
-        if other is not one
-    ]
+    others = [q.compose(*rule) if place in _places(q) else q for q in system if q is not p]
     result = []
     for rest in _solutions(loops, others):
         rest = {i: loops.random() for i in _places(value)} | rest
@@ -394,42 +390,42 @@ def _with_linear(
     return result
 
 
-def _drawn(loops: _Loops, left: list[fmpz_mod_mpoly], free: Sequence[int]) -> Values:
+def _drawn(loops: _Loops, system: list[fmpz_mod_mpoly], free: Sequence[int]) -> Values:
     """Return random values of an angle's sine and cosine, or else of one variable."""
     generators = loops.ring.generators
     for place in free:
         x = generators[place]
-        other = loops.ring.index[sp.cos(x.args[0])] if isinstance(x, sp.sin) else -1
-        if other in free and any(set(_places(one)) == {place, other} for one in left):
+        cosine = loops.ring.index[sp.cos(x.args[0])] if isinstance(x, sp.sin) else -1
+        if cosine in free and any(set(_places(p)) == {place, cosine} for p in system):
             t = loops.random()
             below = pow(1 + t * t, -1, loops.prime)
             pair = 2 * t * below, (1 - t * t) * below
-            return {place: pair[0] % loops.prime, other: pair[1] % loops.prime}
+            return {place: pair[0] % loops.prime, cosine: pair[1] % loops.prime}
     return {free[0]: loops.random()}
 
 
-def _with_resultants(loops: _Loops, left: list[fmpz_mod_mpoly], free: list[int]) -> list[Values]:
+def _with_resultants(loops: _Loops, system: list[fmpz_mod_mpoly], free: list[int]) -> list[Values]:
     def cost(place: int) -> tuple[int, int]:
-        degrees = [int(one.degrees()[place]) for one in left]
+        degrees = [int(p.degrees()[place]) for p in system]
         return (sum(degrees), len(degrees)) if sum(map(bool, degrees)) > 1 else (10**6, 0)
 
     place = min(free, key=cost)
     holders = sorted(
-        (one for one in left if one.degrees()[place] > 0),
-        key=lambda one: (int(one.degrees()[place]), len(one)),
+        (p for p in system if p.degrees()[place] > 0),
+        key=lambda p: (int(p.degrees()[place]), len(p)),
     )
-    first, rest = holders[0], [one for one in left if one.degrees()[place] == 0]
-    for other in holders[1:]:
-        common = first.gcd(other)
+    first, rest = holders[0], [p for p in system if p.degrees()[place] == 0]
+    for holder in holders[1:]:
+        common = first.gcd(holder)
         if not common.is_constant():
-            apart = [one for one in left if one is not first and one is not other]
-            split = [first / common, other / common, *apart]
+            apart = [p for p in system if p is not first and p is not holder]
+            split = [first / common, holder / common, *apart]
             return [*_solutions(loops, [common, *apart]), *_solutions(loops, split)]
-        rest.append(first.resultant(other, place))
+        rest.append(first.resultant(holder, place))
     return [
-        found | more
-        for found in _solutions(loops, rest)
-        for more in _solutions(loops, [_at(one, found) for one in holders])
+        solution | more
+        for solution in _solutions(loops, rest)
+        for more in _solutions(loops, [_at(p, solution) for p in holders])
     ]
 
 
@@ -444,13 +440,13 @@ def _interpolated(
             monomials = [*above, *_monomials(ring, places, below)]
             if len(monomials) > _MOST_TERMS:
                 break
-            found = _relation(loops, monomials, len(above), samples(len(monomials) + _MORE_ROWS))
-            if found is not None:
+            factors = _relation(loops, monomials, len(above), samples(len(monomials) + _MORE_ROWS))
+            if factors is not None:
                 sides = (
                     {m: x for m, x in zip(several, numbers, strict=True) if x}
                     for several, numbers in (
-                        (above, found[: len(above)]),
-                        (monomials[len(above) :], found[len(above) :]),
+                        (above, factors[: len(above)]),
+                        (monomials[len(above) :], factors[len(above) :]),
                     )
                 )
                 return ratio(ring, *(ring.context.from_dict(side) for side in sides))
@@ -497,8 +493,8 @@ def _relation(
 
 def _rational(residue: int, prime: int) -> fmpq | None:
     """Return the short fraction that is a residue modulo the prime, by Euclid's algorithm."""
-    left, right, above, below = prime, residue, 0, 1
-    while right > _LONGEST:
-        step = left // right
-        left, right, above, below = right, left - step * right, below, above - step * below
-    return fmpq(right, below) if 0 < abs(below) <= _LONGEST else None
+    a, b, above, below = prime, residue, 0, 1
+    while b > _LONGEST:
+        step = a // b
+        a, b, above, below = b, a - step * b, below, above - step * below
+    return fmpq(b, below) if 0 < abs(below) <= _LONGEST else None

@@ -50,10 +50,10 @@ def grouped(ring: Ring, polynomial: fmpq_mpoly) -> dict[Exponents, dict[Exponent
     """
     sorts = (ring.unknown, ring.motion, ring.known)
     kinds = [[i in places for i in range(len(ring.generators))] for places in sorts]
-    found: dict[Exponents, dict[Exponents, dict[Exponents, fmpq]]] = {}
+    groups: dict[Exponents, dict[Exponents, dict[Exponents, fmpq]]] = {}
     for exponents, value in polynomial.terms():
         unknown, motion, known = (tuple(compress(exponents, kind)) for kind in kinds)
-        found.setdefault(unknown, {}).setdefault(motion, {})[known] = value
+        groups.setdefault(unknown, {}).setdefault(motion, {})[known] = value
     spread: dict[Exponents, Exponents] = {}
     return {
         tuple(map(int, unknown)): {
@@ -65,7 +65,7 @@ def grouped(ring: Ring, polynomial: fmpq_mpoly) -> dict[Exponents, dict[Exponent
             )
             for motion, known in terms.items()
         }
-        for unknown, terms in found.items()
+        for unknown, terms in groups.items()
     }
 
 
@@ -119,7 +119,7 @@ def with_multiples(ring: Ring, rows: Sequence[Row]) -> tuple[Ring, list[Row]]:
     wider = _wider(ring, [x for x in order if x not in ring.index])
     collected: dict[tuple[int, Exponents], dict[Exponents, list[Ratio]]] = {}
     for place, monomial, motion, value in parts:
-        known = Ratio(*(_in(wider, one) for one in value))
+        known = Ratio(*(_in_ring(wider, part) for part in value))
         terms = collected.setdefault((place, monomial), {})
         for (others, functions), factor in expanded[motion].items():
             new = list(others) + [0] * (len(wider.generators) - len(others))
@@ -136,7 +136,7 @@ def with_multiples(ring: Ring, rows: Sequence[Row]) -> tuple[Ring, list[Row]]:
                     for motion, values in collected[place, monomial].items()
                     if not (value := total(wider, values)).numerator.is_zero()
                 },
-                _in(wider, entry.denominator),
+                _in_ring(wider, entry.denominator),
             )
             for monomial, entry in row.items()
         }
@@ -147,7 +147,7 @@ def with_multiples(ring: Ring, rows: Sequence[Row]) -> tuple[Ring, list[Row]]:
 def _high_angles(ring: Ring, rows: Sequence[Row]) -> list[tuple[int, int]]:
     """Return the places (sine, cosine) of the angles with high powers, in no denominator."""
     entries = [entry for row in rows for entry in row.values()]
-    found = []
+    angles = []
     for place in ring.motion:
         sine = ring.generators[place]
         if not isinstance(sine, sp.sin):
@@ -156,8 +156,8 @@ def _high_angles(ring: Ring, rows: Sequence[Row]) -> list[tuple[int, int]]:
         below = max((e.denominator.degrees()[i] for e in entries for i in pair), default=0)
         powers = [sum(motion[i] for i in pair) for entry in entries for motion in entry.terms]
         if max(powers, default=0) > _HIGHEST_POWER and below == 0:
-            found.append(pair)
-    return found
+            angles.append(pair)
+    return angles
 
 
 def _expanded(
@@ -165,16 +165,16 @@ def _expanded(
 ) -> dict[tuple[Exponents, tuple[sp.Expr, ...]], fmpq]:
     """Return {(other exponents, functions of the angles): factor} of a product of powers."""
     others = list(motion)
-    found: dict[tuple[sp.Expr, ...], fmpq] = {(): fmpq(1)}
+    factors: dict[tuple[sp.Expr, ...], fmpq] = {(): fmpq(1)}
     for sine, cosine in angles:
         angle, powers = ring.generators[sine].args[0], (motion[sine], motion[cosine])
         others[sine] = others[cosine] = 0
-        found = {
+        factors = {
             (*functions, *([function] if function != 1 else [])): factor * more
-            for functions, factor in found.items()
+            for functions, factor in factors.items()
             for function, more in _multiples(angle, *powers).items()
         }
-    return {(tuple(others), functions): factor for functions, factor in found.items()}
+    return {(tuple(others), functions): factor for functions, factor in factors.items()}
 
 
 @cache
@@ -189,7 +189,7 @@ def _multiples(angle: sp.Expr, of_sine: int, of_cosine: int) -> dict[sp.Expr, fm
     cos^b x = 2^-b sum over j of binomial(b, j) cos((b - 2 j) x), and
     sin x cos(m x) = (sin((m + 1) x) - sin((m - 1) x)) / 2.
     """
-    found: dict[sp.Expr, fmpq] = {}
+    series: dict[sp.Expr, fmpq] = {}
     for j in range(of_cosine + 1):
         factor, m = fmpq(comb(of_cosine, j), 2**of_cosine), of_cosine - 2 * j
         terms = [(_multiple(sp.cos, abs(m), angle), factor)]
@@ -201,8 +201,8 @@ def _multiples(angle: sp.Expr, of_sine: int, of_cosine: int) -> dict[sp.Expr, fm
                 if n
             ]
         for function, part in terms:
-            found[function] = found.get(function, fmpq(0)) + part
-    return {function: factor for function, factor in found.items() if factor != 0}
+            series[function] = series.get(function, fmpq(0)) + part
+    return {function: factor for function, factor in series.items() if factor != 0}
 
 
 def _wider(ring: Ring, functions: Sequence[sp.Expr]) -> Ring:
@@ -224,18 +224,18 @@ def _wider(ring: Ring, functions: Sequence[sp.Expr]) -> Ring:
             *(
                 place
                 for place in places
-                if any((generators[place].args[0] / one).is_Rational for one in undeclared)
+                if any((generators[place].args[0] / angle).is_Rational for angle in undeclared)
             ),
         ),
         relations=[],
     )
     wider.relations.extend(
-        one._replace(polynomial=_in(wider, one.polynomial)) for one in ring.relations
+        r._replace(polynomial=_in_ring(wider, r.polynomial)) for r in ring.relations
     )
     return wider
 
 
-def _in(wider: Ring, polynomial: fmpq_mpoly) -> fmpq_mpoly:
+def _in_ring(wider: Ring, polynomial: fmpq_mpoly) -> fmpq_mpoly:
     """Return a polynomial of a ring in the one with further generators."""
     more = (0,) * (len(wider.generators) - polynomial.context().nvars())
     return wider.context.from_dict(
@@ -362,7 +362,7 @@ def _is_input(ring: Ring, row: Row, motion: Exponents) -> bool:
     place = motion.index(1)
     signal = ring.generators[place]
     if not isinstance(signal, sp.Symbol | AppliedUndef) or any(
-        other != signal and other.has(signal) for other in ring.generators
+        generator != signal and generator.has(signal) for generator in ring.generators
     ):
         return False
     occurs = sum(m[place] != 0 for entry in row.values() for m in entry.terms)

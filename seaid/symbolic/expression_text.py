@@ -75,10 +75,10 @@ def expression_of(
         tree = ast.parse(plain, mode="eval")
     except (SyntaxError, ValueError, MemoryError, RecursionError):  # of too many brackets
         raise SymbolicError("is not an expression") from None
-    found = _part(tree.body, plain, symbol, functions, 0).expression
-    if not isinstance(found, sp.Expr) or found.has(sp.zoo, sp.oo, sp.nan, sp.I):
-        raise SymbolicError(f"is not an expression but {shortened(str(found))}")
-    return found
+    expression = _part(tree.body, plain, symbol, functions, 0).expression
+    if not isinstance(expression, sp.Expr) or expression.has(sp.zoo, sp.oo, sp.nan, sp.I):
+        raise SymbolicError(f"is not an expression but {shortened(str(expression))}")
+    return expression
 
 
 def _check_tokens(text: str, functions: Mapping[str, object]) -> None:
@@ -110,15 +110,15 @@ def _part(
     if depth > _MOST_DEPTH:
         raise SymbolicError(f"has more than {_MOST_DEPTH} operations within each other")
 
-    def inner(one: ast.expr) -> _Part:
-        return _part(one, text, symbol, functions, depth + 1)
+    def inner(child: ast.expr) -> _Part:
+        return _part(child, text, symbol, functions, depth + 1)
 
     match node:
         case ast.Constant(value=int() | float()) if not isinstance(node.value, bool):
             return _number(Fraction(text[node.col_offset : node.end_col_offset]))
         case ast.Name():
-            found = symbol(node.id)
-            return _Part(found, number=float(found) if found.is_number else None)
+            expression = symbol(node.id)
+            return _Part(expression, number=float(expression) if expression.is_number else None)
         case ast.UnaryOp(op=ast.UAdd()):
             return inner(node.operand)
         case ast.UnaryOp(op=ast.USub()):
@@ -137,23 +137,23 @@ def _number(value: Fraction) -> _Part:
     return _bounded(_Part(number, degree=0, number=_double(float, value)))
 
 
-def _sum(left: _Part, right: _Part) -> _Part:
+def _sum(first: _Part, second: _Part) -> _Part:
     value = None
-    if left.number is not None and right.number is not None:
-        value = left.number + right.number
-    below = left.below * right.below
-    above = left.above * right.below + right.above * left.below
-    degree = max(left.degree, right.degree)
-    return _made(lambda: left.expression + right.expression, above, below, degree, value)
+    if first.number is not None and second.number is not None:
+        value = first.number + second.number
+    below = first.below * second.below
+    above = first.above * second.below + second.above * first.below
+    degree = max(first.degree, second.degree)
+    return _checked_part(lambda: first.expression + second.expression, above, below, degree, value)
 
 
-def _product(left: _Part, right: _Part) -> _Part:
+def _product(first: _Part, second: _Part) -> _Part:
     value = None
-    if left.number is not None and right.number is not None:
-        value = left.number * right.number
-    above, below = left.above * right.above, left.below * right.below
-    degree = left.degree + right.degree
-    return _made(lambda: left.expression * right.expression, above, below, degree, value)
+    if first.number is not None and second.number is not None:
+        value = first.number * second.number
+    above, below = first.above * second.above, first.below * second.below
+    degree = first.degree + second.degree
+    return _checked_part(lambda: first.expression * second.expression, above, below, degree, value)
 
 
 def _power(base: _Part, power: _Part) -> _Part:
@@ -178,16 +178,16 @@ def _power(base: _Part, power: _Part) -> _Part:
     above, below = (math.comb(terms + size - 1, size) for terms in (base.above, base.below))
     if exponent < 0:
         above, below = below, above
-    return _made(lambda: base.expression**exponent, above, below, base.degree * size, value)
+    return _checked_part(lambda: base.expression**exponent, above, below, base.degree * size, value)
 
 
 _MINUS_ONE = _Part(sp.Integer(-1), degree=0, number=-1.0)
 
 _OPERATIONS: Mapping[type[ast.operator], Callable[[_Part, _Part], _Part]] = {
     ast.Add: _sum,
-    ast.Sub: lambda left, right: _sum(left, _product(_MINUS_ONE, right)),
+    ast.Sub: lambda first, second: _sum(first, _product(_MINUS_ONE, second)),
     ast.Mult: _product,
-    ast.Div: lambda left, right: _product(left, _power(right, _MINUS_ONE)),
+    ast.Div: lambda first, second: _product(first, _power(second, _MINUS_ONE)),
     ast.Pow: _power,
 }
 
@@ -196,28 +196,28 @@ def _called(function: Callable[..., sp.Expr], argument: _Part) -> _Part:
     if argument.number is None:
         doubles = isinstance(function, type) and issubclass(function, _OF_SUMS)
         above = 2 ** (argument.above - 1) if doubles else 1
-        return _made(lambda: function(argument.expression), above, 1, 1, None)
+        return _checked_part(lambda: function(argument.expression), above, 1, 1, None)
     if abs(argument.number) > _MOST_ARGUMENT:
         raise SymbolicError(
             f"has a function of a number beyond {_MOST_ARGUMENT:g}: write its value"
         )
-    found = function(argument.expression)
-    value = _double(lambda: complex(found.evalf()))
-    return _bounded(_Part(found, degree=0, number=value))
+    expression = function(argument.expression)
+    value = _double(lambda: complex(expression.evalf()))
+    return _bounded(_Part(expression, degree=0, number=value))
 
 
-def _made(
-    expression: Callable[[], sp.Expr], above: int, below: int, degree: int, value: float | None
+def _checked_part(
+    build: Callable[[], sp.Expr], above: int, below: int, degree: int, value: float | None
 ) -> _Part:
     """Build a part after checking that it is not too large."""
     if max(above, below) > _MOST_TERMS:
         raise SymbolicError(f"has more than {_MOST_TERMS} terms, multiplied out")
     if degree > _MOST_DEGREE:
         raise SymbolicError(f"is of a degree above {_MOST_DEGREE}")
-    found = expression()
-    if value is None and found.is_number:  # as of x - x
-        value = _double(lambda: complex(found.evalf()))
-    return _bounded(_Part(found, above, below, degree, value))
+    expression = build()
+    if value is None and expression.is_number:  # as of x - x
+        value = _double(lambda: complex(expression.evalf()))
+    return _bounded(_Part(expression, above, below, degree, value))
 
 
 def _bounded(part: _Part) -> _Part:
@@ -240,9 +240,9 @@ def _bits(expression: sp.Expr) -> int:
 def _double(value: Callable[..., float | complex], *arguments: object) -> float:
     """Return a real, finite value, or raise SymbolicError."""
     try:
-        found = complex(value(*arguments))
+        number = complex(value(*arguments))
     except (ArithmeticError, TypeError, ValueError):
         raise SymbolicError("is not an expression: a number in it has no finite value") from None
-    if abs(found.imag) > 1e-9 * abs(found):
+    if abs(number.imag) > 1e-9 * abs(number):
         raise SymbolicError("is not an expression: a number in it is not real")
-    return found.real
+    return number.real

@@ -62,8 +62,8 @@ def declared(
     expressions = [scalar("an equation", equation) for equation in listed(equations)]
     signals = tuple(m.expr if isinstance(m, sp.Derivative) else m for m in listed(motion))
     symbols = tuple(listed(unknowns))
-    for kind, given in (("equations", expressions), ("motion", signals), ("unknowns", symbols)):
-        if not given:
+    for kind, values in (("equations", expressions), ("motion", signals), ("unknowns", symbols)):
+        if not values:
             raise SymbolicError(f"{kind} is empty; give at least one")
     for signal in signals:
         if not isinstance(signal, sp.Symbol | AppliedUndef):
@@ -76,25 +76,25 @@ def declared(
     return expressions, signals, symbols
 
 
-def listed(given: Any) -> list[Any]:
+def listed(expressions: Any) -> list[Any]:
     """Return one expression, or several in a list, a tuple or a matrix, as a list."""
-    several = isinstance(given, Iterable | sp.MatrixBase)
-    return list(given) if several and not isinstance(given, str) else [given]
+    several = isinstance(expressions, Iterable | sp.MatrixBase)
+    return list(expressions) if several and not isinstance(expressions, str) else [expressions]
 
 
-def scalar(what: str, given: Any) -> sp.Expr:
+def scalar(what: str, value: Any) -> sp.Expr:
     """Return a scalar sympy expression. Raises SymbolicError naming `what` otherwise."""
     try:
-        found = sp.sympify(given, strict=True)
+        expression = sp.sympify(value, strict=True)
     except sp.SympifyError:
-        found = given
-    if isinstance(found, sp.MatrixBase) and found.shape == (1, 1):
-        found = found[0, 0]
-    if isinstance(found, sp.Eq):
-        found = found.lhs - found.rhs
-    if not isinstance(found, sp.Expr) or found.is_Matrix:
-        raise SymbolicError(f"{what} must be a scalar sympy expression, found {given!r}")
-    return found
+        expression = value
+    if isinstance(expression, sp.MatrixBase) and expression.shape == (1, 1):
+        expression = expression[0, 0]
+    if isinstance(expression, sp.Eq):
+        expression = expression.lhs - expression.rhs
+    if not isinstance(expression, sp.Expr) or expression.is_Matrix:
+        raise SymbolicError(f"{what} must be a scalar sympy expression, found {value!r}")
+    return expression
 
 
 def _check_unknowns(symbols: tuple[sp.Symbol, ...], signals: tuple[sp.Expr, ...]) -> None:
@@ -114,13 +114,13 @@ def _check_names(expressions: Sequence[sp.Expr], declared: Sequence[sp.Expr]) ->
     """Refuse a symbol of the equations with the name, but not the identity, of a declared one."""
     names = {str(x): x for x in declared}
     for number, expression in enumerate(expressions, 1):
-        for found in subexpressions(expression):
-            if not isinstance(found, sp.Symbol | AppliedUndef):
+        for symbol in subexpressions(expression):
+            if not isinstance(symbol, sp.Symbol | AppliedUndef):
                 continue
-            twin = names.get(str(found), found)
-            if twin != found:
+            twin = names.get(str(symbol), symbol)
+            if twin != symbol:
                 raise SymbolicError(
-                    f"equation {number} contains a {found} that is not the declared {twin}: they "
+                    f"equation {number} contains a {symbol} that is not the declared {twin}: they "
                     "share the name but not the assumptions (real, positive ...); create it once "
                     "and use it everywhere"
                 )
@@ -136,22 +136,22 @@ def without_dependent(
 
     The rest are the relations that give no signal, as loop closures, without those signals too.
     """
-    found = list(expressions)
-    left = [prepared(scalar("a relation", one)) for one in listed(relations)]
-    for one in left:
-        if one.free_symbols.intersection(unknowns):
+    equations = list(expressions)
+    rest = [prepared(scalar("a relation", relation)) for relation in listed(relations)]
+    for relation in rest:
+        if relation.free_symbols.intersection(unknowns):
             raise SymbolicError(
-                f"the relation {shortened(one)} = 0 contains an unknown; relations are between "
-                "signals, with known constants: give it as an equation"
+                f"the relation {shortened(relation)} = 0 contains an unknown; relations are "
+                "between signals, with known constants: give it as an equation"
             )
-    while solved := next(filter(None, (_solved(one, signals) for one in left)), None):
+    while solved := next(filter(None, (_solved(relation, signals) for relation in rest)), None):
         used, rule = solved
-        found, left = (
-            [prepared(one.xreplace(rule)) for one in several]
-            for several in (found, [one for one in left if one is not used])
+        equations, rest = (
+            [prepared(x.xreplace(rule)) for x in several]
+            for several in (equations, [x for x in rest if x is not used])
         )
-        left = [one for one in left if sp.expand(one, trig=True) != 0]
-    return found, left
+        rest = [relation for relation in rest if sp.expand(relation, trig=True) != 0]
+    return equations, rest
 
 
 def _solved(
@@ -159,7 +159,7 @@ def _solved(
 ) -> tuple[sp.Expr, dict[sp.Expr, sp.Expr]] | None:
     """Return the relation and {signal: its value}, for the last signal that it determines."""
     for signal in reversed(signals):
-        if any(one.expr == signal for one in relation.atoms(sp.Derivative)):
+        if any(derivative.expr == signal for derivative in relation.atoms(sp.Derivative)):
             continue
         x = sp.Dummy("x")
         inside = relation.xreplace({signal: x})
@@ -215,7 +215,7 @@ def _with_inputs(ring: Ring, equations: Sequence[Ratio], closures: int) -> Ring:
     symbols = {i for i in ring.known if ring.generators[i].is_Symbol}
     for place in tuple(symbols):
         x = ring.generators[place]
-        if any(other != x and other.has(x) for other in ring.generators):
+        if any(generator != x and generator.has(x) for generator in ring.generators):
             symbols.discard(place)
     acting = {*ring.motion, *ring.unknown}
     for numerator, _ in equations[len(equations) - closures :]:
@@ -223,14 +223,14 @@ def _with_inputs(ring: Ring, equations: Sequence[Ratio], closures: int) -> Ring:
     for numerator, denominator in equations:
         symbols -= {i for i, degree in enumerate(denominator.degrees()) if degree > 0}
         for exponents in numerator.monoms():
-            there = {i for i, e in enumerate(exponents) if e}
-            if there & acting or max(exponents) > 1:
-                symbols -= there
+            present = {i for i, e in enumerate(exponents) if e}
+            if present & acting or max(exponents) > 1:
+                symbols -= present
     for numerator, _ in equations:
         for exponents in numerator.monoms():
-            there = {i for i, e in enumerate(exponents) if e} & symbols
-            if len(there) > 1:
-                symbols -= there
+            present = {i for i, e in enumerate(exponents) if e} & symbols
+            if len(present) > 1:
+                symbols -= present
     return replace(
         ring,
         motion=tuple(sorted({*ring.motion, *symbols})),
@@ -340,14 +340,14 @@ def _read_circular(ring: Ring, function: sp.Expr, memory: Memory) -> Ratio:
         cosine, sine = (ring.generator(f(part / unit)) for f in (sp.cos, sp.sin))
         step = (cosine, sine if times > 0 else -sine)
         pair = _turned(ring, pair, _times(ring, step, abs(times)))
-    c, s, one = (from_polynomial(ring, x) for x in (*pair, ring.constant(1)))
+    c, s, unity = (from_polynomial(ring, x) for x in (*pair, ring.constant(1)))
     above, below = {
-        sp.sin: (s, one),
-        sp.cos: (c, one),
+        sp.sin: (s, unity),
+        sp.cos: (c, unity),
         sp.tan: (s, c),
         sp.cot: (c, s),
-        sp.sec: (one, c),
-        sp.csc: (one, s),
+        sp.sec: (unity, c),
+        sp.csc: (unity, s),
     }[function.func]
     return quotient(ring, above, below)
 
@@ -355,9 +355,9 @@ def _read_circular(ring: Ring, function: sp.Expr, memory: Memory) -> Ratio:
 Pair = tuple[fmpq_mpoly, fmpq_mpoly]
 
 
-def _turned(ring: Ring, left: Pair, right: Pair) -> Pair:
+def _turned(ring: Ring, first: Pair, second: Pair) -> Pair:
     """Return cosine and sine of the sum of two angles."""
-    (c, s), (d, t) = left, right
+    (c, s), (d, t) = first, second
     return (
         multiply(ring, c, d) - multiply(ring, s, t),
         multiply(ring, s, d) + multiply(ring, c, t),
@@ -414,7 +414,7 @@ def _relation(
     least = 1 if degrees else _degree(ring.generators[place])
     for degree in range(least, MOST_DEGREES // size + 1):
         powers = itertools.product(*map(range, (*degrees, degree)))
-        terms = [_exponents(ring, (*below, place), one) for one in powers]
+        terms = [_exponents(ring, (*below, place), exponents) for exponents in powers]
         terms.append(_exponents(ring, (place,), (degree,)))
         factors = _integer_relation(ring, terms)
         if factors is not None:
@@ -448,9 +448,9 @@ def _integer_relation(ring: Ring, terms: Sequence[Exponents]) -> list[int] | Non
             for i, value in enumerate(values)
         ]
         shortest = [int(x) for x in fmpz_mat(lattice).lll().tolist()[0]][:-1]
-        left = abs(mp.fdot(shortest, values))
+        error = abs(mp.fdot(shortest, values))
         is_short = max(map(abs, shortest)) < 10 ** (_DIGITS_PER_TERM // 2)
-        return shortest if is_short and shortest[-1] and left < mpf(10) ** (-2 * digits) else None
+        return shortest if is_short and shortest[-1] and error < mpf(10) ** (-2 * digits) else None
 
 
 def _value(ring: Ring, term: Exponents) -> mpf:

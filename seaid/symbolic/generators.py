@@ -78,28 +78,28 @@ def find_functions(
 
 def subexpressions(*expressions: sp.Basic) -> set[sp.Basic]:
     """Return the set of all subexpressions; shared ones are visited once."""
-    found: set[sp.Basic] = set()
+    parts: set[sp.Basic] = set()
     waiting = list(expressions)
     while waiting:
         part = waiting.pop()
-        if part not in found:
-            found.add(part)
+        if part not in parts:
+            parts.add(part)
             waiting += part.args
-    return found
+    return parts
 
 
 def prepared(expression: sp.Expr) -> sp.Expr:
     """Evaluate derivatives of composite expressions, and read floats as decimals."""
-    found = subexpressions(expression)
+    parts = subexpressions(expression)
     composite = {
         part: part.doit()
-        for part in found
+        for part in parts
         if isinstance(part, sp.Derivative) and not isinstance(part.expr, AppliedUndef)
     }
     if composite:
         expression = expression.xreplace(composite)
-        found = subexpressions(expression)
-    return expression.xreplace({x: _decimal(x) for x in found if x.is_Float})
+        parts = subexpressions(expression)
+    return expression.xreplace({x: _decimal(x) for x in parts if x.is_Float})
 
 
 _SHORT_DIGITS = 12
@@ -123,14 +123,14 @@ _NO_INSTANT = (sp.Integral, sp.Sum, sp.Product, sp.Limit)
 
 def check_instantaneous(expression: sp.Expr) -> None:
     """Refuse complex numbers, and integrals, which have no value at an instant."""
-    found = subexpressions(expression)
-    unreal = [x for x in found if x == sp.I or isinstance(x, _COMPLEX) or _is_unreal(x)]
+    parts = subexpressions(expression)
+    unreal = [x for x in parts if x == sp.I or isinstance(x, _COMPLEX) or _is_unreal(x)]
     if unreal:
         raise SymbolicError(
             f"found {min(map(str, unreal))}; only real equations are allowed: write sines and "
             "cosines instead of exp(I x), and make the symbols real"
         )
-    summed = [str(x) for x in found if isinstance(x, _NO_INSTANT)]
+    summed = [str(x) for x in parts if isinstance(x, _NO_INSTANT)]
     if summed:
         raise SymbolicError(
             f"found {min(summed)}, which has no value at an instant of the motion; give it as a "
@@ -280,7 +280,7 @@ def _ring(scan: _Scan, max_terms: int) -> Ring:
     order = _generators(scan)
     kinds = [_kind(scan, x) for x in order]
     places = {
-        kind: tuple(i for i, found in enumerate(kinds) if found == kind)
+        kind: tuple(i for i, k in enumerate(kinds) if k == kind)
         for kind in ("motion", "unknown", "known")
     }
     return Ring(

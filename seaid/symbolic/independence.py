@@ -52,12 +52,12 @@ def independent_functions(
     replaced: dict[Exponents, Combination] = {f: {f: fmpq(1)} for f in functions}
     relations: list[tuple[sp.Expr, sp.Expr]] = []
     for group in _groups(ring):
-        found = _dependences(ring, group, set(chain(*replaced.values())))
-        if found:
-            relations += [_relation(ring, *dependence) for dependence in found.items()]
-            replaced = {f: _rewritten(old, group, found) for f, old in replaced.items()}
+        dependences = _dependences(ring, group, set(chain(*replaced.values())))
+        if dependences:
+            relations += [_relation(ring, *dependence) for dependence in dependences.items()]
+            replaced = {f: _rewritten(old, group, dependences) for f, old in replaced.items()}
     if relations:
-        text = "; ".join(f"{left} = {right}" for left, right in relations)
+        text = "; ".join(f"{lhs} = {rhs}" for lhs, rhs in relations)
         warnings.warn(
             f"functions of the motion depend on each other, found at random points: {text}; the "
             "left sides were replaced by the right ones",
@@ -98,20 +98,20 @@ def _part(function: Exponents, group: tuple[int, ...]) -> Exponents:
 
 
 def _rewritten(
-    combination: Combination, group: tuple[int, ...], found: Mapping[Exponents, Combination]
+    combination: Combination, group: tuple[int, ...], dependences: Mapping[Exponents, Combination]
 ) -> Combination:
-    """Replace the dependent functions of a group by the combinations in `found`."""
+    """Replace the dependent functions of a group by the combinations in `dependences`."""
     result: Combination = {}
     for function, factor in combination.items():
-        own = _part(function, group)
-        for part, times in found.get(own, {own: fmpq(1)}).items():
-            other = tuple(f - o + p for f, o, p in zip(function, own, part, strict=True))
-            result[other] = result.get(other, fmpq(0)) + factor * times
+        old = _part(function, group)
+        for part, times in dependences.get(old, {old: fmpq(1)}).items():
+            new = tuple(f - o + p for f, o, p in zip(function, old, part, strict=True))
+            result[new] = result.get(new, fmpq(0)) + factor * times
     return {function: factor for function, factor in result.items() if factor != 0}
 
 
-def _relation(ring: Ring, part: Exponents, found: Combination) -> tuple[sp.Expr, sp.Expr]:
-    right = (term_to_sympy(ring, other, factor) for other, factor in found.items())
+def _relation(ring: Ring, part: Exponents, combination: Combination) -> tuple[sp.Expr, sp.Expr]:
+    right = (term_to_sympy(ring, function, factor) for function, factor in combination.items())
     return term_to_sympy(ring, part), sp.Add(*right)
 
 
@@ -147,11 +147,11 @@ def _dependences(
         with ctx.workdps(digits + _FEW_DIGITS):
             checks = _balls(fresh, digits)
             table += _balls(rows, digits)
-            found = _eliminated(table)
-            if all(_holds(row, *dependence) for row in checks for dependence in found.items()):
+            dependent = _eliminated(table)
+            if all(_holds(row, *dependence) for row in checks for dependence in dependent.items()):
                 return {
                     parts[column]: _confirmed(ring, parts, column, factors, checks)
-                    for column, factors in found.items()
+                    for column, factors in dependent.items()
                 }
             table += checks
         digits = min(2 * digits, _MOST_DIGITS)
@@ -174,9 +174,9 @@ def _balls(rows: list[_Row], digits: int) -> list[_Balls]:
 def _holds(row: _Balls, column: int, factors: Mapping[int, arb]) -> bool:
     """Whether a dependence holds at a point, to a quarter of the digits of its largest term."""
     terms = [row[column], *(-factor * row[j] for j, factor in factors.items())]
-    left = sum(terms, arb(0))
+    residual = sum(terms, arb(0))
     largest = max(float(_size(x)) for x in terms)
-    return bool(left.contains(0)) and _size(left.abs_upper()) <= largest - ctx.prec / 4
+    return bool(residual.contains(0)) and _size(residual.abs_upper()) <= largest - ctx.prec / 4
 
 
 def _size(number: arb) -> float:
@@ -193,16 +193,16 @@ def _confirmed(
     fresh: list[_Balls],
 ) -> Combination:
     """Return a dependence with rational factors, if it also holds at the points `fresh`."""
-    short = {other: _short_rational(factor) for other, factor in factors.items()}
-    exact = {other: arb(factor) for other, factor in short.items()}
+    short = {j: _short_rational(factor) for j, factor in factors.items()}
+    exact = {j: arb(factor) for j, factor in short.items()}
     if not all(_holds(row, column, exact) for row in fresh):
-        names = ", ".join(str(term_to_sympy(ring, parts[other])) for other in short)
+        names = ", ".join(str(term_to_sympy(ring, parts[j])) for j in short)
         raise SymbolicError(
             f"the function {term_to_sympy(ring, parts[column])} of the motion depends on "
             f"{names} with factors that are not short rational numbers; write the equations "
             "with one of these functions less"
         )
-    return {parts[other]: factor for other, factor in short.items()}
+    return {parts[j]: factor for j, factor in short.items()}
 
 
 def _evaluated(
@@ -212,22 +212,22 @@ def _evaluated(
 
     There are `count` points of ordinary size, and as many at which arguments of functions are.
     """
-    found: list[_Row] = []
+    rows: list[_Row] = []
     with mp.workdps(digits):
         for drawn, wanted in ((points.ordinary(count), count), (points.alive(count), 2 * count)):
             for point in drawn:
                 values = points.values(point, digits)
                 if values is not None:
                     powers = list(zip(group, values, strict=True))
-                    found.append(
+                    rows.append(
                         [
                             mp.fprod(x ** int(part[i]) for i, x in powers if part[i])
                             for part in parts
                         ]
                     )
-                if len(found) >= wanted:
+                if len(rows) >= wanted:
                     break
-    return found if len(found) >= count else None
+    return rows if len(rows) >= count else None
 
 
 @dataclass(eq=False)
@@ -253,10 +253,10 @@ class _Points:
         expressions = [x.xreplace(plain) for x in self.expressions]
         if any(x.has(AppliedUndef, sp.Derivative) for x in expressions):
             return None
-        found: Callable[..., list[Any]] = sp.lambdify(
+        function: Callable[..., list[Any]] = sp.lambdify(
             list(plain.values()), expressions, ["mpmath", "sympy"]
         )
-        return found
+        return function
 
     def values(self, point: _Point, digits: int) -> list[mpf] | None:
         """Return the values at a point, or None if they are not real.
@@ -327,17 +327,17 @@ def _number(value: Any) -> Any:
 
 def _arguments(expressions: Iterable[sp.Expr]) -> set[sp.Expr]:
     """Return what functions are taken of: of Max the differences, of conditions both sides'."""
-    found: set[sp.Expr] = set()
+    arguments: set[sp.Expr] = set()
     for part in subexpressions(*expressions):
         if isinstance(part, sp.Max | sp.Min):
-            found |= {left - right for left, right in combinations(part.args, 2)}
+            arguments |= {a - b for a, b in combinations(part.args, 2)}
         elif isinstance(part, sp.core.relational.Relational):
-            found.add(part.lhs - part.rhs)
+            arguments.add(part.lhs - part.rhs)
         elif part.is_Pow and not part.exp.is_Integer:
-            found |= {part.base, part.exp}
+            arguments |= {part.base, part.exp}
         elif part.is_Function and not isinstance(part, AppliedUndef | sp.Piecewise):
-            found.update(part.args)
-    return {x for x in found if isinstance(x, sp.Expr) and x.free_symbols}
+            arguments.update(part.args)
+    return {x for x in arguments if isinstance(x, sp.Expr) and x.free_symbols}
 
 
 _GRID = [sign * 10.0 ** (k / 4) for sign in (-1, 1) for k in range(-48, 49)]
@@ -360,7 +360,7 @@ def _real_roots(expression: sp.Expr, signal: sp.Expr) -> list[sp.Rational]:
         except _NO_VALUE:
             return None
 
-    found = []
+    zeros = []
     grid = sorted(_GRID)
     signs = [sign(at) for at in grid]
     for low, high, first, last in zip(grid, grid[1:], signs, signs[1:], strict=False):
@@ -369,8 +369,8 @@ def _real_roots(expression: sp.Expr, signal: sp.Expr) -> list[sp.Rational]:
             for _ in range(100):
                 middle = (ends[0] + ends[1]) / 2
                 ends[int(sign(middle) != first)] = middle
-            found.append(sp.Rational(str(mp.nstr(ends[0], 25))))
-    return found
+            zeros.append(sp.Rational(str(mp.nstr(ends[0], 25))))
+    return zeros
 
 
 def _eliminated(table: list[_Balls]) -> dict[int, dict[int, arb]]:

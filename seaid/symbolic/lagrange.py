@@ -77,7 +77,7 @@ def equations_of_motion(
     _check_functions({"the Lagrangian": energy, "the dissipation": loss}, signals, known)
     _check_derivatives(signals, (energy, loss, *applied))
     in_time: _Rule = {time: sp.Integer(1)}
-    rates = _found(energy, sp.Derivative)
+    rates = _parts(energy, sp.Derivative)
     highest = max((int(x.derivative_count) for x in rates), default=0)
     for signal in (*signals, *known):
         in_time |= {signal.diff(time, k): signal.diff(time, k + 1) for k in range(highest + 1)}
@@ -140,10 +140,10 @@ def _derived_function(function: sp.Expr, rule: _Rule) -> sp.Expr:
 
 
 def _functions(
-    kind: str, given: Iterable[sp.Expr], others: tuple[sp.Expr, ...] = ()
+    kind: str, functions: Iterable[sp.Expr], others: tuple[sp.Expr, ...] = ()
 ) -> tuple[sp.Expr, ...]:
     """Check the coordinates or the inputs, which are not among the `others`, and return them."""
-    signals = tuple(listed(given))
+    signals = tuple(listed(functions))
     for place, signal in enumerate(signals):
         ok = isinstance(signal, AppliedUndef) and len(signal.args) == 1
         if not (ok and signal.args[0].is_Symbol):
@@ -167,27 +167,27 @@ def _check_functions(
     """Refuse functions of time that are not declared, and accelerations of coordinates."""
     allowed = ", ".join(map(str, signals))
     for what, energy in energies.items():
-        for found in _found(energy, AppliedUndef):
-            if found not in (*signals, *inputs) and signals[0].args[0] in found.args:
+        for function in _parts(energy, AppliedUndef):
+            if function not in (*signals, *inputs) and signals[0].args[0] in function.args:
                 raise SymbolicError(
-                    f"{what} contains {found}, which is not declared; the coordinates are "
-                    f"{allowed}; add {found} to them, or to inputs= if its motion is prescribed, "
-                    "or make it a symbol if it is constant"
+                    f"{what} contains {function}, which is not declared; the coordinates are "
+                    f"{allowed}; add {function} to them, or to inputs= if its motion is "
+                    "prescribed, or make it a symbol if it is constant"
                 )
-        for found in _found(energy, sp.Derivative):
-            if found.expr in signals and found.derivative_count > 1:
+        for derivative in _parts(energy, sp.Derivative):
+            if derivative.expr in signals and derivative.derivative_count > 1:
                 raise SymbolicError(
-                    f"{what} contains {found}; only coordinates and their first derivatives are "
-                    "allowed in it"
+                    f"{what} contains {derivative}; only coordinates and their first derivatives "
+                    "are allowed in it"
                 )
 
 
-def _found(expression: sp.Expr, kind: type[sp.Basic]) -> list[sp.Expr]:
+def _parts(expression: sp.Expr, kind: type[sp.Basic]) -> list[sp.Expr]:
     return sorted((x for x in subexpressions(expression) if isinstance(x, kind)), key=str)
 
 
 def _check_derivatives(signals: Sequence[sp.Expr], expressions: Sequence[sp.Expr]) -> None:
-    moving = {d.expr for expression in expressions for d in _found(expression, sp.Derivative)}
+    moving = {d.expr for expression in expressions for d in _parts(expression, sp.Derivative)}
     for signal in signals:
         if signal not in moving:
             raise SymbolicError(

@@ -126,7 +126,7 @@ def _rationalised(
             # the conjugate of a + b x with x^2 + l x + c = 0 is a - b l - b x
             a, b, zero = parts.get(0, ring.constant(0)), parts[1], ring.constant(0)
             factor = a - multiply(ring, b, powers.get(1, zero)) - x * b
-        elif all(one.is_constant() for one in (*parts.values(), *powers.values())):
+        elif all(part.is_constant() for part in (*parts.values(), *powers.values())):
             factor = _inverse(ring, place, parts, powers)
         else:
             continue
@@ -157,28 +157,28 @@ def collect(ring: Ring, polynomial: fmpq_mpoly, place: int) -> dict[int, fmpq_mp
     return {power: ring.context.from_dict(terms) for power, terms in parts.items()}
 
 
-def multiply(ring: Ring, left: fmpq_mpoly, right: fmpq_mpoly) -> fmpq_mpoly:
-    """Return left * right, reduced. Raises SymbolicError before `max_terms` is exceeded."""
-    if len(left) < len(right):
-        left, right = right, left
-    products = len(left) * len(right)
+def multiply(ring: Ring, a: fmpq_mpoly, b: fmpq_mpoly) -> fmpq_mpoly:
+    """Return a * b, reduced. Raises SymbolicError before `max_terms` is exceeded."""
+    if len(a) < len(b):
+        a, b = b, a
+    products = len(a) * len(b)
     if products <= ring.max_terms:
-        return reduced(ring, left * right)
+        return reduced(ring, a * b)
     if products > _PRODUCTS_PER_TERM * ring.max_terms:
-        raise _too_large(ring, f"a product of {len(left)} by {len(right)} terms")
-    terms = list(left.terms())
-    step = max(1, ring.max_terms // len(right))
+        raise _too_large(ring, f"a product of {len(a)} by {len(b)} terms")
+    terms = list(a.terms())
+    step = max(1, ring.max_terms // len(b))
     total = ring.constant(0)
     for start in range(0, len(terms), step):
-        total += reduced(ring, ring.context.from_dict(dict(terms[start : start + step])) * right)
+        total += reduced(ring, ring.context.from_dict(dict(terms[start : start + step])) * b)
         if len(total) > ring.max_terms:
-            raise _too_large(ring, f"a product of {len(left)} by {len(right)} terms")
+            raise _too_large(ring, f"a product of {len(a)} by {len(b)} terms")
     return total
 
 
-def _too_large(ring: Ring, found: str) -> SymbolicError:
+def _too_large(ring: Ring, what: str) -> SymbolicError:
     return SymbolicError(
-        f"the equations are too large: {found} goes beyond max_terms={ring.max_terms}; raise "
+        f"the equations are too large: {what} goes beyond max_terms={ring.max_terms}; raise "
         "max_terms (about 500 bytes a term), or write the equations with fewer symbols"
     )
 
@@ -193,33 +193,33 @@ def reduced(ring: Ring, polynomial: fmpq_mpoly) -> fmpq_mpoly:
     return polynomial
 
 
-def product(ring: Ring, left: Ratio, right: Ratio) -> Ratio:
-    """Return left * right."""
-    numerator = multiply(ring, left.numerator, right.numerator)
-    if left.denominator.is_one() and right.denominator.is_one():
-        return Ratio(numerator, left.denominator)
-    return ratio(ring, numerator, multiply(ring, left.denominator, right.denominator))
+def product(ring: Ring, a: Ratio, b: Ratio) -> Ratio:
+    """Return a * b."""
+    numerator = multiply(ring, a.numerator, b.numerator)
+    if a.denominator.is_one() and b.denominator.is_one():
+        return Ratio(numerator, a.denominator)
+    return ratio(ring, numerator, multiply(ring, a.denominator, b.denominator))
 
 
-def quotient(ring: Ring, left: Ratio, right: Ratio) -> Ratio:
-    """Return left / right."""
-    return product(ring, left, ratio(ring, right.denominator, right.numerator))
+def quotient(ring: Ring, a: Ratio, b: Ratio) -> Ratio:
+    """Return a / b."""
+    return product(ring, a, ratio(ring, b.denominator, b.numerator))
 
 
 def total(ring: Ring, parts: Iterable[Ratio]) -> Ratio:
     """Return the sum, added in pairs so that long sums stay cheap."""
-    left = list(parts) or [from_polynomial(ring, ring.constant(0))]
-    while len(left) > 1:
-        pairs = [_sum(ring, *left[i : i + 2]) for i in range(0, len(left) - 1, 2)]
-        left = pairs + left[2 * len(pairs) :]
-    if len(left[0].numerator) > ring.max_terms:
-        raise _too_large(ring, f"a sum of {len(left[0].numerator)} terms")
-    return left[0]
+    summands = list(parts) or [from_polynomial(ring, ring.constant(0))]
+    while len(summands) > 1:
+        pairs = [_sum(ring, *summands[i : i + 2]) for i in range(0, len(summands) - 1, 2)]
+        summands = pairs + summands[2 * len(pairs) :]
+    if len(summands[0].numerator) > ring.max_terms:
+        raise _too_large(ring, f"a sum of {len(summands[0].numerator)} terms")
+    return summands[0]
 
 
-def _sum(ring: Ring, left: Ratio, right: Ratio) -> Ratio:
-    a, b = left
-    c, d = right
+def _sum(ring: Ring, p: Ratio, q: Ratio) -> Ratio:
+    a, b = p
+    c, d = q
     if b.is_one() and d.is_one():
         return Ratio(a + c, b)
     common = b.gcd(d)
@@ -233,8 +233,8 @@ def power(ring: Ring, base: Ratio, exponent: int) -> Ratio:
         base, exponent = ratio(ring, base.denominator, base.numerator), -exponent
     if len(base.numerator) == 1 and base.denominator.is_one():
         return Ratio(reduced(ring, base.numerator**exponent), base.denominator)
-    one = from_polynomial(ring, ring.constant(1))
-    return by_doubling(partial(product, ring), base, exponent, one)
+    unity = from_polynomial(ring, ring.constant(1))
+    return by_doubling(partial(product, ring), base, exponent, unity)
 
 
 def by_doubling(combine: Callable[[Part, Part], Part], part: Part, times: int, none: Part) -> Part:

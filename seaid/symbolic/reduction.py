@@ -52,7 +52,7 @@ def eliminate(
     `rows` are sparse, {column: value}, of `width` columns; the pivots are the leftmost possible.
     Rows that differ only by a factor count once.
     """
-    different = _different(_primitive(ring, _cleared(ring, row)) for row in rows)
+    different = _distinct_rows(_primitive(ring, _cleared(ring, row)) for row in rows)
     if all(value.is_constant() for row in different for value in row.values()):
         echelon = _rational(ring, different, width)
     else:
@@ -91,10 +91,10 @@ def _primitive(ring: Ring, row: PolynomialRow) -> PolynomialRow:
     return {column: value / common for column, value in row.items()}
 
 
-def _different(rows: Iterable[PolynomialRow]) -> list[PolynomialRow]:
-    found = {tuple((column, str(value)) for column, value in row.items()): row for row in rows}
-    found.pop((), None)
-    return list(found.values())
+def _distinct_rows(rows: Iterable[PolynomialRow]) -> list[PolynomialRow]:
+    distinct = {tuple((column, str(value)) for column, value in row.items()): row for row in rows}
+    distinct.pop((), None)
+    return list(distinct.values())
 
 
 def _rational(ring: Ring, rows: list[PolynomialRow], width: int) -> list[PolynomialRow]:
@@ -123,7 +123,7 @@ def _triangular(ring: Ring, rows: list[PolynomialRow], width: int) -> list[Polyn
         done.append(pivot)
         rest = [row for row in rows if column not in row]
         combined = (_combined(ring, row, pivot, column) for row in holders if row is not pivot)
-        rows = _different([*rest, *combined])
+        rows = _distinct_rows([*rest, *combined])
     return done
 
 
@@ -311,12 +311,12 @@ def _warn_of_cancelled(
     with mp.workdps(_DIGITS):
         table = [[_at(row[j], known) if j in row else mpf(0) for j in pivots] for row in rows]
     H = np.array([[x / max(map(abs, row)) for x in row] for row in table if any(row)], dtype=float)
-    left = np.abs(np.diag(np.linalg.qr(H / np.linalg.norm(H, axis=0), mode="r")))
-    for place in np.flatnonzero(left < _CANCELLED):
+    remaining = np.abs(np.diag(np.linalg.qr(H / np.linalg.norm(H, axis=0), mode="r")))
+    for place in np.flatnonzero(remaining < _CANCELLED):
         warnings.warn(
             f"{parameters[int(place)]} is identifiable only because numbers that nearly cancel do "
             f"not: its column differs from a combination of the columns before it by "
-            f"{left[place]:.1g} of its size; write rounded numbers exactly, such as "
+            f"{remaining[place]:.1g} of its size; write rounded numbers exactly, such as "
             "Rational(1, 3), sqrt(2) or pi",
             SeaidWarning,
             stacklevel=3,
@@ -379,18 +379,18 @@ def _table(ring: Ring, row: Row, monomials: Sequence[Exponents]) -> _Table:
     below = to_sympy(ring, common)
     table: _Table = {}
     for column, entry in entries:
-        for motion, value in _over(ring, entry, common).items():
+        for motion, value in _terms_over(ring, entry, common).items():
             table.setdefault((below, motion), {})[column] = value
     return table
 
 
-def _over(ring: Ring, entry: Entry, common: fmpq_mpoly) -> Mapping[Exponents, Ratio]:
+def _terms_over(ring: Ring, entry: Entry, common: fmpq_mpoly) -> Mapping[Exponents, Ratio]:
     """Return the terms of an element of R over the common denominator of its row."""
     if entry.denominator == common:
         return entry.terms
-    one = ring.constant(1)
+    unity = ring.constant(1)
     terms = (
-        Ratio(value.numerator * ring.context.term(one.coefficient(0), motion), value.denominator)
+        Ratio(value.numerator * ring.context.term(unity.coefficient(0), motion), value.denominator)
         for motion, value in entry.terms.items()
     )
     factor = from_polynomial(ring, common / entry.denominator)
@@ -407,9 +407,9 @@ def _replaced(
         return table
     parts: dict[tuple[_Function, int], list[Ratio]] = defaultdict(list)
     for (below, motion), row in table.items():
-        for other, factor in replaced.get(motion, {motion: fmpq(1)}).items():
+        for independent, factor in replaced.get(motion, {motion: fmpq(1)}).items():
             for column, (numerator, denominator) in row.items():
-                parts[(below, other), column].append(Ratio(factor * numerator, denominator))
+                parts[(below, independent), column].append(Ratio(factor * numerator, denominator))
     result: _Table = defaultdict(dict)
     for (function, column), ratios in parts.items():
         value = total(ring, ratios)

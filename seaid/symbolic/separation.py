@@ -174,11 +174,11 @@ def separate(
 
 def _with_phases(ring: Ring, unknowns: tuple[sp.Symbol, ...]) -> tuple[sp.Expr, ...]:
     """Return the unknowns, with cos(phi) and sin(phi) for an unknown phi inside of them."""
-    found: list[sp.Expr] = []
+    expanded: list[sp.Expr] = []
     for unknown in unknowns:
         within = [x for x in (ring.generators[i] for i in ring.unknown) if x.has(unknown)]
-        found += sorted(within, key=str) or [unknown]
-    return tuple(dict.fromkeys(found))
+        expanded += sorted(within, key=str) or [unknown]
+    return tuple(dict.fromkeys(expanded))
 
 
 def _lumped(unknowns: Sequence[sp.Expr], monomial: Exponents) -> sp.Expr:
@@ -193,7 +193,7 @@ def _grouped(
     groups = grouped(ring, equation.numerator)
     shift = quotients
     if not sums.is_constant():
-        shift = _cleared(ring, groups, quotients, sums, expression)
+        shift = _clearing_shift(ring, groups, quotients, sums, expression)
     places = [unknowns.index(ring.generators[i]) for i in ring.unknown]
     entries = {}
     for exponents, terms in groups.items():
@@ -223,7 +223,7 @@ def _denominators(ring: Ring, denominator: fmpq_mpoly) -> tuple[Exponents, fmpq_
     return tuple(product), sums, motion
 
 
-def _cleared(
+def _clearing_shift(
     ring: Ring,
     groups: Container[Exponents],
     quotients: Exponents,
@@ -260,17 +260,17 @@ def _entry(ring: Ring, terms: Mapping[Exponents, fmpq_mpoly], below: fmpq_mpoly)
 
 def _columns(rows: Sequence[Row], unknowns: Sequence[sp.Expr]) -> tuple[Exponents, ...]:
     """Return the columns: the products that occur, and the unknowns that occur in none."""
-    found = {monomial for row in rows for monomial in row if any(monomial)}
-    if not found:
+    monomials = {monomial for row in rows for monomial in row if any(monomial)}
+    if not monomials:
         raise SymbolicError(
             "the regressor is empty, so no parameter is identifiable: none of the unknowns "
             f"{', '.join(map(str, unknowns))} is left in the equations; check that the same "
             "symbols are used, and that their terms do not cancel"
         )
     for place in range(len(unknowns)):
-        if unknowns[place].is_Symbol and not any(monomial[place] for monomial in found):
-            found.add(tuple(int(i == place) for i in range(len(unknowns))))
-    return tuple(sorted(found, key=column_key))
+        if unknowns[place].is_Symbol and not any(monomial[place] for monomial in monomials):
+            monomials.add(tuple(int(i == place) for i in range(len(unknowns))))
+    return tuple(sorted(monomials, key=column_key))
 
 
 def _check_undeclared(ring: Ring, rows: Sequence[Row], unknowns: Sequence[sp.Expr]) -> None:
