@@ -162,8 +162,8 @@ def _from_base_outward(robot: Robot, H: Array) -> tuple[list[int], Array, float]
         return left_to_right(H, zero)
     order = np.roll(np.arange(H.shape[1]), 10)  # the base is the last body
     columns, grouping, gap = left_to_right(H[:, order], zero[order])
-    found = [int(order[column]) for column in columns]
-    return found, grouping[:, np.argsort(order)], gap
+    base_columns = [int(order[column]) for column in columns]
+    return base_columns, grouping[:, np.argsort(order)], gap
 
 
 def _floating_columns(
@@ -194,7 +194,7 @@ def _floating_columns(
         for place, links in enumerate(stances):
             _, Y, reduced = stance_rows(robot, links, seed_of(seed) + place, known, measured)
             rows.append(reduced(Y))
-    return np.concatenate([one.reshape(-1, one.shape[2]) for one in rows])
+    return np.concatenate([block.reshape(-1, block.shape[2]) for block in rows])
 
 
 def _check_memory(robot: Robot, samples: int) -> None:
@@ -270,9 +270,9 @@ def left_to_right(H: Array, zero: BoolArray | None = None) -> tuple[list[int], A
     columns: list[int] = []
     accepted, rejected = 1.0, float(np.finfo(float).eps)
     for column in np.flatnonzero(~zero):
-        found = basis[:, : len(columns)]
-        new = R[:, column] - found @ (found.T @ R[:, column])
-        new -= found @ (found.T @ new)
+        Q = basis[:, : len(columns)]
+        new = R[:, column] - Q @ (Q.T @ R[:, column])
+        new -= Q @ (Q.T @ new)
         residual = float(np.linalg.norm(new))
         if residual > RANK_TOLERANCE and len(columns) < basis.shape[1]:
             accepted = min(accepted, residual)

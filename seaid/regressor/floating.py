@@ -65,12 +65,10 @@ def accelerated_base(robot: Robot, q: Array) -> Array:
     """
     model, nothing = _model(robot), (np.zeros((len(q), 3)),) * 3
     data, still = model.createData(), np.zeros((len(q), robot.n))
-    found = np.empty((len(q), 3, model.nv))
+    mass = np.empty((len(q), 3, model.nv))
     for t, q_t in enumerate(_states(robot, q, still, still, nothing)[0]):
-        found[t] = np.triu(pin.crba(model, data, q_t))[:3]
-    return np.concatenate([found[:, :, :6], robot.from_model(found[:, :, 6:])], axis=2).swapaxes(
-        1, 2
-    )
+        mass[t] = np.triu(pin.crba(model, data, q_t))[:3]
+    return np.concatenate([mass[:, :, :6], robot.from_model(mass[:, :, 6:])], axis=2).swapaxes(1, 2)
 
 
 def contact_map(
@@ -126,16 +124,16 @@ def without_contact_forces(
     rows[:, :6][:, ~robot.floating_base.free_axes] = 0.0
     if unknown is not None:
         rows[:, 6:] *= ~unknown[:, :, None]
-    contacts = [one for one in robot.floating_base.contacts if one.link in touching]
+    contacts = [contact for contact in robot.floating_base.contacts if contact.link in touching]
     scale = row_scale(robot, rows.shape[1])
-    for now, own, A in _by_stance(robot, q, contacts, touching, joints, unknown, up):
-        if own.size:
+    for now, columns, A in _stance_maps(robot, q, contacts, touching, joints, unknown, up):
+        if columns.size:
             Q = _range(A)
             part = scale * rows[now]
-            left = part - Q @ (Q.swapaxes(1, 2) @ part)
+            residual = part - Q @ (Q.swapaxes(1, 2) @ part)
             # orthonormal columns: the sum of squares is the rank
             hidden = np.sum(Q**2, axis=(1, 2)) > np.any(part, axis=2).sum(axis=1) - 0.5
-            rows[now] = np.where(hidden[:, None, None], 0.0, left / scale)
+            rows[now] = np.where(hidden[:, None, None], 0.0, residual / scale)
     return rows
 
 
@@ -153,19 +151,19 @@ def contact_equations(
     Both are those of rows times `row_scale`; the arguments are as in `without_contact_forces`. The
     columns of contacts that do not touch the ground are zero.
     """
-    count = sum(6 if one.is_flat else 3 for one in contacts)
+    count = sum(6 if contact.is_flat else 3 for contact in contacts)
     A = np.zeros((len(q), 6 + len(joints), count))
     inverse = A.swapaxes(1, 2).copy()
-    for now, own, part in _by_stance(robot, q, contacts, touching, joints, unknown, up):
-        if own.size:
+    for now, columns, part in _stance_maps(robot, q, contacts, touching, joints, unknown, up):
+        if columns.size:
             turned = safely(
                 partial(np.linalg.pinv, rcond=_DEPENDENT),
                 part,
                 what="the contact forces",
                 error=LogError,
             )
-            A[np.ix_(now, np.arange(A.shape[1]), own)] = part
-            inverse[np.ix_(now, own, np.arange(A.shape[1]))] = turned
+            A[np.ix_(now, np.arange(A.shape[1]), columns)] = part
+            inverse[np.ix_(now, columns, np.arange(A.shape[1]))] = turned
     return A, inverse
 
 
@@ -174,7 +172,7 @@ def row_scale(robot: Robot, count: int) -> Array:
     return np.where(np.arange(count) < 3, _typical_lever(robot), 1.0)[:, None]
 
 
-def _by_stance(
+def _stance_maps(
     robot: Robot,
     q: Array,
     contacts: Sequence[Contact],
@@ -184,10 +182,10 @@ def _by_stance(
     up: Array | None,
 ) -> Iterator[tuple[IndexArray, IndexArray, Array]]:
     """Yield the instants of each stance, its columns, and J_c^T of them in scaled rows."""
-    patterns = np.array([touching[one.link] for one in contacts]).T
+    patterns = np.array([touching[contact.link] for contact in contacts]).T
     if not np.any(patterns):
         return
-    balls = [one.link for one in contacts if one.radius_m]
+    balls = [contact.link for contact in contacts if contact.radius_m]
     if balls and up is None:
         raise LogError(
             f"the contact at {balls[0]} is a ball, whose lowest point depends on the orientation "
@@ -197,11 +195,11 @@ def _by_stance(
     if unknown is not None:
         A[:, 6:] *= ~unknown[:, :, None]
     A *= row_scale(robot, A.shape[1])
-    owner = np.repeat(np.arange(len(contacts)), [6 if one.is_flat else 3 for one in contacts])
+    owner = np.repeat(np.arange(len(contacts)), [6 if x.is_flat else 3 for x in contacts])
     for pattern in np.unique(patterns, axis=0):
         now = np.flatnonzero(np.all(patterns == pattern, axis=1))
-        own = np.flatnonzero(pattern[owner])
-        yield now, own, A[now][:, :, own]
+        columns = np.flatnonzero(pattern[owner])
+        yield now, columns, A[now][:, :, columns]
 
 
 _DEPENDENT = 1e-8
@@ -241,19 +239,19 @@ def measured_wrenches(
 
     Forces without moments on a ball act at its lowest point, if `up` (T, 3) is known.
     """
-    found = np.zeros((len(q), 6 + len(joints)))
+    rows = np.zeros((len(q), 6 + len(joints)))
     for link, values in wrenches.items():
         contact = measured_contact(robot, link, values.shape[1])
         A = floating_rows(robot, contact_map(robot, q, [contact], up, own_frame=True), joints)
-        found += np.einsum("trk,tk->tr", A, values)
-    return found
+        rows += np.einsum("trk,tk->tr", A, values)
+    return rows
 
 
 def measured_contact(robot: Robot, link: str, width: int) -> Contact:
     """Return the contact of a wrench with so many columns; with moments it acts at its place."""
     assert robot.floating_base is not None
-    own = robot.floating_base.contact_of(link)
-    return replace(own, is_flat=width == 6, radius_m=0.0 if width == 6 else own.radius_m)
+    contact = robot.floating_base.contact_of(link)
+    return replace(contact, is_flat=width == 6, radius_m=0.0 if width == 6 else contact.radius_m)
 
 
 def contact_rotations(robot: Robot, q: Array, contacts: Sequence[Contact]) -> Array:
@@ -261,11 +259,11 @@ def contact_rotations(robot: Robot, q: Array, contacts: Sequence[Contact]) -> Ar
     model, frames, _ = with_contact_frames(robot, tuple(contacts))
     data, still = model.createData(), np.zeros((len(q), robot.n))
     nothing = (np.zeros((len(q), 3)),) * 3
-    found = np.empty((len(q), len(frames), 3, 3))
+    rotations = np.empty((len(q), len(frames), 3, 3))
     for t, q_t in enumerate(_states(robot, q, still, still, nothing)[0]):
         pin.framesForwardKinematics(model, data, q_t)
-        found[t] = [data.oMf[frame].rotation for frame in frames]
-    return found
+        rotations[t] = [data.oMf[frame].rotation for frame in frames]
+    return rotations
 
 
 def stance_rows(
@@ -291,7 +289,7 @@ def stance_rows(
         return states, Y, lambda rows: np.asarray(rows * (np.arange(rows.shape[1]) >= 6)[:, None])
     robot = _with_points(robot)
     states, base = stance_states(robot, links, seed, count)
-    hidden = (one for one in links if one not in measured)
+    hidden = (link for link in links if link not in measured)
     touching = dict.fromkeys(hidden, np.ones(count, dtype=bool))
     Y = floating_rows(robot, floating_regressor(robot, *states, base), joints)
 
@@ -304,7 +302,7 @@ def stance_rows(
 def _with_points(robot: Robot) -> Robot:
     """Return the robot with points in place of the balls that touch the ground."""
     assert robot.floating_base is not None
-    points = tuple(replace(one, radius_m=0.0) for one in robot.floating_base.contacts)
+    points = tuple(replace(contact, radius_m=0.0) for contact in robot.floating_base.contacts)
     return replace(robot, floating_base=replace(robot.floating_base, contacts=points))
 
 
@@ -317,8 +315,8 @@ def stance_states(
     direction: a base that is turned feels it from there. A planar base turns about its normal.
     """
     assert robot.floating_base is not None
-    own = robot.floating_base
-    contacts = [one for one in own.contacts if one.link in links]
+    base = robot.floating_base
+    contacts = [contact for contact in base.contacts if contact.link in links]
     rng = np.random.default_rng(seed)
     shape = (count, 6 + robot.n)
     reach = np.where(robot.is_prismatic, 1.0, np.pi)
@@ -326,14 +324,14 @@ def stance_states(
     v, a = rng.normal(0, 3, shape), rng.normal(0, 10, shape)
     up = rng.normal(size=(count, 3))
     up /= np.linalg.norm(up, axis=1, keepdims=True)
-    if own.normal is not None:
-        R, down = own.rotations(rng.uniform(-np.pi, np.pi, count)), robot.model.gravity.linear
+    if base.normal is not None:
+        R, down = base.rotations(rng.uniform(-np.pi, np.pi, count)), robot.model.gravity.linear
         up = -down / (np.linalg.norm(down) or 1.0) @ R
-        v[:, :6] *= own.free_axes
-        a[:, :6] *= own.free_axes
+        v[:, :6] *= base.free_axes
+        a[:, :6] *= base.free_axes
     if contacts:
         J = contact_map(robot, q, contacts).swapaxes(1, 2)
-        J[:, :, :6] *= own.free_axes
+        J[:, :, :6] *= base.free_axes
         inverse = safely(np.linalg.pinv, J, what="the contacts", error=RobotError)
 
         def within(x: Array, wanted: Array) -> Array:
@@ -350,7 +348,7 @@ def _drift(robot: Robot, q: Array, v: Array, contacts: Sequence[Contact]) -> Arr
     model, frames, widths = with_contact_frames(robot, tuple(contacts))
     data, still = model.createData(), np.zeros((len(q), robot.n))
     base = (v[:, 3:6], np.zeros((len(q), 3)), np.zeros((len(q), 3)))
-    found = np.empty((len(q), sum(widths)))
+    drift = np.empty((len(q), sum(widths)))
     states = zip(*_states(robot, q, v[:, 6:], still, base), v[:, :3], strict=True)
     for t, (q_t, v_t, a_t, linear) in enumerate(states):
         v_t[:3] = linear
@@ -360,8 +358,8 @@ def _drift(robot: Robot, q: Array, v: Array, contacts: Sequence[Contact]) -> Arr
             pin.getFrameClassicalAcceleration(model, data, frame, pin.LOCAL_WORLD_ALIGNED).vector
             for frame in frames
         ]
-        found[t] = np.concatenate([x[:width] for x, width in zip(parts, widths, strict=True)])
-    return found
+        drift[t] = np.concatenate([x[:width] for x, width in zip(parts, widths, strict=True)])
+    return drift
 
 
 def standing_motion(
@@ -382,34 +380,34 @@ def standing_motion(
     whole, frames, widths = with_contact_frames(robot, contacts)
     up = upward(robot)
     level = np.eye(3) - np.outer(up, up)
-    given = np.zeros_like(z) if rates is None else rates
-    R, E, E_dot = roll_pitch_yaw(z, given)
+    speeds = np.zeros_like(z) if rates is None else rates
+    R, E, E_dot = roll_pitch_yaw(z, speeds)
     q = configurations(robot, z, R)
-    twist = np.einsum("tji,tj->ti", R, given[:, :3])
-    spin = np.einsum("tij,tj->ti", E, given[:, 3:6])
-    v = np.hstack([twist, spin, robot.to_model(given[:, 6:], 1)])
+    twist = np.einsum("tji,tj->ti", R, speeds[:, :3])
+    spin = np.einsum("tij,tj->ti", E, speeds[:, 3:6])
+    v = np.hstack([twist, spin, robot.to_model(speeds[:, 6:], 1)])
     a = np.zeros_like(v)
     a[:, :3] = -np.cross(spin, twist)
-    a[:, 3:6] = np.einsum("tij,tj->ti", E_dot, given[:, 3:6])
+    a[:, 3:6] = np.einsum("tij,tj->ti", E_dot, speeds[:, 3:6])
     motions = _frame_motions(whole, frames, q, v, None if rates is None else a)
     errors, bias, jacobians = [], [], []
     for k, (contact, width, anchor) in enumerate(zip(contacts, widths, anchors, strict=True)):
-        place, turn, mine, own = (one[k] for one in motions)
+        place, turn, jacobian, acceleration = (x[k] for x in motions)
         away = place - anchor.translation
         if contact.radius_m:
             top = turn @ (anchor.rotation.T @ up)
             rolled = contact.radius_m * level
             away = away - top @ rolled
-            mine[:, :3] += rolled @ _skew(top) @ mine[:, 3:]
-            w = np.einsum("tij,tj->ti", mine[:, 3:], v)
-            turning = np.cross(own[:, 3:], top) + np.cross(w, np.cross(w, top))
-            own[:, :3] -= turning @ rolled
+            jacobian[:, :3] += rolled @ _skew(top) @ jacobian[:, 3:]
+            w = np.einsum("tij,tj->ti", jacobian[:, 3:], v)
+            turning = np.cross(acceleration[:, 3:], top) + np.cross(w, np.cross(w, top))
+            acceleration[:, :3] -= turning @ rolled
         if width == 6:
-            turned = [pin.log3(one @ anchor.rotation.T) for one in turn]
+            turned = [pin.log3(rotation @ anchor.rotation.T) for rotation in turn]
             away = np.hstack([away, np.reshape(turned, (-1, 3))])
         errors.append(away)
-        jacobians.append(mine[:, :width])
-        bias.append(own[:, :width])
+        jacobians.append(jacobian[:, :width])
+        bias.append(acceleration[:, :width])
     J = np.concatenate(jacobians, axis=1)
     K = np.concatenate([J[:, :, :6], robot.from_model(J[:, :, 6:])], axis=2)
     K[:, :, :3] = J[:, :, :3] @ R.swapaxes(1, 2)
@@ -424,8 +422,8 @@ def _frame_motions(
 
     The axes are those of the world. Without `a` the accelerations are zero.
     """
-    data, axes = model.createData(), [model.frames[frame] for frame in frames]
-    joints = [one.parentJoint for one in axes]
+    data, axes = model.createData(), [model.frames[index] for index in frames]
+    joints = [frame.parentJoint for frame in axes]
     whole, change = np.empty((2, len(q), 6, model.nv))
     places, rotations = np.empty((len(frames), len(q), 3)), np.empty((len(frames), len(q), 3, 3))
     for t in range(len(q)):
@@ -438,11 +436,11 @@ def _frame_motions(
             placement = data.oMi[joint]
             places[k, t], rotations[k, t] = placement.translation, placement.rotation
     jacobians, accelerations = np.empty((len(frames), *whole.shape)), []
-    for k, own in enumerate(axes):
-        places[k] += rotations[k] @ own.placement.translation
-        rotations[k] = rotations[k] @ own.placement.rotation
+    for k, frame in enumerate(axes):
+        places[k] += rotations[k] @ frame.placement.translation
+        rotations[k] = rotations[k] @ frame.placement.rotation
         moving = np.zeros(model.nv)
-        for joint in list(model.supports[own.parentJoint])[1:]:
+        for joint in list(model.supports[frame.parentJoint])[1:]:
             start = model.joints[joint].idx_v
             moving[start : start + model.joints[joint].nv] = 1.0
         # of the point of a body that is in the origin: v = v_0 + w x p
@@ -488,7 +486,7 @@ def roll_pitch_yaw(z: Array, rates: Array) -> tuple[Array, Array, Array]:
 
 def configurations(robot: Robot, z: Array, R: Array) -> Array:
     """Return the configurations of the model at coordinates z (T, 6 + n)."""
-    turns = np.array([pin.Quaternion(one).coeffs() for one in R])
+    turns = np.array([pin.Quaternion(rotation).coeffs() for rotation in R])
     return np.hstack([z[:, :3], turns, robot.to_model(z[:, 6:])])
 
 
@@ -505,9 +503,9 @@ def floating_rows(robot: Robot, Y: Array, joints: Sequence[int]) -> Array:
     """
     assert robot.floating_base is not None
     of_joints = rows_at_drives(robot.transmission, Y[:, 6:])[:, joints]
-    found = np.concatenate([Y[:, :6], of_joints], axis=1)
-    found[:, :6][:, ~robot.floating_base.free_axes] = 0.0
-    return found
+    rows = np.concatenate([Y[:, :6], of_joints], axis=1)
+    rows[:, :6][:, ~robot.floating_base.free_axes] = 0.0
+    return rows
 
 
 _POSTURES, _TURNED_RAD = 20, 0.5

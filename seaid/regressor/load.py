@@ -108,17 +108,17 @@ def drive_parameters(
 
 def load_signals(robot: Robot, motion: Motion, index: int) -> dict[str, Array]:
     """Return the signals of a drive, and the states of its own joint as own_theta_L etc."""
-    own = {
+    joint_states = {
         f"own_{name}": values[:, index]
         for name, values in zip(_JOINT, motion.joint_states, strict=True)
     }
-    return signals(robot, motion, index) | own
+    return signals(robot, motion, index) | joint_states
 
 
 def stiff_signals(robot: Robot, index: int, q: Array, v: Array, a: Array) -> dict[str, Array]:
     """Return a stiff drive's signals at joint states, random where these do not fix them."""
     ratio, nothing = robot.drives[robot.joint_names[index]].ratio, np.zeros(len(q))
-    own = {f"own_{name}": values[:, index] for name, values in zip(_JOINT, (q, v, a), strict=True)}
+    joint_states = {f"own_{name}": x[:, index] for name, x in zip(_JOINT, (q, v, a), strict=True)}
     rng = np.random.default_rng(index)
     others = ("i_M", "u_M", "tau_G", "Delta_T", "t_log", "tau_C_dot", "tau_M")
     free = {name: rng.normal(size=len(q)) for name in others}
@@ -127,7 +127,7 @@ def stiff_signals(robot: Robot, index: int, q: Array, v: Array, a: Array) -> dic
         name: at_drives(robot.transmission, values)[:, index] for name, values in states.items()
     }
     motor = {name.replace("_L", "_M"): ratio * values for name, values in joint.items()}
-    return {**joint, **motor, **own, **free, "tau_L": nothing}
+    return {**joint, **motor, **joint_states, **free, "tau_L": nothing}
 
 
 def _stiff_signals_at(
@@ -223,9 +223,9 @@ def load_model(
         for place, (joint, name, _) in enumerate(drives)
         if name in _nonlinear_parameters(robot, joint)
     ]
-    found, grouping = _identifiable(H, nonlinear)
+    identifiable, grouping = _identifiable(H, nonlinear)
     names = (*base.expressions, *(f"{name}_{joint}" for joint, name, _ in drives))
-    absorbed = [column for column in range(p, H.shape[1]) if column not in found]
+    absorbed = [column for column in range(p, H.shape[1]) if column not in identifiable]
     expressions = []
     for row in range(p):
         wanted = np.zeros(H.shape[1])
@@ -234,10 +234,10 @@ def load_model(
     return LoadModel(
         base=base,
         torque_joints=tuple(torque_joints),
-        drives=tuple(drives[column - p] for column in found if column >= p),
+        drives=tuple(drives[column - p] for column in identifiable if column >= p),
         expressions=tuple(expressions),
         absorbed=tuple(drives[column - p] for column in absorbed),
-        absorption=frozen("absorption", grouping[:, absorbed], (len(found), None)),
+        absorption=frozen("absorption", grouping[:, absorbed], (len(identifiable), None)),
     )
 
 
@@ -261,12 +261,12 @@ def _identifiable(H: Array, nonlinear: Sequence[int]) -> tuple[list[int], Array]
     """
     linear = [column for column in range(H.shape[1]) if column not in nonlinear]
     selected, grouping, _ = left_to_right(H[:, linear], negligible(H[:, linear]))
-    found = sorted([linear[column] for column in selected] + list(nonlinear))
-    whole = np.zeros((len(found), H.shape[1]))
-    rows = [found.index(linear[column]) for column in selected]
+    identifiable = sorted([linear[column] for column in selected] + list(nonlinear))
+    whole = np.zeros((len(identifiable), H.shape[1]))
+    rows = [identifiable.index(linear[column]) for column in selected]
     whole[np.ix_(rows, linear)] = grouping
-    whole[[found.index(column) for column in nonlinear], list(nonlinear)] = 1.0
-    return found, whole
+    whole[[identifiable.index(column) for column in nonlinear], list(nonlinear)] = 1.0
+    return identifiable, whole
 
 
 def load_columns(
@@ -335,7 +335,7 @@ def _floating_columns(
     assert base is not None
     joints = model.torque_joints
     known, p = [robot.index(joint) for joint in joints], len(model.base.columns)
-    given = np.flatnonzero(robot.known_parameters)
+    known_columns = np.flatnonzero(robot.known_parameters)
     torque, propagated = _load_targets(robot, motion, joints, springs)
     torque = below_base(torque) + measured_wrenches(robot, q, base.wrenches, known, base.up)
     unknown = unknown_frictions(robot, motion, joints)
@@ -343,28 +343,28 @@ def _floating_columns(
     if thetas is not None:
         drives = drives @ thetas[p:]
     drives, count = below_base(drives), len(model.names) if thetas is None else thetas.shape[1]
-    found = np.zeros((*torque.shape, count + 2 + propagated.shape[2]))
+    table = np.zeros((*torque.shape, count + 2 + propagated.shape[2]))
     step = max(_BLOCK_NUMBERS // (torque.shape[1] * len(model.names)), 1)
     for start in range(0, len(q), step):
         part = slice(start, start + step)
-        own = base.samples(part)
-        if not np.any(own.used):
+        piece = base.samples(part)
+        if not np.any(piece.used):
             continue
         states = (q[part], motion.joint_velocity[part], motion.joint_acceleration[part])
-        Y = floating_regressor(robot, *states, own.states, [*model.base.columns, *given])
+        Y = floating_regressor(robot, *states, piece.states, [*model.base.columns, *known_columns])
         Y = floating_rows(robot, Y, known)
-        sides = (torque[part], Y[:, :, p:] @ robot.known_parameters[given])
+        sides = (torque[part], Y[:, :, p:] @ robot.known_parameters[known_columns])
         if thetas is None:
             H = np.concatenate([Y[:, :, :p], drives[part]], axis=2)
         else:
             H = Y[:, :, :p] @ thetas[:p] + drives[part]
         rows = np.concatenate([H, *(x[:, :, None] for x in sides), propagated[part]], axis=2)
         rows = without_contact_forces(
-            robot, states[0], own.contacts, known, rows, unknown[part], own.up
+            robot, states[0], piece.contacts, known, rows, unknown[part], piece.up
         )
-        found[part] = rows * own.used[:, None, None]
-    H, (torque, payload) = found[:, :, :count], np.moveaxis(found[:, :, count : count + 2], 2, 0)
-    return torque, payload, H, found[:, :, count + 2 :]
+        table[part] = rows * piece.used[:, None, None]
+    H, (torque, payload) = table[:, :, :count], np.moveaxis(table[:, :, count : count + 2], 2, 0)
+    return torque, payload, H, table[:, :, count + 2 :]
 
 
 def drive_torques(
@@ -404,14 +404,14 @@ def contact_force_rows(
     base, q = motion.base, motion.joint_position
     assert base is not None
     joints = [robot.index(joint) for joint in model.torque_joints]
-    found = -below_base(drive_torques(robot, motion, model, springs, theta))
-    step = max(_BLOCK_NUMBERS // (found.shape[1] * len(bodies)), 1)
+    rows = -below_base(drive_torques(robot, motion, model, springs, theta))
+    step = max(_BLOCK_NUMBERS // (rows.shape[1] * len(bodies)), 1)
     for start in range(0, len(q), step):
         part = slice(start, start + step)
         states = (q[part], motion.joint_velocity[part], motion.joint_acceleration[part])
         Y = floating_regressor(robot, *states, base.samples(part).states) @ bodies
-        found[part] += floating_rows(robot, Y[:, :, None], joints)[:, :, 0]
-    return found, unknown_frictions(robot, motion, model.torque_joints)
+        rows[part] += floating_rows(robot, Y[:, :, None], joints)[:, :, 0]
+    return rows, unknown_frictions(robot, motion, model.torque_joints)
 
 
 def contact_force_columns(
@@ -425,18 +425,18 @@ def contact_force_columns(
     base, p = motion.base, len(model.base.columns)
     assert base is not None
     joints = [robot.index(joint) for joint in model.torque_joints]
-    q, v, a, w, e, f = (one[samples] for one in (*motion.joint_states, *base.states))
+    q, v, a, w, e, f = (values[samples] for values in (*motion.joint_states, *base.states))
     Y = floating_rows(robot, floating_regressor(robot, q, v, a, (w, e, f)), joints)
     signals_of = partial(load_signals, robot, motion)
     columns, drives = drive_parameters(robot, model.torque_joints, signals_of)
-    wanted = [drives.index(one) for one in (*model.drives, *model.absorbed)]
+    wanted = [drives.index(drive) for drive in (*model.drives, *model.absorbed)]
     grouping = np.zeros((len(model.names), Y.shape[2] + len(wanted)))
     grouping[:p, : Y.shape[2]] = model.base.grouping
     grouping[p:, Y.shape[2] : Y.shape[2] + len(model.drives)] = np.eye(len(model.drives))
     grouping[:, Y.shape[2] + len(model.drives) :] = model.absorption
-    found = np.concatenate([Y, below_base(columns[samples][:, :, wanted])], axis=2)
+    force_columns = np.concatenate([Y, below_base(columns[samples][:, :, wanted])], axis=2)
     is_unknown = ~np.concatenate([robot.is_known, np.zeros(len(wanted), bool)])
-    return found * is_unknown, grouping * is_unknown
+    return force_columns * is_unknown, grouping * is_unknown
 
 
 def drive_columns(robot: Robot, motion: Motion, model: LoadModel) -> Array:
@@ -454,40 +454,42 @@ def stances_of(
     The second result are those among them with measured wrenches: flat feet that have one in each
     log, of which one that always stands shows its weight only.
     """
-    own, bases = robot.floating_base, [one.base for one in motions]
-    found: dict[tuple[str, ...], None] = {}
+    floating, bases = robot.floating_base, [motion.base for motion in motions]
+    stances: dict[tuple[str, ...], None] = {}
     flat = [
         link
-        for link in (() if own is None else own.contact_links)
-        if all(one is not None and link in one.wrenches for one in bases)
-        if own is not None and own.contact_of(link).is_flat
+        for link in (() if floating is None else floating.contact_links)
+        if all(base is not None and link in base.wrenches for base in bases)
+        if floating is not None and floating.contact_of(link).is_flat
     ]
     for base in bases:
         if base is None:
-            found[()] = None
+            stances[()] = None
             continue
         touching = {**base.contacts, **{x: loaded(base.wrenches[x]) for x in flat}}
         if not touching:
-            found[()] = None
+            stances[()] = None
             continue
         patterns = np.array([flags[base.used] for flags in touching.values()]).T
         for pattern in np.unique(patterns, axis=0):
             links = (x for x, touches in zip(touching, pattern, strict=True) if touches)
-            found[tuple(links)] = None
+            stances[tuple(links)] = None
     if not any(x.base is None or np.any(x.base.used[row_samples(x)]) for x in motions):
         raise _without_stance(motions)
-    return tuple(found), tuple(flat)
+    return tuple(stances), tuple(flat)
 
 
 def _without_stance(motions: Sequence[Motion]) -> LogError:
     """Return the error of motions whose contacts change too often for their cutoff."""
     longest_s = 0.0
-    for one in motions:
-        assert one.base is not None
-        flags = np.array([*one.base.contacts.values(), *map(loaded, one.base.wrenches.values())])
+    for motion in motions:
+        assert motion.base is not None
+        flags = np.array(
+            [*motion.base.contacts.values(), *map(loaded, motion.base.wrenches.values())]
+        )
         changes = np.flatnonzero(np.any(np.diff(flags.astype(int)), axis=0)) + 1
-        samples = np.diff(changes, prepend=0, append=len(one.time))
-        longest_s = max(longest_s, float(np.max(samples)) / one.rate_hz)
+        samples = np.diff(changes, prepend=0, append=len(motion.time))
+        longest_s = max(longest_s, float(np.max(samples)) / motion.rate_hz)
     needed_hz = LEAST_LIFT / (POSITION_BAND * longest_s)
     return LogError(
         f"no sample of the logs is used: between two changes of a contact, or jumps of the base, "
@@ -560,16 +562,16 @@ def late_flag_rows(robot: Robot, motion: Motion, model: LoadModel, reach_s: floa
     that a foot leaves the ground, which fades to zero in `reach_s`; the base needs its orientation.
     """
     assert robot.floating_base is not None
-    contacts = [replace(one, is_flat=False) for one in robot.floating_base.contacts]
+    contacts = [replace(contact, is_flat=False) for contact in robot.floating_base.contacts]
 
     def columns(piece: Motion) -> Array:
         base = piece.base
         assert base is not None
         assert base.up is not None
-        own = [one for one in contacts if one.link in base.contacts]
-        fades = np.array([_fading(base.contacts[x.link], reach_s * piece.rate_hz) for x in own])
-        A = contact_map(robot, piece.joint_position, own, base.up)
-        vertical = A.reshape(*A.shape[:2], len(own), 3) @ base.up[:, None, :, None]
+        feet = [contact for contact in contacts if contact.link in base.contacts]
+        fades = np.array([_fading(base.contacts[x.link], reach_s * piece.rate_hz) for x in feet])
+        A = contact_map(robot, piece.joint_position, feet, base.up)
+        vertical = A.reshape(*A.shape[:2], len(feet), 3) @ base.up[:, None, :, None]
         return np.asarray(np.einsum("trk,kit->tri", vertical[..., 0], fades))
 
     return _further_rows(robot, motion, model, columns, ("landing", "leaving"), "")
@@ -580,10 +582,10 @@ def _fading(touches: BoolArray, reach: float) -> Array:
     at, count = np.flatnonzero(touches), len(touches)
     if not len(at):
         return np.zeros((2, count))
-    here = np.arange(count)
-    place = np.searchsorted(at, here)
-    until = np.where(place < len(at), at[np.minimum(place, len(at) - 1)] - here, np.inf)
-    since = np.where(place > 0, here - at[np.maximum(place - 1, 0)], np.inf)
+    samples = np.arange(count)
+    place = np.searchsorted(at, samples)
+    until = np.where(place < len(at), at[np.minimum(place, len(at) - 1)] - samples, np.inf)
+    since = np.where(place > 0, samples - at[np.maximum(place - 1, 0)], np.inf)
     return np.maximum(1 - np.array([until, since]) / reach, 0.0) * ~touches
 
 
@@ -602,21 +604,21 @@ def radius_rows(
     """
     assert robot.floating_base is not None
     joints = [robot.index(joint) for joint in model.torque_joints]
-    places = [one for one in robot.floating_base.contacts if not one.is_flat]
+    places = [contact for contact in robot.floating_base.contacts if not contact.is_flat]
 
     def columns(piece: Motion) -> Array:
         base, q = piece.base, piece.joint_position
         assert base is not None
-        contacts = [one for one in places if one.link in base.contacts]
+        contacts = [contact for contact in places if contact.link in base.contacts]
         rows, unknown = contact_force_rows(robot, piece, model, springs, theta, bodies)
         rows = rows * row_scale(robot, rows.shape[1])[:, 0]
         rows[:, 6:] *= ~unknown
         _, inverse = contact_equations(robot, q, contacts, base.contacts, joints, unknown, base.up)
-        lower, own = (
-            contact_map(robot, q, [replace(one, radius_m=x) for one in contacts], base.up)
+        lower, centre = (
+            contact_map(robot, q, [replace(contact, radius_m=x) for contact in contacts], base.up)
             for x in (1.0, 0.0)
         )
-        return np.asarray((lower - own) @ (inverse @ rows[:, :, None]))
+        return np.asarray((lower - centre) @ (inverse @ rows[:, :, None]))
 
     return _further_rows(robot, motion, model, columns, ("radius",), "N")
 
@@ -737,10 +739,10 @@ def with_gear_torque(
 
 def unknown_frictions(robot: Robot, motion: Motion, joints: Sequence[str]) -> BoolArray:
     """Return `unknown_friction` of several joints (T, k), which may be none."""
-    found = np.zeros((len(motion.time), len(joints)), dtype=bool)
+    unknown = np.zeros((len(motion.time), len(joints)), dtype=bool)
     for place, joint in enumerate(joints):
-        found[:, place] = unknown_friction(robot, motion, joint)
-    return found
+        unknown[:, place] = unknown_friction(robot, motion, joint)
+    return unknown
 
 
 def with_known_friction(motion: Motion, joints: Sequence[int], columns: Array) -> Array:
@@ -762,7 +764,7 @@ def usable_rows(robot: Robot, motion: Motion, joint: str, rows: IndexArray) -> B
         return ~unknown_friction(robot, motion, joint)[rows]
     assert motion.friction_known is not None
     share = in_band_at(motion, motion.friction_known[:, [index]], rows)[:, 0]
-    return np.asarray((share >= _LEAST_KNOWN) & ~_other_rests(robot, motion, joint)[rows])
+    return np.asarray((share >= _LEAST_KNOWN) & ~_group_rests(robot, motion, joint)[rows])
 
 
 def unknown_friction(robot: Robot, motion: Motion, joint: str) -> BoolArray:
@@ -772,7 +774,7 @@ def unknown_friction(robot: Robot, motion: Motion, joint: str) -> BoolArray:
     of their own.
     """
     index = robot.index(joint)
-    unknown = _other_rests(robot, motion, joint)
+    unknown = _group_rests(robot, motion, joint)
     if motion.friction_known is not None and motion.has_known_friction(index):
         unknown |= motion.friction_known[:, index] == 0
     elif not robot.drives[joint].is_elastic:
@@ -780,12 +782,12 @@ def unknown_friction(robot: Robot, motion: Motion, joint: str) -> BoolArray:
     return unknown
 
 
-def _other_rests(robot: Robot, motion: Motion, joint: str) -> BoolArray:
+def _group_rests(robot: Robot, motion: Motion, joint: str) -> BoolArray:
     """Return the samples (T,) at which joints that a drive moves rest with dry friction."""
     unknown, index = np.zeros(len(motion.time), dtype=bool), robot.index(joint)
-    for other in group_of(robot.transmission, index):
-        if "coulomb" in robot.drives[robot.joint_names[other]].joint_friction:
-            unknown |= joint_standstill(motion, other)
+    for moved in group_of(robot.transmission, index):
+        if "coulomb" in robot.drives[robot.joint_names[moved]].joint_friction:
+            unknown |= joint_standstill(motion, moved)
     return unknown
 
 
@@ -860,6 +862,6 @@ def shifted_encoder(robot: Robot, motion: Motion, index: int) -> Motion:
     joint, motor = motion.joint_position.copy(), motion.motor_position.copy()
     joint[:, index] += OFFSET_STEP
     for name in robot.elastic_joints:
-        other, drive = robot.index(name), robot.drives[name]
-        motor[:, other] += total_ratio(drive) * robot.transmission[other, index] * OFFSET_STEP
+        spring, drive = robot.index(name), robot.drives[name]
+        motor[:, spring] += total_ratio(drive) * robot.transmission[spring, index] * OFFSET_STEP
     return replace(motion, joint_position=joint, motor_position=motor)

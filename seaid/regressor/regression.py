@@ -139,10 +139,10 @@ def has_deflection(motion: Motion, index: int) -> bool:
 
 def input_signals(robot: Robot, motion: Motion, index: int) -> dict[str, Array]:
     """Return `signals`, with joint torque / N where a stiff gear's motor torque was not logged."""
-    found, drive = signals(robot, motion, index), robot.drives[robot.joint_names[index]]
-    if np.all(np.isnan(found["tau_M"])) and drive.motor_input == "torque":
-        found["tau_M"] = sensed_torque(robot, motion, index) / drive.ratio
-    return found
+    by_name, drive = signals(robot, motion, index), robot.drives[robot.joint_names[index]]
+    if np.all(np.isnan(by_name["tau_M"])) and drive.motor_input == "torque":
+        by_name["tau_M"] = sensed_torque(robot, motion, index) / drive.ratio
+    return by_name
 
 
 def _without_delay(motion: Motion, index: int) -> Array:
@@ -237,7 +237,7 @@ def actuator_equation(
         return motor_regressor(robot, joint), by_name
     if np.all(np.isfinite(sensed)):
         return spring_regressor(robot, joint), {**by_name, "tau_L": sensed}
-    others = [other for other, name in INPUTS.items() if np.all(np.isfinite(by_name[name]))]
+    others = [key for key, name in INPUTS.items() if np.all(np.isfinite(by_name[name]))]
     hint = f"; it has its {others[0]}: set motor_input = '{others[0]}'" if others else ""
     raise LogError(
         f"elastic joint '{joint}' has no torque in the log: motor {kind} or joint torque{hint}"
@@ -363,20 +363,20 @@ def _has_motor(regressor: DriveRegressor) -> bool:
 
 def stacked(regressions: Sequence[Regression]) -> Regression:
     """Return the regressions of several logs, whose columns must be equal, as one, (15)."""
-    for one in regressions[1:]:
-        if one.names != regressions[0].names:
+    for part in regressions[1:]:
+        if part.names != regressions[0].names:
             raise LogError(
                 f"one log determines {', '.join(regressions[0].names)}, another "
-                f"{', '.join(one.names)}: the logs must have the same torque sensors"
+                f"{', '.join(part.names)}: the logs must have the same torque sensors"
             )
     return Regression(
         names=regressions[0].names,
         units=regressions[0].units,
-        run=np.concatenate([np.full(len(one.y), run) for run, one in enumerate(regressions)]),
-        excluded=sum(one.excluded for one in regressions),
+        run=np.concatenate([np.full(len(part.y), run) for run, part in enumerate(regressions)]),
+        excluded=sum(part.excluded for part in regressions),
         joint_names=regressions[0].joint_names,
         **{
-            name: np.concatenate([getattr(one, name) for one in regressions])
+            name: np.concatenate([getattr(part, name) for part in regressions])
             for name in Regression.arrays
             if name != "run"
         },
@@ -393,7 +393,7 @@ def regressions_of_parts(
     """Yield (name, rows) of the parts of each equation, reading a long log once."""
     for motion, part in long_log.motions():
         for name, regress in equations.items():
-            yield name, _own_rows(regress(motion), motion, part.start_s, part.end_s)
+            yield name, _rows_within(regress(motion), motion, part.start_s, part.end_s)
 
 
 def rows_by_pieces(motion: Motion, regress: Regress, samples: int = PIECE_SAMPLES) -> Regression:
@@ -401,14 +401,14 @@ def rows_by_pieces(motion: Motion, regress: Regress, samples: int = PIECE_SAMPLE
     if len(motion.time) <= samples:
         return regress(motion)
     parts = pieces(motion, samples)
-    rows = stacked([_own_rows(regress(piece), piece, start, end) for piece, start, end in parts])
+    rows = stacked([_rows_within(regress(piece), piece, start, end) for piece, start, end in parts])
     return replace(rows, run=np.zeros(len(rows.y)))
 
 
-def _own_rows(rows: Regression, motion: Motion, start_s: float, end_s: float) -> Regression:
+def _rows_within(rows: Regression, motion: Motion, start_s: float, end_s: float) -> Regression:
     """Return the rows whose instants are in [start_s, end_s), without those of the overlaps."""
     instants = motion.time[row_samples(motion)]
-    mine = int(np.sum((instants >= start_s) & (instants < end_s)))
+    count = int(np.sum((instants >= start_s) & (instants < end_s)))
     equations = (len(rows.y) + rows.excluded) // max(len(instants), 1)
     kept = (rows.time >= start_s) & (rows.time < end_s)
-    return replace(rows.at(kept), excluded=equations * mine - int(np.sum(kept)))
+    return replace(rows.at(kept), excluded=equations * count - int(np.sum(kept)))

@@ -60,9 +60,9 @@ def plus(*values: Value) -> Value:
     return {factors: x for factors, x in total.items() if x != 0}
 
 
-def times(left: Value, right: Value) -> Value:
+def times(a: Value, b: Value) -> Value:
     """Return the product."""
-    products = ({tuple(sorted(f + g)): x * y} for f, x in left.items() for g, y in right.items())
+    products = ({tuple(sorted(f + g)): x * y} for f, x in a.items() for g, y in b.items())
     return plus(*products)
 
 
@@ -71,16 +71,15 @@ def scaled(number: Any, value: Value) -> Value:
     return {factors: number * x for factors, x in value.items()} if number != 0 else {}
 
 
-def dot(left: Iterable[Value], right: Iterable[Value]) -> Value:
+def dot(a: Iterable[Value], b: Iterable[Value]) -> Value:
     """Return the sum of the products."""
-    return plus(*(times(x, y) for x, y in zip(left, right, strict=True)))
+    return plus(*(times(x, y) for x, y in zip(a, b, strict=True)))
 
 
-def cross(left: Sequence[Value], right: Sequence[Value]) -> list[Value]:
+def cross(a: Sequence[Value], b: Sequence[Value]) -> list[Value]:
     """Return the vector product of two triples."""
     return [
-        plus(times(left[j], right[k]), scaled(-1, times(left[k], right[j])))
-        for j, k in ((1, 2), (2, 0), (0, 1))
+        plus(times(a[j], b[k]), scaled(-1, times(a[k], b[j]))) for j, k in ((1, 2), (2, 0), (0, 1))
     ]
 
 
@@ -99,9 +98,9 @@ def named(program: Program, values: Iterable[Value]) -> list[Value]:
 def _named(program: Program, value: Value) -> Value:
     if not value or (len(value) == 1 and len(next(iter(value))) < 2):
         return value
-    found = program.known.get(frozenset(value.items()))
-    if found is not None:
-        return name(found)
+    existing = program.known.get(frozenset(value.items()))
+    if existing is not None:
+        return name(existing)
     opposite = program.known.get(frozenset(scaled(-1, value).items()))
     if opposite is not None:
         return scaled(-1, name(opposite))
@@ -113,12 +112,12 @@ def _named(program: Program, value: Value) -> Value:
 
 def needed(program: Program, values: Iterable[Value]) -> set[str]:
     """Return the names that the values need, directly or through others."""
-    found = {factor for value in values for factors in value for factor in factors}
+    names = {factor for value in values for factors in value for factor in factors}
     for text in reversed(program.steps):
-        if text in found:
-            found.update(factor for factors in program.steps[text] for factor in factors)
-    found.update(argument for text, (_, argument) in program.circular.items() if text in found)
-    return found
+        if text in names:
+            names.update(factor for factors in program.steps[text] for factor in factors)
+    names.update(argument for text, (_, argument) in program.circular.items() if text in names)
+    return names
 
 
 _Terms = tuple[tuple[float, tuple[str, ...]], ...]
@@ -294,7 +293,7 @@ def _as_comment(text: str) -> str:
     It could do so by `*/` or quotes, or by a backslash (or its trigraph) before the end of a line.
     Unprintable characters, which could hide text from a reader of the file, are replaced.
     """
-    shown = "".join(one if one.isprintable() else "_" for one in text)
+    shown = "".join(char if char.isprintable() else "_" for char in text)
     plain = shown.translate({ord("\\"): "_", ord("?"): "_", ord('"'): "'"})
     return re.sub(r"(?<=\*)(?=/)|(?<=/)(?=\*)", " ", plain)
 

@@ -109,17 +109,17 @@ def base_parameters(
     """
     check_held(robot, "base_parameters in exact arithmetic", SymbolicError)
     route = _route(through, torque_joints, floating_base)
-    known = _known(robot, torque_joints)
+    known = _known_joints(robot, torque_joints)
     if route != "recursion":
         tree = independent_tree(robot)
-        return _checked(robot, _by_polynomials(robot, tree, route, known, max_terms, progress))
+        return _checked(robot, _polynomial_base(robot, tree, route, known, max_terms, progress))
     names = robot.parameter_names
     if floating_base:
         taken = "base" in robot.body_names
         names = parameter_names(["floating_base" if taken else "base"]) + names
     nulls = null_space(exact_tree(robot), floating=floating_base)
     echelon = from_null_space(nulls, len(names))
-    echelon = _of_unknown(robot, echelon, len(names) - len(robot.parameters))
+    echelon = _without_known(robot, echelon, len(names) - len(robot.parameters))
     return _checked(robot, packed(echelon, names, route))
 
 
@@ -138,7 +138,7 @@ def _checked(robot: Robot, base: ExactBaseParameters) -> ExactBaseParameters:
     return base
 
 
-def _by_polynomials(
+def _polynomial_base(
     robot: Robot, tree: ExactTree, route: Route, known: list[int], max_terms: int, progress: bool
 ) -> ExactBaseParameters:
     """Reduce the functions of the energy, or those of the torques of the joints `known`."""
@@ -147,17 +147,17 @@ def _by_polynomials(
     if route == "torque":
         rows, functions = torque_rows(tree, table, known, max_terms, progress=progress)
     echelon, different = from_rows(rows, 10 * robot.n)
-    echelon = _of_unknown(robot, echelon, 0)
+    echelon = _without_known(robot, echelon, 0)
     return packed(echelon, robot.parameter_names, route, functions, different)
 
 
-def _of_unknown(robot: Robot, echelon: list[SparseRow], first: int) -> list[SparseRow]:
+def _without_known(robot: Robot, echelon: list[SparseRow], first: int) -> list[SparseRow]:
     """Return the echelon form without the columns of known bodies; `first` is the robot's own."""
     known = {first + int(column) for column in np.flatnonzero(robot.is_known)}
     return without_columns(echelon, known) if known else echelon
 
 
-def _known(robot: Robot, torque_joints: Sequence[str] | None) -> list[int]:
+def _known_joints(robot: Robot, torque_joints: Sequence[str] | None) -> list[int]:
     """Return the joints of the tree whose torques are known."""
     if torque_joints is None:
         return list(range(robot.n))
@@ -364,11 +364,11 @@ def complete_model(robot: Robot) -> CompleteModel:
         if drive.is_elastic:
             spring = r_L * spring_force(drive)
             coordinates.append(motor)
-            equations.append(_of_joint(side, joint, position, motor, torque))
-            equations.append(_of_joint(spring, joint, position, motor, torque) - load)
+            equations.append(_joint_form(side, joint, position, motor, torque))
+            equations.append(_joint_form(spring, joint, position, motor, torque) - load)
         else:
             side = side.subs(theta_M, N * theta_L).doit()
-            stiff = _of_joint(side, joint, position, motor, torque)
+            stiff = _joint_form(side, joint, position, motor, torque)
             equations.append(stiff.subs({tau_L: load, tau_G: load}))
     return CompleteModel(tuple(equations), tuple(coordinates), tuple(inputs), inertial)
 
@@ -377,7 +377,7 @@ def _joint_terms(drive: Drive, joint: str, position: sp.Expr) -> sp.Expr:
     """Return the torque of parallel spring and joint friction."""
     if drive is IDEAL_DRIVE:
         return sp.Integer(0)
-    return _of_joint(joint_equation(drive).expression + tau_L, joint, position, theta_M, tau_M)
+    return _joint_form(joint_equation(drive).expression + tau_L, joint, position, theta_M, tau_M)
 
 
 def _at_drives(
@@ -392,7 +392,7 @@ def _at_drives(
     return list(factors * sp.Matrix(joints)), list(factors.inv().T * sp.Matrix(loads))
 
 
-def _of_joint(
+def _joint_form(
     expression: sp.Expr, joint: str, position: sp.Expr, motor: sp.Expr, torque: sp.Expr
 ) -> sp.Expr:
     """Return a drive's equation with the joint's name in its signals and symbols."""

@@ -93,9 +93,9 @@ def exact_tree(robot: Robot) -> ExactTree:
     """Return the exact geometry of a robot."""
     model, n = robot.model, robot.n
     followers = robot.dependent_joints
-    leaders = [*range(n), *(robot.index(one.leader) for one in followers)]
-    factors = [*[fmpq(1)] * n, *(exact_number(one.multiplier) for one in followers)]
-    offsets = [*[0.0] * n, *(one.offset for one in followers)]
+    leaders = [*range(n), *(robot.index(follower.leader) for follower in followers)]
+    factors = [*[fmpq(1)] * n, *(exact_number(follower.multiplier) for follower in followers)]
+    offsets = [*[0.0] * n, *(follower.offset for follower in followers)]
     joints: list[ExactJoint] = []
     for index in range(1, model.njoints):
         parent = int(model.parents[index]) - 1
@@ -302,7 +302,7 @@ def _turning() -> JointKind:
         ((1, 0, 0), (0, 1, 0), (0, 0, 0)),
         ((0, 1, 0), (-1, 0, 0), (0, 0, 0)),
     )
-    parts = {_ONE: _both(still), _C: _both(cosine), _S: _both(sine)}
+    parts = {_ONE: _block_diag(still), _C: _block_diag(cosine), _S: _block_diag(sine)}
     square = {
         _ONE: ((_ONE, _ONE, 1), (_S, _S, 1)),
         _C: ((_ONE, _C, 1), (_C, _ONE, 1)),
@@ -336,7 +336,7 @@ def _sliding() -> JointKind:
     )
 
 
-def _both(block: _Square) -> _Square:
+def _block_diag(block: _Square) -> _Square:
     zero = [0, 0, 0]
     return [[*row, *zero] for row in block] + [[*zero, *row] for row in block]
 
@@ -348,13 +348,13 @@ def sparse(matrix: Sequence[Sequence[Any]]) -> Sum:
 
 def _squared(parts: Mapping[Powers, _Square], terms: Sequence[tuple[Powers, Powers, int]]) -> Sum:
     """Return the sum over (a, b, sign) of A_a w A_b^T as a matrix on the 21 entries of w."""
-    found: dict[tuple[int, int], int] = {}
+    entries: dict[tuple[int, int], int] = {}
     for a, b, sign in terms:
         for (i, k, x), (j, m, y) in product(sparse(parts[a]), sparse(parts[b])):
             if i <= j:
                 place = PAIR[i, j], PAIR[k, m]
-                found[place] = found.get(place, 0) + sign * x * y
-    return tuple((row, column, value) for (row, column), value in found.items() if value)
+                entries[place] = entries.get(place, 0) + sign * x * y
+    return tuple((row, column, value) for (row, column), value in entries.items() if value)
 
 
 TURNING, SLIDING = _turning(), _sliding()

@@ -95,9 +95,9 @@ def from_null_space(nulls: Iterable[SparseRow], width: int) -> list[SparseRow]:
             _subtract(row, row[column], dependent[column])
         last = max(row)
         row = {j: x / row[last] for j, x in row.items()}
-        for other in dependent.values():
-            if last in other:
-                _subtract(other, other[last], row)
+        for earlier in dependent.values():
+            if last in earlier:
+                _subtract(earlier, earlier[last], row)
         dependent[last] = row
     echelon = {j: {j: fmpq(1)} for j in range(width)}
     for column, row in dependent.items():
@@ -107,9 +107,9 @@ def from_null_space(nulls: Iterable[SparseRow], width: int) -> list[SparseRow]:
     return list(echelon.values())
 
 
-def _subtract(row: SparseRow, factor: fmpq, other: SparseRow) -> None:
-    """Subtract factor * other from a row, without keeping zeros."""
-    for j, x in other.items():
+def _subtract(row: SparseRow, factor: fmpq, pivot_row: SparseRow) -> None:
+    """Subtract factor * pivot_row from a row, without keeping zeros."""
+    for j, x in pivot_row.items():
         value = row.get(j, 0) - factor * x
         if value == 0:
             row.pop(j, None)

@@ -182,18 +182,18 @@ def torque_rows(
     """
     bases: dict[tuple[tuple[int, fmpq], ...], int] = {}
     n = len(tree.joints)
-    found: dict[int, _Row] = {}
+    rows: dict[int, _Row] = {}
     slopes = [_SLIDING_SLOPES if joint.is_prismatic else _TURNING_SLOPES for joint in tree.joints]
     wanted = frozenset(known)
     for monomial, row in track(list(table.items()), "Torques", progress):
         base = bases.setdefault(tuple(sorted(row.items())), len(bases))
         for k, function, factor in _euler_lagrange(monomial, n, slopes, wanted):
-            terms = found.setdefault(function * n + k, {})
+            terms = rows.setdefault(function * n + k, {})
             terms[base] = terms.get(base, 0) + factor
-        if len(found) > max_terms:
-            raise too_large(len(found), max_terms, n - 1, n)
-    functions = {key // n for key, terms in found.items() if any(terms.values())}
-    sums = {_primitive(terms) for terms in found.values()}
+        if len(rows) > max_terms:
+            raise too_large(len(rows), max_terms, n - 1, n)
+    functions = {key // n for key, terms in rows.items() if any(terms.values())}
+    sums = {_primitive(terms) for terms in rows.values()}
     parts = list(bases)
     return [_expanded(terms, parts) for terms in sums], len(functions)
 
@@ -207,18 +207,18 @@ def _euler_lagrange(
     """
     part, slopes_of_part = _position_part(monomial, n, slopes)
     speeds = [i for i in range(n) for _ in range(monomial[3 * i + 2])]
-    own = 0
+    pair = 0
     if speeds:  # f = g(q) q_a' q_b': d/dt df/dq_a' = g q_b'' + sum_i dg/dq_i q_i' q_b'
         a, b = speeds
-        own = _pair(a, b, n)
-        for k, other in (a, b), (b, a):
+        pair = _pair(a, b, n)
+        for k, partner in (a, b), (b, a):
             if k in wanted:
-                yield k, part + ((1 + n * n + other) << 3 * n), 1
+                yield k, part + ((1 + n * n + partner) << 3 * n), 1
                 for i, function, factor in slopes_of_part:
-                    yield k, function + _pair(i, other, n), factor
+                    yield k, function + _pair(i, partner, n), factor
     for k, function, factor in slopes_of_part:
         if k in wanted:
-            yield k, function + own, -factor
+            yield k, function + pair, -factor
 
 
 def _position_part(
@@ -241,11 +241,11 @@ def _pair(i: int, j: int, n: int) -> int:
 
 def _primitive(terms: _Row) -> tuple[tuple[int, int], ...]:
     """Return the terms divided by their common factor, without zeros, the first one positive."""
-    left = sorted((base, factor) for base, factor in terms.items() if factor)
-    common = gcd(*(factor for _, factor in left)) if left else 1
-    if left and left[0][1] < 0:
+    nonzero = sorted((base, factor) for base, factor in terms.items() if factor)
+    common = gcd(*(factor for _, factor in nonzero)) if nonzero else 1
+    if nonzero and nonzero[0][1] < 0:
         common = -common
-    return tuple((base, factor // common) for base, factor in left)
+    return tuple((base, factor // common) for base, factor in nonzero)
 
 
 def _expanded(

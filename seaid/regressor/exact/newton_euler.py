@@ -179,11 +179,11 @@ def _columns(program: Program, joint: ExactJoint, motion: _Motion) -> dict[tuple
     moments = [named(program, cross(axis, a)) for axis in _UNIT]
     inertial = [named(program, moment) for moment in _inertia_moments(program, motion)]
     to_aligned = inertia_transform(joint.alignment.transpose()).transpose().tolist()
-    found = {}
+    columns = {}
     for k, (linear, angular) in motion.partial.items():
         torques = [dot(linear, force) for force in forces]
         torques[1:] = _added(torques[1:], [dot(angular, moment) for moment in moments])
         torques += [dot(angular, moment) for moment in inertial]
-        own = named(program, combined(to_aligned, named(program, torques)))
-        found.update({(k, column): value for column, value in enumerate(own) if value})
-    return found
+        aligned = named(program, combined(to_aligned, named(program, torques)))
+        columns.update({(k, column): value for column, value in enumerate(aligned) if value})
+    return columns

@@ -73,47 +73,47 @@ def null_space(tree: ExactTree, *, floating: bool = False) -> list[Null]:
             if place == groups[place][0]:
                 nulls += _group_nulls(tree, groups[place], spans, shift, floating)
             continue
-        hidden, spans[place] = _hidden(joint, spans[joint.parent])
-        own = inertia_transform(joint.alignment)
+        hidden, spans[place] = _hidden_changes(joint, spans[joint.parent])
+        alignment = inertia_transform(joint.alignment)
         above, parent = inertia_transform(joint.rotation, joint.translation), 0
         if joint.parent >= 0:
             above = inertia_transform(tree.joints[joint.parent].alignment) * above
             parent = 10 * tree.bodies[joint.parent] + shift
         for change in hidden:
-            null = _at(10 * body + shift, own * change)
+            null = _null_at(10 * body + shift, alignment * change)
             if joint.parent >= 0 or floating:
-                null |= _at(parent, -(above * change))
+                null |= _null_at(parent, -(above * change))
             nulls.append(null)
     return nulls
 
 
-def _at(column: int, parameters: fmpq_mat) -> Null:
+def _null_at(column: int, parameters: fmpq_mat) -> Null:
     return {column + i: x for i, x in enumerate(parameters.entries()) if x != 0}
 
 
-def _hidden(joint: ExactJoint, above: Spans) -> tuple[list[fmpq_mat], Spans]:
+def _hidden_changes(joint: ExactJoint, above: Spans) -> tuple[list[fmpq_mat], Spans]:
     """Return the changes (10, 1) of a body that its parent can compensate, and the body's spans."""
     kind = SLIDING if joint.is_prismatic else TURNING
     if above.is_full:
         return _hidden_from_all(kind), above
-    conditions, beyond = _through(kind, _placed(above, joint))
+    conditions, beyond = _joint_conditions(kind, _placed_spans(above, joint))
     return _nullspace(conditions), beyond
 
 
 @cache
 def _hidden_from_all(kind: JointKind) -> list[fmpq_mat]:
-    return _nullspace(_through(kind, _full_spans())[0])
+    return _nullspace(_joint_conditions(kind, _full_spans())[0])
 
 
 def _full_spans() -> Spans:
-    return Spans(_unit(6), _unit(21), _unit(3))
+    return Spans(_unit_vectors(6), _unit_vectors(21), _unit_vectors(3))
 
 
-def _unit(size: int) -> list[Vector]:
+def _unit_vectors(size: int) -> list[Vector]:
     return [[fmpq(int(i == j)) for j in range(size)] for i in range(size)]
 
 
-def _placed(above: Spans, joint: ExactJoint) -> Spans:
+def _placed_spans(above: Spans, joint: ExactJoint) -> Spans:
     """Return the parent's spans in the joint's frame at zero position."""
     turned = joint.rotation.transpose()
     X = twist_transform(joint.rotation, joint.translation)
@@ -128,7 +128,7 @@ def _placed(above: Spans, joint: ExactJoint) -> Spans:
     return Spans(velocity, square, gravity)
 
 
-def _through(kind: JointKind, above: Spans) -> tuple[list[Vector], Spans]:
+def _joint_conditions(kind: JointKind, above: Spans) -> tuple[list[Vector], Spans]:
     """Return the conditions on a body's ten parameters, and the spans of its own motions."""
     along = [fmpq(int(place == kind.axis)) for place in range(6)]
     velocity = [
@@ -179,13 +179,13 @@ def _nullspace(rows: Sequence[Vector], width: int = 10) -> list[fmpq_mat]:
     """Return a basis of vectors (width, 1) that all rows map to zero."""
     echelon = _basis(rows)
     pivots = [next(j for j, x in enumerate(row) if x != 0) for row in echelon]
-    found = []
+    basis = []
     for free in (j for j in range(width) if j not in pivots):
         vector = [fmpq(int(j == free)) for j in range(width)]
         for row, pivot in zip(echelon, pivots, strict=True):
             vector[pivot] = -row[free]
-        found.append(_column(vector))
-    return found
+        basis.append(_column(vector))
+    return basis
 
 
 def _column(vector: Sequence[fmpq]) -> fmpq_mat:
@@ -201,8 +201,8 @@ def _symmetric(entries: Sequence[fmpq]) -> fmpq_mat:
 
 def _groups(tree: ExactTree) -> list[list[int]]:
     """Return the places of the joints that move together, with those between them, in order."""
-    leaders = sorted({one for one in tree.leaders if tree.leaders.count(one) > 1})
-    groups = [{place for place, one in enumerate(tree.leaders) if one == own} for own in leaders]
+    leaders = sorted({leader for leader in tree.leaders if tree.leaders.count(leader) > 1})
+    groups = [{place for place, x in enumerate(tree.leaders) if x == leader} for leader in leaders]
     while True:
         groups = [_with_joints_between(tree, group) for group in groups]
         pair = next(
@@ -211,7 +211,7 @@ def _groups(tree: ExactTree) -> list[list[int]]:
         )
         if pair is None:
             return [sorted(group) for group in groups]
-        groups = [one for one in groups if one not in pair] + [pair[0] | pair[1]]
+        groups = [group for group in groups if group not in pair] + [pair[0] | pair[1]]
 
 
 def _with_joints_between(tree: ExactTree, group: set[int]) -> set[int]:
@@ -223,11 +223,11 @@ def _with_joints_between(tree: ExactTree, group: set[int]) -> set[int]:
 
 def _chain(tree: ExactTree, place: int) -> list[int]:
     """Return a joint and those before it, to the base."""
-    found = []
+    places = []
     while place >= 0:
-        found.append(place)
+        places.append(place)
         place = tree.joints[place].parent
-    return found
+    return places
 
 
 @dataclass(frozen=True, eq=False)
@@ -257,7 +257,7 @@ def _group_nulls(
         before = len(rows), [_sizes(reached[place]) for place in group]
         rows = _independent([*rows, *_conditions(group, poses, still, above)])
         for place in group:
-            reached[place] = _behind(poses[place], above, reached[place])
+            reached[place] = _spans_behind(poses[place], above, reached[place])
         after = len(rows), [_sizes(reached[place]) for place in group]
         unchanged = unchanged + 1 if after == before else 0
     spans.update(reached)
@@ -265,15 +265,15 @@ def _group_nulls(
     for change in _nullspace(rows, 10 * len(group)):
         null, total = Null(), fmpq_mat(10, 1)
         for i, place in enumerate(group):
-            own = _column(change.entries()[10 * i : 10 * i + 10])
+            part = _column(change.entries()[10 * i : 10 * i + 10])
             aligned = inertia_transform(tree.joints[place].alignment)
-            null |= _at(10 * tree.bodies[place] + shift, aligned * own)
-            total += inertia_transform(still[place].rotation, still[place].translation) * own
+            null |= _null_at(10 * tree.bodies[place] + shift, aligned * part)
+            total += inertia_transform(still[place].rotation, still[place].translation) * part
         if carrier >= 0:
             total = inertia_transform(tree.joints[carrier].alignment) * total
-            null |= _at(10 * tree.bodies[carrier] + shift, -total)
+            null |= _null_at(10 * tree.bodies[carrier] + shift, -total)
         elif floating:
-            null |= _at(0, -total)
+            null |= _null_at(0, -total)
         nulls.append(null)
     return nulls
 
@@ -307,9 +307,9 @@ def _poses(
     """Return the bodies of a group in its carrier's frame, at a random point or at zero."""
     positions = _positions(tree, group, random)
     identity = fmpq_mat([[int(i == j) for j in range(3)] for i in range(3)])
-    found = {carrier: _Pose(identity, fmpq_mat(3, 1), {})}
+    poses = {carrier: _Pose(identity, fmpq_mat(3, 1), {})}
     for place in group:
-        joint, before = tree.joints[place], found[tree.joints[place].parent]
+        joint, before = tree.joints[place], poses[tree.joints[place].parent]
         value = positions[place]
         turn, slide = identity, fmpq_mat(3, 1)
         if isinstance(value, tuple):
@@ -325,10 +325,10 @@ def _poses(
         axis[2 if joint.is_prismatic else 5, 0] = tree.multipliers[place]
         leader = tree.leaders[place]
         rates[leader] = rates[leader] + axis if leader in rates else axis
-        found[place] = _Pose(
+        poses[place] = _Pose(
             before.rotation * rotation, before.translation + before.rotation * translation, rates
         )
-    return found
+    return poses
 
 
 def _positions(
@@ -339,29 +339,29 @@ def _positions(
     A length and an angle of one coordinate are independent numbers, since no polynomial relates q
     to cos q. Angles with multipliers a/b of each other, both small, are multiples of one angle.
     """
-    found: dict[int, fmpq | tuple[fmpq, fmpq]] = {}
+    positions: dict[int, fmpq | tuple[fmpq, fmpq]] = {}
     for leader in {tree.leaders[place] for place in group}:
-        own = [place for place in group if tree.leaders[place] == leader]
+        members = [place for place in group if tree.leaders[place] == leader]
         length = _random_number(random)
-        for place in (one for one in own if tree.joints[one].is_prismatic):
-            found[place] = tree.multipliers[place] * length
-        turning = [one for one in own if not tree.joints[one].is_prismatic]
+        for place in (joint for joint in members if tree.joints[joint].is_prismatic):
+            positions[place] = tree.multipliers[place] * length
+        turning = [joint for joint in members if not tree.joints[joint].is_prismatic]
         while turning:
             first = _fraction(tree.multipliers[turning[0]])
-            ratios = {one: _fraction(tree.multipliers[one]) / first for one in turning}
+            ratios = {joint: _fraction(tree.multipliers[joint]) / first for joint in turning}
             similar = {
-                one: ratio
-                for one, ratio in ratios.items()
+                joint: ratio
+                for joint, ratio in ratios.items()
                 if max(abs(ratio.numerator), ratio.denominator) <= _MOST_TURNS
             }
             common = lcm(*(ratio.denominator for ratio in similar.values()))
-            turns = {one: int(ratio * common) for one, ratio in similar.items()}
+            turns = {joint: int(ratio * common) for joint, ratio in similar.items()}
             shared = gcd(*turns.values())
             t = _random_number(random)
             circle = (1 - t * t) / (1 + t * t), 2 * t / (1 + t * t)
-            found |= {one: _turned(circle, count // shared) for one, count in turns.items()}
-            turning = [one for one in turning if one not in similar]
-    return found
+            positions |= {joint: _turned(circle, count // shared) for joint, count in turns.items()}
+            turning = [joint for joint in turning if joint not in similar]
+    return positions
 
 
 _MOST_TURNS = 60
@@ -404,8 +404,8 @@ def _energies(pose: _Pose, still: _Pose, above: Spans, leaders: list[int]) -> li
     nothing = fmpq_mat(6, 1)
     rates = [pose.rates.get(leader, nothing) for leader in leaders]
     A, at_zero = _twist(pose), _twist(still)
-    moving = [_both_ways(a, b) for i, a in enumerate(rates) for b in rates[: i + 1]]
-    moving += [_both_ways(A * _column(v), b) for v in above.velocity for b in rates]
+    moving = [_symmetric_product(a, b) for i, a in enumerate(rates) for b in rates[: i + 1]]
+    moving += [_symmetric_product(A * _column(v), b) for v in above.velocity for b in rates]
     moving += [_transformed(A, w, at_zero) for w in above.square]
     rows = [applied(TWICE_KINETIC, w, 10, _ZERO) for w in moving]
     for z in map(_column, above.gravity):
@@ -419,32 +419,32 @@ def _twist(pose: _Pose) -> fmpq_mat:
     return twist_transform(pose.rotation, pose.translation)
 
 
-def _both_ways(one: fmpq_mat, other: fmpq_mat) -> Vector:
+def _symmetric_product(first: fmpq_mat, second: fmpq_mat) -> Vector:
     """Return the 21 entries of a b^T + b a^T."""
-    a, b = one.entries(), other.entries()
+    a, b = first.entries(), second.entries()
     return [a[i] * b[j] + b[i] * a[j] for i, j in PAIRS]
 
 
 def _transformed(A: fmpq_mat, square: Vector, minus: fmpq_mat | None = None) -> Vector:
     """Return the 21 entries of A w A^T, minus those by another map."""
     w = _symmetric(square)
-    found = A * w * A.transpose()
+    image = A * w * A.transpose()
     if minus is not None:
-        found -= minus * w * minus.transpose()
-    return [found[i, j] for i, j in PAIRS]
+        image -= minus * w * minus.transpose()
+    return [image[i, j] for i, j in PAIRS]
 
 
-def _behind(pose: _Pose, above: Spans, known: Spans) -> Spans:
+def _spans_behind(pose: _Pose, above: Spans, known: Spans) -> Spans:
     """Return the spans of a body, widened by those at one point."""
     if known.is_full:
         return known
     A, rates = _twist(pose), list(pose.rates.values())
     moved = [A * _column(v) for v in above.velocity]
     square = [_transformed(A, w) for w in above.square]
-    square += [_both_ways(a, b) for a in [*moved, *rates] for b in rates]
+    square += [_symmetric_product(a, b) for a in [*moved, *rates] for b in rates]
     turned = pose.rotation.transpose()
     return Spans(
-        velocity=_basis([*known.velocity, *(one.entries() for one in [*moved, *rates])]),
+        velocity=_basis([*known.velocity, *(vector.entries() for vector in [*moved, *rates])]),
         square=_basis([*known.square, *square]),
         gravity=_basis([*known.gravity, *((turned * _column(z)).entries() for z in above.gravity)]),
     )

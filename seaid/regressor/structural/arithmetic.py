@@ -58,8 +58,8 @@ class Numbers(Protocol):
     def torques(self, q: Any, turned: Any, v: Any, a: Any, bodies: Any) -> Any:
         """Return `regressor` @ bodies, (T, n)."""
 
-    def product(self, left: Any, right: Any) -> Any:
-        """Return left @ right."""
+    def product(self, A: Any, B: Any) -> Any:
+        """Return A @ B."""
 
     def solve(self, matrix: Any, right: Any) -> Any:
         """Return the solutions (T, e) of (T, e, e) and (T, e)."""
@@ -107,12 +107,12 @@ class RealNumbers:
 
     def torques(self, q: Array, turned: object, v: Array, a: Array, bodies: Array) -> Array:
         """Return `regressor` @ bodies, (T, n)."""
-        own = bodies - self.robot.payload_parameters
-        return joint_torques(self.robot.with_values(own, self.robot.drives), q, v, a)
+        parameters = bodies - self.robot.payload_parameters
+        return joint_torques(self.robot.with_values(parameters, self.robot.drives), q, v, a)
 
-    def product(self, left: Array, right: Array) -> Array:
-        """Return left @ right."""
-        return np.asarray(left @ right)
+    def product(self, A: Array, B: Array) -> Array:
+        """Return A @ B."""
+        return np.asarray(A @ B)
 
     def solve(self, matrix: Array, right: Array) -> Array:
         """Return the solutions (T, e) of (T, e, e) and (T, e)."""
@@ -173,9 +173,9 @@ class ResidueNumbers:
         They are those whose motion, changed at random, changes the torque of random bodies.
         """
         n, leaders = self.robot.n, np.array(self._leaders)
-        first, other = (self.of_bodies(*self.states(1)) for _ in range(2))
+        first, second = (self.of_bodies(*self.states(1)) for _ in range(2))
         changed = np.vstack([np.zeros(len(leaders), dtype=bool), np.arange(n)[:, None] == leaders])
-        states = [np.where(changed, new, old) for old, new in zip(first, other, strict=True)]
+        states = [np.where(changed, new, old) for old, new in zip(first, second, strict=True)]
         bodies = self.random(10 * len(leaders)).astype(np.uint64)
         torques = self.on_leaders(self._dynamics.torques(states, bodies))
         differs = torques[1:] != torques[0]
@@ -190,8 +190,8 @@ class ResidueNumbers:
     @cached_property
     def _multipliers(self) -> list[Fraction]:
         """The multiplier of each body's joint."""
-        found = [exact_number(one.multiplier) for one in self.robot.dependent_joints]
-        exact = [Fraction(int(x.p), int(x.q)) for x in found]
+        numbers = [exact_number(joint.multiplier) for joint in self.robot.dependent_joints]
+        exact = [Fraction(int(x.p), int(x.q)) for x in numbers]
         return [Fraction(1)] * self.robot.n + exact
 
     def number(self, value: float | Fraction) -> int:
@@ -219,8 +219,8 @@ class ResidueNumbers:
         cosine, sine = _circle(turn)
         turned = np.zeros((2, count, len(self._leaders)), dtype=object)
         for body, leader in enumerate(self._leaders):
-            own = zip(self._leaders, self._multipliers, strict=True)
-            common = lcm(*(x.denominator for i, x in own if i == leader))
+            pairs = zip(self._leaders, self._multipliers, strict=True)
+            common = lcm(*(x.denominator for i, x in pairs if i == leader))
             turns = int(self._multipliers[body] * common)
             turned[:, :, body] = _turned(cosine[:, leader], sine[:, leader], turns)
         return q, (turned[0], turned[1]), v, a
@@ -247,21 +247,21 @@ class ResidueNumbers:
         self, q: Residues, turned: tuple[Residues, Residues], v: Residues, a: Residues
     ) -> list[Words]:
         """Return the states (T, b) of the joints of all bodies: q, cosine, sine, v and a."""
-        factors = np.array([residue(one) for one in self._multipliers], dtype=object)
+        factors = np.array([residue(x) for x in self._multipliers], dtype=object)
         q, v, a = (x[:, self._leaders] * factors % PRIME for x in (q, v, a))
         return [x.astype(np.uint64) for x in (q, *turned, v, a)]
 
     def on_leaders(self, torques: Words) -> Residues:
         """Return the torques (T, n, ...) of the independent joints: tau = E^T tau_all."""
-        found = torques[:, : self.robot.n].astype(object)
+        sums = torques[:, : self.robot.n].astype(object)
         for body in range(self.robot.n, len(self._leaders)):
-            own = torques[:, body].astype(object) * residue(self._multipliers[body])
-            found[:, self._leaders[body]] += own
-        return np.asarray(found % PRIME)
+            share = torques[:, body].astype(object) * residue(self._multipliers[body])
+            sums[:, self._leaders[body]] += share
+        return np.asarray(sums % PRIME)
 
-    def product(self, left: Residues, right: Residues) -> Residues:
-        """Return left @ right."""
-        return np.asarray((left @ right) % PRIME)
+    def product(self, A: Residues, B: Residues) -> Residues:
+        """Return A @ B."""
+        return np.asarray((A @ B) % PRIME)
 
     def solve(self, matrix: Residues, right: Residues) -> Residues:
         """Return the solutions (T, e) of systems (T, e, e), (T, e)."""
@@ -270,7 +270,7 @@ class ResidueNumbers:
             nmod_mat(e, e, A.ravel().tolist(), PRIME).solve(nmod_mat(e, 1, b.tolist(), PRIME))
             for A, b in zip(matrix, right, strict=True)
         ]
-        return np.array([[int(x) for x in one.entries()] for one in solved], dtype=object)
+        return np.array([[int(x) for x in solution.entries()] for solution in solved], dtype=object)
 
     def over(self, above: Any, below: Any) -> Any:
         """Return above / below."""
@@ -335,12 +335,12 @@ def echelon(H: Residues) -> tuple[list[int], Residues]:
             rest.append(H[rows])
     others = np.flatnonzero(~alone)
     pivots, reduced = _dense(np.vstack([np.zeros((0, width), dtype=object), *rest])[:, others])
-    found = {int(others[pivot]): row for pivot, row in zip(pivots, reduced, strict=True)}
-    ordered = sorted({*found, *np.flatnonzero(alone).tolist()})
+    by_pivot = {int(others[pivot]): row for pivot, row in zip(pivots, reduced, strict=True)}
+    ordered = sorted({*by_pivot, *np.flatnonzero(alone).tolist()})
     kept = np.zeros((len(ordered), width), dtype=object)
     for place, pivot in enumerate(ordered):
-        if pivot in found:
-            kept[place, others] = found[pivot]
+        if pivot in by_pivot:
+            kept[place, others] = by_pivot[pivot]
         else:
             kept[place, pivot] = 1
     return ordered, kept
@@ -352,8 +352,8 @@ def _by_columns(H: Residues) -> list[tuple[NDArray[np.intp], list[int]]]:
     groups: dict[bytes, list[int]] = {}
     for row, pattern in enumerate(np.packbits(nonzero, axis=1)):
         groups.setdefault(pattern.tobytes(), []).append(row)
-    found = [(np.flatnonzero(nonzero[rows[0]]), rows) for rows in groups.values()]
-    return [(columns, rows) for columns, rows in found if len(columns)]
+    pairs = [(np.flatnonzero(nonzero[rows[0]]), rows) for rows in groups.values()]
+    return [(columns, rows) for columns, rows in pairs if len(columns)]
 
 
 def _dense(H: Residues) -> tuple[list[int], Residues]:
@@ -370,12 +370,12 @@ def _dense(H: Residues) -> tuple[list[int], Residues]:
 def short_fraction(value: int) -> Fraction | None:
     """Return the rational below 1e9 in both parts with this residue (Wang 1981), or None."""
     most = isqrt(PRIME // 2)
-    before, here, factor_before, factor = PRIME, value % PRIME, 0, 1
-    while here > most:
-        quotient = before // here
-        before, here = here, before - quotient * here
+    before, remainder, factor_before, factor = PRIME, value % PRIME, 0, 1
+    while remainder > most:
+        quotient = before // remainder
+        before, remainder = remainder, before - quotient * remainder
         factor_before, factor = factor, factor_before - quotient * factor
-    return Fraction(here, factor) if factor and abs(factor) <= most else None
+    return Fraction(remainder, factor) if factor and abs(factor) <= most else None
 
 
 def _circle(t: Residues) -> tuple[Residues, Residues]:
@@ -389,12 +389,12 @@ def _turned(cosine: Residues, sine: Residues, turns: int) -> tuple[Residues, Res
     if turns == 1:
         return cosine, sine
     c, s = np.ones_like(cosine), np.zeros_like(sine)
-    left = abs(turns)
-    while left:
-        if left % 2:
+    remaining = abs(turns)
+    while remaining:
+        if remaining % 2:
             c, s = (c * cosine - s * sine) % PRIME, (s * cosine + c * sine) % PRIME
         cosine, sine = (cosine**2 - sine**2) % PRIME, 2 * cosine * sine % PRIME
-        left //= 2
+        remaining //= 2
     return c, (s if turns >= 0 else -s % PRIME)
 
 

@@ -157,14 +157,14 @@ def drive_terms(drive: Drive, sensors: frozenset[str]) -> DriveTerms:
     share, behind, spring = 1 / N, tau_L / N, None
     if seen.is_elastic:
         force = spring_force(seen)
-        share, behind, spring = r_M / (N * r_L), r_M / N * force, _by_stretch(_plain(force))
+        share, behind, spring = r_M / (N * r_L), r_M / N * force, _rewrite_by_stretch(_plain(force))
     motor = _plain(motor_equation(seen).expression - behind) + scale * plain(source)
     joint = _plain(joint_equation(seen).expression + tau_L)
     inputs = {sensor: _input(sensor, driver) for sensor in sensed}
     if drive.is_up_to_scale:
         inputs = {sensor: torque.xreplace({K_t: s_K}) for sensor, torque in inputs.items()}
         motor = motor.xreplace({K_t: s_K})
-    motor, known = _by_stretch(sp.expand(motor)), known_values(seen)
+    motor, known = _rewrite_by_stretch(sp.expand(motor)), known_values(seen)
     expressions = [motor, joint, *inputs.values(), *([] if spring is None else [spring])]
     return DriveTerms(
         drive=seen,
@@ -202,9 +202,9 @@ def _driven_by(drive: Drive, motor_input: MotorInput) -> Drive:
     if motor_input == drive.motor_input:
         return drive
     if drive.controller is not None:
-        own = PARAMETERS_OF["motor_input"][drive.motor_input]
-        nominal = {name: x for name, x in drive.nominal.items() if name not in own}
-        known = tuple(name for name in drive.known if name not in own)
+        parameters = PARAMETERS_OF["motor_input"][drive.motor_input]
+        nominal = {name: x for name, x in drive.nominal.items() if name not in parameters}
+        known = tuple(name for name in drive.known if name not in parameters)
         drive = replace(drive, controller=None, motor_input="torque", nominal=nominal, known=known)
         return _driven_by(drive, motor_input)
     constants = ("torque_constant", "voltage_constant")
@@ -219,16 +219,16 @@ def _plain(expression: sp.Expr) -> sp.Expr:
     return flat_names(expression).xreplace({sp.Symbol(name): s for name, s in _REAL.items()})
 
 
-def _by_stretch(expression: sp.Expr) -> sp.Expr:
+def _rewrite_by_stretch(expression: sp.Expr) -> sp.Expr:
     """Rewrite an expression that depends on both positions only through the deflection."""
-    found = expression
+    rewritten = expression
     for suffix, stretch in (("", STRETCH), ("_dot", STRETCH_DOT)):
         motor, load = _REAL[f"theta_M{suffix}"], _REAL[f"theta_L{suffix}"]
-        if load in found.free_symbols and motor in found.free_symbols:
-            through = sp.expand(found.xreplace({motor: N / r_M * (stretch + r_L * load)}))
+        if load in rewritten.free_symbols and motor in rewritten.free_symbols:
+            through = sp.expand(rewritten.xreplace({motor: N / r_M * (stretch + r_L * load)}))
             if load not in through.free_symbols:
-                found = through
-    return found
+                rewritten = through
+    return rewritten
 
 
 @dataclass(frozen=True, eq=False)
@@ -256,30 +256,30 @@ def equations_of(
 ) -> list[Equation]:
     """Return all equations; `depends` has the joints on whose motion each torque depends."""
     seen = known_positions(robot, sensors)
-    found: list[Equation] = []
+    equations: list[Equation] = []
     for i, (joint, drive) in enumerate(zip(robot.joint_names, terms, strict=True)):
-        found += _drive_equations(i, drive, sensors[joint], seen)
-    found += _load_rows(robot, terms, sensors, seen, depends)
-    return found
+        equations += _drive_equations(i, drive, sensors[joint], seen)
+    equations += _load_rows(robot, terms, sensors, seen, depends)
+    return equations
 
 
 def _drive_equations(
     i: int, terms: DriveTerms, sensors: frozenset[str], seen: KnownPositions
 ) -> Iterator[Equation]:
     share = _number(terms.share, terms)
-    one = fmpq(1)
+    unity = fmpq(1)
     yield Equation(
         "motor",
         i,
-        ((i, one, terms.motor),),
-        {("motor", i): -one, ("load", i): share},
+        ((i, unity, terms.motor),),
+        {("motor", i): -unity, ("load", i): share},
         _missing(terms.motor, i, sensors, seen),
     )
     if terms.spring is not None:
         yield Equation(
             "spring",
             i,
-            ((i, one, terms.spring),),
+            ((i, unity, terms.spring),),
             {("load", i): -1 / _number(r_L, terms)},
             _missing(terms.spring, i, sensors, seen),
         )
@@ -287,7 +287,7 @@ def _drive_equations(
         missing = _missing(expression, i, sensors, seen)
         if sensor not in sensors:
             missing = (f"no {sensor.replace('_', ' ')}",)
-        yield Equation("input", i, ((i, one, expression),), {("motor", i): -one}, missing)
+        yield Equation("input", i, ((i, unity, expression),), {("motor", i): -unity}, missing)
 
 
 def _load_rows(
@@ -318,8 +318,8 @@ def _missing(
     expression: sp.Expr, i: int, sensors: frozenset[str], seen: KnownPositions
 ) -> tuple[str, ...]:
     """Return the quantities in an expression that the sensors do not determine."""
-    found = {symbol.name for symbol in expression.free_symbols}
-    names = {name.removesuffix("_ddot").removesuffix("_dot") for name in found}
+    symbols = {symbol.name for symbol in expression.free_symbols}
+    names = {name.removesuffix("_ddot").removesuffix("_dot") for name in symbols}
     needs = {
         "theta_M": ("the motor's position is not known", seen.motor[i]),
         "theta_L": ("the joint's position is not known", seen.driven[i]),
@@ -329,14 +329,14 @@ def _missing(
             bool(sensors & {*INPUTS, "joint_torque"}),
         ),
     }
-    return tuple(text for name, (text, given) in needs.items() if name in names and not given)
+    return tuple(text for name, (text, is_known) in needs.items() if name in names and not is_known)
 
 
 def _number(expression: sp.Expr, terms: DriveTerms) -> fmpq:
     """Return an expression of ratio and radii as a rational."""
     exact = {s: exact_number(x) for s, x in terms.known.items()}
-    found = expression.xreplace({s: sp.Rational(int(x.p), int(x.q)) for s, x in exact.items()})
-    return fmpq(int(found.p), int(found.q))
+    number = expression.xreplace({s: sp.Rational(int(x.p), int(x.q)) for s, x in exact.items()})
+    return fmpq(int(number.p), int(number.q))
 
 
 def eliminations(equations: Sequence[Equation]) -> NDArray[np.object_]:
@@ -344,11 +344,11 @@ def eliminations(equations: Sequence[Equation]) -> NDArray[np.object_]:
 
     They are the rows of the echelon form of [torques, 1] that are zero in all torques.
     """
-    torques = sorted(set(chain(*(one.torques for one in equations))))
+    torques = sorted(set(chain(*(equation.torques for equation in equations))))
     rows = [
-        [one.torques.get(torque, 0) for torque in torques] + [int(x is one) for x in equations]
-        for one in equations
-        if not one.missing
+        [equation.torques.get(t, 0) for t in torques] + [int(x is equation) for x in equations]
+        for equation in equations
+        if not equation.missing
     ]
     echelon = fmpq_mat(rows).rref()[0].tolist() if rows else []
     table = np.array(echelon, dtype=object).reshape(-1, len(torques) + len(equations))
@@ -414,13 +414,13 @@ def _scales(joint: str, scaled: Collection[str]) -> Iterator[str]:
 
 
 def _sentences(system: System, index: int) -> Iterator[str]:
-    own = [(e, one) for e, one in enumerate(system.equations) if one.index == index]
-    has_input = any(one.kind == "input" and not one.missing for _, one in own)
-    for e, equation in own:
+    of_joint = [(e, x) for e, x in enumerate(system.equations) if x.index == index]
+    has_input = any(equation.kind == "input" and not equation.missing for _, equation in of_joint)
+    for e, equation in of_joint:
         if equation.kind not in _TITLES:
             continue
         if e in system.used:
-            use = f"is used{_by(system, equation)}"
+            use = f"is used{_sensor_text(system, equation)}"
         else:
             use = f"cannot be used: {_obstacle(equation, has_input)}"
         yield f"{_TITLES[equation.kind]} {use}"
@@ -432,7 +432,7 @@ def _obstacle(equation: Equation, has_input: bool) -> str:
     return "; ".join(equation.missing) or "the torque on its load is not determined"
 
 
-def _by(system: System, equation: Equation) -> str:
+def _sensor_text(system: System, equation: Equation) -> str:
     """Return the sensor with which a motor equation is used, as text."""
     if equation.kind != "motor":
         return ""

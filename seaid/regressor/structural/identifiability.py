@@ -164,13 +164,13 @@ def identifiability(
     if robot.floating_base is not None:
         if sensors is not None or conditions:
             check_held(robot, "identifiability with sensors= or conditions=")
-        return _of_stances(robot, stances, seed)
+        return _stance_result(robot, stances, seed)
     sensed = _sensed(robot, sensors)
     _check_conditions(robot, conditions)
     exact = ResidueNumbers(robot, np.random.default_rng(seed))
     system = system_of(robot, sensed, exact.depends())
     names = system.names
-    payloads = [one.known_parameters for one in (robot, *conditions)]
+    payloads = [condition.known_parameters for condition in (robot, *conditions)]
     numeric = RealNumbers(robot, np.random.default_rng(seed))
     base, groups, rank, agree = decide(system, payloads, exact, numeric)
     up_to_scale = np.zeros(len(base.names), dtype=bool)
@@ -197,7 +197,7 @@ def identifiability(
     )
 
 
-def _of_stances(robot: Robot, stances: Sequence[Sequence[str]], seed: int) -> Identifiability:
+def _stance_result(robot: Robot, stances: Sequence[Sequence[str]], seed: int) -> Identifiability:
     """Return what some stances of a floating base determine of its bodies."""
     from seaid.regressor.structural.stances import check_stances, columns_of_stances
 
@@ -223,7 +223,7 @@ def _of_stances(robot: Robot, stances: Sequence[Sequence[str]], seed: int) -> Id
 
 def _delay_sums(robot: Robot, conditions: Sequence[Robot]) -> Iterator[str]:
     for joint in robot.joint_names:
-        drives = [one.drives[joint] for one in (robot, *conditions)]
+        drives = [condition.drives[joint] for condition in (robot, *conditions)]
         if all(drive.controller is not None for drive in drives):
             yield delay_sums(joint, drives)
 
@@ -237,10 +237,10 @@ def _sensed(
     if isinstance(sensors, Mapping):
         for joint in sensors:
             robot.index(joint)
-        given = {joint: sensors.get(joint, ()) for joint in robot.joint_names}
+        by_joint = {joint: sensors.get(joint, ()) for joint in robot.joint_names}
     else:
-        given = dict.fromkeys(robot.joint_names, tuple(sensors))
-    return {joint: _checked(joint, names) for joint, names in given.items()}
+        by_joint = dict.fromkeys(robot.joint_names, tuple(sensors))
+    return {joint: _checked(joint, names) for joint, names in by_joint.items()}
 
 
 def _full_set(robot: Robot, joint: str) -> tuple[str, ...]:
@@ -266,17 +266,17 @@ def _checked(joint: str, names: Iterable[str]) -> frozenset[str]:
 
 def _check_conditions(robot: Robot, conditions: Sequence[Robot]) -> None:
     """Refuse conditions that differ from the robot in more than payloads and gains."""
-    own, drives = robot.model, _with_one_gain_set(robot, robot)
-    for other in conditions:
-        same = other.joint_names == robot.joint_names and all(
-            one.isApprox(two)
-            for one, two in zip(own.jointPlacements, other.model.jointPlacements, strict=True)
+    model, drives = robot.model, _with_one_gain_set(robot, robot)
+    for condition in conditions:
+        same = condition.joint_names == robot.joint_names and all(
+            a.isApprox(b)
+            for a, b in zip(model.jointPlacements, condition.model.jointPlacements, strict=True)
         )
-        same = same and other.known_bodies == robot.known_bodies
-        if not same or _with_one_gain_set(other, robot) != drives:
+        same = same and condition.known_bodies == robot.known_bodies
+        if not same or _with_one_gain_set(condition, robot) != drives:
             raise RobotError(
-                f"conditions= takes the same robot with other payloads or gains; '{other.name}' "
-                f"has other joints, drives or known bodies than '{robot.name}'"
+                "conditions= takes the same robot with other payloads or gains; "
+                f"'{condition.name}' has other joints, drives or known bodies than '{robot.name}'"
             )
 
 
@@ -329,13 +329,13 @@ def base_by_derivatives(
     rng = np.random.default_rng(seed)
     bodies = rng.normal(size=robot.parameters.size)
     plausible = _plausible(robot) if np.all(np.isfinite(robot.parameters)) else bodies
-    given = robot.with_values(plausible, robot.drives)
+    plausible_robot = robot.with_values(plausible, robot.drives)
     stiffness = rng.uniform(50.0, 200.0, robot.n)
     for index, joint in enumerate(joints):
         stiffness[index] = robot.drives[joint].values.get("stiffness", stiffness[index])
     by_sensor = ["joint_torque" in sensors[joint] for joint in joints]
     count = max(20, -(-_INSTANTS_PER_PARAMETER * len(names) // robot.n))
-    rows = (_rows(given, stiffness, alone, by_sensor, names, rng) for _ in range(count))
+    rows = (_rows(plausible_robot, stiffness, alone, by_sensor, names, rng) for _ in range(count))
     H = np.vstack(list(rows))
     H[:, : robot.parameters.size][:, robot.is_known] = 0.0
     norms = np.linalg.norm(H, axis=0)
@@ -429,10 +429,10 @@ def _rows(
         d = at.torque[:, index] / (reach * k) if drive.is_elastic else np.zeros(_ORDERS)
         columns = _columns(drive, lever * (reach * at.position[:, index] + d))
         if not drive.is_elastic:
-            own = {name: -lever * reach * column[0] for name, column in columns.items()}
+            load = {name: -lever * reach * column[0] for name, column in columns.items()}
         elif alone[index]:
             # r_L f = r_L N / r_M (tau_M - c phi), and q = (r_M / N theta_M - d) / r_L
-            own = {name: -lever * reach * column[0] for name, column in columns.items()}
+            load = {name: -lever * reach * column[0] for name, column in columns.items()}
             changes = {name: -lever / k * column for name, column in columns.items()}
             changes |= {"stiffness": -d[:3] / k, "spring_offset": np.array([-1.0 / k, 0.0, 0.0])}
             felt = _felt(robot, states, index)
@@ -440,12 +440,12 @@ def _rows(
                 if (place := places.get(f"{name} of {joint}")) is not None:
                     rows[:, place] += felt @ change / reach
         else:
-            own = {"stiffness": reach * d[0], "spring_offset": reach}
+            load = {"stiffness": reach * d[0], "spring_offset": reach}
             further.append(np.zeros(len(names)))
             motor = {name: column[0] for name, column in columns.items()}
             motor |= {"stiffness": d[0] / lever, "spring_offset": 1.0 / lever}
             _add(further[-1], places, joint, motor)
-        _add(rows[index], places, joint, own)
+        _add(rows[index], places, joint, load)
     return np.vstack([rows, *further])
 
 
@@ -468,9 +468,9 @@ def _columns(drive: Drive, motor: Array) -> dict[str, Array]:
         "quadratic": ("quadratic_friction", [sign * x for x in square]),
         "asymmetric": ("asymmetric_friction", [sign * x for x in (w, rate, jerk)]),
     }
-    own = (of_terms[term] for term in drive.friction)
-    found = {name: np.array(column) for name, column in own}
-    return found | {"motor_inertia": np.array([rate, jerk, snap])}
+    pairs = (of_terms[term] for term in drive.friction)
+    columns = {name: np.array(column) for name, column in pairs}
+    return columns | {"motor_inertia": np.array([rate, jerk, snap])}
 
 
 _DIFFERENCE = 1e-5
@@ -478,12 +478,12 @@ _DIFFERENCE = 1e-5
 
 def _felt(robot: Robot, states: tuple[Array, Array, Array], index: int) -> Array:
     """Return the derivatives (n, 3) of all torques by the position, speed and so on of a joint."""
-    found = np.empty((robot.n, 3))
+    slopes = np.empty((robot.n, 3))
     for order in range(3):
         ends = []
         for step in (_DIFFERENCE, -_DIFFERENCE):
             moved = [state.copy() for state in states]
             moved[order][index] += step
             ends.append(joint_torques(robot, *(x[None] for x in moved))[0])
-        found[:, order] = (ends[0] - ends[1]) / (2 * _DIFFERENCE)
-    return found
+        slopes[:, order] = (ends[0] - ends[1]) / (2 * _DIFFERENCE)
+    return slopes

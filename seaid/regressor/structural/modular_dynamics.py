@@ -27,9 +27,9 @@ _P, _LOW, _HALF = np.uint64(PRIME), np.uint64(2**32 - 1), np.uint64(2**29 - 1)
 _29, _32, _61, _3 = (np.uint64(x) for x in (29, 32, 61, 3))
 
 
-def times(left: Words, right: Words) -> Words:
-    """Return left * right, with 2^64 = 8, 2^61 = 1 modulo the prime, in halves of 32 bits."""
-    a, b, c, d = left >> _32, left & _LOW, right >> _32, right & _LOW
+def times(x: Words, y: Words) -> Words:
+    """Return x * y, with 2^64 = 8, 2^61 = 1 modulo the prime, in halves of 32 bits."""
+    a, b, c, d = x >> _32, x & _LOW, y >> _32, y & _LOW
     middle, low = a * d + b * c, b * d
     total = (a * c << _3) + (middle >> _29) + ((middle & _HALF) << _32)
     return folded(total + (low & _P) + (low >> _61))
@@ -41,9 +41,9 @@ def folded(total: Words) -> Words:
     return total - _P * (total >= _P)
 
 
-def minus(left: Words, right: Words) -> Words:
-    """Return left - right."""
-    return folded(left + (_P - right))
+def minus(x: Words, y: Words) -> Words:
+    """Return x - y."""
+    return folded(x + (_P - y))
 
 
 def residue(value: Fraction) -> int:
@@ -71,24 +71,21 @@ def _sum(parts: Sequence[Words]) -> Words:
     return total
 
 
-def _add(left: _Vector, right: _Vector) -> list[Words]:
-    return [folded(x + y) for x, y in zip(left, right, strict=True)]
+def _add(a: _Vector, b: _Vector) -> list[Words]:
+    return [folded(x + y) for x, y in zip(a, b, strict=True)]
 
 
-def _cross(left: _Vector, right: _Vector) -> list[Words]:
-    return [
-        minus(times(left[j], right[k]), times(left[k], right[j]))
-        for j, k in ((1, 2), (2, 0), (0, 1))
-    ]
+def _cross(a: _Vector, b: _Vector) -> list[Words]:
+    return [minus(times(a[j], b[k]), times(a[k], b[j])) for j, k in ((1, 2), (2, 0), (0, 1))]
 
 
 def _apply(matrix: Words, vector: _Vector) -> list[Words]:
     """Return matrix @ vector for a matrix of numbers, of which many are zero or one."""
-    found = []
+    product = []
     for row in matrix:
         parts = [v if x == 1 else times(x, v) for x, v in zip(row, vector, strict=True) if x]
-        found.append(_sum(parts) if parts else np.zeros_like(vector[0]))
-    return found
+        product.append(_sum(parts) if parts else np.zeros_like(vector[0]))
+    return product
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,18 +114,18 @@ class ModularDynamics:
         count = states[0].shape
         forces: list[tuple[list[Words], list[Words]]] = []
         for joint, body, motion in zip(self.joints, self.bodies, motions, strict=True):
-            own = _apply(joint.from_body, list(parameters[10 * body : 10 * body + 10]))
-            columns = _wrenches(motion, own)
+            aligned = _apply(joint.from_body, list(parameters[10 * body : 10 * body + 10]))
+            columns = _wrenches(motion, aligned)
             forces.append(columns)
-        found = np.zeros(count, dtype=np.uint64)
+        torques = np.zeros(count, dtype=np.uint64)
         for place in reversed(range(len(self.joints))):
             joint, body, (f, n) = self.joints[place], self.bodies[place], forces[place]
-            found[:, body] = f[2] if joint.is_prismatic else n[2]
+            torques[:, body] = f[2] if joint.is_prismatic else n[2]
             if joint.parent >= 0:
                 f, n = _to_parent(joint, [x[:, body] for x in states[:3]], f, n)
                 up = forces[joint.parent]
                 forces[joint.parent] = (_add(up[0], f), _add(up[1], n))
-        return found
+        return torques
 
     def regressor(self, states: Sequence[Words], base: BodyMotion | None = None) -> Words:
         """Return the joint-torque regressor (S, b, 10 b).
@@ -140,22 +137,22 @@ class ModularDynamics:
         count, width = states[0].shape
         shape = (6 + width, 10 * width + 10) if base else (width, 10 * width)
         whole = np.zeros((count, *shape), dtype=np.uint64)
-        found = whole[:, -width:]
+        joint_rows = whole[:, -width:]
         if base is not None:
-            own = _columns(base, np.eye(10, dtype=np.uint64))
-            whole[:, :6, -10:] = np.stack([*own[0], *own[1]], axis=1)
+            base_columns = _columns(base, np.eye(10, dtype=np.uint64))
+            whole[:, :6, -10:] = np.stack([*base_columns[0], *base_columns[1]], axis=1)
         below: list[list[tuple[list[int], list[Words], list[Words]]]] = [[] for _ in self.joints]
         for place in reversed(range(len(self.joints))):
             joint, body = self.joints[place], self.bodies[place]
             f, n = _columns(motions[place], joint.from_body)
             stacks = [(list(range(10 * body, 10 * body + 10)), f, n), *below[place]]
-            columns = [column for one in stacks for column in one[0]]
+            columns = [column for stack in stacks for column in stack[0]]
             f, n = (
-                [np.concatenate([one[k][i] for one in stacks], axis=1) for i in range(3)]
+                [np.concatenate([stack[k][i] for stack in stacks], axis=1) for i in range(3)]
                 for k in (1, 2)
             )
             below[place] = []
-            found[:, body, columns] = f[2] if joint.is_prismatic else n[2]
+            joint_rows[:, body, columns] = f[2] if joint.is_prismatic else n[2]
             if joint.parent >= 0 or base is not None:
                 up = _to_parent(joint, [x[:, body, None] for x in states[:3]], f, n)
             if joint.parent >= 0:
@@ -175,14 +172,14 @@ class ModularDynamics:
         place = self.bodies.index(body) if body >= 0 else -1
         at = _apply(self.joints[place].to_aligned, list(point)) if body >= 0 else list(point)
         n = _add(n, _cross([x + zero for x in at], f))
-        found = np.zeros((count, 6 + width, 6), dtype=np.uint64)
+        rows = np.zeros((count, 6 + width, 6), dtype=np.uint64)
         while place >= 0:
-            joint, own = self.joints[place], self.bodies[place]
-            found[:, 6 + own] = f[2] if joint.is_prismatic else n[2]
-            f, n = _to_parent(joint, [x[:, own, None] for x in states[:3]], f, n)
+            joint, index = self.joints[place], self.bodies[place]
+            rows[:, 6 + index] = f[2] if joint.is_prismatic else n[2]
+            f, n = _to_parent(joint, [x[:, index, None] for x in states[:3]], f, n)
             place = joint.parent
-        found[:, :6] = np.stack([*f, *n], axis=1)
-        return found[:, :, : 6 if is_flat else 3]
+        rows[:, :6] = np.stack([*f, *n], axis=1)
+        return rows[:, :, : 6 if is_flat else 3]
 
     def acceleration_at(
         self, states: Sequence[Words], base: BodyMotion, body: int, point: Words, is_flat: bool
@@ -207,9 +204,9 @@ class ModularDynamics:
             r = [x + zero for x in joint.translation]
             linear = _add(linear, _add(_cross(e, r), _cross(w, _cross(w, r))))
             linear, w, e = (_apply(joint.rotation.T, x) for x in (linear, w, e))
-            own = q[:, body], c[:, body], s[:, body], v[:, body], a[:, body]
+            state = q[:, body], c[:, body], s[:, body], v[:, body], a[:, body]
             through = _slid if joint.is_prismatic else _turned
-            motions.append(through(linear, w, e, own))
+            motions.append(through(linear, w, e, state))
         return motions
 
 
@@ -229,9 +226,9 @@ def modular_dynamics(tree: ExactTree) -> ModularDynamics:
     return ModularDynamics(joints, tree.bodies, [x[0] for x in words(tree.gravity)])
 
 
-def _turned(linear: _Vector, w: _Vector, e: _Vector, own: Sequence[Words]) -> Any:
+def _turned(linear: _Vector, w: _Vector, e: _Vector, state: Sequence[Words]) -> Any:
     """Return the motion behind a joint that rotates about z."""
-    _, c, s, speed, rate = own
+    _, c, s, speed, rate = state
 
     def about(x: _Vector) -> list[Words]:
         return [
@@ -246,9 +243,9 @@ def _turned(linear: _Vector, w: _Vector, e: _Vector, own: Sequence[Words]) -> An
     return linear, [w[0], w[1], folded(w[2] + speed)], e
 
 
-def _slid(linear: _Vector, w: _Vector, e: _Vector, own: Sequence[Words]) -> Any:
+def _slid(linear: _Vector, w: _Vector, e: _Vector, state: Sequence[Words]) -> Any:
     """Return the motion behind a joint that slides along z."""
-    q, _, _, speed, rate = own
+    q, _, _, speed, rate = state
     zero = np.zeros_like(q)
     along, moving = [zero, zero, q], [zero, zero, folded(speed + speed)]
     linear = _add(linear, _add(_cross(e, along), _cross(w, _cross(w, along))))
@@ -257,13 +254,13 @@ def _slid(linear: _Vector, w: _Vector, e: _Vector, own: Sequence[Words]) -> Any:
 
 
 def _wrenches(
-    motion: tuple[_Vector, _Vector, _Vector], own: Sequence[Words]
+    motion: tuple[_Vector, _Vector, _Vector], parameters: Sequence[Words]
 ) -> tuple[list[Words], list[Words]]:
     """Return force and moment about the origin of a body with ten parameters."""
     a, w, e = motion
-    m, h = own[0], [x + np.zeros_like(a[0]) for x in own[1:4]]
-    inertia = [[own[0]] * 3 for _ in range(3)]
-    for value, (i, j) in zip(own[4:], INERTIA, strict=True):
+    m, h = parameters[0], [x + np.zeros_like(a[0]) for x in parameters[1:4]]
+    inertia = [[parameters[0]] * 3 for _ in range(3)]
+    for value, (i, j) in zip(parameters[4:], INERTIA, strict=True):
         inertia[i][j] = inertia[j][i] = value
     turned, swept = (
         [_sum([times(x, y) for x, y in zip(row, vector, strict=True)]) for row in inertia]
@@ -283,10 +280,10 @@ def _columns(
 
 
 def _to_parent(
-    joint: _Joint, own: Sequence[Words], f: _Vector, n: _Vector
+    joint: _Joint, state: Sequence[Words], f: _Vector, n: _Vector
 ) -> tuple[list[Words], list[Words]]:
     """Return a force and a moment about the origin in the parent's frame."""
-    q, c, s = own
+    q, c, s = state
 
     def back(x: _Vector) -> _Vector:
         if joint.is_prismatic:

@@ -243,11 +243,11 @@ def decide(
     system: System, payloads: Sequence[Array], exact: ResidueNumbers, numeric: RealNumbers
 ) -> Decision:
     """Return the identifiable combinations, for logs with each of the known `payloads` (10n,)."""
-    columns, rows = _free(system, exact)
-    on_motion = _on_motion(system, payloads, exact, columns)
+    columns, rows = _free_echelon(system, exact)
+    on_motion = _motion_echelon(system, payloads, exact, columns)
     groups = _groups(on_motion, len(columns))
     rank = len(on_motion[0]) if on_motion is not None else len(columns)
-    grouping, gap, agree = _in_doubles(system, payloads, numeric, columns, rows, rank)
+    grouping, gap, agree = _numeric_grouping(system, payloads, numeric, columns, rows, rank)
     names = system.names
     base = BaseParameters(
         columns=tuple(columns),
@@ -262,7 +262,7 @@ def decide(
     return base, groups, rank, agree
 
 
-def _free(system: System, exact: ResidueNumbers) -> tuple[list[int], Residues]:
+def _free_echelon(system: System, exact: ResidueNumbers) -> tuple[list[int], Residues]:
     """Return pivots and rows of the echelon form over free instants, added until the rank stays."""
     width, sums = len(system.names), len(system.sums)
     columns: list[int] = []
@@ -279,13 +279,13 @@ def _free(system: System, exact: ResidueNumbers) -> tuple[list[int], Residues]:
         columns, rows = echelon(np.vstack([rows, new]))
 
 
-def _on_motion(
+def _motion_echelon(
     system: System, payloads: Sequence[Array], exact: ResidueNumbers, columns: list[int]
 ) -> tuple[list[int], Residues] | None:
     """Return the echelon form of the combinations over true motions, None if it is surely full."""
     if not columns or not _can_be_homogeneous(system):
         return None
-    truth, count = random_truth(exact, system), _count(system, columns)
+    truth, count = random_truth(exact, system), _instant_count(system, columns)
     rows = [
         columns_at_instants(exact, system, truth, count, _numbers(exact, payload))
         for payload in payloads
@@ -303,7 +303,7 @@ def _can_be_homogeneous(system: System) -> bool:
     )
 
 
-def _count(system: System, columns: Sequence[int]) -> int:
+def _instant_count(system: System, columns: Sequence[int]) -> int:
     return len(columns) // len(system.sums) * 2 + 2 * _MORE_INSTANTS
 
 
@@ -324,7 +324,7 @@ def _groups(on_motion: tuple[list[int], Residues] | None, p: int) -> tuple[tuple
     return tuple(tuple(group) for group in connected_groups(links) if coupled[group[0]])
 
 
-def _in_doubles(
+def _numeric_grouping(
     system: System,
     payloads: Sequence[Array],
     numeric: RealNumbers,
@@ -339,8 +339,8 @@ def _in_doubles(
     truth = random_truth(numeric, system)
     count = 2 * (width // len(system.sums)) + 4 * _MORE_INSTANTS
     H = columns_at_instants(numeric, system, truth, count)
-    found, grouping, gap = left_to_right(H, _negligible(system, H))
-    agree = found == columns
+    numeric_columns, grouping, gap = left_to_right(H, _negligible(system, H))
+    agree = numeric_columns == columns
     if not agree:
         grouping = safely(
             np.linalg.lstsq,
@@ -366,7 +366,7 @@ def _rank_in_doubles(
 ) -> int:
     if not _can_be_homogeneous(system):
         return len(columns)
-    count = 2 * _count(system, columns)
+    count = 2 * _instant_count(system, columns)
     rows = [columns_at_instants(numeric, system, truth, count, payload) for payload in payloads]
     return len(left_to_right(np.vstack(rows)[:, columns])[0])
 
@@ -379,9 +379,9 @@ def _negligible(system: System, H: Array) -> BoolArray:
 
 def _fractions(row: Residues, values: Array) -> dict[int, Fraction]:
     """Return a row of the grouping as rationals: exact ones if short, else the doubles."""
-    found = {}
+    fractions = {}
     for column in np.flatnonzero(values).tolist():
         value = float(values[column])
         near = short_fraction(int(row[column])), Fraction(round(value)), Fraction(value)
-        found[column] = next(x for x in near if x and abs(x - value) <= _ROUNDING * abs(value))
-    return found
+        fractions[column] = next(x for x in near if x and abs(x - value) <= _ROUNDING * abs(value))
+    return fractions

@@ -60,17 +60,17 @@ def columns_of_stances(
     assert robot.floating_base is not None
     numbers = ResidueNumbers(robot, np.random.default_rng(seed))
     known = [robot.index(joint) for joint in robot.selected(torque_joints)]
-    free = _of_plane(numbers)[0]
+    free = _axes_and_gravity(numbers)[0]
     width, rows = len(robot.parameters), [np.zeros((0, len(robot.parameters)), dtype=object)]
     for links in stances:
         if links == HANGING:
             rows.append(_hanging_rows(numbers, known, _instants(width, len(known))))
             continue
-        contacts = [one for one in robot.floating_base.contacts if one.link in links]
-        hidden = [one for one in contacts if one.link not in measured]
-        reached = sum(6 if one.is_flat else 3 for one in hidden)
-        left = max(int(sum(free)) + len(known) - reached, 1)
-        rows.append(_rows(numbers, contacts, hidden, known, _instants(width, left)))
+        contacts = [contact for contact in robot.floating_base.contacts if contact.link in links]
+        hidden = [contact for contact in contacts if contact.link not in measured]
+        reached = sum(6 if contact.is_flat else 3 for contact in hidden)
+        equations = max(int(sum(free)) + len(known) - reached, 1)
+        rows.append(_rows(numbers, contacts, hidden, known, _instants(width, equations)))
     H = np.vstack(rows)
     H[:, robot.is_known] = 0
     order = np.roll(np.arange(width), 10)  # the base is the last body
@@ -94,13 +94,13 @@ def _rows(
     dynamics, n = modular_dynamics(exact_tree(numbers.robot)), numbers.robot.n
     q, turned, v, a = numbers.states(count)
     linear, w, e, f = (numbers.random(count, 3) for _ in range(4))
-    free, along = _of_plane(numbers)
+    free, along = _axes_and_gravity(numbers)
     linear, w, e, f = linear * free[:3], w * free[3:], e * free[3:], f * free[:3] + along
     places = [_place(numbers, contact) for contact in contacts]
     states = numbers.of_bodies(q, turned, v, a)
     forces = [
-        _on_leaders(numbers, dynamics.forces_at(states, *place, one.is_flat))
-        for place, one in zip(places, contacts, strict=True)
+        _leader_rows(numbers, dynamics.forces_at(states, *place, contact.is_flat))
+        for place, contact in zip(places, contacts, strict=True)
     ]
     A = np.concatenate([np.zeros((count, 6 + n, 0), dtype=object), *forces], axis=2)
     if contacts:
@@ -110,20 +110,20 @@ def _rows(
         states = numbers.of_bodies(q, turned, v, 0 * v)
         still = _motion(0 * w, w, 0 * w)
         drift = [
-            dynamics.acceleration_at(states, still, *place, one.is_flat).astype(object)
-            for place, one in zip(places, contacts, strict=True)
+            dynamics.acceleration_at(states, still, *place, contact.is_flat).astype(object)
+            for place, contact in zip(places, contacts, strict=True)
         ]
         wanted = -np.hstack(drift) % PRIME
         moved = _changed(changing, np.hstack([linear, e, a]), wanted)
         # the specific force is the acceleration less gravity, which has any direction
         f, e, a = (moved[:, :3] + f) % PRIME, moved[:, 3:6], moved[:, 6:]
     states = numbers.of_bodies(q, turned, v, a)
-    Y = _on_leaders(numbers, dynamics.regressor(states, _motion(f, w, e)))
+    Y = _leader_rows(numbers, dynamics.regressor(states, _motion(f, w, e)))
     kept = [*np.flatnonzero(free), *(6 + joint for joint in known)]
-    unknown = [x for x, one in zip(forces, contacts, strict=True) if one in hidden]
+    unknown = [x for x, contact in zip(forces, contacts, strict=True) if contact in hidden]
     A = np.concatenate([A[:, :, :0], *unknown], axis=2)
     return np.vstack(
-        [_left_over(A_t, Y_t) for A_t, Y_t in zip(A[:, kept], Y[:, kept], strict=True)]
+        [_unreached_rows(A_t, Y_t) for A_t, Y_t in zip(A[:, kept], Y[:, kept], strict=True)]
     )
 
 
@@ -133,7 +133,7 @@ def _hanging_rows(numbers: ResidueNumbers, known: Sequence[int], count: int) -> 
     still = np.zeros((count, 3), dtype=object)
     f = still - np.array([int(x) for x in dynamics.gravity], dtype=object)
     states = numbers.of_bodies(*numbers.states(count))
-    Y = _on_leaders(numbers, dynamics.regressor(states, _motion(f, still, still)))
+    Y = _leader_rows(numbers, dynamics.regressor(states, _motion(f, still, still)))
     return np.asarray(Y[:, [6 + joint for joint in known]].reshape(-1, Y.shape[2]))
 
 
@@ -160,7 +160,7 @@ def _place(numbers: ResidueNumbers, contact: Contact) -> tuple[int, Words]:
     return body, np.array([numbers.number(x) for x in at.tolist()], dtype=np.uint64)
 
 
-def _of_plane(numbers: ResidueNumbers) -> tuple[Residues, Residues]:
+def _axes_and_gravity(numbers: ResidueNumbers) -> tuple[Residues, Residues]:
     """Return whether the base moves along and turns about each axis, 0 or 1 (6,), and -g (3,).
 
     Gravity along the normal of a planar base is the same at all of its angles.
@@ -179,31 +179,31 @@ def _motion(linear: Residues, w: Residues, e: Residues) -> BodyMotion:
     return list(linear.T), list(w.T), list(e.T)
 
 
-def _on_leaders(numbers: ResidueNumbers, rows: Words) -> Residues:
+def _leader_rows(numbers: ResidueNumbers, rows: Words) -> Residues:
     """Return rows (T, 6 + n, ...) of the base and of the independent joints."""
     return np.concatenate([rows[:, :6].astype(object), numbers.on_leaders(rows[:, 6:])], axis=1)
 
 
 def _matrix(values: Residues) -> nmod_mat:
     rows, columns = values.shape
-    found: nmod_mat = nmod_mat(rows, columns, [int(x) for x in values.ravel()], PRIME)
-    return found
+    matrix: nmod_mat = nmod_mat(rows, columns, [int(x) for x in values.ravel()], PRIME)
+    return matrix
 
 
 def _changed(A: Residues, x: Residues, wanted: Residues) -> Residues:
     """Return x (T, m) changed in the pivots of J = A^T so that J x = `wanted` (T, k)."""
-    found = x.copy()
+    changed = x.copy()
     for t, (A_t, b) in enumerate(zip(A, wanted, strict=True)):
         J = A_t.T
         right = (b - J @ x[t]) % PRIME
         reduced, rank = _matrix(np.column_stack([J, right])).rref()
         for row in reduced.tolist()[:rank]:
             pivot = next(place for place, entry in enumerate(row) if int(entry))
-            found[t, pivot] = (found[t, pivot] + int(row[-1])) % PRIME
-    return found
+            changed[t, pivot] = (changed[t, pivot] + int(row[-1])) % PRIME
+    return changed
 
 
-def _left_over(A: Residues, Y: Residues) -> Residues:
+def _unreached_rows(A: Residues, Y: Residues) -> Residues:
     """Return the combinations of the rows Y (r, m) that the forces A (r, k) do not reach."""
     if not A.shape[1]:
         return Y
