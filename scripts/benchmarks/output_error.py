@@ -106,7 +106,7 @@ def bound() -> Array:
     drives = [truth.index(joint) for joint in layout.simulated]
     others = [
         truth.index(joint)
-        for joint in layout.found.model.torque_joints
+        for joint in layout.identification.model.torque_joints
         if joint not in layout.simulated
     ]
     ratios = [truth.drives[truth.joint_names[index]].ratio for index in others]

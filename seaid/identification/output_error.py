@@ -132,7 +132,7 @@ class Layout:
     torque of the joint by the derivative of this order of its deflection, with the factor zero.
     """
 
-    found: Identification
+    identification: Identification
     simulated: tuple[str, ...]
     names: tuple[str, ...]
     drives: FrozenMapping[slice]
@@ -149,8 +149,8 @@ class Layout:
         loads = motion.joint_states
         for column, (joint, order) in enumerate(self.tested, len(self.names) - len(self.tested)):
             index, ratio = (
-                self.found.known.index(joint),
-                total_ratio(self.found.known.drives[joint]),
+                self.identification.known.index(joint),
+                total_ratio(self.identification.known.drives[joint]),
             )
             yield column, joint, motors[order][:, index] / ratio - loads[order][:, index]
 
@@ -161,8 +161,8 @@ class Layout:
         Where no encoder is behind a spring, the angles there are part of the estimate: a torque on
         them by the angles of an earlier estimate would be fitted to the noise of that one.
         """
-        others = self.found.model.torque_joints
-        return tuple(one for one in others if self.unseen and one not in self.simulated)
+        others = self.identification.model.torque_joints
+        return tuple(joint for joint in others if self.unseen and joint not in self.simulated)
 
     @property
     def has_zeros(self) -> bool:
@@ -175,23 +175,24 @@ class Layout:
         values = np.zeros(len(self.names))
         for joint, columns in self.drives.items():
             values[columns] = self.actuator(joint).values
-        values[self.load] = self.found.load_side.values
-        if self.unseen and self.found.feasible is not None:  # an inertia that can be simulated
-            consistent = self.found.base.project(self.found.robot.parameters)
+        values[self.load] = self.identification.load_side.values
+        if self.unseen and self.identification.feasible is not None:
+            # an inertia that can be simulated
+            consistent = self.identification.base.project(self.identification.robot.parameters)
             values[self.load][: len(consistent)] = consistent
         values[[self.offset(joint) for joint in self.unseen]] = 0.0
         return values
 
     def actuator(self, joint: str) -> Estimate:
         """Return the identified parameters of a drive without those of the load side."""
-        return _actuator_part(self.found, joint)
+        return _actuator_part(self.identification, joint)
 
     def spring(self, joint: str) -> list[int]:
         """Return the columns of a joint's spring, for a linear one stiffness and offset."""
         names = self.actuator(joint).names
         first = self.drives[joint].start
-        own = spring_regressor(self.found.known, joint).names
-        return [first + names.index(name) for name in own]
+        spring_names = spring_regressor(self.identification.known, joint).names
+        return [first + names.index(name) for name in spring_names]
 
     def offset(self, joint: str) -> int:
         """Return the column of the offset of a joint's spring."""
@@ -199,7 +200,7 @@ class Layout:
 
     def known_at(self, x: Array) -> Robot:
         """Return the robot whose nonlinear drives are linearised at the values x (p,)."""
-        known, drives = self.found.known, {}
+        known, drives = self.identification.known, {}
         for joint, columns in self.nonlinear.items():
             values = {name: float(x[column]) for name, column in columns.items()}
             for name in motor_regressor(known, joint).non_linear:
@@ -234,30 +235,30 @@ _EXACT_RAD = 1e-7
 """Standard deviation of a motor's encoder offset, seen at the joint, that counts as zero."""
 
 
-def _actuator_part(found: Identification, joint: str) -> Estimate:
+def _actuator_part(identification: Identification, joint: str) -> Estimate:
     """Return the parameters of a drive by (7); a parallel spring and joint friction are in (8)."""
-    whole, load = found.drive_side[joint], found.model.names
+    whole, load = identification.drive_side[joint], identification.model.names
     names = [name for name in whole.names if f"{name} of {joint}" not in load]
     return whole.part([whole.names.index(name) for name in names], names)
 
 
 def layout_of(
-    found: Identification, encoder_offset_std: float, unseen: tuple[str, ...] = ()
+    fit: Identification, encoder_offset_std: float, unseen: tuple[str, ...] = ()
 ) -> Layout:
     """Return the places of the parameters of an identification in one vector.
 
     The spring offset of an `unseen` joint is k r_L times the zero of its motor's encoder, which the
     joint's angle follows: it turns gravity, and is known as well as that zero.
     """
-    robot = found.known
+    robot = fit.known
     names: list[str] = []
     drives: dict[str, slice] = {}
     for joint in robot.elastic_joints:
-        mine = _actuator_part(found, joint).names
-        drives[joint] = slice(len(names), len(names) + len(mine))
-        names += [f"{name} of {joint}" for name in mine]
-    load = slice(len(names), len(names) + len(found.model.names))
-    names += found.model.names
+        drive_names = _actuator_part(fit, joint).names
+        drives[joint] = slice(len(names), len(names) + len(drive_names))
+        names += [f"{name} of {joint}" for name in drive_names]
+    load = slice(len(names), len(names) + len(fit.model.names))
+    names += fit.model.names
     zeros = slice(len(names), len(names) + (robot.n if encoder_offset_std else 0))
     names += (
         [f"encoder zero of {joint}" for joint in robot.joint_names] if encoder_offset_std else []
@@ -265,13 +266,13 @@ def layout_of(
     precision = np.zeros(len(names))
     precision[zeros] = 1 / encoder_offset_std if encoder_offset_std else 0.0
     for joint in unseen:
-        own = _actuator_part(found, joint)
-        force = own.value("stiffness") * robot.drives[joint].load_radius
-        place = drives[joint].start + own.names.index("spring_offset")
+        estimate = _actuator_part(fit, joint)
+        force = estimate.value("stiffness") * robot.drives[joint].load_radius
+        place = drives[joint].start + estimate.names.index("spring_offset")
         precision[place] = 1 / (force * max(encoder_offset_std, _EXACT_RAD))
     return Layout(
-        found=found,
-        simulated=tuple(joint for joint in found.model.torque_joints if joint in found.springs),
+        identification=fit,
+        simulated=tuple(joint for joint in fit.model.torque_joints if joint in fit.springs),
         names=tuple(names),
         drives=FrozenMapping(drives),
         load=load,
@@ -284,7 +285,7 @@ def layout_of(
 
 def _nonlinear_drives(robot: Robot, names: Sequence[str]) -> dict[str, dict[str, int]]:
     """Return {joint: {parameter: column}} of the drives with nonlinear parameters in `names`."""
-    found = {}
+    nonlinear = {}
     for joint, drive in robot.drives.items():
         columns = {
             name: names.index(f"{name} of {joint}")
@@ -292,8 +293,8 @@ def _nonlinear_drives(robot: Robot, names: Sequence[str]) -> dict[str, dict[str,
             if f"{name} of {joint}" in names
         }
         if columns.keys() & {*motor_regressor(robot, joint).non_linear}:
-            found[joint] = columns
-    return found
+            nonlinear[joint] = columns
+    return nonlinear
 
 
 _MOST_ENTRIES = 1_000_000
@@ -304,14 +305,14 @@ def runs_of(layout: Layout, log: Log, number: int = 0, window_s: float = WINDOW_
     """Return a log without gaps, with the wider cutoff, in parts of whole windows."""
     if not layout.simulated:
         return []
-    known = layout.found.known
+    known = layout.identification.known
     rate_hz = (len(log.time) - 1) / (log.time[-1] - log.time[0])
     wider = 1.0 if with_hysteresis(known, layout.simulated) else WIDER
-    band = min(wider * layout.found.cutoff_hz, rate_hz / 8)
+    band = min(wider * layout.identification.cutoff_hz, rate_hz / 8)
     motion = finer_side(known, reconstruct_motion(known, log, band))
     behind = (*layout.unseen, *layout.followed)
     if any(np.less(*_motor_noise(known, joint, log, motion)) for joint in behind):
-        motion = finer_side(known, reconstruct_motion(known, log, layout.found.cutoff_hz))
+        motion = finer_side(known, reconstruct_motion(known, log, layout.identification.cutoff_hz))
     if layout.unseen:
         motion = smoothed(motion, [known.index(joint) for joint in layout.unseen])
         motion = decimated(motion, max(1, int(motion.rate_hz / (SAMPLES * motion.cutoff_hz))))
@@ -329,21 +330,21 @@ def runs_of(layout: Layout, log: Log, number: int = 0, window_s: float = WINDOW_
     for start in range(0, windows, most):
         count = min(most, windows - start)
         first = transient + start * window
-        own = slice(first, first + count * window)
-        reading = motion.joint_position[own, simulated]
-        before = motion.samples(slice(own.stop))
-        runs.append(Run(motion.samples(own), reading, still[own], count, block, number, before))
+        part = slice(first, first + count * window)
+        reading = motion.joint_position[part, simulated]
+        before = motion.samples(slice(part.stop))
+        runs.append(Run(motion.samples(part), reading, still[part], count, block, number, before))
     return runs
 
 
 def _zeros(layout: Layout, x: Array) -> Array:
     """Return the encoder offsets (n,), zero if they are not estimated."""
-    return x[layout.zeros] if layout.has_zeros else np.zeros(layout.found.known.n)
+    return x[layout.zeros] if layout.has_zeros else np.zeros(layout.identification.known.n)
 
 
 def robot_at(layout: Layout, x: Array) -> Robot:
     """Return the identified robot with the base parameters of x."""
-    base, robot = layout.found.base, layout.found.robot
+    base, robot = layout.identification.base, layout.identification.robot
     load = x[layout.load][: len(base.columns)]
     correction = base.least(load - base.project(robot.parameters))
     return robot.with_values(robot.parameters + correction, robot.drives)
@@ -351,13 +352,13 @@ def robot_at(layout: Layout, x: Array) -> Robot:
 
 def measured(layout: Layout, log: Log) -> Callable[[Array], Residuals]:
     """Return the residuals of what is not simulated, as a function of the parameters x (p,)."""
-    motion = reconstruct_motion(layout.found.known, log, layout.found.cutoff_hz)
-    motion = finer_side(layout.found.known, motion)
+    motion = reconstruct_motion(layout.identification.known, log, layout.identification.cutoff_hz)
+    motion = finer_side(layout.identification.known, motion)
     linear = _measured_near(layout, motion, layout.start)
 
     def at(x: Array) -> Residuals:
-        one = _measured_near(layout, motion, x) if layout.nonlinear else linear
-        return replace(one, residual=one.residual + one.jacobian @ x)
+        residuals = _measured_near(layout, motion, x) if layout.nonlinear else linear
+        return replace(residuals, residual=residuals.residual + residuals.jacobian @ x)
 
     return at
 
@@ -369,7 +370,7 @@ def _measured_near(layout: Layout, motion: Motion, x: Array) -> Residuals:
     columns have the noise of the encoders, so that both sides are filtered as in `identify`. The
     effect of encoder offsets is that at the start.
     """
-    known, model, start = layout.known_at(x), layout.found.model, layout.start
+    known, model, start = layout.known_at(x), layout.identification.model, layout.start
     drives = [joint for joint in layout.drives if joint not in layout.simulated]
     others = [joint for joint in model.torque_joints if joint not in layout.simulated]
     others = [] if layout.unseen else others
@@ -393,13 +394,13 @@ def _measured_near(layout: Layout, motion: Motion, x: Array) -> Residuals:
         if layout.has_zeros:
             rows = offset_sensitivity(known, motion, regress, start[columns])
         for joint in joints:
-            mine = rows.joint == known.index(joint)
-            places = np.searchsorted(instants, rows.time[mine] - 1e-9)
+            of_joint = rows.joint == known.index(joint)
+            places = np.searchsorted(instants, rows.time[of_joint] - 1e-9)
             kept[0, places[places % 2 == 0], channel] = True
-            residual[0, places, channel] = rows.y[mine]
-            jacobian[0, places, channel, columns] = -rows.H[mine]
+            residual[0, places, channel] = rows.y[of_joint]
+            jacobian[0, places, channel, columns] = -rows.H[of_joint]
             if layout.has_zeros:
-                jacobian[0, places, channel, layout.zeros] = -rows.propagated[mine]
+                jacobian[0, places, channel, layout.zeros] = -rows.propagated[of_joint]
             channel += 1
     simulated = 2 * len(layout.simulated) + len(layout.followed)
     return Residuals(
@@ -476,33 +477,33 @@ def _pull(layout: Layout, known: Robot, run: Run, x: Array, load: LoadError, dry
 
 def _drive_slopes(layout: Layout, known: Robot, motion: Motion, x: Array) -> tuple[Array, Array]:
     """Return the decrease of the drives' load torques with position and speed, (T, s, s) each."""
-    model, eye = layout.found.model, np.eye(len(layout.simulated))
-    mine = [model.torque_joints.index(joint) for joint in layout.simulated]
-    springs = {joint: x[layout.spring(joint)] for joint in layout.found.springs}
+    model, eye = layout.identification.model, np.eye(len(layout.simulated))
+    simulated = [model.torque_joints.index(joint) for joint in layout.simulated]
+    springs = {joint: x[layout.spring(joint)] for joint in layout.identification.springs}
     torques = [
-        drive_torques(known, one, model, springs, x[layout.load])[:, mine]
-        for one in (
+        drive_torques(known, variant, model, springs, x[layout.load])[:, simulated]
+        for variant in (
             motion,
             replace(motion, joint_position=motion.joint_position + _NUDGE),
             replace(motion, joint_velocity=motion.joint_velocity + _NUDGE),
         )
     ]
     by_position, by_velocity = (
-        (torques[0] - one)[:, :, None] / _NUDGE * eye for one in torques[1:]
+        (torques[0] - torque)[:, :, None] / _NUDGE * eye for torque in torques[1:]
     )
     return by_position, by_velocity
 
 
 def _followed(layout: Layout, load: LoadError, response: Response) -> Array:
     """Return the residuals of (8) of the followed joints and their derivatives, as `response`."""
-    known = layout.found.known
-    own, moving = (
-        [known.index(one) for one in joints] for joints in (layout.followed, layout.simulated)
+    known = layout.identification.known
+    followed, moving = (
+        [known.index(joint) for joint in joints] for joints in (layout.followed, layout.simulated)
     )
-    found = -load.jacobians.part(own, moving).change(response)
+    columns = -load.jacobians.part(followed, moving).change(response)
     rows = load.rows(layout.followed)
-    found[:, :, : rows.shape[2]] += rows
-    return found
+    columns[:, :, : rows.shape[2]] += rows
+    return columns
 
 
 @dataclass(frozen=True, eq=False)
@@ -515,14 +516,14 @@ class LoadError:
 
     def rows(self, joints: Sequence[str]) -> Array:
         """Return the columns (T, joints, 1 + p) of some joints."""
-        return np.asarray(self.columns[:, [self.joints.index(one) for one in joints]])
+        return np.asarray(self.columns[:, [self.joints.index(joint) for joint in joints]])
 
 
 def _load_error(layout: Layout, known: Robot, run: Run, x: Array) -> LoadError:
     """Return the residuals of (8) of all joints with a torque, and their derivatives."""
-    found, motion = layout.found, run.motion
-    springs = {joint: x[layout.spring(joint)] for joint in found.springs}
-    torque, payload, H, propagated = load_columns(known, motion, found.model, springs)
+    identification, motion = layout.identification, run.motion
+    springs = {joint: x[layout.spring(joint)] for joint in identification.springs}
+    torque, payload, H, propagated = load_columns(known, motion, identification.model, springs)
     jacobians = torque_jacobians(robot_at(layout, x), *motion.joint_states)
     by_x = np.zeros((*torque.shape, len(x)))
     by_x[:, :, layout.load] = -H
@@ -531,15 +532,15 @@ def _load_error(layout: Layout, known: Robot, run: Run, x: Array) -> LoadError:
     if layout.has_zeros:
         rows, joints = (
             [known.index(joint) for joint in names]
-            for names in (found.model.torque_joints, layout.simulated)
+            for names in (identification.model.torque_joints, layout.simulated)
         )
         by_x[:, :, layout.zeros] = jacobians.position[:, rows]
         by_x[:, :, [layout.zeros.start + joint for joint in joints]] = 0.0
     for column, joint, unit in layout.tests(motion):
-        by_x[:, found.model.torque_joints.index(joint), column] = unit
+        by_x[:, identification.model.torque_joints.index(joint), column] = unit
     error = torque - payload - H @ x[layout.load]
     whole = np.concatenate([error[:, :, None], by_x], axis=2)
-    return LoadError(found.model.torque_joints, whole, jacobians)
+    return LoadError(identification.model.torque_joints, whole, jacobians)
 
 
 def _motor_columns(
@@ -555,7 +556,7 @@ def _motor_columns(
 def _drive_error(layout: Layout, known: Robot, run: Run, x: Array, response: Response) -> Array:
     """Return the residuals of (7) and their derivatives (T, simulated, 1 + p + s)."""
     motion = run.motion
-    found = np.zeros_like(response.position)
+    residuals = np.zeros_like(response.position)
     nudged = (
         (response.position, replace(motion, joint_position=motion.joint_position + _NUDGE)),
         (response.velocity, replace(motion, joint_velocity=motion.joint_velocity + _NUDGE)),
@@ -564,26 +565,26 @@ def _drive_error(layout: Layout, known: Robot, run: Run, x: Array, response: Res
         columns = layout.drives[joint]
         names, zeta, R = _motor_columns(layout, known, motion, joint)
         _check_columns(layout, names, joint)
-        found[:, row, 0] = zeta - R @ x[columns]
-        found[:, row, 1 + columns.start : 1 + columns.stop] = -R
-        here = found[:, row, 0].copy()
-        for change, there in nudged:
-            _, zeta, R = _motor_columns(layout, known, there, joint)
-            slope = (zeta - R @ x[columns] - here) / _NUDGE
-            found[:, row] += slope[:, None] * change[:, row]
+        residuals[:, row, 0] = zeta - R @ x[columns]
+        residuals[:, row, 1 + columns.start : 1 + columns.stop] = -R
+        unchanged = residuals[:, row, 0].copy()
+        for change, moved in nudged:
+            _, zeta, R = _motor_columns(layout, known, moved, joint)
+            slope = (zeta - R @ x[columns] - unchanged) / _NUDGE
+            residuals[:, row] += slope[:, None] * change[:, row]
     for column, joint, unit in layout.tests(motion):
         ratio = total_ratio(known.drives[joint])
-        found[:, layout.simulated.index(joint), 1 + column] -= unit / ratio
-    return found
+        residuals[:, layout.simulated.index(joint), 1 + column] -= unit / ratio
+    return residuals
 
 
 def _check_columns(layout: Layout, names: tuple[str, ...], joint: str) -> None:
     """Raise IdentificationError if a log has other torque sensors than the identification."""
-    mine = layout.actuator(joint).names
-    if names != mine:
+    identified = layout.actuator(joint).names
+    if names != identified:
         raise IdentificationError(
             f"the log determines {', '.join(names)} of {joint}, the identification "
-            f"has {', '.join(mine)}: same torque sensors needed"
+            f"has {', '.join(identified)}: same torque sensors needed"
         )
 
 
@@ -725,85 +726,85 @@ def refined_with_logs(
         return _with_finding(identification, nothing_to_simulate()), logs
     simulated = _filled(layout, logs, layout.start)
     if unseen:
-        _, here = _iterated(layout, simulated, layout.start, iterations, progress, SHORT_WINDOW_S)
-        simulated = [_simulated_log(layout, log, here.runs) for log in logs]
-    first = here.x if unseen else layout.start
-    start, here = _iterated(layout, simulated, first, iterations, progress)
-    if not _size(here.step) < _CLOSE and (held := _held(identification, layout, here)):
+        _, point = _iterated(layout, simulated, layout.start, iterations, progress, SHORT_WINDOW_S)
+        simulated = [_simulated_log(layout, log, point.runs) for log in logs]
+    first = point.x if unseen else layout.start
+    start, point = _iterated(layout, simulated, first, iterations, progress)
+    if not _size(point.step) < _CLOSE and (held := _held(identification, layout, point)):
         return refined_with_logs(held, logs, encoder_offset_std, iterations, progress)
-    if not _size(here.step) < _CLOSE:
+    if not _size(point.step) < _CLOSE:
         raise IdentificationError(
             f"the refinement did not converge in {iterations} iterations: its next step would be "
-            f"{_size(here.step):.2g} standard errors; use the result of identify, if the logs and "
+            f"{_size(point.step):.2g} standard errors; use the result of identify, if the logs and "
             "the identification belong together"
         )
     if unseen:
-        wider, point = _with_tests(layout, here)
-        noise, p = _noise_of_states(wider, point), len(here.x)
-        terms = _tested_terms(wider, point, noise)
+        wider, wider_point = _with_tests(layout, point)
+        noise, p = _noise_of_states(wider, wider_point), len(point.x)
+        terms = _tested_terms(wider, wider_point, noise)
         refined = with_motor_side_findings(
-            _refined(layout, here, noise[:p, :p]), terms, here.runs[0].motion
+            _refined(layout, point, noise[:p, :p]), terms, point.runs[0].motion
         )
-        return refined, [_simulated_log(layout, log, here.runs) for log in logs]
-    here = _with_noisy_deflections(layout, here, logs)
-    refined = _refined(layout, here)
-    reason, evidence = _worse(identification, refined, logs, _zeros(layout, here.x))
-    if here.step.merit > start.step.merit + _ALIKE:
+        return refined, [_simulated_log(layout, log, point.runs) for log in logs]
+    point = _with_noisy_deflections(layout, point, logs)
+    refined = _refined(layout, point)
+    reason, evidence = _worse(identification, refined, logs, _zeros(layout, point.x))
+    if point.step.merit > start.step.merit + _ALIKE:
         reason = "its likelihood is lower than that of the start"
     if reason:
         return _unchanged(identification, reason, evidence), logs
     return refined, logs
 
 
-def _held(found: Identification, layout: Layout, here: Point) -> Identification | None:
+def _held(start: Identification, layout: Layout, point: Point) -> Identification | None:
     """Return the start with nonlinear parameters fixed that kept the search from ending, if any.
 
     These are positive ones of elastic drives whose 95 % interval at the last point reaches zero,
     where the equations are singular: a Stribeck speed without Stribeck friction.
     """
-    error = np.sqrt(np.diag(here.step.white_covariance))
-    known, sides, notes = dict(found.known.drives), dict(found.drive_side), list[Finding]()
+    error = np.sqrt(np.diag(point.step.white_covariance))
+    known, sides, notes = dict(start.known.drives), dict(start.drive_side), list[Finding]()
     for joint in layout.nonlinear.keys() & layout.drives.keys():
-        own, drive = sides[joint], known[joint]
+        estimate, drive = sides[joint], known[joint]
         columns = layout.nonlinear[joint]
         weak = [
             name
-            for name in motor_regressor(found.known, joint).non_linear
+            for name in motor_regressor(start.known, joint).non_linear
             if name in columns
             and parameter_named(name).is_positive
-            and not here.x[columns[name]] > 2 * error[columns[name]]
+            and not point.x[columns[name]] > 2 * error[columns[name]]
         ]
         if not weak:
             continue
-        places = [place for place, name in enumerate(own.names) if name not in weak]
+        places = [place for place, name in enumerate(estimate.names) if name not in weak]
         notes += consequences(
-            found.findings, fixed_findings(joint, drive, weak, by_simulation=True)
+            start.findings, fixed_findings(joint, drive, weak, by_simulation=True)
         )
-        part = own.part(places, [own.names[place] for place in places])
+        part = estimate.part(places, [estimate.names[place] for place in places])
         sides[joint] = part
         known[joint] = replace(drive, known=(*drive.known, *weak))
-    if known == dict(found.known.drives):
+    if known == dict(start.known.drives):
         return None
     return replace(
-        found,
-        known=found.known.with_drives(known),
+        start,
+        known=start.known.with_drives(known),
         drive_side=FrozenMapping(sides),
-        findings=(*found.findings, *notes),
+        findings=(*start.findings, *notes),
     )
 
 
-def simulated_from_motors(found: Identification, log: Log) -> Log:
+def simulated_from_motors(identification: Identification, log: Log) -> Log:
     """Return a log with the angles of joints without a sensor there, simulated by the model.
 
     The motors turn as measured; only the initial state of each window is fitted to their torques.
     """
-    unseen = without_joint_encoder(found.known, [log])
+    unseen = without_joint_encoder(identification.known, [log])
     if not unseen:
         return log
-    _check_start(found, unseen)
-    layout = layout_of(found, 0.0, unseen)
-    _, here = _iterated(layout, _filled(layout, [log], layout.start), layout.start, 0, False)
-    return _simulated_log(layout, log, here.runs)
+    _check_start(identification, unseen)
+    layout = layout_of(identification, 0.0, unseen)
+    _, point = _iterated(layout, _filled(layout, [log], layout.start), layout.start, 0, False)
+    return _simulated_log(layout, log, point.runs)
 
 
 @dataclass(frozen=True, eq=False)
@@ -818,30 +819,30 @@ class FirstEstimate:
     is_at_noise: bool
 
 
-def first_estimate(found: Identification, logs: list[Log]) -> FirstEstimate:
+def first_estimate(identification: Identification, logs: list[Log]) -> FirstEstimate:
     """Return the fit in short windows of logs without some joint encoders."""
-    layout = layout_of(found, 0.0, without_joint_encoder(found.known, logs))
+    layout = layout_of(identification, 0.0, without_joint_encoder(identification.known, logs))
     x = layout.start
     for joint in layout.unseen:  # the angles of the start are those of a spring without damping
         if "spring_damping" in layout.actuator(joint).names:
             damping = layout.names.index(f"spring_damping of {joint}")
-            x[damping] = found.known.drives[joint].values.get("spring_damping", 0.0)
+            x[damping] = identification.known.drives[joint].values.get("spring_damping", 0.0)
     filled = _filled(layout, logs, x)
-    _, here = _iterated(layout, filled, x, _FIRST_STEPS, False, SHORT_WINDOW_S)
-    own = len(layout.simulated) + np.flatnonzero(np.isin(layout.simulated, layout.unseen))
+    _, point = _iterated(layout, filled, x, _FIRST_STEPS, False, SHORT_WINDOW_S)
+    unseen = len(layout.simulated) + np.flatnonzero(np.isin(layout.simulated, layout.unseen))
     noise = [
         max(
-            np.hypot(*_motor_noise(found.known, joint, log, run.motion))
+            np.hypot(*_motor_noise(identification.known, joint, log, run.motion))
             for log in logs
-            for run in here.runs
+            for run in point.runs
         )
         for joint in layout.unseen
     ]
-    if any(here.x[layout.spring(joint)[0]] <= 0 for joint in layout.unseen):
+    if any(point.x[layout.spring(joint)[0]] <= 0 for joint in layout.unseen):
         raise IdentificationError("the search of the stiffness ended below zero")
-    left = here.step.stds[own] <= _AT_NOISE * np.maximum(noise, _SMALLEST_TORQUE)
-    simulated = [_simulated_log(layout, log, here.runs) for log in logs]
-    return FirstEstimate(here.step.merit, simulated, bool(np.all(left)))
+    at_noise = point.step.stds[unseen] <= _AT_NOISE * np.maximum(noise, _SMALLEST_TORQUE)
+    simulated = [_simulated_log(layout, log, point.runs) for log in logs]
+    return FirstEstimate(point.step.merit, simulated, bool(np.all(at_noise)))
 
 
 def _motor_noise(robot: Robot, joint: str, log: Log, motion: Motion) -> tuple[float, float]:
@@ -861,23 +862,23 @@ def _iterated(
 ) -> tuple[Point, Point]:
     """Return the first and the last point of an iteration from the values x (p,)."""
     settled = _SETTLED if window_s == WINDOW_S else _CLOSE_TO_LONGER
-    shortest_s = SHORTEST_STRETCH / layout.found.cutoff_hz
+    shortest_s = SHORTEST_STRETCH / layout.identification.cutoff_hz
     parts = [part for log in logs for part in stretches(usable(log), shortest_s)]
     runs = [run for k, part in enumerate(parts) for run in runs_of(layout, part, k, window_s)]
     compared = {*layout.simulated, *layout.followed}
-    has_others = bool({*layout.drives, *layout.found.model.torque_joints} - compared)
+    has_others = bool({*layout.drives, *layout.identification.model.torque_joints} - compared)
     fixed = [measured(layout, part) for part in parts if has_others]
-    start = here = _simulated(layout, _point(layout, runs, fixed, x))
+    start = point = _simulated(layout, _point(layout, runs, fixed, x))
     for _ in track(range(iterations), "refining", progress):
-        here, better = _improved(layout, here)
-        if _size(here.step) < settled or not better:
+        point, better = _improved(layout, point)
+        if _size(point.step) < settled or not better:
             break
-    return start, here
+    return start, point
 
 
 def _filled(layout: Layout, logs: list[Log], x: Array) -> list[Log]:
     """Return the logs with the angles of unseen joints by (7) at the values x (p,)."""
-    known, cutoff_hz = layout.found.known, layout.found.cutoff_hz
+    known, cutoff_hz = layout.identification.known, layout.identification.cutoff_hz
     drives = {
         joint: dict(zip(layout.actuator(joint).names, x[layout.drives[joint]], strict=True))
         for joint in layout.unseen
@@ -887,11 +888,11 @@ def _filled(layout: Layout, logs: list[Log], x: Array) -> list[Log]:
 
 def _simulated_log(layout: Layout, log: Log, runs: list[Run]) -> Log:
     """Return the simulated part of the log with the simulated angles of the unseen joints."""
-    places = {joint: layout.found.known.index(joint) for joint in layout.unseen}
-    own = [run.motion for run in runs if log.time[0] <= run.motion.time[0] <= log.time[-1]]
-    angles = [{joint: one.joint_position[:, j] for joint, j in places.items()} for one in own]
-    filled = with_rigid_angles(layout.found.known, log, layout.unseen)
-    return with_angles(filled, own, angles).between(own[0].time[0], own[-1].time[-1])
+    places = {joint: layout.identification.known.index(joint) for joint in layout.unseen}
+    parts = [run.motion for run in runs if log.time[0] <= run.motion.time[0] <= log.time[-1]]
+    angles = [{joint: part.joint_position[:, j] for joint, j in places.items()} for part in parts]
+    filled = with_rigid_angles(layout.identification.known, log, layout.unseen)
+    return with_angles(filled, parts, angles).between(parts[0].time[0], parts[-1].time[-1])
 
 
 _WORSE, _WORSE_SHARE = 1.5, 0.02
@@ -906,10 +907,10 @@ def _worse(
 ) -> tuple[str, dict[str, float]]:
     """Return which torque the refined values predict worse than the start, and the numbers."""
     motions = [
-        one for log in logs for one in reconstruct_motions(before.known, log, before.cutoff_hz)
+        part for log in logs for part in reconstruct_motions(before.known, log, before.cutoff_hz)
     ]
     old, size = _torque_errors(before, motions)
-    shifted = [replace(one, joint_position=one.joint_position - zeros) for one in motions]
+    shifted = [replace(motion, joint_position=motion.joint_position - zeros) for motion in motions]
     new, _ = _torque_errors(after, shifted)
     with np.errstate(invalid="ignore"):
         is_worse = (new > _WORSE * old) & (new - old > _WORSE_SHARE * size)
@@ -924,14 +925,14 @@ def _worse(
     ), {name: float(share) for name, share in shares.items()}
 
 
-def _torque_errors(found: Identification, motions: list[Motion]) -> tuple[Array, Array]:
+def _torque_errors(identification: Identification, motions: list[Motion]) -> tuple[Array, Array]:
     """Return the rms errors (2 n,) of motor and load torques below the cutoff, and their rms.
 
     NaN where no sample counts.
     """
-    squares, count = np.zeros((2, 2, found.known.n)), np.zeros((2, found.known.n))
-    for one in motions:
-        fits = compared(found, one)
+    squares, count = np.zeros((2, 2, identification.known.n)), np.zeros((2, identification.known.n))
+    for motion in motions:
+        fits = compared(identification, motion)
         for side, fit in enumerate((fits.actuator, fits.load)):
             pair = np.stack([fit.measured - fit.computed, fit.measured])
             squares[:, side] += np.sum(pair**2, axis=1, where=fit.counted)
@@ -941,17 +942,17 @@ def _torque_errors(found: Identification, motions: list[Motion]) -> tuple[Array,
     return error, size
 
 
-def _unchanged(found: Identification, reason: str, evidence: dict[str, float]) -> Identification:
+def _unchanged(start: Identification, reason: str, evidence: dict[str, float]) -> Identification:
     """Return the start with the reason why it is not replaced."""
-    return _with_finding(found, worse_than_start(reason, evidence))
+    return _with_finding(start, worse_than_start(reason, evidence))
 
 
-def _with_finding(found: Identification, finding: Finding) -> Identification:
-    return replace(found, findings=(*found.findings, *consequences(found.findings, [finding])))
+def _with_finding(start: Identification, finding: Finding) -> Identification:
+    return replace(start, findings=(*start.findings, *consequences(start.findings, [finding])))
 
 
-def _check_start(found: Identification, unseen: Sequence[str] = ()) -> None:
-    coupled = coupled_names(found.known.joint_names, found.known.transmission)
+def _check_start(start: Identification, unseen: Sequence[str] = ()) -> None:
+    coupled = coupled_names(start.known.joint_names, start.known.transmission)
     if coupled:
         raise IdentificationError(
             f"the drives of {', '.join(coupled)} move several joints, which the refinement cannot "
@@ -959,17 +960,17 @@ def _check_start(found: Identification, unseen: Sequence[str] = ()) -> None:
             "estimator='iv'",
             "method='simultaneous'",
         )
-    check_refinable(found.known, unseen)
-    if found.gears:
+    check_refinable(start.known, unseen)
+    if start.gears:
         raise IdentificationError(
-            f"the deflection of {', '.join(found.gears)} was measured, and the refinement knows "
+            f"the deflection of {', '.join(start.gears)} was measured, and the refinement knows "
             "that between the encoders only: use the result of identify, or exclude that channel"
         )
-    for joint in found.springs:
-        own = found.drive_side[joint]
-        is_known = "stiffness" not in own.names
-        drive = found.known.drives[joint]
-        stiffness = drive.values["stiffness"] if is_known else own.value("stiffness")
+    for joint in start.springs:
+        estimate = start.drive_side[joint]
+        is_known = "stiffness" not in estimate.names
+        drive = start.known.drives[joint]
+        stiffness = drive.values["stiffness"] if is_known else estimate.value("stiffness")
         if not (np.isfinite(stiffness) and stiffness > 0):
             raise IdentificationError(
                 f"the refinement cannot start: the estimated stiffness of {joint} is "
@@ -981,7 +982,7 @@ def _point(
     layout: Layout, runs: list[Run], fixed: list[Callable[[Array], Residuals]], x: Array
 ) -> Point:
     residuals, pulls = _around(layout, runs, x)
-    residuals += [one(x) for one in fixed]
+    residuals += [residuals_at(x) for residuals_at in fixed]
     step = gauss_newton_step(residuals, layout.names, x, layout.precision)
     return Point(x, runs, pulls, step, fixed)
 
@@ -998,12 +999,12 @@ def _around(layout: Layout, runs: list[Run], x: Array) -> tuple[list[Residuals],
             around = [linearised(layout, run, x) for run in runs]
     except IdentificationError as problem:
         raise IdentificationError(f"{diverges}; {problem}") from None
-    sizes = [part for one, _ in around for part in (one.residual, one.jacobian, one.nuisance)]
+    sizes = [part for rows, _ in around for part in (rows.residual, rows.jacobian, rows.nuisance)]
     if not all(np.all(np.abs(size) < _LARGEST) for size in sizes):
         raise IdentificationError(diverges)
     numbers = [run.log for run in runs]
     residuals = [
-        joined([one for (one, _), own in zip(around, numbers, strict=True) if own == number])
+        joined([part for (part, _), log in zip(around, numbers, strict=True) if log == number])
         for number in sorted(set(numbers))
     ]
     return residuals, [pull for _, pull in around]
@@ -1014,17 +1015,17 @@ def _size(step: Step) -> float:
     return float(np.max(np.abs(step.change) / np.sqrt(np.diag(step.white_covariance))))
 
 
-def _improved(layout: Layout, here: Point) -> tuple[Point, bool]:
+def _improved(layout: Layout, point: Point) -> tuple[Point, bool]:
     """Return the next point, the step halved until the likelihood improves; and if it did."""
     part = 1.0
     for _ in range(_MOST_HALVINGS):
-        change = part * here.step.change
+        change = part * point.step.change
         with suppress(IdentificationError, ExcitationError):  # it diverges there
-            there = _simulated(layout, _next(layout, here, change, part, here.step.nuisance))
-            if there.step.merit <= here.step.merit + _ALIKE:
-                return there, True
+            trial = _simulated(layout, _next(layout, point, change, part, point.step.nuisance))
+            if trial.step.merit <= point.step.merit + _ALIKE:
+                return trial, True
         part /= 2
-    return here, False
+    return point, False
 
 
 def _simulated(layout: Layout, point: Point) -> Point:
@@ -1038,21 +1039,23 @@ def _simulated(layout: Layout, point: Point) -> Point:
     return point
 
 
-def _next(layout: Layout, here: Point, change: Array, part: float, own: tuple[Array, ...]) -> Point:
+def _next(
+    layout: Layout, point: Point, change: Array, part: float, initial: tuple[Array, ...]
+) -> Point:
     """Return the point after a change of the parameters and a part of the initial states'."""
-    runs = _runs_after(layout, here, change, part, own)
-    return _point(layout, runs, here.measured, here.x + change)
+    runs = _runs_after(layout, point, change, part, initial)
+    return _point(layout, runs, point.measured, point.x + change)
 
 
 def _runs_after(
-    layout: Layout, here: Point, change: Array, part: float, own: Sequence[Array]
+    layout: Layout, point: Point, change: Array, part: float, initial: Sequence[Array]
 ) -> list[Run]:
-    states = iter([row for one in own for row in one])  # per window, in the order of the runs
+    states = iter([row for log in initial for row in log])  # per window, in the order of the runs
     return [
         _moved(
             layout, run, pull, change, part, np.array([next(states) for _ in range(run.windows)])
         )
-        for run, pull in zip(here.runs, here.pulls, strict=True)
+        for run, pull in zip(point.runs, point.pulls, strict=True)
     ]
 
 
@@ -1060,48 +1063,48 @@ _STATE_DRAWS = 8
 """Random errors of the initial states from which their part of the information is computed."""
 
 
-def _noise_of_states(layout: Layout, here: Point) -> Array:
+def _noise_of_states(layout: Layout, point: Point) -> Array:
     """Return the information (p, p) that is noise of initial states which only torques determine.
 
     Where no encoder shows the joint, noise of the torque becomes motion of the estimated initial
     states, and the derivatives by a stiffness have a part that is noise.
     """
-    rng, step = np.random.default_rng(0), here.step
-    logs, _ = _around(layout, here.runs, here.x)
-    noise = np.zeros((len(here.x), len(here.x)))
+    rng, step = np.random.default_rng(0), point.step
+    logs, _ = _around(layout, point.runs, point.x)
+    noise = np.zeros((len(point.x), len(point.x)))
     for _ in range(_STATE_DRAWS):
-        own = [nuisance_draw(log, step.stds, rng) for log in logs]
-        runs = _runs_after(layout, here, np.zeros_like(here.x), 1.0, own)
-        there, _ = _around(layout, runs, here.x)
+        states = [nuisance_draw(log, step.stds, rng) for log in logs]
+        runs = _runs_after(layout, point, np.zeros_like(point.x), 1.0, states)
+        drawn, _ = _around(layout, runs, point.x)
         parts = [
-            replace(a, jacobian=b.jacobian - a.jacobian) for a, b in zip(logs, there, strict=True)
+            replace(a, jacobian=b.jacobian - a.jacobian) for a, b in zip(logs, drawn, strict=True)
         ]
         noise += information(parts, step.stds) / _STATE_DRAWS
     return noise
 
 
-def _with_noisy_deflections(layout: Layout, here: Point, logs: list[Log]) -> Point:
+def _with_noisy_deflections(layout: Layout, point: Point, logs: list[Log]) -> Point:
     """Return the point with the effect of noisy deflections on hysteresis in its covariance.
 
     As much noise as the deflections have is added to them: the mean square of the changes of the
     estimate is that of its error by the noise that they have (Cook and Stefanski 1994).
     """
-    known = layout.found.known
+    known = layout.identification.known
     if not with_hysteresis(known, layout.simulated):
-        return here
-    rng, total = np.random.default_rng(0), np.zeros((len(here.x), len(here.x)))
+        return point
+    rng, total = np.random.default_rng(0), np.zeros((len(point.x), len(point.x)))
     for _ in range(_STATE_DRAWS):
         runs = [
             replace(run, measured=with_encoder_noise(known, run.measured, logs, rng))
-            for run in here.runs
+            for run in point.runs
         ]
-        change = _point(layout, runs, here.measured, here.x).step.change - here.step.change
+        change = _point(layout, runs, point.measured, point.x).step.change - point.step.change
         total += np.outer(change, change) / _STATE_DRAWS
-    step = replace(here.step, covariance=here.step.covariance + total)
-    return replace(here, step=step)
+    step = replace(point.step, covariance=point.step.covariance + total)
+    return replace(point, step=step)
 
 
-def _with_tests(layout: Layout, here: Point) -> tuple[Layout, Point]:
+def _with_tests(layout: Layout, point: Point) -> tuple[Layout, Point]:
     """Return the point with terms that springs without encoder may lack, if they are identifiable.
 
     Their first step from zero is a score test (Rao 1948).
@@ -1114,9 +1117,9 @@ def _with_tests(layout: Layout, here: Point) -> tuple[Layout, Point]:
     )
     more = np.zeros(len(tested))
 
-    def padded(one: Callable[[Array], Residuals]) -> Callable[[Array], Residuals]:
+    def padded(residuals_at: Callable[[Array], Residuals]) -> Callable[[Array], Residuals]:
         def at(x: Array) -> Residuals:
-            rows = one(x[: len(here.x)])
+            rows = residuals_at(x[: len(point.x)])
             none = np.zeros((*rows.residual.shape, len(more)))
             return replace(rows, jacobian=np.concatenate([rows.jacobian, none], axis=3))
 
@@ -1129,25 +1132,25 @@ def _with_tests(layout: Layout, here: Point) -> tuple[Layout, Point]:
         tested=tested,
     )
     try:
-        measured = [padded(one) for one in here.measured]
-        return wider, _point(wider, here.runs, measured, np.append(here.x, more))
+        measured = [padded(residuals_at) for residuals_at in point.measured]
+        return wider, _point(wider, point.runs, measured, np.append(point.x, more))
     except ExcitationError:
-        return layout, here
+        return layout, point
 
 
 def _tested_terms(wider: Layout, point: Point, noise: Array) -> dict[str, dict[int, Array]]:
     """Return {joint: {order: [value, standard error]}} of the tested terms, in units of (8)."""
     step, first = without_information(point.step, noise), len(wider.names) - len(wider.tested)
     errors = np.sqrt(np.diag(step.covariance))
-    found: dict[str, dict[int, Array]] = {joint: {} for joint in wider.unseen}
+    tested_terms: dict[str, dict[int, Array]] = {joint: {} for joint in wider.unseen}
     for place, (joint, order) in enumerate(wider.tested, first):
-        found[joint][order] = np.array([step.change[place], errors[place]])
-    return found
+        tested_terms[joint][order] = np.array([step.change[place], errors[place]])
+    return tested_terms
 
 
-def _moved(layout: Layout, run: Run, pull: Pull, change: Array, part: float, own: Array) -> Run:
+def _moved(layout: Layout, run: Run, pull: Pull, change: Array, part: float, initial: Array) -> Run:
     """Return a run with its simulated joints after a part of a step."""
-    known, motion = layout.found.known, run.motion
+    known, motion = layout.identification.known, run.motion
     joints = [known.index(joint) for joint in layout.simulated]
     response = pull.response(pull.force @ np.append(part, change)[:, None])
     states = []
@@ -1157,7 +1160,7 @@ def _moved(layout: Layout, run: Run, pull: Pull, change: Array, part: float, own
         strict=True,
     ):
         windowed = moves.reshape(run.windows, -1, *moves.shape[1:])
-        weights = np.column_stack([np.ones(run.windows), part * own])
+        weights = np.column_stack([np.ones(run.windows), part * initial])
         new = state.copy()
         new[:, joints] += np.einsum("wtjs,ws->wtj", windowed, weights).reshape(moves.shape[:2])
         states.append(new)
@@ -1169,34 +1172,34 @@ def _moved(layout: Layout, run: Run, pull: Pull, change: Array, part: float, own
     return replace(run, motion=moved)
 
 
-def _refined(layout: Layout, here: Point, noise: Array | None = None) -> Identification:
+def _refined(layout: Layout, point: Point, noise: Array | None = None) -> Identification:
     """Return the identification with the values of a point, less information that is noise."""
-    found, x = layout.found, here.x
-    step = here.step if noise is None else without_information(here.step, noise)
-    actuators, load_side = _estimates(layout, here.x, step)
-    load, load_drives = split_load_side(found.model, load_side)
+    start, x = layout.identification, point.x
+    step = point.step if noise is None else without_information(point.step, noise)
+    actuators, load_side = _estimates(layout, point.x, step)
+    load, load_drives = split_load_side(start.model, load_side)
     refined = merged_estimates(actuators, load_drives)
-    drives = {joint: refined[joint] for joint in found.drive_side}
+    drives = {joint: refined[joint] for joint in start.drive_side}
     robot = robot_at(layout, x)
     known = {
-        joint: with_estimate(found.known.drives[joint], drives[joint]) if joint in drives else drive
+        joint: with_estimate(start.known.drives[joint], drives[joint]) if joint in drives else drive
         for joint, drive in robot.drives.items()
     }
     return replace(
-        found,
+        start,
         known=layout.known_at(x),
         drive_side=FrozenMapping(drives),
         load=load,
         load_side=load_side,
         robot=robot.with_values(robot.parameters, known),
-        springs=FrozenMapping({joint: x[layout.spring(joint)] for joint in found.springs}),
-        findings=revalued(found.findings, drives),
+        springs=FrozenMapping({joint: x[layout.spring(joint)] for joint in start.springs}),
+        findings=revalued(start.findings, drives),
     )
 
 
 def _estimates(layout: Layout, at: Array, step: Step) -> tuple[dict[str, Estimate], Estimate]:
     """Return the estimates of elastic drives by joint, and of the load side, at values (p,)."""
-    found = layout.found
+    identification = layout.identification
     covariance, x = step.covariance.copy(), at.copy()
     fixed = [] if layout.has_zeros else [layout.offset(joint) for joint in layout.unseen]
     covariance[fixed], covariance[:, fixed], x[fixed] = 0.0, 0.0, 0.0
@@ -1224,4 +1227,4 @@ def _estimates(layout: Layout, at: Array, step: Step) -> tuple[dict[str, Estimat
     }
     rest = np.append(step.stds[2 * first : end], step.stds[end + len(others) :])
     load_std = float(np.sqrt(np.mean((rest if rest.size else step.stds[:first]) ** 2)))
-    return drives, part(found.load_side, layout.load, load_std)
+    return drives, part(identification.load_side, layout.load, load_std)

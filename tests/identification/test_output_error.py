@@ -283,7 +283,7 @@ def shifted(layout: Layout, run: Run, change: Array) -> Run:
 
 def settled(layout: Layout, run: Run, x: Array) -> Run:
     """Return a run whose simulated joint obeys (8), from the same initial states."""
-    joints = [layout.found.known.index(joint) for joint in layout.simulated]
+    joints = [layout.identification.known.index(joint) for joint in layout.simulated]
     for _ in range(3):
         pull = linearised(layout, run, x)[1]
         answer = pull.response(pull.force)
