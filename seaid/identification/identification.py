@@ -256,12 +256,12 @@ class Identification(Result):
             return {}
         unused = set(self.robot.joint_names) - set(self.model.torque_joints)
         stands = "it stands still in all logs"
-        found = {
+        reasons = {
             joint: stands if joint in self.known.at_rest else "its torque was not used"
             for joint in self.robot.joint_names
             if joint in unused
         }
-        return FrozenMapping({**found, **negative_inertias(self.robot, self.drives)}, "joint")
+        return FrozenMapping({**reasons, **negative_inertias(self.robot, self.drives)}, "joint")
 
     @cached_property
     def verdict(self) -> Verdict:
@@ -366,19 +366,19 @@ def identify(
         executor=executor,
         progress=progress,
     )
-    found, fixed, unscaled = with_unit_scales({"": robot}, lambda robots: once(robots[""]))
-    robot, nominal = fixed[""], found.nominal
+    result, fixed, unscaled = with_unit_scales({"": robot}, lambda robots: once(robots[""]))
+    robot, nominal = fixed[""], result.nominal
     for _ in range(MOST_DELAY_ROUNDS):
-        later = with_estimated_delays(robot, found.robot)
+        later = with_estimated_delays(robot, result.robot)
         if later is robot:
             break
-        robot, found = later, once(later)
+        robot, result = later, once(later)
     unclear = (
-        *delay_estimate_findings(robot, found.load_side),
-        *unknown_scales(found.robot, found.load_side, unscaled),
+        *delay_estimate_findings(robot, result.load_side),
+        *unknown_scales(result.robot, result.load_side, unscaled),
     )
-    scaled = with_free_scale(found.robot, unscaled)
-    return replace(found, robot=scaled, nominal=nominal, findings=(*found.findings, *unclear))
+    scaled = with_free_scale(result.robot, unscaled)
+    return replace(result, robot=scaled, nominal=nominal, findings=(*result.findings, *unclear))
 
 
 def _identify(
@@ -428,7 +428,7 @@ def _identify(
         return consistent_bodies(motors) if feasible else motors
     with explained(findings):
         groups = datasets_by_log(robot, sources, cutoff_hz, executor, progress)
-        datasets = [one for group in groups for one in group]
+        datasets = [dataset for group in groups for dataset in group]
         in_memory = [part for log in logs_in_memory for part in stretches(log)]
         locked = locked_outputs(robot, logs_in_memory)
         moved = [list(map(first_motion, group)) for group in groups]
@@ -443,7 +443,7 @@ def _identify(
         channels = tuple(findings)
         # the list that `explained` has
         findings[:] = findings_of_setup(experiment, moving, channels, logs_in_memory)
-        setup_mistakes = [one for one in findings if one not in channels]
+        setup_mistakes = [finding for finding in findings if finding not in channels]
         used = joints_with_torque(robot, datasets) if torque_joints is None else selected
         findings += missing_torques(robot, selected, used)
         check_forces(datasets, used)
@@ -453,60 +453,60 @@ def _identify(
         robot, used, stopped = without_standing(robot, used, standing)
         findings += consequences(findings, standstill_findings(stopped, standing))
         robot = with_rigid_gears(robot, deflection_joints(robot, datasets))
-        given = robot
+        nominal = robot
         if not is_linear(robot, used):
             robot, datasets = linearised_robot(robot, datasets, used)
         options = solver, encoder_offset_std, executor, progress
-        datasets, model, found = _first_two_step(robot, datasets, used, options)
-        bias = _sensor_bias(robot, datasets, model, found)
+        datasets, model, estimate = _first_two_step(robot, datasets, used, options)
+        bias = _sensor_bias(robot, datasets, model, estimate)
         if bias is not None:
             findings += sensor_errors(bias.places, bias.value, bias.errors, bias.hidden, bias.imu)
             datasets = [*bias.removed(datasets)]
             experiment = experiment_of(declared, [bias.removed(group) for group in moved])
-            model, found = _two_step(robot, datasets, used, options, bias)
-        whole = [one for one in datasets if isinstance(one, Motion)]
+            model, estimate = _two_step(robot, datasets, used, options, bias)
+        whole = [dataset for dataset in datasets if isinstance(dataset, Motion)]
         whole = whole if len(whole) == len(datasets) else []
         widths = resolved_widths(robot, logs_in_memory, whole)
-        lacking = selections(_sides(robot, whole, model, found, widths, encoder_offset_std))
+        lacking = selections(_sides(robot, whole, model, estimate, widths, encoder_offset_std))
         for _ in range(MOST_ROUNDS):
-            robot, given, notes = with_default_terms(robot, given, lacking)
+            robot, nominal, notes = with_default_terms(robot, nominal, lacking)
             if not notes:
                 break
             findings += notes
-            model, found = _two_step(robot, datasets, used, options, bias)
-            lacking = selections(_sides(robot, whole, model, found, widths, encoder_offset_std))
+            model, estimate = _two_step(robot, datasets, used, options, bias)
+            lacking = selections(_sides(robot, whole, model, estimate, widths, encoder_offset_std))
     shown_by = partial(_findings_of_setup, moved, moving, channels, logs_in_memory)
     findings = without_setup_echoes(findings, setup_mistakes, lacking, declared, shown_by)
-    found = _continued(robot, datasets, model, found, (method, estimator), options)
+    estimate = _continued(robot, datasets, model, estimate, (method, estimator), options)
 
     def again(robot: Robot, datasets: Sequence[Dataset]) -> RobotEstimate:
-        found = estimate_two_step(robot, datasets, model, *options, further=_further(bias))
-        return _continued(robot, datasets, model, found, (method, estimator), options)
+        estimate = estimate_two_step(robot, datasets, model, *options, further=_further(bias))
+        return _continued(robot, datasets, model, estimate, (method, estimator), options)
 
-    values = value_findings(found, given, robot)
-    weak = {one.joint for one in values if one.code == "weak-spring"}
+    values = value_findings(estimate, nominal, robot)
+    weak = {finding.joint for finding in values if finding.code == "weak-spring"}
     values, lacking = without_echoes(values, lacking, datasets[0].cutoff_hz)
     findings += consequences(findings, model_findings(lacking, findings))
     if not is_wrong(findings):
-        findings += sensitivity_findings(robot, datasets, model, found, estimator)
-    found = with_known_std(found, constants_of(robot, datasets, known_std), again)
-    found = replace(found, drives=with_searched_values(found.drives, given, robot))
-    consistent = _feasible(robot, model, found) if feasible else None
-    result = identification_of(robot, model, found, datasets, consistent, declared)
+        findings += sensitivity_findings(robot, datasets, model, estimate, estimator)
+    estimate = with_known_std(estimate, constants_of(robot, datasets, known_std), again)
+    estimate = replace(estimate, drives=with_searched_values(estimate.drives, nominal, robot))
+    consistent = _feasible(robot, model, estimate) if feasible else None
+    result = identification_of(robot, model, estimate, datasets, consistent, declared)
     bodies = result.robot.parameters + robot.payload_parameters
-    sides = found.fit, found.actuators
+    sides = estimate.fit, estimate.actuators
     explains = robot_fit(robot.joint_names, *sides, experiment, bodies, locked=locked, weak=weak)
     explains = replace(explains, predicted=prediction_errors(experiment, model.base, result.load))
     findings += consequences(findings, fit_findings(explains))
     weak_drives = [joint for joint in result.drives if joint in weak]
-    findings += consequences(findings, backlash_findings(given, sources, weak_drives, used))
+    findings += consequences(findings, backlash_findings(nominal, sources, weak_drives, used))
     exact = exact_constants(robot, known_std)
     findings += scale_of_bodies(scaled_by_bodies(result.drives, exact))
-    setup = joint_checks(experiment, [first_motion(one) for one in datasets])
-    legged = legged_fit(result, datasets, found.fit, bias)
+    setup = joint_checks(experiment, [first_motion(dataset) for dataset in datasets])
+    legged = legged_fit(result, datasets, estimate.fit, bias)
     findings += consequences(findings, [] if legged is None else observed(FEET_CHECKS, legged))
     findings += mass_findings(declared, result.motions, *whole_mass(result))
-    values += [*found.findings, *result.findings]
+    values += [*estimate.findings, *result.findings]
     result = replace(
         result,
         findings=tuple(findings),
@@ -514,7 +514,7 @@ def _identify(
         residual=explains.residual,
         exact_constants=exact,
         setup=setup,
-        nominal=given,
+        nominal=nominal,
     )
     return with_value_findings(result, values)
 
@@ -531,56 +531,56 @@ def _findings_of_setup(
 
 
 def value_findings(
-    found: RobotEstimate,
-    given: Robot,
+    sides: RobotEstimate,
+    nominal: Robot,
     robot: Robot,
     qr_factors: Mapping[str, QRFactor] | None = None,
 ) -> list[Finding]:
     """Return what the values of both sides show, and what the errors of their rows do.
 
-    `given` is the robot before a search. `qr_factors` {joint: that of its motor equation}, by
+    `nominal` is the robot before a search. `qr_factors` {joint: that of its motor equation}, by
     default those of the fits.
     """
-    fits = {joint: side.qr_factor for joint, side in found.actuators.items()}
+    fits = {joint: side.qr_factor for joint, side in sides.actuators.items()}
     findings: list[Finding] = []
-    for joint, estimate in found.drives.items():
-        drive, before = robot.drives[joint], given.drives[joint].known
+    for joint, estimate in sides.drives.items():
+        drive, before = robot.drives[joint], nominal.drives[joint].known
         findings += fixed_findings(joint, drive, [x for x in drive.known if x not in before])
-        if joint in found.actuators:
-            findings += noise_findings(found.actuators[joint].estimate)
+        if joint in sides.actuators:
+            findings += noise_findings(sides.actuators[joint].estimate)
         findings += drive_findings(joint, estimate, (qr_factors or fits).get(joint))
-    return [*findings, *offset_findings(robot, found.fit), *noise_findings(found.load)]
+    return [*findings, *offset_findings(robot, sides.fit), *noise_findings(sides.load)]
 
 
-def with_value_findings(found: Identification, values: Iterable[Finding]) -> Identification:
+def with_value_findings(result: Identification, values: Iterable[Finding]) -> Identification:
     """Return an identification with the findings of its values, bodies, gears and channels."""
-    described = [one.sources or {} for one in found.processing] or [{}]
+    described = [processing.sources or {} for processing in result.processing] or [{}]
     findings = [
         *values,
         *(
             finding
-            for one in found.gears.values()
-            if "gear_stiffness" in one.names  # else the gear is rigid within the errors
-            for finding in noise_findings(one)
+            for gear in result.gears.values()
+            if "gear_stiffness" in gear.names  # else the gear is rigid within the errors
+            for finding in noise_findings(gear)
         ),
-        *(() if found.feasible is None else found.feasible.warnings),
-        *excluded_findings(found.processing),
-        *unused_findings(found.known, found.drives, found.model.torque_joints, found.motions),
-        *gear_findings(found.known, found.drive_side, found.gears, described),
+        *(() if result.feasible is None else result.feasible.warnings),
+        *excluded_findings(result.processing),
+        *unused_findings(result.known, result.drives, result.model.torque_joints, result.motions),
+        *gear_findings(result.known, result.drive_side, result.gears, described),
     ]
-    return replace(found, findings=(*found.findings, *consequences(found.findings, findings)))
+    return replace(result, findings=(*result.findings, *consequences(result.findings, findings)))
 
 
 def _sides(
     robot: Robot,
     motions: Sequence[Motion],
     model: LoadModel,
-    found: RobotEstimate,
+    estimate: RobotEstimate,
     widths: Mapping[str, float],
     offset_std: float,
 ) -> list[Side]:
     """Return the equations of an estimate that are checked, none of logs that are not in memory."""
-    gears, fits = deflection_joints(robot, motions), (found.actuators, found.fit)
+    gears, fits = deflection_joints(robot, motions), (estimate.actuators, estimate.fit)
     return model_sides(robot, motions, fits, widths, gears, model.base, offset_std)
 
 
@@ -611,11 +611,11 @@ def _from_motors(
     proposed_hz, problem = cutoff_of(robot, logs, joints, cutoff_hz), None
     for part in _LOWER if cutoff_hz is None else (1.0,):
         try:
-            found = _from_motors_below(
+            result = _from_motors_below(
                 robot, logs, joints, part * proposed_hz, fit, encoder_offset_std
             )
-            if problem is None or not any(one.code == _HIDDEN for one in found.findings):
-                return found
+            if problem is None or not any(finding.code == _HIDDEN for finding in result.findings):
+                return result
         except (IdentificationError, ExcitationError, LogError) as reason:
             problem = problem or reason
     assert problem is not None
@@ -640,10 +640,10 @@ def _from_motors_below(
     """
     problem = None
     tried: list[FirstEstimate] = []
-    for one in starts_by_regression(robot, logs, joints, cutoff_hz):
+    for initial in starts_by_regression(robot, logs, joints, cutoff_hz):
         for consistent in (False, True):  # an inertia as estimated may not be one to simulate
             try:
-                start = fit(one.logs, cutoff_hz=cutoff_hz, feasible=consistent)
+                start = fit(initial.logs, cutoff_hz=cutoff_hz, feasible=consistent)
                 tried.append(first_estimate(start, logs))
                 break
             except (IdentificationError, ExcitationError, LogError) as reason:
@@ -652,10 +652,10 @@ def _from_motors_below(
             break
     if not tried and problem is not None:
         raise problem
-    simulated = min(tried, key=lambda one: one.merit).logs
+    simulated = min(tried, key=lambda estimate: estimate.merit).logs
     second = fit(simulated, cutoff_hz=cutoff_hz)
     try:
-        found, _ = refined_with_logs(second, logs, encoder_offset_std, _MOST_STEPS)
+        refined, _ = refined_with_logs(second, logs, encoder_offset_std, _MOST_STEPS)
     except IdentificationError as reason:
         raise IdentificationError(
             f"the motor alone does not determine the stiffness of {', '.join(joints)} "
@@ -666,8 +666,8 @@ def _from_motors_below(
             "or log the joint position"
         ) from None
     rate_hz = min((len(log.time) - 1) / float(log.time[-1] - log.time[0]) for log in logs)
-    findings = (*found.findings, *shown_springs(found, joints, rate_hz))
-    return replace(found, findings=findings)
+    findings = (*refined.findings, *shown_springs(refined, joints, rate_hz))
+    return replace(refined, findings=findings)
 
 
 def _two_step(
@@ -689,21 +689,21 @@ def _first_two_step(
     options: tuple[Estimator, float, Executor | None, bool],
 ) -> tuple[list[Dataset], LoadModel, RobotEstimate]:
     """Return `_two_step`, and the datasets with the reversals that its friction lets pass."""
-    model, found = _two_step(robot, datasets, used, options)
+    model, estimate = _two_step(robot, datasets, used, options)
     if not robot.has_controllers:
-        return list(datasets), model, found
-    known = with_passed_reversals(robot, datasets, identified_robot(robot, model.base, found))
+        return list(datasets), model, estimate
+    known = with_passed_reversals(robot, datasets, identified_robot(robot, model.base, estimate))
     return known, *_two_step(robot, known, used, options)
 
 
 def _sensor_bias(
-    robot: Robot, datasets: Sequence[Dataset], model: LoadModel, found: RobotEstimate
+    robot: Robot, datasets: Sequence[Dataset], model: LoadModel, estimate: RobotEstimate
 ) -> SensorBias | None:
     """Return the errors of the sensors of a floating base, next to the estimated bodies."""
     if robot.floating_base is None:
         return None
-    bodies = identified_robot(robot, model.base, found)
-    return sensor_bias(bodies, datasets, model, found.fit)
+    bodies = identified_robot(robot, model.base, estimate)
+    return sensor_bias(bodies, datasets, model, estimate.fit)
 
 
 def _further(bias: SensorBias | None) -> tuple[Array, Array] | None:
@@ -715,25 +715,25 @@ def _continued(
     robot: Robot,
     datasets: Sequence[Dataset],
     model: LoadModel,
-    found: RobotEstimate,
+    estimate: RobotEstimate,
     way: tuple[Method, EstimatorName],
     options: tuple[Estimator, float, Executor | None, bool],
 ) -> RobotEstimate:
     """Return the estimate of two steps, or by instruments or both sides at once from there."""
     solver, encoder_offset_std, executor, _ = options
     if way[1] == "iv":
-        return estimate_instrumental(robot, datasets, model, found, encoder_offset_std, executor)
+        return estimate_instrumental(robot, datasets, model, estimate, encoder_offset_std, executor)
     if way[0] == "simultaneous":
         return estimate_simultaneous(
-            robot, datasets, model, found, solver, encoder_offset_std, executor
+            robot, datasets, model, estimate, solver, encoder_offset_std, executor
         )
-    return found
+    return estimate
 
 
 def identification_of(
     robot: Robot,
     model: LoadModel,
-    found: RobotEstimate,
+    sides: RobotEstimate,
     datasets: Sequence[Dataset],
     feasible: FeasibleParameters | None = None,
     declared: Robot | None = None,
@@ -742,21 +742,21 @@ def identification_of(
 
     `declared` has the gears as given where the deflection of the spring was measured.
     """
-    sprung = gear_estimates(robot, datasets, found.drives, estimator_named("wls"))
+    sprung = gear_estimates(robot, datasets, sides.drives, estimator_named("wls"))
     gears = {joint: gear for joint, (gear, _) in sprung.items()}
-    identified = identified_robot(robot, model.base, found) if feasible is None else feasible.robot
+    identified = identified_robot(robot, model.base, sides) if feasible is None else feasible.robot
     return Identification(
-        drive_side=FrozenMapping(found.drives),
-        load=found.load,
+        drive_side=FrozenMapping(sides.drives),
+        load=sides.load,
         base=model.base,
         robot=with_gears(identified, declared or robot, gears),
         known=robot,
         model=model,
-        load_side=found.load_side,
-        springs=FrozenMapping(found.springs),
+        load_side=sides.load_side,
+        springs=FrozenMapping(sides.springs),
         cutoff_hz=datasets[0].cutoff_hz,
-        excluded=FrozenMapping(found.excluded),
-        checks=FrozenMapping(found.checks),
+        excluded=FrozenMapping(sides.excluded),
+        checks=FrozenMapping(sides.checks),
         feasible=feasible,
         gears=FrozenMapping(gears),
         processing=processing_of(datasets),
@@ -765,19 +765,19 @@ def identification_of(
     )
 
 
-def _feasible(robot: Robot, model: LoadModel, found: RobotEstimate) -> FeasibleParameters:
+def _feasible(robot: Robot, model: LoadModel, estimate: RobotEstimate) -> FeasibleParameters:
     """Return the physically consistent parameters nearest to the estimate of both sides."""
-    white = found.fit.white_covariance
-    if found.whole is not None:
-        side, white = with_fixed_delays(robot.drives, found.whole, white)
+    white = estimate.fit.white_covariance
+    if estimate.whole is not None:
+        side, white = with_fixed_delays(robot.drives, estimate.whole, white)
         return feasible_parameters(robot, model, side, white_covariance=white)
-    columns = len(found.load_side.names)  # without those of torque offsets
-    elastic = _own_drives(robot, found.load_side, found.drives)
-    side, white = with_fixed_delays(robot.drives, found.load_side, white[:columns, :columns])
+    columns = len(estimate.load_side.names)  # without those of torque offsets
+    elastic = _elastic_drives(robot, estimate.load_side, estimate.drives)
+    side, white = with_fixed_delays(robot.drives, estimate.load_side, white[:columns, :columns])
     return feasible_parameters(robot, model, side, elastic, white_covariance=white)
 
 
-def _own_drives(
+def _elastic_drives(
     robot: Robot, load_side: Estimate, drives: Mapping[str, Estimate]
 ) -> dict[str, Estimate]:
     """Return the estimates of elastic drives, without what the load side contains."""
@@ -785,19 +785,19 @@ def _own_drives(
     for joint in robot.elastic_joints:
         drive = drives[joint]
         names = enumerate(drive.names)
-        own = [i for i, name in names if f"{name} of {joint}" not in load_side.names]
-        own = [i for i in own if drive.covariance[i, i] > 0]  # not what is zero by definition
-        part = drive.part(own, [drive.names[i] for i in own])
+        kept = [i for i, name in names if f"{name} of {joint}" not in load_side.names]
+        kept = [i for i in kept if drive.covariance[i, i] > 0]  # not what is zero by definition
+        part = drive.part(kept, [drive.names[i] for i in kept])
         elastic[joint] = with_fixed_delays(robot.drives, part, part.covariance, joint)[0]
     return elastic
 
 
-def consistent_bodies(found: Identification) -> Identification:
+def consistent_bodies(result: Identification) -> Identification:
     """Return an identification with the physically consistent bodies nearest to it."""
-    drives = _own_drives(found.known, found.load_side, found.drive_side)
-    nearest = feasible_parameters(found.known, found.model, found.load_side, drives)
-    findings = (*found.findings, *consequences(found.findings, nearest.warnings))
-    return replace(found, feasible=nearest, robot=nearest.robot, findings=findings)
+    drives = _elastic_drives(result.known, result.load_side, result.drive_side)
+    nearest = feasible_parameters(result.known, result.model, result.load_side, drives)
+    findings = (*result.findings, *consequences(result.findings, nearest.warnings))
+    return replace(result, feasible=nearest, robot=nearest.robot, findings=findings)
 
 
 def identified_robot(robot: Robot, base: BaseParameters, sides: RobotEstimate) -> Robot:
@@ -817,8 +817,8 @@ def identified_robot(robot: Robot, base: BaseParameters, sides: RobotEstimate) -
         prior[::10][prior[::10] == 0] = 1.0
         correction = base.least(sides.load.values - base.project(prior))
     drives = sides.drives
-    found = {
+    identified = {
         joint: with_estimate(drive, drives[joint]) if joint in drives else drive
         for joint, drive in robot.drives.items()
     }
-    return robot.with_values(prior + correction, found)
+    return robot.with_values(prior + correction, identified)
