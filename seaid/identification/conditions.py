@@ -116,11 +116,11 @@ def shared_rows(rows: Mapping[str, Regression], specific: Sequence[bool]) -> Sha
     """
     first, *others = rows
     names = rows[first].names
-    for other in others:
-        if rows[other].names != names:
+    for condition in others:
+        if rows[condition].names != names:
             raise IdentificationError(
-                f"condition '{first}' has the parameters {', '.join(names)}; '{other}' has "
-                f"{', '.join(rows[other].names)}: conditions need the same sensors and terms"
+                f"condition '{first}' has the parameters {', '.join(names)}; '{condition}' has "
+                f"{', '.join(rows[condition].names)}: conditions need the same sensors and terms"
             )
     columns = {name: place for place, name in enumerate(_columns(names, specific, list(rows)))}
     places = {
@@ -130,21 +130,21 @@ def shared_rows(rows: Mapping[str, Regression], specific: Sequence[bool]) -> Sha
     units = dict(zip(names, rows[first].units, strict=True))
     wide = [
         replace(
-            one,
+            regression,
             names=tuple(columns),
             units=tuple(units[text.split(" [")[0]] for text in columns),
-            H=_placed(one.H, places[condition], len(columns)),
+            H=_placed(regression.H, places[condition], len(columns)),
         )
-        for condition, one in rows.items()
+        for condition, regression in rows.items()
     ]
     starts = _first_runs(wide)
-    run = np.concatenate([one.run + start for one, start in zip(wide, starts, strict=False)])
+    run = np.concatenate([part.run + start for part, start in zip(wide, starts, strict=False)])
     return SharedRows(replace(stacked(wide), run=run), places, names)
 
 
 def _first_runs(rows: Iterable[Regression]) -> Array:
     """Return the number of the first log of each condition, and one more."""
-    return np.cumsum([0, *(float(np.max(one.run, initial=0.0)) + 1 for one in rows)])
+    return np.cumsum([0, *(float(np.max(part.run, initial=0.0)) + 1 for part in rows)])
 
 
 def _columns(
@@ -153,7 +153,7 @@ def _columns(
     return [
         text
         for name, is_specific in zip(names, specific, strict=True)
-        for text in ([f"{name} [{one}]" for one in conditions] if is_specific else [name])
+        for text in ([f"{name} [{x}]" for x in conditions] if is_specific else [name])
     ]
 
 
@@ -192,7 +192,7 @@ class ConditionFit:
 
     def scaled(self, estimate: Estimate) -> ConditionFit:
         """Return the side with an estimate that has the constant as its last parameter."""
-        places = {name: (*own, len(estimate.names) - 1) for name, own in self.shared.places.items()}
+        places = {name: (*old, len(estimate.names) - 1) for name, old in self.shared.places.items()}
         names = (*self.shared.names, estimate.names[-1])
         shared = replace(self.shared, places=places, names=names)
         return replace(self, shared=shared, estimate=estimate)
@@ -247,10 +247,10 @@ class ConditionFits:
         drives = {joint: side.of(condition) for joint, side in self.actuators.items()}
         load_side = self.load.of(condition)
         base, others = split_load_side(model, load_side)
-        found = merged_estimates(drives, others)
+        merged = merged_estimates(drives, others)
         sides = {**self.actuators, "load": self.load}
         return RobotEstimate(
-            drives={joint: found[joint] for joint in robot.joint_names if joint in found},
+            drives={joint: merged[joint] for joint in robot.joint_names if joint in merged},
             load=base,
             load_side=load_side,
             springs={
@@ -279,22 +279,22 @@ def estimate_conditions(
     }
     actuators, unscaled = {}, {}
     for joint in first.elastic_joints:
-        own = {name: one[joint] for name, one in rows.items()}
+        joint_rows = {name: equations[joint] for name, equations in rows.items()}
         try:
-            side = _fitted_actuator(own, joint, specific, solver)
+            side = _fitted_actuator(joint_rows, joint, specific, solver)
         except UnknownScaleError as problem:
             if joint not in springs:
                 raise
             unscaled[joint] = problem
-            own = {name: with_unit_constant(one) for name, one in own.items()}
-            side = _fitted_actuator(own, joint, specific, solver)
+            joint_rows = {name: with_unit_constant(part) for name, part in joint_rows.items()}
+            side = _fitted_actuator(joint_rows, joint, specific, solver)
         actuators[joint] = side.with_fit(with_shared_delays(first.drives, side.fit, joint))
-    own = {name: one[LOAD] for name, one in rows.items()}
+    load_rows = {name: equations[LOAD] for name, equations in rows.items()}
     if unscaled:
         actuators |= _scaled_by_load(
-            robots, own, models, springs, actuators, unscaled, specific, solver
+            robots, load_rows, models, springs, actuators, unscaled, specific, solver
         )
-    load = _load(robots, own, models, springs, actuators, specific, solver)
+    load = _load(robots, load_rows, models, springs, actuators, specific, solver)
     return ConditionFits(robots, models, actuators, load, springs)
 
 
@@ -302,7 +302,7 @@ def _fitted_actuator(
     rows: Mapping[str, Regression], joint: str, specific: Sequence[str], solver: Estimator
 ) -> ConditionFit:
     names = next(iter(rows.values())).names
-    is_specific = [one in specific or f"{one} of {joint}" in specific for one in names]
+    is_specific = [name in specific or f"{name} of {joint}" in specific for name in names]
     return _fitted(rows, is_specific, solver, None)
 
 
@@ -322,7 +322,7 @@ def _scaled_by_load(
     the UnknownScaleError of a joint if they do not.
     """
     robot = next(iter(robots.values()))
-    constants = {x: JointParameter(one.parameter, x) for x, one in unscaled.items()}
+    constants = {x: JointParameter(problem.parameter, x) for x, problem in unscaled.items()}
     changed = _with_springs(
         robots, rows, joints, actuators, partial(with_constant_columns, robot, constants=constants)
     )
@@ -398,26 +398,27 @@ def _is_specific(models: Mapping[str, LoadModel], specific: Sequence[str]) -> li
 
 
 def _in_memory(logs: Source | Sequence[Source]) -> list[Log]:
-    return [one for one in sources_of(logs) if isinstance(one, Log)]
+    return [source for source in sources_of(logs) if isinstance(source, Log)]
 
 
-def _with_those_of_others(
+def _with_findings_of_others(
     setup: Mapping[str, Sequence[Finding]],
 ) -> dict[str, tuple[Finding, ...]]:
     """Return the findings of each condition, and what is wrong in others: they share parameters."""
     return {
         name: (
-            *own,
+            *findings,
             *(
                 replace(
-                    one, message=f"in condition '{other}', which shares parameters: {one.message}"
+                    finding,
+                    message=f"in condition '{source}', which shares parameters: {finding.message}",
                 )
-                for other, theirs in setup.items()
-                for one in theirs
-                if other != name and one.severity == "wrong"
+                for source, theirs in setup.items()
+                for finding in theirs
+                if source != name and finding.severity == "wrong"
             ),
         )
-        for name, own in setup.items()
+        for name, findings in setup.items()
     }
 
 
@@ -428,22 +429,24 @@ _DIFFERENT = (
 
 
 def _with_fits(
-    found: Identification,
+    result: Identification,
     sides: RobotEstimate,
-    given: Experiment,
-    own: BoolArray,
+    experiment: Experiment,
+    mask: BoolArray,
     weak: Collection[str],
 ) -> Identification:
-    """Return the identification of a condition with how well it explains its `own` (R,) rows."""
-    joints, bodies = found.known.joint_names, found.robot.parameters
-    bodies = bodies + found.known.payload_parameters
-    fit = robot_fit(joints, sides.fit, sides.actuators, given, bodies, own, weak=weak)
+    """Return the identification of a condition with how well it explains the rows in `mask`."""
+    joints, bodies = result.known.joint_names, result.robot.parameters
+    bodies = bodies + result.known.payload_parameters
+    fit = robot_fit(joints, sides.fit, sides.actuators, experiment, bodies, mask, weak=weak)
     of_fit = [
-        replace(one, remedy=f"{one.remedy}{_DIFFERENT}") if one.code == "no-fit" else one
-        for one in consequences(found.findings, fit_findings(fit))
+        replace(finding, remedy=f"{finding.remedy}{_DIFFERENT}")
+        if finding.code == "no-fit"
+        else finding
+        for finding in consequences(result.findings, fit_findings(fit))
     ]
-    findings = (*found.findings, *of_fit)
-    return replace(found, findings=findings, joint_fits=fit.joints, residual=fit.residual)
+    findings = (*result.findings, *of_fit)
+    return replace(result, findings=findings, joint_fits=fit.joints, residual=fit.residual)
 
 
 def _fitted(
@@ -453,8 +456,8 @@ def _fitted(
     propagated: Array | None,
 ) -> ConditionFit:
     shared = shared_rows(rows, specific)
-    found = fit_inputs(shared.rows, solver, propagated, None, None)
-    return ConditionFit(rows, shared, found, found.estimate)
+    fit = fit_inputs(shared.rows, solver, propagated, None, None)
+    return ConditionFit(rows, shared, fit, fit.estimate)
 
 
 CONDITION_SPECIFIC = ("spring_offset", "deflection_zero")
@@ -542,31 +545,31 @@ def identify_conditions(
         cutoff_hz=cutoff_hz,
         progress=progress,
     )
-    given = {name: robot for name, (robot, _) in conditions.items()}
-    found, robots, unscaled = with_unit_scales(given, with_scales)
-    first = found.identifications
+    declared = {name: robot for name, (robot, _) in conditions.items()}
+    result, robots, unscaled = with_unit_scales(declared, with_scales)
+    first = result.identifications
     for _ in range(MOST_DELAY_ROUNDS):
         later = {
-            name: with_estimated_delays(robot, found.identifications[name].robot)
+            name: with_estimated_delays(robot, result.identifications[name].robot)
             for name, robot in robots.items()
         }
         if all(later[name] is robot for name, robot in robots.items()):
             break
-        robots, found = later, with_scales(later)
+        robots, result = later, with_scales(later)
     consistent = {
-        name: consistent_bodies(one) if feasible else one
-        for name, one in found.identifications.items()
+        name: consistent_bodies(part) if feasible else part
+        for name, part in result.identifications.items()
     }
     parts = {
         name: replace(
-            one,
-            robot=with_free_scale(one.robot, unscaled),
+            part,
+            robot=with_free_scale(part.robot, unscaled),
             nominal=first[name].nominal,
-            findings=(*one.findings, *unknown_scales(one.robot, one.load_side, unscaled)),
+            findings=(*part.findings, *unknown_scales(part.robot, part.load_side, unscaled)),
         )
-        for name, one in consistent.items()
+        for name, part in consistent.items()
     }
-    return replace(found, identifications=FrozenMapping(parts))
+    return replace(result, identifications=FrozenMapping(parts))
 
 
 def _identify_conditions(
@@ -583,22 +586,22 @@ def _identify_conditions(
     first = robots[next(iter(robots))]
     _check_specific(first, condition_specific)
     used = _used(robots, datasets) if torque_joints is None else first.selected(torque_joints)
-    springs = deflection_joints(first, [one for found in datasets.values() for one in found])
+    springs = deflection_joints(first, [part for parts in datasets.values() for part in parts])
     declared = robots
     experiments = {
-        name: experiment_of(robot, [[first_motion(one)] for one in datasets[name]])
+        name: experiment_of(robot, [[first_motion(dataset)] for dataset in datasets[name]])
         for name, robot in robots.items()
     }
-    setup = _with_those_of_others(
+    setup = _with_findings_of_others(
         {
-            name: setup_findings(given, log_findings(robots[name], _in_memory(logs)))
-            for (name, given), (_, logs) in zip(
+            name: setup_findings(experiment, log_findings(robots[name], _in_memory(logs)))
+            for (name, experiment), (_, logs) in zip(
                 experiments.items(), conditions.values(), strict=True
             )
         }
     )
     robots = {name: with_rigid_gears(robot, springs) for name, robot in robots.items()}
-    given = robots
+    nominal = robots
     robots, datasets = _linearised(robots, datasets, used)
     models = {
         name: load_model_of(robot, list(map(first_motion, datasets[name])), used)
@@ -618,21 +621,23 @@ def _identify_conditions(
             known = identified_robot(robot, models[name].base, sides.of(name))
             datasets[name] = with_passed_reversals(robot, datasets[name], known)
         sides = fit(datasets)
-    found = {}
+    identified = {}
     for name, robot in robots.items():
         part = sides.of(name)
         factors = {joint: qr_factor_of(x.rows[name]) for joint, x in sides.actuators.items()}
-        values = value_findings(part, given[name], robot, factors)
-        part = replace(part, drives=with_searched_values(part.drives, given[name], robot))
-        one = identification_of(robot, models[name], part, datasets[name], declared=declared[name])
-        checks = joint_checks(experiments[name], [first_motion(one) for one in datasets[name]])
-        values += one.findings
-        one = replace(one, findings=setup[name], setup=checks, nominal=given[name])
+        values = value_findings(part, nominal[name], robot, factors)
+        part = replace(part, drives=with_searched_values(part.drives, nominal[name], robot))
+        result = identification_of(
+            robot, models[name], part, datasets[name], declared=declared[name]
+        )
+        checks = joint_checks(experiments[name], [first_motion(x) for x in datasets[name]])
+        values += result.findings
+        result = replace(result, findings=setup[name], setup=checks, nominal=nominal[name])
         weak = {finding.joint for finding in values if finding.code == "weak-spring"}
-        one = _with_fits(one, part, experiments[name], sides.load.is_of(name), weak)
-        found[name] = with_value_findings(one, values)
+        result = _with_fits(result, part, experiments[name], sides.load.is_of(name), weak)
+        identified[name] = with_value_findings(result, values)
     return Conditions(
-        FrozenMapping(found), tuple(condition_specific), FrozenMapping(sides.differences())
+        FrozenMapping(identified), tuple(condition_specific), FrozenMapping(sides.differences())
     )
 
 
@@ -666,7 +671,7 @@ def _read(
         }
 
     datasets = read(cutoff_hz)
-    bands = {one.cutoff_hz for found in datasets.values() for one in found}
+    bands = {dataset.cutoff_hz for group in datasets.values() for dataset in group}
     return robots, datasets if len(bands) == 1 else read(min(bands))
 
 
@@ -674,28 +679,28 @@ def _linearised(
     robots: Mapping[str, Robot], datasets: Mapping[str, list[Dataset]], used: Sequence[str]
 ) -> tuple[dict[str, Robot], dict[str, list[Dataset]]]:
     """Return robots with drives linearised near the values of the first condition, and datasets."""
-    found, known = dict(robots), {}
+    linearised, known = dict(robots), {}
     for place, (name, robot) in enumerate(robots.items()):
-        straight, known[name] = linearised_robot(found[name], datasets[name], used)
+        straight, known[name] = linearised_robot(linearised[name], datasets[name], used)
         if place == 0 and straight is not robot:
-            alike = {x: one for x, one in robots.items() if one.drives == robot.drives}
-            found |= {x: one.with_drives(straight.drives) for x, one in alike.items()}
-    return found, known
+            alike = {x: twin for x, twin in robots.items() if twin.drives == robot.drives}
+            linearised |= {x: twin.with_drives(straight.drives) for x, twin in alike.items()}
+    return linearised, known
 
 
 def _used(robots: Mapping[str, Robot], datasets: Mapping[str, list[Dataset]]) -> tuple[str, ...]:
     """Return the joints whose torque is measured in every condition."""
     known = [joints_with_torque(robots[name], datasets[name]) for name in robots]
-    return tuple(joint for joint in known[0] if all(joint in one for one in known))
+    return tuple(joint for joint in known[0] if all(joint in joints for joints in known))
 
 
 def _check_joints(robots: Mapping[str, Robot]) -> None:
     (first, robot), *others = robots.items()
-    for name, other in others:
-        if other.joint_names != robot.joint_names:
+    for name, compared in others:
+        if compared.joint_names != robot.joint_names:
             raise IdentificationError(
                 f"condition '{first}' has the joints {', '.join(robot.joint_names)}, '{name}' "
-                f"{', '.join(other.joint_names)}: they must be one type of robot"
+                f"{', '.join(compared.joint_names)}: they must be one type of robot"
             )
 
 
@@ -717,9 +722,9 @@ def _check_specific(robot: Robot, specific: Sequence[str]) -> None:
 
 def _check_models(models: Mapping[str, LoadModel]) -> None:
     first, *others = models
-    for other in others:
-        if models[other].names != models[first].names:
+    for name in others:
+        if models[name].names != models[first].names:
             raise IdentificationError(
-                f"conditions '{first}' and '{other}' do not have the same base parameters and "
+                f"conditions '{first}' and '{name}' do not have the same base parameters and "
                 "drives: they must be one type of robot, with the same joints; payloads may differ"
             )
