@@ -169,20 +169,20 @@ def compare_terms(
     if terms is None and duration_s(motions) >= LEAST_WARM_UP_S:
         plain = {**plain, "friction": (*plain["friction"], *WARM_UP)}
     asked = {joint: _with_temperature(robot, motions, joint, plain, terms) for joint in compared}
-    count = sum(len(list(possible_terms(robot.drives[one], asked[one]))) for one in compared)
+    count = sum(len(list(possible_terms(robot.drives[joint], asked[joint]))) for joint in compared)
     for joint in track(compared, "terms", progress):
         model = _extended(model, joint, asked[joint], count, comparisons)
         if cutoff_hz is None:
             model = _with_backlash(model, joint, asked[joint], logs, finer, count, comparisons)
     recommended = {
         joint: tuple(
-            (one.field, one.term) for one in comparisons if one.joint == joint and one.selected
+            (term.field, term.term) for term in comparisons if term.joint == joint and term.selected
         )
         for joint in robot.joint_names
     }
     return TermSelection(
         comparisons=tuple(comparisons),
-        recommended=FrozenMapping({joint: found for joint, found in recommended.items() if found}),
+        recommended=FrozenMapping({joint: terms for joint, terms in recommended.items() if terms}),
         robot=model.robot.with_drives(
             {
                 joint: replace(
@@ -208,12 +208,12 @@ def backlash_findings(
         if {*DEAD_ZONES, "dahl"} & {*robot.drives[joint].spring}:
             continue
         try:
-            found = compare_terms(
+            selection = compare_terms(
                 robot, logs, joints=joint, terms={"spring": _LAWS}, torque_joints=used
             )
         except (IdentificationError, LogError):  # such as a log too short for a comparison
             continue
-        selected = [one for one in found.comparisons if one.selected and one.term == "dead_zone"]
+        selected = [x for x in selection.comparisons if x.selected and x.term == "dead_zone"]
         if not selected or selected[0].comparison is None:
             continue
         yield backlash(joint, robot.drives[joint], selected[0])
@@ -242,13 +242,13 @@ def _with_temperature(
     motions: Sequence[Motion],
     joint: str,
     asked: Mapping[str, Sequence[str]],
-    given: Mapping[str, Sequence[str]] | None,
+    chosen: Mapping[str, Sequence[str]] | None,
 ) -> Mapping[str, Sequence[str]]:
     """Return the terms for a joint: with those of temperature if they are asked for and logged.
 
     Raises IdentificationError for a temperature that is asked for and is not logged or constant.
     """
-    named = {*(given or {}).get("friction", ())} & {*BY_TEMPERATURE}
+    named = {*(chosen or {}).get("friction", ())} & {*BY_TEMPERATURE}
     terms = tuple(named or BY_TEMPERATURE)
     bare = replace(robot.drives[joint], friction=terms, nominal={}, known=())  # type: ignore[arg-type]
     try:
@@ -257,8 +257,8 @@ def _with_temperature(
         if named:
             raise
         return asked
-    own = [*asked.get("friction", ()), *(() if given is not None else terms)]
-    return {**asked, "friction": own} if own else asked
+    friction = [*asked.get("friction", ()), *(() if chosen is not None else terms)]
+    return {**asked, "friction": friction} if friction else asked
 
 
 def _extended(
@@ -273,11 +273,11 @@ def _extended(
     `count` is the number of comparisons of all joints, which the criterion allows for.
     """
     for step in range(_MOST_STEPS):
-        found = _compared_terms(model, joint, asked, count, step)
+        terms = _compared_terms(model, joint, asked, count, step)
         best = best_of(
             {
                 term: term.comparison
-                for term in found
+                for term in terms
                 if term.comparison is not None and term.is_supported
             }
         )
@@ -286,12 +286,12 @@ def _extended(
                 model = model.with_term(best)
             except IdentificationError as problem:  # such as a warm-up longer than the log
                 reason = str(problem)
-                found = [
-                    replace(one, comparison=None, reason=reason) if one is best else one
-                    for one in found
+                terms = [
+                    replace(term, comparison=None, reason=reason) if term is best else term
+                    for term in terms
                 ]
                 best = None
-        comparisons += [replace(one, selected=one is best) for one in found]
+        comparisons += [replace(term, selected=term is best) for term in terms]
         if best is None:
             break
     return model
@@ -322,10 +322,10 @@ def _with_backlash(
     if not finer:  # the same for every joint
         sharp = model.robot.with_drives({joint: with_term(drive, *terms[0])})
         finer += map(first_motion, datasets_of(sharp, sources_of(logs), None, None, False))
-    own: list[TermComparison] = []
+    added: list[TermComparison] = []
     again = _Model.of(model.robot, finer, model.used)
-    again = _extended(again, joint, fields, count + len(terms), own)
-    comparisons += [replace(one, cutoff_hz=finer[0].cutoff_hz) for one in own]
+    again = _extended(again, joint, fields, count + len(terms), added)
+    comparisons += [replace(term, cutoff_hz=finer[0].cutoff_hz) for term in added]
     return _Model(again.robot, model.motions, model.used)
 
 
@@ -355,10 +355,10 @@ class _Model:
     @cached_property
     def _with_gear_torque(self) -> _Model:
         """The model with the torque through the gears of the fit, for load-dependent friction."""
-        found = starting_load_fit(self.robot, self.motions, self.used)
+        load_fit = starting_load_fit(self.robot, self.motions, self.used)
         motions = [
-            with_gear_torque(self.robot, one, found.model, found.springs, found.values)
-            for one in self.motions
+            with_gear_torque(self.robot, motion, load_fit.model, load_fit.springs, load_fit.values)
+            for motion in self.motions
         ]
         return replace(self, motions=motions)
 
@@ -378,25 +378,25 @@ class _Model:
         theta = fitted.estimate.values
         return load_drive(robot, motions, joint, fitted.rows, theta, at_joint=not at_motor), fitted
 
-    def with_term(self, one: TermComparison) -> _Model:
+    def with_term(self, term: TermComparison) -> _Model:
         """Return the model with a selected term, near the best values of its comparison."""
-        drive = with_term(self.robot.drives[one.joint], one.field, one.term)
-        if one.term == "coulomb_position":
-            middle = reference_position(self.motions, self.robot.index(one.joint))
+        drive = with_term(self.robot.drives[term.joint], term.field, term.term)
+        if term.term == "coulomb_position":
+            middle = reference_position(self.motions, self.robot.index(term.joint))
             drive = replace(drive, reference_position_rad=middle)
-        robot = self.robot.with_drives({one.joint: drive.with_values(one.values)})
-        joints = (one.joint,) if drive.is_elastic and one.field in AT_THE_MOTOR else ()
+        robot = self.robot.with_drives({term.joint: drive.with_values(term.values)})
+        joints = (term.joint,) if drive.is_elastic and term.field in AT_THE_MOTOR else ()
         robot = linearised(robot, self.motions, joints)
-        searched = robot.drives[one.joint]
-        is_spring = one.field == "spring" and "stiffness" in searched.parameter_names
+        searched = robot.drives[term.joint]
+        is_spring = term.field == "spring" and "stiffness" in searched.parameter_names
         if is_spring and "stiffness" not in searched.values:
             raise IdentificationError(
-                f"joint '{one.joint}': with '{one.term}' its stiffness is not positive"
+                f"joint '{term.joint}': with '{term.term}' its stiffness is not positive"
             )
-        if one.term in WARM_UP and not drive.is_elastic:  # the steps of its grid are wide
+        if term.term in WARM_UP and not drive.is_elastic:  # the steps of its grid are wide
             robot = linearised_load(robot, self.motions, self.used)
-        fixed = robot.with_drives({one.joint: _fixed(robot.drives[one.joint])})
-        needs_torque = one.term == "load" and not drive.is_elastic
+        fixed = robot.with_drives({term.joint: _fixed(robot.drives[term.joint])})
+        needs_torque = term.term == "load" and not drive.is_elastic
         motions = self._with_gear_torque.motions if needs_torque else self.motions
         return _Model(fixed, motions, self.used)
 
@@ -430,46 +430,46 @@ def _compared_terms(
     model: _Model, joint: str, asked: Mapping[str, Sequence[str]], count: int, step: int
 ) -> list[TermComparison]:
     """Return the comparison of each term that a drive lacks, can have, and has equations for."""
-    found: list[TermComparison] = []
+    compared: list[TermComparison] = []
     for at_motor in (True, False):
         fields = {field: of for field, of in asked.items() if (field in AT_THE_MOTOR) == at_motor}
         terms = list(possible_terms(model.robot.drives[joint], fields))
-        unseen = {one: reason for one in terms if (reason := _unseen(model, joint, *one))}
-        found += [TermComparison(joint, *one, step, None, why) for one, why in unseen.items()]
-        terms = [one for one in terms if one not in unseen]
+        unseen = {term: reason for term in terms if (reason := _unseen(model, joint, *term))}
+        compared += [TermComparison(joint, *term, step, None, why) for term, why in unseen.items()]
+        terms = [term for term in terms if term not in unseen]
         side = model.drive(joint, at_motor) if terms else None
         if side is not None:
             drive, fitted = side
-            one_step = compared_terms(drive, fitted, terms, count, step)
-            found += [_with_searched_zone(model, drive, fitted, one, count) for one in one_step]
-    return found
+            tried = compared_terms(drive, fitted, terms, count, step)
+            compared += [_with_searched_zone(model, drive, fitted, term, count) for term in tried]
+    return compared
 
 
 def _with_searched_zone(
-    model: _Model, drive: DriveRows, fitted: FittedRows, one: TermComparison, count: int
+    model: _Model, drive: DriveRows, fitted: FittedRows, term: TermComparison, count: int
 ) -> TermComparison:
     """Return the comparison of a sharp dead zone of an elastic drive at its searched values.
 
     Next to a stiff contact the deflection beyond the zone is a small part of it: an error of its
     width by a tenth, as that of a grid, is half of that deflection, and a cubic spring fits better.
     """
-    is_elastic = drive.robot.drives[one.joint].is_elastic
-    if one.term != "dead_zone" or not is_elastic or _explained(one) <= 0:
-        return one
+    is_elastic = drive.robot.drives[term.joint].is_elastic
+    if term.term != "dead_zone" or not is_elastic or _explained(term) <= 0:
+        return term
     larger = model.robot.with_drives(
-        {one.joint: with_term(model.robot.drives[one.joint], one.field, one.term)}
+        {term.joint: with_term(model.robot.drives[term.joint], term.field, term.term)}
     )
     try:
-        values = linearised(larger, model.motions, (one.joint,)).drives[one.joint].values
+        values = linearised(larger, model.motions, (term.joint,)).drives[term.joint].values
     except IdentificationError:
-        return one
+        return term
     grid = {name: (values[name],) for name in ("dead_zone", "deflection_zero") if name in values}
-    (found,) = compared_terms(drive, fitted, [(one.field, one.term)], count, one.step, grid)
-    return found if _explained(found) > _explained(one) else one
+    (searched,) = compared_terms(drive, fitted, [(term.field, term.term)], count, term.step, grid)
+    return searched if _explained(searched) > _explained(term) else term
 
 
-def _explained(one: TermComparison) -> float:
-    return one.comparison.explained if one.comparison is not None else 0.0
+def _explained(term: TermComparison) -> float:
+    return term.comparison.explained if term.comparison is not None else 0.0
 
 
 DEFAULTS = ("offset", "smooth_coulomb")
@@ -480,11 +480,11 @@ MOST_ROUNDS = 4
 
 
 def with_default_terms(
-    robot: Robot, given: Robot, selected: Sequence[SideSelection]
+    robot: Robot, nominal: Robot, selected: Sequence[SideSelection]
 ) -> tuple[Robot, Robot, list[Finding]]:
     """Return the robot with the supported terms of drives whose friction nobody named, and notes.
 
-    The same drives stand in the robot as it was `given`.
+    The same drives stand in the `nominal` robot, that before a search.
 
     An offset is included if it is supported, a width of Coulomb friction if no other term is
     supported better: it is that of the comparison, as a known value. Other terms only compete: the
@@ -520,8 +520,8 @@ def with_default_terms(
                 drives[joint] = replace(drive, friction=friction, known=known)
                 notes.append(included_term(trial))
     if drives:
-        robot, given = robot.with_drives(drives), given.with_drives(drives)
-    return robot, given, notes
+        robot, nominal = robot.with_drives(drives), nominal.with_drives(drives)
+    return robot, nominal, notes
 
 
 def with_closed_terms(robot: Robot, identified: Robot) -> Robot:
@@ -529,10 +529,10 @@ def with_closed_terms(robot: Robot, identified: Robot) -> Robot:
     drives: dict[str, Drive] = {}
     for joint, drive in robot.drives.items():
         if isinstance(drive.friction, DefaultTerms):
-            other = identified.drives[joint]
-            drive = replace(drive, friction=tuple(other.friction))
-            if "coulomb_width" in other.known:
-                drive = drive.with_values({"coulomb_width": other.values["coulomb_width"]})
+            closed = identified.drives[joint]
+            drive = replace(drive, friction=tuple(closed.friction))
+            if "coulomb_width" in closed.known:
+                drive = drive.with_values({"coulomb_width": closed.values["coulomb_width"]})
                 drive = replace(drive, known=(*drive.known, "coulomb_width"))
             drives[joint] = drive
     return robot.with_drives(drives)
