@@ -62,30 +62,30 @@ def whole_body(found: Identification) -> tuple[BodyValue, ...]:
     alone = np.zeros_like(moments)
     alone[:, -10:-6] = np.eye(4)
     return tuple(
-        one
+        value
         for name, rows in (("whole robot", moments), (base, alone))
-        for one in _mass_and_center(found, name, rows)
+        for value in _mass_and_center(found, name, rows)
     )
 
 
-def whole_mass(found: Identification) -> tuple[float, float]:
+def whole_mass(identification: Identification) -> tuple[float, float]:
     """Return the mass of the whole robot and its standard error [kg], NaN for a fixed base."""
-    mass = next(iter(whole_body(found)), None)
+    mass = next(iter(whole_body(identification)), None)
     return (np.nan, np.nan) if mass is None else (mass.value, mass.standard_error)
 
 
-def mean_posture(found: Identification) -> Array:
+def mean_posture(result: Identification) -> Array:
     """Return the mean joint positions (n,) of the logs, zero if none was in memory."""
-    if not found.motions:
-        return np.zeros(found.robot.n)
-    return np.asarray(np.concatenate([one.joint_position for one in found.motions]).mean(axis=0))
+    if not result.motions:
+        return np.zeros(result.robot.n)
+    return np.asarray(np.concatenate([x.joint_position for x in result.motions]).mean(axis=0))
 
 
-def _first_moments(found: Identification) -> Array:
+def _first_moments(identification: Identification) -> Array:
     """Return the functionals (4, 10N) of mass and first moments of the robot about its base."""
-    robot = found.robot
+    robot = identification.robot
     data = robot.model.createData()
-    pin.forwardKinematics(robot.model, data, robot.to_model(mean_posture(found)))
+    pin.forwardKinematics(robot.model, data, robot.to_model(mean_posture(identification)))
     rows = np.zeros((4, robot.parameters.size))
     frames = [pin.SE3.Identity()] * len(robot.body_names)
     for place, index in enumerate(robot.model_order, 1):
@@ -97,24 +97,24 @@ def _first_moments(found: Identification) -> Array:
     return rows
 
 
-def _mass_and_center(found: Identification, name: str, rows: Array) -> list[BodyValue]:
+def _mass_and_center(identification: Identification, name: str, rows: Array) -> list[BodyValue]:
     """Return the values of the functionals (4, 10N) of a mass and its first moments."""
-    robot, base = found.robot, found.base
+    robot, base = identification.robot, identification.base
     combined = rows[:, list(base.columns)]
-    left = (rows - combined @ base.grouping) * ~robot.is_known
-    is_known = np.linalg.norm(left, axis=1) <= _DETERMINED * np.linalg.norm(rows, axis=1)
-    given = rows @ (robot.payload_parameters + np.where(robot.is_known, robot.parameters, 0.0))
-    mass, *moment = (combined @ found.load.values + given).tolist()
+    undetermined = (rows - combined @ base.grouping) * ~robot.is_known
+    is_known = np.linalg.norm(undetermined, axis=1) <= _DETERMINED * np.linalg.norm(rows, axis=1)
+    known = rows @ (robot.payload_parameters + np.where(robot.is_known, robot.parameters, 0.0))
+    mass, *moment = (combined @ identification.load.values + known).tolist()
     slopes = np.vstack([combined[:1], (combined[1:] - np.outer(moment, combined[0]) / mass) / mass])
     # h / m has the slopes (c_h - h / m c_m) / m
-    errors = np.sqrt(np.einsum("ij,jk,ik->i", slopes, found.load.covariance, slopes))
-    values = np.array([mass, *(one / mass for one in moment)])
+    errors = np.sqrt(np.einsum("ij,jk,ik->i", slopes, identification.load.covariance, slopes))
+    values = np.array([mass, *(h / mass for h in moment)])
     is_known[1:] &= is_known[0]
     values[~is_known] = errors[~is_known] = np.nan
     names = [f"mass of {name}", *(f"centre of mass of {name}, {x}" for x in "xyz")]
     units = ["kg", *["m"] * 3]
     facts = zip(names, values.tolist(), errors.tolist(), units, strict=True)
-    return [BodyValue(*one) for one in facts]
+    return [BodyValue(*fact) for fact in facts]
 
 
 def bodies_of_fit(identification: Identification) -> tuple[Array, bool]:
@@ -123,12 +123,12 @@ def bodies_of_fit(identification: Identification) -> tuple[Array, bool]:
     What the base parameters lack is that of the identified robot, or zero if it has none.
     """
     known, base = identification.known, identification.base
-    own = np.where(known.is_known, 0.0, identification.robot.parameters)
+    bodies = np.where(known.is_known, 0.0, identification.robot.parameters)
     is_whole = bool(np.all(np.isfinite(known.parameters)))
-    own = own if is_whole else np.zeros_like(own)
+    bodies = bodies if is_whole else np.zeros_like(bodies)
     values = identification.load_side.values[: len(base.columns)]
-    own[list(base.columns)] += values - base.grouping @ own
-    return own + known.known_parameters, is_whole
+    bodies[list(base.columns)] += values - base.grouping @ bodies
+    return bodies + known.known_parameters, is_whole
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,24 +155,24 @@ class SensorBias:
 
     def of(self, link: str, width: int = 3) -> Array:
         """Return the errors (width,) of one sensor, zero where none was found."""
-        found = np.zeros(width)
-        for (own, axis), value in zip(self.places, self.value, strict=True):
-            if own == link:
-                found[axis] = value
-        return found
+        errors = np.zeros(width)
+        for (sensor, axis), value in zip(self.places, self.value, strict=True):
+            if sensor == link:
+                errors[axis] = value
+        return errors
 
     def removed(self, datasets: Sequence[Dataset]) -> list[Motion]:
         """Return the motions of a floating base without the errors."""
-        found = []
-        for motion in (one for one in datasets if isinstance(one, Motion)):
+        motions = []
+        for motion in (log for log in datasets if isinstance(log, Motion)):
             assert motion.base is not None
             force = motion.base.specific_force - self.of("")
             wrenches = {x: y - self.of(x, y.shape[1]) for x, y in motion.base.wrenches.items()}
             base = replace(
                 motion.base, specific_force=force, wrenches=FrozenMapping(wrenches, "link")
             )
-            found.append(replace(motion, base=base))
-        return found
+            motions.append(replace(motion, base=base))
+        return motions
 
 
 _BIASED_M_S2, _NO_BIAS_M_S2 = 0.02, 1.0
@@ -199,7 +199,7 @@ def sensor_bias(
 
     `robot` has the estimated bodies. See the module.
     """
-    bases = [one.base for one in datasets if isinstance(one, Motion) and one.base is not None]
+    bases = [log.base for log in datasets if isinstance(log, Motion) and log.base is not None]
     if fit.rows is None or len(bases) < len(datasets):
         return None
     limits = _limits(bases)
@@ -211,34 +211,34 @@ def sensor_bias(
     if not equations:
         return None
     whole = rows_in_memory(datasets, equations).values()
-    columns = np.hstack([one.H for one in whole])
-    norms = [np.linalg.norm(one.H, axis=0) for one in whole]
-    acts = np.concatenate([one > _NOTHING * np.max(one) for one in norms])
-    places = [place for place, own in zip(limits, acts, strict=True) if own]
+    columns = np.hstack([rows.H for rows in whole])
+    norms = [np.linalg.norm(rows.H, axis=0) for rows in whole]
+    acts = np.concatenate([norm > _NOTHING * np.max(norm) for norm in norms])
+    places = [place for place, acting in zip(limits, acts, strict=True) if acting]
     columns = columns[:, acts]
     least, most = np.array([limits[place] for place in places]).T
 
     def counts(values: Array) -> bool:
         return bool(np.any(np.abs(values) > least))
 
-    found = with_further_columns(fit, columns, counts)
-    if found is None:  # the base does not tilt, or no error counts
+    estimate = with_further_columns(fit, columns, counts)
+    if estimate is None:  # the base does not tilt, or no error counts
         return None
-    k, freedom = len(places), _freedom(found)
-    value, covariance = found.values[-k:], found.covariance[-k:, -k:]
+    k, freedom = len(places), _freedom(estimate)
+    value, covariance = estimate.values[-k:], estimate.covariance[-k:, -k:]
     kept = _significant(value, covariance, places, freedom, (least, most))
     far = np.sqrt(np.diag(covariance)) > _HIDDEN_ZERO / _NO_ZERO * most
-    hidden = [place for place, own in zip(places, far, strict=True) if own and place[0]]
+    hidden = [place for place, is_far in zip(places, far, strict=True) if is_far and place[0]]
     if len(kept) < k:
-        found = with_further_columns(fit, columns[:, kept], lambda _: len(kept) > 0)
-    if found is None:
+        estimate = with_further_columns(fit, columns[:, kept], lambda _: len(kept) > 0)
+    if estimate is None:
         return None
     k = len(kept)
-    normal = (stdtrit(_freedom(found), 0.975) / stdtrit(_MOST_FREEDOM, 0.975)) ** 2
+    normal = (stdtrit(_freedom(estimate), 0.975) / stdtrit(_MOST_FREEDOM, 0.975)) ** 2
     return SensorBias(
         places=tuple(places[place] for place in kept),
-        value=found.values[-k:],
-        covariance=normal * found.covariance[-k:, -k:],
+        value=estimate.values[-k:],
+        covariance=normal * estimate.covariance[-k:, -k:],
         columns=columns[:, kept],
         hidden=tuple(hidden),
         imu=bases[0].imu,
@@ -247,22 +247,22 @@ def sensor_bias(
 
 def _limits(bases: Sequence[BaseMotion]) -> dict[tuple[str, int], tuple[float, float]]:
     """Return the size from which the error of each axis counts, and from which it is no error."""
-    found: dict[tuple[str, int], tuple[float, float]] = {}
-    if all(one.imu is not None for one in bases):
-        found = {("", axis): (_BIASED_M_S2, _NO_BIAS_M_S2) for axis in range(3)}
-    shapes = [{x: y.shape[1] for x, y in one.wrenches.items()} for one in bases]
-    if any(one != shapes[0] for one in shapes):
-        return found
+    limits: dict[tuple[str, int], tuple[float, float]] = {}
+    if all(base.imu is not None for base in bases):
+        limits = {("", axis): (_BIASED_M_S2, _NO_BIAS_M_S2) for axis in range(3)}
+    shapes = [{x: y.shape[1] for x, y in base.wrenches.items()} for base in bases]
+    if any(shape != shapes[0] for shape in shapes):
+        return limits
     for link, width in shapes[0].items():
-        values = np.concatenate([one.wrenches[link] for one in bases])
+        values = np.concatenate([base.wrenches[link] for base in bases])
         forces = np.linalg.norm(values[:, :3], axis=1)
         if np.min(forces) > _UNLOADED * np.quantile(forces, 0.99):
             continue  # always loaded: without accelerations its zero is that of the mass
         for axis in range(width):
             part = values[:, axis // 3 * 3 : axis // 3 * 3 + 3]
             size = float(np.quantile(np.linalg.norm(part, axis=1), 0.99))
-            found[link, axis] = (_LEAST_ZERO * size, _NO_ZERO * size)
-    return found
+            limits[link, axis] = (_LEAST_ZERO * size, _NO_ZERO * size)
+    return limits
 
 
 def _significant(
@@ -278,21 +278,21 @@ def _significant(
     b - C_bd C_dd^-1 d. Zeros count all or none: to exclude those that are not significant one by
     one would bias the mass by up to some standard errors.
     """
-    kinds = [[k for k, (link, _) in enumerate(places) if bool(link) == own] for own in (0, 1)]
+    kinds = [[k for k, (link, _) in enumerate(places) if bool(link) == force] for force in (0, 1)]
     kinds = [kind for kind in kinds if kind]
     while kinds:
         kept = [place for kind in kinds for place in kind]
-        left = [place for place in range(len(places)) if place not in kept]
+        removed = [place for place in range(len(places)) if place not in kept]
         share = safely(
             np.linalg.solve,
-            covariance[np.ix_(left, left)],
-            covariance[np.ix_(left, kept)],
+            covariance[np.ix_(removed, removed)],
+            covariance[np.ix_(removed, kept)],
             what="the errors of the sensors",
         )
         b, C = np.zeros(len(places)), np.zeros_like(covariance)
-        b[kept] = value[kept] - value[left] @ share
+        b[kept] = value[kept] - value[removed] @ share
         C[np.ix_(kept, kept)] = covariance[np.ix_(kept, kept)]
-        C[np.ix_(kept, kept)] -= covariance[np.ix_(kept, left)] @ share
+        C[np.ix_(kept, kept)] -= covariance[np.ix_(kept, removed)] @ share
         chances = [
             _chance(b[kind], C[np.ix_(kind, kind)], freedom, (limits[0][kind], limits[1][kind]))
             for kind in kinds
