@@ -144,74 +144,74 @@ class _Instants:
     stands: BoolArray
 
 
-def contact_forces(identification: Identification, *given: Motion) -> ContactForces | None:
+def contact_forces(identification: Identification, *motions: Motion) -> ContactForces | None:
     """Predict the contact forces of the motions of one log, and compare them with measured ones.
 
     None for a robot without a floating base, and for one without contacts in the log.
     """
     robot = identification.known
-    contacts = contacts_of(robot, given[0])
+    contacts = contacts_of(robot, motions[0])
     if not contacts:
         return None
     bodies, is_whole = bodies_of_fit(identification)
-    identification, _ = for_sensors(identification, given[0])
-    motions = [for_sensors(identification, motion)[1] for motion in given]
-    parts = [force_instants(identification, one, contacts, bodies) for one in motions]
+    identification, _ = for_sensors(identification, motions[0])
+    sensed = [for_sensors(identification, motion)[1] for motion in motions]
+    parts = [force_instants(identification, motion, contacts, bodies) for motion in sensed]
     names = [field.name for field in fields(_Instants)]
-    whole = _Instants(*(np.concatenate([getattr(one, name) for one in parts]) for name in names))
-    basis, variance = _basis(identification, motions[0], contacts, whole, is_whole)
+    whole = _Instants(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+    basis, variance = _basis(identification, sensed[0], contacts, whole, is_whole)
     return _summary(identification, contacts, whole, basis, variance)
 
 
 def legged_fit(
-    found: Identification, datasets: Sequence[Dataset], fit: FittedRows, bias: SensorBias | None
+    result: Identification, datasets: Sequence[Dataset], fit: FittedRows, bias: SensorBias | None
 ) -> LeggedFit | None:
     """Return a fit for the checks of the feet, None for a fixed base or without its rows."""
-    motions = [one for one in datasets if isinstance(one, Motion) and one.base is not None]
-    if found.known.floating_base is None or fit.rows is None or len(motions) < len(datasets):
+    motions = [log for log in datasets if isinstance(log, Motion) and log.base is not None]
+    if result.known.floating_base is None or fit.rows is None or len(motions) < len(datasets):
         return None
-    bodies = bodies_of_fit(found)[0]
+    bodies = bodies_of_fit(result)[0]
     return LeggedFit(
-        robot=found.known,
+        robot=result.known,
         motions=motions,
         fit=fit,
-        model=found.model,
-        springs=found.springs,
-        theta=found.load_side.values,
+        model=result.model,
+        springs=result.springs,
+        theta=result.load_side.values,
         bodies=bodies,
         sensor_errors=np.empty((len(fit.rows.y), 0)) if bias is None else bias.columns,
-        mass_kg=whole_body(found)[0].value,
-        loads=_loaded_feet(found, motions, bodies),
+        mass_kg=whole_body(result)[0].value,
+        loads=_loaded_feet(result, motions, bodies),
     )
 
 
 def _loaded_feet(
-    found: Identification, motions: Sequence[Motion], bodies: Array
+    identification: Identification, motions: Sequence[Motion], bodies: Array
 ) -> list[LoadedFeet]:
     """Return the forces on feet that stand, if the flags of each log and nothing else has them."""
-    bases = [one.base for one in motions]
+    bases = [motion.base for motion in motions]
     if any(base is None or base.wrenches or not base.contacts for base in bases):
         return []
     loads = []
-    found, _ = for_sensors(found, motions[0])
-    for motion in (for_sensors(found, one)[1] for one in motions):
+    identification, _ = for_sensors(identification, motions[0])
+    for motion in (for_sensors(identification, logged)[1] for logged in motions):
         motion = decimated(motion, decimation(motion.rate_hz, 2 * motion.cutoff_hz))
-        contacts = contacts_of(found.known, motion)
-        instants = force_instants(found, motion, contacts, bodies)
-        links = tuple(one.link for one in contacts)
+        contacts = contacts_of(identification.known, motion)
+        instants = force_instants(identification, motion, contacts, bodies)
+        links = tuple(contact.link for contact in contacts)
         loads.append(LoadedFeet(motion, links, instants.forces, instants.counts))
     return loads
 
 
 def contacts_of(robot: Robot, motion: Motion) -> tuple[Contact, ...]:
     """Return the contacts with a flag or a measured wrench in a motion."""
-    base, own = motion.base, robot.floating_base
-    if base is None or own is None:
+    base, floating = motion.base, robot.floating_base
+    if base is None or floating is None:
         return ()
-    flagged = [one for one in own.contacts if one.link in base.contacts]
+    flagged = [contact for contact in floating.contacts if contact.link in base.contacts]
     measured = [measured_contact(robot, x, y.shape[1]) for x, y in base.wrenches.items()]
     if base.up is None:
-        measured = [replace(one, radius_m=0.0) for one in measured]
+        measured = [replace(contact, radius_m=0.0) for contact in measured]
     return (*flagged, *measured)
 
 
@@ -230,38 +230,38 @@ def force_instants(
     joints = [robot.index(joint) for joint in model.torque_joints]
     rows, unknown = contact_force_rows(robot, motion, model, identification.springs, theta, bodies)
     always = np.ones(len(q), dtype=bool)
-    touching = {one.link: base.contacts.get(one.link, always) for one in contacts}
+    touching = {contact.link: base.contacts.get(contact.link, always) for contact in contacts}
     A, inverse = contact_equations(robot, q, contacts, touching, joints, unknown, base.up)
     rows = rows * row_scale(robot, rows.shape[1])[:, 0]
     rows[:, 6:] *= ~unknown
     forces = np.einsum("tkr,tr->tk", inverse, rows)
-    left = rows - np.einsum("trk,tk->tr", A, forces)
+    residual = rows - np.einsum("trk,tk->tr", A, forces)
     projector = inverse @ A
-    first = np.cumsum([0, *(6 if one.is_flat else 3 for one in contacts)])[:-1]
-    own = np.add.outer(first, np.arange(3))  # the three forces of each contact
+    first = np.cumsum([0, *(6 if contact.is_flat else 3 for contact in contacts)])[:-1]
+    places = np.add.outer(first, np.arange(3))  # the three forces of each contact
     rank = np.trace(projector, axis1=1, axis2=2)
-    diagonal = projector[:, own, own]
-    stands = np.stack([touching[one.link] for one in contacts], axis=1)
+    diagonal = projector[:, places, places]
+    stands = np.stack([touching[contact.link] for contact in contacts], axis=1)
     counts = stands & (np.min(diagonal, axis=2) > 1 - _DETERMINED) & base.used[:, None]
     R = contact_rotations(robot, q, contacts)
     measured = np.full((len(q), len(contacts), 3), np.nan)
-    for k, one in enumerate(contacts):
-        if one.link in base.wrenches:
-            measured[:, k] = np.einsum("tij,tj->ti", R[:, k], base.wrenches[one.link][:, :3])
+    for k, contact in enumerate(contacts):
+        if contact.link in base.wrenches:
+            measured[:, k] = np.einsum("tij,tj->ti", R[:, k], base.wrenches[contact.link][:, :3])
     up = _verticals(base.up, base.specific_force, contacts, R, counts)
-    spread = np.einsum("tki,tkir->tkr", up, inverse[:, own])
+    spread = np.einsum("tki,tkir->tkr", up, inverse[:, places])
     free = np.append(robot.floating_base.free_axes, np.ones(len(joints), dtype=bool))  # type: ignore[union-attr]
     free = np.broadcast_to(free, rows.shape).copy()
     free[:, 6:] &= ~unknown
-    left = in_band(motion, left * base.used[:, None])
-    split = forces[:, own]
+    residual = in_band(motion, residual * base.used[:, None])
+    split = forces[:, places]
     return _Instants(
         forces=smoothed_where(motion, split, counts),
         measured=smoothed_where(motion, measured, counts),
         up=up,
         counts=counts,
         spread=np.sum(spread**2, axis=2),
-        squares=np.sum(left**2, axis=1),
+        squares=np.sum(residual**2, axis=1),
         freedom=free.sum(axis=1) - rank,
         used=base.used & inside_transients(motion),
         stands=stands,
@@ -285,12 +285,12 @@ def _verticals(
     """
     if up is not None:
         return np.repeat(up[:, None], len(contacts), axis=1)
-    found = np.full((len(R), len(contacts), 3), np.nan)
-    for k, one in enumerate(contacts):
-        if one.is_flat and np.any(counts[:, k]):
-            own = np.einsum("tji,tj->ti", R[:, k], specific_force)[counts[:, k]].mean(axis=0)
-            found[:, k] = R[:, k] @ (own / np.linalg.norm(own))
-    return found
+    vertical = np.full((len(R), len(contacts), 3), np.nan)
+    for k, contact in enumerate(contacts):
+        if contact.is_flat and np.any(counts[:, k]):
+            mean = np.einsum("tji,tj->ti", R[:, k], specific_force)[counts[:, k]].mean(axis=0)
+            vertical[:, k] = R[:, k] @ (mean / np.linalg.norm(mean))
+    return vertical
 
 
 def _basis(
@@ -305,35 +305,35 @@ def _basis(
     Both are those at some instants of the first motion.
     """
     robot, model, estimate = identification.known, identification.model, identification.load_side
-    here = np.flatnonzero(np.any(whole.counts[: len(motion.time)], axis=1))
+    steps = np.flatnonzero(np.any(whole.counts[: len(motion.time)], axis=1))
     variance = np.full(len(contacts), np.nan)
-    if not len(here):
+    if not len(steps):
         return ("none",) * len(contacts), variance
-    here = here[np.linspace(0, len(here) - 1, min(len(here), _INSTANTS)).astype(int)]
+    steps = steps[np.linspace(0, len(steps) - 1, min(len(steps), _INSTANTS)).astype(int)]
     assert motion.base is not None
     joints = [robot.index(joint) for joint in model.torque_joints]
-    always = np.ones(len(here), dtype=bool)
-    flags = {x: y[here] for x, y in motion.base.contacts.items()}
-    touching = {one.link: flags.get(one.link, always) for one in contacts}
-    up = None if motion.base.up is None else motion.base.up[here]
-    q = motion.joint_position[here]
+    always = np.ones(len(steps), dtype=bool)
+    flags = {x: y[steps] for x, y in motion.base.contacts.items()}
+    touching = {contact.link: flags.get(contact.link, always) for contact in contacts}
+    up = None if motion.base.up is None else motion.base.up[steps]
+    q = motion.joint_position[steps]
     _, inverse = contact_equations(robot, q, contacts, touching, joints, None, up)
-    columns, grouping = contact_force_columns(robot, motion, model, here)
+    columns, grouping = contact_force_columns(robot, motion, model, steps)
     F = inverse @ (row_scale(robot, columns.shape[1]) * columns)
     bodies = robot.parameters.size
     identified = [*model.base.columns, *range(bodies, bodies + len(model.drives))]
-    left = F - F[:, :, identified] @ grouping
+    undetermined = F - F[:, :, identified] @ grouping
     basis, start = [], 0
-    for k, one in enumerate(contacts):
-        own, counts = slice(start, start + 3), whole.counts[here, k]
-        start += 6 if one.is_flat else 3
+    for k, contact in enumerate(contacts):
+        axes, counts = slice(start, start + 3), whole.counts[steps, k]
+        start += 6 if contact.is_flat else 3
         if not np.any(counts):
             basis.append("none")
             continue
-        size = np.linalg.norm(F[counts, own])
-        is_identified = np.linalg.norm(left[counts, own]) <= _DETERMINED * size
+        size = np.linalg.norm(F[counts, axes])
+        is_identified = np.linalg.norm(undetermined[counts, axes]) <= _DETERMINED * size
         basis.append("identified" if is_identified else "robot file" if is_whole else "none")
-        normal = np.einsum("ti,tim->tm", whole.up[here[counts], k], F[counts, own])[:, identified]
+        normal = np.einsum("ti,tim->tm", whole.up[steps[counts], k], F[counts, axes])[:, identified]
         variances = np.einsum("tm,mn,tn->t", normal, estimate.covariance, normal)
         variance[k] = np.median(variances)
     return tuple(basis), variance
@@ -351,7 +351,7 @@ def _summary(
     variance: Array,
 ) -> ContactForces:
     """Return the forces with their numbers."""
-    is_known = np.array([one != "none" for one in basis])
+    is_known = np.array([source != "none" for source in basis])
     forces = np.where(is_known[:, None], whole.forces, np.nan)
     measured, used = whole.measured, whole.used
     freedom = float(np.sum(whole.freedom[used]))
@@ -365,10 +365,10 @@ def _summary(
     weight = float(mass * np.linalg.norm(robot.model.gravity.linear))
     numbers = np.full((len(CONTACT_NUMBERS), len(contacts)), np.nan)
     for k in range(len(contacts)):
-        here = np.isfinite(normal[:, k])
-        if np.any(here):
-            f_n, f_t = normal[here, k], along[here, k]
-            error = np.sqrt(noise * np.median(whole.spread[here, k]) + variance[k])
+        known = np.isfinite(normal[:, k])
+        if np.any(known):
+            f_n, f_t = normal[known, k], along[known, k]
+            error = np.sqrt(noise * np.median(whole.spread[known, k]) + variance[k])
             loaded = f_n > LOADED * weight
             used_friction = (
                 np.quantile(f_t[loaded] / f_n[loaded], 0.99) if np.any(loaded) else np.nan
@@ -377,14 +377,14 @@ def _summary(
             numbers[4:, k] = f_n.mean(), f_n.min(), error, used_friction, pulls
         both = np.all(np.isfinite(forces[:, k] + measured[:, k]), axis=1)
         if np.any(measured[both, k]):
-            one, other = measured[both, k], forces[both, k]
-            rms = np.sqrt(np.mean(np.sum(one**2, axis=1)))
-            difference = np.sqrt(np.mean(np.sum((other - one) ** 2, axis=1)))
-            numbers[:4, k] = rms, difference, difference / rms, np.sum(one * other) / np.sum(one**2)
+            f_m, f_p = measured[both, k], forces[both, k]
+            rms = np.sqrt(np.mean(np.sum(f_m**2, axis=1)))
+            difference = np.sqrt(np.mean(np.sum((f_p - f_m) ** 2, axis=1)))
+            numbers[:4, k] = rms, difference, difference / rms, np.sum(f_m * f_p) / np.sum(f_m**2)
     of_measured = np.einsum("tki,tki->tk", whole.up, measured)
     by_name: dict[str, Any] = dict(zip(CONTACT_NUMBERS, numbers, strict=True))
     return ContactForces(
-        links=tuple(one.link for one in contacts),
+        links=tuple(contact.link for contact in contacts),
         basis=basis,
         predicted=forces,
         measured=measured,
