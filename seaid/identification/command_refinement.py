@@ -88,7 +88,7 @@ class _Task:
     bus have one delay. `stated` are the buses whose delay is as stated.
     """
 
-    found: Identification
+    identification: Identification
     parts: list[tuple[Log, Motion]]
     free: Array
     names: tuple[str, ...]
@@ -96,7 +96,7 @@ class _Task:
 
 
 def refine_commanded(
-    found: Identification, logs: Sequence[Log], iterations: int, progress: bool
+    start: Identification, logs: Sequence[Log], iterations: int, progress: bool
 ) -> tuple[Identification, str, dict[str, float]]:
     """Return the identification with the least output error of the closed loop, "" and {}.
 
@@ -104,9 +104,9 @@ def refine_commanded(
     the model in place of noise the likelihood, in which joints of small errors weigh most, may rise
     while the positions get worse; or no step may improve it, although its slope is not zero.
     """
-    task = _task(found, logs)
+    task = _task(start, logs)
     try:
-        here = _rollouts(task, _within_bounds(found, np.array(found.load_side.values)))
+        point = _rollouts(task, _within_bounds(start, np.array(start.load_side.values)))
     except SeaidError as problem:
         raise IdentificationError(
             "the model cannot be simulated with the values of the identification: give the bodies "
@@ -114,43 +114,43 @@ def refine_commanded(
             "known_bodies=",
             "feasible=True",
         ) from None
-    start = here
+    first = point
     for _ in track(range(iterations), "refining", progress):
-        step, free = _step(task, here)
-        there = _improved(task, here, free @ step.change, step.merit)
-        if there is None:
+        step, free = _step(task, point)
+        improved = _improved(task, point, free @ step.change, step.merit)
+        if improved is None:
             rest = np.abs(step.change) / np.sqrt(np.diag(step.covariance))
             if np.max(rest, initial=0.0) > _FAR:
-                return found, *_not_converged(task, free, rest)
+                return start, *_not_converged(task, free, rest)
             break
         sizes = np.abs(step.change) / np.sqrt(np.diag(step.white_covariance))
-        here = there
+        point = improved
         if np.max(sizes, initial=0.0) < _SETTLED:
             break
-    before, after = _mean_absolute_error(start), _mean_absolute_error(here)
+    before, after = _mean_absolute_error(first), _mean_absolute_error(point)
     if after > before:
         evidence = {"error of the start": before, "error after": after}
-        return found, "its positions follow the commands more closely", evidence
-    return _refined(task, here), "", {}
+        return start, "its positions follow the commands more closely", evidence
+    return _refined(task, point), "", {}
 
 
 def _not_converged(task: _Task, free: Array, rest: Array) -> tuple[str, dict[str, float]]:
     """Return why a search ended whose next step (g,) in standard errors is long."""
     worst = int(np.argmax(rest))
-    name = readable(task.found.load_side.names[int(np.argmax(free[:, worst]))])
+    name = readable(task.identification.load_side.names[int(np.argmax(free[:, worst]))])
     return (
         f"its search cannot improve the simulated positions, although its next step would change "
         f"{name} by {rest[worst]:.0f} standard errors"
     ), {"standard errors": float(rest[worst])}
 
 
-def _mean_absolute_error(here: Rollouts) -> float:
+def _mean_absolute_error(point: Rollouts) -> float:
     """Return the mean absolute error of all joints [rad or m]."""
-    return float(np.mean(np.concatenate([abs(x.residual[x.kept]) for x in here.residuals])))
+    return float(np.mean(np.concatenate([abs(x.residual[x.kept]) for x in point.residuals])))
 
 
-def _task(found: Identification, logs: Sequence[Log]) -> _Task:
-    robot, side = found.known, found.load_side
+def _task(result: Identification, logs: Sequence[Log]) -> _Task:
+    robot, side = result.known, result.load_side
     drives = {joint: robot.drives[joint] for joint in robot.joint_names}
     free, names = np.eye(len(side.names)), list(map(str, side.names))
     stated, gone = [], set()
@@ -168,20 +168,20 @@ def _task(found: Identification, logs: Sequence[Log]) -> _Task:
             count = max(1, int(np.ceil((stretch.time[-1] - stretch.time[0]) / _WINDOW_S)))
             edges = np.linspace(stretch.time[0], stretch.time[-1], count + 1)
             for start, end in pairwise(edges):
-                parts.append(_window(found, stretch.between(start, end)))
-    return _Task(found, parts, free[:, kept], tuple(names[place] for place in kept), tuple(stated))
+                parts.append(_window(result, stretch.between(start, end)))
+    return _Task(result, parts, free[:, kept], tuple(names[place] for place in kept), tuple(stated))
 
 
-def _window(found: Identification, log: Log) -> tuple[Log, Motion]:
+def _window(identification: Identification, log: Log) -> tuple[Log, Motion]:
     """Return a window on regular samples, with the motion that its rollouts replace."""
-    robot = found.known
+    robot = identification.known
     rate_hz = (len(log.time) - 1) / (log.time[-1] - log.time[0])
-    motion = reconstruct_motion(robot, log, min(3 * found.cutoff_hz, rate_hz / 8))
+    motion = reconstruct_motion(robot, log, min(3 * identification.cutoff_hz, rate_hz / 8))
     columns = [log.joint_names.index(joint) for joint in robot.joint_names]
 
     def sampled(values: Array) -> Array:
-        one = [np.interp(motion.time, log.time, values[:, column]) for column in columns]
-        return np.column_stack(one)
+        signals = [np.interp(motion.time, log.time, values[:, column]) for column in columns]
+        return np.column_stack(signals)
 
     unknown = np.full((len(motion.time), robot.n), np.nan)
     regular = Log(
@@ -192,17 +192,17 @@ def _window(found: Identification, log: Log) -> tuple[Log, Motion]:
         motor_torque=unknown,
         is_prismatic=robot.is_prismatic,
     )
-    there = log.sensors()
-    sent: dict[str, Any] = {x: sampled(there[x]) for x in OF_CONTROLLERS if x in there}
+    sensors = log.sensors()
+    sent: dict[str, Any] = {x: sampled(sensors[x]) for x in OF_CONTROLLERS if x in sensors}
     return replace(regular, **sent), motion
 
 
-def robot_at(found: Identification, x: Array) -> Robot:
+def robot_at(identification: Identification, x: Array) -> Robot:
     """Return the robot with the values x of the load side."""
-    base, robot = found.base, found.robot
+    base, robot = identification.base, identification.robot
     correction = base.least(x[: len(base.columns)] - base.project(robot.parameters))
-    estimate = replace(found.load_side, values=x)
-    _, sides = split_load_side(found.model, estimate)
+    estimate = replace(identification.load_side, values=x)
+    _, sides = split_load_side(identification.model, estimate)
     drives = {
         joint: with_estimate(drive, sides[joint]) if joint in sides else drive
         for joint, drive in robot.drives.items()
@@ -212,9 +212,9 @@ def robot_at(found: Identification, x: Array) -> Robot:
 
 def _rollouts(task: _Task, x: Array) -> Rollouts:
     """Return the residuals of all windows at x, and their derivatives."""
-    robot = robot_at(task.found, x)
-    found = [_residuals(task, robot, log, motion, x) for log, motion in task.parts]
-    return Rollouts(x, [one for one, _ in found], [stated for _, stated in found])
+    robot = robot_at(task.identification, x)
+    windows = [_residuals(task, robot, log, motion, x) for log, motion in task.parts]
+    return Rollouts(x, [residuals for residuals, _ in windows], [stated for _, stated in windows])
 
 
 def _residuals(
@@ -229,19 +229,19 @@ def _residuals(
     error = (log.joint_position - moved.joint_position)[..., None]
     columns = np.concatenate([error, -sensitivity @ task.free], axis=2)
     stated = [sensitivity[..., list(bus.places)].sum(axis=2) for bus in task.stated]
-    columns = np.concatenate([columns, *(-one[..., None] for one in stated)], axis=2)
+    columns = np.concatenate([columns, *(-slope[..., None] for slope in stated)], axis=2)
     block = max(1, round(_BLOCK_S / step_s))
     count = len(log.time) // block
     means = columns[: count * block].reshape(count, block, *columns.shape[1:]).mean(axis=1)
     time = log.time[: count * block].reshape(count, block).mean(axis=1)
     laws = [drive.law for drive in robot.drives.values() if drive.law is not None]
-    held = [one for one in laws if one.position_gain_Nm_per_rad]
+    held = [law for law in laws if law.position_gain_Nm_per_rad]
     decay = max(
         (x.velocity_gain_Nms_per_rad / x.position_gain_Nm_per_rad for x in held), default=0.0
     )
     late = time - log.time[0] > min(_TRANSIENT_S + _DECAYS * decay, 0.25 * np.ptp(log.time))
     size = task.free.shape[1]
-    found = Residuals(
+    residuals = Residuals(
         residual=means[None, ..., 0],
         jacobian=means[None, ..., 1 : 1 + size],
         nuisance=np.zeros((1, count, robot.n, 0)),
@@ -249,7 +249,7 @@ def _residuals(
         time=time[None],
         channels=range(robot.n),
     )
-    return found, means[None, ..., 1 + size :]
+    return residuals, means[None, ..., 1 + size :]
 
 
 def _moved(robot: Robot, motion: Motion, moved: Log) -> Motion:
@@ -272,16 +272,16 @@ def _moved(robot: Robot, motion: Motion, moved: Log) -> Motion:
 
 def _sensitivity(task: _Task, robot: Robot, motion: Motion, log: Log, x: Array) -> Array:
     """Return the derivative (T, n, p) of the positions of a rollout by the parameters."""
-    found = task.found
-    names, p = found.model.torque_joints, len(found.base.columns)
+    identification = task.identification
+    names, p = identification.model.torque_joints, len(identification.base.columns)
     order = [robot.index(joint) for joint in names]
-    _, _, H, _ = load_columns(found.known, motion, found.model, {})
+    _, _, H, _ = load_columns(identification.known, motion, identification.model, {})
 
     def of_drives(moved: Motion) -> Array:
-        torque, _, columns, _ = load_columns(found.known, moved, found.model, {})
+        torque, _, columns, _ = load_columns(identification.known, moved, identification.model, {})
         return torque - columns[:, :, p:] @ x[p:]
 
-    here = of_drives(motion)
+    unchanged = of_drives(motion)
     slopes = []
     for field in ("position", "velocity", "acceleration"):
         moves = {f"joint_{field}": 1.0, f"motor_{field}": 0.0}
@@ -290,7 +290,7 @@ def _sensitivity(task: _Task, robot: Robot, motion: Motion, log: Log, x: Array) 
             name: getattr(motion, name) + _NUDGE * (1.0 if is_joint else ratio)
             for name, is_joint in moves.items()
         }
-        slopes.append((here - of_drives(replace(motion, **changes))) / _NUDGE)
+        slopes.append((unchanged - of_drives(replace(motion, **changes))) / _NUDGE)
     jacobians = torque_jacobians(robot, *motion.joint_states).part(order, order)
     gains = _gains(robot, names, motion, log)
     diagonal = np.eye(len(order))
@@ -311,7 +311,7 @@ def _sensitivity(task: _Task, robot: Robot, motion: Motion, log: Log, x: Array) 
 
 def _gains(robot: Robot, names: Sequence[str], motion: Motion, log: Log) -> tuple[Array, Array]:
     """Return K_p and K_d (T, n) of the controllers, zero where the torque is at its limit."""
-    found = np.zeros((2, len(motion.time), len(names)))
+    gains = np.zeros((2, len(motion.time), len(names)))
     for column, joint in enumerate(names):
         drive, index = robot.drives[joint], robot.index(joint)
         law = drive.law
@@ -322,9 +322,9 @@ def _gains(robot: Robot, names: Sequence[str], motion: Motion, log: Log) -> tupl
         supply = relative_supply(robot, log.time, log.sensors(), index)
         is_free = ~law.torque(np.interp(late, log.time, commanded), *states, supply)[1]
         factor = law.gain_factor(supply) * is_free
-        found[0, :, column] = law.position_gain_Nm_per_rad * factor
-        found[1, :, column] = law.velocity_gain_Nms_per_rad * factor
-    return found[0], found[1]
+        gains[0, :, column] = law.position_gain_Nm_per_rad * factor
+        gains[1, :, column] = law.velocity_gain_Nms_per_rad * factor
+    return gains[0], gains[1]
 
 
 def _is_positive(name: str) -> bool:
@@ -332,17 +332,17 @@ def _is_positive(name: str) -> bool:
     return parameter in PARAMETERS and PARAMETERS[parameter].is_positive
 
 
-def _step(task: _Task, here: Rollouts) -> tuple[Step, Array]:
+def _step(task: _Task, point: Rollouts) -> tuple[Step, Array]:
     """Return the next step in its directions (p, f), in which no positive parameter falls below 0.
 
     Parameters at their bound that the step would push across stay there.
     """
-    values = here.x[np.argmax(task.free, axis=0)]
+    values = point.x[np.argmax(task.free, axis=0)]
     free = np.ones(len(task.names), dtype=bool)
     positive = np.array([_is_positive(name) for name in task.names])
     while True:
         size = int(np.sum(free))
-        parts = [replace(one, jacobian=one.jacobian[..., free]) for one in here.residuals]
+        parts = [replace(window, jacobian=window.jacobian[..., free]) for window in point.residuals]
         names = tuple(name for name, is_free in zip(task.names, free, strict=True) if is_free)
         step = gauss_newton_step(parts, names, np.zeros(size), np.zeros(size))
         change = np.zeros(len(free))
@@ -353,37 +353,37 @@ def _step(task: _Task, here: Rollouts) -> tuple[Step, Array]:
         free &= ~across
 
 
-def _within_bounds(found: Identification, x: Array) -> Array:
+def _within_bounds(identification: Identification, x: Array) -> Array:
     """Return values x with zeros for positive parameters that a regression found below zero."""
-    positive = np.array([_is_positive(str(name)) for name in found.load_side.names])
+    positive = np.array([_is_positive(str(name)) for name in identification.load_side.names])
     return np.where(positive, np.maximum(x, 0.0), x)
 
 
-def _improved(task: _Task, here: Rollouts, change: Array, merit: float) -> Rollouts | None:
+def _improved(task: _Task, point: Rollouts, change: Array, merit: float) -> Rollouts | None:
     """Return the next point, the step halved until the likelihood improves; None if it cannot."""
     part = 1.0
     for _ in range(_MOST_HALVINGS):
-        x = _within_bounds(task.found, here.x + part * change)
+        x = _within_bounds(task.identification, point.x + part * change)
         with suppress(SeaidError):  # it diverges there
-            there = _rollouts(task, x)
-            if _step(task, there)[0].merit < merit - _BETTER:
-                return there
+            trial = _rollouts(task, x)
+            if _step(task, trial)[0].merit < merit - _BETTER:
+                return trial
         part /= 2
     return None
 
 
-def _refined(task: _Task, here: Rollouts) -> Identification:
+def _refined(task: _Task, point: Rollouts) -> Identification:
     """Return the identification with the values of a point and their covariance."""
-    found = task.found
-    step, free = _step(task, here)
+    identification = task.identification
+    step, free = _step(task, point)
     covariance = free @ step.covariance @ free.T
-    weights = [one.kept / step.stds for one in here.residuals]
-    parts = zip(here.residuals, here.stated, weights, strict=True)
-    both = [
-        (np.concatenate([one.jacobian @ _within(task, free), own], axis=3) * w[..., None])
-        for one, own, w in parts
+    weights = [window.kept / step.stds for window in point.residuals]
+    parts = zip(point.residuals, point.stated, weights, strict=True)
+    jacobians = [
+        (np.concatenate([window.jacobian @ _within(task, free), stated], axis=3) * w[..., None])
+        for window, stated, w in parts
     ]
-    rows = np.concatenate([one.reshape(-1, one.shape[3]) for one in both])
+    rows = np.concatenate([part.reshape(-1, part.shape[3]) for part in jacobians])
     size = free.shape[1]
     for column, bus in enumerate(task.stated, size):
         others = safely(
@@ -393,32 +393,32 @@ def _refined(task: _Task, here: Rollouts) -> Identification:
         change[list(bus.places)] = 1.0
         covariance += bus.std_s**2 * np.outer(change, change)
     side = replace(
-        found.load_side,
-        values=here.x,
+        identification.load_side,
+        values=point.x,
         covariance=covariance,
         residual_std=float(np.sqrt(np.mean(step.stds**2))),
         condition_number=step.condition_number,
         white_standard_errors=np.sqrt(np.diag(free @ step.white_covariance @ free.T)),
         degrees_of_freedom=None,
     )
-    load, drives = split_load_side(found.model, side)
-    refined = {**found.drive_side, **drives}
-    robot = robot_at(found, here.x)
+    load, drives = split_load_side(identification.model, side)
+    refined = {**identification.drive_side, **drives}
+    robot = robot_at(identification, point.x)
     known = {
         joint: with_estimate(drive, refined[joint]) if joint in refined else drive
-        for joint, drive in found.known.drives.items()
+        for joint, drive in identification.known.drives.items()
     }
     return replace(
-        found,
+        identification,
         drive_side=FrozenMapping({j: refined[j] for j in robot.joint_names if j in refined}),
         load=load,
         load_side=side,
         robot=robot.with_values(robot.parameters, known),
-        findings=revalued(found.findings, drives),
+        findings=revalued(identification.findings, drives),
     )
 
 
 def _within(task: _Task, free: Array) -> Array:
     """Return the columns of `task.free` that are in `free`, as a selection (f, g)."""
-    kept = [int(np.flatnonzero(np.all(task.free == one[:, None], axis=0))[0]) for one in free.T]
+    kept = [int(np.flatnonzero(np.all(task.free == d[:, None], axis=0))[0]) for d in free.T]
     return np.eye(task.free.shape[1])[:, kept]
