@@ -102,17 +102,17 @@ def difference(fits: Sequence[Fit], propagated: Array | None) -> tuple[Array, Ar
     The influences are summed over common steps of time, as the rows need not be the same.
     `propagated` (s, s) is the covariance of the values from which the targets were computed.
     """
-    one, other = fits
+    first, second = fits
     runs = np.unique(np.concatenate([fit.rows.run for fit in fits]))
     summed = [_influences(fits, run) for run in runs]
     covariance = long_run([[scores] for scores in summed], sum(map(len, summed)))
-    found = covariance.for_normal_intervals
+    total = covariance.for_normal_intervals
     if propagated is not None:
         # those that both have: not encoder offsets and a bias, which are common to them
         k = min(fit.by_propagated.shape[1] for fit in fits)
-        by = one.by_propagated[:, :k] - other.by_propagated[:, :k]
-        found = found + by @ propagated[:k, :k] @ by.T
-    return one.values - other.values, np.sqrt(np.maximum(np.diag(found), 1e-300))
+        by = first.by_propagated[:, :k] - second.by_propagated[:, :k]
+        total = total + by @ propagated[:k, :k] @ by.T
+    return first.values - second.values, np.sqrt(np.maximum(np.diag(total), 1e-300))
 
 
 def _influences(fits: Sequence[Fit], run: float) -> Array:
@@ -121,28 +121,28 @@ def _influences(fits: Sequence[Fit], run: float) -> Array:
     The steps are those of the fit with the fewest rows; other logs have instants between them.
     """
     every = [fit.rows.run == run for fit in fits]
-    mine = [slice(None) if np.all(own) else own for own in every]  # a view of all rows
-    instants = [np.unique(fit.rows.time[own]) for fit, own in zip(fits, mine, strict=True)]
-    start_s = min(one[0] for one in instants if len(one))
-    step_s = max(row_step(one) for one in instants if len(one))
+    masks = [slice(None) if np.all(rows) else rows for rows in every]  # a view of all rows
+    instants = [np.unique(fit.rows.time[rows]) for fit, rows in zip(fits, masks, strict=True)]
+    start_s = min(times[0] for times in instants if len(times))
+    step_s = max(row_step(times) for times in instants if len(times))
     places = [
-        slots(fit.rows.time[own], start_s, step_s) for fit, own in zip(fits, mine, strict=True)
+        slots(fit.rows.time[rows], start_s, step_s) for fit, rows in zip(fits, masks, strict=True)
     ]
-    first = min(int(np.min(one)) for one in places if len(one))
-    count = max(int(np.max(one)) for one in places if len(one)) - first + 1
-    found = np.zeros((count, len(fits[0].values)))
-    for sign, fit, own, place in zip((1, -1), fits, mine, places, strict=True):
+    first = min(int(np.min(place)) for place in places if len(place))
+    count = max(int(np.max(place)) for place in places if len(place)) - first + 1
+    influences = np.zeros((count, len(fits[0].values)))
+    for sign, fit, rows, place in zip((1, -1), fits, masks, places, strict=True):
         if len(place):
-            scores = at_slots(fit.rows.H[own], sign * fit.residual[own], place - first)
-            found[: len(scores)] += scores @ fit.inverse
-    return found
+            scores = at_slots(fit.rows.H[rows], sign * fit.residual[rows], place - first)
+            influences[: len(scores)] += scores @ fit.inverse
+    return influences
 
 
 def _scores(fits: Sequence[Fit], estimate: Estimate, propagated: Array | None) -> Array:
     """Return the standard errors (p,) by which two fits differ, zero where it does not matter."""
     change, errors = difference(fits, propagated)
-    own = dict(zip(estimate.names, estimate.standard_errors, strict=True))
-    stated = np.array([own[name] for name in fits[0].rows.names])
+    by_name = dict(zip(estimate.names, estimate.standard_errors, strict=True))
+    stated = np.array([by_name[name] for name in fits[0].rows.names])
     H, y = fits[0].rows.H, fits[0].rows.y
     torque = np.linalg.norm(y[:, None] * (H != 0), axis=0)
     matters = np.abs(change) > _MATERIAL * stated
@@ -155,27 +155,27 @@ def sensitivity_findings(
     robot: Robot,
     datasets: Sequence[Dataset],
     model: LoadModel,
-    found: RobotEstimate,
+    sides: RobotEstimate,
     estimator: str,
 ) -> list[Finding]:
     """Return what another estimator or a wider cutoff contradicts, for two steps of wls or ols.
 
     Of long logs the first pieces are compared.
     """
-    if found.whole is not None or estimator not in ("wls", "ols"):
+    if sides.whole is not None or estimator not in ("wls", "ols"):
         return []
     ordinary, cutoff_hz = estimator == "ols", datasets[0].cutoff_hz
     findings = list(
         homogeneous(
-            found.fit,
-            equal_weights(found.fit.qr_factor) if ordinary else found.fit.weights,
+            sides.fit,
+            equal_weights(sides.fit.qr_factor) if ordinary else sides.fit.weights,
             cutoff_hz,
         )
     )
     with suppress(ExcitationError, IdentificationError):  # what only the other way cannot solve
-        load = _with_shared_delays(robot, found.fit)
-        findings += _of_estimators(robot, load, ordinary, cutoff_hz)
-        findings += _of_cutoffs(robot, datasets, model, found, load, ordinary)
+        load = _with_shared_delays(robot, sides.fit)
+        findings += _estimator_findings(robot, load, ordinary, cutoff_hz)
+        findings += _cutoff_findings(robot, datasets, model, sides, load, ordinary)
     return findings
 
 
@@ -187,7 +187,7 @@ def _with_shared_delays(robot: Robot, fit: FittedRows, joint: str = "") -> Fitte
     return fit if rows is fit.rows else replace(fit, rows=rows, qr_factor=qr_factor_of(rows))
 
 
-def _of_estimators(
+def _estimator_findings(
     robot: Robot, fit: FittedRows, ordinary: bool, cutoff_hz: float
 ) -> Iterator[Finding]:
     """Yield the parameters of the load side on which weighted and ordinary rows disagree."""
@@ -204,43 +204,43 @@ def _of_estimators(
     )
 
 
-def _of_cutoffs(
+def _cutoff_findings(
     robot: Robot,
     datasets: Sequence[Dataset],
     model: LoadModel,
-    found: RobotEstimate,
+    sides: RobotEstimate,
     load: FittedRows,
     ordinary: bool,
 ) -> Iterator[Finding]:
     """Yield the parameters that differ between the cutoff and a wider one, by fewer samples."""
-    motions = [first_motion(one) for one in datasets]
+    motions = [first_motion(dataset) for dataset in datasets]
     few = [_decimated(motion) for motion in motions]
     cutoff_hz = few[0].cutoff_hz
     wider = [replace(motion, cutoff_hz=WIDER * cutoff_hz) for motion in few]
     ways = [f"a cutoff of {factor * cutoff_hz:.3g} Hz" for factor in (1.0, WIDER)]
-    regress_load = partial(load_regression, robot, model=model, springs=found.springs)
+    regress_load = partial(load_regression, robot, model=model, springs=sides.springs)
     equations: dict[str, tuple[Regress, FittedRows]] = {
         joint: (
             partial(_actuator_rows, robot, joint=joint, fit=fit),
             _with_shared_delays(robot, fit, joint),
         )
-        for joint, fit in found.actuators.items()
+        for joint, fit in sides.actuators.items()
         if not has_only_spring_torque(robot, motions, joint)
     }
-    in_memory = all(isinstance(one, Motion) for one in datasets)
+    in_memory = all(isinstance(dataset, Motion) for dataset in datasets)
     for joint, (regress, fit) in (equations | {LOAD: (regress_load, load)}).items():
         weights = equal_weights(fit.qr_factor) if ordinary or joint != LOAD else fit.weights
         owner = "" if joint == LOAD else joint
         shared = partial(with_merged_delays, robot.drives, estimate=fit.estimate, joint=owner)
-        other = shared(stacked(list(map(regress, wider))))
+        wide = shared(stacked(list(map(regress, wider))))
         # of long logs, the rows of the fit are those of more than the first pieces
-        if in_memory and fit.rows is not None and fit.rows.names == other.names:
-            own = fit_of(fit.rows, weights, fit.qr_factor)
+        if in_memory and fit.rows is not None and fit.rows.names == wide.names:
+            narrow = fit_of(fit.rows, weights, fit.qr_factor)
         else:
-            own = fit_of(shared(stacked(list(map(regress, few)))), weights)
-        fits = [own, fit_of(other, weights)]
+            narrow = fit_of(shared(stacked(list(map(regress, few)))), weights)
+        fits = [narrow, fit_of(wide, weights)]
         springs = fit.propagated if joint == LOAD else None
-        stated = found.load_side if joint == LOAD else fit.estimate
+        stated = sides.load_side if joint == LOAD else fit.estimate
         scores = _scores(fits, stated, springs)
         rigid = joint == LOAD or any(
             score and "friction" not in name
@@ -266,8 +266,8 @@ def _other_cutoff(robot: Robot, cutoff_hz: float) -> str:
 
 def _actuator_rows(robot: Robot, motion: Motion, joint: str, fit: FittedRows) -> Regression:
     """Return the rows of (10) in the columns of a fit, which may be that of a unit constant."""
-    found = actuator_regression(robot, motion, joint)
-    return found if found.names == fit.qr_factor.names else with_unit_constant(found)
+    rows = actuator_regression(robot, motion, joint)
+    return rows if rows.names == fit.qr_factor.names else with_unit_constant(rows)
 
 
 def _decimated(motion: Motion) -> Motion:
@@ -361,7 +361,7 @@ _INPUT_CONSTANTS = {"torque_constant", "voltage_constant"}
 
 def scaled_by_bodies(drives: Mapping[str, Estimate], exact: Mapping[str, float]) -> list[str]:
     """Return the joints whose motor constants rest on known bodies, if these are `exact`."""
-    constants = (joint for joint, one in drives.items() if _INPUT_CONSTANTS & set(one.names))
+    constants = (joint for joint, x in drives.items() if _INPUT_CONSTANTS & set(x.names))
     return list(constants) if "bodies" in exact else []
 
 
@@ -374,13 +374,13 @@ def constants_of(
 ) -> Iterator[Constant]:
     """Yield the constants that have a standard deviation: by `known_std`, or by their drive."""
     if known_std.get("torque"):
-        louder = [_with_torques(one, range(robot.n)) for one in datasets]
+        louder = [_with_torques(dataset, range(robot.n)) for dataset in datasets]
         yield Constant("torque", "", known_std["torque"], robot, louder)
     if known_std.get("payload"):
         heavier = replace(robot, payload_parameters=(1 + _STEP) * robot.payload_parameters)
         yield Constant("payload", "", known_std["payload"], heavier, datasets)
     for body in robot.known_bodies if known_std.get("bodies") else ():
-        factor = np.where(np.repeat([one == body for one in robot.body_names], 10), 1 + _STEP, 1.0)
+        factor = np.where(np.repeat([x == body for x in robot.body_names], 10), 1 + _STEP, 1.0)
         heavier = robot.with_values(factor * robot.parameters, robot.drives)
         yield Constant("bodies", body, known_std["bodies"], heavier, datasets)
     for joint, drive in robot.drives.items():
@@ -388,18 +388,18 @@ def constants_of(
         stds |= drive.std
         for name, std in stds.items():
             if name == STD_OF_TORQUE and std:
-                louder = [_with_torques(one, [robot.index(joint)]) for one in datasets]
+                louder = [_with_torques(dataset, [robot.index(joint)]) for dataset in datasets]
                 yield Constant(name, joint, std, robot, louder)
             elif name == "command_delay_s" and "command_delay" not in drive.known:
                 continue  # the range of an unknown delay
             elif std and name == "command_delay_s":
                 later = (drive.command_delay_s or 0.0) + _STEP * std  # the delay may be zero
-                other = replace(drive, command_delay_s=later)
-                yield Constant(name, joint, 1.0, robot.with_drives({joint: other}), datasets)
+                changed = replace(drive, command_delay_s=later)
+                yield Constant(name, joint, 1.0, robot.with_drives({joint: changed}), datasets)
             elif std and (value := getattr(drive, name, None)):
                 relative = std / abs(value) if name in drive.std else std
-                other = replace(drive, **{name: (1 + _STEP) * value})
-                yield Constant(name, joint, relative, robot.with_drives({joint: other}), datasets)
+                changed = replace(drive, **{name: (1 + _STEP) * value})
+                yield Constant(name, joint, relative, robot.with_drives({joint: changed}), datasets)
 
 
 def _with_torques(dataset: Dataset, joints: Sequence[int]) -> Dataset:
@@ -411,38 +411,38 @@ def _with_torques(dataset: Dataset, joints: Sequence[int]) -> Dataset:
         )
     factor = np.ones(dataset.joint_position.shape[1])
     factor[list(joints)] += _STEP
-    given = {name: getattr(dataset, name) for name in _CHANNELS}
-    changes = {name: one * factor for name, one in given.items() if one is not None}
+    channels = {name: getattr(dataset, name) for name in _CHANNELS}
+    changes = {name: channel * factor for name, channel in channels.items() if channel is not None}
     return replace(dataset, **changes)
 
 
 def with_known_std(
-    found: RobotEstimate,
+    sides: RobotEstimate,
     constants: Iterator[Constant],
     estimate: Callable[[Robot, Sequence[Dataset]], RobotEstimate],
 ) -> RobotEstimate:
     """Return the estimates with the uncertainty of the constants in their covariances."""
     for constant in constants:
-        other = estimate(constant.robot, constant.datasets)
+        changed = estimate(constant.robot, constant.datasets)
         size = constant.std / _STEP
-        found = replace(
-            found,
+        sides = replace(
+            sides,
             drives={
-                joint: _propagated(one, other.drives[joint].values, size)
-                for joint, one in found.drives.items()
+                joint: _propagated(side, changed.drives[joint].values, size)
+                for joint, side in sides.drives.items()
             },
-            load=_propagated(found.load, other.load.values, size),
-            load_side=_propagated(found.load_side, other.load_side.values, size),
+            load=_propagated(sides.load, changed.load.values, size),
+            load_side=_propagated(sides.load_side, changed.load_side.values, size),
             whole=None
-            if found.whole is None or other.whole is None
-            else _propagated(found.whole, other.whole.values, size),
+            if sides.whole is None or changed.whole is None
+            else _propagated(sides.whole, changed.whole.values, size),
         )
         if constant.name == "torque":
-            found = replace(found, findings=(*found.findings, shared_scale(constant.std)))
-    return found
+            sides = replace(sides, findings=(*sides.findings, shared_scale(constant.std)))
+    return sides
 
 
-def _propagated(estimate: Estimate, other: Array, size: float) -> Estimate:
-    """Return the estimate with the covariance of a change to `other` values, times `size`."""
-    change = size * (other - estimate.values)
+def _propagated(estimate: Estimate, changed: Array, size: float) -> Estimate:
+    """Return the estimate with the covariance of a change to `changed` values, times `size`."""
+    change = size * (changed - estimate.values)
     return replace(estimate, covariance=estimate.covariance + np.outer(change, change))
