@@ -60,10 +60,10 @@ class LinearJoints:
         full = [np.zeros((size, size)) for _ in range(3)]
         springs = (np.zeros(n), self.damping, self.stiffness)
         at_motor = (self.inertia, self.friction, np.zeros(n))
-        for matrix, own, motor, spring in zip(
+        for matrix, links, motor, spring in zip(
             full, (self.mass, np.diag(self.drag), self.gravity), at_motor, springs, strict=True
         ):
-            matrix[np.ix_(load, load)] += own
+            matrix[np.ix_(load, load)] += links
             matrix[np.arange(n), np.arange(n)] += motor
             for i in e:
                 pair = np.array([i, load[i]])
@@ -108,10 +108,10 @@ class LinearJoints:
         energy /= np.maximum(
             np.sum(np.abs(vectors[:size, upper]) ** 2 * np.diag(m)[:, None], 0), 1e-300
         )
-        found = np.full(len(e), np.nan, dtype=complex)
+        modes = np.full(len(e), np.nan, dtype=complex)
         rows, columns = linear_sum_assignment(-energy)
-        found[rows] = values[upper[columns]]
-        return found
+        modes[rows] = values[upper[columns]]
+        return modes
 
 
 def linearised(robot: Robot, posture: Array, joints: Sequence[int]) -> LinearJoints:
@@ -125,7 +125,7 @@ def linearised(robot: Robot, posture: Array, joints: Sequence[int]) -> LinearJoi
     C = safely(np.linalg.inv, robot.transmission, what="a transmission")
     gravity = _gravity_slope(robot, posture)
     picked = np.ix_(joints, joints)
-    mass, gravity = ((C.T @ one @ C)[picked] for one in (mass, 0.5 * (gravity + gravity.T)))
+    mass, gravity = ((C.T @ matrix @ C)[picked] for matrix in (mass, 0.5 * (gravity + gravity.T)))
     drives = [robot.drives[robot.joint_names[index]] for index in joints]
     elastic = np.array([drive.is_elastic for drive in drives])
     ratio = np.array([total_ratio(drive) for drive in drives])
@@ -158,7 +158,7 @@ def _gravity_slope(robot: Robot, posture: Array) -> Array:
         return robot.from_model(pin.computeGeneralizedGravity(robot.model, data, robot.to_model(q)))
 
     steps = _STEP_RAD * np.eye(robot.n)
-    slopes = [(torques(posture + one) - torques(posture - one)) / (2 * _STEP_RAD) for one in steps]
+    slopes = [(torques(posture + h) - torques(posture - h)) / (2 * _STEP_RAD) for h in steps]
     return np.array(slopes).T
 
 
@@ -179,7 +179,7 @@ class _Parameters:
     def sizes(self) -> list[int]:
         n, e = len(self.dry), int(np.sum(self.start.elastic))
         triangle = n * (n + 1) // 2
-        free = [int(np.sum(one)) for one in (self.rotors, self.drags, self.dry)]
+        free = [int(np.sum(mask)) for mask in (self.rotors, self.drags, self.dry)]
         return [e, free[0], e, n, free[1], triangle, triangle, free[2]]
 
     def vector(self, joints: LinearJoints, dry: Array) -> Array:
@@ -202,8 +202,8 @@ class _Parameters:
         dry[self.dry] = level
         mass, gravity = np.zeros((2, n, n))
         mass[upper], gravity[upper] = M, G
-        mass, gravity = (one + np.triu(one, 1).T for one in (mass, gravity))
-        found = replace(
+        mass, gravity = (matrix + np.triu(matrix, 1).T for matrix in (mass, gravity))
+        joints = replace(
             self.start,
             inertia=inertia,
             friction=F,
@@ -213,7 +213,7 @@ class _Parameters:
             gravity=gravity,
             drag=drag,
         )
-        return found, dry
+        return joints, dry
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,9 +245,9 @@ class Fit:
         values = self._values(self.x, place, drive)
         steps = 1e-5 * np.maximum(np.abs(self.x), 1e-3)
         slopes = [
-            (self._values(self.x + one, place, drive) - self._values(self.x - one, place, drive))
+            (self._values(self.x + dx, place, drive) - self._values(self.x - dx, place, drive))
             / (2 * step)
-            for one, step in zip(np.diag(steps), steps, strict=True)
+            for dx, step in zip(np.diag(steps), steps, strict=True)
         ]
         J = np.array(slopes).T  # the delta method
         force, length = drive.spring_units
@@ -269,7 +269,7 @@ class Fit:
         mode = int(np.sum(joints.elastic[:place]))
         by_radius, by_ratio = drive.load_radius**2, total_ratio(drive) ** 2
         numbers = [
-            *(part for one in (poles[mode], zeros[mode]) for part in _frequency(one)),
+            *(part for root in (poles[mode], zeros[mode]) for part in _frequency(root)),
             joints.stiffness[place] / by_radius,
             joints.damping[place] / by_radius,
             joints.inertia[place] / by_ratio,
@@ -342,12 +342,12 @@ def fitted(spectra: Spectra, nominal: LinearJoints, drives: Sequence[Drive]) -> 
     )
     problem = _Problem(spectra, parameters)
     first, further = _starts(spectra, parameters)
-    x, cost = min((problem.solved(x, _LEAST_ROUNDS) for x in first), key=lambda one: one[1])
+    x, cost = min((problem.solved(x, _LEAST_ROUNDS) for x in first), key=lambda pair: pair[1])
     for start in further:
         if problem.lack_of_fit(x) < FITS:
             break
         tried = problem.solved(start, _LEAST_ROUNDS)
-        x, cost = min((x, cost), tried, key=lambda one: one[1])
+        x, cost = min((x, cost), tried, key=lambda pair: pair[1])
     return problem.fit(problem.solved(x, _ROUNDS)[0])
 
 
@@ -375,7 +375,7 @@ def sticking_sign(record: Record, picked: Sequence[int], fit: Fit) -> Record:
     joints, dry = fit.joints, fit.dry
     n, e = len(dry), np.flatnonzero(joints.elastic)
     fields = (record.torque, record.motor, record.sign)
-    U, Y, S = (one[..., picked].reshape(-1, n) for one in fields)
+    U, Y, S = (signal[..., picked].reshape(-1, n) for signal in fields)
     s = 2j * np.pi * np.fft.rfftfreq(len(U), record.step_s)
     force = np.fft.rfft(U - dry * S, axis=0)
     x = np.einsum("fij,fj->fi", joints.compliance(s[1:])[:, :, :n], force[1:])
@@ -387,12 +387,12 @@ def sticking_sign(record: Record, picked: Sequence[int], fit: Fit) -> Record:
     spring[1:, e] = (joints.stiffness[e] + s[1:, None] * joints.damping[e]) * stretch
     spring[1:, e] += joints.stiffness[e] * measured
     speed, acceleration = motor_rates(Y)
-    left = U - np.fft.irfft(spring, len(U), axis=0)
-    left -= joints.inertia * acceleration / record.step_s**2
-    left -= joints.friction * speed / record.step_s
+    residual = U - np.fft.irfft(spring, len(U), axis=0)
+    residual -= joints.inertia * acceleration / record.step_s**2
+    residual -= joints.friction * speed / record.step_s
     sticks = joints.elastic & (dry > 0) & (np.abs(speed) < STICKS * np.std(speed, axis=0))
     sign = record.sign.copy()
-    friction = np.clip(left / np.where(dry > 0, dry, 1.0), -1.0, 1.0)
+    friction = np.clip(residual / np.where(dry > 0, dry, 1.0), -1.0, 1.0)
     sign[..., picked] = np.where(sticks, friction, S).reshape(sign[..., picked].shape)
     return replace(record, sign=sign)
 
@@ -422,13 +422,13 @@ def _starts(spectra: Spectra, parameters: _Parameters) -> tuple[list[Array], lis
     known = np.where(e, nominal.inertia, 0.0)
     rotors = [known] if np.all(np.isnan(known[e])) else [known, np.where(e, np.nan, 0.0)]
     first = [
-        _possible(one, base, parameters.rotors, spectra.hz)
+        _possible(joints, base, parameters.rotors, spectra.hz)
         for rotor in rotors
-        for one in _by_fractions(spectra, e, rotor, parameters.dry)
+        for joints in _by_fractions(spectra, e, rotor, parameters.dry)
     ]
     ends, coupled = np.log(spectra.hz[[0, -1]]), np.sum(e) > 1
     chances = np.random.default_rng(0).uniform(ends[0], ends[1], (_RANDOM_STARTS, len(e)))
-    further = [_with_antiresonances(first[-1], np.exp(one)) for one in chances if coupled]
+    further = [_with_antiresonances(first[-1], np.exp(chance)) for chance in chances if coupled]
     if np.all(np.isfinite(nominal.stiffness)):
         first += [replace(base, stiffness=factor * nominal.stiffness) for factor in _STARTS]
     else:
@@ -436,7 +436,7 @@ def _starts(spectra: Spectra, parameters: _Parameters) -> tuple[list[Array], lis
         same = [_with_antiresonances(base, hz) for hz in scan]
         first, further = (first, same + further) if coupled else (first + same, further)
     vectors = [
-        [parameters.vector(_lightly_damped(one), level) for one in some]
+        [parameters.vector(_lightly_damped(joints), level) for joints in some]
         for some in (first, further)
     ]
     return vectors[0], vectors[1]
@@ -455,21 +455,21 @@ def _lightly_damped(joints: LinearJoints) -> LinearJoints:
 
 
 def _possible(
-    found: LinearJoints, base: LinearJoints, rotors: BoolArray, hz: Array
+    joints: LinearJoints, base: LinearJoints, rotors: BoolArray, hz: Array
 ) -> LinearJoints:
     """Return estimated joints with what is not positive, and known rotors, taken from `base`.
 
     A stiffness that is not positive becomes that of an antiresonance in the middle of the band.
     """
-    mass = found.mass if safely(np.linalg.eigvalsh, found.mass, what=_WHAT)[0] > 0 else base.mass
+    mass = joints.mass if safely(np.linalg.eigvalsh, joints.mass, what=_WHAT)[0] > 0 else base.mass
     middle = np.diag(mass) * (2 * np.pi) ** 2 * hz[0] * hz[-1]
-    stiffness = np.where(found.stiffness > 0, found.stiffness, middle)
+    stiffness = np.where(joints.stiffness > 0, joints.stiffness, middle)
     return replace(
         base,
         stiffness=np.where(base.elastic, stiffness, 0.0),
-        inertia=np.where(rotors & (found.inertia > 0), found.inertia, base.inertia),
+        inertia=np.where(rotors & (joints.inertia > 0), joints.inertia, base.inertia),
         mass=mass,
-        gravity=found.gravity,
+        gravity=joints.gravity,
     )
 
 
@@ -485,12 +485,12 @@ def _by_fractions(
     the two has equal weights, the second those of the errors of both signals (Sanathanan and
     Koerner 1963).
     """
-    U, Y, S = (one.mean(1) for one in (spectra.torque, spectra.motor, spectra.sign))
+    U, Y, S = (signal.mean(1) for signal in (spectra.torque, spectra.motor, spectra.sign))
     logs, lines, n = U.shape
     unit = 2 * np.pi * math.sqrt(spectra.hz[0] * spectra.hz[-1])
     s = (2j * np.pi / unit * spectra.hz)[:, None]
-    given, free = np.nan_to_num(rotor) * unit**2, elastic & np.isnan(rotor)
-    T = U - given * s**2 * Y
+    known, free = np.nan_to_num(rotor) * unit**2, elastic & np.isnan(rotor)
+    T = U - known * s**2 * Y
     # the coefficients D_1, D_2, N_0 to N_4 of the joints' columns
     exist = np.array([elastic, elastic, *3 * [np.full(n, True)], elastic, free])
     signals = np.stack([-s * T, -(s**2) * T, *(s**power * Y for power in range(5))], axis=2)
@@ -498,7 +498,7 @@ def _by_fractions(
     columns = np.concatenate([signals[..., exist], S[..., dry]], axis=2)
     columns = np.hstack([columns.reshape(logs * lines, -1), ends])
     weights = np.tile(1 / np.sqrt(1 + np.abs(s) ** 4), n)
-    coefficients, found = np.zeros((7, n, n)), []
+    coefficients, estimates = np.zeros((7, n, n)), []
     for count in range(_FRACTION_ROUNDS):
         for row in range(n):
             weight = np.tile(weights[:, row], logs)
@@ -509,15 +509,15 @@ def _by_fractions(
             error = (T[..., row].ravel() - columns @ x).reshape(logs, -1)
             D = np.eye(n)[row] + s * coefficients[0, row] + s**2 * coefficients[1, row]
             N = sum(s**power * coefficients[2 + power, row] for power in range(5))
-            weights[:, row] = _fraction_weight(error, D, N + D * given * s**2)
+            weights[:, row] = _fraction_weight(error, D, N + D * known * s**2)
         if count in (0, _FRACTION_ROUNDS - 1):
-            found.append(_of_fraction(coefficients, unit, elastic, free))
-    return found
+            estimates.append(_of_fraction(coefficients, unit, elastic, free))
+    return estimates
 
 
 def _fraction_weight(error: Array, D: Array, N: Array) -> Array:
     """Return the weights (L,) of a row with errors (E, L), by noise of torques and of angles."""
-    by_torque, by_angle = (np.sum(np.abs(one) ** 2, axis=1) for one in (D, N))
+    by_torque, by_angle = (np.sum(np.abs(polynomial) ** 2, axis=1) for polynomial in (D, N))
     power = np.maximum(np.mean(np.abs(error) ** 2, axis=0), np.finfo(float).tiny)
     noise = _noise(power / by_torque, by_angle / by_torque)
     return np.asarray(1 / np.sqrt(noise[0] * by_torque + noise[1] * by_angle))
@@ -534,7 +534,7 @@ def _of_fraction(
     inertia[e] = np.diag(inverse @ N4[:, e])
     mass = N2 - np.diag(np.where(free, inertia, 0.0))
     stiffness[e] = np.diag(inverse @ mass[:, e])
-    mass, gravity = (0.5 * (one + one.T) for one in (mass, N0))
+    mass, gravity = (0.5 * (matrix + matrix.T) for matrix in (mass, N0))
     nothing = np.zeros(n)
     return LinearJoints(elastic, inertia, nothing, stiffness, nothing, mass, gravity, nothing)
 
@@ -545,15 +545,15 @@ def _rigid(U: Array, Y: Array, s: Any) -> tuple[Array, Array, Array]:
     low = slice(0, max(len(s) // 3, min(len(s), 3 * n)))
     y, u = Y[:, low].reshape(-1, n), U[:, low].reshape(-1, n)
     t = np.tile(s[low], len(Y))[:, None]
-    found = []
+    solutions = []
     for joint in range(n):
         columns = np.hstack([t**2 * y, t * y[:, [joint]], y])
         weight = 1 / np.maximum(np.abs(u[:, [joint]]), 1e-300)
         rows, target = weight * columns, weight[:, 0] * u[:, joint]
         stacked = np.vstack([rows.real, rows.imag])
         goal = np.concatenate([target.real, target.imag])
-        found.append(safely(np.linalg.lstsq, stacked, goal, what=_WHAT, rcond=None)[0])
-    x = np.array(found)
+        solutions.append(safely(np.linalg.lstsq, stacked, goal, what=_WHAT, rcond=None)[0])
+    x = np.array(solutions)
     mass, gravity = x[:, :n], x[:, n + 1 :]
     return 0.5 * (mass + mass.T), x[:, n], 0.5 * (gravity + gravity.T)
 
@@ -566,11 +566,11 @@ def _noise(error: Array, gain: Array) -> Array:
     columns = np.column_stack([np.ones_like(gain), gain])
     shape = np.full_like(error, np.mean(error))
     least = _LEAST_NOISE * np.mean(error) / np.array([1.0, np.mean(gain)])
-    found = least
+    noise = least
     for _ in range(_LEAST_ROUNDS * 2):
-        found = np.maximum(nnls(columns / shape[:, None], error / shape)[0], least)
-        shape = columns @ found
-    return np.asarray(found)
+        noise = np.maximum(nnls(columns / shape[:, None], error / shape)[0], least)
+        shape = columns @ noise
+    return np.asarray(noise)
 
 
 @dataclass(frozen=True, eq=False)
@@ -606,8 +606,8 @@ class _Problem:
         Q = self.ends(H, weights)
         flat = error.reshape(len(error), -1)
         stacked = np.hstack([flat.real, flat.imag])
-        left = stacked - (stacked @ Q) @ Q.T
-        real, imaginary = np.split(left, 2, axis=1)
+        residual = stacked - (stacked @ Q) @ Q.T
+        real, imaginary = np.split(residual, 2, axis=1)
         return (real + 1j * imaginary).reshape(error.shape)
 
     def whitened(self, x: Array, noise: Array) -> tuple[Array, Array]:
@@ -637,9 +637,9 @@ class _Problem:
         error = np.mean(np.abs(self.errors(x, plain)) ** 2, axis=0)
         error = np.maximum(error, 1e-24 * np.mean(np.abs(self.spectra.torque) ** 2))
         gain = np.sum(np.abs(A) ** 2, axis=2)
-        found = np.array([_noise(error[:, i], gain[:, i]) for i in range(n)]).T[:, None]
-        shape = found[0] + found[1] * gain
-        return np.asarray(found * self.spare_share * self.averaged(error / shape))
+        noise = np.array([_noise(error[:, i], gain[:, i]) for i in range(n)]).T[:, None]
+        shape = noise[0] + noise[1] * gain
+        return np.asarray(noise * self.spare_share * self.averaged(error / shape))
 
     def averaged(self, power: Array) -> Array:
         """Return a power (L, n) averaged over near lines."""
@@ -668,11 +668,11 @@ class _Problem:
     def solved(self, x: Array, rounds: int) -> tuple[Array, float]:
         """Return the parameters and the cost, the logarithm of the residual torques."""
         for _ in range(rounds):
-            found = least_squares(
+            solution = least_squares(
                 self._real, x, args=(self.noise(x),), x_scale=self._scale(x), max_nfev=12
             )
-            step = np.max(np.abs(found.x - x) / self._scale(x))
-            x = found.x
+            step = np.max(np.abs(solution.x - x) / self._scale(x))
+            x = solution.x
             if step < 1e-6:
                 break
         noise = self.noise(x)
@@ -698,7 +698,7 @@ class _Problem:
             goal = errors[:, near].reshape(-1, n)
             Q = np.linalg.qr(columns / np.linalg.norm(columns, axis=0))[0]
             before, after = (
-                np.sum(np.abs(one) ** 2, 0) for one in (goal, goal - Q @ (Q.conj().T @ goal))
+                np.sum(np.abs(error) ** 2, 0) for error in (goal, goal - Q @ (Q.conj().T @ goal))
             )
             share = len(goal) / (len(goal) - 2 * n)
             ratios.append(np.log(np.maximum(before, 1e-300) / np.maximum(share * after, 1e-300)))
@@ -709,10 +709,10 @@ class _Problem:
         parts = np.split(x, np.cumsum(self.parameters.sizes)[:-1])
         logs = (0, 1)
         sizes = [
-            np.ones(len(one))
+            np.ones(len(part))
             if i in logs
-            else np.full(len(one), max(np.max(np.abs(one), initial=0), 1e-6))
-            for i, one in enumerate(parts)
+            else np.full(len(part), max(np.max(np.abs(part), initial=0), 1e-6))
+            for i, part in enumerate(parts)
         ]
         return np.concatenate(sizes)
 
@@ -725,8 +725,8 @@ class _Problem:
         noise = self.noise(x)
         steps = 1e-6 * self._scale(x)
         slopes = [
-            (self._real(x + one, noise) - self._real(x - one, noise)) / (2 * step)
-            for one, step in zip(np.diag(steps), steps, strict=True)
+            (self._real(x + dx, noise) - self._real(x - dx, noise)) / (2 * step)
+            for dx, step in zip(np.diag(steps), steps, strict=True)
         ]
         J = np.array(slopes).T
         scale = self._scale(x)
@@ -737,8 +737,8 @@ class _Problem:
         Q = self.ends(*self.whitened(x, noise))
         by_fit = np.sum(np.linalg.qr(J)[0] ** 2, axis=1).reshape(2, *errors.shape).mean(axis=0)
         by_ends = np.sum(Q**2, axis=1).reshape(2, *errors.shape[1:]).mean(axis=0)
-        left = np.maximum(1 - by_fit - by_ends, _LEAST_LEFT)
-        power = self.averaged(np.mean(np.abs(errors) ** 2 / left, axis=0))
+        remaining = np.maximum(1 - by_fit - by_ends, _LEAST_LEFT)
+        power = self.averaged(np.mean(np.abs(errors) ** 2 / remaining, axis=0))
         spread = np.broadcast_to(power, (2, *errors.shape)).ravel()
         covariance = 0.5 * (inverse * spread) @ inverse.T
         residual = float(np.sqrt(np.mean(np.abs(errors) ** 2)))
