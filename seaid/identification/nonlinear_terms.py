@@ -117,14 +117,14 @@ def _unidentifiable(names: Sequence[str], H: Array, candidates: Sequence[str]) -
 
 
 def with_searched_values(
-    drives: Mapping[str, Estimate], given: Robot, robot: Robot
+    drives: Mapping[str, Estimate], nominal: Robot, robot: Robot
 ) -> dict[str, Estimate]:
     """Return estimates of drives with values that a search allows.
 
     A positive parameter of a search whose linearised value is negative, within its standard error
     of zero, has the value at which the search ended: the best one that is allowed.
     """
-    if robot is given:  # nothing was searched
+    if robot is nominal:  # nothing was searched
         return dict(drives)
     allowed = {}
     for joint, estimate in drives.items():
@@ -158,12 +158,12 @@ def linearised(
     """
     searched = robot.elastic_joints if joints is None else joints
     check_reversals(robot, motions, searched)
-    found = {
+    drives = {
         joint: _linearised_drive(robot, motions, joint)
         for joint in searched
         if actuator_equation(robot, motions[0], joint)[0].non_linear
     }
-    robot = robot.with_drives(found) if found else robot
+    robot = robot.with_drives(drives) if drives else robot
     _check_warm_up(robot, motions, searched)
     return robot
 
@@ -174,8 +174,8 @@ def _linearised_drive(robot: Robot, motions: Sequence[Motion], joint: str) -> Dr
     start = _linear_start(robot, motions, joint)
     search = _actuator_search(robot, motions, joint)
     grid = product(*(starts_of(name, drive, start, scale) for name in search.nonlinear))
-    found = search.best([np.array(one) for one in grid], scale)
-    return search.with_fixed(_at_values(drive, found))
+    values = search.best([np.array(point) for point in grid], scale)
+    return search.with_fixed(_at_values(drive, values))
 
 
 def _at_values(drive: Drive, values: Mapping[str, float]) -> Drive:
@@ -187,7 +187,7 @@ def _at_values(drive: Drive, values: Mapping[str, float]) -> Drive:
 class _Search:
     """The rows of a side as functions of one drive's nonlinear parameters.
 
-    `signals` and `samples` are those of the drive's rows in each motion, `mine` (R_j,) these rows
+    `signals` and `samples` are those of the drive's rows in each motion, `rows` (R_j,) these rows
     among the R rows of the side, `factor` their weight. `zeta` (T,) is the part of each motion's
     target that is in `y` (R,) already. `others` (R, rank) spans the weighted columns of all other
     parameters, which are projected out. `linear` are the linear parameters with a column. `index`
@@ -199,7 +199,7 @@ class _Search:
     motions: Sequence[Motion]
     signals: Sequence[Mapping[str, Array]]
     samples: Sequence[IndexArray]
-    mine: IndexArray
+    rows: IndexArray
     factor: float
     zeta: Sequence[Array]
     y: Array
@@ -215,9 +215,9 @@ class _Search:
         """Return the values of all parameters at the best of the local optima."""
         of_name = zip(self.nonlinear, np.transpose(starts).tolist(), strict=True)
         bounds = np.array([bounds_of(name, scale, values) for name, values in of_name])
-        found = separable_least_squares(self.columns, self.slopes, starts, *bounds.T)
-        values = dict(zip(self.nonlinear, found.nonlinear.tolist(), strict=True))
-        return values | dict(zip(self.linear, found.linear.tolist(), strict=True))
+        optimum = separable_least_squares(self.columns, self.slopes, starts, *bounds.T)
+        values = dict(zip(self.nonlinear, optimum.nonlinear.tolist(), strict=True))
+        return values | dict(zip(self.linear, optimum.linear.tolist(), strict=True))
 
     def with_fixed(self, drive: Drive) -> Drive:
         """Return the drive with its unidentifiable nonlinear parameters as known ones."""
@@ -230,10 +230,10 @@ class _Search:
         """Return y and the drive's linear columns, with the other columns projected out."""
         values = dict(zip(self.nonlinear, nonlinear.tolist(), strict=True))
         places = [self.regressor.linear.index(name) for name in self.linear]
-        pairs = [self.regressor.given(one, values) for one in self.signals]
+        pairs = [self.regressor.given(by_name, values) for by_name in self.signals]
         changes = [zeta - old for (zeta, _), old in zip(pairs, self.zeta, strict=True)]
         y = self.y.copy()
-        y[self.mine] += self._banded(changes)
+        y[self.rows] += self._banded(changes)
         columns = self._placed([H[:, places] for _, H in pairs])
         columns[:, self._vanishing(columns)] = 0.0
         return self._alone(y), self._alone(columns)
@@ -254,18 +254,18 @@ class _Search:
         values |= dict(zip(self.nonlinear, nonlinear.tolist(), strict=True))
         values |= dict(zip(self.linear, linear.tolist(), strict=True))
         places = [self.regressor.names.index(name) for name in self.nonlinear]
-        parts = [self.regressor.evaluate(one, values)[1][:, places] for one in self.signals]
+        parts = [self.regressor.evaluate(by_name, values)[1][:, places] for by_name in self.signals]
         return self._alone(self._placed(parts))
 
     def _placed(self, parts: Sequence[Array]) -> Array:
         columns = np.zeros((len(self.y), parts[0].shape[1]))
-        columns[self.mine] = self._banded(parts)
+        columns[self.rows] = self._banded(parts)
         return columns
 
     def _banded(self, parts: Sequence[Array]) -> Array:
         if self.index is not None:
-            both = zip(self.motions, parts, strict=True)
-            parts = [motion.where_known(self.index, part) for motion, part in both]
+            pairs = zip(self.motions, parts, strict=True)
+            parts = [motion.where_known(self.index, part) for motion, part in pairs]
         triples = zip(self.motions, parts, self.samples, strict=True)
         banded = [in_band_at(motion, part, samples) for motion, part, samples in triples]
         return self.factor * np.concatenate(banded)
@@ -288,7 +288,7 @@ def _actuator_search(robot: Robot, motions: Sequence[Motion], joint: str) -> _Se
         motions=motions,
         signals=[by_name for _, by_name in pairs],
         samples=samples,
-        mine=np.arange(count),
+        rows=np.arange(count),
         factor=1.0,
         zeta=[np.zeros(len(motion.time)) for motion in motions],
         y=np.zeros(count),
@@ -310,8 +310,8 @@ def _linear_start(robot: Robot, motions: Sequence[Motion], joint: str) -> dict[s
     )
     simple = robot.with_drives({joint: plain})
     rows = stacked([actuator_regression(simple, motion, joint) for motion in motions])
-    found = ordinary(rows)
-    values = {**plain.values, **dict(zip(found.names, found.values.tolist(), strict=True))}
+    estimate = ordinary(rows)
+    values = {**plain.values, **dict(zip(estimate.names, estimate.values.tolist(), strict=True))}
     stiffness = values.get("stiffness", 0.0)
     if stiffness == 0:
         raise IdentificationError(f"joint '{joint}': no stiffness to start the search")
@@ -446,10 +446,10 @@ def linearised_load(robot: Robot, motions: Sequence[Motion], used: Sequence[str]
     if not nonlinear:
         return robot
     scales = {joint: scale_of(robot, motions, joint) for joint in nonlinear}
-    given, robot = robot.drives, _started(robot, scales)
+    nominal, robot = robot.drives, _started(robot, scales)
     for sweep in range(1 if len(nonlinear) == 1 else _SWEEPS):
         for joint in nonlinear:
-            grid = [] if sweep else _grid(robot, joint, given[joint], scales[joint])
+            grid = [] if sweep else _grid(robot, joint, nominal[joint], scales[joint])
             robot = _searched(robot, motions, used, joint, scales[joint], grid)
     for joint in nonlinear:
         search = _load_search(robot, motions, joint, starting_load_fit(robot, motions, used))
@@ -458,9 +458,9 @@ def linearised_load(robot: Robot, motions: Sequence[Motion], used: Sequence[str]
     return robot
 
 
-def _grid(robot: Robot, joint: str, given: Drive, scale: Scale) -> list[Array]:
+def _grid(robot: Robot, joint: str, drive: Drive, scale: Scale) -> list[Array]:
     names = motor_regressor(robot, joint).non_linear
-    return [np.array(one) for one in product(*(starts_of(n, given, {}, scale) for n in names))]
+    return [np.array(point) for point in product(*(starts_of(n, drive, {}, scale) for n in names))]
 
 
 def starting_load_fit(robot: Robot, motions: Sequence[Motion], used: Sequence[str]) -> LoadFit:
@@ -528,10 +528,10 @@ def _load_search(robot: Robot, motions: Sequence[Motion], joint: str, fit: LoadF
     """Return the search on the load side of a stiff drive; its other columns are projected out."""
     rows, index = fit.rows, robot.index(joint)
     regressor = motor_regressor(robot, joint)
-    own = [f"{name} of {joint}" for name in regressor.names]
+    drive_names = [f"{name} of {joint}" for name in regressor.names]
     weights = _weights(fit.qr_factor)
     of_row = weights[np.searchsorted(fit.qr_factor.equations, rows.joint)]
-    rest = [place for place, name in enumerate(rows.names) if name not in own]
+    rest = [place for place, name in enumerate(rows.names) if name not in drive_names]
     H = of_row[:, None] * rows.H[:, rest]
     by_motion = [input_signals(robot, motion, index) for motion in motions]
     weight = float(weights[fit.qr_factor.equations.index(index)])
@@ -545,9 +545,9 @@ def _load_search(robot: Robot, motions: Sequence[Motion], joint: str, fit: LoadF
             for motion in motions
             for samples in [row_samples(motion)]
         ],
-        mine=np.flatnonzero(rows.joint == index),
+        rows=np.flatnonzero(rows.joint == index),
         factor=weight * robot.drives[joint].ratio,
-        zeta=[regressor.evaluate(one)[0] for one in by_motion],
+        zeta=[regressor.evaluate(by_name)[0] for by_name in by_motion],
         y=of_row * rows.y,
         others=scaled_svd(H, "the columns of the load side").span(),
         index=index,
@@ -566,19 +566,19 @@ def with_gear_torques(
         return linearised_load(robot, motions, used), list(motions)
     drives = {joint: _without_load(robot.drives[joint]) for joint in joints}
     plain = robot.with_drives(drives)
-    found = linearised_load(plain, motions, used)
-    known = _known(found, motions, used)
+    linear = linearised_load(plain, motions, used)
+    known = _known(linear, motions, used)
     for _ in range(_SEARCHES):
-        starts = {joint: _with_values_of(robot, found, joint) for joint in robot.joint_names}
-        found = linearised_load(robot.with_drives(starts), known, used)
-        known = _settled(found, known, used)
-    return found, known
+        starts = {joint: _with_values_of(robot, linear, joint) for joint in robot.joint_names}
+        linear = linearised_load(robot.with_drives(starts), known, used)
+        known = _settled(linear, known, used)
+    return linear, known
 
 
-def _with_values_of(robot: Robot, other: Robot, joint: str) -> Drive:
+def _with_values_of(robot: Robot, source: Robot, joint: str) -> Drive:
     """Return a drive with the values of the same drive with or without load-dependent friction."""
     drive = robot.drives[joint]
-    values = other.drives[joint].values
+    values = source.drives[joint].values
     return drive.with_values({n: values[n] for n in drive.parameter_names if n in values})
 
 
@@ -607,13 +607,13 @@ def _without_load(drive: Drive) -> Drive:
 
 def _known(robot: Robot, motions: Sequence[Motion], used: Sequence[str]) -> list[Motion]:
     fit = starting_load_fit(robot, motions, used)
-    return [with_gear_torque(robot, one, fit.model, fit.springs, fit.values) for one in motions]
+    return [with_gear_torque(robot, x, fit.model, fit.springs, fit.values) for x in motions]
 
 
 def _change(before: Sequence[Motion], after: Sequence[Motion]) -> float:
     """Return the relative change of the torques."""
     old, new = (
-        np.concatenate([np.nan_to_num(np.asarray(one.gear_torque)) for one in motions])
+        np.concatenate([np.nan_to_num(np.asarray(motion.gear_torque)) for motion in motions])
         for motions in (before, after)
     )
     return float(np.linalg.norm(new - old) / max(float(np.linalg.norm(new)), 1e-300))
