@@ -226,17 +226,17 @@ def estimate_two_step(
                 actuators[joint] = fit(
                     rows[joint], estimator, change=with_unit_constant, cutoff_hz=cutoff_hz
                 )
-        found = {joint: side.estimate for joint, side in actuators.items()}
-        for joint in [one for one in unscaled if one in sensed]:
+        estimates = {joint: side.estimate for joint, side in actuators.items()}
+        for joint in [joint for joint in unscaled if joint in sensed]:
             spring = _fit_spring(robot, datasets, joint, rows[_sensed_spring(joint)], estimator)
             constant = unscaled.pop(joint).parameter
-            found[joint] = scaled_by_sensor(robot, found[joint], joint, constant, spring)
+            estimates[joint] = scaled_by_sensor(robot, estimates[joint], joint, constant, spring)
         if unscaled:
-            found |= scaled_by_load(robot, found, joints, rows[LOAD], estimator, unscaled)
-        springs = {joint: spring_of(robot, found[joint], joint) for joint in joints}
+            estimates |= scaled_by_load(robot, estimates, joints, rows[LOAD], estimator, unscaled)
+        springs = {joint: spring_of(robot, estimates[joint], joint) for joint in joints}
         known_errors = None if further is None else further[1]
-        given = _with_columns(rows[LOAD], further)
-        load = fit_load(robot, given, springs, estimator, cutoff_hz, known_errors, free)
+        load_rows = _with_columns(rows[LOAD], further)
+        load = fit_load(robot, load_rows, springs, estimator, cutoff_hz, known_errors, free)
         if encoder_offset_std > 0:
             known = {joint: spring.values for joint, spring in springs.items()}
             regress = partial(
@@ -251,9 +251,9 @@ def estimate_two_step(
                 offsets = linalg.block_diag(offsets, known_errors)
             again = rows_of_equations(datasets, {LOAD: regress}, stored, executor, progress)
             with again as shifted:
-                given = _with_columns(shifted[LOAD], further)
-                load = fit_load(robot, given, springs, estimator, cutoff_hz, offsets, free)
-    drives = with_torque_offsets(robot, load, found, springs)
+                load_rows = _with_columns(shifted[LOAD], further)
+                load = fit_load(robot, load_rows, springs, estimator, cutoff_hz, offsets, free)
+    drives = with_torque_offsets(robot, load, estimates, springs)
     load_side = load.estimate.part(range(len(model.names)), model.names)
     base, load_drives = split_load_side(model, load_side)
     merged = merged_estimates(drives, load_drives)
@@ -301,27 +301,27 @@ def fit_actuator(
     robot: Robot, datasets: Sequence[Dataset], joint: str, rows: Rows, estimator: Estimator
 ) -> FittedRows:
     """Fit (10) of an elastic joint, by errors in variables if the spring torque was measured."""
-    found = fit_inputs(rows, estimator, None, None, datasets[0].cutoff_hz)
-    found = with_shared_delays(robot.drives, found, joint)
-    motions = [first_motion(one) for one in datasets]
+    fitted = fit_inputs(rows, estimator, None, None, datasets[0].cutoff_hz)
+    fitted = with_shared_delays(robot.drives, fitted, joint)
+    motions = [first_motion(dataset) for dataset in datasets]
     if not has_only_spring_torque(robot, motions, joint):
-        return found
-    return _with_noisy_deflection(robot, motions, joint, found, estimator)
+        return fitted
+    return _with_noisy_deflection(robot, motions, joint, fitted, estimator)
 
 
 def _with_noisy_deflection(
     robot: Robot,
     motions: Sequence[Motion],
     joint: str,
-    found: FittedRows,
+    fitted: FittedRows,
     estimator: Estimator,
 ) -> FittedRows:
     """Return the fit of (4b) by errors in variables, if its spring is linear and has an offset."""
-    plain = found.estimate.names == ("stiffness", "spring_offset")
-    if not plain or not estimator.weigh or found.rows is None:
-        return found
+    plain = fitted.estimate.names == ("stiffness", "spring_offset")
+    if not plain or not estimator.weigh or fitted.rows is None:
+        return fitted
     ratio = noise_ratio(robot, motions, joint)
-    return replace(found, estimate=errors_in_variables(found.rows, ratio))
+    return replace(fitted, estimate=errors_in_variables(fitted.rows, ratio))
 
 
 def _joints_scaled_by_sensors(robot: Robot, datasets: Sequence[Dataset]) -> tuple[str, ...]:
@@ -343,7 +343,7 @@ def check_scale_of_locked(robot: Robot, datasets: Sequence[Dataset], locked: Seq
     What holds them could have any torque, so that bodies give no scale.
     """
     sensed = _joints_scaled_by_sensors(robot, datasets)
-    for joint in (one for one in locked if one not in sensed):
+    for joint in (joint for joint in locked if joint not in sensed):
         names = set(motor_regressor(robot, joint).names)
         if names & set(CONSTANTS) and {_STIFFNESS, "motor_inertia"} <= names:
             (name,) = names & set(CONSTANTS)
@@ -361,16 +361,16 @@ def _sensed_spring(joint: str) -> str:
 
 
 def _sensed_springs(robot: Robot, joints: Sequence[str]) -> dict[str, Regress]:
-    return {_sensed_spring(one): partial(spring_regression, robot, joint=one) for one in joints}
+    return {_sensed_spring(x): partial(spring_regression, robot, joint=x) for x in joints}
 
 
 def _fit_spring(
     robot: Robot, datasets: Sequence[Dataset], joint: str, rows: Rows, estimator: Estimator
 ) -> Estimate:
     """Fit (4b) of a spring whose torque was measured."""
-    motions = [first_motion(one) for one in datasets]
-    found = fit(rows, estimator, cutoff_hz=datasets[0].cutoff_hz)
-    return _with_noisy_deflection(robot, motions, joint, found, estimator).estimate
+    motions = [first_motion(dataset) for dataset in datasets]
+    fitted = fit(rows, estimator, cutoff_hz=datasets[0].cutoff_hz)
+    return _with_noisy_deflection(robot, motions, joint, fitted, estimator).estimate
 
 
 def with_unit_constant(rows: Regression) -> Regression:
@@ -388,7 +388,7 @@ def with_unit_constant(rows: Regression) -> Regression:
 
 def scaled_by_load(
     robot: Robot,
-    found: Mapping[str, Estimate],
+    estimates: Mapping[str, Estimate],
     joints: Sequence[str],
     rows: Rows,
     estimator: Estimator,
@@ -399,15 +399,15 @@ def scaled_by_load(
     Their spring torque for a constant of 1 is a column of (8), whose parameter is the constant:
     known bodies give its scale. Raises UnknownScaleError if they do not.
     """
-    springs = {joint: spring_of(robot, found[joint], joint) for joint in joints}
-    constants = {x: JointParameter(one.parameter, x) for x, one in unscaled.items()}
+    springs = {joint: spring_of(robot, estimates[joint], joint) for joint in joints}
+    constants = {x: JointParameter(problem.parameter, x) for x, problem in unscaled.items()}
     change = partial(with_constant_columns, robot, springs, constants=constants)
     try:
         fitted = fit(rows, estimator, None, change, check_scale)
     except UnknownScaleError:
         raise next(iter(unscaled.values())) from None
     return {
-        joint: scaled_with_springs(robot, found[joint], name, fitted, springs)
+        joint: scaled_with_springs(robot, estimates[joint], name, fitted, springs)
         for joint, name in constants.items()
     }
 
@@ -454,11 +454,11 @@ def scaled_with_springs(
     variance, slopes = load.standard_error(name) ** 2, np.zeros(len(unit.names))
     for k, (joint, spring) in enumerate(springs.items()):
         same = JointParameter(name.parameter, joint)
-        own = (load.value(same) if same in load.names else 1.0) * row[ends[k] : ends[k + 1]]
+        slope = (load.value(same) if same in load.names else 1.0) * row[ends[k] : ends[k + 1]]
         if joint == name.joint:
-            slopes[[unit.names.index(one) for one in spring.names]] = own
+            slopes[[unit.names.index(x) for x in spring.names]] = slope
         else:
-            variance += float(own @ spring.covariance @ own)
+            variance += float(slope @ spring.covariance @ slope)
     error = float(np.sqrt(variance))
     return _scaled(robot, unit, name.joint, name.parameter, load.value(name), error, slopes)
 
@@ -490,7 +490,7 @@ def _scaled(
 
     The constant has the derivative `by_unit` by the values of the latter.
     """
-    is_scaled = np.array([one != "command_delay" for one in unit.names])
+    is_scaled = np.array([x != "command_delay" for x in unit.names])
     factors = np.where(is_scaled, constant, 1.0)
     values = np.append(factors * unit.values, constant)
     by_constant = np.append(np.where(is_scaled, unit.values, 0.0), 1.0)
@@ -525,13 +525,13 @@ def fit_load(
     covariances = [spring.covariance for spring in springs.values()]
     covariances += [] if offsets is None else [offsets]
     propagated = linalg.block_diag(*covariances) if covariances else None
-    freed = tuple(j for j, one in springs.items() if free and "spring_offset" in one.names)
+    freed = tuple(j for j, spring in springs.items() if free and "spring_offset" in spring.names)
     if freed:
         columns = partial(with_torque_columns, robot, springs, freed)
         freed = identifiable_offsets(qr_factor_of_rows(rows, columns), freed)
     change = partial(with_torque_columns, robot, springs, freed)
-    found = fit_inputs(rows, estimator, propagated, change, cutoff_hz)
-    return with_shared_delays(robot.drives, found)
+    fitted = fit_inputs(rows, estimator, propagated, change, cutoff_hz)
+    return with_shared_delays(robot.drives, fitted)
 
 
 def fit_inputs(
@@ -545,15 +545,15 @@ def fit_inputs(
 
     If it hides the constant, the estimate is that of least squares.
     """
-    found = fit(rows, estimator, propagated, change, check_scale, cutoff_hz)
-    names = enumerate(found.qr_factor.names)
+    fitted = fit(rows, estimator, propagated, change, check_scale, cutoff_hz)
+    names = enumerate(fitted.qr_factor.names)
     noisy = [place for place, name in names if parameter_of(name) == _OF_CURRENT]
     if not noisy or estimator.weigh is None:
-        return found
-    weights = equal_weights(found.qr_factor) if found.equal else found.weights
-    theta = unattenuated(found.qr_factor, weights, noisy, reweigh=not found.equal)
+        return fitted
+    weights = equal_weights(fitted.qr_factor) if fitted.equal else fitted.weights
+    theta = unattenuated(fitted.qr_factor, weights, noisy, reweigh=not fitted.equal)
     if theta is None:
-        return found
+        return fitted
 
     def predicted(part: Regression) -> Regression:
         return with_predicted_columns(part if change is None else change(part), theta, noisy)
@@ -573,19 +573,19 @@ def with_offset_columns(
 def joints_with_torque(robot: Robot, datasets: Sequence[Dataset]) -> tuple[str, ...]:
     """Return the joints whose torque is measured, by a sensor or by a spring."""
     motions = [first_motion(dataset) for dataset in datasets]
-    found = tuple(
+    joints = tuple(
         joint
         for joint in robot.joint_names
         if joint in robot.elastic_joints
         or _all_measured(robot, motions, joint, INPUT_FIELDS[robot.drives[joint].motor_input])
         or _all_measured(robot, motions, joint, "joint_torque")
     )
-    if not found and robot.floating_base is None:
+    if not joints and robot.floating_base is None:
         raise IdentificationError(
             "no joint has a torque in the logs: describe a motor_torque (a current is one with "
             'unit = "A" and torque_constant_Nm_per_A), or write motor_input in the drives file'
         )
-    return found
+    return joints
 
 
 def check_forces(datasets: Sequence[Dataset], torque_joints: Sequence[str]) -> None:
@@ -613,10 +613,10 @@ def spring_torque_joints(
 
 
 def _all_measured(robot: Robot, motions: Sequence[Motion], joint: str, signal: str) -> bool:
-    own = robot.index(joint)
-    used = group_of(robot.transmission, own) if signal == "joint_torque" else [own]
-    channels = [getattr(one, signal) for one in motions]
-    return all(one is not None and bool(np.all(np.isfinite(one[:, used]))) for one in channels)
+    index = robot.index(joint)
+    used = group_of(robot.transmission, index) if signal == "joint_torque" else [index]
+    channels = [getattr(motion, signal) for motion in motions]
+    return all(data is not None and bool(np.all(np.isfinite(data[:, used]))) for data in channels)
 
 
 def split_load_side(model: LoadModel, load_side: Estimate) -> tuple[Estimate, dict[str, Estimate]]:
@@ -625,7 +625,7 @@ def split_load_side(model: LoadModel, load_side: Estimate) -> tuple[Estimate, di
     base = load_side.part(range(p), model.expressions)
     drives = {}
     for joint in dict.fromkeys(joint for joint, _, _ in model.drives):
-        mine = [i for i, (owner, _, _) in enumerate(model.drives) if owner == joint]
-        names = [model.drives[i][1] for i in mine]
-        drives[joint] = load_side.part([p + i for i in mine], names)
+        places = [i for i, (owner, _, _) in enumerate(model.drives) if owner == joint]
+        names = [model.drives[i][1] for i in places]
+        drives[joint] = load_side.part([p + i for i in places], names)
     return base, drives
