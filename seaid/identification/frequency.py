@@ -178,14 +178,14 @@ def frequency_response(
     picked = _picked(robot, records, joints, band[1])
     read = partial(spectra_of, band_hz=band, harmonics=_harmonics(multisine), periodic=periodic)
     spectra = read(records, picked)
-    held = np.mean([one.posture for one in records], axis=0)
+    held = np.mean([record.posture for record in records], axis=0)
     posture = at_joints(robot.transmission, held)
     posture = posture if multisine is None else multisine.coefficients[0]
     nominal = linearised(robot, posture, picked)
     drives = [robot.drives[robot.joint_names[index]] for index in picked]
     fit = fitted(spectra, nominal, drives)
     for _ in range(_STICK_ROUNDS if periodic and np.any(fit.dry > 0) else 0):
-        spectra = read([sticking_sign(one, picked, fit) for one in records], picked)
+        spectra = read([sticking_sign(record, picked, fit) for record in records], picked)
         fit = refitted(spectra, fit)
     alike = _with_dry_friction(fit.joints, fit.dry, spectra, spectra.hz)
     measured = approximation_of(spectra, records, picked, alike)
@@ -194,11 +194,11 @@ def frequency_response(
     scale = ratio[:, None] * ratio
     known = None
     if identification is not None:
-        other = identification.robot
-        levels = [_level(other.drives[name], r) for name, r in zip(names, ratio, strict=True)]
-        linear = linearised(other, posture, picked)
+        identified = identification.robot
+        levels = [_level(identified.drives[name], r) for name, r in zip(names, ratio, strict=True)]
+        linear = linearised(identified, posture, picked)
         known = scale * _with_dry_friction(linear, np.array(levels), spectra, measured.hz)
-    found = FrequencyResponse(
+    result = FrequencyResponse(
         joints=names,
         frequency_hz=measured.hz,
         response=scale * measured.motor,
@@ -214,12 +214,12 @@ def frequency_response(
         },
         period_s=period,
     )
-    findings = list(_findings(found, fit, spectra, nominal, drives, rate))
+    findings = list(_findings(result, fit, spectra, nominal, drives, rate))
     others = {} if identification is None else identification.drive_side
-    for joint, own in found.drives.items():
+    for joint, estimate in result.drives.items():
         if joint in others and "stiffness" in others[joint].names:
-            findings += stiffness_disagrees(joint, own, others[joint])
-    return replace(found, warnings=by_severity(findings))
+            findings += stiffness_disagrees(joint, estimate, others[joint])
+    return replace(result, warnings=by_severity(findings))
 
 
 def _rate_of(logs: Sequence[Log], period_s: float | None) -> float:
@@ -250,11 +250,11 @@ def _rate_of(logs: Sequence[Log], period_s: float | None) -> float:
 
 def _band(band_hz: Sequence[float] | None, top_hz: float) -> tuple[float, float]:
     """Return the lowest and highest frequency [Hz], below what the rate shows."""
-    given = (0.0, math.inf) if band_hz is None else tuple(map(float, band_hz))
-    if len(given) != 2 or not 0 <= given[0] < given[1]:
-        text = f"band_hz must be a lowest and a highest frequency, found {list(given)}"
+    band = (0.0, math.inf) if band_hz is None else tuple(map(float, band_hz))
+    if len(band) != 2 or not 0 <= band[0] < band[1]:
+        text = f"band_hz must be a lowest and a highest frequency, found {list(band)}"
         raise IdentificationError(text, "band_hz")
-    return given[0], min(given[1], top_hz)
+    return band[0], min(band[1], top_hz)
 
 
 def _picked(
@@ -269,7 +269,7 @@ def _picked(
         raise IdentificationError("no motor moves in these logs: give logs of a multisine")
     for name, field in (("torque", "motor_torque"), ("motor", "motor_position")):
         for index in picked:
-            if not all(np.all(np.isfinite(getattr(one, name)[..., index])) for one in records):
+            if not all(np.all(np.isfinite(getattr(x, name)[..., index])) for x in records):
                 joint = robot.joint_names[index]
                 raise IdentificationError(
                     f"joint '{joint}' has no {field.replace('_', ' ')} in a log: a frequency "
@@ -340,7 +340,7 @@ def _with_dry_friction(joints: LinearJoints, level: Array, spectra: Spectra, hz:
 
 
 def _findings(
-    found: FrequencyResponse,
+    result: FrequencyResponse,
     fit: Fit,
     spectra: Spectra,
     nominal: LinearJoints,
@@ -348,15 +348,15 @@ def _findings(
     rate: float,
 ) -> Iterator[Finding]:
     """Yield what the response of each joint shows of its spring, and of the fit."""
-    expected = np.full(len(found.drives), np.nan)
+    expected = np.full(len(result.drives), np.nan)
     if np.all(np.isfinite(nominal.stiffness)) and np.all(np.isfinite(nominal.mass)):
         expected = np.abs(nominal.antiresonances()) / (2 * np.pi)
-    top = float(found.frequency_hz[-1])
-    for (joint, spring), hz in zip(found.drives.items(), expected.tolist(), strict=True):
-        place = found.joints.index(joint)
-        near = int(np.argmin(np.abs(found.frequency_hz - (hz if math.isfinite(hz) else top))))
-        response = abs(found.response[near, place, place])
-        noise = float(found.total_std[near, place, place] / response)
+    top = float(result.frequency_hz[-1])
+    for (joint, spring), hz in zip(result.drives.items(), expected.tolist(), strict=True):
+        place = result.joints.index(joint)
+        near = int(np.argmin(np.abs(result.frequency_hz - (hz if math.isfinite(hz) else top))))
+        response = abs(result.response[near, place, place])
+        noise = float(result.total_std[near, place, place] / response)
         band_hz = top, _OF_NYQUIST * rate / 2, rate
         yield from unseen_resonance(joint, spring, hz, band_hz, noise)
     if np.sum(fit.joints.elastic) > 1 and fit.lack_of_fit >= FITS:
@@ -364,7 +364,7 @@ def _findings(
     known = fit.joints.elastic & ~fit.parameters.rotors
     free = with_free_rotors(spectra, fit) if np.any(known) else fit
     for place in np.flatnonzero(known).tolist():
-        joint = found.joints[place]
-        own = found.drives[joint]
-        stated = dict(zip(own.names, own.values.tolist(), strict=True))
+        joint = result.joints[place]
+        estimate = result.drives[joint]
+        stated = dict(zip(estimate.names, estimate.values.tolist(), strict=True))
         yield from contradicted_rotor(joint, stated, free.estimate(place, drives[place]))
