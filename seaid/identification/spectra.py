@@ -73,7 +73,8 @@ class Record:
 class Spectra:
     """Spectra of E logs in P periods at L lines, (E, P, L, n), with those of unexcited lines.
 
-    `other` are torque and motor angle (2, E, P, K, n) at `other_hz` (K,), where nothing is excited.
+    `unexcited` are torque and motor angle (2, E, P, K, n) at `unexcited_hz` (K,), where nothing is
+    excited.
     """
 
     hz: Array
@@ -81,8 +82,8 @@ class Spectra:
     motor: Array
     joint: Array
     sign: Array
-    other_hz: Array
-    other: Array
+    unexcited_hz: Array
+    unexcited: Array
     is_periodic: bool
 
 
@@ -112,7 +113,7 @@ def record_of(robot: Robot, log: Log, ratio: Array, period_s: float | None) -> R
     uneven = float(np.max(np.abs(np.diff(time) - step))) > 1e-3 * step
     if period_s is None:
         if uneven:
-            values = _at(time, values, np.linspace(time[0], time[-1], len(time)))
+            values = _resampled(time, values, np.linspace(time[0], time[-1], len(time)))
         shaped = values[:, None].copy()
         # a jump from the end to the start would alias; a line acts as 1/s does
         line = np.linspace(0.0, 1.0, len(time))[:, None]
@@ -124,21 +125,21 @@ def record_of(robot: Robot, log: Log, ratio: Array, period_s: float | None) -> R
         if uneven or abs(count * step - period_s) > 1e-6 * period_s:
             step = period_s / count
             end = time[-1] + (0.0 if len(time) * step > periods * period_s else step)
-            values = _at(time, values, end - step * np.arange(kept * count, 0, -1))
+            values = _resampled(time, values, end - step * np.arange(kept * count, 0, -1))
         else:
             spare = len(time) - periods * count  # one sample: the end, which is the start again
             first = (0 if spare <= 1 else spare) + (periods - kept) * count
             values = values[:, first : first + kept * count]
         shaped = values.reshape(3, kept, count, -1)
     flat = np.nan_to_num((motor if period_s is None else shaped[1]).reshape(-1, shaped.shape[-1]))
-    sign = np.stack([_friction_sign(one) for one in flat.T], axis=1).reshape(shaped[1].shape)
+    sign = np.stack([_friction_sign(angle) for angle in flat.T], axis=1).reshape(shaped[1].shape)
     posture = np.mean(np.where(np.isfinite(joint), joint, motor), axis=0)
     return Record(shaped[0], shaped[1], shaped[2], sign, step, posture)
 
 
 def motor_rates(angle: Array) -> tuple[Array, Array]:
     """Return speed and acceleration (2 of (T, ...)) per sample, smoothed over five samples."""
-    speed, acceleration = (savgol_filter(angle, 5, 2, deriv=one, axis=0) for one in (1, 2))
+    speed, acceleration = (savgol_filter(angle, 5, 2, deriv=order, axis=0) for order in (1, 2))
     return speed, acceleration
 
 
@@ -165,20 +166,20 @@ def round_down(value: float) -> int:
     return math.floor(value + 1e-6)
 
 
-def _at(time: Array, values: Array, wanted: Array) -> Array:
+def _resampled(time: Array, values: Array, wanted: Array) -> Array:
     """Return values (3, T, n) at other times, by cubic splines."""
     inside = np.clip(wanted, time[0], time[-1])
     filled = np.nan_to_num(values)
-    found = CubicSpline(time, filled, axis=1)(inside)
-    found[np.broadcast_to(~np.isfinite(values[:, :1]), found.shape)] = np.nan
-    return np.asarray(found)
+    sampled = CubicSpline(time, filled, axis=1)(inside)
+    sampled[np.broadcast_to(~np.isfinite(values[:, :1]), sampled.shape)] = np.nan
+    return np.asarray(sampled)
 
 
 def moving_joints(records: Sequence[Record], top_hz: float) -> list[int]:
     """Return the joints whose motors accelerate in the band."""
     power = np.zeros(records[0].motor.shape[-1])
-    for one in records:
-        lines, hz = _transform(one.motor - one.motor.mean((0, 1)), one.step_s)
+    for record in records:
+        lines, hz = _transform(record.motor - record.motor.mean((0, 1)), record.step_s)
         power += np.mean(np.abs(lines[:, hz < top_hz] * hz[hz < top_hz, None] ** 2) ** 2, (0, 1))
     size = np.sqrt(np.nan_to_num(power))
     return [int(i) for i in np.flatnonzero(size > MOVES * np.max(size))] if np.max(size) else []
@@ -200,12 +201,12 @@ def spectra_of(
     periodic: bool,
 ) -> Spectra:
     """Return the spectra of joints in a band; `harmonics` are the excited ones, else looked for."""
-    periods = min(len(one.torque) for one in records)
-    count = min(one.torque.shape[1] for one in records)
+    periods = min(len(record.torque) for record in records)
+    count = min(record.torque.shape[1] for record in records)
     fields = []
     for name in ("torque", "motor", "joint", "sign"):
-        parts = [getattr(one, name)[-periods:, :count][..., picked] for one in records]
-        lines = [_transform(one, records[0].step_s) for one in parts]
+        parts = [getattr(record, name)[-periods:, :count][..., picked] for record in records]
+        lines = [_transform(part, records[0].step_s) for part in parts]
         fields.append(np.stack([line for line, _ in lines]))
     hz: Array = np.asarray(np.fft.rfftfreq(count, records[0].step_s), dtype=np.float64)
     low, high = band_hz
@@ -232,9 +233,9 @@ def spectra_of(
     odd = others & (number % 2 == 1)
     if np.all(number[excited] % 2) and np.sum(odd) >= _FEWEST_LINES:
         others = odd  # distortion by dry friction is odd, and even lines do not show it
-    torque, motor, joint, sign = (one[:, :, excited] for one in fields)
-    other = np.stack([one[:, :, others] for one in fields[:2]])
-    return Spectra(hz[excited], torque, motor, joint, sign, hz[others], other, periodic)
+    torque, motor, joint, sign = (signal[:, :, excited] for signal in fields)
+    unexcited = np.stack([signal[:, :, others] for signal in fields[:2]])
+    return Spectra(hz[excited], torque, motor, joint, sign, hz[others], unexcited, periodic)
 
 
 def _excited(fields: Sequence[Array], hz: Array, within: BoolArray) -> BoolArray:
@@ -242,7 +243,7 @@ def _excited(fields: Sequence[Array], hz: Array, within: BoolArray) -> BoolArray
 
     They stand out of what differs between periods too.
     """
-    found = np.zeros(len(hz), dtype=bool)
+    excited = np.zeros(len(hz), dtype=bool)
     for values in (fields[0], fields[1] * hz[:, None] ** 2):
         periods = values.shape[1]
         power = np.sum(np.abs(np.mean(values, axis=1)) ** 2, axis=(0, 2)) * within
@@ -251,8 +252,8 @@ def _excited(fields: Sequence[Array], hz: Array, within: BoolArray) -> BoolArray
             noise = np.sum(np.var(values, axis=1) / (periods - 1), axis=(0, 2))
             least = np.maximum(least, _ABOVE_NOISE * uniform_filter1d(noise, 2 * NEAR + 1))
         near = maximum_filter1d(power, 2 * NEAR + 1)
-        found |= (power > _EXCITED * near) & (power > least) & within
-    return found
+        excited |= (power > _EXCITED * near) & (power > least) & within
+    return excited
 
 
 def approximation_of(
@@ -273,19 +274,19 @@ def approximation_of(
     motor = base + motor
     measured = bool(np.all(np.isfinite(spectra.joint)))
     joint = _responses(U, spectra.joint.mean(axis=1), few)[0] if measured else None
-    left = spectra.motor - np.einsum("fij,epfj->epfi", motor, spectra.torque)
+    residual = spectra.motor - np.einsum("fij,epfj->epfi", motor, spectra.torque)
     noise = np.full((L, n), np.nan)
     if P > 1:
         # of the mean over P periods, from what differs between them
-        differs = left - left.mean(axis=1, keepdims=True)
+        differs = residual - residual.mean(axis=1, keepdims=True)
         power = np.sum(np.abs(differs) ** 2, axis=(0, 1)) / (E * (P - 1) * P)
         noise = uniform_filter1d(power, NEAR, axis=0)
-    total = _total(spectra, motor, left.mean(axis=1), E - n if not few else 0)
+    total = _total(spectra, motor, residual.mean(axis=1), E - n if not few else 0)
     with np.errstate(invalid="ignore"):
         total = np.where(np.isnan(total), noise, np.fmax(total, np.nan_to_num(noise)))
         power = np.mean(np.abs(Y) ** 2, axis=0)
         coherence = np.clip(1 - total / np.maximum(power, 1e-300), 0.0, 1.0)
-        spread = [np.sqrt(one[:, :, None] * gram[:, None, :]) for one in (noise, total)]
+        spread = [np.sqrt(power[:, :, None] * gram[:, None, :]) for power in (noise, total)]
     return Approximation(spectra.hz, motor, joint, spread[0], spread[1], coherence)
 
 
@@ -306,22 +307,22 @@ def _responses(U: Array, Y: Array, few: bool) -> tuple[Array, Array]:
     return G, gram
 
 
-def _total(spectra: Spectra, motor: Array, left: Array, spare: int) -> Array:
+def _total(spectra: Spectra, motor: Array, residual: Array, spare: int) -> Array:
     """Return the variance (L, n) of what the linear response leaves, averaged over near lines.
 
-    `left` are (E, L, n). With logs to spare it is that between realisations, else that at lines
+    `residual` is (E, L, n). With logs to spare it is that between realisations, else that at lines
     which are not excited (detection lines); NaN without either.
     """
-    _, L, n = left.shape
+    _, L, n = residual.shape
     if spare > 0:
-        return np.asarray(uniform_filter1d(np.sum(np.abs(left) ** 2, 0) / spare, NEAR, axis=0))
-    if len(spectra.other_hz) < _FEWEST_LINES:
+        return np.asarray(uniform_filter1d(np.sum(np.abs(residual) ** 2, 0) / spare, NEAR, axis=0))
+    if len(spectra.unexcited_hz) < _FEWEST_LINES:
         return np.full((L, n), np.nan)
-    U, Y = spectra.other.mean(axis=2)
+    U, Y = spectra.unexcited.mean(axis=2)
     index = np.arange(L)
     between = np.stack(
         [
-            np.interp(spectra.other_hz, spectra.hz, part[:, i, j])
+            np.interp(spectra.unexcited_hz, spectra.hz, part[:, i, j])
             for part in (motor.real, motor.imag)
             for i in index[:n]
             for j in index[:n]
@@ -330,7 +331,7 @@ def _total(spectra: Spectra, motor: Array, left: Array, spare: int) -> Array:
     G = np.moveaxis(between[0] + 1j * between[1], -1, 0)
     power = np.mean(np.abs(Y - np.einsum("fij,efj->efi", G, U)) ** 2, axis=0)
     smooth = uniform_filter1d(power, 2 * NEAR, axis=0)
-    columns = [np.interp(spectra.hz, spectra.other_hz, smooth[:, i]) for i in range(n)]
+    columns = [np.interp(spectra.hz, spectra.unexcited_hz, smooth[:, i]) for i in range(n)]
     return np.stack(columns, axis=1)
 
 
@@ -339,12 +340,12 @@ def _by_segments(
 ) -> Approximation:
     """Return the response by the averaged cross-spectra of segments of all logs (Welch)."""
     n, sums = len(picked), []
-    for one in records:
-        fields = [getattr(one, name)[0][:, picked] for name in ("torque", "motor", "joint")]
+    for record in records:
+        fields = [getattr(record, name)[0][:, picked] for name in ("torque", "motor", "joint")]
         signals = np.nan_to_num(np.concatenate(fields, axis=1).T)
         length = 2 * signals.shape[1] // (_SEGMENTS + 1)
         hz, cross = csd(
-            signals[:, None], signals[None], 1 / one.step_s, nperseg=length, detrend="linear"
+            signals[:, None], signals[None], 1 / record.step_s, nperseg=length, detrend="linear"
         )
         sums.append(cross)
     # csd(x, y) is the mean of conj(X) Y; S_uu^T G^T = S_uy
@@ -359,8 +360,8 @@ def _by_segments(
     coherence = np.clip(explained / np.maximum(power, 1e-300), 0.0, 1.0)
     averages = len(records) * _SEGMENTS * 0.6  # of half overlapping Hann windows (Welch 1967)
     inverse = np.real(np.einsum("fii->fi", _safely(np.linalg.inv, S[:, u, u])))
-    left = power * (1 - coherence) / max(averages - n, 1.0)
-    total = np.sqrt(left[:, :, None] * inverse[:, None, :])
+    unexplained = power * (1 - coherence) / max(averages - n, 1.0)
+    total = np.sqrt(unexplained[:, :, None] * inverse[:, None, :])
     measured = bool(np.all(np.isfinite(spectra.joint)))
     return Approximation(
         hz[kept], G, joint if measured else None, np.full_like(total, np.nan), total, coherence
