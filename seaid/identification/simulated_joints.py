@@ -86,22 +86,22 @@ def torque_jacobians(robot: Robot, q: Array, v: Array, a: Array) -> TorqueJacobi
     added[:, 0] = 2.0 * np.max(np.abs(bodies[:, 0]), initial=1.0)
     heavier = robot.with_values(robot.parameters + added.ravel(), robot.drives)
     alone = robot.with_values(added.ravel() - robot.payload_parameters, robot.drives)
-    found = _derivatives(heavier, q, v, a) - _derivatives(alone, q, v, a)
-    return TorqueJacobians(*robot.from_model(found, 2))
+    derivatives = _derivatives(heavier, q, v, a) - _derivatives(alone, q, v, a)
+    return TorqueJacobians(*robot.from_model(derivatives, 2))
 
 
 def _derivatives(robot: Robot, q: Array, v: Array, a: Array) -> Array:
     """Return d tau / d (q, v, a) of the model's joints, (3, T, N, N)."""
     model, data = robot.model, robot.model.createData()
     states = (robot.to_model(state, order) for order, state in enumerate((q, v, a)))
-    found = np.empty((3, len(q), model.nv, model.nv))
+    derivatives = np.empty((3, len(q), model.nv, model.nv))
     compute = pin.computeRNEADerivatives
     for t, (q_t, v_t, a_t) in enumerate(zip(*states, strict=True)):
         compute(model, data, q_t, v_t, a_t)
-        found[0, t], found[1, t], found[2, t] = data.dtau_dq, data.dtau_dv, data.M
-    upper = np.triu(found[2])
-    found[2] = upper + np.swapaxes(np.triu(found[2], 1), 1, 2)
-    return found
+        derivatives[0, t], derivatives[1, t], derivatives[2, t] = data.dtau_dq, data.dtau_dv, data.M
+    upper = np.triu(derivatives[2])
+    derivatives[2] = upper + np.swapaxes(np.triu(derivatives[2], 1), 1, 2)
+    return derivatives
 
 
 _RESOLVED = 1.0
@@ -194,20 +194,20 @@ def driven_motion(
     parallel = [_parallel_matrix(robot, model, load_side, name) for name in _PARALLEL]
     turned = at_drives(robot.transmission, motion.joint_position)
     reading = low_pass(turned[:, joints], motion.rate_hz, motion.cutoff_hz)
-    here = smoothed(_turned(finer_side(robot, motion), robot.transmission, at_drives), joints)
+    simulated = smoothed(_turned(finer_side(robot, motion), robot.transmission, at_drives), joints)
     periods = (motion.time[-1] - motion.time[0]) * motion.cutoff_hz
     windows = max(1, int(periods / _WINDOW_PERIODS)) if np.isfinite(periods) else 1
     for _ in range(_SWEEPS):
         with np.errstate(all="ignore"):
-            moved = _turned(here, robot.transmission, at_joints)
+            moved = _turned(simulated, robot.transmission, at_joints)
             torque, payload, H, _ = load_columns(robot, moved, model, springs)
             residual = (torque - payload - H @ load_side)[:, rows]
             jacobians = torque_jacobians(fitted, *moved.joint_states).plus(*parallel)
             inside = jacobians.at_drives(robot.transmission).part(joints, joints)
             inside = inside.plus(np.diag(rate), np.diag(damping))
             response = _response(inside, residual, 1 / motion.rate_hz, windows)
-        here = _moved(here, joints, response, reading, windows)
-    return _turned(here, robot.transmission, at_joints)
+        simulated = _moved(simulated, joints, response, reading, windows)
+    return _turned(simulated, robot.transmission, at_joints)
 
 
 def finer_side(robot: Robot, motion: Motion) -> Motion:
@@ -243,9 +243,9 @@ def fitted_robot(robot: Robot, model: LoadModel, load_side: Array) -> Robot:
 
 def _parallel_matrix(robot: Robot, model: LoadModel, load_side: Array, name: str) -> Array:
     """Return a parameter of the parallel elements, known or estimated, as a matrix (n, n)."""
-    found = dict(zip(model.names, load_side, strict=True))
+    estimated = dict(zip(model.names, load_side, strict=True))
     values = [
-        drive.values[name] if name in drive.known else found.get(f"{name} of {joint}", 0.0)
+        drive.values[name] if name in drive.known else estimated.get(f"{name} of {joint}", 0.0)
         for joint, drive in robot.drives.items()
     ]
     return np.diag(values)
@@ -286,12 +286,12 @@ def _moved(
     coefficients = np.empty((len(reading), 1 + free.shape[2]))
     coefficients[:, 0] = 1.0
     for start in range(0, len(reading), length):
-        own = slice(start, start + length)
-        columns = free[own].reshape(-1, free.shape[2])
-        coefficients[own, 1:] = safely(
+        window = slice(start, start + length)
+        columns = free[window].reshape(-1, free.shape[2])
+        coefficients[window, 1:] = safely(
             np.linalg.lstsq,
             columns,
-            residual[own].ravel(),
+            residual[window].ravel(),
             what="the initial states of a simulated motion",
             rcond=None,
         )[0]
@@ -342,20 +342,20 @@ def hysteresis_corrections(
     the iterations did not end (`scripts/benchmarks/hysteresis.py --refine`). `columns` {"parameter
     of joint": place in x}.
     """
-    found, length = {}, len(motion.time)
+    corrections, length = {}, len(motion.time)
     for joint in with_hysteresis(robot, joints):
         drive = robot.drives[joint]
         place = columns.get(f"hysteresis_deflection of {joint}")
         width = drive.values["hysteresis_deflection"]
-        there, here = (
-            np.array(states(_deflection(robot, one, joint), width))[:, -length:]
-            for one in (measured, motion)
+        measured_states, simulated_states = (
+            np.array(states(_deflection(robot, path, joint), width))[:, -length:]
+            for path in (measured, motion)
         )
-        state, by_width = drive.load_radius * (there - here)
-        force, found[joint] = _linear(robot, joint, "hysteresis_force", state, columns, x)
+        state, by_width = drive.load_radius * (measured_states - simulated_states)
+        force, corrections[joint] = _linear(robot, joint, "hysteresis_force", state, columns, x)
         if place is not None:
-            found[joint][:, 1 + place] = force * by_width
-    return found
+            corrections[joint][:, 1 + place] = force * by_width
+    return corrections
 
 
 def friction_corrections(
@@ -366,7 +366,7 @@ def friction_corrections(
     It is the mean about a sample of c sign(v), with v linear in time. Its slope lets a reversal
     move; with the sign at the samples alone bodies were 1.5 to 5 times worse.
     """
-    found, slopes = {}, np.zeros((len(motion.time), len(joints)))
+    torques, slopes = {}, np.zeros((len(motion.time), len(joints)))
     for row, joint in enumerate(joints):
         if "coulomb" not in robot.drives[joint].joint_friction:
             continue
@@ -375,9 +375,9 @@ def friction_corrections(
         swept = 0.5 * np.abs(motion.joint_acceleration[:, index]) / motion.rate_hz
         swept = np.maximum(swept, _LEAST_RAD_S)
         change = np.sign(speed) - np.clip(speed / swept, -1.0, 1.0)
-        friction, found[joint] = _linear(robot, joint, "joint_coulomb_friction", change, columns, x)
-        slopes[:, row] = np.where(np.abs(speed) < swept, friction / swept, 0.0)
-    return found, slopes
+        level, torques[joint] = _linear(robot, joint, "joint_coulomb_friction", change, columns, x)
+        slopes[:, row] = np.where(np.abs(speed) < swept, level / swept, 0.0)
+    return torques, slopes
 
 
 _LEAST_RAD_S = 1e-12
@@ -390,11 +390,11 @@ def _linear(
     """Return the value of a parameter, and the corrections by the torque (T,) of a `unit` of it."""
     place = columns.get(f"{name} of {joint}")
     value = robot.drives[joint].values[name] if place is None else float(x[place])
-    found = np.zeros((len(unit), 1 + len(x)))
-    found[:, 0] = value * unit
+    correction = np.zeros((len(unit), 1 + len(x)))
+    correction[:, 0] = value * unit
     if place is not None:
-        found[:, 1 + place] = unit
-    return value, found
+        correction[:, 1 + place] = unit
+    return value, correction
 
 
 def _deflection(robot: Robot, motion: Motion, joint: str) -> Array:
@@ -429,14 +429,14 @@ _POSES = 20
 _LEVELS = ("coulomb_friction", "stribeck_friction")
 
 
-def with_passed_reversals(robot: Robot, datasets: Sequence[Dataset], found: Robot) -> list[Dataset]:
+def with_passed_reversals(robot: Robot, datasets: Sequence[Dataset], known: Robot) -> list[Dataset]:
     """Return the datasets of a robot whose joints may stick where a first estimate lets them.
 
     Motions that are read in pieces keep all of their reversals excluded.
     """
     if not robot.has_controllers or robot.floating_base is not None:
         return list(datasets)
-    dry = _dry_accelerations(found, first_motion(datasets[0]))
+    dry = _dry_accelerations(known, first_motion(datasets[0]))
     return [with_directions(robot, x, dry) if isinstance(x, Motion) else x for x in datasets]
 
 
@@ -449,16 +449,16 @@ def _dry_accelerations(robot: Robot, motion: Motion) -> dict[str, float]:
     states = [state[poses] for state in motion.joint_states]
     jacobians = torque_jacobians(robot, *states).at_drives(robot.transmission)
     inertia = np.median(np.einsum("tii->ti", jacobians.acceleration), axis=0)
-    found = {}
+    accelerations = {}
     for index, joint in enumerate(robot.joint_names):
         drive = robot.drives[joint]
         values = drive.values
         level = sum(abs(values.get(name, 0.0)) for name in _LEVELS)
         load = 0.0 if drive.is_elastic else float(inertia[index]) / drive.ratio**2
-        own = values.get("motor_inertia", 0.0) + load
-        if level > 0 and own > 0:
-            found[joint] = level / own
-    return found
+        total = values.get("motor_inertia", 0.0) + load
+        if level > 0 and total > 0:
+            accelerations[joint] = level / total
+    return accelerations
 
 
 _LINEAR = {"stiffness", "spring_damping", "spring_offset"}
@@ -475,10 +475,10 @@ class LinearSpring:
 
 def linear_spring(robot: Robot, joint: str, values: Iterable[float]) -> LinearSpring:
     """Return a spring with its known and its estimated values, in the order of its regressor."""
-    found = dict(zip(spring_regressor(robot, joint).names, values, strict=True))
+    estimated = dict(zip(spring_regressor(robot, joint).names, values, strict=True))
     drive = robot.drives[joint]
     known = {name: drive.values[name] for name in drive.known if name in _LINEAR}
-    known |= {name: float(value) for name, value in found.items()}
+    known |= {name: float(value) for name, value in estimated.items()}
     names = ("stiffness", "spring_offset", "spring_damping")
     return LinearSpring(*(known.get(name, 0.0) for name in names))
 
@@ -526,7 +526,7 @@ def check_refinable(robot: Robot, unseen: Iterable[str] = ()) -> None:
 
 def _not_refinable(robot: Robot, joint: str, drive: Drive) -> str:
     if drive.controller is not None:
-        alone = all(one.controller is not None for one in robot.drives.values())
+        alone = all(x.controller is not None for x in robot.drives.values())
         if drive.is_elastic or not alone:
             return "whose command was logged: all drives have to be stiff, with a position command"
         if motor_regressor(robot, joint).non_linear:
