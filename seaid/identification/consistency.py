@@ -148,7 +148,7 @@ def feasible_parameters(
         size = len(load_side.names)
         white = finite("white_covariance", white_covariance, (size, size), IdentificationError)
         load_side = replace(load_side, covariance=floored_covariance(load_side.covariance, white))
-    known = _together(model, load_side, drives or {})
+    known = _stacked(model, load_side, drives or {})
     bodies, notes = prior_bodies(robot, robot.parameters if prior is None else prior)
     masses, boxes = mass_bounds or {}, com_boxes or {}
     limits = body_limits(robot, bodies, masses, boxes)
@@ -158,26 +158,26 @@ def feasible_parameters(
             raise IdentificationError(f"'{body}' is a known body: it has no bounds")
     program, words = body_program(robot, model, known, bodies, limits, start)
     bound = nearest(program)
-    found = _weighted(program, weight, bound.chi_square)
+    point = _weighted(program, weight, bound.chi_square)
     return FeasibleParameters(
-        robot=_robot(robot, model, known, found),
-        parameters=_bodies(robot, found),
+        robot=_robot(robot, model, known, point),
+        parameters=_bodies(robot, point),
         names=known.names,
         units=known.units,
-        values=found.values,
+        values=point.values,
         estimate=known.values,
-        distance=(found.values - known.values) / np.linalg.norm(program.root, axis=1),
-        chi_square=found.chi_square,
+        distance=(point.values - known.values) / np.linalg.norm(program.root, axis=1),
+        chi_square=point.chi_square,
         nearest_chi_square=bound.chi_square,
-        weight=found.weight,
-        freedom=found.freedom,
-        active_bounds=_active_bounds(robot, found, words),
+        weight=point.weight,
+        freedom=point.freedom,
+        active_bounds=_active_bounds(robot, point, words),
         notes=notes,
         warnings=tuple(contradictions(robot, program, bound.chi_square, len(limits))),
     )
 
 
-def _together(model: LoadModel, load_side: Estimate, drives: Mapping[str, Estimate]) -> Estimate:
+def _stacked(model: LoadModel, load_side: Estimate, drives: Mapping[str, Estimate]) -> Estimate:
     """Return all estimates as one, those of the drives as '<parameter> of <joint>'."""
     missing = [name for name in model.names if name not in load_side.names]
     if missing:
@@ -187,7 +187,7 @@ def _together(model: LoadModel, load_side: Estimate, drives: Mapping[str, Estima
         )
     parts = [load_side, *drives.values()]
     names = [*load_side.names]
-    names += [JointParameter(name, joint) for joint, one in drives.items() for name in one.names]
+    names += [JointParameter(name, joint) for joint, part in drives.items() for name in part.names]
     if len(set(names)) < len(names):
         twice = sorted({name for name in names if names.count(name) > 1})
         raise IdentificationError(f"estimated twice, in load_side and in drives: {twice}")
@@ -196,17 +196,17 @@ def _together(model: LoadModel, load_side: Estimate, drives: Mapping[str, Estima
         names=tuple(names),
         values=finite(
             "the estimate",
-            np.concatenate([one.values for one in parts]),
+            np.concatenate([part.values for part in parts]),
             (None,),
             IdentificationError,
         ),
         covariance=finite(
             "the covariance of the estimate",
-            linalg.block_diag(*(one.covariance for one in parts)),
+            linalg.block_diag(*(part.covariance for part in parts)),
             (None, None),
             IdentificationError,
         ),
-        units=tuple(unit for one in parts for unit in one.units),
+        units=tuple(unit for part in parts for unit in part.units),
         white_standard_errors=None,
         degrees_of_freedom=None,
     )
@@ -222,25 +222,25 @@ def _weighted(program: Program, weight: float | None, least: float) -> FeasibleP
     return regularised(program, max(weight, WEIGHTS[-1]))
 
 
-def _bodies(robot: Robot, found: FeasiblePoint) -> Array:
+def _bodies(robot: Robot, point: FeasiblePoint) -> Array:
     """Return the standard parameters (10n,) of a feasible point, known ones as they are."""
-    return np.where(robot.is_known, robot.parameters, found.unknowns[: robot.parameters.size])
+    return np.where(robot.is_known, robot.parameters, point.unknowns[: robot.parameters.size])
 
 
-def _robot(robot: Robot, model: LoadModel, known: Estimate, found: FeasiblePoint) -> Robot:
+def _robot(robot: Robot, model: LoadModel, known: Estimate, point: FeasiblePoint) -> Robot:
     """Return the robot with consistent bodies and the identified drives."""
-    m, names = robot.parameters.size, dict(zip(known.names, found.values, strict=True))
-    for (joint, name, _), value in zip(model.absorbed, found.unknowns[m:], strict=False):
+    m, names = robot.parameters.size, dict(zip(known.names, point.values, strict=True))
+    for (joint, name, _), value in zip(model.absorbed, point.unknowns[m:], strict=False):
         names[JointParameter(name, joint)] = value
     drives = dict(robot.drives)
     for joint, drive in drives.items():
-        own = {
+        drive_values = {
             name.parameter: _rounded(name.parameter, value)
             for name, value in names.items()
             if isinstance(name, JointParameter) and name.joint == joint
         }
-        drives[joint] = with_values(drive, own)
-    return robot.with_values(_bodies(robot, found), drives)
+        drives[joint] = with_values(drive, drive_values)
+    return robot.with_values(_bodies(robot, point), drives)
 
 
 def _rounded(name: str, value: float) -> float:
@@ -248,14 +248,14 @@ def _rounded(name: str, value: float) -> float:
     return max(value, 0.0) if name in NON_NEGATIVE else value
 
 
-def _active_bounds(robot: Robot, found: FeasiblePoint, words: list[str]) -> tuple[str, ...]:
+def _active_bounds(robot: Robot, point: FeasiblePoint, words: list[str]) -> tuple[str, ...]:
     """Describe the constraints that are active at a feasible point."""
     shapes = [
         f"{body} is {_SHAPES[rank]}"
-        for body, rank in zip(robot.body_names, found.ranks, strict=True)
+        for body, rank in zip(robot.body_names, point.ranks, strict=True)
         if rank < 4
     ]
-    return tuple(dict.fromkeys([*shapes, *(words[index] for index in found.active_bounds)]))
+    return tuple(dict.fromkeys([*shapes, *(words[index] for index in point.active_bounds)]))
 
 
 MassBounds = Mapping[str, tuple[float, float]]
@@ -306,7 +306,7 @@ def body_limits(robot: Robot, bodies: Array, masses: MassBounds, boxes: Boxes) -
                 row[column] = -sign * bound / size
                 words = f"centre of mass of {body} is at the {side} bound of its box in "
                 limits.append(Limit(row, 0.0, words + f"{'xyz'[axis]}, {bound:.4g} m"))
-    return [one for one in limits if np.all(np.isfinite(one.row)) and np.isfinite(one.bound)]
+    return [x for x in limits if np.all(np.isfinite(x.row)) and np.isfinite(x.bound)]
 
 
 def interior_start(robot: Robot, bodies: Array, masses: MassBounds, boxes: Boxes) -> Array:
@@ -331,8 +331,8 @@ def checked_masses(robot: Robot, masses: MassBounds) -> dict[str, tuple[float, f
     """Return bounds of mass, those of a single value slightly widened; see `body_limits`."""
     _check_names(robot, "mass_bounds", masses)
     checked = {}
-    for body, given in masses.items():
-        least, most = _pair(f"mass_bounds of '{body}'", given, (2,), "(least, most) in kg")
+    for body, bounds in masses.items():
+        least, most = _pair(f"mass_bounds of '{body}'", bounds, (2,), "(least, most) in kg")
         if not (0 <= least <= most and most > 0 and least < np.inf):
             raise IdentificationError(
                 f"mass_bounds of '{body}' leave no mass: found {least:g} to {most:g} kg; allowed: "
@@ -347,8 +347,8 @@ def checked_boxes(robot: Robot, boxes: Boxes) -> dict[str, Array]:
     """Return boxes (2, 3), those without width slightly widened; see `body_limits`."""
     _check_names(robot, "com_boxes", boxes)
     checked = {}
-    for body, given in boxes.items():
-        box = _pair(f"com_boxes of '{body}'", given, (2, 3), "two corners of x, y, z in m")
+    for body, corners in boxes.items():
+        box = _pair(f"com_boxes of '{body}'", corners, (2, 3), "two corners of x, y, z in m")
         lower, upper = box
         if np.any(lower > upper) or np.any(lower == np.inf) or np.any(upper == -np.inf):
             raise IdentificationError(
@@ -434,13 +434,13 @@ def prior_bodies(robot: Robot, parameters: Array) -> tuple[Array, tuple[str, ...
     inconsistent one loses its negative part; it and a degenerate one (no mass, a point, a rod, a
     plate) get a thousandth of a ball of their mass. Raises RobotError for another shape.
     """
-    given = np.asarray(parameters, dtype=float)
-    if given.shape != robot.parameters.shape:
+    prior = np.asarray(parameters, dtype=float)
+    if prior.shape != robot.parameters.shape:
         raise RobotError(
             f"prior= must be the {robot.parameters.size} standard parameters of '{robot.name}', "
-            f"found shape {given.shape}"
+            f"found shape {prior.shape}"
         )
-    bodies, notes, plain = given.reshape(-1, 10).copy(), [], balls(robot)
+    bodies, notes, plain = prior.reshape(-1, 10).copy(), [], balls(robot)
     missing = ~np.all(np.isfinite(bodies), axis=1)
     if np.any(missing):
         names = ", ".join(np.array(robot.body_names)[missing])
@@ -492,15 +492,15 @@ def body_program(
     absorb, the other drive parameters.
     """
     m, absorbed = robot.parameters.size, len(model.absorbed)
-    columns, pivots, own = _columns(model, known, m)
+    columns, pivots, drive_rows = _columns(model, known, m)
     root = covariance_root(known.covariance, known.values)
     largest = np.max(np.abs(model.absorption), axis=0, initial=0.0)
     names: list[str] = [JointParameter(name, joint) for joint, name, _ in model.absorbed]
-    names += [known.names[row] for row in own]
-    sizes = np.append(np.max(bodies[:, 4:]) / largest, np.linalg.norm(root, axis=1)[own])
-    values = np.append(np.zeros(absorbed), known.values[own])
+    names += [known.names[row] for row in drive_rows]
+    sizes = np.append(np.max(bodies[:, 4:]) / largest, np.linalg.norm(root, axis=1)[drive_rows])
+    values = np.append(np.zeros(absorbed), known.values[drive_rows])
     signed = np.array([parameter_of(name) in NON_NEGATIVE for name in names], dtype=bool)
-    all_limits = [replace(one, row=np.pad(one.row, (0, len(names)))) for one in limits]
+    all_limits = [replace(limit, row=np.pad(limit.row, (0, len(names)))) for limit in limits]
     all_limits += _not_negative(names, sizes, signed, m)
     program = Program(
         columns=columns,
@@ -508,11 +508,11 @@ def body_program(
         estimate=known.values,
         root=root,
         prior=bodies,
-        limits=np.array([one.row for one in all_limits]).reshape(-1, columns.shape[1]),
-        bounds=np.array([one.bound for one in all_limits]),
+        limits=np.array([limit.row for limit in all_limits]).reshape(-1, columns.shape[1]),
+        bounds=np.array([limit.bound for limit in all_limits]),
         start=np.append(start, np.where(signed, np.maximum(values, 0.1 * sizes), values)),
     )
-    return program, [one.words for one in all_limits]
+    return program, [limit.words for limit in all_limits]
 
 
 def _columns(model: LoadModel, known: Estimate, m: int) -> tuple[Array, tuple[int, ...], list[int]]:
@@ -520,15 +520,15 @@ def _columns(model: LoadModel, known: Estimate, m: int) -> tuple[Array, tuple[in
     start = m + len(model.absorbed)
     base = [known.names.index(name) for name in model.expressions]
     rows = [known.names.index(name) for name in model.names]
-    own = [row for row in range(len(known.names)) if row not in base]
-    columns = np.zeros((len(known.names), start + len(own)))
+    drive_rows = [row for row in range(len(known.names)) if row not in base]
+    columns = np.zeros((len(known.names), start + len(drive_rows)))
     columns[base, :m] = model.base.grouping
     columns[rows, m:start] = model.absorption
-    columns[own, range(start, columns.shape[1])] = 1.0
+    columns[drive_rows, range(start, columns.shape[1])] = 1.0
     pivots = np.empty(len(known.names), dtype=int)
     pivots[base] = model.base.columns
-    pivots[own] = range(start, columns.shape[1])
-    return columns, tuple(map(int, pivots)), own
+    pivots[drive_rows] = range(start, columns.shape[1])
+    return columns, tuple(map(int, pivots)), drive_rows
 
 
 def _not_negative(names: Sequence[str], sizes: Array, signed: BoolArray, m: int) -> list[Limit]:
