@@ -150,7 +150,7 @@ def calibrate_statics(statics: Statics, *, law: Law = "linear") -> StaticCalibra
     >>> print(seaid.calibrate_statics(seaid.Statics(loads, loads / 159.8)))
     """
     statics = _checked(statics)
-    line, cubic = (_Fit.of(statics, one) for one in ("linear", "cubic"))
+    line, cubic = (_Fit.of(statics, name) for name in ("linear", "cubic"))
     fit = line if law == "linear" else cubic
     p_value = cubic.p_value(1)
     spread = statics.load.max() - statics.load.min()
@@ -186,14 +186,14 @@ def _checked(statics: Statics) -> Statics:
                 f"{name} {int(np.argmin(np.isfinite(values))) + 1} is not finite: remove its row"
             )
         if len(values) < _FEWEST or np.ptp(values) == 0:
-            found = f"{len(values)} of them" if len(values) < _FEWEST else f"all {values[0]:g}"
+            text = f"{len(values)} of them" if len(values) < _FEWEST else f"all {values[0]:g}"
             raise IdentificationError(
-                f"a calibration needs {_FEWEST} or more {name}s that differ, found {found}"
+                f"a calibration needs {_FEWEST} or more {name}s that differ, found {text}"
             )
     if statics.load_unit not in ("N m", "N"):
         raise IdentificationError(f"load_unit must be 'N m' or 'N', found '{statics.load_unit}'")
-    given = statics.direction
-    direction = _direction(load) if given is None else np.sign(np.asarray(given, dtype=float))
+    declared = statics.direction
+    direction = _direction(load) if declared is None else np.sign(np.asarray(declared, dtype=float))
     direction = frozen("direction", direction, (len(load),), IdentificationError)
     return replace(statics, load=load, reading=reading, direction=direction)
 
@@ -203,8 +203,8 @@ def _direction(load: Array) -> Array:
     step = np.sign(np.diff(load))
     known = np.flatnonzero(step)
     before = known[np.clip(np.searchsorted(known, np.arange(len(step)), "right") - 1, 0, None)]
-    found = step[before]
-    return np.concatenate([found[:1], found])
+    direction = step[before]
+    return np.concatenate([direction[:1], direction])
 
 
 @dataclass(frozen=True, eq=False)
@@ -319,9 +319,9 @@ def _correlation_factor(residual: Array) -> float:
     A ramp has many samples that are not independent; a table of weights is not corrected for a
     correlation that chance explains.
     """
-    left = residual - np.mean(residual)
-    r = float(left[1:] @ left[:-1] / max(float(left @ left), 1e-300))
-    return (1 + r) / (1 - min(r, 0.999)) if r > 2 / np.sqrt(len(left)) else 1.0
+    centred = residual - np.mean(residual)
+    r = float(centred[1:] @ centred[:-1] / max(float(centred @ centred), 1e-300))
+    return (1 + r) / (1 - min(r, 0.999)) if r > 2 / np.sqrt(len(centred)) else 1.0
 
 
 # Where statics come from
@@ -367,7 +367,7 @@ def read_statics(path: str | Path) -> Statics:
     """
     try:
         with Path(path).open(encoding="utf-8-sig", newline="") as file:
-            rows = [[one.strip() for one in row] for row in csv.reader(file) if any(row)]
+            rows = [[cell.strip() for cell in row] for row in csv.reader(file) if any(row)]
     except (OSError, UnicodeDecodeError, csv.Error) as problem:
         raise IdentificationError(f"'{path}' cannot be read: {problem}") from None
     names = rows[0] if rows else []
@@ -393,16 +393,16 @@ def read_statics(path: str | Path) -> Statics:
 
 
 def _numbers(path: str | Path, name: str, place: int, rows: Sequence[Sequence[str]]) -> Array:
-    found = np.empty(len(rows))
+    numbers = np.empty(len(rows))
     for number, row in enumerate(rows):
         try:
-            found[number] = float(row[place])
+            numbers[number] = float(row[place])
         except (ValueError, IndexError):
             text = f"found '{row[place]}'" if place < len(row) else "found nothing"
             raise IdentificationError(
                 f"'{path}': row {number + 2} of column '{name}' must be a number, {text}"
             ) from None
-    return found
+    return numbers
 
 
 _HELD_S, _SMOOTH_S, _MOVES = 0.3, 0.1, 0.01
@@ -450,7 +450,7 @@ def held_poses(
     if not np.all(np.isfinite(robot.parameters)):
         raise IdentificationError("held poses need the inertial parameters of the bodies")
     drive = robot.drives[joint]
-    order = [log.joint_names.index(one) for one in robot.joint_names]
+    order = [log.joint_names.index(name) for name in robot.joint_names]
     position = log.joint_position[:, order]
     values = log.joint_torque
     if sensor == "spring":
@@ -472,8 +472,8 @@ def held_poses(
             f"the log has {counted(len(spans), 'held pose')}, at least {_FEWEST} are needed: hold "
             f"each for more than {_HELD_S} s"
         )
-    poses = np.array([position[one].mean(axis=0) for one in spans])
-    reading = np.array([values[one, place].mean() for one in spans])
+    poses = np.array([position[span].mean(axis=0) for span in spans])
+    reading = np.array([values[span, place].mean() for span in spans])
     nothing = np.zeros_like(poses)
     load = joint_torques(robot, poses, nothing, nothing)[:, index]
     force, length = drive.spring_units if drive.is_elastic else drive.joint_units
@@ -490,4 +490,4 @@ def _rests(time: Array, position: Array) -> list[slice]:
     still = np.concatenate([np.all(moved <= allowed, axis=1), np.zeros(window, dtype=bool)])
     edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]])))
     spans = [slice(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
-    return [one for one in spans if time[one.stop - 1] - time[one.start] >= _HELD_S]
+    return [span for span in spans if time[span.stop - 1] - time[span.start] >= _HELD_S]
