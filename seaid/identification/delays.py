@@ -160,10 +160,10 @@ def estimate_delays(
             f"largest_s must be above 0 and below a tenth of the log, found {largest_s:g} s",
             "largest_s",
         )
-    positions = [_fitted(motion, one, largest_s) for one in _of_positions(robot, motion)]
+    positions = [_fitted(motion, relation, largest_s) for relation in _of_positions(robot, motion)]
     if any(delay.is_significant for delay in positions):
         motion = _longest_motion(robot, correct_delays(log, positions), motion.cutoff_hz)
-    torques = [_fitted(motion, one, largest_s) for one in _of_torques(robot, motion)]
+    torques = [_fitted(motion, relation, largest_s) for relation in _of_torques(robot, motion)]
     return tuple(positions + torques)
 
 
@@ -206,12 +206,12 @@ def correct_delays(log: Log, delays: Sequence[Delay]) -> Log:
     shifts = {_column(log, delay): delay for delay in delays if delay.is_significant}
     delays_s = {name: delay.delay_s for name, delay in shifts.items()}
     kept, moved = on_time(log.time, columns, delays_s)
-    found: dict[str, Any] = {field: values[kept].copy() for field, values in fields.items()}
+    corrected: dict[str, Any] = {field: values[kept].copy() for field, values in fields.items()}
     for name, delay in shifts.items():
-        found[delay.channel][:, log.joint_names.index(delay.joint)] = moved[name]
+        corrected[delay.channel][:, log.joint_names.index(delay.joint)] = moved[name]
     start = float(log.time[0])
-    report = (Repair(name, "delay", 1, start, f"{one}; corrected") for name, one in shifts.items())
-    return replace(log, time=log.time[kept], report=(*log.report, *report), **found)
+    report = (Repair(name, "delay", 1, start, f"{lag}; corrected") for name, lag in shifts.items())
+    return replace(log, time=log.time[kept], report=(*log.report, *report), **corrected)
 
 
 def _column(log: Log, delay: Delay) -> str:
@@ -225,19 +225,19 @@ def _of_positions(robot: Robot, motion: Motion) -> Iterator[_Relation]:
     for index, joint in enumerate(robot.joint_names):
         drive = robot.drives[joint]
         motor, position = motion.motor_position[:, index], signals(robot, motion, index)["theta_L"]
-        one = np.ones((len(motor), 1))
+        ones = np.ones((len(motor), 1))
         if not drive.is_elastic:
             if np.ptp(motor - drive.ratio * position) > 1e-9 * np.ptp(motor):  # both measured
-                columns = np.column_stack([one, position])
+                columns = np.column_stack([ones, position])
                 against, nothing = "joint position", np.zeros(len(motor))
                 yield _Relation(joint, "motor_position", against, motor, nothing, columns, rows)
             continue
         force = sensed_torque(robot, motion, index)
         if np.all(np.isfinite(force)):
-            columns, against = np.column_stack([one, force]), "joint torque"
+            columns, against = np.column_stack([ones, force]), "joint torque"
         else:
             bodies = regressor_at_drives(robot, *motion.joint_states)[:, index]
-            columns, against = np.column_stack([one, bodies]), "the load on its spring"
+            columns, against = np.column_stack([ones, bodies]), "the load on its spring"
         values = drive.motor_radius / drive.ratio * motor
         rest = -drive.load_radius * position
         yield _Relation(joint, "motor_position", against, values, rest, columns, rows)
@@ -271,9 +271,9 @@ def _of_torques(robot: Robot, motion: Motion) -> Iterator[_Relation]:
                 stretch = stretch - drive.load_radius * by_name["theta_L"]
                 columns, against = np.column_stack([nothing + 1, stretch]), "its deflection"
             else:
-                own = motor_regressor(robot, joint).evaluate(by_name)[1]
+                drive_columns = motor_regressor(robot, joint).evaluate(by_name)[1]
                 bodies = regressor_at_drives(robot, *motion.joint_states)[:, index]
-                columns, against = np.column_stack([own, bodies, friction]), "the motion"
+                columns, against = np.column_stack([drive_columns, bodies, friction]), "the motion"
             yield _Relation(joint, "joint_torque", against, force, nothing, columns, moving)
 
 
@@ -307,31 +307,31 @@ class _Shifted:
         """Return the sum of squared residuals for a delay."""
         return float(np.sum(self.fit(delay)[1] ** 2))
 
-    def standard_error(self, found: float) -> float:
+    def standard_error(self, delay: float) -> float:
         """Return the standard error of the best delay, infinite if it is not determined.
 
         It has autocorrelation, the parameters that were fitted (two rows per period of the cutoff
         are independent), and the disagreement of blocks.
         """
-        basis, residual = self.fit(found)
-        shifted, rates = self.spline(self.time - found), self.spline(self.time - found, 1)
+        basis, residual = self.fit(delay)
+        shifted, rates = self.spline(self.time - delay), self.spline(self.time - delay, 1)
         svd = scaled_svd(shifted[:, 1:], _WHAT, LogError)
         target = self.channel + shifted[:, 0]
         slope = _residual(basis, rates[:, 1:] @ svd.solve(target) - rates[:, 0])
         curvature, power = float(slope @ slope), float(np.sum((target - np.mean(target)) ** 2))
         free = 1.0 - basis.shape[1] / (_INDEPENDENT * len(target))
-        fall = self.cost(0.0) - self.cost(found)
+        fall = self.cost(0.0) - self.cost(delay)
         unexplained = float(residual @ residual) / max(power, 1e-300)
         if curvature <= 0 or free <= 0 or fall <= 0 or unexplained > 1 - _LEAST_EXPLAINED:
             return math.inf
         terms = slope * (residual - slope * float(slope @ residual) / curvature)
         scores = newey_west(terms[:, None], self.time, np.zeros(len(self.time)))
         # sums over B blocks have together that variance, if they are independent (Birge 1932)
-        blocks = sum(float(np.sum(one)) ** 2 for one in np.array_split(terms, _BLOCKS))
+        blocks = sum(float(np.sum(block)) ** 2 for block in np.array_split(terms, _BLOCKS))
         variance = max(float(scores[0, 0]), blocks) / free
         # a minimum of the noise has curvature too: the fall of the cost from no delay, which is
         # delay^2 curvature if the cost is quadratic, must confirm it
-        confirmed = max(1.0, abs(found) * math.sqrt(curvature / fall))
+        confirmed = max(1.0, abs(delay) * math.sqrt(curvature / fall))
         return confirmed * math.sqrt(variance) / curvature
 
 
@@ -364,9 +364,9 @@ def _fitted(motion: Motion, relation: _Relation, largest_s: float) -> Delay:
         return unknown
     ends = (trials[best - 1], trials[best + 1])
     options = {"xatol": 1e-7}
-    found = float(minimize_scalar(shifted.cost, bounds=ends, method="bounded", options=options).x)
-    error = shifted.standard_error(found)
-    return replace(unknown, delay_s=found, standard_error_s=error) if error < math.inf else unknown
+    delay = float(minimize_scalar(shifted.cost, bounds=ends, method="bounded", options=options).x)
+    error = shifted.standard_error(delay)
+    return replace(unknown, delay_s=delay, standard_error_s=error) if error < math.inf else unknown
 
 
 def _residual(basis: Array, signal: Array) -> Array:
