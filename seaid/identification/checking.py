@@ -158,7 +158,7 @@ def check(
     findings = findings_of_setup(experiment, {*robot.joint_names}, findings, in_memory)
     findings += separation_findings(robot, motions)
     if not is_wrong(findings):
-        findings += _of_quick_fit(robot, in_memory, motions, findings)
+        findings += _quick_fit_findings(robot, in_memory, motions, findings)
     return SetupCheck(by_severity(findings), joint_checks(experiment, motions))
 
 
@@ -176,22 +176,22 @@ def findings_of_setup(
 
     known = [*known, *rating_findings(trusted(known))]
     findings = setup_findings(trusted(known), known)
-    if any((one.code, one.severity) == ("unit", "wrong") for one in findings):
+    if any((finding.code, finding.severity) == ("unit", "wrong") for finding in findings):
         return findings
     far = [*known, *strength_findings(trusted(known))]
     if len(far) > len(known):
         return setup_findings(trusted(far), far)
     stops = list(stop_findings(trusted(known), logs))
     beyond = setup_findings(trusted([*known, *stops]), [*known, *stops]) if stops else findings
-    others = (one for one in beyond if one not in known and one not in stops)
-    return findings if any(one.severity != "note" for one in others) else beyond
+    others = (finding for finding in beyond if finding not in known and finding not in stops)
+    return findings if any(finding.severity != "note" for finding in others) else beyond
 
 
 _OF_LOGS = ("delay", "encoder-offset")
 """What equations show of a log; what a drive lacks is no mistake of the set-up."""
 
 
-def _of_quick_fit(
+def _quick_fit_findings(
     robot: Robot, logs: Sequence[Log], motions: Sequence[Motion], known: Sequence[Finding]
 ) -> list[Finding]:
     """Return what the equations show of the logs, by weighted least squares; [] without a fit."""
@@ -202,12 +202,14 @@ def _of_quick_fit(
             robot, datasets = linearised_robot(robot, datasets, used)
         model = load_model_of(robot, list(map(first_motion, datasets)), used)
         solver = estimator_named("wls")
-        found = estimate_two_step(robot, datasets, model, solver, 0.0, None, False)
-        in_memory = [one for one in datasets if isinstance(one, Motion)]
+        fit = estimate_two_step(robot, datasets, model, solver, 0.0, None, False)
+        in_memory = [dataset for dataset in datasets if isinstance(dataset, Motion)]
         widths = resolved_widths(robot, logs, motions)
-        sides = model_sides(robot, in_memory, (found.actuators, found.fit), widths, (), model.base)
-        findings = model_findings(selections(sides), known)
-        return [one for one in findings if one.severity != "note" and one.code in _OF_LOGS]
+        sides = model_sides(robot, in_memory, (fit.actuators, fit.fit), widths, (), model.base)
+        shown = model_findings(selections(sides), known)
+        return [
+            finding for finding in shown if finding.severity != "note" and finding.code in _OF_LOGS
+        ]
     return []
 
 
@@ -331,8 +333,8 @@ def check_channels(logs: Sequence[Log], locked: Collection[str] = ()) -> None:
                 "joint position": log.joint_position[:, index],
             }
             pairs = [tuple(sides)] if joint in locked else [tuple(sides), tuple(sides)[::-1]]
-            for dead, other in pairs:
-                _check_alive(joint, dead, sides[dead], other, sides[other])
+            for dead, moving in pairs:
+                _check_alive(joint, dead, sides[dead], moving, sides[moving])
             torques = {"motor torque": log.motor_torque[:, index]}
             if log.joint_torque is not None:
                 torques["joint torque"] = log.joint_torque[:, index]
@@ -341,10 +343,10 @@ def check_channels(logs: Sequence[Log], locked: Collection[str] = ()) -> None:
                     _check_alive(joint, name, torque, side, position)
 
 
-def _check_alive(joint: str, name: str, values: Array, other: str, moved: Array) -> None:
+def _check_alive(joint: str, name: str, values: Array, moving: str, moved: Array) -> None:
     if is_constant(values) and np.all(np.isfinite(moved)) and _moves(moved):
         raise LogError(
-            f"the {name} of '{joint}' is {values[0]:.6g} all the time, while its {other} moves: a "
+            f"the {name} of '{joint}' is {values[0]:.6g} all the time, while its {moving} moves: a "
             "dead channel? Exclude its column from the log, or the joint with joints=[...] of "
             "load_robot",
             "joints=[...] of load_robot",
