@@ -195,21 +195,21 @@ def estimate_instrumental(
     run = partial(
         _settled, robot, datasets, model, encoder_offset_std=encoder_offset_std, executor=executor
     )
-    found = run(start, make=instrument_motion)
+    estimate = run(start, make=instrument_motion)
     try:
-        found = run(found, make=motor_driven_motion)
+        estimate = run(estimate, make=motor_driven_motion)
     except IdentificationError as problem:
-        return replace(found, findings=(smoothed_instruments(problem),))
-    if max(_moved(start, found).values()) < _NOTHING:
-        return replace(found, findings=(instruments_without_effect(),))
-    return found
+        return replace(estimate, findings=(smoothed_instruments(problem),))
+    if max(_moved(start, estimate).values()) < _NOTHING:
+        return replace(estimate, findings=(instruments_without_effect(),))
+    return estimate
 
 
 def _settled(
     robot: Robot,
     datasets: Sequence[Dataset],
     model: LoadModel,
-    found: RobotEstimate,
+    estimate: RobotEstimate,
     make: Maker,
     encoder_offset_std: float,
     executor: Executor | None,
@@ -217,7 +217,7 @@ def _settled(
     """Return the converged estimates of both sides; `make` is for the load side's instruments."""
     estimator = Estimator(_solve, effective_rows=lambda rows, _: split_instruments(rows)[0])
     for _ in range(_MOST_ITERATIONS):
-        fitted = _fitted(robot, model, found)
+        fitted = _fitted(robot, model, estimate)
         equations: dict[str, Regress] = {
             joint: partial(actuator_with_instruments, robot, joint=joint, fitted=fitted)
             for joint in robot.elastic_joints
@@ -226,19 +226,19 @@ def _settled(
             load_with_instruments,
             robot,
             model=model,
-            springs=without_torque(robot, found.springs),
+            springs=without_torque(robot, estimate.springs),
             fitted=fitted,
             make=make,
         )
-        before, found = (
-            found,
+        before, estimate = (
+            estimate,
             estimate_two_step(
                 robot, datasets, model, estimator, encoder_offset_std, executor, False, equations
             ),
         )
-        moved = {name: step for name, step in _moved(before, found).items() if step > SETTLED}
+        moved = {name: step for name, step in _moved(before, estimate).items() if step > SETTLED}
         if not moved:
-            return found
+            return estimate
     worst = max(moved, key=lambda name: moved[name])
     raise IdentificationError(
         f"instrumental variables did not converge in {_MOST_ITERATIONS} iterations: {worst} still "
@@ -273,16 +273,16 @@ def _solve(rows: Regression, propagated: Array | None) -> Estimate:
     return instrumental(*split_instruments(rows), propagated)
 
 
-def _same_names(one: Estimate, other: Estimate) -> Estimate:
-    """Return the parameters of one estimate that another has: the start has torque offsets."""
-    return one.part([one.names.index(name) for name in other.names], other.names)
+def _same_names(old: Estimate, new: Estimate) -> Estimate:
+    """Return the parameters of an old estimate that a new one has: the start has torque offsets."""
+    return old.part([old.names.index(name) for name in new.names], new.names)
 
 
 def _moved(before: RobotEstimate, after: RobotEstimate) -> dict[str, float]:
     """Return the change of each parameter in standard errors."""
     moved: dict[str, float] = {}
     pairs = [("load", before.load_side, after.load_side)] + [
-        (joint, _same_names(before.drives[joint], one), one) for joint, one in after.drives.items()
+        (joint, _same_names(before.drives[joint], new), new) for joint, new in after.drives.items()
     ]
     for where, old, new in pairs:
         steps = np.abs(new.values - old.values) / np.maximum(new.standard_errors, 1e-300)
