@@ -99,7 +99,7 @@ def with_fixed_delays(
             stated += bus.places
             rows += [unit[place] for place in bus.places]
         else:
-            rows += [unit[one] - unit[bus.places[0]] for one in bus.places[1:]]
+            rows += [unit[place] - unit[bus.places[0]] for place in bus.places[1:]]
     if not rows:
         return estimate, white
     kept = _projection(white, rows)[0]
@@ -132,7 +132,7 @@ def with_merged_delays(
             H[:, first] = H[:, list(bus.places)].sum(axis=1)
         gone += others
     kept = np.setdiff1d(np.arange(len(rows.names)), gone)
-    names, units = (tuple(one[place] for place in kept) for one in (rows.names, rows.units))
+    names, units = (tuple(texts[place] for place in kept) for texts in (rows.names, rows.units))
     return replace(rows, names=names, units=units, H=H[:, kept], y=y)
 
 
@@ -157,7 +157,7 @@ def _constrained(
     """Return an estimate with rows @ x = wanted, some of which have a standard deviation."""
     P, G = _projection(white, rows)
     covariance = P @ estimate.covariance @ P.T
-    own = np.diag(covariance).copy()
+    variances = np.diag(covariance).copy()
     for row, std in stds.items():
         covariance = covariance + std**2 * np.outer(G[:, row], G[:, row])
     freedom, errors = estimate.degrees_of_freedom, estimate.white_standard_errors
@@ -165,7 +165,7 @@ def _constrained(
     if freedom is not None:
         # Welch and Satterthwaite: the stated part of the variance has no degrees of freedom
         with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
-            freedom = freedom * (total / own) ** 2
+            freedom = freedom * (total / variances) ** 2
         freedom = np.where(np.isfinite(freedom), freedom, np.inf)
     if errors is not None:
         ratio = np.diag(P @ white @ P.T) / np.maximum(np.diag(white), 1e-300)
@@ -179,7 +179,7 @@ def _constrained(
     )
 
 
-def with_estimated_delays(robot: Robot, found: Robot) -> Robot:
+def with_estimated_delays(robot: Robot, identified: Robot) -> Robot:
     """Return the robot with the delays of an estimate as nominal ones; itself if they converged.
 
     Raises IdentificationError for a delay that is far beyond the range of the linearisation.
@@ -189,10 +189,10 @@ def with_estimated_delays(robot: Robot, found: Robot) -> Robot:
     for joint, drive in robot.drives.items():
         if drive.controller is None or DELAY_PARAMETER in drive.known:
             continue
-        delay, near = found.drives[joint].values[DELAY_PARAMETER], drive.command_delay_s or 0.0
+        delay, near = identified.drives[joint].values[DELAY_PARAMETER], drive.command_delay_s or 0.0
         if drive.is_up_to_scale and "gain_scale" not in drive.known:
             # the slope by the delay was that of the nominal scale
-            scale, before = (max(one.scale_of_gains, 1e-9) for one in (found.drives[joint], drive))
+            scale, before = (max(x.scale_of_gains, 1e-9) for x in (identified.drives[joint], drive))
             delay = near + (delay - near) * before / scale
             if abs(scale / before - 1) > _SCALE:
                 drive = drives[joint] = drive.with_values({"gain_scale": scale})
@@ -206,7 +206,7 @@ def with_estimated_delays(robot: Robot, found: Robot) -> Robot:
                 f'position_command = {{ column = "...", delay_s = {-delay:.3g} }}'
             )
         seen = of_buses.setdefault(near, [])
-        delay = next((one for one in seen if abs(one - delay) < _ROUNDING_S), delay)
+        delay = next((known for known in seen if abs(known - delay) < _ROUNDING_S), delay)
         seen.append(delay)
         if abs(delay - near) > _DELAY_S:
             drives[joint] = replace(drive, command_delay_s=delay)

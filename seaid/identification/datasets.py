@@ -42,16 +42,16 @@ Result = TypeVar("Result")
 
 def sources_of(logs: Source | Sequence[Source]) -> list[Source]:
     """Return the logs as a list. Raises IdentificationError for none, and for other types."""
-    found = [logs] if isinstance(logs, Log | LongLog | str | Path) else list(logs)
-    if not found:
+    sources = [logs] if isinstance(logs, Log | LongLog | str | Path) else list(logs)
+    if not sources:
         raise IdentificationError("identify needs a log, found none")
-    for one in found:
-        if not isinstance(one, Log | LongLog | str | Path):
+    for source in sources:
+        if not isinstance(source, Log | LongLog | str | Path):
             raise IdentificationError(
                 "logs must be Logs (of read_log, simulate), paths of log files or LongLogs, found "
-                f"{type(one).__name__}"
+                f"{type(source).__name__}"
             )
-    return found
+    return sources
 
 
 def datasets_by_log(
@@ -115,7 +115,7 @@ def check_temperatures(robot: Robot, datasets: Sequence[Dataset], only: str | No
 
     `only`: the joint that is checked; None: all.
     """
-    motions = [first_motion(one) for one in datasets]
+    motions = [first_motion(dataset) for dataset in datasets]
     for index, joint in enumerate(robot.joint_names):
         drive = robot.drives[joint]
         if not drive.has_temperature_terms or only not in (None, joint):
@@ -125,14 +125,14 @@ def check_temperatures(robot: Robot, datasets: Sequence[Dataset], only: str | No
             raise IdentificationError(
                 f"the friction of joint '{joint}' depends on the temperature of its motor, and a "
                 f"log has none: log '{column}', or remove its terms "
-                f"{', '.join(one for one in drive.friction if one in BY_TEMPERATURE)}"
+                f"{', '.join(term for term in drive.friction if term in BY_TEMPERATURE)}"
             )
         warmth = np.concatenate(
             [
                 np.asarray(
-                    one.motor_temperature if isinstance(one, Motion) else one.temperature_range
+                    log.motor_temperature if isinstance(log, Motion) else log.temperature_range
                 )
-                for one in datasets
+                for log in datasets
             ]
         )[:, index]
         low, high = float(np.min(warmth)), float(np.max(warmth))
@@ -222,7 +222,7 @@ def _rows(equations: Mapping[str, Regress], dataset: Dataset) -> dict[str, Regre
         parts[name].append(rows)
     return {
         name: replace(rows, run=np.zeros(len(rows.y)))
-        for name, rows in ((name, stacked(mine)) for name, mine in parts.items())
+        for name, rows in ((name, stacked(pieces)) for name, pieces in parts.items())
     }
 
 

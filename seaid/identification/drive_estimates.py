@@ -50,26 +50,26 @@ def merged_estimates(
     drives: Mapping[str, Estimate], load_side: Mapping[str, Estimate]
 ) -> dict[str, Estimate]:
     """Return the drives' estimates of both sides by joint, without correlation between them."""
-    found = dict(load_side)
+    merged = dict(load_side)
     for joint, drive in drives.items():
-        found[joint] = _with(drive, load_side[joint]) if joint in load_side else drive
-    return found
+        merged[joint] = _merged(drive, load_side[joint]) if joint in load_side else drive
+    return merged
 
 
-def _with(drive: Estimate, other: Estimate) -> Estimate:
+def _merged(drive: Estimate, load: Estimate) -> Estimate:
     return replace(
         drive,
-        names=drive.names + other.names,
-        values=np.concatenate([drive.values, other.values]),
-        covariance=linalg.block_diag(drive.covariance, other.covariance),
-        units=drive.units + other.units,
-        white_standard_errors=_both(drive.white_standard_errors, other.white_standard_errors),
-        degrees_of_freedom=_both(drive.degrees_of_freedom, other.degrees_of_freedom),
+        names=drive.names + load.names,
+        values=np.concatenate([drive.values, load.values]),
+        covariance=linalg.block_diag(drive.covariance, load.covariance),
+        units=drive.units + load.units,
+        white_standard_errors=_joined(drive.white_standard_errors, load.white_standard_errors),
+        degrees_of_freedom=_joined(drive.degrees_of_freedom, load.degrees_of_freedom),
     )
 
 
-def _both(one: Array | None, other: Array | None) -> Array | None:
-    return None if one is None or other is None else np.concatenate([one, other])
+def _joined(first: Array | None, second: Array | None) -> Array | None:
+    return None if first is None or second is None else np.concatenate([first, second])
 
 
 def with_estimate(drive: Drive, estimate: Estimate) -> Drive:
@@ -95,7 +95,7 @@ def negative_inertias(robot: Robot, drives: Mapping[str, Estimate]) -> dict[str,
     """
     held = robot.to_model(np.zeros(robot.n))
     mass = robot.from_model(mass_matrix(robot.model, robot.model.createData(), held), axes=2)
-    found = {}
+    reasons = {}
     for index, joint in enumerate(robot.joint_names):
         estimate = drives.get(joint)
         if estimate is None or "motor_inertia" not in estimate.names:
@@ -103,14 +103,14 @@ def negative_inertias(robot: Robot, drives: Mapping[str, Estimate]) -> dict[str,
         value, error = estimate.value("motor_inertia"), estimate.standard_error("motor_inertia")
         at_joint = value * robot.drives[joint].ratio ** 2
         if value < -SURE * error or at_joint < min(-mass[index, index], 0.0):
-            found[joint] = f"its rotor inertia was estimated as {value:.3g} kg m^2, and no drive "
-            found[joint] += "has a negative one"
-    return found
+            reasons[joint] = f"its rotor inertia was estimated as {value:.3g} kg m^2, and no drive "
+            reasons[joint] += "has a negative one"
+    return reasons
 
 
 def has_only_spring_torque(robot: Robot, motions: Sequence[Motion], joint: str) -> bool:
     """Return whether an elastic joint has the equation (4b) only, without a logged motor torque."""
-    used = [actuator_equation(robot, one, joint)[0] for one in motions]
+    used = [actuator_equation(robot, motion, joint)[0] for motion in motions]
     return all(regressor is spring_regressor(robot, joint) for regressor in used)
 
 
@@ -120,7 +120,7 @@ def noise_ratio(robot: Robot, motions: Sequence[Motion], joint: str) -> float:
     It is the median ratio of the spectra between 2.5 and 4 times the cutoff; inf, so that the
     deflection counts as exact, if the deflection has no noise there.
     """
-    ratios = [_spectra(robot, one, joint) for one in motions]
+    ratios = [_spectra(robot, motion, joint) for motion in motions]
     return float(np.median(ratios))
 
 
@@ -188,12 +188,12 @@ def identifiable_offsets(qr_factor: QRFactor, joints: Sequence[str]) -> tuple[st
     """Return the joints whose torque offset, among the last columns, the load side determines."""
     R, p = qr_factor.weighted_factor(), len(qr_factor.names)
     kept = list(range(p - len(joints)))
-    found: list[str] = []
+    identifiable: list[str] = []
     for joint, place in zip(joints, range(len(kept), p), strict=True):
-        own = abs(triangle(R[:, [*kept, place]])[-1, -1])
-        if own > LEAST_SHARE * np.linalg.norm(R[:, place]):
-            kept, found = [*kept, place], [*found, joint]
-    return tuple(found)
+        remainder = abs(triangle(R[:, [*kept, place]])[-1, -1])
+        if remainder > LEAST_SHARE * np.linalg.norm(R[:, place]):
+            kept, identifiable = [*kept, place], [*identifiable, joint]
+    return tuple(identifiable)
 
 
 def with_torque_offsets(
@@ -203,15 +203,15 @@ def with_torque_offsets(
 
     The error of s is in both the fit of (7) and b_0, so that f_0 does not contain it.
     """
-    found, start = dict(drives), 0
+    split, start = dict(drives), 0
     for joint, spring in springs.items():
         name = f"{TORQUE_OFFSET} of {joint}"
         if name in load.estimate.names:
             place = load.estimate.names.index(name)
             slopes = load.sensitivity[place, start : start + len(spring.names)]
-            found[joint] = _separated(robot, load, joint, drives[joint], (spring, place, slopes))
+            split[joint] = _separated(robot, load, joint, drives[joint], (spring, place, slopes))
         start += len(spring.names)
-    return found
+    return split
 
 
 def _separated(
@@ -224,8 +224,8 @@ def _separated(
     """Return a drive with f_0 = s - b_0 N/r_M and b_0, the load side's column `place`."""
     spring, place, slopes = offset
     side, q = load.estimate, len(drive.names)
-    own = [drive.names.index(name) for name in spring.names]
-    shared = drive.covariance[:, own] @ slopes
+    columns = [drive.names.index(name) for name in spring.names]
+    shared = drive.covariance[:, columns] @ slopes
     joined = np.vstack(
         [
             np.column_stack([drive.covariance, shared]),
@@ -236,8 +236,8 @@ def _separated(
     change[drive.names.index("spring_offset"), q] = -offset_lever(robot, joint)
     covariance = change @ joined @ change.T
     white, freedom = (
-        None if one is None or other is None else np.append(other, one[place])
-        for one, other in (
+        None if of_side is None or of_drive is None else np.append(of_drive, of_side[place])
+        for of_side, of_drive in (
             (side.white_standard_errors, drive.white_standard_errors),
             (side.degrees_of_freedom, drive.degrees_of_freedom),
         )

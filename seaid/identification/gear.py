@@ -47,17 +47,17 @@ def deflection_joints(robot: Robot, datasets: Sequence[Dataset]) -> tuple[str, .
     Raises IdentificationError for one that only some logs have.
     """
     motions = [first_motion(dataset) for dataset in datasets]
-    found = []
+    joints = []
     for joint in robot.elastic_joints:
-        there = [has_deflection(motion, robot.index(joint)) for motion in motions]
-        if any(there) and not all(there):
+        known = [has_deflection(motion, robot.index(joint)) for motion in motions]
+        if any(known) and not all(known):
             raise IdentificationError(
-                f"the deflection of {joint} is in {sum(there)} of {len(there)} logs: identify them "
+                f"the deflection of {joint} is in {sum(known)} of {len(known)} logs: identify them "
                 "apart, or exclude its column, because two encoders see the gear as well"
             )
-        if all(there):
-            found.append(joint)
-    return tuple(found)
+        if all(known):
+            joints.append(joint)
+    return tuple(joints)
 
 
 def with_rigid_gears(robot: Robot, joints: Sequence[str]) -> Robot:
@@ -96,57 +96,57 @@ def gear_estimates(
 
 
 def _gear(
-    robot: Robot, joint: str, found: Estimate, spring: Estimate
+    robot: Robot, joint: str, estimate: Estimate, spring: Estimate
 ) -> tuple[Estimate, float | None]:
     """Return k_G = r_M^2 / c with the relative error of c, and of a force by the stiffness k.
 
     The number is None, or the least stiffness of a gear that is rigid within the errors.
     """
     drive = robot.drives[joint]
-    compliance, error = float(found.values[0]), float(found.standard_errors[0])
-    others = found.part([1, 2], found.names[1:])
+    compliance, error = float(estimate.values[0]), float(estimate.standard_errors[0])
+    others = estimate.part([1, 2], estimate.names[1:])
     if compliance <= _SIGNIFICANT * error:
         least = drive.motor_radius**2 / max(compliance + _SIGNIFICANT * error, 1e-300)
         return others, least
     stiffness = drive.motor_radius**2 / compliance
     scale = np.array([-stiffness / compliance, 1.0, 1.0])  # d k_G / d c
-    covariance = found.covariance * np.outer(scale, scale)
+    covariance = estimate.covariance * np.outer(scale, scale)
     if "stiffness" in spring.names and spring.value("stiffness"):
         share = spring.standard_error("stiffness") / spring.value("stiffness")
         covariance[0, 0] += (share * stiffness) ** 2
-    white = found.white_standard_errors
+    white = estimate.white_standard_errors
     gear = replace(
-        found,
-        names=("gear_stiffness", *found.names[1:]),
-        values=np.array([stiffness, *found.values[1:]]),
+        estimate,
+        names=("gear_stiffness", *estimate.names[1:]),
+        values=np.array([stiffness, *estimate.values[1:]]),
         covariance=covariance,
-        units=("N m/rad", *found.units[1:]),
+        units=("N m/rad", *estimate.units[1:]),
         white_standard_errors=None if white is None else np.abs(scale) * white,
     )
     return gear, None
 
 
-def with_gears(robot: Robot, given: Robot, gears: Mapping[str, Estimate]) -> Robot:
+def with_gears(robot: Robot, declared: Robot, gears: Mapping[str, Estimate]) -> Robot:
     """Return the robot with gears as given, or else as identified, and the same springs.
 
-    Springs that only `given` has, whose drives stood still, are as given.
+    Springs that only `declared` has, whose drives stood still, are as given.
     """
-    unused = (x for x in given.elastic_joints if not robot.drives[x].is_elastic)
-    found: dict[str, Drive] = {joint: given.drives[joint] for joint in unused}
+    unused = (x for x in declared.elastic_joints if not robot.drives[x].is_elastic)
+    drives: dict[str, Drive] = {joint: declared.drives[joint] for joint in unused}
     for joint, gear in gears.items():
-        stiffness = getattr(given.drives[joint], "gear_stiffness_Nm_per_rad", None)
+        stiffness = getattr(declared.drives[joint], "gear_stiffness_Nm_per_rad", None)
         if stiffness is None and "gear_stiffness" in gear.names:
             stiffness = gear.value("gear_stiffness")
-        found[joint] = _with_gear(robot.drives[joint], stiffness)
-    return robot.with_drives(found) if found else robot
+        drives[joint] = _with_gear(robot.drives[joint], stiffness)
+    return robot.with_drives(drives) if drives else robot
 
 
 def own_estimates(
     drives: Mapping[str, Drive], estimates: Mapping[str, Estimate], gears: Mapping[str, Estimate]
 ) -> FrozenMapping[Estimate]:
     """Return estimates {joint: Estimate} between the encoders as those of the springs alone."""
-    own = {joint: _own_estimate(drives[joint], one) for joint, one in estimates.items()}
-    return FrozenMapping(own | merged_estimates({j: own[j] for j in gears}, gears), "joint")
+    alone = {joint: _own_estimate(drives[joint], estimate) for joint, estimate in estimates.items()}
+    return FrozenMapping(alone | merged_estimates({j: alone[j] for j in gears}, gears), "joint")
 
 
 def _own_estimate(drive: Drive, estimate: Estimate) -> Estimate:
@@ -156,13 +156,13 @@ def _own_estimate(drive: Drive, estimate: Estimate) -> Estimate:
     names = estimate.names
     known = {name: drive.values[name] for name in drive.known if name == "stiffness"}
     values = known | dict(zip(names, estimate.values, strict=True))
-    own = of_spring(values, drive.gear_compliance)
+    spring_values = of_spring(values, drive.gear_compliance)
     slopes = spring_slopes(values, drive.gear_compliance)
     J = np.array([[slopes[row].get(column, 0.0) for column in names] for row in names])
     white = estimate.white_standard_errors
     return replace(
         estimate,
-        values=np.array([own[name] for name in names]),
+        values=np.array([spring_values[name] for name in names]),
         covariance=J @ estimate.covariance @ J.T,
         units=tuple(
             unit_of(drive, name) if is_harmonic(name) else unit
@@ -172,41 +172,41 @@ def _own_estimate(drive: Drive, estimate: Estimate) -> Estimate:
     )
 
 
-def for_sensors(found: Identification, motion: Motion) -> tuple[Identification, Motion]:
+def for_sensors(result: Identification, motion: Motion) -> tuple[Identification, Motion]:
     """Return identification and motion such that both have the deflection of a spring, or neither.
 
     Without it, drives and springs are those between the encoders.
     """
-    known = found.known
-    there = {joint for joint in known.elastic_joints if has_deflection(motion, known.index(joint))}
-    if there - set(found.gears):
+    known = result.known
+    seen = {joint for joint in known.elastic_joints if has_deflection(motion, known.index(joint))}
+    if seen - set(result.gears):
         assert motion.deflection is not None
-        used = [joint in found.gears for joint in known.joint_names]
+        used = [joint in result.gears for joint in known.joint_names]
         motion = replace(motion, deflection=np.where(used, motion.deflection, np.nan))
-    blind = [joint for joint in found.gears if joint not in there]
-    drives, springs = dict(found.drive_side), dict(found.springs)
+    blind = [joint for joint in result.gears if joint not in seen]
+    drives, springs = dict(result.drive_side), dict(result.springs)
     for joint in blind:
         drives[joint] = replace(
-            drives[joint], values=_between(found, joint, drives[joint].names, drives[joint].values)
+            drives[joint], values=_between(result, joint, drives[joint].names, drives[joint].values)
         )
         if joint in springs:
             names = spring_regressor(known, joint).names
-            springs[joint] = _between(found, joint, names, springs[joint])
+            springs[joint] = _between(result, joint, names, springs[joint])
     if blind:
-        found = replace(found, drive_side=FrozenMapping(drives), springs=FrozenMapping(springs))
-    return found, motion
+        result = replace(result, drive_side=FrozenMapping(drives), springs=FrozenMapping(springs))
+    return result, motion
 
 
-def _between(found: Identification, joint: str, names: Sequence[str], values: Array) -> Array:
+def _between(result: Identification, joint: str, names: Sequence[str], values: Array) -> Array:
     """Return parameters of a drive between the encoders: F = k (d - c F - o) + f_0."""
-    own, offset = dict(zip(names, values, strict=True)), found.gears[joint].value("gear_offset")
-    softer = between_encoders(own, found.robot.drives[joint].gear_compliance)
-    if "deflection_zero" in own:
+    named, offset = dict(zip(names, values, strict=True)), result.gears[joint].value("gear_offset")
+    softer = between_encoders(named, result.robot.drives[joint].gear_compliance)
+    if "deflection_zero" in named:
         softer["deflection_zero"] += offset
-    elif "spring_offset" in own:
-        k = own.get("stiffness", found.known.drives[joint].values.get("stiffness", 0.0))
-        share = 1.0 / (1.0 + found.robot.drives[joint].gear_compliance * k)
-        softer["spring_offset"] = share * (own["spring_offset"] - k * offset)
+    elif "spring_offset" in named:
+        k = named.get("stiffness", result.known.drives[joint].values.get("stiffness", 0.0))
+        share = 1.0 / (1.0 + result.robot.drives[joint].gear_compliance * k)
+        softer["spring_offset"] = share * (named["spring_offset"] - k * offset)
     return np.array([softer[name] for name in names])
 
 
@@ -266,8 +266,8 @@ def gear_ratio(
     >>> seaid.gear_ratio(log.motor_position[:, 0], log.joint_position[:, 0]).value
     """
     pairs = _pairs(motor_angle_rad, output_angle_rad)
-    motor = np.concatenate([one - one.mean() for one, _ in pairs])
-    output = np.concatenate([one - one.mean() for _, one in pairs])
+    motor = np.concatenate([angle - angle.mean() for angle, _ in pairs])
+    output = np.concatenate([angle - angle.mean() for _, angle in pairs])
     amplitude = float(np.sqrt(np.mean(output**2)))
     product = float(motor @ output)
     if amplitude == 0 or product == 0:
@@ -289,15 +289,15 @@ def _pairs(
     motor: Array | Sequence[Array], output: Array | Sequence[Array]
 ) -> list[tuple[Array, Array]]:
     several = isinstance(motor, list | tuple) and np.ndim(motor[0]) > 0
-    motors, outputs = (list(one) if several else [one] for one in (motor, output))
+    motors, outputs = (list(angles) if several else [angles] for angles in (motor, output))
     if len(motors) != len(outputs):
         raise LogError(
             f"gear_ratio needs the same number of logs for both angles, found {len(motors)} and "
             f"{len(outputs)}"
         )
     pairs = []
-    for one, other in zip(motors, outputs, strict=True):
-        a, b = np.asarray(one, dtype=float), np.asarray(other, dtype=float)
+    for motor_angle, output_angle in zip(motors, outputs, strict=True):
+        a, b = np.asarray(motor_angle, dtype=float), np.asarray(output_angle, dtype=float)
         if a.ndim != 1 or a.shape != b.shape or len(a) < 2:
             raise LogError(
                 f"gear_ratio needs two angles of shape (T,), found shapes {a.shape} and {b.shape}"

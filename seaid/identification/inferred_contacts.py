@@ -96,19 +96,19 @@ def find_contacts(robot: Robot, log: Log) -> FoundContacts:
             "find_contacts needs the motion of the base in the log, and the inertial parameters of "
             "the robot file, also if they are not exact"
         )
-    own = log.base
-    missing = own.unflagged(base.contact_links)
+    logged = log.base
+    missing = logged.unflagged(base.contact_links)
     flying = dict.fromkeys(missing, np.zeros(len(log.time)))
-    unloaded = replace(log, base=replace(own, contacts={**own.contacts, **flying}))
+    unloaded = replace(log, base=replace(logged, contacts={**logged.contacts, **flying}))
     loads = _loads(robot, unloaded)
-    flags, certainty, report = dict(own.contacts), {}, list(log.report)
+    flags, certainty, report = dict(logged.contacts), {}, list(log.report)
     for link in missing:
         load = loads[:, base.contact_links.index(link)]
         flags[link] = _standing(load).astype(float)
         unclear = (load >= 0.5 * LOADED) & (load <= 1.5 * LOADED)
         certainty[link] = float(np.mean(~unclear))
         report.append(_as_repair(link, log.time, unclear))
-    base_log = replace(own, contacts=flags)
+    base_log = replace(logged, contacts=flags)
     return FoundContacts(replace(log, base=base_log, report=tuple(report)), certainty)
 
 
@@ -133,7 +133,7 @@ def _loads(robot: Robot, log: Log) -> Array:
     if not np.all(np.isfinite(torque)):
         raise IdentificationError("find_contacts needs the torque of each joint in the log")
     rows[:, 6:] -= low_pass(torque, motion.rate_hz, min(_LOAD_HZ, 0.4 * motion.rate_hz))
-    points = [replace(one, is_flat=False) for one in robot.floating_base.contacts]
+    points = [replace(contact, is_flat=False) for contact in robot.floating_base.contacts]
     A = contact_map(robot, motion.joint_position, points, base.up)
     guided = ~robot.floating_base.free_axes
     rows[:, :6][:, guided] = A[:, :6][:, guided] = 0.0
@@ -149,7 +149,7 @@ def _loads(robot: Robot, log: Log) -> Array:
     support = np.einsum("tki,ti->tk", forces.reshape(len(forces), -1, 3), up)
     weight = bodies.reshape(-1, 10)[:, 0].sum() * np.linalg.norm(robot.model.gravity.linear)
     smooth = low_pass(support / weight, motion.rate_hz, min(_LOAD_HZ, 0.4 * motion.rate_hz))
-    return np.column_stack([np.interp(log.time, motion.time, one) for one in smooth.T])
+    return np.column_stack([np.interp(log.time, motion.time, load) for load in smooth.T])
 
 
 def _standing(load: Array) -> BoolArray:

@@ -511,7 +511,7 @@ def _by_fractions(
             N = sum(s**power * coefficients[2 + power, row] for power in range(5))
             weights[:, row] = _fraction_weight(error, D, N + D * known * s**2)
         if count in (0, _FRACTION_ROUNDS - 1):
-            estimates.append(_of_fraction(coefficients, unit, elastic, free))
+            estimates.append(_joints_of_fraction(coefficients, unit, elastic, free))
     return estimates
 
 
@@ -523,7 +523,7 @@ def _fraction_weight(error: Array, D: Array, N: Array) -> Array:
     return np.asarray(1 / np.sqrt(noise[0] * by_torque + noise[1] * by_angle))
 
 
-def _of_fraction(
+def _joints_of_fraction(
     coefficients: Array, unit: float, elastic: BoolArray, free: BoolArray
 ) -> LinearJoints:
     """Return what the coefficients (7, n, n) of a fraction in s / unit say of the joints."""

@@ -236,7 +236,7 @@ class _Search:
         y[self.rows] += self._banded(changes)
         columns = self._placed([H[:, places] for _, H in pairs])
         columns[:, self._vanishing(columns)] = 0.0
-        return self._alone(y), self._alone(columns)
+        return self._projected(y), self._projected(columns)
 
     def _vanishing(self, columns: Array) -> BoolArray:
         """Return the levels of friction whose columns vanish: at no row is the motor slow enough.
@@ -255,7 +255,7 @@ class _Search:
         values |= dict(zip(self.linear, linear.tolist(), strict=True))
         places = [self.regressor.names.index(name) for name in self.nonlinear]
         parts = [self.regressor.evaluate(by_name, values)[1][:, places] for by_name in self.signals]
-        return self._alone(self._placed(parts))
+        return self._projected(self._placed(parts))
 
     def _placed(self, parts: Sequence[Array]) -> Array:
         columns = np.zeros((len(self.y), parts[0].shape[1]))
@@ -270,7 +270,7 @@ class _Search:
         banded = [in_band_at(motion, part, samples) for motion, part, samples in triples]
         return self.factor * np.concatenate(banded)
 
-    def _alone(self, columns: Array) -> Array:
+    def _projected(self, columns: Array) -> Array:
         if not self.others.shape[1]:
             return columns
         return np.asarray(columns - self.others @ (self.others.T @ columns))
@@ -567,7 +567,7 @@ def with_gear_torques(
     drives = {joint: _without_load(robot.drives[joint]) for joint in joints}
     plain = robot.with_drives(drives)
     linear = linearised_load(plain, motions, used)
-    known = _known(linear, motions, used)
+    known = _with_torques(linear, motions, used)
     for _ in range(_SEARCHES):
         starts = {joint: _with_values_of(robot, linear, joint) for joint in robot.joint_names}
         linear = linearised_load(robot.with_drives(starts), known, used)
@@ -586,7 +586,7 @@ def _settled(robot: Robot, motions: Sequence[Motion], used: Sequence[str]) -> li
     """Return the motions at which the torques through the gears converge."""
     known = list(motions)
     for _ in range(_MOST_TURNS):
-        better = _known(robot, known, used)
+        better = _with_torques(robot, known, used)
         if _change(known, better) < _SETTLED:
             return better
         known = better
@@ -605,7 +605,7 @@ def _without_load(drive: Drive) -> Drive:
     )
 
 
-def _known(robot: Robot, motions: Sequence[Motion], used: Sequence[str]) -> list[Motion]:
+def _with_torques(robot: Robot, motions: Sequence[Motion], used: Sequence[str]) -> list[Motion]:
     fit = starting_load_fit(robot, motions, used)
     return [with_gear_torque(robot, x, fit.model, fit.springs, fit.values) for x in motions]
 

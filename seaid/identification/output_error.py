@@ -626,7 +626,7 @@ least noise [N m] of a log."""
 
 _SETTLED, _CLOSE = 1e-3, 0.05
 _MOST_HALVINGS, _MOST_SWEEPS = 6, 5
-_ALIKE = 1e-3
+_EQUAL_MERIT = 1e-3
 """Difference below which log-likelihoods count as equal."""
 
 
@@ -749,7 +749,7 @@ def refined_with_logs(
     point = _with_noisy_deflections(layout, point, logs)
     refined = _refined(layout, point)
     reason, evidence = _worse(identification, refined, logs, _zeros(layout, point.x))
-    if point.step.merit > start.step.merit + _ALIKE:
+    if point.step.merit > start.step.merit + _EQUAL_MERIT:
         reason = "its likelihood is lower than that of the start"
     if reason:
         return _unchanged(identification, reason, evidence), logs
@@ -981,7 +981,7 @@ def _check_start(start: Identification, unseen: Sequence[str] = ()) -> None:
 def _point(
     layout: Layout, runs: list[Run], fixed: list[Callable[[Array], Residuals]], x: Array
 ) -> Point:
-    residuals, pulls = _around(layout, runs, x)
+    residuals, pulls = _linear_runs(layout, runs, x)
     residuals += [residuals_at(x) for residuals_at in fixed]
     step = gauss_newton_step(residuals, layout.names, x, layout.precision)
     return Point(x, runs, pulls, step, fixed)
@@ -991,7 +991,7 @@ _LARGEST = 1e100
 """Size from which a simulation diverges: squares of what is larger overflow."""
 
 
-def _around(layout: Layout, runs: list[Run], x: Array) -> tuple[list[Residuals], list[Pull]]:
+def _linear_runs(layout: Layout, runs: list[Run], x: Array) -> tuple[list[Residuals], list[Pull]]:
     """Return the residuals of the simulated joints of each log, and the pull in each run."""
     diverges = "the simulation diverges at this estimate: check the identification it starts from"
     try:
@@ -1022,7 +1022,7 @@ def _improved(layout: Layout, point: Point) -> tuple[Point, bool]:
         change = part * point.step.change
         with suppress(IdentificationError, ExcitationError):  # it diverges there
             trial = _simulated(layout, _next(layout, point, change, part, point.step.nuisance))
-            if trial.step.merit <= point.step.merit + _ALIKE:
+            if trial.step.merit <= point.step.merit + _EQUAL_MERIT:
                 return trial, True
         part /= 2
     return point, False
@@ -1032,7 +1032,7 @@ def _simulated(layout: Layout, point: Point) -> Point:
     """Return the point with its joints simulated to satisfy (8), by Newton's method."""
     for _ in range(_MOST_SWEEPS):
         new = _next(layout, point, np.zeros_like(point.x), 1.0, point.step.own)
-        settled = abs(new.step.merit - point.step.merit) < _ALIKE
+        settled = abs(new.step.merit - point.step.merit) < _EQUAL_MERIT
         point = new
         if settled:
             break
@@ -1070,12 +1070,12 @@ def _noise_of_states(layout: Layout, point: Point) -> Array:
     states, and the derivatives by a stiffness have a part that is noise.
     """
     rng, step = np.random.default_rng(0), point.step
-    logs, _ = _around(layout, point.runs, point.x)
+    logs, _ = _linear_runs(layout, point.runs, point.x)
     noise = np.zeros((len(point.x), len(point.x)))
     for _ in range(_STATE_DRAWS):
         states = [nuisance_draw(log, step.stds, rng) for log in logs]
         runs = _runs_after(layout, point, np.zeros_like(point.x), 1.0, states)
-        drawn, _ = _around(layout, runs, point.x)
+        drawn, _ = _linear_runs(layout, runs, point.x)
         parts = [
             replace(a, jacobian=b.jacobian - a.jacobian) for a, b in zip(logs, drawn, strict=True)
         ]

@@ -63,17 +63,17 @@ def validate(identification: Identification, log: Log) -> Validation:
     motions = reconstruct_motions(identification.robot, log, identification.cutoff_hz)
     result = compared(identification, *motions)
     places = [identification.known.index(joint) for joint in unseen]
-    result = replace(result, load=_without(result.load, places))
+    result = replace(result, load=_without_joints(result.load, places))
     contacts = contact_forces(identification, *motions)
-    found = [*_contradictions(identification, result, places), *not_measured(unseen)]
-    found += list(_base_contradictions(identification, result))
-    found += [] if contacts is None else force_findings(contacts.to_dict()["feet"])
-    return replace(result, warnings=tuple(found), contacts=contacts)
+    findings = [*_contradictions(identification, result, places), *not_measured(unseen)]
+    findings += list(_base_contradictions(identification, result))
+    findings += [] if contacts is None else force_findings(contacts.to_dict()["feet"])
+    return replace(result, warnings=tuple(findings), contacts=contacts)
 
 
-def _without(fit: Fit, joints: Sequence[int]) -> Fit:
+def _without_joints(fit: Fit, joints: Sequence[int]) -> Fit:
     """Return a fit without the values of some joints."""
-    values = {one.name: getattr(fit, one.name).copy() for one in fields(fit)}
+    values = {field.name: getattr(fit, field.name).copy() for field in fields(fit)}
     for value in values.values():
         value[..., joints] = False if value.dtype == bool else np.nan
     return Fit(**values)
@@ -88,18 +88,18 @@ def _contradictions(
     """
     is_unseen = np.isin(np.arange(len(result.joints)), unseen)
 
-    def of(one: Validation, name: str) -> Array:
-        return np.asarray(np.where(is_unseen, getattr(one.actuator, name), getattr(one.load, name)))
+    def of(v: Validation, name: str) -> Array:
+        return np.asarray(np.where(is_unseen, getattr(v.actuator, name), getattr(v.load, name)))
 
     errors = np.sqrt(np.maximum(1 - of(result, "r_squared"), 0))  # over that of a constant torque
     suspects = [place for place, error in enumerate(errors) if error > MOST]
     if not suspects or not identification.motions:
         return
-    own = [of(compared(identification, one), "rms_error") for one in identification.motions]
+    fits = [of(compared(identification, motion), "rms_error") for motion in identification.motions]
     where = {False: "on the load", True: "of the motor"}
     for place in suspects:
         joint, error = result.joints[place], errors[place]
-        known = [float(each[place]) for each in own if np.isfinite(each[place])]
+        known = [float(each[place]) for each in fits if np.isfinite(each[place])]
         ratio = float(of(result, "rms_error")[place]) / max(known, default=np.inf)
         torque = f"the torque {where[is_unseen[place]]} of {joint}"
         yield from unseen_motion(torque, joint, float(error), ratio)
@@ -121,13 +121,13 @@ def _base_contradictions(identification: Identification, result: Validation) -> 
     robot = identification.robot
     weight = float(np.linalg.norm(robot.model.gravity.linear) * robot.parameters[::10].sum())
     lever = float(row_scale(robot, 6)[0, 0])
-    own = [compared(identification, one).base for one in identification.motions]
+    fits = [compared(identification, motion).base for motion in identification.motions]
     for kind, rows, least in (("force", slice(3), weight), ("moment", slice(3, 6), weight * lever)):
         measured = result.base.measured[:, rows]
         size = float(np.linalg.norm(np.nanstd(measured, axis=0)))
         rms = float(np.linalg.norm(result.base.rms_error[rows]))
         error = rms / max(size, _LEAST_OF_WEIGHT * least)
-        known = [float(np.linalg.norm(one.rms_error[rows])) for one in own if one is not None]
+        known = [float(np.linalg.norm(fit.rms_error[rows])) for fit in fits if fit is not None]
         ratio = rms / max(known) if known else np.inf
         yield from unseen_motion(f"the {kind} on the base", "", error, float(ratio))
 
@@ -314,14 +314,14 @@ def cutoff_sensitivity(
     for place, cutoff in enumerate(track(cutoffs, "identifying per cutoff", progress)):
         try:
             same = cutoff == base.cutoff_hz
-            found = base if same else identify(robot, logs, cutoff_hz=cutoff, **options)
+            result = base if same else identify(robot, logs, cutoff_hz=cutoff, **options)
         except SeaidError as problem:
             refused[cutoff] = str(problem)
             continue
-        if _names(found) != (names, units):
+        if _names(result) != (names, units):
             refused[cutoff] = "other parameters are identifiable than at the proposed cutoff"
             continue
-        values[place], errors[place] = _estimates(found)
+        values[place], errors[place] = _estimates(result)
     return CutoffSensitivity(
         cutoffs_hz=np.array(cutoffs),
         names=names,
@@ -333,16 +333,16 @@ def cutoff_sensitivity(
     )
 
 
-def _names(found: Identification) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    drives = found.drives.items()
-    names = [f"{name} of {joint}" for joint, one in drives for name in one.names]
-    units = [unit for _, one in drives for unit in one.units]
-    return (*names, *found.load.names), (*units, *found.load.units)
+def _names(result: Identification) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    drives = result.drives.items()
+    names = [f"{name} of {joint}" for joint, estimate in drives for name in estimate.names]
+    units = [unit for _, estimate in drives for unit in estimate.units]
+    return (*names, *result.load.names), (*units, *result.load.units)
 
 
-def _estimates(found: Identification) -> tuple[Array, Array]:
-    estimates = [*found.drives.values(), found.load]
+def _estimates(result: Identification) -> tuple[Array, Array]:
+    estimates = [*result.drives.values(), result.load]
     return (
-        np.concatenate([one.values for one in estimates]),
-        np.concatenate([one.standard_errors for one in estimates]),
+        np.concatenate([estimate.values for estimate in estimates]),
+        np.concatenate([estimate.standard_errors for estimate in estimates]),
     )

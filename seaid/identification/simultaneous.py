@@ -85,15 +85,15 @@ def simultaneous_regression(
     zero = without_torque(robot, [joint for joint in model.torque_joints if joint in springs])
     load = load_regression(robot, motion, model, zero)
     actuators = {joint: actuator_regression(robot, motion, joint) for joint in robot.elastic_joints}
-    names = [JointParameter(name, joint) for joint, one in actuators.items() for name in one.names]
+    names = [JointParameter(name, joint) for joint, x in actuators.items() for name in x.names]
     load = replace(
         load,
         names=(*names, *load.names),
-        units=tuple(unit for one in actuators.values() for unit in one.units) + load.units,
+        units=tuple(unit for rows in actuators.values() for unit in rows.units) + load.units,
         H=np.hstack([_spring_columns(robot, load, zero, names), load.H]),
         propagated=np.empty((len(load.y), 0)),
     )
-    motors = [_motor_rows(robot, one, joint, load) for joint, one in actuators.items()]
+    motors = [_motor_rows(robot, rows, joint, load) for joint, rows in actuators.items()]
     both = stacked([load, *motors])
     return replace(both, run=np.zeros(len(both.y)))  # rows of one log
 
@@ -148,7 +148,7 @@ def _springs(
 
     The rows of (8), those of the motor equation, and those of (8) at the instants of the latter.
     """
-    found, instant = [], rows.run + 1j * rows.time
+    springs, instant = [], rows.run + 1j * rows.time
     for joint in robot.elastic_joints:
         names = [f"{name} of {joint}" for name in _SPRING]
         if not set(names) <= set(rows.names):
@@ -160,8 +160,8 @@ def _springs(
         if len(load):
             motor = motor[np.isin(instant[motor], instant[load])]
             concurrent = load[np.searchsorted(instant[load], instant[motor])]
-            found.append((stiffness, offset, load, motor, concurrent))
-    return found
+            springs.append((stiffness, offset, load, motor, concurrent))
+    return springs
 
 
 Estimation = Callable[[Regression, Array], Estimate]
@@ -199,20 +199,20 @@ def settled(
     if np.any(theta[stiffness] == 0):
         raise IdentificationError("the start has a stiffness of zero, which predicts no deflection")
     for iteration in range(1, MOST_ITERATIONS + 1):
-        found = estimate(whitened(robot, rows, theta), theta)
-        moved = np.abs(found.values - theta)
-        seen = np.linalg.norm(rows.H @ (found.values - theta))
+        new = estimate(whitened(robot, rows, theta), theta)
+        moved = np.abs(new.values - theta)
+        seen = np.linalg.norm(rows.H @ (new.values - theta))
         negligible = _ROUNDING if iteration < _PATIENCE else _HARMLESS
-        exact = seen <= negligible * np.linalg.norm(rows.H @ found.values)
-        if exact or np.all(moved <= SETTLED * found.standard_errors):
-            return found, iteration
-        before, theta = theta[stiffness], found.values.copy()
+        exact = seen <= negligible * np.linalg.norm(rows.H @ new.values)
+        if exact or np.all(moved <= SETTLED * new.standard_errors):
+            return new, iteration
+        before, theta = theta[stiffness], new.values.copy()
         # step in 1/k, in which the prediction is linear: 1/k_new = (2 - k/k_old) / k_old
         theta[stiffness] = before / (2 - theta[stiffness] / before)
-    worst = int(np.argmax(moved / found.standard_errors))
+    worst = int(np.argmax(moved / new.standard_errors))
     raise IdentificationError(
         f"both sides at once did not converge in {MOST_ITERATIONS} iterations: "
-        f"{found.names[worst]} still changes by {moved[worst]:.2g} {found.units[worst]}; move that "
+        f"{new.names[worst]} still changes by {moved[worst]:.2g} {new.units[worst]}; move that "
         'joint more, or use method="two-step"',
         'method="two-step"',
     )
@@ -230,9 +230,9 @@ def split_estimate(
         if isinstance(name, JointParameter):
             columns[name.joint][name.parameter] = index
     drives = {
-        joint: estimate.part(list(own.values()), tuple(own))
-        for joint, own in columns.items()
-        if own
+        joint: estimate.part(list(by_name.values()), tuple(by_name))
+        for joint, by_name in columns.items()
+        if by_name
     }
     return drives, estimate.part(base, model.expressions), load_side
 

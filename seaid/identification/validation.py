@@ -135,7 +135,7 @@ class Validation(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """Return the numbers for `parameters.json`, null for a joint without such an equation."""
-        found: dict[str, Any] = {
+        numbers: dict[str, Any] = {
             side: {
                 joint: {name: _number(getattr(fit, name)[index]) for name in NUMBERS}
                 for index, joint in enumerate(self.joints)
@@ -143,19 +143,19 @@ class Validation(Result):
             for side, fit in (("actuator", self.actuator), ("load", self.load))
         }
         if self.base is not None:
-            found["base"] = {
+            numbers["base"] = {
                 row: {name: _number(getattr(self.base, name)[place]) for name in NUMBERS}
                 for place, row in enumerate(BASE_ROWS)
             }
-        return found if self.contacts is None else found | {"contacts": self.contacts.to_dict()}
+        return numbers if self.contacts is None else numbers | {"contacts": self.contacts.to_dict()}
 
 
 def verdict_with(
     identification: Identification, results: Iterable[Validation | ReplayComparison]
 ) -> Verdict:
     """Return the verdict on an identification, its validations and replays together."""
-    found = [*identification.warnings, *(one for each in results for one in each.warnings)]
-    return verdict_of(by_severity(found), identification.joint_fits)
+    findings = [*identification.warnings, *(finding for x in results for finding in x.warnings)]
+    return verdict_of(by_severity(findings), identification.joint_fits)
 
 
 def compared(identification: Identification, *given: Motion) -> Validation:
@@ -170,23 +170,23 @@ def compared(identification: Identification, *given: Motion) -> Validation:
         theta = identification.load_side.values
         motions = [
             with_gear_torque(
-                identification.known, one, identification.model, identification.springs, theta
+                identification.known, motion, identification.model, identification.springs, theta
             )
-            for one in motions
+            for motion in motions
         ]
-    actuator = [_traces(one, *_actuator(identification, one)) for one in motions]
-    sides = [_load(identification, one) for one in motions]
+    actuator = [_traces(motion, *_actuator(identification, motion)) for motion in motions]
+    sides = [_load(identification, motion) for motion in motions]
     load = [
         _traces(
-            one,
+            part,
             *side[:2],
-            np.column_stack([unknown_friction(robot, one, joint) for joint in robot.joint_names]),
+            np.column_stack([unknown_friction(robot, part, joint) for joint in robot.joint_names]),
         )
-        for one, side in zip(motions, sides, strict=True)
+        for part, side in zip(motions, sides, strict=True)
     ]
     return Validation(
         joints=robot.joint_names,
-        time=np.concatenate([one.time for one in motions]),
+        time=np.concatenate([motion.time for motion in motions]),
         cutoff_hz=motions[0].cutoff_hz,
         actuator=_fit(actuator),
         load=_fit(load),
@@ -198,17 +198,17 @@ def compared(identification: Identification, *given: Motion) -> Validation:
 def _base_fit(motions: Sequence[Motion], rows: Sequence[Array]) -> Fit | None:
     """Return the fit of the rows (T, 6, 2) of the base at instants without unknown forces."""
     parts = []
-    for motion, own in zip(motions, rows, strict=True):
+    for motion, forces in zip(motions, rows, strict=True):
         base = motion.base
         if base is None:
             return None
         known = base.used & ~np.any([*base.contacts.values(), ~base.used], axis=0)
         still = np.zeros((len(known), 6), dtype=bool)
-        raw = np.where(known[:, None, None], own, np.nan)
-        smooth = smoothed_where(motion, own.swapaxes(1, 2), np.column_stack([known] * 2))
+        raw = np.where(known[:, None, None], forces, np.nan)
+        smooth = smoothed_where(motion, forces.swapaxes(1, 2), np.column_stack([known] * 2))
         inside = np.isfinite(smooth[:, 0, 0])
         parts.append(_Traces(raw[:, :, 0], raw[:, :, 1], smooth[:, 0], smooth[:, 1], still, inside))
-    return _fit(parts) if any(np.any(one.inside) for one in parts) else None
+    return _fit(parts) if any(np.any(part.inside) for part in parts) else None
 
 
 def _actuator(identification: Identification, motion: Motion) -> tuple[Array, Array, BoolArray]:
@@ -265,23 +265,23 @@ def _load(identification: Identification, motion: Motion) -> tuple[Array, Array,
     theta, constants = identification.load_side.values, np.zeros(len(model.names))
     for place, (_, name, _) in enumerate(model.drives, len(model.expressions)):
         constants[place] = theta[place] if name in CONSTANTS else 0.0
-    torque, payload, found = load_torques(
+    torque, payload, parts = load_torques(
         identification.known,
         motion,
         model,
         identification.springs,
         np.column_stack([theta, constants]),
     )
-    made, given = found[:, :, 0], found[:, :, 1]
+    made, known = parts[:, :, 0], parts[:, :, 1]
     of_base = np.stack([torque, payload + made], axis=2)[:, :6]
     if motion.base is not None and motion.base.wrenches:  # the torque of the joint alone
-        given += measured_contact_torques(identification.known, motion, model)
+        known += measured_contact_torques(identification.known, motion, model)
     measured = np.full_like(motion.joint_position, np.nan)
     computed = measured.copy()
     used = [identification.robot.index(joint) for joint in model.torque_joints]
     rows = slice(torque.shape[1] - len(used), None)  # those of a floating base come before them
-    measured[:, used] = (torque - given)[:, rows]
-    computed[:, used] = (payload + made - given)[:, rows]
+    measured[:, used] = (torque - known)[:, rows]
+    computed[:, used] = (payload + made - known)[:, rows]
     return measured, computed, of_base
 
 
@@ -314,7 +314,7 @@ def _traces(motion: Motion, measured: Array, computed: Array, still: BoolArray) 
 def _fit(parts: Sequence[_Traces]) -> Fit:
     """Return the fit of the torques of all parts together."""
     names = [field.name for field in fields(_Traces)]
-    whole = _Traces(*(np.concatenate([getattr(one, name) for one in parts]) for name in names))
+    whole = _Traces(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
     measured, computed = whole.smooth_measured, whole.smooth_computed
     error, raw_error = measured - computed, whole.measured - whole.computed
     every = np.isfinite(error) & whole.inside[:, None]
@@ -342,8 +342,8 @@ def _norm(values: Array, counted: BoolArray) -> Array:
 
 def _smooth(motion: Motion, torque: Array) -> Array:
     """Return torques (T, n) below the cutoff; NaN columns stay NaN."""
-    smooth, there = torque.copy(), np.flatnonzero(np.isfinite(torque[0]))
-    smooth[:, there] = in_band(motion, torque[:, there])
+    smooth, measured = torque.copy(), np.flatnonzero(np.isfinite(torque[0]))
+    smooth[:, measured] = in_band(motion, torque[:, measured])
     return smooth
 
 
