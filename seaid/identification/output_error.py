@@ -243,22 +243,22 @@ def _actuator_part(identification: Identification, joint: str) -> Estimate:
 
 
 def layout_of(
-    fit: Identification, encoder_offset_std: float, unseen: tuple[str, ...] = ()
+    start: Identification, encoder_offset_std: float, unseen: tuple[str, ...] = ()
 ) -> Layout:
     """Return the places of the parameters of an identification in one vector.
 
     The spring offset of an `unseen` joint is k r_L times the zero of its motor's encoder, which the
     joint's angle follows: it turns gravity, and is known as well as that zero.
     """
-    robot = fit.known
+    robot = start.known
     names: list[str] = []
     drives: dict[str, slice] = {}
     for joint in robot.elastic_joints:
-        drive_names = _actuator_part(fit, joint).names
+        drive_names = _actuator_part(start, joint).names
         drives[joint] = slice(len(names), len(names) + len(drive_names))
         names += [f"{name} of {joint}" for name in drive_names]
-    load = slice(len(names), len(names) + len(fit.model.names))
-    names += fit.model.names
+    load = slice(len(names), len(names) + len(start.model.names))
+    names += start.model.names
     zeros = slice(len(names), len(names) + (robot.n if encoder_offset_std else 0))
     names += (
         [f"encoder zero of {joint}" for joint in robot.joint_names] if encoder_offset_std else []
@@ -266,13 +266,13 @@ def layout_of(
     precision = np.zeros(len(names))
     precision[zeros] = 1 / encoder_offset_std if encoder_offset_std else 0.0
     for joint in unseen:
-        estimate = _actuator_part(fit, joint)
+        estimate = _actuator_part(start, joint)
         force = estimate.value("stiffness") * robot.drives[joint].load_radius
         place = drives[joint].start + estimate.names.index("spring_offset")
         precision[place] = 1 / (force * max(encoder_offset_std, _EXACT_RAD))
     return Layout(
-        identification=fit,
-        simulated=tuple(joint for joint in fit.model.torque_joints if joint in fit.springs),
+        identification=start,
+        simulated=tuple(joint for joint in start.model.torque_joints if joint in start.springs),
         names=tuple(names),
         drives=FrozenMapping(drives),
         load=load,
@@ -829,7 +829,7 @@ def first_estimate(identification: Identification, logs: list[Log]) -> FirstEsti
             x[damping] = identification.known.drives[joint].values.get("spring_damping", 0.0)
     filled = _filled(layout, logs, x)
     _, point = _iterated(layout, filled, x, _FIRST_STEPS, False, SHORT_WINDOW_S)
-    unseen = len(layout.simulated) + np.flatnonzero(np.isin(layout.simulated, layout.unseen))
+    channels = len(layout.simulated) + np.flatnonzero(np.isin(layout.simulated, layout.unseen))
     noise = [
         max(
             np.hypot(*_motor_noise(identification.known, joint, log, run.motion))
@@ -840,7 +840,7 @@ def first_estimate(identification: Identification, logs: list[Log]) -> FirstEsti
     ]
     if any(point.x[layout.spring(joint)[0]] <= 0 for joint in layout.unseen):
         raise IdentificationError("the search of the stiffness ended below zero")
-    at_noise = point.step.stds[unseen] <= _AT_NOISE * np.maximum(noise, _SMALLEST_TORQUE)
+    at_noise = point.step.stds[channels] <= _AT_NOISE * np.maximum(noise, _SMALLEST_TORQUE)
     simulated = [_simulated_log(layout, log, point.runs) for log in logs]
     return FirstEstimate(point.step.merit, simulated, bool(np.all(at_noise)))
 
