@@ -61,19 +61,19 @@ def calibrate(
 
         robot = load_robot(urdf, drives)
         statics = held_poses(robot, read_log(table, robot), joint, sensor=sensor)
-    found = calibrate_statics(statics, law=law)
+    fit = calibrate_statics(statics, law=law)
     name = joint or table.stem
     if output is not None:
         with written(output, ".html") as file:
-            write_calibration(found, file, name=name)
-    values = zip(found.names, found.values, found.standard_errors, found.units, strict=True)
+            write_calibration(fit, file, name=name)
+    values = zip(fit.names, fit.values, fit.standard_errors, fit.units, strict=True)
     content = {
-        "law": found.law,
+        "law": fit.law,
         "parameters": {
-            one: {"value": float(value), "standard_error": float(error), "unit": unit}
-            for one, value, error, unit in values
+            parameter: {"value": float(value), "standard_error": float(error), "unit": unit}
+            for parameter, value, error, unit in values
         },
-        **{key: getattr(found, key) for key in ("rms", "linearity", "hysteresis")},
-        "warnings": found.warnings,
+        **{key: getattr(fit, key) for key in ("rms", "linearity", "hysteresis")},
+        "warnings": fit.warnings,
     }
-    result.show(found.summary(), content, output, robot=name if is_log else None)
+    result.show(fit.summary(), content, output, robot=name if is_log else None)

@@ -7,7 +7,7 @@ from seaid.cli.options import AsJson, FailOn, LogOptions, Logs, check_fail_on, f
 
 
 def check(
-    given: LogOptions,
+    options: LogOptions,
     logs: Logs,
     *,
     fail_on: FailOn = None,
@@ -21,8 +21,8 @@ def check(
     from seaid.identification import check as checked
 
     check_fail_on(fail_on)
-    robot = given.robot(given.known_body or ())
-    found = checked(robot, given.logs(logs, robot), cutoff_hz=given.cutoff_hz)
-    facts = {"robot": robot.name, "warnings": found.warnings}
-    show(found.summary(), {"joints": found.joints}, as_json, **facts)
-    fail_on_warnings(found.warnings, fail_on)
+    robot = options.robot(options.known_body or ())
+    setup_check = checked(robot, options.logs(logs, robot), cutoff_hz=options.cutoff_hz)
+    facts = {"robot": robot.name, "warnings": setup_check.warnings}
+    show(setup_check.summary(), {"joints": setup_check.joints}, as_json, **facts)
+    fail_on_warnings(setup_check.warnings, fail_on)

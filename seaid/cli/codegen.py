@@ -12,7 +12,7 @@ from seaid.cli.options import ResultOptions, RobotOptions, checked_suffix
 
 
 def codegen(
-    given: RobotOptions,
+    options: RobotOptions,
     *,
     output: Annotated[
         Path, Option("--output", "-o", help="File to write: .py, or .c; - for Python on stdout.")
@@ -36,8 +36,8 @@ def codegen(
     from seaid.symbolic import export_c, export_numpy, rigid_body
 
     checked_suffix(output, ".py", ".c")
-    result.check(output, read=(*given.files, parameters))
-    robot = given.robot()
+    result.check(output, read=(*options.files, parameters))
+    robot = options.robot()
     if parameters is not None:
         from seaid.export import read_parameters
 

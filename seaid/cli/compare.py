@@ -47,43 +47,43 @@ def compare(
     first, second = followed(first), followed(second)
     runs = [path.is_dir() or path.suffix.lower() == ".npz" for path in (first, second)]
     if all(runs):
-        robot, found = _of_runs(first, second, names, output)
+        robot, comparison = _compare_runs(first, second, names, output)
     elif output is None and not any(runs):
         from seaid.export import parameters_content
         from seaid.report import comparison_of_parameters
 
         robot = parameters_content(first)["robot"]
-        found = comparison_of_parameters(first, second, names=names)
+        comparison = comparison_of_parameters(first, second, names=names)
     else:
         wanted = "two runs, or two files of parameters" if any(runs) else "runs, for a page"
         raise typer.BadParameter(f"give {wanted}", param_hint="RUN")
-    result.show(found.summary(), _content(found), output, robot=robot)
+    result.show(comparison.summary(), _content(comparison), output, robot=robot)
 
 
-def _of_runs(
+def _compare_runs(
     first: Path, second: Path, names: tuple[str, str], output: Path | None
 ) -> tuple[str, Comparison]:
     from seaid.project import load_run
     from seaid.report import comparison_of, write_comparison
 
-    one, other = (load_run(path).identification for path in (first, second))
+    first_fit, second_fit = (load_run(path).identification for path in (first, second))
     if output is not None:
         with written(output, ".html") as file:
-            write_comparison(one, other, file, names=names)
-    return one.robot.name, comparison_of(one, other, names=names)
+            write_comparison(first_fit, second_fit, file, names=names)
+    return first_fit.robot.name, comparison_of(first_fit, second_fit, names=names)
 
 
-def _content(found: Comparison) -> dict[str, Any]:
+def _content(comparison: Comparison) -> dict[str, Any]:
     keys = (
         *("joint", "name", "unit", "first", "second", "first_error", "second_error"),
         *("change", "error", "significance", "p_value", "is_significant"),
     )
     return {
-        "names": found.names,
-        "differences": [{key: getattr(one, key) for key in keys} for one in found.differences],
-        "only": found.only,
-        "groups": found.groups,
-        "dependence": found.dependence,
-        "measures": [asdict(one) for one in found.measures or ()],
-        "d_efficiency": found.efficiency,
+        "names": comparison.names,
+        "differences": [{key: getattr(row, key) for key in keys} for row in comparison.differences],
+        "only": comparison.only,
+        "groups": comparison.groups,
+        "dependence": comparison.dependence,
+        "measures": [asdict(measure) for measure in comparison.measures or ()],
+        "d_efficiency": comparison.efficiency,
     }

@@ -60,29 +60,29 @@ BY_JOINT = (
 def completer_of(name: str) -> Completer | None:
     """Return what completes an argument or option of this name, None for the shell's own way."""
     if name in CHOICES:
-        return _from(lambda context: CHOICES[name])
+        return _completer(lambda context: CHOICES[name])
     if name in FILES:
         return lambda ctx, incomplete: files(incomplete, FILES[name])
     if name in JOINT_LISTS:
-        return _from(lambda context: _names(context, "joint"), commas=True)
+        return _completer(lambda context: _names(context, "joint"), commas=True)
     if name in BY_JOINT:
-        return _from(lambda context: [f"{one}=" for one in _names(context, "joint")], commas=True)
+        return _completer(lambda context: [f"{x}=" for x in _names(context, "joint")], commas=True)
     if name == "sensors":
-        return _from(lambda context: SENSORS, commas=True)
+        return _completer(lambda context: SENSORS, commas=True)
     if name == "known_body":
-        return _from(lambda context: _names(context, "link"))
+        return _completer(lambda context: _names(context, "link"))
     if name == "payload":
-        return _from(lambda context: [f"{one}:" for one in _names(context, "link")])
+        return _completer(lambda context: [f"{x}:" for x in _names(context, "link")])
     return None
 
 
-def _from(values: Callable[[Any], Iterable[str]], commas: bool = False) -> Completer:
+def _completer(values: Callable[[Any], Iterable[str]], commas: bool = False) -> Completer:
     """Return what completes a value, or with `commas` the last one of a list."""
 
     def complete(ctx: Any, incomplete: str) -> list[str]:  # Typer looks at these names
         before, comma, _ = incomplete.rpartition(",") if commas else ("", "", incomplete)
         taken = before.split(",")
-        return [before + comma + one for one in values(ctx) if one not in taken]
+        return [before + comma + value for value in values(ctx) if value not in taken]
 
     return complete
 
@@ -94,10 +94,10 @@ def _names(context: Any, kind: str) -> list[str]:
     # the parser leaves positional arguments in `args` where the last option has no value yet
     path = context.params.get("urdf") or next(iter(context.args), "")
     try:
-        found = ElementTree.parse(path).getroot().findall(kind)
+        elements = ElementTree.parse(path).getroot().findall(kind)
     except (OSError, ValueError, ElementTree.ParseError):
         return []
-    return [one.get("name", "") for one in found if one.get("type") != "fixed"]
+    return [element.get("name", "") for element in elements if element.get("type") != "fixed"]
 
 
 def files(text: str, suffixes: tuple[str, ...]) -> list[str]:
@@ -107,15 +107,15 @@ def files(text: str, suffixes: tuple[str, ...]) -> list[str]:
     """
     folder, start = os.path.split(text)
     try:
-        there = sorted(os.scandir(Path(folder).expanduser()), key=lambda one: one.name)
+        entries = sorted(os.scandir(Path(folder).expanduser()), key=lambda entry: entry.name)
     except OSError:
         return []
-    found = [
-        os.path.join(folder, one.name) + ("/" if one.is_dir() else "")
-        for one in there
-        if one.name.startswith(start) and (start or not one.name.startswith("."))
-        if one.is_dir() or Path(one.name).suffix.lower() in suffixes
+    matches = [
+        os.path.join(folder, entry.name) + ("/" if entry.is_dir() else "")
+        for entry in entries
+        if entry.name.startswith(start) and (start or not entry.name.startswith("."))
+        if entry.is_dir() or Path(entry.name).suffix.lower() in suffixes
     ]
-    if len(found) == 1 and found[0].endswith("/"):
-        return [found[0], *files(found[0], suffixes)]
-    return found
+    if len(matches) == 1 and matches[0].endswith("/"):
+        return [matches[0], *files(matches[0], suffixes)]
+    return matches

@@ -17,7 +17,7 @@ from seaid.errors import by_severity
 
 
 def conditions(
-    given: LogOptions,
+    options: LogOptions,
     condition: Annotated[
         list[str],
         Option(help="Name and log of a condition. May be repeated.", metavar="NAME=LOG"),
@@ -71,45 +71,45 @@ def conditions(
             param_hint="--condition-payload",
         )
     logs = {name: [Path(text) for text in texts] for name, texts in paths.items()}
-    every = [path for found in logs.values() for path in found]
-    check_log_files(every, given.description)
-    result.check(output, read=(*given.files, *every))
+    every = [path for files in logs.values() for path in files]
+    check_log_files(every, options.description)
+    result.check(output, read=(*options.files, *every))
     robots = {
-        name: replace(given, payload=[*(given.payload or ()), *payloads.get(name, ())]).robot(
-            given.known_body or ()
+        name: replace(options, payload=[*(options.payload or ()), *payloads.get(name, ())]).robot(
+            options.known_body or ()
         )
         for name in paths
     }
-    found = identify_conditions(
-        {name: (robot, given.logs(logs[name], robot)) for name, robot in robots.items()},
+    fits = identify_conditions(
+        {name: (robot, options.logs(logs[name], robot)) for name, robot in robots.items()},
         condition_specific=CONDITION_SPECIFIC if specific is None else names(specific) or (),
-        torque_joints=names(given.torque_joints),
-        cutoff_hz=given.cutoff_hz,
+        torque_joints=names(options.torque_joints),
+        cutoff_hz=options.cutoff_hz,
         progress=is_terminal(),
     )
     content = {
-        "conditions": {name: one.to_dict() for name, one in found.identifications.items()},
+        "conditions": {name: fit.to_dict() for name, fit in fits.identifications.items()},
         "differences": [
             {"parameter": str(name), "differs": test.bic > 0, **asdict(test)}
-            for name, test in found.differences.items()
+            for name, test in fits.differences.items()
         ],
     }
     if output is not None:
         with written(output, ".json") as file:
             write_json(file, content)
     warnings = by_severity(
-        {one: None for each in found.identifications.values() for one in each.warnings}
+        {finding: None for fit in fits.identifications.values() for finding in fit.warnings}
     )
     name = next(iter(robots.values())).name
-    result.show(found.summary(), content, output, robot=name, warnings=warnings)
+    result.show(fits.summary(), content, output, robot=name, warnings=warnings)
 
 
 def _by_condition(texts: Sequence[str], form: str, option: str) -> dict[str, list[str]]:
     """Return {condition: what the texts NAME=... give it}."""
-    found: dict[str, list[str]] = {}
+    by_condition: dict[str, list[str]] = {}
     for text in texts:
         name, separator, value = text.partition("=")
         if not (name and separator and value):
             raise typer.BadParameter(f"'{text}' is not NAME={form}", param_hint=option)
-        found.setdefault(name, []).append(value)
-    return found
+        by_condition.setdefault(name, []).append(value)
+    return by_condition

@@ -11,7 +11,7 @@ from seaid.cli.options import AsJson, IdentifyOptions, Logs
 
 
 def cross_validate(
-    given: IdentifyOptions,
+    options: IdentifyOptions,
     logs: Logs,
     *,
     parts: Annotated[int, Option(help="Parts into which a single log is cut.")] = 4,
@@ -24,11 +24,11 @@ def cross_validate(
     """
     from seaid.identification import cross_validate as validated
 
-    robot = given.robot(given.known_body or ())
-    read = given.logs(logs, robot)
-    found = validated(robot, read, parts=parts, progress=is_terminal(), **given.keywords())
-    alone = [f"part {number + 1} of {logs[0]}" for number in range(len(found))]
+    robot = options.robot(options.known_body or ())
+    read = options.logs(logs, robot)
+    folds = validated(robot, read, parts=parts, progress=is_terminal(), **options.keywords())
+    alone = [f"part {number + 1} of {logs[0]}" for number in range(len(folds))]
     names = [str(log) for log in logs] if len(logs) > 1 else alone
-    text = [f"{name}\n{one.summary()}" for name, one in zip(names, found, strict=True)]
-    content = [{"log": name, **one.to_dict()} for name, one in zip(names, found, strict=True)]
+    text = [f"{name}\n{fold.summary()}" for name, fold in zip(names, folds, strict=True)]
+    content = [{"log": name, **fold.to_dict()} for name, fold in zip(names, folds, strict=True)]
     show("\n".join(text), {"validations": content}, as_json, robot=robot.name)

@@ -8,7 +8,7 @@ from seaid.cli.messages import show
 from seaid.cli.options import AsJson, RobotOptions
 
 
-def crosscheck(given: RobotOptions, as_json: AsJson = False) -> None:
+def crosscheck(options: RobotOptions, as_json: AsJson = False) -> None:
     """Compare numeric base parameters with exact ones, computed over the rationals.
 
     The exit code is 1 if they differ: then angles in the file are rounded, or the robot is badly
@@ -20,11 +20,11 @@ def crosscheck(given: RobotOptions, as_json: AsJson = False) -> None:
     from seaid.errors import SeaidError
     from seaid.regressor import base_parameters, cross_check
 
-    robot = given.robot()
+    robot = options.robot()
     numeric = base_parameters(robot)
-    found = cross_check(numeric, symbolic.base_parameters(robot))
-    show(f"{robot.name}: {found.summary()}", asdict(found), as_json, robot=robot.name)
-    if not found.agree:
+    comparison = cross_check(numeric, symbolic.base_parameters(robot))
+    show(f"{robot.name}: {comparison.summary()}", asdict(comparison), as_json, robot=robot.name)
+    if not comparison.agree:
         raise SeaidError(
             f"numeric and exact base parameters of '{robot.name}' differ: look for rounded angles "
             "in the URDF; the exact ones hold for the file as written"

@@ -25,8 +25,8 @@ _CONTEXT: ContextVar[typer.Context | None] = ContextVar("the running command", d
 def project_here() -> Project | None:
     """Return the project whose values are the defaults of the running command."""
     context = _CONTEXT.get()
-    found: Project | None = None if context is None else context.obj
-    return found
+    project: Project | None = None if context is None else context.obj
+    return project
 
 
 def _defaults(project: Project) -> dict[str, Any]:
@@ -34,35 +34,35 @@ def _defaults(project: Project) -> dict[str, Any]:
     from seaid._files import LATEST, followed
     from seaid.project import FILE
 
-    given = project.options
-    found: dict[str, Any] = {
+    options = project.options
+    defaults: dict[str, Any] = {
         "urdf": str(project.urdf),
         "drives": _text(project.drives),
         "joints": _list(project.joints),
-        "payload": [payload_text(one) for one in project.payloads.get("", ())],
-        "gravity": ",".join(f"{one:.17g}" for one in project.gravity),
+        "payload": [payload_text(payload) for payload in project.payloads.get("", ())],
+        "gravity": ",".join(f"{component:.17g}" for component in project.gravity),
         "known_body": list(project.known_bodies),
         "independent_mimics": project.independent_mimics or None,
         "base": project.base,
-        "contact": [contact_text(one) for one in project.contacts],
+        "contact": [contact_text(contact) for contact in project.contacts],
         "imu_link": project.imu_link,
-        "torque_joints": _list(given.torque_joints),
-        "cutoff_hz": given.cutoff_hz,
-        "method": given.method,
-        "estimator": given.estimator,
-        "encoder_offset_std": given.encoder_offset_std,
-        "known_std": ",".join(f"{name}={std:.17g}" for name, std in given.known_std.items()),
-        "feasible": given.feasible,
+        "torque_joints": _list(options.torque_joints),
+        "cutoff_hz": options.cutoff_hz,
+        "method": options.method,
+        "estimator": options.estimator,
+        "encoder_offset_std": options.encoder_offset_std,
+        "known_std": ",".join(f"{name}={std:.17g}" for name, std in options.known_std.items()),
+        "feasible": options.feasible,
         "fail_on": project.fail_on,
-        "validation": [str(one.path) for one in project.logs_for("validate")],
+        "validation": [str(log.path) for log in project.logs_for("validate")],
     }
     if len(project.conditions) == 1:  # logs of several conditions are for seaid run
-        logs = [str(one.path) for one in project.logs_for("identify")]
-        found |= {"logs": logs, "from_logs": logs}
+        logs = [str(log.path) for log in project.logs_for("identify")]
+        defaults |= {"logs": logs, "from_logs": logs}
     latest = project.folder / LATEST
     if (followed(latest) / FILE).exists():
-        found["run"] = str(latest)
-    return {name: value for name, value in found.items() if value not in (None, "", [])}
+        defaults["run"] = str(latest)
+    return {name: value for name, value in defaults.items() if value not in (None, "", [])}
 
 
 def _of_command(name: str, project: Project, values: Mapping[str, Any]) -> dict[str, Any]:
@@ -81,15 +81,15 @@ def _list(names: Sequence[str] | None) -> str | None:
 def payload_text(payload: Payload) -> str:
     """Return a payload as the command line has it."""
     (xx, xy, xz), (_, yy, yz), (_, _, zz) = payload.inertia
-    numbers = [",".join(f"{one:.17g}" for one in payload.com)]
+    numbers = [",".join(f"{number:.17g}" for number in payload.com)]
     if any((xx, yy, zz)):
-        numbers.append(",".join(f"{one:.17g}" for one in (xx, yy, zz, xy, xz, yz)))
+        numbers.append(",".join(f"{number:.17g}" for number in (xx, yy, zz, xy, xz, yz)))
     return ":".join([payload.link, f"{payload.mass:.17g}", *numbers])
 
 
 def contact_text(contact: Contact) -> str:
     """Return a contact as the command line has it."""
-    place = ",".join(f"{one:.17g}" for one in contact.position_m)
+    place = ",".join(f"{coordinate:.17g}" for coordinate in contact.position_m)
     more = ["flat"] * contact.is_flat
     more += [f"radius={contact.radius_m:.17g}"] if contact.radius_m else []
     return ":".join([contact.link, place, *more])
@@ -199,10 +199,10 @@ def _robot_of_run(project: Project, values: Mapping[str, Any]) -> Path | None:
     return load_run(values["run"]).identification.robot.urdf
 
 
-def _is_same(robot: Path, other: Path | str) -> bool:
+def _is_same(robot: Path, urdf: Path | str) -> bool:
     from seaid._files import real_path
 
-    return str(robot) == str(other) or real_path(robot) == real_path(other)
+    return str(robot) == str(urdf) or real_path(robot) == real_path(urdf)
 
 
 def _is_robot(path: Path) -> bool:

@@ -13,7 +13,7 @@ from seaid.cli.options import LogOptions, ResultOptions, checked_suffix
 
 
 def delays(
-    given: LogOptions,
+    options: LogOptions,
     log: Annotated[Path, Argument(help="A log.", metavar="LOG")],
     *,
     largest_s: Annotated[float, Option(help="Largest delay of the search [s].")] = 0.03,
@@ -35,13 +35,13 @@ def delays(
 
     if output is not None:
         checked_suffix(output, *WRITTEN)
-    result.check(output, read=(*given.files, log))
-    robot = given.robot(given.known_body or ())
-    (read,) = given.logs([log], robot)
-    found = estimate_delays(robot, read, largest_s=largest_s, cutoff_hz=given.cutoff_hz)
+    result.check(output, read=(*options.files, log))
+    robot = options.robot(options.known_body or ())
+    (read,) = options.logs([log], robot)
+    delays = estimate_delays(robot, read, largest_s=largest_s, cutoff_hz=options.cutoff_hz)
     if output is not None:
         with written(output, ".csv") as file:
-            write_log(correct_delays(read, found), file)
-    content = [{**asdict(one), "is_significant": one.is_significant} for one in found]
-    text = [str(one) for one in found] or ["no channel is redundant with others of its joint"]
+            write_log(correct_delays(read, delays), file)
+    content = [{**asdict(delay), "is_significant": delay.is_significant} for delay in delays]
+    text = [str(delay) for delay in delays] or ["no channel is redundant with others of its joint"]
     result.show("\n".join(text), {"delays": content}, output, robot=robot.name)

@@ -153,8 +153,8 @@ class LimitOptions:
         """Return the limits."""
         from seaid.excitation import Limits
 
-        given = vars(self).items()
-        return Limits(**{name: values(f"--{name.replace('_', '-')}", one) for name, one in given})
+        texts = vars(self).items()
+        return Limits(**{name: values(f"--{name.replace('_', '-')}", text) for name, text in texts})
 
 
 @dataclass(frozen=True)
@@ -183,7 +183,7 @@ class SearchOptions:
 
 
 def excite(
-    given: RobotOptions,
+    options: RobotOptions,
     motion: MotionOptions,
     multisine: MultisineOptions,
     standing: StanceOptions,
@@ -220,9 +220,9 @@ def excite(
     asked, rate_hz = limits.limits(), motion.rate_hz
     if not rate_hz > 0:
         raise typer.BadParameter(f"{rate_hz:g} is not more than zero", param_hint="--rate-hz")
-    read = (given.urdf, given.drives, search.description, *(search.previous_logs or ()))
+    read = (options.urdf, options.drives, search.description, *(search.previous_logs or ()))
     result.check(output, set_points, of_base, joint_trajectory, read=read)
-    robot = given.robot()
+    robot = options.robot()
     plan = design_excitation(
         robot,
         motion.duration,

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 def export(
-    given: IdentifiedOptions,
+    options: IdentifiedOptions,
     *,
     output: Annotated[
         Path,
@@ -87,19 +87,19 @@ def export(
     if parameters is not None and is_typed("from_logs", "run"):
         raise typer.BadParameter("give one of them", param_hint="--from, --run, --parameters")
     toml = output.with_suffix(".toml") if suffix == ".urdf" else None
-    result.check(output, toml, randomization, read=(*given.files, parameters))
+    result.check(output, toml, randomization, read=(*options.files, parameters))
     if parameters is not None:
         if randomization is not None:
             raise typer.BadParameter("needs --from or --run", param_hint="--randomization")
         from seaid.export import read_parameters
 
-        robot = read_parameters(parameters, given.robot(given.known_body or ()))
+        robot = read_parameters(parameters, options.robot(options.known_body or ()))
         facts: dict[str, Any] = {"robot": robot.name}
     else:
-        found = given.result(feasible=feasible).identification
-        robot, facts = found.robot, facts_of(found)
+        fit = options.result(feasible=feasible).identification
+        robot, facts = fit.robot, facts_of(fit)
         if randomization is not None:
-            ranges = write_randomization(found, randomization, level=level, samples=samples)
+            ranges = write_randomization(fit, randomization, level=level, samples=samples)
     with written(output, suffix) as file:
         model = write_model(
             robot,
@@ -120,7 +120,7 @@ def export(
     if not FORMATS[kind].has_bodies:
         lines = [f"{robot.name}: {robot.n} actuators written for {FORMATS[kind].title}"]
     if randomization is not None:
-        free = listed(f"{one.name} of {one.of}" for one in ranges.unidentified)
+        free = listed(f"{parameter.name} of {parameter.of}" for parameter in ranges.unidentified)
         lines.append(f"not determined by the log, and as wide as the prior: {free or 'none'}")
     lines += warning_lines(facts["warnings"])
     content = {"bodies": robot.body_names, "drives": [*robot.drives]}

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 def frequency(
-    given: IdentifyOptions,
+    options: IdentifyOptions,
     logs: Logs,
     *,
     run: Run = None,
@@ -60,13 +60,13 @@ def frequency(
     check_fail_on(fail_on)
     if figure is not None:
         checked_suffix(figure, ".png")
-    result.check(figure, read=(*given.files, *logs, plan))
-    saved = None if run is None else given.saved(run, "logs")
-    robot = given.robot(given.known_body or ()) if saved is None else saved.identification.known
+    result.check(figure, read=(*options.files, *logs, plan))
+    saved = None if run is None else options.saved(run, "logs")
+    robot = options.robot(options.known_body or ()) if saved is None else saved.identification.known
     check_joints("--of", names(of), robot)
-    found = frequency_response(
+    response = frequency_response(
         robot,
-        given.logs(logs, robot),
+        options.logs(logs, robot),
         plan=None if plan is None else load_trajectory(plan),
         period_s=period_s,
         band_hz=band_of(band),
@@ -75,30 +75,30 @@ def frequency(
     )
     if figure is not None:
         with written(figure, ".png") as file:
-            save_frequency_figure(found, file)
-    text, facts = found.summary(), {"robot": robot.name, "warnings": found.warnings}
-    result.show(text, _facts(found), figure, **facts)
-    fail_on_warnings(found.warnings, fail_on)
+            save_frequency_figure(response, file)
+    text, facts = response.summary(), {"robot": robot.name, "warnings": response.warnings}
+    result.show(text, _facts(response), figure, **facts)
+    fail_on_warnings(response.warnings, fail_on)
 
 
-def _facts(found: FrequencyResponse) -> dict[str, Any]:
+def _facts(frf: FrequencyResponse) -> dict[str, Any]:
     """Return the numbers of a response as JSON content; complex ones as size and phase."""
     import numpy as np
 
-    responses = {"response": found.response, "model": found.model, "identified": found.identified}
+    responses = {"response": frf.response, "model": frf.model, "identified": frf.identified}
     content: dict[str, Any] = {
-        name: {"size": np.abs(one), "phase_rad": np.angle(one)}
-        for name, one in responses.items()
-        if one is not None
+        name: {"size": np.abs(curve), "phase_rad": np.angle(curve)}
+        for name, curve in responses.items()
+        if curve is not None
     }
     drives = {
         joint: [
             {"name": name, "unit": unit, "value": value, "standard_error": error}
             for name, unit, value, error in zip(
-                one.names, one.units, one.values, one.standard_errors, strict=True
+                drive.names, drive.units, drive.values, drive.standard_errors, strict=True
             )
         ]
-        for joint, one in found.drives.items()
+        for joint, drive in frf.drives.items()
     }
     names = ("joints", "period_s", "frequency_hz", "noise_std", "total_std", "coherence")
-    return {"drives": drives, **{name: getattr(found, name) for name in names}, **content}
+    return {"drives": drives, **{name: getattr(frf, name) for name in names}, **content}

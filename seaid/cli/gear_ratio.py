@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from seaid.robot import Robot
 
 
-def gear_ratio(given: LogOptions, logs: Logs, *, as_json: AsJson = False) -> None:
+def gear_ratio(options: LogOptions, logs: Logs, *, as_json: AsJson = False) -> None:
     """Estimate the gear ratios from the angles on both sides of the gears.
 
     Each log has its own encoder offsets. Behind a gear with a spring the angle is that of the joint
@@ -27,27 +27,27 @@ def gear_ratio(given: LogOptions, logs: Logs, *, as_json: AsJson = False) -> Non
     """
     from seaid.report import table
 
-    robot = given.robot(given.known_body or ())
-    read = given.logs(logs, robot)
-    found = {joint: _ratio(robot, read, joint) for joint in robot.joint_names}
+    robot = options.robot(options.known_body or ())
+    read = options.logs(logs, robot)
+    fits = {joint: _ratio(robot, read, joint) for joint in robot.joint_names}
     header = ["joint", "ratio", "std. error", "by the drives", "misfit", "unit"]
     keys = ("ratio", "standard_error", "of_drives", "misfit")
     rows = [
-        [joint, *("-" if one[key] is None else f"{one[key]:.6g}" for key in keys), one["unit"]]
-        for joint, one in found.items()
-        if "ratio" in one
+        [joint, *("-" if fit[key] is None else f"{fit[key]:.6g}" for key in keys), fit["unit"]]
+        for joint, fit in fits.items()
+        if "ratio" in fit
     ]
-    reasons = [f"{joint}: {one['reason']}" for joint, one in found.items() if "reason" in one]
+    reasons = [f"{joint}: {fit['reason']}" for joint, fit in fits.items() if "reason" in fit]
     if not rows:
         raise LogError(f"no gear ratio is determined: {'; '.join(reasons)}")
     text = [table("Motor motion per motion behind the gear", header, rows), *reasons]
     text.append("\nin the drives file:")
-    for joint, one in found.items():
-        if "ratio" in one:
-            key = "gear_ratio" if one["unit"] == "rad/rad" else "gear_ratio_rad_per_m"
-            text.append(f"{toml_table(joint)}\n{key} = {one['ratio']:.7g}")
-            text.append(f"{key}_std = {one['standard_error']:.2g}")
-    show("\n".join(text), {"joints": found}, as_json, robot=robot.name)
+    for joint, fit in fits.items():
+        if "ratio" in fit:
+            key = "gear_ratio" if fit["unit"] == "rad/rad" else "gear_ratio_rad_per_m"
+            text.append(f"{toml_table(joint)}\n{key} = {fit['ratio']:.7g}")
+            text.append(f"{key}_std = {fit['standard_error']:.2g}")
+    show("\n".join(text), {"joints": fits}, as_json, robot=robot.name)
 
 
 def _ratio(robot: Robot, logs: Sequence[Log], joint: str) -> dict[str, Any]:
@@ -66,39 +66,39 @@ def _ratio(robot: Robot, logs: Sequence[Log], joint: str) -> dict[str, Any]:
         behind = log.joint_position[:, place]
         if drive.is_elastic:
             if log.deflection is None or not np.all(np.isfinite(log.deflection[:, place])):
-                return _of_motor_equation(robot, logs, joint)
+                return _ratio_of_motor_equation(robot, logs, joint)
             behind = behind + log.deflection[:, place]
         pair = log.motor_position[:, place], lever * behind
-        if not all(np.all(np.isfinite(one)) for one in pair):
+        if not all(np.all(np.isfinite(angles)) for angles in pair):
             return {"reason": "a log has not both of its encoders"}
         motor.append(pair[0])
         output.append(pair[1])
     try:
-        found = ratio_of(motor, output)
+        ratio = ratio_of(motor, output)
     except LogError as problem:
         return {"reason": str(problem).removeprefix("gear_ratio: ")}
     units = ("rad/m", "m") if robot.is_prismatic[robot.index(joint)] else ("rad/rad", "rad")
     return {
-        "ratio": found.value,
-        "standard_error": found.standard_error,
+        "ratio": ratio.value,
+        "standard_error": ratio.standard_error,
         "of_drives": drive.ratio,
-        "misfit": found.misfit_rad,
+        "misfit": ratio.misfit_rad,
         "unit": units[0],
     }
 
 
-def _of_motor_equation(robot: Robot, logs: Sequence[Log], joint: str) -> dict[str, Any]:
+def _ratio_of_motor_equation(robot: Robot, logs: Sequence[Log], joint: str) -> dict[str, Any]:
     """Return the ratio of a joint whose spring lies between the encoders."""
     import numpy as np
 
     from seaid.identification import check
 
-    found = check(robot, list(logs)).joints[joint]
-    if not np.isfinite(found.gear_ratio):
+    joint_check = check(robot, list(logs)).joints[joint]
+    if not np.isfinite(joint_check.gear_ratio):
         return {"reason": "its spring lies between the encoders; log deflection or motor torque"}
     return {
-        "ratio": found.gear_ratio,
-        "standard_error": found.gear_ratio_error,
+        "ratio": joint_check.gear_ratio,
+        "standard_error": joint_check.gear_ratio_error,
         "of_drives": robot.drives[joint].ratio,
         "misfit": None,
         "unit": "rad/rad",

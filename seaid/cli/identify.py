@@ -23,7 +23,7 @@ PIECES = "Read logs with the column names of seaid in pieces: they may be larger
 
 
 def identify(
-    given: IdentifyOptions,
+    options: IdentifyOptions,
     logs: Logs,
     *,
     in_pieces: Annotated[bool, Option("--in-pieces", help=PIECES)] = False,
@@ -47,18 +47,18 @@ def identify(
     seaid identify leg.urdf run.csv --drives leg.toml -o leg.npz
     seaid identify arm.urdf day.parquet --drives arm.toml --in-pieces
     """
-    if in_pieces and (given.repair or given.description is not None):
+    if in_pieces and (options.repair or options.description is not None):
         raise typer.BadParameter(
             "logs that are read in pieces are not changed: no --repair, no --description",
             param_hint="--in-pieces",
         )
     check_fail_on(fail_on)
-    result.check(output, read=(*given.files, *logs))
-    robot = given.robot(given.known_body or ())
-    known = logs if in_pieces else given.logs(logs, robot)
-    found = given.identify(robot, known, feasible=feasible)
-    options = {"in_pieces": in_pieces, "feasible": feasible}
-    files = (*given.files, *logs)
-    result.show_found(
-        found, robot, output, read=files, options=options, verbose=verbose, fail_on=fail_on
+    result.check(output, read=(*options.files, *logs))
+    robot = options.robot(options.known_body or ())
+    known = logs if in_pieces else options.logs(logs, robot)
+    fit = options.identify(robot, known, feasible=feasible)
+    recorded = {"in_pieces": in_pieces, "feasible": feasible}
+    files = (*options.files, *logs)
+    result.show_identification(
+        fit, robot, output, read=files, options=recorded, verbose=verbose, fail_on=fail_on
     )

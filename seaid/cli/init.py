@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 def init(
-    given: RobotOptions,
+    options: RobotOptions,
     logs: Logs,
     *,
     position_gain: Annotated[
@@ -56,44 +56,44 @@ def init(
     """
     from seaid.project import write_first_project
 
-    check_robot_files(given.urdf, given.drives)
+    check_robot_files(options.urdf, options.drives)
     check_log_files(logs)
-    found = write_first_project(
-        given.urdf,
+    project = write_first_project(
+        options.urdf,
         logs,
-        drives=given.drives,
-        joints=names(given.joints),
-        locked=positions("--locked", given.locked),
-        payloads=[payload_of(text) for text in given.payload or ()],
-        gravity=vector("--gravity", given.gravity),
+        drives=options.drives,
+        joints=names(options.joints),
+        locked=positions("--locked", options.locked),
+        payloads=[payload_of(text) for text in options.payload or ()],
+        gravity=vector("--gravity", options.gravity),
         folder=folder,
-        controllers=_controllers(given, position_gain, velocity_gain),
-        base=given.base,  # type: ignore[arg-type]
-        contacts=[one for text in given.contact or () for one in contacts_of(text)],
-        imu_link=given.imu_link,
+        controllers=_controllers(options, position_gain, velocity_gain),
+        base=options.base,  # type: ignore[arg-type]
+        contacts=[contact for text in options.contact or () for contact in contacts_of(text)],
+        imu_link=options.imu_link,
         rate_hz=rate_hz,
     )
-    text = [f"unsure: {abridged(one)}" for one in found.doubts]
+    text = [f"unsure: {abridged(doubt)}" for doubt in project.doubts]
     place = "" if folder == Path() else f" {folder}"
     text.append(f"Check what is unsure, then: seaid run{place}")
-    content = {"files": found.files, "doubts": found.doubts}
-    show("\n".join(text), content, as_json, *found.files)
+    content = {"files": project.files, "doubts": project.doubts}
+    show("\n".join(text), content, as_json, *project.files)
 
 
 def _controllers(
-    given: RobotOptions, position_gain: str | None, velocity_gain: str
+    options: RobotOptions, position_gain: str | None, velocity_gain: str
 ) -> dict[str, Controller] | None:
     """Return {joint: controller} of the options, None without a position gain."""
     from seaid.drives import Controller
 
-    robot = given.robot()
+    robot = options.robot()
     stiffness = values("--position-gain", position_gain)
     damping = values("--velocity-gain", velocity_gain)
     if stiffness is None and not damping:
         return None
     stiff, damped = (
-        one if isinstance(one, dict) else dict.fromkeys(robot.joint_names, one or 0.0)
-        for one in (stiffness, damping)
+        gains if isinstance(gains, dict) else dict.fromkeys(robot.joint_names, gains or 0.0)
+        for gains in (stiffness, damping)
     )
     check_joints("--position-gain", stiff, robot)
     check_joints("--velocity-gain", damped, robot)

@@ -27,7 +27,7 @@ _CHOICES = (
 
 
 def inspect(
-    given: RobotOptions,
+    options: RobotOptions,
     sensors: Annotated[
         str | None,
         Option(help="Sensors of every joint, as motor_position,motor_torque, in detail."),
@@ -63,11 +63,11 @@ def inspect(
     from seaid.regressor import base_parameters, identifiability
     from seaid.robot import reread_urdf
 
-    robot = given.robot()
-    tree = reread_urdf(robot.urdf or given.urdf).locked_at(robot.locked)
+    robot = options.robot()
+    tree = reread_urdf(robot.urdf or options.urdf).locked_at(robot.locked)
     inconsistent = _inconsistent_links(tree)
     if robot.floating_base is not None:
-        content, text = _of_stances(robot, stance)
+        content, text = _stance_content(robot, stance)
         content = {"joints": _joint_facts(robot), "inconsistent_links": inconsistent, **content}
         text = [*_tree_lines(robot, tree, tree.root), *_link_lines(inconsistent), *text]
         show("\n".join(text), content, as_json, robot=robot.name)
@@ -76,29 +76,29 @@ def inspect(
     choices: tuple[tuple[str, ...], ...] = (
         _CHOICES if sensors is None else (tuple(names(sensors) or ()),)
     )
-    found = {", ".join(one): identifiability(robot, one) for one in choices}  # type: ignore[arg-type]
+    cases = {", ".join(choice): identifiability(robot, choice) for choice in choices}  # type: ignore[arg-type]
     content = {
         "joints": _joint_facts(robot),
         "inconsistent_links": inconsistent,
         "base_parameters": list(base.expressions),
         "singular_value_gap": base.gap,
-        "sensors": {name: _identifiable(one) for name, one in found.items()},
+        "sensors": {name: _identifiable(case) for name, case in cases.items()},
     }
     text = [*_tree_lines(robot, tree, tree.root), *_link_lines(inconsistent), *_base_lines(base)]
-    details = [str(one) for one in found.values()]
-    text += details if sensors is not None else [_identifiability_table(found)]
-    delays = next(iter(found.values())).commands
+    details = [str(case) for case in cases.values()]
+    text += details if sensors is not None else [_identifiability_table(cases)]
+    delays = next(iter(cases.values())).commands
     if delays:
         content["commands"] = list(delays)
     if delays and sensors is None:
-        text += ["\nPosition commands:", *(f"  {one}" for one in delays)]
+        text += ["\nPosition commands:", *(f"  {delay}" for delay in delays)]
     if plans:
         content["plans"], lines = _measured(robot, plans)
-        text += ["\nExcitation by planned motions:", *(f"  {one}" for one in lines)]
+        text += ["\nExcitation by planned motions:", *(f"  {line}" for line in lines)]
     show("\n".join(text), content, as_json, robot=robot.name)
 
 
-def _of_stances(robot: Robot, given: list[str] | None) -> tuple[dict[str, Any], list[str]]:
+def _stance_content(robot: Robot, texts: list[str] | None) -> tuple[dict[str, Any], list[str]]:
     """Return what stances of a floating base determine, alone and together, and as lines."""
     from seaid.regressor import identifiability
     from seaid.report import table
@@ -109,24 +109,24 @@ def _of_stances(robot: Robot, given: list[str] | None) -> tuple[dict[str, Any], 
     usual = ["air", *links, ",".join(links)] if links else ["air"]
     stances = {
         text: HANGING if text == HANGING else [] if text == "air" else names(text) or []
-        for text in given or usual
+        for text in texts or usual
     }
-    asked = [*stances.values()] if given else [stances[",".join(links) or "air"]]
-    found = {text: identifiability(robot, stances=[one]) for text, one in stances.items()}
+    asked = [*stances.values()] if texts else [stances[",".join(links) or "air"]]
+    cases = {text: identifiability(robot, stances=[stance]) for text, stance in stances.items()}
     together = identifiability(robot, stances=asked)
     if len(asked) > 1:
-        found["together"] = together
+        cases["together"] = together
     header = ["stance", "base", "individually", "in combination", "unidentifiable", "exact"]
     rows = [
         [
             name,
-            *(str(len(x)) for x in (one.base.columns, one.identifiable, one.combinations)),
-            str(len(one.unidentifiable)),
-            "agrees" if one.agree else "does NOT agree",
+            *(str(len(x)) for x in (case.base.columns, case.identifiable, case.combinations)),
+            str(len(case.unidentifiable)),
+            "agrees" if case.agree else "does NOT agree",
         ]
-        for name, one in found.items()
+        for name, case in cases.items()
     ]
-    content = {"stances": {name: _identifiable(one) for name, one in found.items()}}
+    content = {"stances": {name: _identifiable(case) for name, case in cases.items()}}
     content["base_parameters"] = list(together.base.expressions)  # type: ignore[assignment]
     title = "\nIdentifiable from joint torques and the motion of the base, by stance"
     return content, [*_base_lines(together.base), table(title, header, rows)]
@@ -139,8 +139,8 @@ def _measured(robot: Robot, plans: list[Path]) -> tuple[dict[str, Any], list[str
 
     every = [excitation_measures(robot, load_trajectory(path)) for path in plans]
     content = {
-        str(path): {**asdict(one), "d_efficiency": every[0].d_efficiency(one)}
-        for path, one in zip(plans, every, strict=True)
+        str(path): {**asdict(measures), "d_efficiency": every[0].d_efficiency(measures)}
+        for path, measures in zip(plans, every, strict=True)
     }
     return content, measure_lines([str(path) for path in plans], every)
 
@@ -173,9 +173,9 @@ def _tree_lines(robot: Robot, tree: UrdfTree, root: str) -> Iterator[str]:
 
 
 def _motion(robot: Robot, joint: str) -> str:
-    for one in robot.dependent_joints:
-        if one.name == joint:
-            return f"mimics {one.leader}, times {one.multiplier:.6g} plus {one.offset:.6g}"
+    for mimic in robot.dependent_joints:
+        if mimic.name == joint:
+            return f"mimics {mimic.leader}, times {mimic.multiplier:.6g} plus {mimic.offset:.6g}"
     if joint not in robot.joint_names:
         return "does not move"
     from seaid.drives import IDEAL_DRIVE, drive_table
@@ -197,8 +197,8 @@ def _inconsistent_links(tree: UrdfTree) -> dict[str, str]:
     """Return {link: reason why its inertia is physically inconsistent}."""
     from seaid.robot import inconsistency
 
-    found = {link: inconsistency(parameters) for link, parameters in tree.links.items()}
-    return {link: reason for link, reason in found.items() if reason is not None}
+    reasons = {link: inconsistency(parameters) for link, parameters in tree.links.items()}
+    return {link: reason for link, reason in reasons.items() if reason is not None}
 
 
 def _link_lines(inconsistent: dict[str, str]) -> Iterator[str]:
@@ -212,14 +212,14 @@ def _base_lines(base: BaseParameters) -> Iterator[str]:
     yield from (f"  {expression}" for expression in base.expressions)
 
 
-def _identifiable(found: Identifiability) -> dict[str, Any]:
+def _identifiable(case: Identifiability) -> dict[str, Any]:
     kept = ("rank", "identifiable", "combinations", "ratios", "unidentifiable", "agree")
-    by_derivatives = None if found.derivatives is None else found.derivatives.expressions
-    facts = {name: getattr(found, name) for name in kept}
-    return {"base_parameters": found.body_count, **facts, "by_derivatives": by_derivatives}
+    by_derivatives = None if case.derivatives is None else case.derivatives.expressions
+    facts = {name: getattr(case, name) for name in kept}
+    return {"base_parameters": case.body_count, **facts, "by_derivatives": by_derivatives}
 
 
-def _identifiability_table(found: dict[str, Identifiability]) -> str:
+def _identifiability_table(cases: dict[str, Identifiability]) -> str:
     """Return the numbers of parameters by identifiability for each set of sensors."""
     from seaid.drives import JointParameter
     from seaid.report import table
@@ -227,11 +227,11 @@ def _identifiability_table(found: dict[str, Identifiability]) -> str:
     header = ["sensors of every joint", "base", "individually", "in combination", "up to scale"]
     header.append("unidentifiable")
     rows = []
-    for name, one in found.items():
-        ratios = " + ".join(str(len(group)) for group in one.ratios) or "-"
-        counts = (one.body_count, len(one.identifiable), len(one.combinations), ratios)
-        rows.append([name, *map(str, counts), str(len(one.unidentifiable))])
-        if (base := one.derivatives) is not None:
+    for name, case in cases.items():
+        ratios = " + ".join(str(len(group)) for group in case.ratios) or "-"
+        counts = (case.body_count, len(case.identifiable), len(case.combinations), ratios)
+        rows.append([name, *map(str, counts), str(len(case.unidentifiable))])
+        if (base := case.derivatives) is not None:
             bodies = sum(not isinstance(name, JointParameter) for name in base.names)
             pairs = zip(base.expressions, base.names, strict=True)
             alone = sum(expression == name for expression, name in pairs)

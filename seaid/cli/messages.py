@@ -59,8 +59,8 @@ _CALL.set(_Call())
 
 def begin(command: str, arguments: Sequence[str]) -> None:
     """Note which command runs, so that errors in its arguments can be JSON too."""
-    own = list(arguments)[: list(arguments).index("--")] if "--" in arguments else arguments
-    _CALL.set(_Call(command, "--json" in own))
+    leading = list(arguments)[: list(arguments).index("--")] if "--" in arguments else arguments
+    _CALL.set(_Call(command, "--json" in leading))
 
 
 def note(text: str) -> None:
@@ -79,10 +79,10 @@ def reported() -> Iterator[None]:
         if issubclass(category, SeaidWarning):
             note(str(message))
         else:
-            other(message, category, *place)
+            previous(message, category, *place)
 
     with warnings.catch_warnings():
-        other = warnings.showwarning
+        previous = warnings.showwarning
         warnings.simplefilter("always", SeaidWarning)
         warnings.showwarning = noted  # type: ignore[assignment]
         try:
@@ -208,7 +208,7 @@ def check_outputs(*paths: Path | None, force: bool, read: Iterable[Path | None])
     from seaid._files import is_replaced, real_path, result_folder
 
     sources = {real_path(path) for path in filter(None, read)}
-    for path in (one for one in paths if one is not None and not is_stdout(one)):
+    for path in (output for output in paths if output is not None and not is_stdout(output)):
         target = real_path(path)
         if target in sources:
             raise SeaidError(f"'{path}' is read by this command: name another file for the results")

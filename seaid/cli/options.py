@@ -173,7 +173,7 @@ class RobotOptions:
             gravity=vector("--gravity", self.gravity),
             independent_mimics=self.independent_mimics,
             base=self.base,  # type: ignore[arg-type]
-            contacts=[one for text in self.contact or () for one in contacts_of(text)],
+            contacts=[contact for text in self.contact or () for contact in contacts_of(text)],
             imu_link=self.imu_link,
         )
 
@@ -215,10 +215,10 @@ class LogOptions(RobotOptions):
             return logs
         from seaid.identification import find_contacts
 
-        found = [find_contacts(robot, log) for log in logs]
-        for path, one in zip(paths, found, strict=True):
-            note(f"{path}: contacts found from torques: {one._in_short()}")
-        return [one.log for one in found]
+        by_log = [find_contacts(robot, log) for log in logs]
+        for path, contacts in zip(paths, by_log, strict=True):
+            note(f"{path}: contacts found from torques: {contacts._in_short()}")
+        return [contacts.log for contacts in by_log]
 
 
 @dataclass(frozen=True)
@@ -258,12 +258,12 @@ class IdentifyOptions(LogOptions):
         from seaid.cli.defaults import is_typed, warn_of_changes
         from seaid.project import load_run
 
-        options = (one.name for one in fields(IdentifyOptions) if one.name != "urdf")
+        options = (option.name for option in fields(IdentifyOptions) if option.name != "urdf")
         if run is None or (is_typed(*options, *names) and not is_typed("run")):
             return None
-        found = load_run(run)
-        warn_of_changes(run, found.provenance)
-        return found
+        saved_run = load_run(run)
+        warn_of_changes(run, saved_run.provenance)
+        return saved_run
 
     def identify(
         self, robot: Robot, logs: Sequence[Source], *, feasible: bool = False
@@ -311,14 +311,14 @@ class IdentifiedOptions(IdentifyOptions):
             raise typer.BadParameter("give one of the two", param_hint="--from, --run")
         if (saved := self.saved(self.run, "from_logs")) is not None:
             return saved
-        options = {one.name: getattr(self, one.name) for one in fields(IdentifyOptions)}
+        options = {option.name: getattr(self, option.name) for option in fields(IdentifyOptions)}
         if not self.from_logs:
             raise typer.BadParameter("give one of the two", param_hint="--from, --run")
         robot = self.robot(self.known_body or ())
-        found = self.identify(robot, self.logs(self.from_logs, robot), feasible=feasible)
+        identification = self.identify(robot, self.logs(self.from_logs, robot), feasible=feasible)
         options = {name: value for name, value in options.items() if value not in (None, False)}
         origin = provenance_of(filter(None, self.files), options, command_line())
-        return Run(found, {}, origin)
+        return Run(identification, {}, origin)
 
 
 @dataclass(frozen=True)
@@ -338,9 +338,9 @@ class ResultOptions:
         """Print the result and the paths of its files; `facts` as of `show`."""
         show(text, result, self.as_json, *paths, **facts)
 
-    def show_found(
+    def show_identification(
         self,
-        found: Identification,
+        identification: Identification,
         nominal: Robot,
         output: Path,
         *,
@@ -356,13 +356,13 @@ class ResultOptions:
             from seaid.project import provenance_of, save_run
 
             origin = provenance_of(filter(None, read), options, command_line())
-            save_run(found, output, provenance=origin)
+            save_run(identification, output, provenance=origin)
         else:
             with written(output, ".json") as file:
-                found.save(file)
-        text = short_text(found, nominal, verbose)
-        self.show(text, found.to_dict(), output, **facts_of(found))
-        fail_on_warnings(found.warnings, fail_on)
+                identification.save(file)
+        text = short_text(identification, nominal, verbose)
+        self.show(text, identification.to_dict(), output, **facts_of(identification))
+        fail_on_warnings(identification.warnings, fail_on)
 
 
 def with_groups(command: Callable[..., None]) -> Callable[..., None]:
@@ -377,43 +377,43 @@ def with_groups(command: Callable[..., None]) -> Callable[..., None]:
         else:
             parameters.append(parameter.replace(annotation=annotations[name]))
 
-    required = {one.name: metavar for one in parameters if (metavar := _required(one))}
-    positional = [one.name for one in parameters if _argument(one) is not None]
+    required = {p.name: metavar for p in parameters if (metavar := _required(p))}
+    positional = [p.name for p in parameters if _argument(p) is not None]
 
     def run(context: typer.Context, **values: Any) -> None:
         from seaid.cli.defaults import with_project
 
-        found = with_project(context, values, positional)
-        if found is None:
+        arguments = with_project(context, values, positional)
+        if arguments is None:
             return
-        values = found
+        values = arguments
         for name, metavar in required.items():
             if not values[name] and not (name == "urdf" and values.get("run")):
-                here = ", or have a seaid.toml here (seaid init)" * (metavar in ("URDF", "LOG"))
-                raise typer.BadParameter(f"it is missing: name it{here}", param_hint=metavar)
+                hint = ", or have a seaid.toml here (seaid init)" * (metavar in ("URDF", "LOG"))
+                raise typer.BadParameter(f"it is missing: name it{hint}", param_hint=metavar)
         for name, group in groups.items():
             values[name] = annotations[name](**{field: values.pop(field) for field in group})
         command(**values)
 
     keyword = Parameter.KEYWORD_ONLY
-    optional = [one.replace(default=None) if one.name in required else one for one in parameters]
-    own = Parameter("context", Parameter.POSITIONAL_OR_KEYWORD, annotation=typer.Context)
-    run.__signature__ = Signature([own, *(one.replace(kind=keyword) for one in optional)])  # type: ignore[attr-defined]
+    optional = [p.replace(default=None) if p.name in required else p for p in parameters]
+    first = Parameter("context", Parameter.POSITIONAL_OR_KEYWORD, annotation=typer.Context)
+    run.__signature__ = Signature([first, *(p.replace(kind=keyword) for p in optional)])  # type: ignore[attr-defined]
     return run
 
 
 def _argument(parameter: Parameter) -> Any:
     """Return the `Argument` of a positional parameter, None for an option."""
     parts = getattr(parameter.annotation, "__metadata__", ())
-    return next((one for one in parts if isinstance(one, typer.models.ArgumentInfo)), None)
+    return next((part for part in parts if isinstance(part, typer.models.ArgumentInfo)), None)
 
 
 def _required(parameter: Parameter) -> str | None:
     """Return the name of an argument that the line or a project file must have, else None."""
-    found = _argument(parameter)
-    if found is None or parameter.default is not Parameter.empty:
+    argument = _argument(parameter)
+    if argument is None or parameter.default is not Parameter.empty:
         return None
-    return str(found.metavar).removesuffix("...")
+    return str(argument.metavar).removesuffix("...")
 
 
 def command_line() -> tuple[str, ...]:
@@ -432,7 +432,7 @@ def fail_on_warnings(warnings: Sequence[Finding], fail_on: str | None) -> None:
     """End the command with exit code 3 if a warning is at least as severe as `fail_on`."""
     if fail_on is not None:
         failing = SEVERITIES[: [*SEVERITIES].index(fail_on) + 1]  # type: ignore[arg-type]
-        if any(one.severity in failing for one in warnings):
+        if any(finding.severity in failing for finding in warnings):
             raise typer.Exit(3)
 
 
@@ -460,11 +460,11 @@ def values(
 
 def positions(option: str, text: str | None) -> dict[str, float]:
     """Return {joint: position} of 'torso=0.3,head=0.1'."""
-    found = values(option, text, "torso=0.3,head=0.1")
-    if found is not None and not isinstance(found, dict):
+    parsed = values(option, text, "torso=0.3,head=0.1")
+    if parsed is not None and not isinstance(parsed, dict):
         message = f"'{text}' names no joint: write it as torso=0.3,head=0.1"
         raise typer.BadParameter(message, param_hint=option)
-    return found or {}
+    return parsed or {}
 
 
 def check_joints(option: str, joints: Iterable[str] | None, robot: Robot) -> None:
@@ -485,13 +485,13 @@ def band_of(text: str | None) -> tuple[float, float] | None:
 def numbers(option: str, text: str, form: str, count: int) -> list[float]:
     """Return the numbers of a text with commas between them, as an option has them."""
     try:
-        found = [float(one) for one in text.split(",")]
+        parsed = [float(part) for part in text.split(",")]
     except ValueError:
-        found = []
-    if len(found) != count:
+        parsed = []
+    if len(parsed) != count:
         message = f"'{shortened(text)}' is not {form}"
         raise typer.BadParameter(message, param_hint=option)
-    return found
+    return parsed
 
 
 def vector(option: str, text: str) -> list[float]:
@@ -523,23 +523,23 @@ def contacts_of(text: str) -> list[Contact]:
     from seaid.robot import Contact
 
     links, *parts = text.split(":")
-    given: dict[str, Any] = {}
+    properties: dict[str, Any] = {}
     try:
         for part in parts:
             if part == "flat":
-                given["is_flat"] = True
+                properties["is_flat"] = True
             elif part.startswith("radius="):
-                given["radius_m"] = float(part.removeprefix("radius="))
+                properties["radius_m"] = float(part.removeprefix("radius="))
             else:
                 x, y, z = map(float, part.split(","))
-                given["position_m"] = (x, y, z)
+                properties["position_m"] = (x, y, z)
     except ValueError:
         raise typer.BadParameter(
             f"'{text}' is not link:x,y,z:flat or link:radius=r, as FL_foot,FR_foot:radius=0.02 of "
             "both; contacts of another shape have a --contact of their own",
             param_hint="--contact",
         ) from None
-    return [Contact(link, **given) for link in names(links) or ()]
+    return [Contact(link, **properties) for link in names(links) or ()]
 
 
 def logs_of(
@@ -554,7 +554,7 @@ def logs_of(
 
     check_log_files(paths, description)
     project = project_here()
-    known = {one.path: one for one in (project.logs if project else ())}
+    known = {log.path: log for log in (project.logs if project else ())}
     return [(known.get(path) or log_at(path)).read(robot, description, repair) for path in paths]
 
 
@@ -568,14 +568,14 @@ def check_validation_logs(unseen: Sequence[Path], from_logs: Sequence[Path]) -> 
             raise SeaidError(f"'{log}' is used for the identification: validate on another log")
 
 
-def facts_of(found: Identification, *results: Validation | ReplayComparison) -> dict[str, Any]:
+def facts_of(fit: Identification, *results: Validation | ReplayComparison) -> dict[str, Any]:
     """Return robot, verdict and warnings of an identification and its tests, for `show`."""
     from seaid.errors import by_severity
     from seaid.identification import verdict_with
 
-    every = [*found.warnings, *(one for each in results for one in each.warnings)]
-    verdict = verdict_with(found, results)
-    return {"robot": found.robot.name, "verdict": verdict, "warnings": by_severity(every)}
+    every = [*fit.warnings, *(finding for each in results for finding in each.warnings)]
+    verdict = verdict_with(fit, results)
+    return {"robot": fit.robot.name, "verdict": verdict, "warnings": by_severity(every)}
 
 
 def checked_suffix(path: Path, *allowed: str) -> Path:

@@ -21,7 +21,7 @@ from seaid.cli.options import (
 
 
 def refine(
-    given: IdentifyOptions,
+    options: IdentifyOptions,
     logs: Logs,
     *,
     run: Run = None,
@@ -44,19 +44,19 @@ def refine(
     from seaid.identification import refine as refined
 
     check_fail_on(fail_on)
-    result.check(output, read=(*given.files, *logs))
-    saved = given.saved(run, "logs")
-    robot = given.robot(given.known_body or ()) if saved is None else saved.identification.known
-    read = given.logs(logs, robot)
-    found = refined(
-        given.identify(robot, read) if saved is None else saved.identification,
+    result.check(output, read=(*options.files, *logs))
+    saved = options.saved(run, "logs")
+    robot = options.robot(options.known_body or ()) if saved is None else saved.identification.known
+    read = options.logs(logs, robot)
+    fit = refined(
+        options.identify(robot, read) if saved is None else saved.identification,
         read,
-        encoder_offset_std=given.encoder_offset_std,
+        encoder_offset_std=options.encoder_offset_std,
         iterations=iterations,
         progress=is_terminal(),
     )
-    options = {"iterations": iterations}
-    files = (*given.files, *logs)
-    result.show_found(
-        found, robot, output, read=files, options=options, verbose=verbose, fail_on=fail_on
+    recorded = {"iterations": iterations}
+    files = (*options.files, *logs)
+    result.show_identification(
+        fit, robot, output, read=files, options=recorded, verbose=verbose, fail_on=fail_on
     )

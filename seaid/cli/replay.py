@@ -20,7 +20,7 @@ from seaid.cli.options import (
 
 
 def replay(
-    given: IdentifiedOptions,
+    options: IdentifiedOptions,
     log: Annotated[Path, Argument(help="The log to replay; best an unseen one.", metavar="LOG")],
     *,
     nominal: Annotated[
@@ -53,15 +53,15 @@ def replay(
     check_fail_on(fail_on)
     if output is not None:
         checked_suffix(output, ".html", ".htm")
-    result.check(output, read=(*given.files, log, nominal))
-    run = given.result()
-    found = run.identification
-    before = found.known if nominal is None else nominal_model(nominal, found.known)
-    (unseen,) = given.logs([log], found.known)
-    moved = compare_replays(before, found.robot, unseen, found.unusable_joints)
+    result.check(output, read=(*options.files, log, nominal))
+    run = options.result()
+    fit = run.identification
+    before = fit.known if nominal is None else nominal_model(nominal, fit.known)
+    (unseen,) = options.logs([log], fit.known)
+    moved = compare_replays(before, fit.robot, unseen, fit.unusable_joints)
     if output is not None:
         with written(output, ".html") as file:
-            write_report(found, file, list(run.validations.values()), replays=moved)
-    facts = facts_of(found, *run.validations.values(), moved)
+            write_report(fit, file, list(run.validations.values()), replays=moved)
+    facts = facts_of(fit, *run.validations.values(), moved)
     result.show(moved.summary(), {"log": str(log), **moved.to_dict()}, output, **facts)
     fail_on_warnings(moved.warnings, fail_on)

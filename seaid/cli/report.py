@@ -21,7 +21,7 @@ from seaid.cli.options import (
 
 
 def report(
-    given: IdentifiedOptions,
+    options: IdentifiedOptions,
     *,
     output: Annotated[
         Path, Option("--output", "-o", help="The page to write.", metavar="HTML")
@@ -62,38 +62,37 @@ def report(
 
     checked_suffix(output, ".html", ".htm")
     unseen = validation or []
-    check_validation_logs(unseen, given.from_logs or ())
+    check_validation_logs(unseen, options.from_logs or ())
     if plan is not None and not multisine:
         raise typer.BadParameter("a plan needs its --multisine", param_hint="--plan")
-    result.check(output, read=(*given.files, *unseen, *(multisine or ()), plan))
-    run = given.result(feasible=feasible)
-    found = run.identification
+    result.check(output, read=(*options.files, *unseen, *(multisine or ()), plan))
+    run = options.result(feasible=feasible)
+    fit = run.identification
     facts = origin_facts(run.provenance)
     results = {} if is_typed("validation") else dict(run.validations)
     replays = list(run.replays.values()) if results else []
     if not results:
         read = origin_facts({"inputs": provenance_of(unseen, {}, ())["inputs"]})
         facts |= {name.replace("Input", "Validated on"): text for name, text in read.items()}
-        logs = given.logs(unseen, found.known)
+        logs = options.logs(unseen, fit.known)
         pairs = zip(unseen, logs, strict=True)
-        results = {path.name: validated(found, log) for path, log in pairs}
-        if found.robot.has_controllers:
+        results = {path.name: validated(fit, log) for path, log in pairs}
+        if fit.robot.has_controllers:
             replays = [
-                compare_replays(found.known, found.robot, log, found.unusable_joints)
-                for log in logs
+                compare_replays(fit.known, fit.robot, log, fit.unusable_joints) for log in logs
             ]
     response = None
     if multisine:
-        sines = given.logs(multisine, found.known)
+        sines = options.logs(multisine, fit.known)
         motion = None if plan is None else load_trajectory(plan)
-        response = frequency_response(found.known, sines, plan=motion, identification=found)
+        response = frequency_response(fit.known, sines, plan=motion, identification=fit)
     every = list(results.values())
     with written(output, ".html") as file:
         notes = () if is_typed("validation") else run.provenance.get("notes", ())
         write_report(
-            found, file, every, facts=facts, replays=replays, frequency=response, notes=notes
+            fit, file, every, facts=facts, replays=replays, frequency=response, notes=notes
         )
-    content = {"validations": [one.to_dict() for one in results.values()]}
-    judged = facts_of(found, *results.values(), *replays)
-    text = [f"{found.robot.name}: {judged['verdict'].sentence}", *warning_lines(judged["warnings"])]
+    content = {"validations": [test.to_dict() for test in results.values()]}
+    judged = facts_of(fit, *results.values(), *replays)
+    text = [f"{fit.robot.name}: {judged['verdict'].sentence}", *warning_lines(judged["warnings"])]
     result.show("\n".join(text), content, output, **judged)

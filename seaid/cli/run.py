@@ -46,25 +46,25 @@ def run(
     from seaid.project import load_project, run_project
 
     check_fail_on(fail_on)
-    given = load_project(project)
-    done = run_project(given, command=command_line(), progress=is_terminal())
+    loaded = load_project(project)
+    done = run_project(loaded, command=command_line(), progress=is_terminal())
     logs = (log for run in done.runs.values() for log in run.identification.processing)
-    repairs = [one for log in logs for one in log.repairs]
-    for text in [*done.notes, *(str(one) for one in repairs if one.kind == FOUND_CONTACT)]:
+    repairs = [repair for log in logs for repair in log.repairs]
+    for text in [*done.notes, *(str(repair) for repair in repairs if repair.kind == FOUND_CONTACT)]:
         note(text)
     show(_text(done, verbose), _content(done), as_json, done.folder, **_facts(done))
     report = done.folder / "report.html"
     if open_report and report.exists():
         typer.launch(report.resolve().as_uri())
-    fail_on_warnings(done.warnings, fail_on or given.fail_on)
+    fail_on_warnings(done.warnings, fail_on or loaded.fail_on)
 
 
 def _text(done: ProjectRun, verbose: bool) -> str:
     from seaid.project import summary_of
 
     parts = [
-        f"Condition {name}\n" * bool(name) + summary_of(one, verbose)
-        for name, one in done.runs.items()
+        f"Condition {name}\n" * bool(name) + summary_of(run, verbose)
+        for name, run in done.runs.items()
     ]
     return "\n\n".join(parts + ([] if done.conditions is None else [done.conditions.summary()]))
 
@@ -83,10 +83,10 @@ def _content(done: ProjectRun) -> dict[str, Any]:
         "not_written": done.notes,
         "conditions": {
             name: {
-                "parameters": one.identification.to_dict(),
-                "validations": {log: each.to_dict() for log, each in one.validations.items()},
-                "replays": {log: each.to_dict() for log, each in one.replays.items()},
+                "parameters": run.identification.to_dict(),
+                "validations": {log: each.to_dict() for log, each in run.validations.items()},
+                "replays": {log: each.to_dict() for log, each in run.replays.items()},
             }
-            for name, one in done.runs.items()
+            for name, run in done.runs.items()
         },
     }

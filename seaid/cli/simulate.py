@@ -43,29 +43,29 @@ class NoiseOptions:
         """Return the errors, with zero for joints that are not named."""
         from seaid.simulation import Noise
 
-        found: dict[str, tuple[float, ...]] = {}
+        errors: dict[str, tuple[float, ...]] = {}
         for name, text in vars(self).items():
             option = f"--{name.replace('_', '-')}"
             number = values(option, text)
-            given = number if isinstance(number, dict) else dict.fromkeys(robot.joint_names, number)
-            check_joints(option, given, robot)
+            sizes = number if isinstance(number, dict) else dict.fromkeys(robot.joint_names, number)
+            check_joints(option, sizes, robot)
             unit = "Nm" if name == "torque_std" else "rad"
-            found[f"{name}_{unit}"] = tuple(given.get(one) or 0.0 for one in robot.joint_names)
-        return Noise(**found)
+            errors[f"{name}_{unit}"] = tuple(sizes.get(joint) or 0.0 for joint in robot.joint_names)
+        return Noise(**errors)
 
 
 def _temperatures(text: str) -> dict[str, list[float]] | None:
     """Return {joint: temperatures from start to end} of a text as knee=20:45,hip=30."""
     try:
         pairs = [part.rpartition("=") for part in text.split(",") if part]
-        return {joint: [float(one) for one in of.split(":")] for joint, _, of in pairs} or None
+        return {joint: [float(value) for value in of.split(":")] for joint, _, of in pairs} or None
     except ValueError:
         hint = "knee=30 or knee=20:45, joints separated by commas"
         raise typer.BadParameter(f"'{text}' is not {hint}", param_hint="--temperature") from None
 
 
 def simulate(
-    given: RobotOptions,
+    options: RobotOptions,
     trajectory: Annotated[Path, Argument(help="Trajectory of seaid excite.", metavar="TRAJECTORY")],
     *,
     rate_hz: Annotated[float, Option(help="Rate of controller and log [Hz].")] = 1000.0,
@@ -91,8 +91,8 @@ def simulate(
     from seaid.simulation import simulate as simulated
 
     checked_suffix(output, *WRITTEN)
-    result.check(output, read=(given.urdf, given.drives, trajectory))
-    robot = given.robot()
+    result.check(output, read=(options.urdf, options.drives, trajectory))
+    robot = options.robot()
     noise = sensors.noise(robot)
     log = simulated(
         robot,

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def terms(
-    given: LogOptions,
+    options: LogOptions,
     logs: Logs,
     *,
     of: Annotated[
@@ -35,15 +35,15 @@ def terms(
     from seaid.drives import write_drives
     from seaid.identification import compare_terms
 
-    result.check(output, read=(*given.files, *logs))
-    robot = given.robot(given.known_body or ())
+    result.check(output, read=(*options.files, *logs))
+    robot = options.robot(options.known_body or ())
     check_joints("--of", names(of), robot)
     selection = compare_terms(
         robot,
-        given.logs(logs, robot),
+        options.logs(logs, robot),
         joints=names(of),
-        torque_joints=names(given.torque_joints),
-        cutoff_hz=given.cutoff_hz,
+        torque_joints=names(options.torque_joints),
+        cutoff_hz=options.cutoff_hz,
         progress=is_terminal(),
     )
     if output is not None:
@@ -51,13 +51,13 @@ def terms(
             write_drives(selection.robot.drives, file)
     content = {
         "recommended": selection.recommended,
-        "comparisons": [_comparison_facts(one) for one in selection.comparisons],
+        "comparisons": [_comparison_facts(comparison) for comparison in selection.comparisons],
     }
     result.show(str(selection), content, output, robot=robot.name)
 
 
-def _comparison_facts(one: TermComparison) -> dict[str, object]:
-    facts = {"joint": one.joint, "field": one.field, "term": one.term, "step": one.step + 1}
-    facts |= {"cutoff_hz": one.cutoff_hz}
-    facts |= {"supported": one.is_supported, "selected": one.selected, "reason": one.reason}
-    return facts | {"significance": None if one.comparison is None else asdict(one.comparison)}
+def _comparison_facts(test: TermComparison) -> dict[str, object]:
+    facts = {"joint": test.joint, "field": test.field, "term": test.term, "step": test.step + 1}
+    facts |= {"cutoff_hz": test.cutoff_hz}
+    facts |= {"supported": test.is_supported, "selected": test.selected, "reason": test.reason}
+    return facts | {"significance": None if test.comparison is None else asdict(test.comparison)}

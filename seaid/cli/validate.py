@@ -17,7 +17,7 @@ from seaid.cli.options import (
 
 
 def validate(
-    given: IdentifiedOptions,
+    options: IdentifiedOptions,
     log: Annotated[Path, Argument(help="A log not identified from.", metavar="LOG")],
     *,
     output: Annotated[
@@ -34,13 +34,13 @@ def validate(
     from seaid.identification import validate as validated
     from seaid.report import warning_lines
 
-    check_validation_logs([log], given.from_logs or ())
-    result.check(output, read=(*given.files, log))
-    found = given.result().identification
-    (unseen,) = given.logs([log], found.known)
-    validation = validated(found, unseen)
+    check_validation_logs([log], options.from_logs or ())
+    result.check(output, read=(*options.files, log))
+    fit = options.result().identification
+    (unseen,) = options.logs([log], fit.known)
+    validation = validated(fit, unseen)
     if output is not None:
         with written(output, ".json") as file:
-            found.save(file, validation)
-    text = [validation.summary(), *warning_lines(found.warnings)]
-    result.show("\n".join(text), validation.to_dict(), output, **facts_of(found, validation))
+            fit.save(file, validation)
+    text = [validation.summary(), *warning_lines(fit.warnings)]
+    result.show("\n".join(text), validation.to_dict(), output, **facts_of(fit, validation))

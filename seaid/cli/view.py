@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 def view(
-    given: RobotOptions,
+    options: RobotOptions,
     log: Annotated[list[Path] | None, Option(help="Recorded log to play. May be repeated.")] = None,
     trajectory: Annotated[
         list[Path] | None, Option(help="Trajectory of seaid excite to play. May be repeated.")
@@ -68,7 +68,7 @@ def view(
     """
     from seaid.view import view_robot
 
-    robot, identified = _robots(given, parameters, run)
+    robot, identified = _robots(options, parameters, run)
     motions = _motions(robot, log or [], trajectory or [], description, repair)
     shown = view_robot(
         robot,
@@ -88,7 +88,7 @@ def view(
 
 
 def _robots(
-    given: RobotOptions, parameters: Path | None, run: Path | None
+    options: RobotOptions, parameters: Path | None, run: Path | None
 ) -> tuple[Robot, Robot | Identification | None]:
     """Return the nominal robot, and what was identified.
 
@@ -100,13 +100,13 @@ def _robots(
     if parameters is not None and is_typed("run"):
         raise typer.BadParameter("give one of the two", param_hint="--parameters, --run")
     if parameters is not None:
-        robot = given.robot()
+        robot = options.robot()
         return robot, read_parameters(parameters, robot)
     if run is None or (not is_typed("run") and is_typed("urdf", "drives", "joints")):
-        return given.robot(), None
+        return options.robot(), None
     saved = load_run(run)
     warn_of_changes(run, saved.provenance)
-    robot = given.robot() if is_typed("urdf") else saved.identification.known
+    robot = options.robot() if is_typed("urdf") else saved.identification.known
     return robot, saved.identification
 
 
