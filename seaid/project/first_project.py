@@ -174,35 +174,35 @@ def write_first_project(
     read: list[_ReadLog] = []
     for files in grouped:
         read.append(_read(files, robot, folder, rate_hz, known is None, read))
-    robot = _with_springs(robot, {joint for one in read for joint in one.springs})
-    doubts += [*of_files, *(doubt for one in read for doubt in one.doubts)]
-    texts = {one.description_file: one.text for one in read if one.description_file and one.text}
-    untrue = [one for each in read for one in no_measurements(robot, each.log)]
-    doubts += dict.fromkeys(f"{one.joint}: {one.message}" for one in untrue)
-    logs_read = [one.log for one in read]
-    doubts += _standing(robot, logs_read)
+    robot = _with_springs(robot, {joint for entry in read for joint in entry.springs})
+    doubts += [*of_files, *(doubt for entry in read for doubt in entry.doubts)]
+    texts = {x.description_file: x.text for x in read if x.description_file and x.text}
+    untrue = [finding for entry in read for finding in no_measurements(robot, entry.log)]
+    doubts += dict.fromkeys(f"{finding.joint}: {finding.message}" for finding in untrue)
+    logs_read = [entry.log for entry in read]
+    doubts += _lock_hints(robot, logs_read)
     without = {x.joint for x in untrue}
     without |= {joint for joint in robot.joint_names if without and _is_unsigned(logs_read, joint)}
     commanded = _commanded(robot, logs_read, without) if known is None else ()
     tables: dict[str, dict[str, object]] = {}
     if known is None:
-        tables, found = inferred_drives(robot, logs_read, commanded)
-        given = {**_logged_gains(read, doubts), **(controllers or {})}
-        tables |= {one: _controlled(robot, one, logs_read, given) for one in commanded}
-        asked = [one for one in commanded if str(_UNKNOWN_GAIN) in str(tables[one]["controller"])]
-        found += [f"{listed(asked)}: {_GAINS}"] * bool(asked) + [_DELAY] * bool(commanded)
-        fast = [x for x in commanded if all(_has(one, "velocity_command", x) for one in logs_read)]
-        found += [f"{listed(fast)}: {_VELOCITY_COMMANDS}"] * bool(fast)
-        laws = {one: tables[one]["controller"] for one in commanded}
+        tables, unsure = inferred_drives(robot, logs_read, commanded)
+        gains = {**_logged_gains(read, doubts), **(controllers or {})}
+        tables |= {joint: _controlled(robot, joint, logs_read, gains) for joint in commanded}
+        asked = [x for x in commanded if str(_UNKNOWN_GAIN) in str(tables[x]["controller"])]
+        unsure += [f"{listed(asked)}: {_GAINS}"] * bool(asked) + [_DELAY] * bool(commanded)
+        fast = [x for x in commanded if all(_has(log, "velocity_command", x) for log in logs_read)]
+        unsure += [f"{listed(fast)}: {_VELOCITY_COMMANDS}"] * bool(fast)
+        laws = {joint: tables[joint]["controller"] for joint in commanded}
         held = [x for x, law in laws.items() if isinstance(law, Controller) and law.is_held]
-        found += [f"{listed(held)}: {_HELD}"] * bool(held)
-        doubts += found
+        unsure += [f"{listed(held)}: {_HELD}"] * bool(held)
+        doubts += unsure
         if tables:
             known = folder / f"{Path(urdf).stem}_drives.toml"
             if known.exists():
                 raise SeaidError(f"'{known}' is there already: give it as drives")
             write_drives(drives_from_mapping(tables), known)
-            texts[known] = _as_comments(found) + _with_gaps(known.read_text(encoding="utf-8"))
+            texts[known] = _as_comments(unsure) + _with_gaps(known.read_text(encoding="utf-8"))
     head = _robot_lines(_relative(urdf, folder), robot, joints)
     unscaled = _unscaled(robot, logs_read, tables)
     bodies = _known_bodies(robot) if commanded or unscaled else ()
@@ -210,8 +210,8 @@ def write_first_project(
     if known is not None:
         head.insert(1, f"drives = {_quoted(_relative(known, folder))}")
     shortest_s = _SHORTEST_COMMANDED_S if commanded else _SHORTEST_S
-    unflagged = [_unflagged(robot, one.log) for one in read]
-    doubts += dict.fromkeys(f"{listed(one)}: {_UNFLAGGED}" for one in unflagged if one)
+    unflagged = [_unflagged(robot, entry.log) for entry in read]
+    doubts += dict.fromkeys(f"{listed(links)}: {_UNFLAGGED}" for links in unflagged if links)
     lines = [*_payload_lines(payloads), *_log_lines(robot, read, folder, shortest_s)]
     stds = _KNOWN_STD["bodies" if bodies and unscaled else ""]
     text = "\n".join([*head, *lines, _OPTIONS.format(known_std=stds)])
@@ -237,18 +237,18 @@ def _with_columns(
     named = [x for x in robot.joint_names if any(x in column for column in columns)]
     if not 0 < len(named) < robot.n:
         return robot, None
-    others = [one for one in robot.joint_names if one not in named]
+    others = [joint for joint in robot.joint_names if joint not in named]
     doubts.append(f"{listed(others)}: {_UNNAMED}")
     return load(joints=named), named
 
 
-def _standing(robot: Robot, logs: Sequence[Log]) -> Iterator[str]:
+def _lock_hints(robot: Robot, logs: Sequence[Log]) -> Iterator[str]:
     """Yield how to lock the joints that stand still in all logs, if others move."""
     places = {}
     for index, joint in enumerate(robot.joint_names):
         sides = [(log.joint_position[:, index], log.motor_position[:, index]) for log in logs]
-        known = [np.concatenate([one[k] for one in sides]) for k in range(2)]
-        if all(np.all(np.isnan(one)) or np.nanmax(one) - np.nanmin(one) < _STILL for one in known):
+        known = [np.concatenate([pair[k] for pair in sides]) for k in range(2)]
+        if all(np.all(np.isnan(q)) or np.nanmax(q) - np.nanmin(q) < _STILL for q in known):
             places[joint] = float(np.nanmean(known[0]))
     if 0 < len(places) < robot.n and all(map(np.isfinite, places.values())):
         option = ",".join(f"{joint}={place:.4g}" for joint, place in places.items())
@@ -312,7 +312,7 @@ def _known_drives(
 def _without_time(paths: Sequence[Path]) -> list[tuple[Path, ...]]:
     """Return the files of each log without time: one log, or one each if they share names."""
     names = [{name for name in open_tables([path]).names if not name.isdecimal()} for path in paths]
-    share = any(one & other for k, one in enumerate(names) for other in names[:k])
+    share = any(later & earlier for k, later in enumerate(names) for earlier in names[:k])
     return [(path,) for path in paths] if share else [tuple(paths)]
 
 
@@ -339,29 +339,29 @@ def _read(
         guess = describe_log(files, robot, rate_hz=rate_hz)
     except LogError as problem:
         raise plain if _has_own_names(files) else problem from None
-    found = guess.description.joints
-    springs = tuple(x for x in found if infers and "deflection" in found[x])
+    joints = guess.description.joints
+    springs = tuple(x for x in joints if infers and "deflection" in joints[x])
     robot = _with_springs(robot, springs)
     columns = guess.description.columns() | set(guess.unused)
     target = folder / f"{path.stem}_columns.toml"
     if target.exists():
         log = read_log(files, robot, description=target)
         return _ReadLog(files, log, target, springs=springs, columns=columns, description=target)
-    alike = next((one for one in others if len(files) == 1 and one.columns == columns), None)
-    if alike is not None and alike.description is not None:
+    match = next((entry for entry in others if len(files) == 1 and entry.columns == columns), None)
+    if match is not None and match.description is not None:
         with suppress(LogError):
-            log = read_log(files, robot, description=alike.description)
-            return replace(alike, files=files, log=log, text="", doubts=(), gains=guess.gains)
+            log = read_log(files, robot, description=match.description)
+            return replace(match, files=files, log=log, text="", doubts=(), gains=guess.gains)
     try:
         log = read_log(files, robot, description=guess.description)
     except LogError as problem:
-        about = [one for one in guess.unsure if "no torque, current or voltage" in one]
+        about = [doubt for doubt in guess.unsure if "no torque, current or voltage" in doubt]
         about.append("joints that stand still, or that no column has, are locked with locked=")
         raise LogError("; ".join([str(problem), *about]), "locked=") from None
     ordered = with_leg_order(guess, robot, log)
     if ordered is not guess:
         guess, log = ordered, read_log(files, robot, description=ordered.description)
-    doubts = tuple(f"{path.name}: {one}" for one in guess.unsure)
+    doubts = tuple(f"{path.name}: {doubt}" for doubt in guess.unsure)
     of_file = target, guess.to_toml(), doubts, guess.gains, springs, columns, guess.description
     return _ReadLog(files, log, *of_file)
 
@@ -408,27 +408,27 @@ def _commanded(robot: Robot, logs: Sequence[Log], untrue: Set[str]) -> tuple[str
     The torques and currents of the joints `untrue` are no measurements.
     """
     torques = ("motor_torque", "joint_torque", "motor_current", "motor_voltage")
-    found = []
+    joints = []
     for index, joint in enumerate(robot.joint_names):
-        there = [
+        logged = [
             {name for name, x in log.sensors().items() if np.all(np.isfinite(x[:, index]))}
             for log in logs
         ]
         measured = set() if joint in untrue else {*torques}
-        is_sent = any(all(kind in one for one in there) for kind in COMMANDS)
-        if is_sent and not any(one & measured for one in there):
-            found.append(joint)
-    return tuple(found)
+        is_sent = any(all(kind in names for names in logged) for kind in COMMANDS)
+        if is_sent and not any(names & measured for names in logged):
+            joints.append(joint)
+    return tuple(joints)
 
 
 def _logged_gains(read: Sequence[_ReadLog], doubts: list[str]) -> dict[str, Controller]:
     """Return the controllers with the gains of the first log; a doubt if another log has others."""
     first = read[0].gains
     doubts += [
-        f"{one.files[0].name}: other gains than in {read[0].files[0].name}, which the drives have: "
+        f"{log.files[0].name}: other gains than in {read[0].files[0].name}, which the drives have: "
         "logs with several gain sets are for seaid.identify_conditions"
-        for one in read
-        if one.gains != first
+        for log in read
+        if log.gains != first
     ]
     return dict(first)
 
@@ -530,8 +530,8 @@ _INPUTS: tuple[MotorInput, ...] = ("torque", "current", "voltage")
 
 def _input(sensors: Sequence[Mapping[str, Array]]) -> MotorInput | Literal[""]:
     """Return by what a motor is logged, the most direct one; "" by nothing."""
-    there = {name for one in sensors for name in one}
-    return next((kind for kind in _INPUTS if f"motor_{kind}" in there), "")
+    names = {name for signals in sensors for name in signals}
+    return next((kind for kind in _INPUTS if f"motor_{kind}" in names), "")
 
 
 _OF_DEFLECTION = (
@@ -549,8 +549,8 @@ _LOCKED = (
 def _has_locked_output(log: Log, index: int) -> bool:
     """Return whether the position of a joint is logged and hardly changes while its motor moves."""
     motor, joint = log.motor_position[:, index], log.joint_position[:, index]
-    there = bool(np.all(np.isfinite(joint)) and np.all(np.isfinite(motor)))
-    return there and float(np.ptp(joint)) < min(_MOVES_RAD, _STANDS * float(np.ptp(motor)))
+    has_both = bool(np.all(np.isfinite(joint)) and np.all(np.isfinite(motor)))
+    return has_both and float(np.ptp(joint)) < min(_MOVES_RAD, _STANDS * float(np.ptp(motor)))
 
 
 _STANDS = 1e-3
@@ -586,23 +586,23 @@ def inferred_drives(
     for index, joint in enumerate(robot.joint_names):
         if joint in without:
             continue
-        own = [_sensors(log, index) for log in logs]
-        places = [place for place, one in enumerate(own) if "motor_position" in one]
-        kind, is_sensed = _input(own), any("joint_torque" in one for one in own)
+        sensors = [_sensors(log, index) for log in logs]
+        places = [place for place, channels in enumerate(sensors) if "motor_position" in channels]
+        kind, is_sensed = _input(sensors), any("joint_torque" in channels for channels in sensors)
         fed: dict[str, object] = {"motor_input": kind} if kind not in ("", "torque") else {}
-        found = own[places[0]] if places else {}
+        first = sensors[places[0]] if places else {}
         if places and _has_locked_output(logs[places[0]], index):
             key = _ratio_key(robot, index)
             tables[joint] = {"type": "series_elastic", key: 1.0, **fed}
             doubts.append(f"{joint}: {_LOCKED.format(key=key)}")
             continue
-        if robot.drives[joint].is_elastic and "deflection" not in found:
+        if robot.drives[joint].is_elastic and "deflection" not in first:
             key = "motor_pulley_radius_m" if robot.is_prismatic[index] else "gear_ratio"
             tables[joint] = {"type": "series_elastic", "gear_ratio": 1.0, key: 1.0, **fed}
             doubts.append(f"{joint}: {_OF_DEFLECTION.format(key=key)}")
             continue
-        if places and "joint_position" in found:
-            table, doubt = _of_both_encoders(robot, index, logs[places[0]].time, found)
+        if places and "joint_position" in first:
+            table, doubt = _drive_of_encoders(robot, index, logs[places[0]].time, first)
             doubts.append(f"{joint}: {doubt}")
             if table is not None:
                 tables[joint] = {**table, **fed}
@@ -647,13 +647,13 @@ def _with_standard_errors(
             continue
         table = tables[joint]
         value, error = (float(str(table[name])) for name in (key, f"{key}_std"))
-        found = joints.get(joint)
-        if found is not None and found.gear_ratio_error > 0:
+        fit = joints.get(joint)
+        if fit is not None and fit.gear_ratio_error > 0:
             # of a screw, whose gear ratio is 1, the radius goes with its inverse
-            factor = found.gear_ratio / (1.0 if "pulley" in key else value)
+            factor = fit.gear_ratio / (1.0 if "pulley" in key else value)
             better = value / factor if "pulley" in key else value * factor
             if abs(factor - 1) < _SAME_RATIO:
-                value, error = better, abs(better) * found.gear_ratio_error / abs(found.gear_ratio)
+                value, error = better, abs(better) * fit.gear_ratio_error / abs(fit.gear_ratio)
             else:
                 error = max(error, abs(better - value))
         table[key], table[f"{key}_std"] = float(f"{value:.7g}"), float(f"{error:.2g}")
@@ -678,13 +678,11 @@ _SAME_RATIO = 0.03
 
 def _sensors(log: Log, index: int) -> dict[str, Array]:
     """Return the sensors {name: samples} of a joint that are logged and change."""
-    found = {name: values[:, index] for name, values in log.sensors().items()}
-    return {
-        name: one for name, one in found.items() if np.all(np.isfinite(one)) and np.ptp(one) > 0
-    }
+    channels = {name: values[:, index] for name, values in log.sensors().items()}
+    return {name: x for name, x in channels.items() if np.all(np.isfinite(x)) and np.ptp(x) > 0}
 
 
-def _of_both_encoders(
+def _drive_of_encoders(
     robot: Robot, index: int, time: Array, sensors: Mapping[str, Array]
 ) -> tuple[dict[str, object] | None, str]:
     """Return the drive of a joint with two encoders, and the doubt about it."""
@@ -740,14 +738,14 @@ def _ratio(
         columns += [signals[:, 2], speed, np.tanh(speed / width), np.gradient(speed, time)]
     end = min(int(rate_hz / _BAND_HZ), len(time) // 4)
     rows, turned = np.column_stack(columns)[end : len(time) - end], signals[end : -end or None, 0]
-    found = safely(np.linalg.lstsq, rows, turned, rcond=None, what="a ratio", error=LogError)[0]
-    difference, misfit = turned - found[0] * rows[:, 0], turned - rows @ found
-    left = float(np.var(misfit) / max(float(np.var(difference)), 1e-300))
-    return float(found[0]), 1 - left, float(np.std(misfit) / max(float(np.std(rows[:, 0])), 1e-300))
+    fit = safely(np.linalg.lstsq, rows, turned, rcond=None, what="a ratio", error=LogError)[0]
+    difference, misfit = turned - fit[0] * rows[:, 0], turned - rows @ fit
+    rest = float(np.var(misfit) / max(float(np.var(difference)), 1e-300))
+    return float(fit[0]), 1 - rest, float(np.std(misfit) / max(float(np.std(rows[:, 0])), 1e-300))
 
 
 def _as_comments(doubts: Sequence[str]) -> str:
-    lines = (f"# unsure: {abridged(' '.join(one.split()))}\n" for one in doubts)
+    lines = (f"# unsure: {abridged(' '.join(doubt.split()))}\n" for doubt in doubts)
     return "".join(lines) + "\n" * bool(doubts)
 
 
@@ -759,8 +757,8 @@ def _robot_lines(urdf: str, robot: Robot, joints: Sequence[str] | None) -> list[
     if robot.floating_base is not None:
         lines += _base_lines(robot.floating_base)
     if robot.locked:
-        own = ", ".join(f"{toml_key(joint)} = {at!r}" for joint, at in robot.locked.items())
-        lines.append(f"locked = {{ {own} }}")
+        positions = ", ".join(f"{toml_key(joint)} = {at!r}" for joint, at in robot.locked.items())
+        lines.append(f"locked = {{ {positions} }}")
     if joints is not None:
         lines.append(f"joints = [{', '.join(map(_quoted, joints))}]")
     return lines
@@ -771,21 +769,21 @@ def _base_lines(base: FloatingBase) -> Iterator[str]:
     if base.imu_link is not None:
         yield f"imu_link = {_quoted(base.imu_link)}"
     shapes: dict[str, list[str]] = {}
-    for one in base.contacts:
-        more = f", radius_m = {one.radius_m!r}" if one.radius_m else ""
-        more += ", is_flat = true" * one.is_flat
-        more += f", position_m = {[*map(float, one.position_m)]}" if any(one.position_m) else ""
-        shapes.setdefault(more, []).append(_quoted(one.link))
+    for point in base.contacts:
+        more = f", radius_m = {point.radius_m!r}" if point.radius_m else ""
+        more += ", is_flat = true" * point.is_flat
+        more += f", position_m = {[*map(float, point.position_m)]}" if any(point.position_m) else ""
+        shapes.setdefault(more, []).append(_quoted(point.link))
     tables = [f"{{ links = [{', '.join(links)}]{more} }}" for more, links in shapes.items()]
     yield f"contacts = [{', '.join(tables)}]"
 
 
 def _payload_lines(payloads: Sequence[Payload]) -> Iterator[str]:
     yield "\n# A known test mass determines masses and motor constants:"
-    for one in payloads:
-        yield f"[[payload]]\nlink = {_quoted(one.link)}\nmass_kg = {one.mass!r}"
-        yield f"com_m = {list(map(float, one.com))}"
-        (xx, xy, xz), (_, yy, yz), (_, _, zz) = one.inertia
+    for payload in payloads:
+        yield f"[[payload]]\nlink = {_quoted(payload.link)}\nmass_kg = {payload.mass!r}"
+        yield f"com_m = {list(map(float, payload.com))}"
+        (xx, xy, xz), (_, yy, yz), (_, _, zz) = payload.inertia
         yield f"inertia_kg_m2 = {[float(each) for each in (xx, yy, zz, xy, xz, yz)]}\n"
     if not payloads:
         yield '# [[payload]]\n# link = "hand"\n# mass_kg = 2.0\n# com_m = [0.15, 0, 0]'
@@ -820,27 +818,27 @@ def _log_lines(
     if len(logs) == 1 and duration > shortest_s:
         start, end = float(np.floor(first.time[0])), float(np.ceil(first.time[-1] + 1))
         middle = float(np.round(first.time[0] + _OWN_PART * duration, 1))
-        yield from _one_log(robot, logs[0], folder, "identify", (start, middle))
-        yield from _one_log(robot, logs[0], folder, "validate", (middle, end))
+        yield from _log_table(robot, logs[0], folder, "identify", (start, middle))
+        yield from _log_table(robot, logs[0], folder, "validate", (middle, end))
         return
-    for place, one in enumerate(logs):
+    for place, entry in enumerate(logs):
         last = len(logs) > 1 and place == len(logs) - 1
-        yield from _one_log(robot, one, folder, "validate" if last else "identify", None)
+        yield from _log_table(robot, entry, folder, "validate" if last else "identify", None)
     if len(logs) == 1:
         yield '# Another motion, for the validation:\n# [[log]]\n# file = "other.csv"'
         yield '# use = "validate"\n'
 
 
-def _one_log(
-    robot: Robot, one: _ReadLog, folder: Path, use: str, part: tuple[float, float] | None
+def _log_table(
+    robot: Robot, entry: _ReadLog, folder: Path, use: str, part: tuple[float, float] | None
 ) -> Iterator[str]:
-    files = [_quoted(_relative(each, folder)) for each in one.files]
+    files = [_quoted(_relative(each, folder)) for each in entry.files]
     yield "[[log]]"
     yield f"file = {files[0]}" if len(files) == 1 else f"files = [{', '.join(files)}]"
-    if one.description_file is not None:
-        yield f"description = {_quoted(_relative(one.description_file, folder))}"
+    if entry.description_file is not None:
+        yield f"description = {_quoted(_relative(entry.description_file, folder))}"
     yield f'use = "{use}"'
-    if _unflagged(robot, one.log):
+    if _unflagged(robot, entry.log):
         yield "find_contacts = true  # from torques and motion"
     if part is not None:
         yield f"between_s = [{part[0]:.12g}, {part[1]:.12g}]"

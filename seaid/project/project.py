@@ -171,12 +171,12 @@ class Project(Display):
     @property
     def conditions(self) -> tuple[str, ...]:
         """The conditions of the logs to identify from, in the order of the file."""
-        return tuple(dict.fromkeys(one.condition for one in self.logs_for("identify")))
+        return tuple(dict.fromkeys(log.condition for log in self.logs_for("identify")))
 
     def logs_for(self, use: Use, condition: str | None = None) -> tuple[ProjectLog, ...]:
         """Return the logs of a use, and of one condition if it is given."""
-        mine = (one for one in self.logs if one.use == use)
-        return tuple(one for one in mine if condition in (None, one.condition))
+        logs = (log for log in self.logs if log.use == use)
+        return tuple(log for log in logs if condition in (None, log.condition))
 
     def robot(self, condition: str = "") -> Robot:
         """Load the robot with the payloads of a condition."""
@@ -198,11 +198,11 @@ class Project(Display):
     @property
     def files(self) -> tuple[Path, ...]:
         """All files that the project reads: itself, robot, drives, logs and descriptions."""
-        found = [self.file, *([self.urdf] if isinstance(self.urdf, Path) else [])]
-        found += [one for log in self.logs for one in (*log.files, log.description) if one]
+        files = [self.file, *([self.urdf] if isinstance(self.urdf, Path) else [])]
+        files += [path for log in self.logs for path in (*log.files, log.description) if path]
         if self.drives is not None:
-            found.insert(2, self.drives)
-        return tuple(dict.fromkeys(found))
+            files.insert(2, self.drives)
+        return tuple(dict.fromkeys(files))
 
 
 @checked(SeaidError)
@@ -259,11 +259,11 @@ def load_project(path: str | Path = FILE_NAME) -> Project:
         options=_options(options),
         write=("parameters", "report", "urdf")
         if write is None
-        else tuple(run.one_of("write", one, OUTPUTS) for one in write),
+        else tuple(run.one_of("write", output, OUTPUTS) for output in write),
         folder=run.path("folder") or file.parent / "runs",
         fail_on=run.choice("fail_on", SEVERITIES),
         experiment=FrozenMapping(
-            {name: str(one) for name, one in table.table("experiment").content.items()}
+            {name: str(value) for name, value in table.table("experiment").content.items()}
         ),
     )
 
@@ -289,8 +289,8 @@ class _Table:
                 raise SeaidError(f"{self.where}: {unknown_name('key', key, allowed)}")
 
     def refuse(self, key: str, wanted: str) -> SeaidError:
-        found = shown(self.content[key])
-        return SeaidError(f"{self.where}: '{key}' must be {wanted}, found {found}")
+        value = shown(self.content[key])
+        return SeaidError(f"{self.where}: '{key}' must be {wanted}, found {value}")
 
     def text(self, key: str) -> str | None:
         value = self.content.get(key)
@@ -327,7 +327,7 @@ class _Table:
         value = self.content.get(key)
         if value is None:
             return None
-        if not isinstance(value, list) or not all(isinstance(one, str) for one in value):
+        if not isinstance(value, list) or not all(isinstance(text, str) for text in value):
             raise self.refuse(key, f'a list of texts, as {key} = ["a", "b"]')
         return tuple(value)
 
@@ -345,7 +345,7 @@ class _Table:
         if value is None:
             return None
         is_list = isinstance(value, list) and len(value) == count
-        if not is_list or not all(type(one) in (int, float) for one in value):
+        if not is_list or not all(type(element) in (int, float) for element in value):
             raise self.refuse(key, f"a list of {count} numbers")
         return tuple(map(float, value))
 
@@ -357,24 +357,24 @@ class _Table:
 
     def tables(self, key: str) -> list[_Table]:
         value = self.content.get(key, [])
-        if not isinstance(value, list) or not all(isinstance(one, Mapping) for one in value):
+        if not isinstance(value, list) or not all(isinstance(entry, Mapping) for entry in value):
             raise self.refuse(key, f"tables [[{key}]], one each")
         return [
-            _Table(f"{self.where} [[{key}]] {place}", one, self.folder)
-            for place, one in enumerate(value, 1)
+            _Table(f"{self.where} [[{key}]] {place}", entry, self.folder)
+            for place, entry in enumerate(value, 1)
         ]
 
 
 def _log(table: _Table) -> ProjectLog:
     names = ("file", "files", "use", "description", "repair", "find_contacts", "condition")
     table.check((*names, "between_s"))
-    one, several = table.path("file"), table.texts("files")
-    if (one is None) == (not several):
+    file, several = table.path("file"), table.texts("files")
+    if (file is None) == (not several):
         raise SeaidError(f"{table.where}: give either 'file' or 'files' of one motion")
     part = table.numbers("between_s", 2)
     if part is not None and not part[0] < part[1]:
         raise table.refuse("between_s", "[start, end] with the end after the start")
-    files = (one,) if one is not None else tuple(table.folder / each for each in several or ())
+    files = (file,) if file is not None else tuple(table.folder / each for each in several or ())
     return ProjectLog(
         files=files,
         use=table.choice("use", get_args(Use)) or "identify",
@@ -391,28 +391,28 @@ def _contacts(table: _Table) -> tuple[Contact, ...]:
 
     A table is for several links too: { links = ["a", "b"], radius_m = 0.02 }.
     """
-    value, found = table.content.get("contacts", []), list[Contact]()
-    for place, one in enumerate(value if isinstance(value, list) else [value], 1):
-        content = {"link": one} if isinstance(one, str) else one
+    value, contacts = table.content.get("contacts", []), list[Contact]()
+    for place, entry in enumerate(value if isinstance(value, list) else [value], 1):
+        content = {"link": entry} if isinstance(entry, str) else entry
         if not isinstance(content, Mapping):
             raise table.refuse("contacts", 'a list of links or of tables, as { link = "foot" }')
-        own = _Table(f"{table.where} contacts {place}", content, table.folder)
-        own.check(("link", "links", "position_m", "is_flat", "radius_m"))
-        links = [link] if (link := own.text("link")) else own.texts("links")
+        contact_table = _Table(f"{table.where} contacts {place}", content, table.folder)
+        contact_table.check(("link", "links", "position_m", "is_flat", "radius_m"))
+        links = [link] if (link := contact_table.text("link")) else contact_table.texts("links")
         if not links:
-            raise SeaidError(f"{own.where}: a contact needs 'link', or 'links'")
-        x, y, z = own.numbers("position_m", 3) or (0.0, 0.0, 0.0)
-        flat, radius = own.flag("is_flat", False), own.number("radius_m") or 0.0
-        found += [Contact(link, (x, y, z), flat, radius) for link in links]
-    return tuple(found)
+            raise SeaidError(f"{contact_table.where}: a contact needs 'link', or 'links'")
+        x, y, z = contact_table.numbers("position_m", 3) or (0.0, 0.0, 0.0)
+        flat, radius = contact_table.flag("is_flat", False), contact_table.number("radius_m") or 0.0
+        contacts += [Contact(link, (x, y, z), flat, radius) for link in links]
+    return tuple(contacts)
 
 
 def _payloads(
     tables: Sequence[_Table], logs: Sequence[ProjectLog]
 ) -> dict[str, tuple[Payload, ...]]:
     """Return {condition: payloads}; "" for those in all logs."""
-    found: dict[str, tuple[Payload, ...]] = {}
-    conditions = {one.condition for one in logs} - {""}
+    payloads: dict[str, tuple[Payload, ...]] = {}
+    conditions = {log.condition for log in logs} - {""}
     for table in tables:
         table.check(("link", "mass_kg", "com_m", "inertia_kg_m2", "condition"))
         link, mass = table.text("link"), table.number("mass_kg")
@@ -423,11 +423,11 @@ def _payloads(
             name = unknown_name("condition of a log", condition, sorted(conditions))
             raise SeaidError(f"{table.where}: {name}")
         com = table.numbers("com_m", 3) or (0.0, 0.0, 0.0)
-        found[condition] = (
-            *found.get(condition, ()),
+        payloads[condition] = (
+            *payloads.get(condition, ()),
             Payload(link, mass, (com[0], com[1], com[2]), _inertia(table)),
         )
-    return found
+    return payloads
 
 
 def _inertia(table: _Table) -> tuple[tuple[float, float, float], ...]:
@@ -457,14 +457,14 @@ def check_logs(project: Project) -> None:
         raise SeaidError(
             f"'{project.file}' has no log to identify from: add [[log]] with file = \"run.csv\""
         )
-    for one in project.logs_for("validate"):
-        for other in project.logs_for("identify"):
-            if one.files == other.files and _overlap(one.between_s, other.between_s):
+    for log in project.logs_for("validate"):
+        for fitted in project.logs_for("identify"):
+            if log.files == fitted.files and _overlap(log.between_s, fitted.between_s):
                 raise SeaidError(
-                    f"'{project.file}': the log '{one.name}' is used to identify and to validate: "
+                    f"'{project.file}': the log '{log.name}' is used to identify and to validate: "
                     "validate on another log, or give both a part, as between_s = [0, 20]"
                 )
-    strange = {one.condition for one in project.logs_for("validate")} - {*project.conditions, ""}
+    strange = {log.condition for log in project.logs_for("validate")} - {*project.conditions, ""}
     if strange:
         raise SeaidError(
             f"'{project.file}': no log identifies the condition {listed(sorted(strange))} of a "
@@ -472,7 +472,7 @@ def check_logs(project: Project) -> None:
         )
 
 
-def _overlap(one: tuple[float, float] | None, other: tuple[float, float] | None) -> bool:
-    if one is None or other is None:
+def _overlap(first: tuple[float, float] | None, second: tuple[float, float] | None) -> bool:
+    if first is None or second is None:
         return True
-    return one[0] < other[1] and other[0] < one[1]
+    return first[0] < second[1] and second[0] < first[1]

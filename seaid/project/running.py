@@ -64,17 +64,17 @@ class ProjectRun(Display):
     notes: tuple[str, ...]
 
     def _in_short(self) -> str:
-        return f"'{self.folder}': {', '.join(repr(one) for one in self.runs.values())}"
+        return f"'{self.folder}': {', '.join(repr(run) for run in self.runs.values())}"
 
     @property
     def warnings(self) -> tuple[Finding, ...]:
         """The warnings of all conditions, the worst first."""
-        found: list[Finding] = []
+        findings: list[Finding] = []
         for run in self.runs.values():
-            found += run.identification.warnings
-            found += [one for each in run.validations.values() for one in each.warnings]
-            found += [one for each in run.replays.values() for one in each.warnings]
-        return by_severity(found)
+            findings += run.identification.warnings
+            findings += [finding for each in run.validations.values() for finding in each.warnings]
+            findings += [finding for each in run.replays.values() for finding in each.warnings]
+        return by_severity(findings)
 
 
 @checked(SeaidError)
@@ -113,19 +113,19 @@ def run_project(
     project = project if isinstance(project, Project) else load_project(project)
     check_logs(project)
     result_folder(project.folder)
-    found, together = _identified(project, progress)
+    fits, together = _identified(project, progress)
     notes: list[str] = []
     provenance = provenance_of(project.files, _options(project), command)
-    places = _folder_names(found) if together else dict.fromkeys(found, "")
+    places = _folder_names(fits) if together else dict.fromkeys(fits, "")
     with owned_folder(project.folder) as folder:
         names: list[Path] = []
         runs: dict[str, Run] = {}
-        for name, one in found.items():
+        for name, fit in fits.items():
             refusals: list[str] = []
-            validations = _validated(project, one, name, refusals)
-            replays = _replayed(project, one, name, refusals)
+            validations = _validated(project, fit, name, refusals)
+            replays = _replayed(project, fit, name, refusals)
             origin = {**provenance, "notes": refusals}
-            runs[name] = Run(one, validations, origin, None, replays)
+            runs[name] = Run(fit, validations, origin, None, replays)
             notes += refusals
             result_folder(folder / places[name])
             written, refused = _write(project, runs[name], folder / places[name])
@@ -137,7 +137,7 @@ def run_project(
         point_latest(target)
     except SeaidError as problem:  # the results are there
         notes.append(str(problem))
-    runs = {name: replace(one, folder=target / places[name]) for name, one in runs.items()}
+    runs = {name: replace(run, folder=target / places[name]) for name, run in runs.items()}
     files = tuple(target / name for name in names)
     return ProjectRun(target, FrozenMapping(runs), together, files, tuple(notes))
 
@@ -188,15 +188,15 @@ def run(
 
 def _folder_names(conditions: Iterable[str]) -> dict[str, str]:
     """Return {condition: folder}, distinct also where capitals do not count, and not `inputs`."""
-    found: dict[str, str] = {}
+    folders: dict[str, str] = {}
     taken = {_INPUTS}
     for condition in conditions:
         name = _folder_name(condition)
         numbered = (f"{name}_{number}" for number in count(2))
         names = chain([name], numbered)
-        found[condition] = next(one for one in names if one.casefold() not in taken)
-        taken.add(found[condition].casefold())
-    return found
+        folders[condition] = next(folder for folder in names if folder.casefold() not in taken)
+        taken.add(folders[condition].casefold())
+    return folders
 
 
 _INPUTS = "inputs"
@@ -205,7 +205,7 @@ _INPUTS = "inputs"
 
 def _folder_name(condition: str) -> str:
     """Return a condition or a robot as the name of a folder or file, long ones cut."""
-    kept = "".join(one if one.isalnum() or one in "-_." else "_" for one in condition).strip(".")
+    kept = "".join(c if c.isalnum() or c in "-_." else "_" for c in condition).strip(".")
     if len(kept) > _LONGEST_NAME:
         return f"{kept[:_LONGEST_NAME]}_{crc32(condition.encode()):08x}"
     return kept or "without_condition"
@@ -215,81 +215,81 @@ def _identified(
     project: Project, progress: bool
 ) -> tuple[dict[str, Identification], Conditions | None]:
     """Return the identification of each condition, and their comparison if there are several."""
-    given = project.options
+    options = project.options
     read = {
-        name: (robot, [one.read(robot) for one in project.logs_for("identify", name)])
+        name: (robot, [log.read(robot) for log in project.logs_for("identify", name)])
         for name in project.conditions
         for robot in [project.robot(name)]
     }
     if len(read) > 1:
-        together = _together(project, read, progress)
+        together = _identify_together(project, read, progress)
         return dict(together.identifications), together
     ((name, (robot, logs)),) = read.items()
-    offset = given.encoder_offset_std
-    found = identify(
+    offset = options.encoder_offset_std
+    fit = identify(
         robot,
         logs,
-        torque_joints=given.torque_joints,
-        method=given.method,
-        estimator=given.estimator,
-        feasible=given.feasible,
-        cutoff_hz=given.cutoff_hz,
+        torque_joints=options.torque_joints,
+        method=options.method,
+        estimator=options.estimator,
+        feasible=options.feasible,
+        cutoff_hz=options.cutoff_hz,
         encoder_offset_std=offset,
-        known_std=given.known_std,
+        known_std=options.known_std,
         progress=progress,
     )
-    if given.refine:
+    if options.refine:
         from seaid.identification import refine
 
-        found = refine(found, logs, encoder_offset_std=offset, progress=progress)
-    return {name: found}, None
+        fit = refine(fit, logs, encoder_offset_std=offset, progress=progress)
+    return {name: fit}, None
 
 
-def _together(
+def _identify_together(
     project: Project, read: Mapping[str, tuple[Robot, Sequence[Log]]], progress: bool
 ) -> Conditions:
     """Identify several conditions together."""
-    given, default = project.options, Options()
+    options, default = project.options, Options()
     for name in ("method", "encoder_offset_std", "known_std", "refine"):
-        if getattr(given, name) != getattr(default, name):
+        if getattr(options, name) != getattr(default, name):
             raise SeaidError(
                 f"'{project.file}' [identify]: '{name}' is for logs of one condition: remove it, "
                 "or give all logs the same condition"
             )
-    if given.estimator == "iv":
+    if options.estimator == "iv":
         raise SeaidError(f"'{project.file}' [identify]: estimator \"iv\" is for one condition")
     return identify_conditions(
         read,
-        condition_specific=given.condition_specific or CONDITION_SPECIFIC,
-        torque_joints=given.torque_joints,
-        estimator=given.estimator,
-        feasible=given.feasible,
-        cutoff_hz=given.cutoff_hz,
+        condition_specific=options.condition_specific or CONDITION_SPECIFIC,
+        torque_joints=options.torque_joints,
+        estimator=options.estimator,
+        feasible=options.feasible,
+        cutoff_hz=options.cutoff_hz,
         progress=progress,
     )
 
 
 def _validated(
-    project: Project, found: Identification, condition: str, notes: list[str]
+    project: Project, fit: Identification, condition: str, notes: list[str]
 ) -> dict[str, Validation]:
     """Return {log: validation} of the logs of a condition, and of those without any."""
-    return _of_unseen_logs(project, condition, partial(validate, found), "validated", notes)
+    return _unseen_results(project, condition, partial(validate, fit), "validated", notes)
 
 
 def _replayed(
-    project: Project, found: Identification, condition: str, notes: list[str]
+    project: Project, fit: Identification, condition: str, notes: list[str]
 ) -> dict[str, ReplayComparison]:
     """Return {log: replay} of the logs that validate a robot with position commands."""
-    if not found.robot.has_controllers:
+    if not fit.robot.has_controllers:
         return {}
 
     def moved(log: Log) -> ReplayComparison:
-        return compare_replays(found.known, found.robot, log, found.unusable_joints)
+        return compare_replays(fit.known, fit.robot, log, fit.unusable_joints)
 
-    return _of_unseen_logs(project, condition, moved, "replayed", notes)
+    return _unseen_results(project, condition, moved, "replayed", notes)
 
 
-def _of_unseen_logs(
+def _unseen_results(
     project: Project,
     condition: str,
     result_of: Callable[[Log], Test],
@@ -310,22 +310,22 @@ def _of_unseen_logs(
 
 def _options(project: Project) -> dict[str, Any]:
     """Return the options that differ from their defaults, with payloads and gravity."""
-    given = project.options
-    found = {
-        one.name: _text(getattr(given, one.name))
-        for one in fields(given)
-        if getattr(given, one.name) != getattr(type(given)(), one.name)
+    options = project.options
+    texts = {
+        option.name: _text(getattr(options, option.name))
+        for option in fields(options)
+        if getattr(options, option.name) != getattr(type(options)(), option.name)
     }
     for condition, payloads in project.payloads.items():
         at = f" ({condition})" if condition else ""
         for payload in payloads:
-            found[f"payload on {payload.link}{at}"] = f"{payload.mass:g} kg at {payload.com} m"
-    return found | {"gravity": " ".join(f"{one:g}" for one in project.gravity) + " m/s^2"}
+            texts[f"payload on {payload.link}{at}"] = f"{payload.mass:g} kg at {payload.com} m"
+    return texts | {"gravity": " ".join(f"{x:g}" for x in project.gravity) + " m/s^2"}
 
 
 def _text(value: Any) -> str:
     if isinstance(value, Mapping):
-        return ", ".join(f"{name} {one:g}" for name, one in value.items())
+        return ", ".join(f"{name} {number:g}" for name, number in value.items())
     return ", ".join(value) if isinstance(value, tuple) else str(value)
 
 
@@ -333,21 +333,21 @@ def _write(project: Project, run: Run, folder: Path) -> tuple[list[str], list[st
     """Write the results of one condition; return their names, and what could not be written."""
     from seaid.report import write_report
 
-    found, robot = run.identification, run.identification.robot
+    fit, robot = run.identification, run.identification.robot
     tests: dict[str, Any] = {"validations": run.validations, "replays": run.replays}
-    save_run(found, folder / FILE, provenance=run.provenance, **tests)
+    save_run(fit, folder / FILE, provenance=run.provenance, **tests)
     write_json(folder / "provenance.json", run.provenance)
     write_whole(folder / "summary.txt", summary_of(run) + "\n")
     names, notes = [FILE, "provenance.json", "summary.txt"], []
     if "parameters" in project.write:
         last = next(iter(run.validations.values()), None)
-        found.save(folder / "parameters.json", last)
+        fit.save(folder / "parameters.json", last)
         names.append("parameters.json")
     if "report" in project.write:
         facts = {**project.experiment, **facts_of(run.provenance)}
         moved, results = list(run.replays.values()), list(run.validations.values())
         write_report(
-            found,
+            fit,
             folder / "report.html",
             results,
             facts=facts,
@@ -380,10 +380,10 @@ def summary_of(run: Run, details: bool = True) -> str:
     """Return an identification and its validations as text, with all tables or the first ones."""
     from seaid.report import short_text
 
-    found = run.identification
-    parts = [str(short_text(found, found.nominal or found.known, details))]
+    fit = run.identification
+    parts = [str(short_text(fit, fit.nominal or fit.known, details))]
     for tests in (run.validations, run.replays):
-        parts += [f"Log {name}\n{one.summary()}" for name, one in tests.items()]
+        parts += [f"Log {name}\n{test.summary()}" for name, test in tests.items()]
     return "\n\n".join(parts)
 
 

@@ -151,7 +151,7 @@ def save_run(
         "format": _FORMAT,
         "identification": _plain(replace(identification, motions=thinned), arrays),
         "validations": _plain(
-            {name: _thinned_validation(one) for name, one in (validations or {}).items()}, arrays
+            {name: _thinned_validation(test) for name, test in (validations or {}).items()}, arrays
         ),
         "provenance": _plain(dict(provenance or {}), arrays),
         "replays": _plain(dict(replays or {}), arrays),
@@ -212,10 +212,10 @@ def load_run(path: str | Path) -> Run:
         parts = {name: _restored(content[name], arrays) for name in names}
         run: Run = _as_annotated(Run(**parts, folder=path if path.is_dir() else None))
         _check_origin(run.provenance)
-        found = _with_copies(run.identification, file.parent / "inputs")
-        return replace(run, identification=found)
+        identification = _with_copies(run.identification, file.parent / "inputs")
+        return replace(run, identification=identification)
     except FileNotFoundError:
-        if conditions := sorted(one.parent.name for one in path.glob(f"*/{FILE}")):
+        if conditions := sorted(saved.parent.name for saved in path.glob(f"*/{FILE}")):
             raise SeaidError(
                 f"'{path}' is a run of several conditions: name the folder of one, as "
                 f"{path / conditions[0]}; they are {listed(conditions)}"
@@ -238,7 +238,7 @@ def _arrays(file: Path) -> dict[str, NDArray[Any]]:
     with file.open("rb") as stream, zipfile.ZipFile(stream) as archive:
         members = archive.infolist()
         most = MOST_JSON_BYTES + _MOST_GROWTH * file.stat().st_size
-        if sum(one.file_size for one in members) > most:
+        if sum(info.file_size for info in members) > most:
             raise ValueError(f"it declares more than {most / 1e6:.0f} MB of content")
         for member in members:
             if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
@@ -274,7 +274,7 @@ def _as_annotated(value: Any) -> Any:
     """
     kind: Any = type(value)
     lengths: dict[str, float] = {}
-    for name in (one.name for one in fields(kind)):
+    for name in (attribute.name for attribute in fields(kind)):
         content, hint = getattr(value, name), _hints_of(kind)[name]
         place = f"{kind.__name__}.{name}"
         if not _matches(content, hint):
@@ -317,7 +317,7 @@ def _matches(value: Any, hint: Any) -> bool:
     """Return whether a value and all that it contains are what an annotation says."""
     origin, inner = get_origin(hint) or hint, get_args(hint)
     if origin in (Union, UnionType):
-        return any(_matches(value, one) for one in inner)
+        return any(_matches(value, alternative) for alternative in inner)
     if origin is Literal:
         return isinstance(value, str) and value in inner
     if origin is np.ndarray:
@@ -345,18 +345,18 @@ def _check_origin(provenance: Mapping[str, Any]) -> None:
     hints |= {"notes": tuple[str, ...]}
     keys = {"path", "bytes", "sha256"}
     is_right = all(_matches(provenance[name], hints[name]) for name in hints if name in provenance)
-    if not is_right or any(keys - {*one} for one in provenance.get("inputs", ())):
+    if not is_right or any(keys - {*entry} for entry in provenance.get("inputs", ())):
         raise ValueError("its provenance is none")
 
 
-def _with_copies(found: Identification, inputs: Path) -> Identification:
+def _with_copies(identification: Identification, inputs: Path) -> Identification:
     """Return the identification with the copy of its URDF in the run, if the file is gone."""
-    path = found.robot.urdf
+    path = identification.robot.urdf
     if path is None or path.exists() or not (inputs / path.name).exists():
-        return found
-    robots = {name: getattr(found, name) for name in ("robot", "known")}
-    moved = {name: replace(one, urdf=inputs / path.name) for name, one in robots.items()}
-    return replace(found, **moved)
+        return identification
+    robots = {name: getattr(identification, name) for name in ("robot", "known")}
+    moved = {name: replace(robot, urdf=inputs / path.name) for name, robot in robots.items()}
+    return replace(identification, **moved)
 
 
 def _thinned(motion: Motion) -> Motion:
@@ -369,16 +369,16 @@ def _factor(motion: Motion) -> int:
     return max(1, int(motion.rate_hz / (_RATE_PER_CUTOFF * motion.cutoff_hz)))
 
 
-def _thinned_validation(one: Validation) -> Validation:
+def _thinned_validation(validation: Validation) -> Validation:
     """Return the validation with thinned motions and the same samples of its torques."""
-    lengths = [len(motion.time) for motion in one.motions]
-    if sum(lengths) != len(one.time):
-        return one
+    lengths = [len(motion.time) for motion in validation.motions]
+    if sum(lengths) != len(validation.time):
+        return validation
     starts = np.cumsum([0, *lengths])
     kept = np.concatenate(
         [
             np.arange(start, start + length, _factor(motion))
-            for start, length, motion in zip(starts[:-1], lengths, one.motions, strict=True)
+            for start, length, motion in zip(starts[:-1], lengths, validation.motions, strict=True)
         ]
     )
     actuator, load = (
@@ -386,18 +386,18 @@ def _thinned_validation(one: Validation) -> Validation:
             fit,
             **{name: getattr(fit, name)[kept] for name in ("measured", "computed", "counted")},
         )
-        for fit in (one.actuator, one.load)
+        for fit in (validation.actuator, validation.load)
     )
-    contacts = one.contacts
+    contacts = validation.contacts
     if contacts is not None:
         forces = {"predicted": contacts.predicted[kept], "measured": contacts.measured[kept]}
         contacts = replace(contacts, **forces)
     return replace(
-        one,
-        time=one.time[kept],
+        validation,
+        time=validation.time[kept],
         actuator=actuator,
         load=load,
-        motions=tuple(map(_thinned, one.motions)),
+        motions=tuple(map(_thinned, validation.motions)),
         contacts=contacts,
     )
 
@@ -412,16 +412,16 @@ def _plain(value: Any, arrays: dict[str, Array]) -> Any:
     if isinstance(value, Robot):
         return {"is": "Robot", "fields": plain(_robot_fields(value))}
     if type(value).__name__ in _CLASSES:
-        own = {one.name: getattr(value, one.name) for one in fields(value)}
-        return {"is": type(value).__name__, "fields": plain(own)}
+        content = {attribute.name: getattr(value, attribute.name) for attribute in fields(value)}
+        return {"is": type(value).__name__, "fields": plain(content)}
     if isinstance(value, JointParameter):
         return {"is": "JointParameter", "parameter": value.parameter, "joint": value.joint}
     if isinstance(value, Path):
         return {"is": "Path", "path": str(value)}
     if isinstance(value, Mapping):
-        return {"is": "mapping", "items": [[key, plain(one)] for key, one in value.items()]}
+        return {"is": "mapping", "items": [[key, plain(entry)] for key, entry in value.items()]}
     if isinstance(value, Sequence) and not isinstance(value, str):
-        return [plain(one) for one in value]
+        return [plain(element) for element in value]
     return value.item() if isinstance(value, np.generic) else value
 
 
@@ -436,22 +436,22 @@ def _restored(value: Any, arrays: Mapping[str, Array]) -> Any:
     if kind == "array":
         return arrays[value["name"]]
     if kind == "mapping":
-        return FrozenMapping({key: restored(one) for key, one in value["items"]})
+        return FrozenMapping({key: restored(entry) for key, entry in value["items"]})
     if kind == "JointParameter":
         return JointParameter(value["parameter"], value["joint"])
     if kind == "Path":
         return Path(value["path"])
-    found = restored(value["fields"])
-    return _as_annotated(_robot(found) if kind == "Robot" else _CLASSES[kind](**found))
+    content = restored(value["fields"])
+    return _as_annotated(_robot(content) if kind == "Robot" else _CLASSES[kind](**content))
 
 
 def _robot_fields(robot: Robot) -> dict[str, Any]:
     """Return the fields of a robot, its model as joints and its drives as tables."""
-    found = {one.name: getattr(robot, one.name) for one in fields(robot)}
+    content = {attribute.name: getattr(robot, attribute.name) for attribute in fields(robot)}
     model = {"gravity": robot.model.gravity.linear.copy(), "joints": joints_of(robot.model)}
     tables = {joint: drive_table(drive) for joint, drive in robot.drives.items()}
     urdf = None if robot.urdf is None else robot.urdf.absolute()
-    return {**found, "model": model, "drives": tables, "urdf": urdf}
+    return {**content, "model": model, "drives": tables, "urdf": urdf}
 
 
 @dataclass(frozen=True)
@@ -475,28 +475,28 @@ class _Joint:
     upper: float
 
 
-def _robot(found: Mapping[str, Any]) -> Robot:
+def _robot(content: Mapping[str, Any]) -> Robot:
     """Return the robot of `_robot_fields`."""
-    joints = [_as_annotated(_Joint(**one)) for one in found["model"]["joints"]]
-    if any(not 0 <= one.parent <= place for place, one in enumerate(joints)):
+    joints = [_as_annotated(_Joint(**values)) for values in content["model"]["joints"]]
+    if any(not 0 <= joint.parent <= place for place, joint in enumerate(joints)):
         raise ValueError("a joint of the robot comes before its parent")
-    own_bodies = len(found["body_names"]) - (found["floating_base"] is not None)
+    own_bodies = len(content["body_names"]) - (content["floating_base"] is not None)
     if len(joints) != own_bodies:
         raise ValueError(f"a robot of {own_bodies} bodies that move has {len(joints)} joints")
-    model = model_of(found["name"], found["model"]["gravity"], [*map(vars, joints)])
-    tables = {joint: _table(one) for joint, one in found["drives"].items()}
+    model = model_of(content["name"], content["model"]["gravity"], [*map(vars, joints)])
+    tables = {joint: _table(table) for joint, table in content["drives"].items()}
     drives = {
         joint: IDEAL_DRIVE if drive == IDEAL_DRIVE else drive
         for joint, drive in drives_from_mapping(tables).items()
     }
-    robot: Robot = _as_annotated(Robot(**{**found, "model": model, "drives": drives}))
+    robot: Robot = _as_annotated(Robot(**{**content, "model": model, "drives": drives}))
     return robot.with_values(robot.parameters, drives)
 
 
 def _table(value: Any) -> Any:
     """Return a restored table with the lists and mappings that a reader of TOML gives."""
     if isinstance(value, Mapping):
-        return {key: _table(one) for key, one in value.items()}
+        return {key: _table(entry) for key, entry in value.items()}
     return list(map(_table, value)) if isinstance(value, tuple) else value
 
 
@@ -522,14 +522,14 @@ def provenance_of(
         "command": list(command),
         "system": f"{platform.system()} {platform.release()} on {platform.machine()}",
         "versions": versions,
-        "inputs": [one for path in files for one in _digests(path)],
+        "inputs": [digest for path in files for digest in _digests(path)],
         "options": dict(options),
     }
 
 
 def _digests(path: Path) -> Iterator[dict[str, Any]]:
     """Yield path, size and SHA-256 of a file, or of all files of a folder (a bag)."""
-    members = sorted(one for one in path.rglob("*") if one.is_file()) if path.is_dir() else [path]
+    members = sorted(p for p in path.rglob("*") if p.is_file()) if path.is_dir() else [path]
     for member in members:
         try:
             with member.open("rb") as file:
@@ -544,10 +544,10 @@ def facts_of(provenance: Mapping[str, Any]) -> dict[str, str]:
     facts = {}
     if provenance.get("command"):
         facts["Command"] = " ".join(provenance["command"])
-    for place, one in enumerate(provenance.get("inputs", ()), 1):
-        size = "" if one["bytes"] is None else f", {one['bytes']} bytes"
-        digest = "" if one["sha256"] is None else f", SHA-256 {one['sha256'][:_DIGEST]}…"
-        facts[f"Input {place}"] = f"{one['path']}{size}{digest}"
+    for place, entry in enumerate(provenance.get("inputs", ()), 1):
+        size = "" if entry["bytes"] is None else f", {entry['bytes']} bytes"
+        digest = "" if entry["sha256"] is None else f", SHA-256 {entry['sha256'][:_DIGEST]}…"
+        facts[f"Input {place}"] = f"{entry['path']}{size}{digest}"
     for name, value in provenance.get("options", {}).items():
         facts[name.replace("_", " ").capitalize()] = str(value)
     return facts
@@ -556,9 +556,9 @@ def facts_of(provenance: Mapping[str, Any]) -> dict[str, str]:
 def changed_inputs(provenance: Mapping[str, Any]) -> list[str]:
     """Return the names of inputs whose content is another now than when the result was made."""
     return [
-        Path(one["path"]).name
-        for one in provenance.get("inputs", ())
-        if one["sha256"] is not None
-        and Path(one["path"]).is_file()
-        and one["sha256"] != next(_digests(Path(one["path"])))["sha256"]
+        Path(entry["path"]).name
+        for entry in provenance.get("inputs", ())
+        if entry["sha256"] is not None
+        and Path(entry["path"]).is_file()
+        and entry["sha256"] != next(_digests(Path(entry["path"])))["sha256"]
     ]
