@@ -78,7 +78,7 @@ def frozen(
             f"{name} must be numbers of shape {_text(shape)}: {reason_of(problem)}"
         ) from None
     fits = array.ndim == len(shape) and all(
-        wanted in (None, found) for wanted, found in zip(shape, array.shape, strict=True)
+        wanted in (None, length) for wanted, length in zip(shape, array.shape, strict=True)
     )
     if not fits:
         raise error(f"{name} must have shape {_text(shape)}, found {array.shape}")
@@ -93,8 +93,8 @@ def finite(
     array = frozen(name, value, shape, error)
     if not np.all(np.isfinite(array)):
         bad = int(np.sum(~np.isfinite(array)))
-        found = array.tolist() if array.size <= 10 else f"{bad} of {array.size} that are not"
-        raise error(f"{name} must be finite, found {found}")
+        described = array.tolist() if array.size <= 10 else f"{bad} of {array.size} that are not"
+        raise error(f"{name} must be finite, found {described}")
     return array
 
 
@@ -116,12 +116,12 @@ def number(name: str, value: Any, error: type[SeaidError] = SeaidError) -> float
 def seed_of(seed: Any, error: type[SeaidError] = SeaidError) -> int:
     """Return a seed of random numbers. Raises `error` unless it is a non-negative integer."""
     try:
-        found = index(seed)
+        integer = index(seed)
     except TypeError:
-        found = -1
-    if isinstance(seed, bool) or found < 0:
+        integer = -1
+    if isinstance(seed, bool) or integer < 0:
         raise error(f"seed must be a whole number, zero or more, found {shown(seed)}", "seed")
-    return found
+    return integer
 
 
 def check_rate(
@@ -168,7 +168,7 @@ def safely(
     `what` names the matrices in the message. Matrices that are not finite are refused beforehand,
     because some LAPACK kernels return NaN for them and others fail.
     """
-    bad = sum(np.size(one) - int(np.count_nonzero(np.isfinite(one))) for one in matrices)
+    bad = sum(np.size(matrix) - int(np.count_nonzero(np.isfinite(matrix))) for matrix in matrices)
     if bad:
         raise _error(what, f"{bad} numbers that are not finite", matrices, error)
     try:
@@ -177,10 +177,10 @@ def safely(
         raise _error(what, str(problem).lower(), matrices, error) from None
 
 
-def _error(what: str, found: str, matrices: tuple[Any, ...], error: type[SeaidError]) -> SeaidError:
-    sizes = [np.max(np.abs(one), initial=0.0, where=np.isfinite(one)) for one in matrices]
+def _error(what: str, fault: str, matrices: tuple[Any, ...], error: type[SeaidError]) -> SeaidError:
+    sizes = [np.max(np.abs(matrix), initial=0.0, where=np.isfinite(matrix)) for matrix in matrices]
     return error(
-        f"{what} cannot be solved: {found}, in sizes up to {max(sizes):.3g}. Check the units and "
+        f"{what} cannot be solved: {fault}, in sizes up to {max(sizes):.3g}. Check the units and "
         "sizes of all inputs: lengths, masses and inertias of the robot, positions and "
         "torques of the log"
     )

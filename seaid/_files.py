@@ -135,8 +135,8 @@ def is_replaced(path: str | Path) -> bool:
     """
     path = Path(path)
     with _refusals(path):
-        there = _status(path)
-    return there is not None and _is_plain(there)
+        status = _status(path)
+    return status is not None and _is_plain(status)
 
 
 @contextmanager
@@ -150,12 +150,12 @@ def whole_file(path: str | Path) -> Iterator[Path]:
     """
     path = Path(path)
     with _refusals(path):
-        there = _status(path)
-        if there is None or _is_plain(there):
+        status = _status(path)
+        if status is None or _is_plain(status):
             path.parent.mkdir(parents=True, exist_ok=True)  # also where it is 'new/../'
-            place = _replacing(Path(os.path.realpath(path)), there)
+            place = _replacing(Path(os.path.realpath(path)), status)
         else:
-            place = _sending(path, there)
+            place = _sending(path, status)
         with place as temporary:
             yield temporary
 
@@ -187,11 +187,11 @@ def plain(value: Any) -> Any:
     if is_dataclass(value) and not isinstance(value, type):
         return plain(asdict(value))
     if isinstance(value, Mapping):
-        return {str(key): plain(one) for key, one in value.items()}
+        return {str(key): plain(entry) for key, entry in value.items()}
     if isinstance(value, np.ndarray | np.generic):
         return plain(value.tolist())
     if isinstance(value, list | tuple):
-        return [plain(one) for one in value]
+        return [plain(entry) for entry in value]
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return str(value) if isinstance(value, Path) else value
@@ -200,25 +200,25 @@ def plain(value: Any) -> Any:
 def _status(path: Path) -> os.stat_result | None:
     """Return the status of a path with links followed, None if nothing exists there."""
     try:
-        there = path.stat()
+        status = path.stat()
     except FileNotFoundError:
         return None
     except ValueError as problem:  # a NUL in the name
         raise OSError(errno.EINVAL, str(problem)) from None
-    if stat.S_ISDIR(there.st_mode):
+    if stat.S_ISDIR(status.st_mode):
         raise OSError(errno.EISDIR, os.strerror(errno.EISDIR))
-    return there
+    return status
 
 
-def _is_plain(there: os.stat_result) -> bool:
-    return stat.S_ISREG(there.st_mode) and _output_stream(there) is None
+def _is_plain(status: os.stat_result) -> bool:
+    return stat.S_ISREG(status.st_mode) and _output_stream(status) is None
 
 
-def _output_stream(there: os.stat_result) -> int | None:
+def _output_stream(status: os.stat_result) -> int | None:
     """Return 1 or 2 if a file is the target of this process's stdout or stderr, else None."""
     for stream in (1, 2):
         with suppress(OSError):  # closed
-            if os.path.samestat(os.fstat(stream), there):
+            if os.path.samestat(os.fstat(stream), status):
                 return stream
     return None
 
@@ -247,17 +247,17 @@ def _replacing(target: Path, old: os.stat_result | None) -> Iterator[Path]:
 
 
 @contextmanager
-def _sending(path: Path, there: os.stat_result) -> Iterator[Path]:
+def _sending(path: Path, status: os.stat_result) -> Iterator[Path]:
     """Yield a temporary file whose bytes are then copied to a device, a pipe or stdout/stderr."""
     with tempfile.TemporaryDirectory() as folder:
         temporary = Path(folder) / f"content{_suffix(path)}"
         yield temporary
-        with _opened(path, there) as stream, temporary.open("rb") as content:
+        with _opened(path, status) as stream, temporary.open("rb") as content:
             shutil.copyfileobj(content, stream)
 
 
-def _opened(path: Path, there: os.stat_result) -> BinaryIO:
-    number = _output_stream(there)
+def _opened(path: Path, status: os.stat_result) -> BinaryIO:
+    number = _output_stream(status)
     if number is None:
         return path.open("wb")
     for stream in (sys.stdout, sys.stderr):
@@ -330,8 +330,8 @@ def read_toml(path: str | Path, what: str, error: type[SeaidError]) -> dict[str,
                 raise ValueError(f"more than {_MOST_DOTS} dots (at line {place})")
         return tomllib.loads(text)
 
-    found: dict[str, Any] = _read(path, what, "is not valid TOML", error, MOST_TOML_BYTES, tables)
-    return found
+    content: dict[str, Any] = _read(path, what, "is not valid TOML", error, MOST_TOML_BYTES, tables)
+    return content
 
 
 def read_json(path: str | Path, what: str, error: type[SeaidError]) -> Any:
@@ -355,11 +355,11 @@ def numbers(where: str, value: Any, error: type[SeaidError]) -> Any:
     """
     stack = [value]
     while stack:
-        one = stack.pop()
-        if isinstance(one, list):
-            stack += one
+        element = stack.pop()
+        if isinstance(element, list):
+            stack += element
         else:
-            number(where, one, error)
+            number(where, element, error)
     return value
 
 
@@ -407,9 +407,9 @@ def _check(where: str, content: Any, error: type[SeaidError]) -> None:
             broken = [key for key in value if _SURROGATE.search(key)]
             if broken:
                 raise error(f"{where}: {shown(broken[0])} is not Unicode: an unpaired surrogate")
-            stack += [(one, (place, key), depth + 1) for key, one in value.items()]
+            stack += [(entry, (place, key), depth + 1) for key, entry in value.items()]
         elif isinstance(value, list):
-            stack += [(one, (place, index), depth + 1) for index, one in enumerate(value)]
+            stack += [(entry, (place, index), depth + 1) for index, entry in enumerate(value)]
 
 
 def _problem(value: Any, depth: int) -> str | None:
@@ -432,19 +432,19 @@ def _text(place: _Place) -> str:
         place, key = place
         keys.append(key)
     text = ""
-    for one in reversed(keys):
-        name = one if isinstance(one, str) and _BARE.fullmatch(one) else shown(one)
-        text += f"[{one}]" if isinstance(one, int) else f".{name}" if text else str(name)
+    for part in reversed(keys):
+        name = part if isinstance(part, str) and _BARE.fullmatch(part) else shown(part)
+        text += f"[{part}]" if isinstance(part, int) else f".{name}" if text else str(name)
     return shortened(text, _LONGEST_PLACE)
 
 
 def _without_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    found = dict(pairs)
-    if len(found) < len(pairs):
+    entries = dict(pairs)
+    if len(entries) < len(pairs):
         seen: set[str] = set()
         duplicate = next(key for key, _ in pairs if key in seen or seen.add(key))  # type: ignore[func-returns-value]
         raise ValueError(f"duplicate key {shown(duplicate)} in one object")
-    return found
+    return entries
 
 
 def _no_number(word: str) -> Iterator[None]:

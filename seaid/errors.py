@@ -141,7 +141,9 @@ class Finding:
 
 def by_severity(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     """Return findings from the worst to the mildest, without repetitions, else in their order."""
-    return tuple(sorted(dict.fromkeys(findings), key=lambda one: SEVERITIES.index(one.severity)))
+    return tuple(
+        sorted(dict.fromkeys(findings), key=lambda finding: SEVERITIES.index(finding.severity))
+    )
 
 
 def visible(text: str) -> str:
@@ -149,8 +151,8 @@ def visible(text: str) -> str:
     if text.replace("\n", "").isprintable():
         return text
     return "".join(
-        one if one.isprintable() or one == "\n" else one.encode("unicode_escape").decode("ascii")
-        for one in text
+        c if c.isprintable() or c == "\n" else c.encode("unicode_escape").decode("ascii")
+        for c in text
     )
 
 
@@ -192,9 +194,9 @@ def reason_of(problem: BaseException) -> str:
 
 def listed(names: Iterable[object], most: int = _LISTED) -> str:
     """Return names as "a, b, c and 97 more": at most `most` names, long names shortened."""
-    found = list(names)
-    first = ", ".join(shortened(str(name)) for name in found[:most])
-    more = len(found) - most
+    entries = list(names)
+    first = ", ".join(shortened(str(name)) for name in entries[:most])
+    more = len(entries) - most
     return f"{first} and {more:,} more" if more > 0 else first
 
 
@@ -202,8 +204,8 @@ def unknown_name(kind: str, name: object, allowed: Iterable[str]) -> str:
     """Return the message for a name that is not allowed, with the most similar allowed name."""
     names = list(allowed)
     name = shortened(name)
-    comparable = (one for one in names if len(one) <= _LONGEST_NAME)
-    lower = {one.lower(): one for one in islice(comparable, _COMPARED)}
+    comparable = (candidate for candidate in names if len(candidate) <= _LONGEST_NAME)
+    lower = {candidate.lower(): candidate for candidate in islice(comparable, _COMPARED)}
     near = difflib.get_close_matches(name.lower(), lower, n=1, cutoff=0.5)
     hint = f"did you mean '{lower[near[0]]}'? " if near else ""
     return f"no {kind} is named '{name}'; {hint}allowed: {listed(names, _ALLOWED) or 'none'}"
@@ -251,13 +253,13 @@ def checked(
         @wraps(function)
         def call(*values: _Parameters.args, **named: _Parameters.kwargs) -> _Result:
             try:
-                given = signature.bind(*values, **named).arguments
+                arguments = signature.bind(*values, **named).arguments
             except TypeError:
                 text = _wrong_call(function.__name__, signature, values, named, hints())
                 raise error(text) from None
-            for name, value in given.items():
+            for name, value in arguments.items():
                 if not _fits(value, hints().get(name, Any)):
-                    text = _mismatch(function.__name__, name, given, hints())
+                    text = _mismatch(function.__name__, name, arguments, hints())
                     raise error(text, f"{name}=")
             return function(*values, **named)
 
@@ -292,10 +294,8 @@ def _wrong_call(
     unknown = [name for name in named if name not in signature.parameters]
     if unknown:
         return f"{function}: {unknown_name('argument', unknown[0], signature.parameters)}"
-    ordered = [
-        one for one in signature.parameters.values() if one.kind is one.POSITIONAL_OR_KEYWORD
-    ]
-    needed = [one.name for one in ordered if one.default is one.empty]
+    ordered = [p for p in signature.parameters.values() if p.kind is p.POSITIONAL_OR_KEYWORD]
+    needed = [p.name for p in ordered if p.default is p.empty]
     call = f"{function}({', '.join(needed)})"
     missing = [name for name in needed[len(values) :] if name not in named]
     if missing:
@@ -316,19 +316,19 @@ def _parts(hint: Any) -> tuple[Any, ...]:
     return get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
 
 
-def _mismatch(function: str, name: str, given: Mapping[str, Any], hints: Mapping[str, Any]) -> str:
+def _mismatch(function: str, name: str, values: Mapping[str, Any], hints: Mapping[str, Any]) -> str:
     """Return the message for a value of a wrong type: what is expected, found, and to do."""
-    value, parts = given[name], _parts(hints[name])
-    names = [one for part in parts if get_origin(part) is Literal for one in get_args(part)]
+    value, parts = values[name], _parts(hints[name])
+    names = [choice for part in parts if get_origin(part) is Literal for choice in get_args(part)]
     if names and isinstance(value, str):
         return f"{name}=: {unknown_name(name, value, names)}"
-    found = _described_value(value, _wrong_elements(value, parts))
-    text = f"{name}= must be {_described(parts)}, found {found}"
+    description = _described_value(value, _wrong_elements(value, parts))
+    text = f"{name}= must be {_described(parts)}, found {description}"
     if any(get_args(part) and _fits([value], part) for part in parts):
         return f"{text}; put it into a list: {name}=[...]"
-    other = _swapped(name, given, hints)
-    if other:
-        return f"{text}: {name} and {other} are swapped; write {function}({', '.join(given)})"
+    swapped = _swapped(name, values, hints)
+    if swapped:
+        return f"{text}: {name} and {swapped} are swapped; write {function}({', '.join(values)})"
     maker = _maker(parts)
     return f"{text}; make one with {maker}" if maker else text
 
@@ -338,14 +338,14 @@ def _wrong_elements(value: Any, parts: Iterable[Any]) -> list[Any]:
     if not isinstance(value, list | tuple):
         return []
     lists = [part for part in parts if isinstance(value, get_origin(part) or str)]
-    return [one for one in value if not _fits([one], lists[0])] if lists else []
+    return [element for element in value if not _fits([element], lists[0])] if lists else []
 
 
-def _swapped(name: str, given: Mapping[str, Any], hints: Mapping[str, Any]) -> str:
+def _swapped(name: str, values: Mapping[str, Any], hints: Mapping[str, Any]) -> str:
     """Return the argument whose value fits this one while this one's fits that, else ''."""
-    for other in given:
-        if other != name and _fits(given[other], hints[name]) and _fits(given[name], hints[other]):
-            return "" if _fits(given[other], hints[other]) else other
+    for key in values:
+        if key != name and _fits(values[key], hints[name]) and _fits(values[name], hints[key]):
+            return "" if _fits(values[key], hints[key]) else key
     return ""
 
 
@@ -380,7 +380,7 @@ def _is_list_of(value: Any, hint: Any) -> bool:
     inner = str if get_origin(inner) is Literal else inner
     is_plain = get_origin(inner) in (None, *_UNIONS)  # no list within a list
     elements = value if is_plain and isinstance(value, list | tuple) else ()
-    return all(_fits(one, inner) for one in elements)
+    return all(_fits(element, inner) for element in elements)
 
 
 def _list_words(hint: Any) -> list[str]:
@@ -406,13 +406,13 @@ _WORDS |= {NoneType: "None"}
 _KINDS = (
     _Kind(
         lambda kind: kind in _UNIONS,
-        lambda value, hint: any(_fits(value, one) for one in get_args(hint)),
-        lambda hint: [word for one in get_args(hint) for word in _kind(one).words(one)],
+        lambda value, hint: any(_fits(value, part) for part in get_args(hint)),
+        lambda hint: [word for part in get_args(hint) for word in _kind(part).words(part)],
     ),
     _Kind(
         lambda kind: kind is Literal,
         lambda value, hint: isinstance(value, str) and value in get_args(hint),
-        lambda hint: [f"'{one}'" for one in get_args(hint)],
+        lambda hint: [f"'{choice}'" for choice in get_args(hint)],
     ),
     _Kind(  # numbers of numpy, and 1 for True, are allowed
         lambda kind: kind in (int, float, bool),
