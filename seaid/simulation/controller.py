@@ -257,26 +257,26 @@ def position_controllers(robot: Robot, log: Log) -> PositionControllers | None:
     Raises LogError naming a column that the log does not have.
     """
     drives = [robot.drives[joint] for joint in robot.joint_names]
-    own = [index for index, drive in enumerate(drives) if drive.controller is not None]
-    if not own:
+    controlled = [index for index, drive in enumerate(drives) if drive.controller is not None]
+    if not controlled:
         return None
     columns = [log.joint_names.index(joint) for joint in robot.joint_names]
     signals = {field: values[:, columns] for field, values in log.sensors().items()}
-    parts = [commanded_part(robot, log.time, signals, index, is_scaled=True) for index in own]
-    chosen = [drives[index] for index in own]
+    parts = [commanded_part(robot, log.time, signals, k, is_scaled=True) for k in controlled]
+    chosen = [drives[k] for k in controlled]
     laws = [drive.law for drive in chosen if drive.law is not None]
 
     def of_all(values: Iterable[float]) -> Array:
         return np.array(list(values), dtype=float)
 
     return PositionControllers(
-        index=np.array(own),
+        index=np.array(controlled),
         time=log.time,
         commanded=np.column_stack(parts),
-        supply=np.column_stack([relative_supply(robot, log.time, signals, index) for index in own]),
+        supply=np.column_stack([relative_supply(robot, log.time, signals, k) for k in controlled]),
         delay_s=of_all(drive.command_delay_s or 0.0 for drive in chosen),
         ratio=of_all(drive.ratio for drive in chosen),
-        position_gain=of_all(one.position_gain_Nm_per_rad for one in laws),
-        velocity_gain=of_all(one.velocity_gain_Nms_per_rad for one in laws),
+        position_gain=of_all(law.position_gain_Nm_per_rad for law in laws),
+        velocity_gain=of_all(law.velocity_gain_Nms_per_rad for law in laws),
         laws=laws,
     )

@@ -143,12 +143,12 @@ def accelerations(
     for _ in range(_MOST_ITERATIONS):
         rest = _without_friction(free, of_load, at, slip, gear)
         motor, joint = _driven(plant, data, state, rest, force, slip)
-        found = (plant.ratio * (rest - plant.motor_inertia * motor))[under_load]
-        error = found - gear[under_load]
-        if np.all(np.abs(error) <= _SETTLED * (1 + np.abs(found))):
+        load = (plant.ratio * (rest - plant.motor_inertia * motor))[under_load]
+        error = load - gear[under_load]
+        if np.all(np.abs(error) <= _SETTLED * (1 + np.abs(load))):
             return motor, joint
-        gear[under_load] = found if last is None else _faster(found, error, *last)
-        last = found, error
+        gear[under_load] = load if last is None else _faster(load, error, *last)
+        last = load, error
     raise SeaidError(
         "load-dependent friction does not converge: load_friction must be well below one"
     )
@@ -171,13 +171,13 @@ def _without_friction(
     return rest
 
 
-def _faster(found: Array, error: Array, found_before: Array, error_before: Array) -> Array:
+def _faster(load: Array, error: Array, load_before: Array, error_before: Array) -> Array:
     """Return the next guess of a fixed point, by the secant of the last two (Anderson 1965)."""
     # x+ = g - b (g - g_before), b = <e, de> / <de, de>, with g the map and e = g - x its residual.
     change = error - error_before
     size = float(change @ change)
     part = float(error @ change) / size if size > 0 else 0.0
-    return found - part * (found - found_before)
+    return load - part * (load - load_before)
 
 
 def _driven(
@@ -330,8 +330,8 @@ def advance(
     parts = math.ceil(step / plant.longest_step) if step > plant.longest_step else 1
 
     def of_step(at: float, now: Array) -> Array:
-        given = torque + torque_rate * at
-        return given if feedback is None else given + feedback(at, now)
+        ramp = torque + torque_rate * at
+        return ramp if feedback is None else ramp + feedback(at, now)
 
     try:
         for part in range(parts):
@@ -355,7 +355,7 @@ def _advance(
         slip[stuck] = 0.0
         rest = step - done
         new = _runge_kutta(plant, data, state, torque, slip, start + done, rest)
-        before, after = (friction_speeds(plant, one) * slip for one in (state, new))
+        before, after = (friction_speeds(plant, x) * slip for x in (state, new))
         crossed = np.flatnonzero((after < 0) & plant.is_dry)
         if not crossed.size:
             if not np.all(np.isfinite(new)):

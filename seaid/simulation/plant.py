@@ -188,8 +188,8 @@ def warmed(plant: Plant, temperature: Array | None, time_s: float = 0.0) -> Plan
     at_reference = np.array([drive.reference_temperature_degC for drive in plant.drives])
     by = np.zeros(len(at_reference)) if temperature is None else temperature - at_reference
     functions = tuple(
-        (index, one.at(Delta_T=float(by[index]), t_log=max(time_s, 0.0)))
-        for index, one in plant.functions
+        (index, function.at(Delta_T=float(by[index]), t_log=max(time_s, 0.0)))
+        for index, function in plant.functions
     )
     return replace(plant, functions=functions)
 
@@ -205,10 +205,10 @@ def _memory(drives: Sequence[Drive]) -> Iterator[tuple[int, int, tuple[float, fl
 
 def inertia(plant: Plant, data: pin.Data, position: Array) -> Array:
     """Return the mass matrix (n, n) of a plant, E^T M E with dependent joints, rotors included."""
-    found = mass_matrix(plant.model, data, plant.expanded(position))
+    M = mass_matrix(plant.model, data, plant.expanded(position))
     if plant.expansion is not None:
-        found = plant.expansion[0].T @ found @ plant.expansion[0]
-    return found if plant.rotors is None else found + plant.rotors
+        M = plant.expansion[0].T @ M @ plant.expansion[0]
+    return M if plant.rotors is None else M + plant.rotors
 
 
 def inverse_inertia(plant: Plant, data: pin.Data, position: Array) -> Array:
@@ -246,8 +246,8 @@ def effective_inertia(plant: Plant) -> Array:
     """
     n = len(plant.elastic)
     C = np.eye(n) if plant.coupling is None else plant.coupling
-    found = inertia(plant, plant.model.createData(), np.zeros(n))
-    return np.asarray(1 / np.diag(C @ _safely(np.linalg.solve, found, C.T)))
+    M = inertia(plant, plant.model.createData(), np.zeros(n))
+    return np.asarray(1 / np.diag(C @ _safely(np.linalg.solve, M, C.T)))
 
 
 def plant_of(robot: Robot) -> Plant:
@@ -329,14 +329,14 @@ def _nominal(joint: str, drive: Drive, name: str) -> float:
 def _drive_functions(
     names: list[str], drives: list[Drive]
 ) -> tuple[tuple[int, DriveFunctions], ...]:
-    found = []
+    functions = []
     for index, (name, drive) in enumerate(zip(names, drives, strict=True)):
         if not is_plain(drive):
             try:
-                found.append((index, drive_functions(drive)))
+                functions.append((index, drive_functions(drive)))
             except RobotError as problem:
                 raise RobotError(f"joint '{name}': {problem}") from None
-    return tuple(found)
+    return tuple(functions)
 
 
 def _longest_step(

@@ -103,7 +103,7 @@ def rollout(
     plant, order = plant_of(robot), robot.joint_order
     back = np.argsort(order)
     controllers = position_controllers(robot, log) if command is None else None
-    given = _logged(robot, log) if command is None else command
+    motor_input = _logged(robot, log) if command is None else command
     gains = np.array([input_gain(robot, joint) for joint in robot.joint_names])
     data = plant.model.createData()
     state = np.zeros((plant.rows, robot.n))
@@ -119,18 +119,18 @@ def rollout(
             state[[JOINT_POSITION, JOINT_SPEED], order.index(index)] = states[:, tick]
             state[[POSITION, SPEED], order.index(index)] = states[:, tick]
         joint[tick], motor[tick] = state[JOINT_POSITION, back], state[POSITION, back]
-        torques[tick] = gains * given(at, state[JOINT_POSITION, back])
+        torques[tick] = gains * motor_input(at, state[JOINT_POSITION, back])
         if feedbacks is not None:
             torques[tick] += feedbacks[0](0.0, state)[back]
         if tick + 1 == len(log.time):
             break
         since = float(at - log.time[0])
-        own = warmed(plant, None if warmth is None else warmth[tick, order], since)
+        warm_plant = warmed(plant, None if warmth is None else warmth[tick, order], since)
         step = (log.time[tick + 1] - at) / steps
         for part in range(steps):
-            now = (gains * given(at + part * step, state[JOINT_POSITION, back]))[order]
+            now = (gains * motor_input(at + part * step, state[JOINT_POSITION, back]))[order]
             feedback = None if feedbacks is None else feedbacks[part]
-            state = advance(own, data, state, now, np.zeros(robot.n), step, feedback)
+            state = advance(warm_plant, data, state, now, np.zeros(robot.n), step, feedback)
         if not np.all(np.abs(state[JOINT_POSITION]) < _FARTHEST):
             raise diverged()
     return Log(
@@ -150,8 +150,8 @@ _STEP_SHARE = 0.2
 def _longest_closed_s(plant: Plant, controllers: PositionControllers, back: IndexArray) -> float:
     """Return the longest step [s] for the loops of motors, or motors with their loads."""
     places = back[controllers.index]
-    own = plant.motor_inertia * plant.ratio**2
-    inertia = np.where(plant.elastic, own, effective_inertia(plant))[places]
+    rotors = plant.motor_inertia * plant.ratio**2
+    inertia = np.where(plant.elastic, rotors, effective_inertia(plant))[places]
     damping = controllers.velocity_gain + (plant.viscous * plant.ratio**2)[places]
     rates = np.sqrt(controllers.position_gain * inertia), damping
     fastest = float(np.max(np.maximum(*rates) / np.maximum(inertia, np.finfo(float).tiny)))
@@ -176,28 +176,28 @@ def _ticks(
         length = np.repeat(lengths[block], steps[block])
         part = np.arange(ends[-1]) - np.repeat(ends - steps[block], steps[block])
         start = np.repeat(time[block], steps[block]) + part * length
-        given = None if controllers is None else controllers.during(start, length)
+        commanded = None if controllers is None else controllers.during(start, length)
         for at, end, count in zip(time[block], ends, steps[block], strict=True):
             feedbacks = None
-            if controllers is not None and given is not None:
+            if controllers is not None and commanded is not None:
                 rows = range(end - count, end)
-                feedbacks = [_feedback(controllers, given, row, back) for row in rows]
+                feedbacks = [_feedback(controllers, commanded, row, back) for row in rows]
             yield float(at), int(count), feedbacks
 
 
 def _feedback(
-    controllers: PositionControllers, given: CommandedSteps, row: int, back: IndexArray
+    controllers: PositionControllers, commanded: CommandedSteps, row: int, back: IndexArray
 ) -> Feedback:
     """Return the torques of the controllers in a step, in the order of the plant's joints."""
     places = back[controllers.index]
-    first, supply = given.first[row], given.supply[row]
-    rate = (given.last[row] - first) / given.length_s[row]
+    first, supply = commanded.first[row], commanded.supply[row]
+    rate = (commanded.last[row] - first) / commanded.length_s[row]
 
     def torque(at: float, state: Array) -> Array:
-        found = np.zeros(len(back))
+        torques = np.zeros(len(back))
         moving = state[POSITION, places], state[SPEED, places]
-        found[places] = controllers.torque(first + rate * at, supply, *moving)
-        return found
+        torques[places] = controllers.torque(first + rate * at, supply, *moving)
+        return torques
 
     return torque
 
@@ -215,10 +215,10 @@ def _column(log: Log, field: str, joint: str) -> Array:
 def _warmth(robot: Robot, log: Log) -> Array | None:
     """Return the temperatures (T, n) of motors whose friction depends on it; None without any."""
     warm = [joint for joint in robot.joint_names if robot.drives[joint].has_temperature_terms]
-    found = np.zeros((len(log.time), robot.n))
+    temperatures = np.zeros((len(log.time), robot.n))
     for joint in warm:
-        found[:, robot.index(joint)] = _column(log, "motor_temperature", joint)
-    return found if warm else None
+        temperatures[:, robot.index(joint)] = _column(log, "motor_temperature", joint)
+    return temperatures if warm else None
 
 
 _START_SHARE, _START_S = 0.01, 0.1
@@ -236,8 +236,8 @@ def _first(log: Log, field: str, joint: str) -> tuple[float, float]:
     step = (log.time[-1] - log.time[0]) / (len(log.time) - 1)
     error = _noise(position)[0] / step / max(_START_SHARE * speed, np.finfo(float).tiny)
     count = int(np.clip((1200 * min(error, 1e9) ** 2) ** (1 / 3), 4, max(4, _START_S / step)))
-    found = np.polyfit(log.time[:count] - log.time[0], position[:count, 0], 3)
-    return float(found[-1]), float(found[-2])
+    cubic = np.polyfit(log.time[:count] - log.time[0], position[:count, 0], 3)
+    return float(cubic[-1]), float(cubic[-2])
 
 
 def _logged(robot: Robot, log: Log) -> Command:
@@ -249,13 +249,13 @@ def _logged(robot: Robot, log: Log) -> Command:
         if kind not in COMMANDS
     }
 
-    def given(at: float, _: Array) -> Array:
-        found = np.zeros(robot.n)
-        for index, one in inputs.items():
-            found[index] = np.interp(at, log.time, one)
-        return found
+    def interpolated(at: float, _: Array) -> Array:
+        values = np.zeros(robot.n)
+        for index, samples in inputs.items():
+            values[index] = np.interp(at, log.time, samples)
+        return values
 
-    return given
+    return interpolated
 
 
 def _start(robot: Robot, log: Log) -> Array:
@@ -308,17 +308,17 @@ class ReplayComparison(Result):
     @property
     def mean_absolute_errors(self) -> tuple[Array, Array]:
         """Mean absolute errors (n,) before and after [rad or m]."""
-        before, after = (np.abs(one - self.measured) for one in (self.before, self.after))
+        before, after = (np.abs(q - self.measured) for q in (self.before, self.after))
         return before.mean(axis=0), after.mean(axis=0)
 
     @property
     def rms_errors(self) -> tuple[Array, Array]:
         """Rms errors (n,) before and after [rad or m]."""
-        before, after = (np.square(one - self.measured) for one in (self.before, self.after))
+        before, after = (np.square(q - self.measured) for q in (self.before, self.after))
         return np.sqrt(before.mean(axis=0)), np.sqrt(after.mean(axis=0))
 
     def _in_short(self) -> str:
-        before, after = (1e3 * float(one.mean()) for one in self.mean_absolute_errors)
+        before, after = (1e3 * float(error.mean()) for error in self.mean_absolute_errors)
         errors = f"mean absolute error {before:.3g} mrad before, {after:.3g} mrad after"
         return f"{sampled_text(self.time, self.joints)}: {errors}"
 
@@ -381,7 +381,7 @@ def compare_replays(
         )
     check_held(after, "replay", why="seaid does not simulate contacts")
     check_whole(log)
-    held = _with_coupled(after, held_joints)
+    held = _held_joints(after, held_joints)
     joints = tuple(joint for joint in after.joint_names if joint not in held)
     if not joints:
         raise SeaidError(f"no joint is left to replay: {'; '.join(map(': '.join, held.items()))}")
@@ -394,7 +394,7 @@ def compare_replays(
         model = model.with_drives(dict.fromkeys(held, _FOLLOWING))
         moved.append(_replayed(title, model, log, states, notes).joint_position[:, indices])
     measured = log.joint_position[:, [log.joint_names.index(joint) for joint in joints]]
-    found = ReplayComparison(
+    comparison = ReplayComparison(
         joints=joints,
         time=log.time,
         measured=measured,
@@ -404,12 +404,12 @@ def compare_replays(
         is_prismatic=tuple(after.is_prismatic[index] for index in indices),
     )
     closes = [after.drives[joint].controller is not None for joint in joints]
-    errors = (np.hypot(one, found.noise) for one in found.rms_errors)
-    old, new = (dict(zip(joints, one.tolist(), strict=True)) for one in errors)
+    errors = (np.hypot(rms, comparison.noise) for rms in comparison.rms_errors)
+    old, new = (dict(zip(joints, error.tolist(), strict=True)) for error in errors)
     ratios = {joint: new[joint] / max(old[joint], np.finfo(float).tiny) for joint in joints}
-    units = ["mm" if one else "mrad" for one in found.is_prismatic]
+    units = ["mm" if slides else "mrad" for slides in comparison.is_prismatic]
     worse = replay_worse(new, ratios, units, all(closes))
-    return replace(found, warnings=(*worse, *notes))
+    return replace(comparison, warnings=(*worse, *notes))
 
 
 _FOLLOWING = replace(IDEAL_DRIVE, motor_inertia_kg_m2=1e6)
@@ -417,13 +417,13 @@ _FOLLOWING = replace(IDEAL_DRIVE, motor_inertia_kg_m2=1e6)
 100 N m change its acceleration by 1e-4 rad/s^2."""
 
 
-def _with_coupled(robot: Robot, held: Mapping[str, str]) -> dict[str, str]:
+def _held_joints(robot: Robot, held: Mapping[str, str]) -> dict[str, str]:
     """Return the joints that are held {joint: reason}, with those that their drives move too."""
-    found = dict(held)
+    reasons = dict(held)
     for joint, reason in held.items():
         for index in group_of(robot.transmission, robot.index(joint)):
-            found.setdefault(robot.joint_names[index], f"it moves with {joint}: {reason}")
-    return found
+            reasons.setdefault(robot.joint_names[index], f"it moves with {joint}: {reason}")
+    return reasons
 
 
 def _with_measured_motion(
@@ -439,7 +439,7 @@ def _with_measured_motion(
         position = _column(log, "joint_position", joint)[:, None]
         cutoff = select_cutoff(position, np.full_like(position, np.nan), rate_hz, (joint,))
         smooth = low_pass(position, rate_hz, cutoff.cutoff_hz)
-        q, v, a = (one[:, 0] for one in spline_derivatives(log.time, smooth))
+        q, v, a = (derivative[:, 0] for derivative in spline_derivatives(log.time, smooth))
         torque[:, log.joint_names.index(joint)] = (_FOLLOWING.motor_inertia_kg_m2 or 0.0) * a
         states[robot.index(joint)] = np.array([q, v])
     return replace(log, motor_torque=torque), states
@@ -465,13 +465,13 @@ def _replayed(
         changed = [joint for joint, drive in drives.items() if drive is not robot.drives[joint]]
         if not changed or isinstance(problem, LogError | RobotError):
             raise
-        found = rollout(robot.with_drives(drives), log, held=held)
+        replayed = rollout(robot.with_drives(drives), log, held=held)
     ratios = {joint: robot.drives[joint].ratio for joint in changed}
     inertias = {
         joint: drives[joint].values["motor_inertia"] * ratio**2 for joint, ratio in ratios.items()
     }
     notes.append(diverged_replay(title, inertias))
-    return found
+    return replayed
 
 
 _LEAST_TIME_S = 1e-3
@@ -483,29 +483,29 @@ def _with_least_inertias(title: str, robot: Robot, notes: list[Finding]) -> Robo
     """Return the robot with enough rotor inertia at joints that have friction and hardly any."""
     plant, back = plant_of(robot), np.argsort(robot.joint_order)
     inertias = effective_inertia(plant)[back]
-    drives, found = dict(robot.drives), {}
+    drives, raised = dict(robot.drives), {}
     for index, (joint, drive) in enumerate(robot.drives.items()):
         if drive.controller is None or drive.is_elastic:
             continue
         friction = drive.values.get("viscous_friction", 0.0) * drive.ratio**2
         lack = _LEAST_TIME_S * friction - inertias[index]
         if lack > 0:
-            own = drive.values.get("motor_inertia", 0.0) + lack / drive.ratio**2
-            drives[joint] = drive.with_values({"motor_inertia": own})
-            found[joint] = own * drive.ratio**2
-    if found:
-        notes.append(least_inertias(title, found, _LEAST_TIME_S))
+            rotor_inertia = drive.values.get("motor_inertia", 0.0) + lack / drive.ratio**2
+            drives[joint] = drive.with_values({"motor_inertia": rotor_inertia})
+            raised[joint] = rotor_inertia * drive.ratio**2
+    if raised:
+        notes.append(least_inertias(title, raised, _LEAST_TIME_S))
     return robot.with_drives(drives)
 
 
 def _slower(drive: Drive) -> Drive:
     """Return a drive whose rotor is slow enough for the steps of a simulation."""
-    law, own = drive.law, drive.values.get("motor_inertia", 0.0)
+    law, rotor_inertia = drive.law, drive.values.get("motor_inertia", 0.0)
     if law is None:
         return drive
     spring = law.position_gain_Nm_per_rad * (_STEPS_PER_RADIAN * _LEAST_CLOSED_S) ** 2
     least = max(spring, law.velocity_gain_Nms_per_rad * _LEAST_CLOSED_S) / drive.ratio**2
-    return drive if own >= least else drive.with_values({"motor_inertia": least})
+    return drive if rotor_inertia >= least else drive.with_values({"motor_inertia": least})
 
 
 def without_unknown_terms(robot: Robot) -> Robot:

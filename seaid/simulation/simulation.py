@@ -189,28 +189,28 @@ def simulate_motion(
     return replace(motion, motor_temperature=warmth)
 
 
-def _warmth(robot: Robot, given: Temperature, count: int) -> Array | None:
+def _warmth(robot: Robot, degC: Temperature, count: int) -> Array | None:
     """Return the temperatures (count, n) of the motors [degC], None if none is given."""
-    if given is None:
+    if degC is None:
         return None
-    if not isinstance(given, Mapping):
-        given = dict.fromkeys(robot.joint_names, given)
-    found = np.empty((count, robot.n))
-    for joint in given:
+    if not isinstance(degC, Mapping):
+        degC = dict.fromkeys(robot.joint_names, degC)
+    temperatures = np.empty((count, robot.n))
+    for joint in degC:
         if joint not in robot.joint_names:
             raise SeaidError("temperature_degC: " + unknown_name("joint", joint, robot.joint_names))
     for index, joint in enumerate(robot.joint_names):
-        values = np.atleast_1d(given.get(joint, robot.drives[joint].reference_temperature_degC))
+        values = np.atleast_1d(degC.get(joint, robot.drives[joint].reference_temperature_degC))
         values = frozen(f"temperature_degC of '{joint}'", values, (None,))
         if not len(values) or not np.all((values > _COLDEST_DEGC) & (values < _HOTTEST_DEGC)):
             raise SeaidError(
                 f"temperature_degC of '{joint}' must be between {_COLDEST_DEGC:g} and "
                 f"{_HOTTEST_DEGC:g} degC, found {values.tolist()}"
             )
-        found[:, index] = np.interp(
+        temperatures[:, index] = np.interp(
             np.linspace(0.0, 1.0, count), np.linspace(0.0, 1.0, len(values)), values
         )
-    return found
+    return temperatures
 
 
 def _check_joints(robot: Robot, trajectory: Trajectory) -> None:
