@@ -83,11 +83,11 @@ class FourierBasis:
         # modulo the period, so that the end gives exactly the values of the start
         phase = 2 * np.pi * np.outer(np.asarray(time) / self.period_s % 1.0, number)
         sine, cosine = np.sin(phase), np.cos(phase)
-        one = np.ones((len(phase), 1))
+        ones = np.ones((len(phase), 1))
         return (
-            np.hstack([one, sine, cosine]),
-            np.hstack([0 * one, rate * cosine, -rate * sine]),
-            np.hstack([0 * one, -(rate**2) * sine, -(rate**2) * cosine]),
+            np.hstack([ones, sine, cosine]),
+            np.hstack([0 * ones, rate * cosine, -rate * sine]),
+            np.hstack([0 * ones, -(rate**2) * sine, -(rate**2) * cosine]),
         )
 
     def states(self, time: Array, coefficients: Array) -> tuple[Array, Array, Array]:
@@ -160,17 +160,17 @@ class JoinedBasis:
 
     def matrices(self, time: Array) -> tuple[Array, Array, Array]:
         """Return the matrices (T, K) of position, velocity and acceleration at times (T,) [s]."""
-        found = np.zeros((3, len(time), self.size))
-        for part, columns, here, local in self._pieces(time):
-            found[:, here, columns] = part.matrices(local)
-        return found[0], found[1], found[2]
+        matrices = np.zeros((3, len(time), self.size))
+        for part, columns, mask, local in self._pieces(time):
+            matrices[:, mask, columns] = part.matrices(local)
+        return matrices[0], matrices[1], matrices[2]
 
     def states(self, time: Array, coefficients: Array) -> tuple[Array, Array, Array]:
         """Return position, velocity and acceleration (T, n) of coefficients (K, n) at times."""
-        found = np.empty((3, len(time), coefficients.shape[1]))
-        for part, columns, here, local in self._pieces(time):
-            found[:, here] = part.states(local, coefficients[columns])
-        return found[0], found[1], found[2]
+        states = np.empty((3, len(time), coefficients.shape[1]))
+        for part, columns, mask, local in self._pieces(time):
+            states[:, mask] = part.states(local, coefficients[columns])
+        return states[0], states[1], states[2]
 
     def hull(self, order: int, density: int) -> Array:
         """Return the block-diagonal matrix (C, K) of the parts' hulls."""
@@ -188,10 +188,10 @@ class JoinedBasis:
         owner = np.searchsorted(self.starts[1:-1], time, side="right")
         first = 0
         for place, (part, start) in enumerate(zip(self.parts, self.starts, strict=False)):
-            here = owner == place
-            if np.any(here):
-                local = np.clip(np.asarray(time)[here] - start, 0.0, part.duration)
-                yield part, slice(first, first + part.size), here, local
+            mask = owner == place
+            if np.any(mask):
+                local = np.clip(np.asarray(time)[mask] - start, 0.0, part.duration)
+                yield part, slice(first, first + part.size), mask, local
             first += part.size
 
 
@@ -449,8 +449,8 @@ def _refinement(knots: Array, finer: Array, degree: int) -> Array:
     span = np.clip(span, degree, len(knots) - degree - 2)
     points = np.eye(len(knots) - degree - 1)[span[:, None] + np.arange(-degree, 1)]
     for level in range(1, degree + 1):
-        left = span[:, None] + np.arange(level - degree, 1)
-        low, high = knots[left], knots[left + degree + 1 - level]
+        j = span[:, None] + np.arange(level - degree, 1)
+        low, high = knots[j], knots[j + degree + 1 - level]
         # d[j] <- (1 - w) d[j-1] + w d[j],  w = (s[i+level] - t[j]) / (t[j+degree+1-level] - t[j])
         share = ((finer[index + level, None] - low) / (high - low))[:, :, None]
         points[:, level:] = (1.0 - share) * points[:, level - 1 : -1] + share * points[:, level:]

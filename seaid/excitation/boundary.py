@@ -74,21 +74,21 @@ def end_conditions(
 ) -> EndConditions:
     """Return the equations of two end states. Raises ExcitationError for invalid values."""
     tables = basis.matrices(np.array([0.0, basis.duration]))
-    found: list[tuple[Array, Array, int, int]] = []
+    equations: list[tuple[Array, Array, int, int]] = []
     for which, state in enumerate((start, end)):
-        for kind, given in enumerate((state.position, state.velocity, state.acceleration)):
-            if given is not None:
+        for kind, value in enumerate((state.position, state.velocity, state.acceleration)):
+            if value is not None:
                 name = f"{KINDS[kind]} at the {_ENDS[which]}"
-                wanted = per_joint(name, given, joint_names)
+                wanted = per_joint(name, value, joint_names)
                 values = finite(name, wanted, (len(joint_names),), ExcitationError)
-                found.append((tables[kind][which], values, kind, which))
-    rows = np.array([row for row, *_ in found]).reshape(-1, basis.size)
+                equations.append((tables[kind][which], values, kind, which))
+    rows = np.array([row for row, *_ in equations]).reshape(-1, basis.size)
     return EndConditions(
         rows,
-        np.array([values for _, values, *_ in found]).reshape(-1, len(joint_names)),
+        np.array([values for _, values, *_ in equations]).reshape(-1, len(joint_names)),
         np.asarray(np.linalg.norm(rows @ basis.scaling, axis=1)),
-        tuple(kind for *_, kind, _ in found),
-        tuple(which for *_, which in found),
+        tuple(kind for *_, kind, _ in equations),
+        tuple(which for *_, which in equations),
     )
 
 
@@ -300,10 +300,10 @@ def _chebyshev_centre(rows: Array, offsets: Array, weights: Array) -> tuple[Arra
     right = np.concatenate([1.0 - offsets, 1.0 + offsets])
     cost = np.zeros(sides.shape[1])
     cost[-1] = -1.0
-    found = linprog(cost, A_ub=sides, b_ub=right, bounds=(None, None), method="highs")
-    if found.x is None:
-        raise ExcitationError(f"no motion that keeps the ends was found: {found.message}")
-    return found.x[:-1], float(found.x[-1])
+    solution = linprog(cost, A_ub=sides, b_ub=right, bounds=(None, None), method="highs")
+    if solution.x is None:
+        raise ExcitationError(f"no motion that keeps the ends was found: {solution.message}")
+    return solution.x[:-1], float(solution.x[-1])
 
 
 def _infeasible(joint: str, kind: int, use: float) -> ExcitationError:

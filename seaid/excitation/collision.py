@@ -50,8 +50,8 @@ def hulls(urdf: str | Path, meshes: Sequence[Mesh]) -> list[Any]:
             f"collision geometry of '{urdf}' cannot be read: {problem}; repair the mesh, or use a "
             "box, a cylinder or a sphere in its place"
         ) from None
-    found = zip(corners.values(), options, strict=True)
-    return [coal.Convex.convexHull(_points(one), True, option) for one, option in found]
+    pairs = zip(corners.values(), options, strict=True)
+    return [coal.Convex.convexHull(_points(points), True, option) for points, option in pairs]
 
 
 def hull_corners(meshes: Sequence[tuple[str, str, Sequence[float]]]) -> Answer:
@@ -92,8 +92,8 @@ def _corners(where: str, vertices: Array) -> tuple[str, Array]:
 
 def _reason(problem: Exception) -> str:
     """Return the message of an exception, without its location in coal's source."""
-    _, found, message = str(problem).partition("message: ")
-    said = message.splitlines()[1:2] if found else []
+    _, separator, message = str(problem).partition("message: ")
+    said = message.splitlines()[1:2] if separator else []
     return shortened(said[0], 300) if said else reason_of(problem)
 
 
@@ -128,7 +128,7 @@ def collision_geometry(
         shapes = pin.buildGeomFromUrdfString(full, text, pin.GeometryType.COLLISION)
     except (ValueError, RuntimeError) as problem:
         raise RobotError(f"collision geometry of '{urdf}' cannot be read: {problem}") from None
-    at_rest = _at_rest(full, tree.still(robot.locked))
+    at_rest = _rest_configuration(full, tree.still(robot.locked))
     _check_same_tree(str(urdf), full, robot, at_rest)
     convex = dict(zip(meshes, hulls(urdf, list(meshes.values())), strict=True))
     data = full.createData()
@@ -152,26 +152,26 @@ def _moving(full: pin.Model, joint: int, robot: Robot) -> int:
     return joint
 
 
-def _at_rest(full: pin.Model, still: Mapping[str, float]) -> Array:
+def _rest_configuration(full: pin.Model, still: Mapping[str, float]) -> Array:
     """Return the configuration with moving joints at zero and the locked ones where they stand."""
-    found = pin.neutral(full)
+    q = pin.neutral(full)
     for name, position in still.items():
         joint = full.joints[full.getJointId(name)]
         is_turning = joint.nq == 2  # a continuous joint: cosine and sine
-        own = [np.cos(position), np.sin(position)] if is_turning else [position]
-        found[joint.idx_q : joint.idx_q + joint.nq] = own
-    return np.asarray(found)
+        coordinates = [np.cos(position), np.sin(position)] if is_turning else [position]
+        q[joint.idx_q : joint.idx_q + joint.nq] = coordinates
+    return np.asarray(q)
 
 
 def _check_same_tree(where: str, full: pin.Model, robot: Robot, at_rest: Array) -> None:
     data = full.createData()
     pin.forwardKinematics(full, data, at_rest)
-    for own, name in enumerate(robot.model.names[1:], 1):
+    for index, name in enumerate(robot.model.names[1:], 1):
         joint = full.getJointId(name)
         parent = _moving(full, full.parents[joint], robot)
         placement = data.oMi[parent].actInv(data.oMi[joint]).homogeneous
-        difference = placement - robot.model.jointPlacements[own].homogeneous
-        same_parent = full.names[parent] == robot.model.names[robot.model.parents[own]]
+        difference = placement - robot.model.jointPlacements[index].homogeneous
+        same_parent = full.names[parent] == robot.model.names[robot.model.parents[index]]
         if not same_parent or np.max(np.abs(difference)) > _SAME_PLACEMENT:
             raise RobotError(
                 f"'{where}' is not the file of robot '{robot.name}': joint '{name}' is elsewhere"
@@ -201,15 +201,15 @@ def _without_meshes(tree: UrdfTree, folders: Sequence[Path]) -> tuple[str, dict[
 
 
 def _mesh_files(urdf: Path, names: Sequence[str], folders: Sequence[Path]) -> list[Path]:
-    found = {name: find_mesh(name, folders) for name in names}
-    missing = [name for name, path in found.items() if path is None]
+    files = {name: find_mesh(name, folders) for name in names}
+    missing = [name for name, path in files.items() if path is None]
     if missing:
         raise RobotError(
             f"'{urdf}': {len(missing)} collision meshes not found: {listed(missing)}; searched "
             "in package_dirs, the folder of the file and those above it; give the folders that "
             "hold the packages by package_dirs=[...]"
         )
-    return [path for path in map(found.get, names) if path is not None]
+    return [path for path in map(files.get, names) if path is not None]
 
 
 def _scale(urdf: Path, link: str, text: str) -> tuple[float, float, float]:
@@ -284,14 +284,14 @@ def distance_gradients(scene: Scene, q: Array, *, cap_m: float = np.inf) -> tupl
     faces), it is that of one choice of them. The normal of a cylinder is accurate to 1e-5, to 1e-2
     in overlap. Raises as `distances` does.
     """
-    found, normals, points, jacobians = _witnesses(scene, q, cap_m)
+    distance, normals, points, jacobians = _witnesses(scene, q, cap_m)
     linear, angular = jacobians[:, :3], jacobians[:, 3:]
     first, second = scene.ends
     sign = scene.moves[second] - scene.moves[first]
     # d(distance)/dq = normal^T (J_second - J_first), Jacobians of the two nearest points, where
     # normal^T J(point) = normal^T J_linear + (point x normal)^T J_angular
     along = sign * (normals @ linear + np.cross(points, normals) @ angular)
-    return found, scene.robot.from_model(along)
+    return distance, scene.robot.from_model(along)
 
 
 def _witnesses(scene: Scene, q: Array, cap_m: float) -> tuple[Array, Array, Array, Array]:
@@ -308,7 +308,7 @@ def _witnesses(scene: Scene, q: Array, cap_m: float) -> tuple[Array, Array, Arra
     centres = np.array([shape.aabb_center for shape in shapes])
     radii = np.array([shape.aabb_radius for shape in shapes])
     least = np.maximum(radii[first] + radii[second] + cap_m, 0.0)
-    found = np.full((len(q), len(first)), cap_m)
+    distance = np.full((len(q), len(first)), cap_m)
     normals, points = np.zeros((2, len(q), len(first), 3))
     jacobians = np.empty((len(q), 6, model.nv))
     for k, position in enumerate(q):
@@ -319,10 +319,10 @@ def _witnesses(scene: Scene, q: Array, cap_m: float) -> tuple[Array, Array, Arra
         for pair in np.flatnonzero(np.einsum("pi,pi->p", apart, apart) < least**2).tolist():
             result = pin.computeDistance(geometry, placed, pair)
             if not result.min_distance >= cap_m:
-                found[k, pair] = result.min_distance
+                distance[k, pair] = result.min_distance
                 normals[k, pair] = result.normal
                 points[k, pair] = result.getNearestPoint1()
-    return found, normals, points, jacobians
+    return distance, normals, points, jacobians
 
 
 def _set_accuracy(geometry: pin.GeometryModel, placed: pin.GeometryData) -> None:

@@ -255,9 +255,9 @@ def regressor_gradient(
     total = -_derivatives(model, ordered)[:, :, positions].sum(axis=2)
     for r, position, factor in parts:
         felt = [joint - 1 for joint in model.subtrees[position + 1]]
-        own = factor * bodies[:, r, felt]
-        own[:, :, 0] += mass
-        total += _row_derivatives(model, ordered, position, own)
+        subtree = factor * bodies[:, r, felt]
+        subtree[:, :, 0] += mass
+        total += _row_derivatives(model, ordered, position, subtree)
     gradient = robot.from_model(total)
     return gradient[0], gradient[1], gradient[2]
 
@@ -291,8 +291,8 @@ def _row_derivatives(model: pin.Model, states: tuple[Array, ...], row: int, bodi
     views = (data.dtau_dq[row], data.dtau_dv[row], data.M[:row, row], data.M[row, row:])
     felt, together = list(model.subtrees[row + 1]), np.concatenate
     table = np.empty((len(bodies), 3 * n))
-    for own, out, q, v, a in zip(bodies, table, *states, strict=True):
-        for joint, parameters in zip(felt, own, strict=True):
+    for subtree, out, q, v, a in zip(bodies, table, *states, strict=True):
+        for joint, parameters in zip(felt, subtree, strict=True):
             inertias[joint] = inertia_of(parameters)
         compute(model, data, q, v, a)
         together(views, out=out)

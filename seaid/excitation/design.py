@@ -157,10 +157,10 @@ def _measures(
     parts, has_drives = list(_sampled(motion)), True
     try:
         target = drive_target(robot, torque_joints, base, top_speed)
-        H = np.vstack([stacked_regressor(target, *one) for one in parts])
+        H = np.vstack([stacked_regressor(target, *part) for part in parts])
     except SeaidError:  # nominal values are missing
         target, has_drives = load_target(robot, torque_joints, base), False
-        H = np.vstack([stacked_regressor(target, *one) for one in parts])
+        H = np.vstack([stacked_regressor(target, *part) for part in parts])
     return _measures_of(H, sum(float(time[-1] - time[0]) for time, _ in parts), has_drives)
 
 
@@ -178,8 +178,8 @@ def _sampled(motion: Trajectory | Sequence[Motion]) -> Iterator[tuple[Array, Sta
     else:
         n = motion[0].joint_position.shape[1]
         most = min(_REPORT_SAMPLES, _MOST_NUMBERS // (10 * n**2 * len(motion)))
-        for one in motion:
-            few = one.samples(slice(None, None, -(-len(one.time) // max(most, _FEWEST_SAMPLES))))
+        for part in motion:
+            few = part.samples(slice(None, None, -(-len(part.time) // max(most, _FEWEST_SAMPLES))))
             yield few.time, few.joint_states
 
 
@@ -340,7 +340,7 @@ def design_excitation(
         shape = multisine or Multisine()
         drives = drive_limits(robot, limits or Limits(), bounds.velocity)
         motion = multisine_motion(robot, duration, shape, bounds, drives, seed)
-        return _of_multisine(robot, motion, torque_joints, torque_std, bounds)
+        return _multisine_excitation(robot, motion, torque_joints, torque_std, bounds)
     if multisine is not None:
         raise ExcitationError("multisine= needs basis='multisine'", "basis='multisine'")
     measure = CRITERIA[criterion]
@@ -377,13 +377,13 @@ def design_excitation(
         )
         model = stance_model(cold, stance, bounds, limits, torque_joints)
         space = _standing_space(model, functions(len(model.free)))
-        base = pivoted_base(cold, torque_joints, [one.link for one in model.contacts])
+        base = pivoted_base(cold, torque_joints, [contact.link for contact in model.contacts])
         model = replace(model, columns=base.columns)
         target = load_target(cold, torque_joints, base)
         target = replace(target, row_weights=np.ones(6 + len(target.rows)))
         instants = _samples(target, space.basis.size, samples)
-        own = model.free_limits
-        problem = make_problem(target, criterion, space, instants, own, None, None, model)
+        free_limits = model.free_limits
+        problem = make_problem(target, criterion, space, instants, free_limits, None, None, model)
     robot = cold
     target = scaled_target(problem, robot, base, torque_std, measure.needs_nominal)
     target = replace(target, known=previous_logs_factor(target, robot, previous_logs))
@@ -441,7 +441,7 @@ def _excitation(
     )
 
 
-def _of_multisine(
+def _multisine_excitation(
     robot: Robot,
     motion: Trajectory,
     torque_joints: str | Sequence[str] | None,

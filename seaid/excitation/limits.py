@@ -187,23 +187,23 @@ def margins(
 
 
 def limit_values(
-    robot: Robot, name: str, given: LimitValue, default: Array, *, unlimited: bool = False
+    robot: Robot, name: str, limit: LimitValue, default: Array, *, unlimited: bool = False
 ) -> Array:
     """Return one limit of all joints (n,), read-only; `default` (n,) for those not given.
 
     Raises ExcitationError, naming the joint, for a value that is not finite (infinity is allowed
     with `unlimited`), for unknown joints and other shapes.
     """
-    wanted: Any = default if given is None else given
-    if isinstance(given, Mapping):
-        wanted = dict(zip(robot.joint_names, default, strict=True)) | dict(given)
+    wanted: Any = default if limit is None else limit
+    if isinstance(limit, Mapping):
+        wanted = dict(zip(robot.joint_names, default, strict=True)) | dict(limit)
     wanted = per_joint(f"{name} limit", wanted, robot.joint_names, f"{name} limit")
     values = frozen(f"{name} limit", wanted, (robot.n,), ExcitationError)
     for joint, value in zip(robot.joint_names, values, strict=True):
         if not (np.isfinite(value) or (unlimited and value == np.inf)):
-            found = "missing" if given is None else f"{value}, which is not finite"
+            fault = "missing" if limit is None else f"{value}, which is not finite"
             raise ExcitationError(
-                f"joint '{joint}' of '{robot.name}': {name} limit is {found}; give it by "
+                f"joint '{joint}' of '{robot.name}': {name} limit is {fault}; give it by "
                 f"Limits({name}=...), one for all joints, one per joint or one for "
                 f"'{joint}' by its name",
                 f"Limits({name}=...)",
@@ -217,31 +217,31 @@ def limit_values(
     return values
 
 
-def per_joint(name: str, given: Any, joint_names: Sequence[str], *arguments: str) -> Any:
+def per_joint(name: str, values: Any, joint_names: Sequence[str], *arguments: str) -> Any:
     """Return the values of {joint: value} in the order of the joints, or the same for all.
 
     `arguments` are those of the error for an unknown joint.
     """
-    if not isinstance(given, Mapping):
-        return [given] * len(joint_names) if np.ndim(given) == 0 else given
-    for joint in given:
+    if not isinstance(values, Mapping):
+        return [values] * len(joint_names) if np.ndim(values) == 0 else values
+    for joint in values:
         if joint not in joint_names:
             wrong = unknown_name("joint", joint, joint_names)
             raise ExcitationError(f"{name}: {wrong}", *arguments)
-    missing = [joint for joint in joint_names if joint not in given]
+    missing = [joint for joint in joint_names if joint not in values]
     if missing:
         raise ExcitationError(
             f"{name} is not given for {', '.join(missing)}; name all joints, or give None "
             "where it may be any"
         )
-    return [given[joint] for joint in joint_names]
+    return [values[joint] for joint in joint_names]
 
 
 def positive_values(
-    robot: Robot, name: str, given: LimitValue, default: Array, *, unlimited: bool = False
+    robot: Robot, name: str, limit: LimitValue, default: Array, *, unlimited: bool = False
 ) -> Array:
     """Return `limit_values` that are more than zero. Raises ExcitationError for others."""
-    values = limit_values(robot, name, given, default, unlimited=unlimited)
+    values = limit_values(robot, name, limit, default, unlimited=unlimited)
     for joint, value in zip(robot.joint_names, values, strict=True):
         if value < _SMALLEST:
             least = "zero" if value <= 0 else f"{_SMALLEST:g}"
@@ -296,8 +296,8 @@ def drive_limits(robot: Robot, limits: Limits, top_speed: Array) -> DriveLimits 
     usable = np.isfinite(effort) & (effort > 0) & known
     elastic = np.array([joint in robot.elastic_joints for joint in robot.joint_names])
     defaults = {"joint_torque": np.where(usable, effort, np.inf)}
-    given = [(kind, getattr(limits, kind), defaults.get(kind, nothing)) for kind in DRIVE_KINDS]
-    most = np.array([positive_values(robot, *one, unlimited=True) for one in given])
+    triples = [(kind, getattr(limits, kind), defaults.get(kind, nothing)) for kind in DRIVE_KINDS]
+    most = np.array([positive_values(robot, *triple, unlimited=True) for triple in triples])
     most[DRIVE_KINDS.index("deflection"), ~elastic] = np.inf
     limited = np.isfinite(most)
     if not np.any(limited):
@@ -353,8 +353,8 @@ def drive_loads(limits: DriveLimits, time: Array, states: States) -> Array:
     motor = limits.motor_inertia * acceleration + drive_torque / limits.drives.ratio
     for index, curve in limits.friction:
         width = float(limits.sign_width[index])
-        own = speed[:, index], drive_torque[:, index]
-        motor[:, index] += curve.torque(*own, sign_width=width)[0]
+        speed_and_torque = speed[:, index], drive_torque[:, index]
+        motor[:, index] += curve.torque(*speed_and_torque, sign_width=width)[0]
     return np.stack([torque, motor, speed, limits.drives.spring_deflection(drive_torque)[0]])
 
 
@@ -382,27 +382,27 @@ def drive_load_gradient(
     by_state = np.stack(maps)
     gradient = np.zeros((len(kinds), limits.robot.n, by_state.shape[2]))
     for joint in np.unique(joints):
-        for table, mine in (
+        for table, rows in (
             (tables, np.flatnonzero((joints == joint) & (kinds == 0))),
             (at_drives, np.flatnonzero((joints == joint) & (kinds > 0))),
         ):
-            t = instants[mine]
+            t = instants[rows]
             by_acceleration, by_speed, by_torque = _slopes(
-                limits, int(joint), kinds[mine], loads[2, t, joint], drive_torque[t, joint]
+                limits, int(joint), kinds[rows], loads[2, t, joint], drive_torque[t, joint]
             )
-            by_torque[kinds[mine] == _DEFLECTION] = by_force[t, joint][kinds[mine] == _DEFLECTION]
+            by_torque[kinds[rows] == _DEFLECTION] = by_force[t, joint][kinds[rows] == _DEFLECTION]
             # d(motor speed)/dx = ratio v_x + D1 diag(compliance) tau_x, D1 the differentiation
             # matrix; likewise the acceleration with D2: `weights` (m, T) multiply tau_x
             weights = motor_compliance[:, joint] * (
                 by_speed[:, None] * first[t] + by_acceleration[:, None] * second[t]
             )
-            weights[np.arange(len(mine)), t] += by_torque
+            weights[np.arange(len(rows)), t] += by_torque
             chain = np.einsum("xti,xtk->tik", table[:, :, joint], by_state)
-            gradient[mine] = np.tensordot(weights, chain, axes=1)
+            gradient[rows] = np.tensordot(weights, chain, axes=1)
             turning = limits.drives.ratio[joint] * (
                 by_speed[:, None] * by_state[1, t] + by_acceleration[:, None] * by_state[2, t]
             )
-            gradient[mine] += matrix[joint][:, None] * turning[:, None, :]
+            gradient[rows] += matrix[joint][:, None] * turning[:, None, :]
     return gradient
 
 

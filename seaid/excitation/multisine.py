@@ -131,9 +131,9 @@ def multisine(
     # all experiments have one size, that of the largest peaks, so that they are orthogonal
     unscaled = np.zeros((len(moving), basis.size, robot.n))
     for experiment, values in enumerate(unscaled):
-        one = replace(shape, experiment=experiment)
-        values[1:, moving] = _unscaled(one, basis, excited, len(moving), seed)
-    peaks = np.max([_peaks(basis, one) for one in unscaled], axis=0)
+        variant = replace(shape, experiment=experiment)
+        values[1:, moving] = _unscaled(variant, basis, excited, len(moving), seed)
+    peaks = np.max([_peaks(basis, coefficients) for coefficients in unscaled], axis=0)
 
     def motion(size: Array, experiment: int) -> Trajectory:
         values = unscaled[experiment] * size
@@ -142,17 +142,17 @@ def multisine(
 
     bounds = np.array([room, limits.velocity, limits.acceleration])
     share = np.min(bounds / np.maximum(peaks, 1e-300), axis=0)
-    given = np.isfinite(most)
-    size = np.where(given, most / np.maximum(peaks[0], 1e-300), _USE * share)
+    fixed = np.isfinite(most)
+    size = np.where(fixed, most / np.maximum(peaks[0], 1e-300), _USE * share)
     size[peaks[0] == 0] = 0.0
-    mine = shape.experiment % len(moving)
-    if drives is not None and not np.all(given):
+    index = shape.experiment % len(moving)
+    if drives is not None and not np.all(fixed):
         size = _within_drives(
-            [partial(motion, experiment=e) for e in range(len(moving))], size, given, drives
+            [partial(motion, experiment=e) for e in range(len(moving))], size, fixed, drives
         )
-    found = motion(size, mine)
-    _check_limits(found, bounds, peaks * size, drives)
-    return found
+    trajectory = motion(size, index)
+    _check_limits(trajectory, bounds, peaks * size, drives)
+    return trajectory
 
 
 def _frequencies(shape: Multisine, duration: float, seed: int) -> tuple[FourierBasis, Array]:
@@ -210,10 +210,10 @@ def _unscaled(shape: Multisine, basis: FourierBasis, excited: Array, n: int, see
     phase = 2 * np.pi * rng.random((len(excited), n))
     # the orthogonal experiments of Dobrowiecki and Schoukens 2007: joint j turned by 2 pi e j / n
     phase += 2 * np.pi * shape.experiment * np.arange(n) / max(n, 1)
-    found = np.zeros((2, basis.harmonics, n))
-    found[0, excited - 1] = -size[:, None] * np.sin(phase)
-    found[1, excited - 1] = size[:, None] * np.cos(phase)
-    flat: Array = found.reshape(-1, n)
+    amplitudes = np.zeros((2, basis.harmonics, n))
+    amplitudes[0, excited - 1] = -size[:, None] * np.sin(phase)
+    amplitudes[1, excited - 1] = size[:, None] * np.cos(phase)
+    flat: Array = amplitudes.reshape(-1, n)
     return flat
 
 
@@ -233,7 +233,7 @@ def _grid(basis: FourierBasis) -> Array:
 def _within_drives(
     motions: Sequence[Callable[[Array], Trajectory]],
     size: Array,
-    given: BoolArray,
+    fixed: BoolArray,
     drives: DriveLimits,
 ) -> Array:
     """Return the sizes (n,), those not given reduced until all motions keep limits of drives."""
@@ -242,31 +242,31 @@ def _within_drives(
     reduced = size
     for middle in (1.0, *[math.nan] * _BISECTIONS):
         factor = middle if middle == 1.0 else 0.5 * (inside + outside)
-        trial = np.where(given, size, factor * size)
-        loads = [drive_loads(drives, time, one(trial).sample(time)) for one in motions]
+        trial = np.where(fixed, size, factor * size)
+        loads = [drive_loads(drives, time, motion(trial).sample(time)) for motion in motions]
         kept = np.all(np.abs(loads).max(axis=(0, 2)) <= _USE * drives.largest)
         inside, outside = (factor, outside) if kept else (inside, factor)
         if inside == 1.0:
             break
-        reduced = np.where(given, size, inside * size)
+        reduced = np.where(fixed, size, inside * size)
     return size if inside == 1.0 else reduced
 
 
 def _check_limits(
-    found: Trajectory, bounds: Array, peaks: Array, drives: DriveLimits | None
+    motion: Trajectory, bounds: Array, peaks: Array, drives: DriveLimits | None
 ) -> None:
     """Raise ExcitationError naming the joint and the first limit that a multisine breaks."""
     kinds, most, largest = list(KINDS), list(peaks), list(bounds)
     if drives is not None:
-        time = _grid(found.basis)  # type: ignore[arg-type]
+        time = _grid(motion.basis)  # type: ignore[arg-type]
         kinds += [kind.replace("_", " ") for kind in DRIVE_KINDS]
-        most += list(np.abs(drive_loads(drives, time, found.sample(time))).max(axis=1))
+        most += list(np.abs(drive_loads(drives, time, motion.sample(time))).max(axis=1))
         largest += list(drives.largest)
     for kind, used, allowed in zip(kinds, most, largest, strict=True):
         over = used / allowed
         joint = int(np.argmax(over))
         if over[joint] > 1.0:
-            name = found.joint_names[joint]
+            name = motion.joint_names[joint]
             size = peaks[0, joint]
             lower = (
                 f"give an amplitude of at most {_USE * size / over[joint]:.3g} for '{name}', a "

@@ -155,15 +155,15 @@ def drive_target(
     names, units = list(model.expressions), list(plain.units)
     blocks = []
     for block in parts:
-        joint, own = robot.joint_names[block.joint], block.regressor
-        is_column = [(joint, name) in in_load_model for name in own.names]
+        joint, regressor = robot.joint_names[block.joint], block.regressor
+        is_column = [(joint, name) in in_load_model for name in regressor.names]
         if np.any(block.shares[len(known) :]):  # in the row of a motor
-            is_column = [True] * len(own.names)
+            is_column = [True] * len(regressor.names)
         picked = tuple(np.flatnonzero(is_column).tolist())
         columns = tuple(range(len(names), len(names) + len(picked)))
         blocks.append(replace(block, columns=columns, picked=picked))
-        names += [f"{name} of {joint}" for name in compress(own.names, is_column)]
-        units += compress(own.units, is_column)
+        names += [f"{name} of {joint}" for name in compress(regressor.names, is_column)]
+        units += compress(regressor.units, is_column)
     needs_load = drives.is_elastic or any("tau_G" in block.signals for block in blocks)
     if needs_load:
         check_nominal_bodies(robot)
@@ -290,14 +290,14 @@ def _drive_columns(
         torque = load_torques(target.robot, target.parallel, states)
         drive_torque = torques_at_drives(target.drives.matrix, torque)
     signals = motor_signals(target.drives, states, drive_torque, differentiation(time))
-    own = signals.copy()
-    own[3:6] = states
-    found = []
+    joint_signals = signals.copy()
+    joint_signals[3:6] = states
+    evaluated = []
     for block in target.blocks:
-        seen = (own if block.is_parallel else signals)[:, :, block.joint]
+        seen = (joint_signals if block.is_parallel else signals)[:, :, block.joint]
         columns, slopes = block.regressor.evaluate(
             dict(zip(SMOOTH_SIGNALS, seen, strict=True)), block.sign_width
         )
         picked = list(block.picked)
-        found.append((block, (columns[:, picked], slopes[:, picked])))
-    return found, drive_torque
+        evaluated.append((block, (columns[:, picked], slopes[:, picked])))
+    return evaluated, drive_torque

@@ -221,7 +221,7 @@ def linear_slack(problem: Problem, x: Array) -> tuple[Array, Array]:
 
 def has_nonlinear_limits(problem: Problem) -> bool:
     """Return whether there are limits that are not linear in x."""
-    return any(one is not None for one in (problem.drive_limits, problem.scene, problem.stance))
+    return any(limit is not None for limit in (problem.drive_limits, problem.scene, problem.stance))
 
 
 def nonlinear_use(problem: Problem, x: Array) -> tuple[Array, Array]:
@@ -370,23 +370,23 @@ def motion_within(problem: Problem, x: Array) -> Array:
 def all_margins(problem: Problem, x: Array, trajectory: Trajectory, bounds: JointLimits) -> Margins:
     """Return the margins of x: linear ones at every instant, the others on a finer grid."""
     # the knots of a trajectory by inverse kinematics are dense as they are
-    found = (
+    margin = (
         margins(trajectory, bounds) if problem.stance is None else margins(trajectory, bounds, [0])
     )
     if not has_nonlinear_limits(problem):
-        return found
+        return margin
     fine = _on_fine_grid(problem)
     states = states_of(fine, x)
     if fine.drive_limits is not None:
         most = np.abs(drive_loads(fine.drive_limits, fine.time, states)).max(axis=1)
-        left = fine.drive_limits.largest - most
-        found = replace(found, **dict(zip(DRIVE_KINDS, left, strict=True)))
+        remaining = fine.drive_limits.largest - most
+        margin = replace(margin, **dict(zip(DRIVE_KINDS, remaining, strict=True)))
     if fine.scene is not None:
-        found = replace(found, distance_m=float(distances(fine.scene, states[0]).min()))
+        margin = replace(margin, distance_m=float(distances(fine.scene, states[0]).min()))
     if fine.stance is not None:
         most = np.abs(stance_joint_torques(fine.stance, states)).max(axis=0)
-        found = replace(found, joint_torque=fine.stance.torque_limits - most)
-    return found
+        margin = replace(margin, joint_torque=fine.stance.torque_limits - most)
+    return margin
 
 
 def _on_fine_grid(problem: Problem) -> Problem:
@@ -463,10 +463,10 @@ def _sizes(target: Target, robot: Robot, base: BaseParameters) -> Array:
     for block in target.blocks:
         values = robot.drives[robot.joint_names[block.joint]].values
         sizes += [values.get(block.regressor.names[index], np.nan) for index in block.picked]
-    found, units = np.array(sizes), np.array(target.units)
+    nominal, units = np.array(sizes), np.array(target.units)
     for unit in set(target.units):
-        mine = units == unit
-        positive = found[mine & (found > 0)]
+        same_unit = units == unit
+        positive = nominal[same_unit & (nominal > 0)]
         if positive.size:
-            found[mine] = np.maximum(found[mine], _SMALL * np.median(positive))
-    return np.where(found > 0, found, np.nan)
+            nominal[same_unit] = np.maximum(nominal[same_unit], _SMALL * np.median(positive))
+    return np.where(nominal > 0, nominal, np.nan)

@@ -46,10 +46,10 @@ def with_run_in(space: MotionSpace, joint_names: Sequence[str], limits: JointLim
         whole = np.linalg.norm(state[1:] @ space.basis.scaling, axis=1, keepdims=True)
         if np.any(np.abs(speed) > ROUNDING * whole):
             run_ins.append(_run_in(state, run_in_duration(limits), out=bool(which)))
-    found = replace(space, run_ins=tuple(run_ins))
+    restricted = replace(space, run_ins=tuple(run_ins))
     middle = np.outer(space.basis.constant, limits.middle)
     moved = np.any(np.abs(space.feasible_start - middle) > ROUNDING * limits.half_range, axis=0)
-    return with_interior_start(found, joint_names, limits, moved)
+    return with_interior_start(restricted, joint_names, limits, moved)
 
 
 def run_in_duration(limits: JointLimits) -> float:
@@ -195,11 +195,11 @@ def _shortest_segment(
         for power in sorted(range(-_TRIALS, _TRIALS + 1), key=abs):
             duration = run_in_duration(bounds) * _GROWTH**power
             try:
-                found = _segment(names, tightened, state, duration, out=out)
+                segment = _segment(names, tightened, state, duration, out=out)
             except ExcitationError as refused:
                 refusal = refused
             else:
-                return _shortened(names, tightened, state, found, out=out)
+                return _shortened(names, tightened, state, segment, out=out)
     side = "run-out from its end" if out else "run-in to its start"
     raise ExcitationError(
         f"there is no {side} within limits ({refusal}); plan the motion with rest at its ends, "

@@ -177,15 +177,15 @@ def _with_boxes(
 def _pairs(model: pin.Model, joints: Sequence[int], links: int) -> Iterator[tuple[int, int]]:
     """Yield the objects on two bodies that are no neighbours, and moving ones with each box."""
     for first, second in combinations(range(len(joints)), 2):
-        one, two = joints[first], joints[second]
-        are_neighbours = model.parents[one] == two or model.parents[two] == one
-        if one != two and (first < links <= second or not are_neighbours):
+        a, b = joints[first], joints[second]
+        are_neighbours = model.parents[a] == b or model.parents[b] == a
+        if a != b and (first < links <= second or not are_neighbours):
             yield first, second
 
 
 def _checked(pairs: Iterable[Pair], names: Sequence[str]) -> set[frozenset[str]]:
     known = dict.fromkeys(names)
-    found = set()
+    disabled = set()
     for pair in pairs:
         is_pair = not isinstance(pair, str) and isinstance(pair, Collection) and len(pair) == 2
         if not is_pair or not all(isinstance(name, str) for name in pair):
@@ -197,8 +197,8 @@ def _checked(pairs: Iterable[Pair], names: Sequence[str]) -> set[frozenset[str]]
                 raise ExcitationError(
                     "disabled_pairs: " + unknown_name("link with collision geometry", name, known)
                 )
-        found.add(frozenset(pair))
-    return found
+        disabled.add(frozenset(pair))
+    return disabled
 
 
 def _disabled_by_srdf(srdf: str | Path | None) -> set[frozenset[str]]:

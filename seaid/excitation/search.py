@@ -114,13 +114,13 @@ def _exit_with_parent(parent: int) -> None:
 
 def _finished_results(futures: Sequence[Future[Result]]) -> list[Result]:
     """Return the results of the tasks that finish after an interrupt."""
-    found = []
+    results = []
     for future in futures:
         future.cancel()
     for future in futures:
         with suppress(CancelledError, TimeoutError, BrokenExecutor, KeyboardInterrupt):
-            found.append(future.result(timeout=_PATIENCE_SECONDS))
-    return found
+            results.append(future.result(timeout=_PATIENCE_SECONDS))
+    return results
 
 
 _TRIES, _ITERATIONS, _ENOUGH = 3, 40, 0.9
@@ -159,12 +159,12 @@ def _least_use(problem: Problem, start: Array) -> Array:
     """Return an x within the linear limits that minimises the used share of the others."""
     from scipy.optimize import minimize
 
-    found = start
+    latest = start
 
     def watch(x: Array) -> None:
-        nonlocal found
-        found = x / max(1.0, float(linear_use(problem, x).max()) * (1 + 1e-6))
-        if largest_nonlinear_use(problem, found) < _ENOUGH:
+        nonlocal latest
+        latest = x / max(1.0, float(linear_use(problem, x).max()) * (1 + 1e-6))
+        if largest_nonlinear_use(problem, latest) < _ENOUGH:
             raise _FoundError
 
     def objective(x: Array) -> tuple[float, Array]:
@@ -183,7 +183,7 @@ def _least_use(problem: Problem, start: Array) -> Array:
             options={"maxiter": _ITERATIONS},
             callback=watch,
         )
-    return found
+    return latest
 
 
 def _infeasible(problem: Problem, x: Array) -> ExcitationError:
@@ -247,7 +247,7 @@ def search(
     not depend on the executor. Raises ExcitationError if no start identifies all parameters.
     """
     seeds = np.random.SeedSequence(seed).spawn(starts)
-    begins = [random_start(problem, np.random.default_rng(one)) for one in seeds]
+    begins = [random_start(problem, np.random.default_rng(child)) for child in seeds]
     outcomes = [Outcome(value_of(problem, x), x) for x in begins]
     begin = min(outcomes, key=lambda outcome: outcome.value)
     if not np.isfinite(begin.value):

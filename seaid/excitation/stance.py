@@ -208,22 +208,22 @@ class StanceModel:
             ends[0] = abs(float(np.mean(places @ up))) / 3
         reach = np.concatenate(
             [
-                finite(name, np.broadcast_to(np.asarray(one, float), 3), (3,), ExcitationError)
-                for name, one in zip(("base_range_m", "base_range_rad"), ends, strict=True)
+                finite(name, np.broadcast_to(np.asarray(end, float), 3), (3,), ExcitationError)
+                for name, end in zip(("base_range_m", "base_range_rad"), ends, strict=True)
             ]
         )
         if np.any(reach <= 0):
             raise ExcitationError(f"the range of the base must be more than zero, found {reach}")
         speed, most = np.repeat(_BASE_SPEED, 3), np.full(6, DEFAULT_ACCELERATION)
-        own, pick = self.limits, list(self.free)
+        limits, pick = self.limits, list(self.free)
         return JointLimits(
             *(
                 np.concatenate(pair)[pick]
                 for pair in (
-                    (-reach, own.lower),
-                    (reach, own.upper),
-                    (speed, own.velocity),
-                    (most, own.acceleration),
+                    (-reach, limits.lower),
+                    (reach, limits.upper),
+                    (speed, limits.velocity),
+                    (most, limits.acceleration),
                 )
             )
         )
@@ -243,14 +243,14 @@ def stance_model(
     _check_numbers(stance, contacts)
     effort = robot.effort_limits
     default = np.where(np.isfinite(effort) & (effort > 0), effort, np.inf)
-    given = limits or Limits()
+    requested = limits or Limits()
     for name in ("motor_torque", "motor_speed", "deflection"):
-        if getattr(given, name) is not None:
+        if getattr(requested, name) is not None:
             raise ExcitationError(
                 f"Limits({name}=...) is not available in stance: give Limits(joint_torque=...)",
                 f"Limits({name}=...)",
             )
-    most = positive_values(robot, "joint_torque", given.joint_torque, default, unlimited=True)
+    most = positive_values(robot, "joint_torque", requested.joint_torque, default, unlimited=True)
     posture = np.concatenate([np.zeros(6), _posture(robot, stance, bounds)])
     model, frames, _ = with_contact_frames(robot, contacts)
     data = model.createData()
@@ -258,7 +258,7 @@ def stance_model(
     pin.framesForwardKinematics(model, data, configurations(robot, posture[None], level)[0])
     anchors = tuple(pin.SE3(data.oMf[frame]) for frame in frames)
     up = upward(robot)
-    found = StanceModel(
+    standing = StanceModel(
         robot=robot,
         stance=stance,
         contacts=contacts,
@@ -271,14 +271,14 @@ def stance_model(
         torque_limits=most,
         rows=tuple(robot.index(joint) for joint in robot.selected(torque_joints)),
     )
-    found = _with_dependent_joints(found)
-    _check_standing(found)
-    return found
+    standing = _with_dependent_joints(standing)
+    _check_standing(standing)
+    return standing
 
 
-def refuse_in_stance(**given: bool) -> None:
+def refuse_in_stance(**arguments: bool) -> None:
     """Raise ExcitationError for arguments of `design_excitation` that a stance does not have."""
-    for name, is_given in given.items():
+    for name, is_given in arguments.items():
         if is_given:
             raise ExcitationError(
                 f"{name}= is not available with stance=: the motion starts and ends at rest in the "
@@ -339,14 +339,14 @@ def _check_numbers(stance: Stance, contacts: Sequence[Contact]) -> None:
 
 
 def _posture(robot: Robot, stance: Stance, bounds: JointLimits) -> Array:
-    given = stance.posture
-    if given is None or isinstance(given, Mapping):
-        named = dict(given or {})
+    posture = stance.posture
+    if posture is None or isinstance(posture, Mapping):
+        named = dict(posture or {})
         for joint in named:
             if joint not in robot.joint_names:
                 raise ExcitationError(f"posture: {unknown_name('joint', joint, robot.joint_names)}")
-        given = [named.get(x, m) for x, m in zip(robot.joint_names, bounds.middle, strict=True)]
-    q = finite("posture", given, (robot.n,), ExcitationError)
+        posture = [named.get(x, m) for x, m in zip(robot.joint_names, bounds.middle, strict=True)]
+    q = finite("posture", posture, (robot.n,), ExcitationError)
     wrong = np.flatnonzero((q <= bounds.lower) | (q >= bounds.upper))
     if wrong.size:
         j = int(wrong[0])
@@ -492,8 +492,8 @@ def _least_forces(model: StanceModel, A: Array, wanted: Array) -> Array:
             sizes += [0.5 * sole[1], 0.5 * sole[0], 0.5 * friction * sum(sole)]
     D = np.array(sizes) ** 2
     inner = (A * D) @ A.swapaxes(1, 2)
-    found = _safely(np.linalg.solve, inner, wanted[:, :, None])
-    return np.asarray(D * np.einsum("tik,ti->tk", A, found[:, :, 0]))
+    multipliers = _safely(np.linalg.solve, inner, wanted[:, :, None])
+    return np.asarray(D * np.einsum("tik,ti->tk", A, multipliers[:, :, 0]))
 
 
 def _by_link(model: StanceModel, forces: Array) -> list[tuple[str, Array]]:
@@ -521,11 +521,11 @@ def _use(model: StanceModel, dynamics: _Dynamics) -> Array:
                 taken += np.abs(X * f[:, 1] - sign * friction * f[:, 4])
                 needed = (taken - sign * f[:, 5]) / (friction * (X + Y))
                 columns.append(1 - (normal - needed) / load)
-    own = np.array([index - 6 for index in model.dependent if index >= 6], dtype=int)
-    limits, joint = model.limits, own + 6
-    position = np.abs(dynamics.z[:, joint] - limits.middle[own]) / limits.half_range[own]
-    velocity = np.abs(dynamics.rates[:, joint]) / limits.velocity[own]
-    acceleration = np.abs(dynamics.accelerations[:, joint]) / limits.acceleration[own]
+    coupled = np.array([index - 6 for index in model.dependent if index >= 6], dtype=int)
+    limits, joint = model.limits, coupled + 6
+    position = np.abs(dynamics.z[:, joint] - limits.middle[coupled]) / limits.half_range[coupled]
+    velocity = np.abs(dynamics.rates[:, joint]) / limits.velocity[coupled]
+    acceleration = np.abs(dynamics.accelerations[:, joint]) / limits.acceleration[coupled]
     limited = np.isfinite(model.torque_limits)
     torque = np.abs(dynamics.torques[:, limited]) / model.torque_limits[limited]
     unreached = np.minimum(dynamics.open_m / _REACHED_M, 10.0)[:, None]
@@ -633,13 +633,13 @@ def _derivatives(model: StanceModel, key: bytes, samples: int) -> tuple[Array, A
             moved[kind][:, place] += _STEP
             parts = (moved[0], moved[1], moved[2])
             if kind == 0:
-                other = inverse_dynamics(model, parts, middle.z + _STEP * tangents[place])
+                shifted = inverse_dynamics(model, parts, middle.z + _STEP * tangents[place])
             else:
-                other = inverse_dynamics(model, parts, like=middle, same_rates=kind == 2)
-            by_use[kind, place] = (_use(model, other) - use) / _STEP
-            Y = other.regressor[:, :, columns]
+                shifted = inverse_dynamics(model, parts, like=middle, same_rates=kind == 2)
+            by_use[kind, place] = (_use(model, shifted) - use) / _STEP
+            Y = shifted.regressor[:, :, columns]
             if kind == 0:
-                by_rows[0, place] = (_observed(model, other, Y) - rows) / _STEP
+                by_rows[0, place] = (_observed(model, shifted, Y) - rows) / _STEP
             else:
                 changed.append((Y - middle.regressor[:, :, columns]) / _STEP)
     # at the same positions the contact forces are eliminated alike: all at once
@@ -676,10 +676,10 @@ def coordinates(model: StanceModel, planned: Array) -> Array:
         moving = np.arange(len(z))
         for _ in range(_NEWTON if last else 2):
             errors, K[moving], _ = contact_motion(model, z[moving])
-            left = np.max(np.abs(errors), axis=1) > (_CLOSED_M if last else _NEAR_M)
-            if not np.any(left):
+            unclosed = np.max(np.abs(errors), axis=1) > (_CLOSED_M if last else _NEAR_M)
+            if not np.any(unclosed):
                 break
-            moving, errors = moving[left], errors[left]
+            moving, errors = moving[unclosed], errors[unclosed]
             step = _completed(model, K[moving], np.zeros((len(moving), len(free))), -errors)
             z[moving] += step * _bounded(step[:, dependent])
     return z
@@ -701,14 +701,14 @@ def contact_motion(
 def _completed(model: StanceModel, K: Array, planned: Array, wanted: Any) -> Array:
     """Return rates (..., T, 6 + n) with the planned ones (..., T, m) and K rates = wanted."""
     free, dependent = list(model.free), list(model.dependent)
-    own = K[:, :, dependent]
-    inner = own.swapaxes(1, 2) @ own + _DAMPING * np.eye(len(dependent))
+    K_d = K[:, :, dependent]
+    inner = K_d.swapaxes(1, 2) @ K_d + _DAMPING * np.eye(len(dependent))
     missing = wanted - np.einsum("tkm,...tm->...tk", K[:, :, free], planned)
-    right = np.einsum("tkd,...tk->...td", own, missing)
-    found = np.empty((*planned.shape[:-1], len(model.posture)))
-    found[..., free] = planned
-    found[..., dependent] = _safely(np.linalg.solve, inner, right[..., None])[..., 0]
-    return found
+    right = np.einsum("tkd,...tk->...td", K_d, missing)
+    rates = np.empty((*planned.shape[:-1], len(model.posture)))
+    rates[..., free] = planned
+    rates[..., dependent] = _safely(np.linalg.solve, inner, right[..., None])[..., 0]
+    return rates
 
 
 _SPACING_S = 0.01

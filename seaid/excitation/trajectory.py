@@ -298,10 +298,10 @@ def load_trajectory(path: str | Path) -> Trajectory:
     >>> log = seaid.simulate(robot, seaid.load_trajectory("plan.json"))
     """
     content = read_json(path, "trajectory", ExcitationError)
-    found = content.get("format") if isinstance(content, dict) else None
-    if found != _FORMAT:
+    declared = content.get("format") if isinstance(content, dict) else None
+    if declared != _FORMAT:
         raise ExcitationError(
-            f"'{path}' is no trajectory: 'format' is {shown(found)}, not {_FORMAT!r}"
+            f"'{path}' is no trajectory: 'format' is {shown(declared)}, not {_FORMAT!r}"
         )
     try:
         basis = basis_from_dict(content["basis"])
@@ -318,6 +318,6 @@ def load_trajectory(path: str | Path) -> Trajectory:
 
 
 def _names(key: str, value: Any) -> tuple[str, ...]:
-    if not (isinstance(value, list) and all(isinstance(one, str) for one in value)):
+    if not (isinstance(value, list) and all(isinstance(name, str) for name in value)):
         raise ExcitationError(f"{key} must be a list of names, found {shown(value)}")
     return tuple(value)
