@@ -167,9 +167,9 @@ def write_first_project(
         imu_link=imu_link,
     )
     paths = [Path(path) for path in logs]
-    robot, joints = _with_columns(load, joints, paths, doubts)
+    robot, joints = _load_named_joints(load, joints, paths, doubts)
     grouped, of_files = (
-        logs_of_files(paths, robot) if rate_hz is None else (_without_time(paths), ())
+        logs_of_files(paths, robot) if rate_hz is None else (_logs_without_time(paths), ())
     )
     read: list[_ReadLog] = []
     for files in grouped:
@@ -223,7 +223,7 @@ def write_first_project(
 _UNNAMED = "no column of the logs has such a name: locked at zero; joints = names those that move"
 
 
-def _with_columns(
+def _load_named_joints(
     load: Callable[..., Robot],
     joints: Sequence[str] | None,
     paths: Sequence[Path],
@@ -309,7 +309,7 @@ def _known_drives(
     return neighbour
 
 
-def _without_time(paths: Sequence[Path]) -> list[tuple[Path, ...]]:
+def _logs_without_time(paths: Sequence[Path]) -> list[tuple[Path, ...]]:
     """Return the files of each log without time: one log, or one each if they share names."""
     names = [{name for name in open_tables([path]).names if not name.isdecimal()} for path in paths]
     share = any(later & earlier for k, later in enumerate(names) for earlier in names[:k])
