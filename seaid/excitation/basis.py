@@ -73,6 +73,7 @@ class FourierBasis:
     @property
     def scaling(self) -> Array:
         """The matrix (K, K) from variables to amplitudes that fall as 1 / harmonic."""
+        # equal variables are equal amplitudes of velocity, so that no harmonic uses its limit alone
         falling = 1.0 / np.arange(1, self.harmonics + 1)
         return np.diag(np.concatenate([[1.0], falling, falling]))
 
@@ -99,11 +100,13 @@ class FourierBasis:
         """Return the coefficients (K, n) of the motion started at `time` [s] of its period."""
         phase = 2 * np.pi * np.arange(1, self.harmonics + 1) * (time / self.period_s % 1.0)
         sine, cosine = np.sin(phase)[:, None], np.cos(phase)[:, None]
+        # a sin(x + p) + b cos(x + p) = (a cos p - b sin p) sin x + (a sin p + b cos p) cos x
         a, b = np.split(coefficients[1:], 2)
         return np.vstack([coefficients[:1], cosine * a - sine * b, sine * a + cosine * b])
 
     def hull(self, order: int, density: int) -> Array:
         """Return the matrix (C, K) whose largest |row @ c| bounds the derivative of `order`."""
+        # C >= 2 K = 4 N + 2 samples, with which the factor below is less than sqrt(2)
         count = max(density, 2) * self.size
         time = self.period_s * np.arange(count) / count
         # M. Riesz (1914): around a maximum M of |s|, |s(phase)| >= M cos(N phase) for N harmonics,
@@ -272,6 +275,7 @@ def make_basis(name: BasisName, duration: float, coefficients: int) -> Basis:
             )
         return FourierBasis(int(coefficients) // 2, float(duration))
     degree = _QUINTIC if name == "bspline" else int(coefficients) - 1
+    # K coefficients of degree p have K - p spans between knots, so K - p - 1 knots inside
     inside = np.linspace(0.0, duration, int(coefficients) - degree + 1)[1:-1]
     zeros = np.zeros(degree + 1)
     return SplineBasis(degree, np.concatenate([zeros, inside, zeros + duration]))
@@ -386,12 +390,14 @@ class SplineBasis:
         hull property). Inserting knots, about `density` per coefficient, brings the control points
         closer to the curve, quadratically in their number.
         """
+        # rounded up: at least `density` control points per coefficient
         pieces = max(1, -(-density * self.size // self.spans))
         matrix, knots = np.eye(self.size), np.asarray(self.knots)
         for degree in range(self.degree, self.degree - order, -1):
             # control points of the derivative: p (c[i+1] - c[i]) / (t[i+p+1] - t[i+1])
             spans = knots[degree + 1 : -1] - knots[1 : -degree - 1]
             matrix = degree * np.diff(matrix, axis=0) / spans[:, None]
+            # the derivative is a spline of degree p - 1, clamped by one knot less at either end
             knots = knots[1:-1]
         ends = np.unique(knots)
         cuts = ends[:-1, None] + np.diff(ends)[:, None] * np.arange(1, pieces) / pieces
@@ -420,6 +426,7 @@ def _check_knots(knots: Array, degree: int) -> None:
             f"knots at different times must be at least {_LEAST_SPAN:g} of the duration apart, "
             f"found {knots[i]:.9g} and {knots[i + 1]:.9g} s"
         )
+    # a knot of multiplicity m has p - m continuous derivatives, and the acceleration needs two
     if np.unique(inside, return_counts=True)[1].max(initial=0) > degree - 2:
         raise ExcitationError(
             f"a knot of degree {degree} is repeated more than {degree - 2} times: "
@@ -434,6 +441,8 @@ def bernstein_from_powers(powers: Array, duration: float) -> Array:
     count = len(powers)
     scaled = powers * (duration ** np.arange(count))[:, None]
     i, j = np.indices((count, count))
+    # t^j = duration^j sum_i C(i, j) / C(d, j) B_i(t / duration), i >= j
+    # (Farouki and Rajan 1988)
     return np.asarray(np.where(j <= i, comb(i, j) / comb(count - 1, j), 0.0) @ scaled)
 
 
@@ -444,9 +453,12 @@ def _refinement(knots: Array, finer: Array, degree: int) -> Array:
     polar form at its knots s[i+1] .. s[i+degree], by the recursion of de Boor.
     """
     index = np.arange(len(finer) - degree - 1)
+    # the polar form is that of a span within the support of the point: from the middle of the
+    # support it is extrapolated least
     middle = finer[index + (degree + 1) // 2]
     span = np.searchsorted(knots, middle, side="right") - 1
     span = np.clip(span, degree, len(knots) - degree - 2)
+    # (C, degree + 1, K): the control points c[span-degree] .. c[span] that meet in each span
     points = np.eye(len(knots) - degree - 1)[span[:, None] + np.arange(-degree, 1)]
     for level in range(1, degree + 1):
         j = span[:, None] + np.arange(level - degree, 1)

@@ -73,6 +73,7 @@ def end_conditions(
     basis: Basis, joint_names: Sequence[str], start: EndState, end: EndState
 ) -> EndConditions:
     """Return the equations of two end states. Raises ExcitationError for invalid values."""
+    # 3 of (2, K): position, velocity and acceleration at the start and at the end
     tables = basis.matrices(np.array([0.0, basis.duration]))
     equations: list[tuple[Array, Array, int, int]] = []
     for which, state in enumerate((start, end)):
@@ -104,6 +105,8 @@ def null_space(basis: Basis, conditions: EndConditions) -> tuple[Array, Array]:
     rows = (conditions.rows @ basis.scaling) / conditions.row_norms[:, None]
     if not len(rows):
         return basis.scaling, np.empty((basis.size, 0))
+    # pivoting, because both ends of a periodic basis give the same rows: they count once in the
+    # rank, and the other columns of Q span the null space
     Q, R, _ = qr(rows.T, pivoting=True)
     rank = int(np.sum(np.abs(np.diag(R)) > ROUNDING))
     # without a position condition, a constant satisfies all conditions, and it is not a motion
@@ -215,6 +218,7 @@ def motion_space(
     residuals = conditions.residuals(middle)
     feasible_start = middle + inverse @ residuals
     check_consistent(conditions, feasible_start, joint_names, limits)
+    # where the middle of the range satisfies the ends it is taken as it is, without rounding errors
     moved = np.any(np.abs(residuals) > ROUNDING * limits.half_range, axis=0)
     space = MotionSpace(basis, np.where(moved, feasible_start, middle), limits.half_range, free)
     return with_interior_start(space, joint_names, limits, moved)
@@ -254,6 +258,7 @@ def with_interior_start(
         offsets = np.concatenate([block.offsets[joint] for block in blocks])
         y, room = _chebyshev_centre(rows, offsets, np.linalg.norm(rows, axis=1))
         if room <= 0 or np.abs(rows @ y + offsets).max() >= 1.0:
+            # with equal weights the radius is one less the least possible use: for the message
             y, _ = _chebyshev_centre(rows, offsets, np.ones(len(rows)))
             use = np.abs(rows @ y + offsets)
             kinds = np.repeat([b.kind for b in blocks], [b.offsets.shape[1] for b in blocks])
@@ -284,8 +289,10 @@ def _limit_block(
     hull = hull @ matrix
     scale = bounds if density is None else _RUN_IN_SHARE * bounds
     moves = hull @ space.free
+    # a row whose variables cancel up to rounding is determined by the ends alone
     whole = np.linalg.norm(hull @ space.basis.scaling, axis=1)
     free = np.linalg.norm(moves, axis=1) > ROUNDING * whole
+    # also for a run-in: that of a motion that stands still stands still in the same place
     about = space.feasible_start - np.outer(space.basis.constant, middle)
     offsets = ((hull @ about) / scale).T
     rows = (space.half_range / scale)[:, None, None] * moves[free]
@@ -300,6 +307,7 @@ def _chebyshev_centre(rows: Array, offsets: Array, weights: Array) -> tuple[Arra
     right = np.concatenate([1.0 - offsets, 1.0 + offsets])
     cost = np.zeros(sides.shape[1])
     cost[-1] = -1.0
+    # variables of any sign: without bounds linprog would take zero or more
     solution = linprog(cost, A_ub=sides, b_ub=right, bounds=(None, None), method="highs")
     if solution.x is None:
         raise ExcitationError(f"no motion that keeps the ends was found: {solution.message}")
