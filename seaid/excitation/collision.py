@@ -136,6 +136,8 @@ def collision_geometry(
     placed, links = pin.GeometryModel(), []
     for shape in shapes.geometryObjects:
         links.append(full.frames[shape.parentFrame].name)
+        # a link behind locked joints moves with the nearest ancestor that is not locked, in which
+        # it is placed by oMi[moving]^-1 oMi[parent] placement, the locked joints where they stand
         moving = _moving(full, shape.parentJoint, robot)
         joint = robot.model.getJointId(full.names[moving])
         placement = data.oMi[moving].actInv(data.oMi[shape.parentJoint] * shape.placement)
@@ -196,6 +198,7 @@ def _without_meshes(tree: UrdfTree, folders: Sequence[Path]) -> tuple[str, dict[
     meshes = {}
     for (name, (link, mesh)), path in zip(named.items(), files, strict=True):
         meshes[name] = Mesh(link, path, _scale(urdf, link, mesh.get("scale") or "1 1 1"))
+        # Pinocchio would read the file in this process: a placeholder, whose name finds the hull
         mesh.getparent().replace(mesh, etree.Element("sphere", radius="1"))
     return str(etree.tostring(root, encoding="unicode")), meshes
 
@@ -261,6 +264,7 @@ class Scene:
         """1 where a joint of the model moves an object of the geometry, else 0, (G, N)."""
         moved = np.zeros((self.geometry.ngeoms, self.robot.model.nv))
         for row, shape in zip(moved, self.geometry.geometryObjects, strict=True):
+            # joint 0 of Pinocchio is the base; joint j has one degree of freedom, column j - 1
             row[[joint - 1 for joint in self.robot.model.supports[shape.parentJoint] if joint]] = (
                 1.0
             )
@@ -287,6 +291,7 @@ def distance_gradients(scene: Scene, q: Array, *, cap_m: float = np.inf) -> tupl
     distance, normals, points, jacobians = _witnesses(scene, q, cap_m)
     linear, angular = jacobians[:, :3], jacobians[:, 3:]
     first, second = scene.ends
+    # zero for a joint that moves both bodies or neither: it does not change their distance
     sign = scene.moves[second] - scene.moves[first]
     # d(distance)/dq = normal^T (J_second - J_first), Jacobians of the two nearest points, where
     # normal^T J(point) = normal^T J_linear + (point x normal)^T J_angular
@@ -307,6 +312,7 @@ def _witnesses(scene: Scene, q: Array, cap_m: float) -> tuple[Array, Array, Arra
     shapes = [shape.geometry for shape in geometry.geometryObjects]
     centres = np.array([shape.aabb_center for shape in shapes])
     radii = np.array([shape.aabb_radius for shape in shapes])
+    # pairs whose bounding spheres are farther apart than the cap are not evaluated
     least = np.maximum(radii[first] + radii[second] + cap_m, 0.0)
     distance = np.full((len(q), len(first)), cap_m)
     normals, points = np.zeros((2, len(q), len(first), 3))
@@ -318,6 +324,7 @@ def _witnesses(scene: Scene, q: Array, cap_m: float) -> tuple[Array, Array, Arra
         apart = spots[first] - spots[second]
         for pair in np.flatnonzero(np.einsum("pi,pi->p", apart, apart) < least**2).tolist():
             result = pin.computeDistance(geometry, placed, pair)
+            # not `< cap_m`, so that a distance that is NaN does not disappear behind the cap
             if not result.min_distance >= cap_m:
                 distance[k, pair] = result.min_distance
                 normals[k, pair] = result.normal

@@ -36,6 +36,8 @@ _safely = partial(safely, what="the regressor of the motion", error=ExcitationEr
 _WORST = 1e12
 """Condition number above which H counts as rank deficient, so a parameter is unidentifiable."""
 
+# four equal singular values at either end make the smooth condition number the larger by
+# 4^(2/32), 9 %
 _SHARPNESS, _NEIGHBOURS = 32.0, 4
 
 
@@ -55,6 +57,7 @@ class Criterion:
 
 def triangular_factor(H: Array, known: Array) -> Array:
     """Return R (p, p) with R^T R = H^T H + known^T known."""
+    # H = Q R: factors are added by stacking, and H^T H would square the condition number
     return np.asarray(np.linalg.qr(np.vstack([known, H]), mode="r"))
 
 
@@ -184,6 +187,7 @@ def pivoted_base(
     known = [robot.index(joint) for joint in robot.selected(torque_joints)]
     draws = [_random_rows(robot, known, draw, stance) for draw in range(_DRAWS)]
     columns = _best_pivots(draws, len(leftmost.columns))
+    # H theta = H_left G theta and H_picked = H_left G_picked: the grouping is G_picked^-1 G
     grouping = _safely_grouped(np.linalg.solve, leftmost.grouping[:, columns], leftmost.grouping)
     grouping[:, columns] = np.eye(len(columns))
     grouping[np.abs(grouping) < 1e-11 * np.abs(grouping).max()] = 0.0
@@ -205,6 +209,7 @@ def _best_pivots(draws: list[Array], rank: int) -> list[int]:
     """Return the columns of the best conditioned pivoting; the first one among equals."""
     from scipy.linalg import qr
 
+    # H = Q R over all draws: columns of R are conditioned as those of H
     R: Array = qr(np.concatenate(draws), mode="r")[0][: draws[0].shape[1]]
     weights = 1.0 - _LEFT * np.arange(R.shape[1])
     pivots = (qr(H * weights, mode="r", pivoting=True)[1] for H in draws)
@@ -256,6 +261,7 @@ def regressor_gradient(
     for r, position, factor in parts:
         felt = [joint - 1 for joint in model.subtrees[position + 1]]
         subtree = factor * bodies[:, r, felt]
+        # after the factor, because the torques of the equal masses are subtracted without it
         subtree[:, :, 0] += mass
         total += _row_derivatives(model, ordered, position, subtree)
     gradient = robot.from_model(total)
