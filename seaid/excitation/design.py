@@ -177,6 +177,7 @@ def _sampled(motion: Trajectory | Sequence[Motion]) -> Iterator[tuple[Array, Sta
         yield time, motion.sample(time)
     else:
         n = motion[0].joint_position.shape[1]
+        # the regressor of a sample has n rows of 10 n columns
         most = min(_REPORT_SAMPLES, _MOST_NUMBERS // (10 * n**2 * len(motion)))
         for part in motion:
             few = part.samples(slice(None, None, -(-len(part.time) // max(most, _FEWEST_SAMPLES))))
@@ -380,6 +381,7 @@ def design_excitation(
         base = pivoted_base(cold, torque_joints, [contact.link for contact in model.contacts])
         model = replace(model, columns=base.columns)
         target = load_target(cold, torque_joints, base)
+        # the six equations of the base are rows too, before those of the joints
         target = replace(target, row_weights=np.ones(6 + len(target.rows)))
         instants = _samples(target, space.basis.size, samples)
         free_limits = model.free_limits
@@ -418,6 +420,7 @@ def _excitation(
     kappa = _safely(np.linalg.cond, H)
     R, R_first = factor_of(problem, x), factor_of(problem, first)
     target = problem.target
+    # covariance (H^T H)^-1 = R^-1 R^-T: the standard errors are the norms of the rows of R^-1
     inverse = _safely(np.linalg.inv, R) if has_full_rank(R) else np.full_like(R, np.inf)
     return Excitation(
         trajectory=trajectory,
@@ -480,12 +483,15 @@ def _standing_space(model: StanceModel, basis: Basis) -> MotionSpace:
     still = model.posture[list(model.free)]
     end = EndState(position=still)
     space = motion_space(basis, model.names, model.free_limits, end, end)
+    # `stance_model` has checked that the robot can stand in the posture within all limits
     return replace(space, feasible_start=np.outer(basis.constant, still))
 
 
 def _functions(basis: BasisName, duration: float, coefficients: int | None, joints: int) -> Basis:
     """Return the basis; by default the number of coefficients is by duration and joints."""
     if coefficients is None:
+        # three spans per second, at most 160 over all joints, which bounds the variables; a
+        # quintic has five coefficients more than spans
         spans = min(3.0 * duration, 160.0 / joints) if duration > 0 else 0.0
         count = 18 if basis == "polynomial" else 5 + max(7, round(spans))
         coefficients = count - 1 + count % 2 if basis == "fourier" else count

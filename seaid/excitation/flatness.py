@@ -66,6 +66,7 @@ class Transmission:
         if self.nonlinear:
             slope = slope.copy()
         for index, radius, spring in self.nonlinear:
+            # (4b): the force of the spring is tau / r_L, so d deflection / d tau = by_force / r_L
             deflection[:, index], by_force = spring.stretch(torque[:, index] / radius)
             slope[:, index] = by_force / radius
         return deflection, slope
@@ -91,6 +92,7 @@ def transmission(robot: Robot) -> Transmission:
         lever[index] = drive.ratio / drive.motor_radius
         check_spring(joint, drive)
         if set(drive.spring) <= {"linear", "damping"}:
+            # (4b): tau = r_L k deflection
             compliance[index] = 1.0 / (drive.load_radius * drive.values["stiffness"])
         else:
             nonlinear.append((index, drive.load_radius, nonlinear_spring(joint, drive)))
@@ -118,6 +120,7 @@ def check_spring(joint: str, drive: Drive) -> None:
 
 def parallel_elements(robot: Robot, top_speed: Array, joints: Sequence[str]) -> ParallelElements:
     """Return the elements parallel to drives; `top_speed` (n,) scales dry friction's width."""
+    # the drives of a group share the torques of all its joints, so all elements there count
     wanted = {i for joint in joints for i in group_of(robot.transmission, robot.index(joint))}
     return tuple(
         (index, joint_curve(joint, drive), SIGN_WIDTH * float(top_speed[index]))
@@ -181,6 +184,8 @@ def _unit_differentiation(samples: int) -> tuple[Array, Array]:
     from scipy.interpolate import make_interp_spline
 
     time = np.arange(samples, dtype=np.float64)
+    # a spline is linear in its samples: column j has the derivatives of that through 1 at sample j
+    # and 0 at the others
     spline = make_interp_spline(time, np.eye(samples), k=5)
     return spline(time, nu=1), spline(time, nu=2)
 
@@ -215,7 +220,9 @@ def motor_signals_gradient(
 ) -> tuple[Array, Array]:
     """Return the gradient by (q, v, a) (3, T, n) and by tau (T, n) of sum(weights * signals)."""
     first, second = derivative
+    # the transpose of `motor_signals`: phi = C q gives C^T, the differentiation matrices D^T
     by_state = torques_at_joints(drives.matrix, drives.ratio * weights[:3] + weights[3:6])
     through = weights[0] + first.T @ weights[1] + second.T @ weights[2]
+    # tau acts through the deflection in theta_M and its derivatives, and is itself signal 6
     by_torque = weights[6] + drives.lever * drives.spring_deflection(torque)[1] * through
     return by_state, by_torque

@@ -169,6 +169,7 @@ def grouped(rows: Array, axis: int) -> Array:
     """Return the C rows along `axis` in groups (g, c), the last one repeated."""
     missing = -rows.shape[axis] % _GROUP
     padding = [(0, missing if dimension == axis else 0) for dimension in range(rows.ndim)]
+    # repeating a row changes no largest use, and all groups have one size
     shape = (*rows.shape[:axis], -1, _GROUP, *rows.shape[axis + 1 :])
     return np.pad(rows, padding, mode="edge").reshape(shape)
 
@@ -179,6 +180,8 @@ def margins(
     """Return the minimum distance of a trajectory to its limits, negative if one is broken."""
     basis, c = trajectory.basis, trajectory.coefficients
     about_middle = c - np.outer(basis.constant, limits.middle)
+    # every density gives a bound; that of the search is among them, so that a motion that keeps
+    # its limits there has no negative margin
     q, v, a = (
         np.min([np.abs(basis.hull(order, density) @ part).max(axis=0) for density in densities], 0)
         for order, part in enumerate((about_middle, c, c))
@@ -374,6 +377,7 @@ def drive_load_gradient(
     kinds, instants, joints = picked
     matrix = limits.drives.matrix
     tables = load_derivatives(limits.robot, limits.parallel, states)
+    # (3, T, n, n): tau_phi = C^-T tau on the axis of the torques, which is the last but one
     at_drives = np.moveaxis(torques_at_drives(matrix, np.moveaxis(tables, 2, -1)), -1, 2)
     drive_torque = torques_at_drives(matrix, loads[0])
     by_force = limits.drives.spring_deflection(drive_torque)[1]
@@ -383,6 +387,7 @@ def drive_load_gradient(
     gradient = np.zeros((len(kinds), limits.robot.n, by_state.shape[2]))
     for joint in np.unique(joints):
         for table, rows in (
+            # kind 0 is the torque at the joint itself; the others depend on that of the drive
             (tables, np.flatnonzero((joints == joint) & (kinds == 0))),
             (at_drives, np.flatnonzero((joints == joint) & (kinds > 0))),
         ):
@@ -396,9 +401,11 @@ def drive_load_gradient(
             weights = motor_compliance[:, joint] * (
                 by_speed[:, None] * first[t] + by_acceleration[:, None] * second[t]
             )
+            # at its own instant a load also depends on the torque directly, not only by the spring
             weights[np.arange(len(rows)), t] += by_torque
             chain = np.einsum("xti,xtk->tik", table[:, :, joint], by_state)
             gradient[rows] = np.tensordot(weights, chain, axes=1)
+            # ratio phi' and ratio phi'' of the motor, with phi = C q
             turning = limits.drives.ratio[joint] * (
                 by_speed[:, None] * by_state[1, t] + by_acceleration[:, None] * by_state[2, t]
             )
@@ -411,6 +418,7 @@ def _slopes(
 ) -> tuple[Array, Array, Array]:
     """Return the slopes (m,) of loads by motor acceleration, speed and torque."""
     slopes = np.zeros((3, len(kinds)))
+    # kinds 0 to 2 of `DRIVE_KINDS`; the slope of the deflection, kind 3, is that of the caller
     at_joint, motor, fast = (kinds == number for number in range(3))
     slopes[2, at_joint] = 1.0
     slopes[0, motor] = limits.motor_inertia[joint]

@@ -133,6 +133,7 @@ def multisine(
     for experiment, values in enumerate(unscaled):
         variant = replace(shape, experiment=experiment)
         values[1:, moving] = _unscaled(variant, basis, excited, len(moving), seed)
+    # (experiments, K, n) -> (3, n): displacement, speed and acceleration at unit size
     peaks = np.max([_peaks(basis, coefficients) for coefficients in unscaled], axis=0)
 
     def motion(size: Array, experiment: int) -> Trajectory:
@@ -170,6 +171,7 @@ def _frequencies(shape: Multisine, duration: float, seed: int) -> tuple[FourierB
         )
     low, high = shape.band_hz or (1 / period, _HIGHEST_HZ)
     low, high = finite("band_hz", (low, high), (2,), ExcitationError).tolist()
+    # rounding must not exclude a harmonic at an end of the band
     harmonics = np.arange(
         max(1, math.ceil(low * period - 1e-9)), math.floor(high * period + 1e-9) + 1
     )
@@ -190,6 +192,7 @@ def _frequencies(shape: Multisine, duration: float, seed: int) -> tuple[FourierB
     if shape.omit_one_of:
         # Pintelon and Schoukens 2012, section 4.3: one line at random of each group is not excited
         rng = np.random.default_rng([seed, len(harmonics)])
+        # lines that do not fill a last group are all excited
         groups = np.arange(0, len(harmonics) - shape.omit_one_of + 1, shape.omit_one_of)
         harmonics = np.delete(harmonics, groups + rng.integers(shape.omit_one_of, size=len(groups)))
     return FourierBasis(int(harmonics[-1]), float(duration), periods), harmonics
@@ -199,6 +202,7 @@ def _unscaled(shape: Multisine, basis: FourierBasis, excited: Array, n: int, see
     """Return the amplitudes (2H, n) of sines and cosines, up to a scale per joint."""
     frequency = excited / basis.period_s
     if isinstance(shape.spectrum, str):
+        # amplitudes f^-k of the position are equal ones of its derivative of order k
         size = frequency ** -float(_FLAT[shape.spectrum])
     else:
         table = finite("spectrum", shape.spectrum, (None, 2), ExcitationError)
@@ -210,6 +214,7 @@ def _unscaled(shape: Multisine, basis: FourierBasis, excited: Array, n: int, see
     phase = 2 * np.pi * rng.random((len(excited), n))
     # the orthogonal experiments of Dobrowiecki and Schoukens 2007: joint j turned by 2 pi e j / n
     phase += 2 * np.pi * shape.experiment * np.arange(n) / max(n, 1)
+    # A cos(w t + phase) = -A sin(phase) sin(w t) + A cos(phase) cos(w t)
     amplitudes = np.zeros((2, basis.harmonics, n))
     amplitudes[0, excited - 1] = -size[:, None] * np.sin(phase)
     amplitudes[1, excited - 1] = size[:, None] * np.cos(phase)
@@ -240,6 +245,7 @@ def _within_drives(
     basis = motions[0](size).basis
     time, inside, outside = _grid(basis), 0.0, 1.0  # type: ignore[arg-type]
     reduced = size
+    # the whole size first; nan: half way between the largest kept size and the least broken one
     for middle in (1.0, *[math.nan] * _BISECTIONS):
         factor = middle if middle == 1.0 else 0.5 * (inside + outside)
         trial = np.where(fixed, size, factor * size)
