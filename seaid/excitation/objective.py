@@ -151,12 +151,14 @@ def drive_target(
     known, drives = robot.selected(torque_joints), transmission(robot)
     parts = _drive_blocks(robot, drives, known, top_speed)
     plain, model = load_target(robot, torque_joints, base), load_model(robot, base, known)
+    # in (8) a drive has only the columns that are identifiable next to the base parameters
     in_load_model = {(joint, name) for joint, name, _ in model.drives}
     names, units = list(model.expressions), list(plain.units)
     blocks = []
     for block in parts:
         joint, regressor = robot.joint_names[block.joint], block.regressor
         is_column = [(joint, name) in in_load_model for name in regressor.names]
+        # (7) of an elastic drive is a row of its own, in which all its columns are identifiable
         if np.any(block.shares[len(known) :]):  # in the row of a motor
             is_column = [True] * len(regressor.names)
         picked = tuple(np.flatnonzero(is_column).tolist())
@@ -193,6 +195,7 @@ def _drive_blocks(
     for index, joint in enumerate(robot.joint_names):
         shares = np.zeros(len(known) + len(robot.elastic_joints))
         if joint in robot.elastic_joints:
+            # (7) times N r_L / r_M is a torque at the joint, like the rows of (8)
             shares[len(known) + robot.elastic_joints.index(joint)] = drives.ratio[index]
         elif joint in known:
             shares[known.index(joint)] = drives.ratio[index]
@@ -201,6 +204,7 @@ def _drive_blocks(
             blocks.append(DriveBlock(index, shares, columns, (), (), motors[index], False))
         if joint_term_parameters(robot.drives[joint]):
             shares = np.zeros(len(shares))
+            # an element parallel to a drive acts on its joint: C^-T gives its torques at the drives
             shares[: len(known)] = torque_map(robot)[load_rows, index]
             columns, width = _smooth_columns(joint, joint_regressor(robot, joint)), top_speed[index]
             blocks.append(DriveBlock(index, shares, columns, (), (), SIGN_WIDTH * width, True))
@@ -240,6 +244,7 @@ def stacked_regressor(target: Target, time: Array, states: States) -> Array:
 def regressor_pull_back(target: Target, time: Array, states: States, G: Array) -> States:
     """Return the gradient by q, v and a, each (T, n), of a function with gradient G by H."""
     G = G.reshape(len(time), len(target.row_weights), -1)
+    # H is linear in the regressor: a gradient by it has the same weights and scales
     G = G * reading_weights(target, time) * target.column_scale
     robot, r = target.robot, len(target.rows)
     weights = np.zeros((len(time), r, robot.parameters.size))
@@ -255,12 +260,15 @@ def regressor_pull_back(target: Target, time: Array, states: States, G: Array) -
         felt[:, :, block.joint] += np.einsum("tp,tps->st", by_column, slopes)
     if not blocks:
         return gradient[0], gradient[1], gradient[2]
+    # signals are those of motors and drives; `by_state` is by q, v, a, `by_torque` by tau_phi
     by_state, by_torque = motor_signals_gradient(
         target.drives, by_signal, drive_torque, differentiation(time)
     )
+    # elements parallel to drives depend on their own joint: signals 3 to 5, theta_L to theta_L_ddot
     gradient += by_state + by_joint[3:6]
     if target.needs_load:
         tables = load_derivatives(robot, target.parallel, states)
+        # tau_phi = M tau with M of `torque_map`, so that the gradient by tau is M^T by_torque
         by_torque = _transformed(torque_map(robot).T, by_torque[:, :, None])[:, :, 0]
         gradient += np.einsum("ti,xtij->xtj", by_torque, tables)
     return gradient[0], gradient[1], gradient[2]
@@ -273,6 +281,8 @@ def _transformed(matrix: Array, rows: Array) -> Array:
 
 def reading_weights(target: Target, time: Array) -> Array:
     """Return the weights (T, rows, 1): each row represents all readings around its instant."""
+    # trapezoidal rule: H^T H is that of all readings if a row counts times the root of the number
+    # of readings that it represents, half as many at either end
     step = (time[-1] - time[0]) / max(len(time) - 1, 1)
     readings = np.full(len(time), READINGS_HZ * step)
     readings[[0, -1]] *= 0.5
@@ -290,6 +300,7 @@ def _drive_columns(
         torque = load_torques(target.robot, target.parallel, states)
         drive_torque = torques_at_drives(target.drives.matrix, torque)
     signals = motor_signals(target.drives, states, drive_torque, differentiation(time))
+    # elements parallel to a drive see q of their own joint, not phi = C q
     joint_signals = signals.copy()
     joint_signals[3:6] = states
     evaluated = []

@@ -54,7 +54,9 @@ from seaid.robot import Robot
 TARGET_USE = 0.97
 """Share of a limit, evaluated at instants only, that the search may use."""
 
+# SLSQP may exceed TARGET_USE slightly: motions are scaled back from this share on
 _SAFE = 0.985
+# [m] beyond the clearance: at this distance a pair uses nothing of its limit
 _SCENE_REACH_M = 0.1
 _INSTANTS = 10
 _BISECTIONS = 14
@@ -126,6 +128,7 @@ def make_problem(
 def recentred(problem: Problem, x: Array) -> Problem:
     """Return the problem with the motion x as its origin."""
     joints = x.reshape(problem.shape)
+    # linear limits about the new origin: |rows (x + dx) + offset| <= 1
     return replace(
         problem,
         space=replace(problem.space, feasible_start=problem.space.coefficients(x)),
@@ -193,6 +196,8 @@ def value_and_gradient(problem: Problem, x: Array) -> tuple[float, Array]:
     if not has_full_rank(R):
         return np.inf, np.zeros(x.size)
     value, slope = problem.measure.smooth(R)
+    # d value = sum((H S) * dH) with S = `slope`; then q = start + half_range * (map @ x_j) gives
+    # the gradient by x: (T, n) at the instants -> (k, n) -> (n k,), joint by joint
     gradients = _pull_back(problem, states, H @ slope)
     by_joint = [matrix.T @ part for matrix, part in zip(problem.maps, gradients, strict=True)]
     return value, np.ravel((problem.half_range * np.sum(by_joint, axis=0)).T)
@@ -201,12 +206,15 @@ def value_and_gradient(problem: Problem, x: Array) -> tuple[float, Array]:
 def linear_use(problem: Problem, x: Array) -> Array:
     """Return the share of its linear limits that each joint uses between 0 and x (n,)."""
     used = np.einsum("jgck,jk->jgc", problem.rows, x.reshape(problem.shape))
+    # from 0 to x, rows x + offset goes from offset to +1 or -1: the room is 1 -+ offset
     room = np.where(used > 0, 1.0 - problem.offset, 1.0 + problem.offset)
     return np.asarray((np.abs(used) / room).max(axis=(1, 2)))
 
 
 def linear_slack(problem: Problem, x: Array) -> tuple[Array, Array]:
     """Return the smallest slack of each group of rows (2 n g,), and its derivative."""
+    # SLSQP solves a quadratic program over all constraints: of each group of consecutive rows it
+    # gets only the largest and the least, whose rows are the derivatives
     used = np.einsum("jgck,jk->jgc", problem.rows, x.reshape(problem.shape)) + problem.offset
     highest, lowest = used.argmax(axis=2), used.argmin(axis=2)
     slack = np.concatenate([1.0 - used.max(axis=2).ravel(), 1.0 + used.min(axis=2).ravel()])
@@ -271,6 +279,7 @@ def scaled_into_nonlinear_limits(problem: Problem, x: Array, most: float) -> Arr
     """Return x, scaled towards zero until no drive or distance uses more than `most` of a limit."""
     if not has_nonlinear_limits(problem) or largest_nonlinear_use(problem, x) <= most:
         return x
+    # x = 0 keeps all limits, see `with_feasible_start`, so that the bisection has where to end
     inside, outside = 0.0, 1.0
     for _ in range(_BISECTIONS):
         middle = 0.5 * (inside + outside)
@@ -289,6 +298,7 @@ def random_start(problem: Problem, rng: np.random.Generator) -> Array:
 
 def _drive_use(problem: Problem, limits: DriveLimits, states: States) -> tuple[Array, Array]:
     loads = drive_loads(limits, problem.time, states)
+    # (L, 2): kind and joint of each limit; then its worst instant in every block of ten, (L b,)
     limited = np.argwhere(np.isfinite(limits.largest))
     starts = np.arange(0, len(problem.time), _INSTANTS)
     kinds, joints = (np.repeat(column, len(starts)) for column in limited.T)
@@ -302,6 +312,7 @@ def _drive_use(problem: Problem, limits: DriveLimits, states: States) -> tuple[A
     maps = problem.maps
     gradient = drive_load_gradient(limits, problem.time, states, loads, picked, maps)
     signed = loads[kinds, instants, joints] / limits.largest[kinds, joints]
+    # d |load| = sign(load) d load
     factor = np.sign(signed) / limits.largest[kinds, joints]
     return np.abs(signed), gradient * factor[:, None, None] * problem.half_range[:, None]
 
@@ -315,6 +326,7 @@ def _scene_use(problem: Problem, scene: Scene, states: States) -> tuple[Array, A
     near, slopes = distance_gradients(scene, states[0][instants], cap_m=_cap(scene))
     closest = near.argmin(axis=1)
     order = np.arange(len(instants))
+    # use = 1 - (distance - clearance) / reach, by the nearest pair at that instant
     by_position = -slopes[order, closest] * problem.half_range / _SCENE_REACH_M
     gradient = by_position[:, :, None] * problem.maps[0][instants][:, None, :]
     return _use_of_distance(scene, near[order, closest]), gradient
@@ -342,6 +354,7 @@ def constraints(problem: Problem, nonlinear: bool = True) -> list[dict[str, Any]
     return [
         {
             "type": "ineq",
+            # the function is bound as a default: a closure would see the last one of the loop
             "fun": lambda x, function=function: function(x.tobytes())[0],
             "jac": lambda x, function=function: function(x.tobytes())[1],
         }
@@ -397,7 +410,10 @@ def _on_fine_grid(problem: Problem) -> Problem:
 
 
 _REFERENCES = 3
+# least nominal size over the median of its unit; scale of parameters without a nominal size,
+# over the largest column, so that their relative errors stay below the others
 _SMALL, _UNCOUNTED = 0.1, 10.0
+# samples at once: the differentiation matrices of a block are (400, 400)
 _BLOCK = 400
 
 
@@ -424,6 +440,7 @@ def scaled_target(
     target = replace(problem.target, row_weights=weights)
     if not relative and not target.blocks:
         return target
+    # fixed, so that the criterion is the same for every seed of the search
     rng = np.random.default_rng(0)
     motions = [states_of(problem, random_start(problem, rng)) for _ in range(_REFERENCES)]
     weighted = replace(problem, target=target)
