@@ -195,6 +195,7 @@ class StanceModel:
     @property
     def load_n(self) -> float:
         """The weight per contact [N]."""
+        # the first of the ten parameters of each body is its mass
         masses = (self.robot.parameters + self.robot.payload_parameters)[::10]
         weight = np.sum(masses) * np.linalg.norm(self.robot.model.gravity.linear)
         return float(weight / len(self.contacts))
@@ -204,6 +205,7 @@ class StanceModel:
         """The limits of the planned coordinates."""
         ends = [self.stance.base_range_m, self.stance.base_range_rad]
         if ends[0] is None:
+            # the base starts in the origin: its height above the contacts is minus theirs
             up, places = self.up, np.array([anchor.translation for anchor in self.anchors])
             ends[0] = abs(float(np.mean(places @ up))) / 3
         reach = np.concatenate(
@@ -359,6 +361,7 @@ def _posture(robot: Robot, stance: Stance, bounds: JointLimits) -> Array:
 
 def _axes(rotation: Array, up: Array) -> Array:
     """Return two tangential directions, the first along x of a link where it can, and `up`."""
+    # the first axis of the link at more than 30 degrees from the vertical: sin 30 = 0.5
     first = max(rotation.T, key=lambda axis: np.linalg.norm(np.cross(up, axis)) > 0.5)
     first = first - up * (up @ first)
     first /= np.linalg.norm(first)
@@ -373,6 +376,7 @@ def _with_dependent_joints(model: StanceModel) -> StanceModel:
     from scipy.linalg import qr
 
     K = contact_motion(model, model.posture[None])[1][0]
+    # columns of the base count a thousandth, so that the pivoting takes joints before them
     weights = np.concatenate([np.full(6, 1e-3), np.ones(model.robot.n)])
     R, order = _safely(qr, K * weights, mode="r", pivoting=True)
     size = np.abs(np.diag(R))
@@ -388,6 +392,7 @@ def _check_standing(model: StanceModel) -> None:
     """Raise ExcitationError if the contacts cannot hold the robot at rest in its posture."""
     links = ", ".join(model.stance.contacts)
     still = np.zeros((1, len(model.free)))
+    # J_c^T of the base, (6, k): of rank 6 if the contacts can balance any force and moment
     A = contact_map(model.robot, model.posture[None, 6:], model.contacts, model.up[None])[0, :6]
     values = _safely(np.linalg.svd, A, compute_uv=False)
     if len(values) < 6 or values[5] < _RANK * values[0]:
@@ -448,10 +453,13 @@ def inverse_dynamics(
     else:
         z, K, missing = like.z, like.K, like.open_m
     rates = _completed(model, K, states[1], 0.0)
+    # bias = K' v
     bias = like.bias if like and same_rates else contact_motion(model, z, rates)[2]
     accelerations = _completed(model, K, states[2], -bias)
     robot = model.robot
     R, E, E_dot = roll_pitch_yaw(z, rates)
+    # in the axes of the base: angular velocity w = E v, its rate e = E a + E' v, and f the
+    # acceleration less gravity, as an accelerometer measures it
     w = np.einsum("tij,tj->ti", E, rates[:, 3:6])
     e = np.einsum("tij,tj->ti", E, accelerations[:, 3:6])
     e += np.einsum("tij,tj->ti", E_dot, rates[:, 3:6])
@@ -461,6 +469,7 @@ def inverse_dynamics(
     up = R.swapaxes(1, 2) @ model.up
     loads = Y @ (robot.parameters + robot.payload_parameters)
     A = _force_map(model, z, R, up) if like is None else like.force_map
+    # (8) of the base, which no motor drives: J_c^T forces = load; motors bear what remains of (8)
     forces = _least_forces(model, A[:, :6], loads[:, :6])
     torques = loads[:, 6:] - np.einsum("tnk,tk->tn", A[:, 6:], forces)
     return _Dynamics(z, rates, accelerations, missing, K, bias, A, Y, up, forces, torques)
@@ -473,6 +482,7 @@ def _force_map(model: StanceModel, z: Array, R: Array, up: Array) -> Array:
     for contact, axes in zip(model.contacts, model.axes, strict=True):
         for block in range(2 if contact.is_flat else 1):
             part = slice(start + 3 * block, start + 3 * block + 3)
+            # forces f in the axes of a contact are axes^T f in the world, R^T axes^T f in the base
             A[:, :, part] = A[:, :, part] @ (R.swapaxes(1, 2) @ axes.T)
         start += 6 if contact.is_flat else 3
     return A
@@ -486,6 +496,8 @@ def _least_forces(model: StanceModel, A: Array, wanted: Array) -> Array:
     friction, sole = model.stance.friction, model.stance.sole_m
     sizes = []
     for contact in model.contacts:
+        # per unit of normal force: tangential forces by friction; moments about x and y by half the
+        # width and half the length of the sole, about z by mu (X + Y) as in `_use`
         sizes += [friction, friction, 1.0]
         if contact.is_flat:
             assert sole is not None
@@ -508,6 +520,8 @@ def _use(model: StanceModel, dynamics: _Dynamics) -> Array:
     columns = []
     for _, f in _by_link(model, dynamics.forces):
         normal = f[:, 2]
+        # |T| <= mu N as 1 - (N - |T| / mu) / load <= 1: |T| / (mu N) would have a pole where a foot
+        # lifts, N = 0; all limits on forces have this form
         columns.append(1 - (normal - np.hypot(f[:, 0], f[:, 1]) / friction) / load)
         columns.append(1 - (normal - model.stance.least_load * load) / load)
         if f.shape[1] == 6:
@@ -578,6 +592,7 @@ def worst_stance_use(
     limits, every = np.arange(use.shape[1]), np.stack(maps)
     shares, gradients = [], []
     for start in starts:
+        # (c,): the worst instant of each limit in the block
         at = start + use[start : start + starts.step].argmax(axis=0)
         shares.append(use[at, limits])
         felt = slopes[:, :, at, limits] * half_range[:, None]
@@ -593,6 +608,7 @@ def stance_pull_back(model: StanceModel, states: States, G: Array) -> States:
 
 
 def _key(states: States) -> tuple[bytes, int]:
+    # bytes, because arrays are not hashable: the results of a motion are cached by its states
     return np.stack(states).tobytes(), len(states[0])
 
 
@@ -623,6 +639,7 @@ def _derivatives(model: StanceModel, key: bytes, samples: int) -> tuple[Array, A
     rows = _observed(model, middle, middle.regressor[:, :, columns])
     by_use = np.empty((3, m, *use.shape))
     by_rows = np.empty((3, m, *rows.shape))
+    # dz / d planned, (m, T, 6 + n): along it the contacts stay closed up to the square of a step
     tangents = _completed(
         model, middle.K, np.broadcast_to(np.eye(m)[:, None], (m, samples, m)), 0.0
     )
@@ -643,8 +660,11 @@ def _derivatives(model: StanceModel, key: bytes, samples: int) -> tuple[Array, A
             else:
                 changed.append((Y - middle.regressor[:, :, columns]) / _STEP)
     # at the same positions the contact forces are eliminated alike: all at once
+    # (T, r, 2 m p), the columns of velocities and then of accelerations -> (2, m, T, r, p)
     reduced = _observed(model, middle, np.concatenate(changed, axis=2))
     by_rows[1:] = reduced.reshape(*rows.shape[:2], 2, m, len(columns)).transpose(2, 3, 0, 1, 4)
+    # the last share is how far the contacts are open: over `_STEP`, the second order of the tangent
+    # and the tolerance of inverse kinematics, not a slope
     by_use[:, :, :, -1] = 0.0
     return use, by_use, by_rows
 
@@ -671,6 +691,7 @@ def coordinates(model: StanceModel, planned: Array) -> Array:
     for stage in range(_STAGES):
         step = _completed(model, K, away, 0.0)
         z += step * _bounded(step[:, dependent])
+        # also where the step was bounded: only dependent joints may lag behind the stage
         z[:, free] = planned - (_STAGES - 1 - stage) * away
         last = stage == _STAGES - 1
         moving = np.arange(len(z))
@@ -702,6 +723,7 @@ def _completed(model: StanceModel, K: Array, planned: Array, wanted: Any) -> Arr
     """Return rates (..., T, 6 + n) with the planned ones (..., T, m) and K rates = wanted."""
     free, dependent = list(model.free), list(model.dependent)
     K_d = K[:, :, dependent]
+    # K_d rates_d = wanted - K_free planned, by damped normal equations
     inner = K_d.swapaxes(1, 2) @ K_d + _DAMPING * np.eye(len(dependent))
     missing = wanted - np.einsum("tkm,...tm->...tk", K[:, :, free], planned)
     right = np.einsum("tkd,...tk->...td", K_d, missing)
@@ -726,6 +748,7 @@ def stance_plan(
     from scipy.interpolate import make_interp_spline
 
     robot, last = model.robot, basis.duration
+    # the knots of the plan are sites: between them the motion is smooth
     spans = np.unique(basis.knots) if isinstance(basis, SplineBasis) else np.array([0.0, last])
     pieces = [
         np.linspace(*ends, 1 + max(1, int(np.ceil((ends[1] - ends[0]) / _SPACING_S))))
@@ -733,6 +756,7 @@ def stance_plan(
     ]
     sites = np.concatenate([spans[:1], *(piece[1:] for piece in pieces)])
     z = coordinates(model, basis.states(sites, planned)[0])
+    # a quintic through the sites has four conditions left: at rest at both ends
     still = [(1, np.zeros(z.shape[1])), (2, np.zeros(z.shape[1]))]
     spline = _safely(make_interp_spline, sites, z, k=5, bc_type=(still, still))
     fine = SplineBasis(5, spline.t)
