@@ -42,18 +42,22 @@ def with_run_in(space: MotionSpace, joint_names: Sequence[str], limits: JointLim
     run_ins = []
     for which in range(2):
         state = np.array([table[which] for table in tables])
+        # an end moves if a free variable or the feasible start gives it speed or acceleration
         speed = state[1:] @ np.column_stack([space.free, space.feasible_start])
         whole = np.linalg.norm(state[1:] @ space.basis.scaling, axis=1, keepdims=True)
         if np.any(np.abs(speed) > ROUNDING * whole):
             run_ins.append(_run_in(state, run_in_duration(limits), out=bool(which)))
     restricted = replace(space, run_ins=tuple(run_ins))
     middle = np.outer(space.basis.constant, limits.middle)
+    # at the middle of the range a joint and its run-ins stand still, within all limits
     moved = np.any(np.abs(space.feasible_start - middle) > ROUNDING * limits.half_range, axis=0)
     return with_interior_start(restricted, joint_names, limits, moved)
 
 
 def run_in_duration(limits: JointLimits) -> float:
     """Return the duration of a run-in [s]: twice the stopping time of the slowest joint."""
+    # time to brake from the top speed, v / a, or from sqrt(a h), the peak speed of the fastest
+    # motion from rest to rest over h = half_range
     stopping = np.minimum(
         limits.velocity / limits.acceleration, np.sqrt(limits.half_range / limits.acceleration)
     )
@@ -71,11 +75,13 @@ def _run_in(state: Array, duration: float, *, out: bool) -> tuple[Basis, Array]:
     """Return a run-in's basis and its matrix (L, K) from coefficients; `state` (3, K)."""
     basis = run_in_basis(duration)
     names = [str(column) for column in range(state.shape[1])]
+    # one column per coefficient of the motion, in place of joints: the run-in is linear in them
     moving, rest = EndState(*state), EndState()
     conditions = end_conditions(basis, names, *((moving, rest) if out else (rest, moving)))
     free, inverse = null_space(basis, conditions)
     time = np.linspace(0.0, duration, 8 * basis.size)
     acceleration = basis.matrices(time)[2] * duration**2
+    # coefficients some + free y, with y of least |A (some + free y)|, A the scaled accelerations
     some = inverse @ (conditions.values / conditions.row_norms[:, None])
     least = safely(
         np.linalg.lstsq,
@@ -159,6 +165,7 @@ def add_run_in(
 def _check_meets(trajectory: Trajectory, start: Array, end: Array) -> None:
     reach = np.ptp(trajectory.coefficients, axis=0)
     for order, (first, last) in enumerate(zip(start, end, strict=True)):
+        # a derivative times the power of the duration is in the unit of the position
         apart = np.abs(first - last) * trajectory.duration**order > 1e-9 * reach
         if np.any(apart):
             joint = trajectory.joint_names[int(apart.argmax())]
@@ -175,6 +182,7 @@ def _with_best_phase(trajectory: Trajectory, bounds: JointLimits) -> Trajectory:
         return trajectory
     times = basis.duration * np.arange(_PHASES) / _PHASES
     q, v, _ = basis.states(times, trajectory.coefficients)
+    # v^2 / (2 a) is the distance in which a joint stops
     braking = v**2 / (2 * bounds.acceleration)
     used = (np.abs(q - bounds.middle) + braking) / bounds.half_range
     easiest = float(times[used.max(axis=1).argmin()])

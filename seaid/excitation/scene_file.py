@@ -179,6 +179,7 @@ def _pairs(model: pin.Model, joints: Sequence[int], links: int) -> Iterator[tupl
     for first, second in combinations(range(len(joints)), 2):
         a, b = joints[first], joints[second]
         are_neighbours = model.parents[a] == b or model.parents[b] == a
+        # boxes are on joint 0, the base, but no neighbours of a link whose joint hangs on the base
         if a != b and (first < links <= second or not are_neighbours):
             yield first, second
 
@@ -207,6 +208,7 @@ def _disabled_by_srdf(srdf: str | Path | None) -> set[frozenset[str]]:
         return set()
     from lxml import etree
 
+    # a file from elsewhere: no entities, which can expand without end, and nothing from the network
     parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False)
     try:
         root = etree.parse(str(srdf), parser).getroot()
@@ -220,9 +222,11 @@ def _disabled_by_srdf(srdf: str | Path | None) -> set[frozenset[str]]:
 
 def _without_always_close(scene: Scene, robot: Robot, boxes: set[str]) -> Scene:
     """Return the scene without pairs always close; raise for a box always in collision."""
+    # capped at the clearance: of pairs farther apart the exact distance is not needed
     close = distances(scene, _postures(robot), cap_m=scene.clearance_m) < scene.clearance_m
     shares = np.mean(close, axis=0)
     to_box = np.array([not boxes.isdisjoint(pair) for pair in scene.pairs], dtype=bool)
+    # pairs of links that are always close are excluded; a box always in collision is misplaced
     blocked = list(compress(scene.pairs, to_box & (shares == 1.0)))
     if blocked:
         link, box = blocked[0]

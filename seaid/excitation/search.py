@@ -41,7 +41,9 @@ from seaid.excitation.problem import (
 
 Result = TypeVar("Result")
 
+# [s]: processes without work end, look for their parent, and are waited for after Ctrl-C
 _IDLE_SECONDS, _LOOK_SECONDS, _PATIENCE_SECONDS = 120, 1.0, 5.0
+# one process per core: threads of the linear algebra would compete for the same cores
 _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
 
@@ -115,6 +117,7 @@ def _exit_with_parent(parent: int) -> None:
 def _finished_results(futures: Sequence[Future[Result]]) -> list[Result]:
     """Return the results of the tasks that finish after an interrupt."""
     results = []
+    # all are cancelled before the first is waited for, so that no further one begins meanwhile
     for future in futures:
         future.cancel()
     for future in futures:
@@ -163,12 +166,14 @@ def _least_use(problem: Problem, start: Array) -> Array:
 
     def watch(x: Array) -> None:
         nonlocal latest
+        # SLSQP may exceed the linear limits slightly: x is scaled towards 0, which keeps them
         latest = x / max(1.0, float(linear_use(problem, x).max()) * (1 + 1e-6))
         if largest_nonlinear_use(problem, latest) < _ENOUGH:
             raise _FoundError
 
     def objective(x: Array) -> tuple[float, Array]:
         use, gradient = nonlinear_use(problem, x)
+        # smooth maximum (Kreisselmeier and Steinhauser 1979), as in `seaid.excitation.criteria`
         shares = np.exp(_SHARPNESS * (use - use.max()))
         value = float(use.max()) + np.log(shares.sum()) / _SHARPNESS
         return value, gradient.T @ (shares / shares.sum())
@@ -205,6 +210,7 @@ def _infeasible(problem: Problem, x: Array) -> ExcitationError:
     if problem.scene is not None:
         far = distances(problem.scene, states[0])
         pair = int(far.min(axis=0).argmin())
+        # the drive is named, unless it keeps its limit or bodies overlap
         if worst <= 1.0 or far.min() < 0:
             first, second = problem.scene.pairs[pair]
             words = (
@@ -246,6 +252,7 @@ def search(
     Also return the best of the starts themselves. Ties go to the first start, so the result does
     not depend on the executor. Raises ExcitationError if no start identifies all parameters.
     """
+    # child seeds: a start does not depend on the number of the others
     seeds = np.random.SeedSequence(seed).spawn(starts)
     begins = [random_start(problem, np.random.default_rng(child)) for child in seeds]
     outcomes = [Outcome(value_of(problem, x), x) for x in begins]
@@ -255,6 +262,7 @@ def search(
             f"no motion of this kind identifies all {problem.target.description}: condition number "
             "infinite; give more coefficients, more samples or wider limits"
         )
+    # a single start needs no selection: it gets all iterations at once
     first = -(-iterations // 3) if starts > 1 else 0
     total = starts * first + iterations
     with best_so_far("excitation", problem.measure.meaning, total, progress) as report:
@@ -303,6 +311,7 @@ def optimise(
         return best
     except KeyboardInterrupt:
         return replace(best, early="interrupted", interrupted=True)
+    # status 9 of SLSQP: the iteration limit
     if result.status == 9 and _gain(history) > _STILL_FALLING:
         early = (
             f"stopped at the iteration limit ({iterations}) while the criterion was still "

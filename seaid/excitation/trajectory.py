@@ -158,6 +158,7 @@ class Trajectory(Display):
         if not np.all(np.isfinite(time)):
             raise ExcitationError("times to sample a trajectory at must be finite")
         within = np.clip(time, 0.0, self.duration)
+        # the last sample of a grid in time may be beyond the duration by rounding
         outside = np.abs(time - within) > 1e-6 * self.duration
         rests = self.rests_at_ends
         if np.any(outside) and not rests:
@@ -168,6 +169,7 @@ class Trajectory(Display):
             )
         q, v, a = self.basis.states(within, self.coefficients)
         if rests:
+            # at and beyond the ends: exactly at rest, without the rounding errors of the basis
             still = (within == 0.0) | (within == self.duration)
             v[still], a[still] = 0.0, 0.0
         return q, v, a
@@ -196,7 +198,9 @@ class Trajectory(Display):
         written.
         """
         check_rate(rate_hz, self.duration, error=ExcitationError)
+        # the duration may be a whole number of periods but for rounding: its end is then a point
         time = np.arange(int(np.floor(self.duration * rate_hz + 1e-6)) + 1) / rate_hz
+        # 3 of (T, n) -> (T, n, 3), so that a row has q, v and a of one joint after another
         states = np.stack(self.sample(np.minimum(time, self.duration)), axis=2)
         header = ["time_s"]
         for joint in self.joint_names:
