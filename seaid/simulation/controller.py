@@ -96,8 +96,10 @@ def joint_controller(plant: Plant, q: Array, v: Array, a: Array, rate_hz: float)
     """Design the controller for a sampled motion (T, n): (8) gives theta_M, (7) tau_M."""
     planned, load = q, _drive_torques(plant, q, v, a, rate_hz)
     if plant.coupling is not None:
+        # q and v are those of the drives from here on, phi = C q; `planned` is for the mass matrix
         q, v = q @ plant.coupling.T, v @ plant.coupling.T
     N, r_M, r_L = plant.ratio, plant.motor_radius, plant.load_radius
+    # (4b): deflection = tau_L / (r_L k); drives in `functions` have k = 0 here and follow below
     stretch = np.where(
         plant.elastic, load / (np.where(plant.stiffness > 0, plant.stiffness, 1) * r_L), 0
     )
@@ -106,6 +108,7 @@ def joint_controller(plant: Plant, q: Array, v: Array, a: Array, rate_hz: float)
         if plant.elastic[index]:
             force = load[:, index] / r_L[index]
             stretch[:, index], stiffness[index] = _nonlinear_stretch(plant, index, force, rate_hz)
+    # (3): r_M theta_M / N = r_L q + deflection
     motor_position = np.where(plant.elastic, N / r_M * (r_L * q + stretch), N * q)
     motor_velocity = np.gradient(motor_position, 1 / rate_hz, axis=0)
     motor_acceleration = np.gradient(motor_velocity, 1 / rate_hz, axis=0)
@@ -113,22 +116,31 @@ def joint_controller(plant: Plant, q: Array, v: Array, a: Array, rate_hz: float)
     friction = plant.viscous * motor_velocity + plant.coulomb * np.tanh(motor_velocity / slow)
     for index, drive in plant.functions:
         direction = np.tanh(motor_velocity[:, index] / slow[index])
+        # the arguments of `DriveFunctions`: theta_M and its rate, theta_L and its rate, torque on
+        # the load, and the state of presliding, which is the direction after a long travel
         state = (motor_position, motor_velocity, q, v, load)
         states = np.column_stack([*(values[:, index] for values in state), direction])
         friction[:, index] = [drive.friction(*state) for state in states.tolist()]
         friction[:, index] += direction * [drive.level(*state) for state in states.tolist()]
+    # (7): tau_M = I_M theta_M'' + friction + (r_M / N) F_s with F_s = tau_L / r_L
     elastic = plant.motor_inertia * motor_acceleration + r_M / N * load / r_L
     feedforward = friction + np.where(plant.elastic, elastic, load / N)
+    # what the motor feels: its rotor alone on a spring, rotor and links behind a stiff gear
     inertia = np.where(plant.elastic, plant.motor_inertia, _least_inertia(plant, planned) / N**2)
+    # of the rotor on its spring, sqrt(k (r_M / N)^2 / I_M) [rad/s]
     resonance = np.sqrt(stiffness / np.maximum(plant.motor_inertia, 1e-300)) * r_M / N
+    # twice the resonance: the position gain is four times the stiffness of the spring at the motor
     bandwidth = np.where(plant.elastic, 2 * resonance, 0.0)
+    # at most 0.2 rad per tick, because the loop is closed only once per tick
     bandwidth = np.clip(bandwidth, _LEAST_BANDWIDTH_RAD_S, 0.2 * rate_hz)
     return JointController(
         motor_position=motor_position,
         motor_velocity=motor_velocity,
         feedforward=feedforward,
+        # s^2 + 2 d w s + w^2 for an inertia, with the bandwidth w and the damping d
         position_gain=inertia * bandwidth**2,
         velocity_gain=2 * _DAMPING * inertia * bandwidth,
+        # first-order low pass at five times the bandwidth, against the steps of the encoders
         velocity_filter=1 - np.exp(-5 * bandwidth / rate_hz),
     )
 
@@ -147,6 +159,7 @@ def _drive_torques(plant: Plant, q: Array, v: Array, a: Array, rate_hz: float) -
         load[:, index] += drive.joint_level * direction
     if plant.rotors is not None:
         load = load + a @ plant.rotors
+    # tau_phi = C^-T tau, for rows of torques
     return load if plant.uncoupling is None else np.asarray(load @ plant.uncoupling)
 
 
@@ -221,6 +234,7 @@ class PositionControllers:
         first, last = (np.empty((len(start), len(self.index))) for _ in range(2))
         supply = np.ones_like(first)
         for place, (law, delay) in enumerate(zip(self.laws, self.delay_s, strict=True)):
+            # the command that acts now was logged one delay ago
             at, commanded = start - delay, self.commanded[:, place]
             if law.is_held:
                 first[:, place] = last[:, place] = self._held(commanded, at, length_s)
@@ -234,6 +248,8 @@ class PositionControllers:
 
     def _held(self, commanded: Array, at: Array, length_s: Array) -> Array:
         """Return the means (S,) of a held command over steps."""
+        # mean = change of the integral of the held command over the length of the step; before the
+        # first sample the first command holds, after the last one the last
         begin, end = min(at[0], self.time[0]), max(at[-1] + length_s[-1], self.time[-1])
         ends = np.concatenate([[begin], self.time, [end]])
         values = np.concatenate([commanded[:1], commanded])
@@ -243,8 +259,10 @@ class PositionControllers:
 
     def torque(self, commanded: Array, supply: Array, position: Array, velocity: Array) -> Array:
         """Return the torques (m,) of the motors at their positions and velocities (m,)."""
+        # the law is at the joint, on theta_M / N; divided by N it gives the torque of the motor
         turned = position / self.ratio, velocity / self.ratio
         wanted = commanded - self.position_gain * turned[0] - self.velocity_gain * turned[1]
+        # the linear law for all at once, and the complete one only where it differs
         for place in self.limited:
             state = commanded[place], turned[0][place], turned[1][place], supply[place]
             wanted[place] = self.laws[place].torque(*state)[0]
@@ -260,6 +278,7 @@ def position_controllers(robot: Robot, log: Log) -> PositionControllers | None:
     controlled = [index for index, drive in enumerate(drives) if drive.controller is not None]
     if not controlled:
         return None
+    # signals in the order of the robot, which need not be that of the log
     columns = [log.joint_names.index(joint) for joint in robot.joint_names]
     signals = {field: values[:, columns] for field, values in log.sensors().items()}
     parts = [commanded_part(robot, log.time, signals, k, is_scaled=True) for k in controlled]

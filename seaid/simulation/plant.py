@@ -196,6 +196,7 @@ def warmed(plant: Plant, temperature: Array | None, time_s: float = 0.0) -> Plan
 
 def _memory(drives: Sequence[Drive]) -> Iterator[tuple[int, int, tuple[float, float], float]]:
     for index, drive in enumerate(drives):
+        # a law moves on with the motor angle, or with the deflection r_M/N theta_M - r_L q
         stretch = drive.motor_radius / drive.ratio, -drive.load_radius
         for field, levers in (("friction", (1.0, 0.0)), ("spring", stretch)):
             if "dahl" in getattr(drive, field):
@@ -213,6 +214,7 @@ def inertia(plant: Plant, data: pin.Data, position: Array) -> Array:
 
 def inverse_inertia(plant: Plant, data: pin.Data, position: Array) -> Array:
     """Return the inverse of `inertia`."""
+    # `computeMinverse` includes armature, but neither coupled rotors nor dependent joints
     if plant.rotors is not None:
         return np.asarray(_safely(np.linalg.inv, inertia(plant, data, position)))
     inverse = np.array(pin.computeMinverse(plant.model, data, position))
@@ -261,13 +263,16 @@ def plant_of(robot: Robot) -> Plant:
     numbers = np.array(list(map(_numbers, names, drives))).T.copy()
     ratio, inertia, viscous, coulomb, motor_radius, load_radius, stiffness = numbers
     functions = _drive_functions(names, drives)
+    # C is in the order of the robot; the plant has that of the model on both sides
     C = robot.transmission[np.ix_(order, order)]
     is_coupled = bool(coupled_groups(robot.transmission))
     armature = np.where(elastic, 0.0, ratio**2 * inertia)
+    # E (N, n): all joints by the independent ones, both in the order of the model
     E = robot.expand(np.eye(robot.n)[order], 1).T[list(robot.model_order)]
     e = robot.to_model(np.zeros(robot.n))
     is_square = not robot.dependent_joints and not is_coupled
     model = robot.model.copy()
+    # armature is a diagonal over the joints of the model, and cannot be C^T diag(N^2 I_M) C
     model.armature = armature if is_square else np.zeros(model.nv)
     plant = Plant(
         model=model,
@@ -348,6 +353,7 @@ def _longest_step(
     """Return the longest step [s] that the damping of the joints allows."""
     longest = np.inf
     for index, _ in functions:
+        # rate [1/s] of the damping: each coefficient over the inertia that it brakes
         drive = drives[index]
         values = drive.values
         damping = values.get("spring_damping", 0.0)
@@ -368,9 +374,11 @@ def _longest_step(
             rate += math.sqrt(lever * stiffness / float(inertia or 1.0))
         if drive.is_elastic:
             inertia = float(drive.motor_inertia_kg_m2 or 0.0)
+            # damping of the spring acts on the deflection, by the lever r_M / N at the motor
             rate += (at_motor + damping * (drive.motor_radius / drive.ratio) ** 2) / inertia
         else:
             rate += at_motor * drive.ratio**2 / effective[index]
+        # the fourth-order Runge-Kutta method is stable up to 2.78 time constants
         step = _STEP_PER_TIME_CONSTANT / rate if rate > 0 else np.inf
         if step < _SHORTEST_STEP_S:
             raise RobotError(
