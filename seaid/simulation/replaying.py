@@ -116,11 +116,14 @@ def rollout(
         longest = longest_closed_s or _longest_closed_s(plant, controllers, back)
     for tick, (at, steps, feedbacks) in enumerate(_ticks(log.time, longest, controllers, back)):
         for index, states in held.items():
+            # `index` is that of the robot, columns of a state are those of the model; the drive of
+            # a held joint has ratio 1, so that its motor moves as the joint does
             state[[JOINT_POSITION, JOINT_SPEED], order.index(index)] = states[:, tick]
             state[[POSITION, SPEED], order.index(index)] = states[:, tick]
         joint[tick], motor[tick] = state[JOINT_POSITION, back], state[POSITION, back]
         torques[tick] = gains * motor_input(at, state[JOINT_POSITION, back])
         if feedbacks is not None:
+            # controllers close the loop on the model: their torque is that of its state now
             torques[tick] += feedbacks[0](0.0, state)[back]
         if tick + 1 == len(log.time):
             break
@@ -150,9 +153,11 @@ _STEP_SHARE = 0.2
 def _longest_closed_s(plant: Plant, controllers: PositionControllers, back: IndexArray) -> float:
     """Return the longest step [s] for the loops of motors, or motors with their loads."""
     places = back[controllers.index]
+    # a motor on a spring is fast alone; behind a stiff gear it moves its load
     rotors = plant.motor_inertia * plant.ratio**2
     inertia = np.where(plant.elastic, rotors, effective_inertia(plant))[places]
     damping = controllers.velocity_gain + (plant.viscous * plant.ratio**2)[places]
+    # over the inertia J: sqrt(K_p / J) of the position loop, and damping / J of the speed
     rates = np.sqrt(controllers.position_gain * inertia), damping
     fastest = float(np.max(np.maximum(*rates) / np.maximum(inertia, np.finfo(float).tiny)))
     return float(np.clip(_STEP_SHARE / max(fastest, 1e-9), _LEAST_CLOSED_S, _MOST_CLOSED_S))
@@ -168,12 +173,15 @@ def _ticks(
     time: Array, longest_s: float, controllers: PositionControllers | None, back: IndexArray
 ) -> Iterator[Tick]:
     """Yield the time of each sample, the steps to the next one, and the controllers in each."""
+    # an interval of whole steps but for rounding needs no further one; the last sample has none,
+    # and gets one dummy step for the torque that is logged there
     steps = np.append(np.ceil(np.diff(time) / longest_s - 1e-9), 1.0).astype(int)
     lengths = np.append(np.diff(time), longest_s) / steps
     for begin in range(0, len(time), _BLOCK):
         block = slice(begin, begin + _BLOCK)
         ends = np.cumsum(steps[block])
         length = np.repeat(lengths[block], steps[block])
+        # `ends` are one past the last step of each interval, `part` the number of a step in its own
         part = np.arange(ends[-1]) - np.repeat(ends - steps[block], steps[block])
         start = np.repeat(time[block], steps[block]) + part * length
         commanded = None if controllers is None else controllers.during(start, length)
@@ -235,6 +243,7 @@ def _first(log: Log, field: str, joint: str) -> tuple[float, float]:
     speed = np.sqrt(np.mean(spline_derivatives(log.time, position)[1] ** 2))
     step = (log.time[-1] - log.time[0]) / (len(log.time) - 1)
     error = _noise(position)[0] / step / max(_START_SHARE * speed, np.finfo(float).tiny)
+    # sqrt(1200 / N^3) s / dt <= share speed, solved for N; a cubic needs four samples
     count = int(np.clip((1200 * min(error, 1e9) ** 2) ** (1 / 3), 4, max(4, _START_S / step)))
     cubic = np.polyfit(log.time[:count] - log.time[0], position[:count, 0], 3)
     return float(cubic[-1]), float(cubic[-2])
@@ -250,6 +259,7 @@ def _logged(robot: Robot, log: Log) -> Command:
     }
 
     def interpolated(at: float, _: Array) -> Array:
+        # motors that follow commands have no input here: `PositionControllers` gives their torques
         values = np.zeros(robot.n)
         for index, samples in inputs.items():
             values[index] = np.interp(at, log.time, samples)
@@ -404,6 +414,7 @@ def compare_replays(
         is_prismatic=tuple(after.is_prismatic[index] for index in indices),
     )
     closes = [after.drives[joint].controller is not None for joint in joints]
+    # noise is part of both, so that two replays within the noise count as equally good
     errors = (np.hypot(rms, comparison.noise) for rms in comparison.rms_errors)
     old, new = (dict(zip(joints, error.tolist(), strict=True)) for error in errors)
     ratios = {joint: new[joint] / max(old[joint], np.finfo(float).tiny) for joint in joints}
@@ -488,6 +499,7 @@ def _with_least_inertias(title: str, robot: Robot, notes: list[Finding]) -> Robo
         if drive.controller is None or drive.is_elastic:
             continue
         friction = drive.values.get("viscous_friction", 0.0) * drive.ratio**2
+        # time constant J / (N^2 F_v)
         lack = _LEAST_TIME_S * friction - inertias[index]
         if lack > 0:
             rotor_inertia = drive.values.get("motor_inertia", 0.0) + lack / drive.ratio**2
@@ -503,6 +515,7 @@ def _slower(drive: Drive) -> Drive:
     law, rotor_inertia = drive.law, drive.values.get("motor_inertia", 0.0)
     if law is None:
         return drive
+    # rotor alone: sqrt(K_p / J) dt <= 1 / steps per radian and K_d / J dt <= 1 at the shortest dt
     spring = law.position_gain_Nm_per_rad * (_STEPS_PER_RADIAN * _LEAST_CLOSED_S) ** 2
     least = max(spring, law.velocity_gain_Nms_per_rad * _LEAST_CLOSED_S) / drive.ratio**2
     return drive if rotor_inertia >= least else drive.with_values({"motor_inertia": least})

@@ -177,6 +177,7 @@ def simulate_motion(
     settle = round(SETTLE_S * rate_hz)
     count = math.floor(trajectory.duration * rate_hz + 1e-6) + 1
     time = np.arange(count) / rate_hz
+    # before the log the start is held: first position, zero velocity and acceleration
     planned = [
         np.concatenate([np.repeat(rows[:1] * hold, settle, axis=0), rows])[:, order]
         for rows, hold in zip(trajectory.sample(time), (1.0, 0.0, 0.0), strict=True)
@@ -200,6 +201,7 @@ def _warmth(robot: Robot, degC: Temperature, count: int) -> Array | None:
         if joint not in robot.joint_names:
             raise SeaidError("temperature_degC: " + unknown_name("joint", joint, robot.joint_names))
     for index, joint in enumerate(robot.joint_names):
+        # a constant is one value, which `interp` extends over the whole motion
         values = np.atleast_1d(degC.get(joint, robot.drives[joint].reference_temperature_degC))
         values = frozen(f"temperature_degC of '{joint}'", values, (None,))
         if not len(values) or not np.all((values > _COLDEST_DEGC) & (values < _HOTTEST_DEGC)):
@@ -246,7 +248,9 @@ def _run(
     encoder = _encoder(robot, noise, "motor")
     for tick in track(range(ticks), "simulating", progress):
         states[tick], torques[tick] = state, torque
+        # the sensors are in the order of the robot, states in that of the model
         reading = encoder(state[POSITION, back])[order]
+        # filtered difference of readings; the first tick has no previous one, and speed zero
         if previous is not None:
             velocity += controller.velocity_filter * ((reading - previous) * rate_hz - velocity)
         previous = reading
@@ -265,6 +269,7 @@ def _motion(
     robot: Robot, plant: Plant, time: Array, states: Array, torques: Array, warmth: Array | None
 ) -> Motion:
     data, order = plant.model.createData(), robot.joint_order
+    # accelerations (2, T, n) of motors and joints, not speeds; torques through stiff gears
     speeds, through = np.empty((2, *torques.shape)), np.full(torques.shape, np.nan)
     for tick, (state, torque) in enumerate(zip(states, torques, strict=True)):
         warm = warmed(plant, None if warmth is None else warmth[tick], time[tick])
@@ -285,6 +290,7 @@ def _motion(
         motor_velocity=states[:, SPEED, back],
         motor_acceleration=speeds[0][:, back],
         motor_torque=torques[:, back],
+        # (4b) at the drives -> at the joints, tau = C^T tau_phi
         joint_torque=torques_at_joints(robot.transmission, load[:, back]),
         motor_current=inputs.current,
         motor_voltage=inputs.voltage,
@@ -315,6 +321,7 @@ def _encoder(robot: Robot, noise: Noise, side: str) -> Callable[[Array], Array]:
     """
     step = _spread(robot, noise, f"{side}_resolution_rad")
     offset = _spread(robot, noise, f"{side}_offset_rad")
+    # `where` evaluates both branches: no division by a step of zero
     whole = np.where(step > 0, step, 1.0)
 
     def reading(position: Array) -> Array:
