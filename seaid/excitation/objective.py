@@ -158,7 +158,7 @@ def drive_target(
     for block in parts:
         joint, regressor = robot.joint_names[block.joint], block.regressor
         is_column = [(joint, name) in in_load_model for name in regressor.names]
-        # (7) of an elastic drive is a row of its own, in which all its columns are identifiable
+        # (10) is in base form: an elastic drive has a motor row of its own, with all its columns
         if np.any(block.shares[len(known) :]):  # in the row of a motor
             is_column = [True] * len(regressor.names)
         picked = tuple(np.flatnonzero(is_column).tolist())

@@ -440,7 +440,6 @@ def scaled_target(
     target = replace(problem.target, row_weights=weights)
     if not relative and not target.blocks:
         return target
-    # fixed, so that the criterion is the same for every seed of the search
     rng = np.random.default_rng(0)
     motions = [states_of(problem, random_start(problem, rng)) for _ in range(_REFERENCES)]
     weighted = replace(problem, target=target)
