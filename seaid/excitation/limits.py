@@ -308,6 +308,7 @@ def drive_limits(robot: Robot, limits: Limits, top_speed: Array) -> DriveLimits 
     check_nominal_bodies(robot)
     _check_flat(robot, limited)
     motors = np.flatnonzero(limited[DRIVE_KINDS.index("motor_torque")])
+    # limits of joint torques alone need no motor motion, and so no stiffness
     drives = transmission(robot) if np.any(limited[1:]) else rigid_transmission(robot)
     limited_joints = [robot.joint_names[index] for index in np.flatnonzero(limited.any(axis=0))]
     names = [robot.joint_names[index] for index in motors]

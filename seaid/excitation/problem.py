@@ -58,6 +58,7 @@ TARGET_USE = 0.97
 _SAFE = 0.985
 # [m] beyond the clearance: at this distance a pair uses nothing of its limit
 _SCENE_REACH_M = 0.1
+# consecutive instants that share a constraint, that of the worst one
 _INSTANTS = 10
 _BISECTIONS = 14
 

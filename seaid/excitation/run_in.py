@@ -29,6 +29,7 @@ from seaid.excitation.limits import JointLimits, Limits, joint_limits
 from seaid.excitation.trajectory import Trajectory, check_joint_names
 from seaid.robot import Robot
 
+# of a quintic: the ends determine five (q, v, a of the motion, v and a at rest), seven are free
 _COEFFICIENTS = 12
 
 
@@ -96,6 +97,7 @@ def _run_in(state: Array, duration: float, *, out: bool) -> tuple[Basis, Array]:
 
 _SHARE = 0.9
 """Share of each limit that a run-in uses, unless the motion itself starts or ends with more."""
+# factor between durations, the least one of a shortening, and durations tried in each direction
 _GROWTH, _FINEST, _TRIALS = 1.6, 1.2, 6
 _PHASES = 200
 

@@ -126,6 +126,7 @@ def _finished_results(futures: Sequence[Future[Result]]) -> list[Result]:
     return results
 
 
+# starts, iterations of each, and the used share at which one ends early
 _TRIES, _ITERATIONS, _ENOUGH = 3, 40, 0.9
 _SHARPNESS = 32.0
 _UNITS = {"joint_torque": "N m (or N)", "motor_torque": "N m", "motor_speed": "rad/s"}
@@ -220,6 +221,8 @@ def _infeasible(problem: Problem, x: Array) -> ExcitationError:
     return ExcitationError(f"no motion was found that {words}")
 
 
+# a search ends where 25 iterations gain less than 0.2 %; one that still gained over 5 % at its
+# iteration limit is reported as early
 _STALL_ITERATIONS, _STALL, _STILL_FALLING = 25, 2e-3, 5e-2
 _HOPELESS = 100.0
 

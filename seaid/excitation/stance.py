@@ -535,6 +535,7 @@ def _use(model: StanceModel, dynamics: _Dynamics) -> Array:
                 taken += np.abs(X * f[:, 1] - sign * friction * f[:, 4])
                 needed = (taken - sign * f[:, 5]) / (friction * (X + Y))
                 columns.append(1 - (normal - needed) / load)
+    # planned joints keep their limits as linear ones in x; those of dependent joints are not linear
     coupled = np.array([index - 6 for index in model.dependent if index >= 6], dtype=int)
     limits, joint = model.limits, coupled + 6
     position = np.abs(dynamics.z[:, joint] - limits.middle[coupled]) / limits.half_range[coupled]

@@ -155,6 +155,7 @@ def _drive_torques(plant: Plant, q: Array, v: Array, a: Array, rate_hz: float) -
     for index, drive in plant.functions:
         pairs = zip(q[:, index].tolist(), v[:, index].tolist(), strict=True)
         load[:, index] += [drive.joint_torque(*pair) for pair in pairs]
+        # the standard deviation of the Gaussian is in ticks
         direction = gaussian_filter1d(np.sign(v[:, index]), _PASSAGE_S * rate_hz, mode="nearest")
         load[:, index] += drive.joint_level * direction
     if plant.rotors is not None:
