@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -38,58 +38,71 @@ def temperature_notes(robot: Robot, temperature_degC: float | None) -> list[str]
 
 def note_drive(joint: str, drive: Drive, notes: list[str]) -> None:
     """Add notes on the terms of a drive that the model lacks or approximates."""
-    notes += [
-        f"joint '{joint}': its {term} is written as dry friction (friction loss)"
-        for term in drive.friction
-        if term in SMOOTH
+    texts = (*_term_notes(drive), *_control_notes(drive))
+    notes += [f"joint '{joint}': {text}" for text in texts]
+
+
+def unsupported_terms(
+    drive: Drive, supported: Collection[str], extra_term: str = "{}"
+) -> list[str]:
+    """Return the terms of a drive that a format lacks, which has `supported` friction terms."""
+    return [
+        *(term for term in drive.friction if term not in supported),
+        *["dahl of the spring"] * ("dahl" in drive.spring),
+        *map(extra_term.format, drive.extra_terms),
+        *dict.fromkeys(harmonic.field.replace("_", " ") for harmonic in drive.harmonics),
     ]
-    excluded: list[str] = [term for term in drive.friction if term not in _SUPPORTED]
-    excluded += ["dahl of the spring"] * ("dahl" in drive.spring)
-    excluded += map("extra term {}".format, drive.extra_terms)
-    excluded += dict.fromkeys(harmonic.field.replace("_", " ") for harmonic in drive.harmonics)
+
+
+def _term_notes(drive: Drive) -> Iterator[str]:
+    """Yield the notes on friction, spring, and periodic and extra terms."""
+    for term in SMOOTH:
+        if term in drive.friction:
+            yield f"its {term} is written as dry friction (friction loss)"
     if "cubic" in drive.spring:
-        notes.append(f"joint '{joint}': its cubic spring needs a MuJoCo with polynomial stiffness")
+        yield "its cubic spring needs a MuJoCo with polynomial stiffness"
     if "smooth_dead_zone" in drive.spring:
-        notes.append(f"joint '{joint}': its smooth_dead_zone is written with sharp corners")
-    if excluded:
-        notes.append(f"joint '{joint}': excluded, not available in MuJoCo: {', '.join(excluded)}")
+        yield "its smooth_dead_zone is written with sharp corners"
+    if excluded := unsupported_terms(drive, _SUPPORTED, "extra term {}"):
+        yield f"excluded, not available in MuJoCo: {', '.join(excluded)}"
     offset = drive.values.get("spring_offset", 0.0)
     if offset and "preload" not in drive.spring:
-        notes.append(
-            f"joint '{joint}': its spring offset ({offset:.4g} "
-            f"{unit_of(drive, 'spring_offset')}) comes from the encoder offsets and is not in the "
-            "model, where the spring is at rest when both sides are at zero"
+        yield (
+            f"its spring offset ({offset:.4g} {unit_of(drive, 'spring_offset')}) comes from the "
+            "encoder offsets and is not in the model, where the spring is at rest when both sides "
+            "are at zero"
         )
+
+
+def _control_notes(drive: Drive) -> Iterator[str]:
+    """Yield the notes on the controller, or on the control of a motor without one."""
     law = drive.law
-    is_of_position = drive.motor_input == "position_command"
-    if law is not None and is_of_position and law.command_velocity_gain_Nms_per_rad:
-        notes.append(
-            f"joint '{joint}': excluded, not available in MuJoCo: the gain on the velocity of the "
-            f"command ({law.command_velocity_gain_Nms_per_rad:.6g}); add it times the velocity "
-            f"over the position gain ({law.position_gain_Nm_per_rad:.6g}) to the command"
+    if law is None:
+        if drive.motor_input != "torque":
+            constant = f"{drive.motor_input.replace('current', 'torque')}_constant"
+            value = drive.values.get(constant)
+            size = "unknown" if value is None else f"{value:.6g} {unit_of(drive, constant)}"
+            source = f"{constant} ({size}) times the {drive.motor_input}"
+            yield f"its control is the motor torque, {source}"
+        return
+    if drive.motor_input == "position_command" and law.command_velocity_gain_Nms_per_rad:
+        yield (
+            "excluded, not available in MuJoCo: the gain on the velocity of the command "
+            f"({law.command_velocity_gain_Nms_per_rad:.6g}); add it times the velocity over the "
+            f"position gain ({law.position_gain_Nm_per_rad:.6g}) to the command"
         )
-    if law is not None and np.isfinite(law.no_load_speed_rad_per_s):
+    if np.isfinite(law.no_load_speed_rad_per_s):
         falls = (
             f"its torque limit falls with the speed, to zero at {law.no_load_speed_rad_per_s:.6g}"
         )
-        notes.append(
-            f"joint '{joint}': {falls}: a dcmotor, as MuJoCo has it since 3.12, which brakes beyond"
+        yield (
+            f"{falls}: a dcmotor, as MuJoCo has it since 3.12, which brakes beyond"
             if _is_dc_motor(drive)
-            else f"joint '{joint}': excluded: {falls}, and is constant in the model"
+            else f"excluded: {falls}, and is constant in the model"
         )
-    if law is not None and law.nominal_supply_V is not None:
-        notes.append(
-            f"joint '{joint}': excluded: the supply voltage; limit"
-            f"{' and gains are' if law.is_duty else ' is'} that at {law.nominal_supply_V:.4g} V"
-        )
-    if drive.controller is None and drive.motor_input != "torque":
-        constant = f"{drive.motor_input.replace('current', 'torque')}_constant"
-        value = drive.values.get(constant)
-        size = "unknown" if value is None else f"{value:.6g} {unit_of(drive, constant)}"
-        notes.append(
-            f"joint '{joint}': its control is the motor torque, {constant} ({size}) times the "
-            f"{drive.motor_input}"
-        )
+    if law.nominal_supply_V is not None:
+        limits = "limit and gains are" if law.is_duty else "limit is"
+        yield f"excluded: the supply voltage; {limits} that at {law.nominal_supply_V:.4g} V"
 
 
 def note_commands(robot: Robot, step: float, notes: list[str]) -> None:
@@ -349,7 +362,7 @@ def _spring(joint: str, drive: Drive) -> _Coordinate:
     k, k_3, f_0 = (term_value(joint, drive, "spring", x) for x in ("linear", "cubic", "preload"))
     if not (k or k_3):
         raise RobotError(f"joint '{joint}': its spring has no stiffness, found 0")
-    zero = drive.values.get("deflection_zero", 0.0) if drive.is_nonlinear_spring else 0.0
+    zero = drive.values.get("deflection_zero", 0.0)
     gap = value_of(joint, drive, "dead_zone") if {*DEAD_ZONES} & {*drive.spring} else 0.0
     if gap and f_0:
         raise RobotError(
