@@ -8,15 +8,16 @@ cannot hold is a `Finding`: none of it is excluded silently.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import compress
 
 import numpy as np
 
 from seaid.checks import not_in_format
 from seaid.drives import Drive, total_ratio, unit_of
 from seaid.errors import Finding, Severity, listed
-from seaid.export.mjcf_drives import SMOOTH, term_value, value_of
+from seaid.export.mjcf_drives import SMOOTH, term_value, unsupported_terms, value_of
 from seaid.robot import Robot
 
 
@@ -180,57 +181,64 @@ _BY_OTHERS = ("viscous", "coulomb", *SMOOTH, "offset", "stribeck")
 
 def _other_terms(drive: Drive) -> list[str]:
     """Return the terms of a drive that no simulator has."""
-    springs = ["dahl of the spring"] * ("dahl" in getattr(drive, "spring", ()))
-    periodic = dict.fromkeys(harmonic.field.replace("_", " ") for harmonic in drive.harmonics)
-    friction = [term for term in drive.friction if term not in _BY_OTHERS]
-    law, of_law = drive.law, list[str]()
-    if law is not None and law.command_velocity_gain_Nms_per_rad not in (
-        0.0,
-        law.velocity_gain_Nms_per_rad,  # that of a velocity target
-    ):
-        of_law.append("gain on the velocity of the command")
-    if law is not None and math.isfinite(law.no_load_speed_rad_per_s):
-        of_law.append("no-load speed")
-    if law is not None and law.nominal_supply_V is not None:
-        of_law.append("supply voltage")
-    return [*friction, *springs, *drive.extra_terms, *periodic, *of_law]
+    terms, law = unsupported_terms(drive, _BY_OTHERS), drive.law
+    if law is None:
+        return terms
+    gain = law.command_velocity_gain_Nms_per_rad
+    is_lost = {
+        "gain on the velocity of the command": gain not in (0.0, law.velocity_gain_Nms_per_rad),
+        "no-load speed": math.isfinite(law.no_load_speed_rad_per_s),
+        "supply voltage": law.nominal_supply_V is not None,
+    }
+    return [*terms, *compress(is_lost, is_lost.values())]
 
 
 def lost_effects(
     robot: Robot, actuators: Iterable[JointActuator], title: str, holds: Collection[str]
 ) -> list[Finding]:
     """Return what a format that `holds` some effects does not have of the drives of a robot."""
-    actuators, findings = tuple(actuators), []
-    for name, effect in EFFECTS.items():
-        sizes = {a.joint: effect.size(a) for a in actuators}
-        lost = [a for a in actuators if sizes[a.joint] != 0]
-        if name in holds or not lost:
-            continue
-        findings.append(
-            not_in_format(
-                f"{title} has no {name}: it is not in the file for "
-                + listed(f"{a.joint} ({sizes[a.joint]:.4g} {_unit(a, effect)})" for a in lost),
-                effect.severity,
-                {a.joint: sizes[a.joint] for a in lost},
-                effect.remedy(lost),
-            )
-        )
-    others = {a.joint: _other_terms(a.drive) for a in actuators}
-    texts = [f"{joint} ({', '.join(terms)})" for joint, terms in others.items() if terms]
-    if texts and "other terms" not in holds:
-        findings.append(
-            not_in_format(f"{title} has not these terms of the drives: {listed(texts)}")
-        )
-    smooth = [a.joint for a in actuators if {*SMOOTH} & {*a.drive.friction}]
-    if smooth and "other terms" not in holds and "dry friction" in holds:
-        text = f"smooth friction is written as dry friction for {listed(smooth)}"
-        findings.append(not_in_format(text, "note"))
+    actuators = tuple(actuators)
+    findings = [
+        finding
+        for name, effect in EFFECTS.items()
+        if name not in holds
+        for finding in _lost_effect(effect, f"{title} has no {name}", actuators)
+    ]
+    if "other terms" not in holds:
+        findings += _lost_terms(title, actuators, is_dry="dry friction" in holds)
     single = {a.joint for a in actuators}
     coupled = [joint for joint in robot.joint_names if joint not in single]
     if coupled and "coupled drives" not in holds:
         text = f"{title} has no drive that moves several joints: those of {listed(coupled)} are"
         findings.append(not_in_format(f"{text} not in the file"))
     return findings
+
+
+def _lost_effect(
+    effect: Effect, problem: str, actuators: Iterable[JointActuator]
+) -> Iterator[Finding]:
+    """Yield the finding of an effect that a format lacks, if an actuator has it."""
+    lost = [a for a in actuators if effect.size(a) != 0]
+    sizes = {a.joint: effect.size(a) for a in lost}
+    texts = listed(f"{a.joint} ({sizes[a.joint]:.4g} {_unit(a, effect)})" for a in lost)
+    if lost:
+        text = f"{problem}: it is not in the file for {texts}"
+        yield not_in_format(text, effect.severity, sizes, effect.remedy(lost))
+
+
+def _lost_terms(
+    title: str, actuators: Sequence[JointActuator], *, is_dry: bool
+) -> Iterator[Finding]:
+    """Yield the findings of terms that a format lacks, or has as dry friction if `is_dry`."""
+    others = {a.joint: _other_terms(a.drive) for a in actuators}
+    texts = [f"{joint} ({', '.join(terms)})" for joint, terms in others.items() if terms]
+    if texts:
+        yield not_in_format(f"{title} has not these terms of the drives: {listed(texts)}")
+    smooth = [a.joint for a in actuators if {*SMOOTH} & {*a.drive.friction}]
+    if smooth and is_dry:
+        yield not_in_format(
+            f"smooth friction is written as dry friction for {listed(smooth)}", "note"
+        )
 
 
 def rounded_delays(actuators: Iterable[JointActuator], step_s: float) -> list[Finding]:
