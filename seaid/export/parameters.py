@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Collection, Mapping
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +16,7 @@ from seaid.errors import RobotError, SeaidWarning, checked, shortened, shown, un
 from seaid.robot import PARAMETERS, Robot, check_kind, check_transmission
 
 if TYPE_CHECKING:
-    from seaid.estimation import Estimate, ModelChecks
+    from seaid.estimation import Estimate
     from seaid.identification import FeasibleParameters, Identification, Validation
 
 
@@ -65,12 +64,12 @@ def content_of(found: Identification, validation: Validation | None = None) -> d
         "verdict": verdict_with(found, () if validation is None else [validation]),
         "warnings": found.warnings,
         "bodies": {link: dict(zip(PARAMETERS, ten, strict=True)) for link, ten in bodies},
-        "whole_body": [asdict(quantity) for quantity in whole_body(found)],
+        "whole_body": whole_body(found),
         "drive_tables": {joint: drive_table(drive) for joint, drive in robot.drives.items()},
         "feasible": None if found.feasible is None else _feasible(found.feasible),
-        "checks": {side: _checks(side_checks) for side, side_checks in found.checks.items()},
+        "checks": found.checks,
         "excluded": found.excluded,
-        "processing": [asdict(log) for log in found.processing],
+        "processing": found.processing,
         "seaid": __version__,
     }
     return {name: plain(value) for name, value in content.items()}
@@ -209,13 +208,4 @@ def _feasible(feasible: FeasibleParameters) -> dict[str, Any]:
         "active_bounds": feasible.active_bounds,
         "notes": feasible.notes,
         "warnings": feasible.warnings,
-    }
-
-
-def _checks(checks: ModelChecks) -> Mapping[str, Any]:
-    return {
-        "condition_number": checks.condition_number,
-        "poorly_determined": checks.poorly_determined,
-        "terms": [asdict(term) for term in checks.terms],
-        "whiteness": {joint: asdict(white) for joint, white in checks.whiteness.items()},
     }
