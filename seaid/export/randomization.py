@@ -181,24 +181,25 @@ def _check(path: Path, level: float, samples: int, spread: float) -> None:
 
 def _yaml(content: Mapping[str, Any]) -> str:
     """Return plain data as YAML: one line for each element of a list."""
-
-    def flow(value: Any) -> str:
-        text = json.dumps(value)
-        # YAML 1.1 reads 1e-05 as a text: a number there has a point
-        if isinstance(value, float) and "e" in text and "." not in text:
-            return text.replace("e", ".0e")
-        if isinstance(value, list):
-            return f"[{', '.join(map(flow, value))}]"
-        if isinstance(value, dict):
-            return f"{{{', '.join(f'{key}: {flow(entry)}' for key, entry in value.items())}}}"
-        return text
-
     lines: list[str] = []
     for key, value in content.items():
-        is_list = isinstance(value, list) and value
-        lines += [f"{key}:", *(f"- {flow(x)}" for x in value)] if is_list else []
-        lines += [] if is_list else [f"{key}: {flow(value)}"]
+        if isinstance(value, list) and value:
+            lines += [f"{key}:", *(f"- {_flow(entry)}" for entry in value)]
+        else:
+            lines.append(f"{key}: {_flow(value)}")
     return "\n".join([*lines, ""])
+
+
+def _flow(value: Any) -> str:
+    """Return a value as YAML on one line."""
+    if isinstance(value, list):
+        return f"[{', '.join(map(_flow, value))}]"
+    if isinstance(value, dict):
+        return f"{{{', '.join(f'{key}: {_flow(entry)}' for key, entry in value.items())}}}"
+    text = json.dumps(value)
+    # YAML 1.1 reads 1e-05 as a text: a number there has a point
+    is_pointless = isinstance(value, float) and "." not in text
+    return text.replace("e", ".0e") if is_pointless else text
 
 
 def _triangles() -> Array:
