@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -98,6 +98,14 @@ class Format:
     has_slides: bool = True
     in_steps: bool = False
 
+    def notes(self, actuators: Iterable[JointActuator]) -> Iterator[str]:
+        """Yield the notes on joints and bodies that the files do not hold."""
+        sliding = [actuator.joint for actuator in actuators if actuator.slides]
+        if sliding and not self.has_slides:
+            yield f"{self.title} has joints that turn only: {listed(sliding)} not in the file"
+        if not self.has_bodies:
+            yield "the bodies are not in the file: --format urdf or mjcf has them"
+
 
 @checked(RobotError)
 def write_model(
@@ -160,13 +168,9 @@ def write_model(
     request = _Request(reference, actuators, path, time_step_s, force, at_temperature_degC)
     drives, notes = kind.write(request)
     lost = lost_effects(robot, actuators, kind.title, kind.holds)
-    if sliding := [actuator.joint for actuator in every if actuator not in actuators]:
-        notes += (f"{kind.title} has joints that turn only: {listed(sliding)} not in the file",)
     if kind.in_steps:
         lost += rounded_delays(actuators, time_step_s)
-    if not kind.has_bodies:
-        notes += ("the bodies are not in the file: --format urdf or mjcf has them",)
-    return WrittenModel(path, drives, by_severity(lost), notes)
+    return WrittenModel(path, drives, by_severity(lost), (*notes, *kind.notes(every)))
 
 
 def by_suffix(path: Path) -> FormatName:
