@@ -63,23 +63,14 @@ def _rates(robot: Robot) -> np.ndarray:
         damping[index, index] += values.get("joint_viscous_friction", 0.0)
     mass += TINY * np.eye(2 * n)
     # x'' = -M^-1 (K x + D x'), as a first-order system in (x, x')
-    below = -safely(
-        scipy.linalg.solve,
-        mass,
-        np.hstack([spring, damping]),
-        what="the step of the simulation",
-        error=RobotError,
-        assume_a="sym",
-    )
+    forces = np.hstack([spring, damping])
+    below = -safely(scipy.linalg.solve, mass, forces, what=_STEP, error=RobotError, assume_a="sym")
     above = np.hstack([np.zeros_like(mass), np.eye(2 * n)])
-    return np.asarray(
-        safely(
-            np.linalg.eigvals,
-            np.vstack([above, below]),
-            what="the step of the simulation",
-            error=RobotError,
-        )
-    )
+    system = np.vstack([above, below])
+    return np.asarray(safely(np.linalg.eigvals, system, what=_STEP, error=RobotError))
+
+
+_STEP = "the step of the simulation"
 
 
 def _round_down(step: float) -> float:
