@@ -17,7 +17,7 @@ import pinocchio as pin
 
 from seaid._arrays import Array, spaced
 from seaid._files import real_path, whole_file
-from seaid._progress import Display
+from seaid._progress import Display, counted
 from seaid.drives import IDEAL_DRIVE, Drive, write_drives
 from seaid.errors import RobotError, checked, unknown_name
 from seaid.export.mjcf_drives import temperature_notes
@@ -470,8 +470,6 @@ def _note_files(path: Path, source: Path, root: Element, notes: list[str]) -> No
     ]
     folder = real_path(source).parent
     if relative and real_path(path).parent != folder:
-        more = len(relative) - 1
-        notes.append(
-            f"'{relative[0]}'{f' and {more} other files' if more else ''} are relative to its "
-            f"folder: write it into '{folder}', or copy them"
-        )
+        first, others = f"'{relative[0]}'", counted(len(relative) - 1, "other file")
+        files = f"{first} and {others} are" if len(relative) > 1 else f"{first} is"
+        notes.append(f"{files} relative to its folder: write it into '{folder}', or copy them")

@@ -226,6 +226,26 @@ def test_meshes_named_relative_to_the_file_are_told_where_they_would_be_lost(
         assert all(f"write it into '{tmp_path}', or copy them" in note for note in notes)
 
 
+@pytest.mark.parametrize(
+    ("files", "subject"),
+    [
+        (("a.stl",), "'a.stl' is relative to its folder"),
+        (("a.stl", "b.stl"), "'a.stl' and 1 other file are relative to its folder"),
+        (("a.stl", "b.stl", "c.stl"), "'a.stl' and 2 other files are relative to its folder"),
+    ],
+)
+def test_files_that_would_be_lost_are_counted(
+    tmp_path: Path, files: tuple[str, ...], subject: str
+) -> None:
+    visual = '<visual><geometry><mesh filename="{}"/></geometry></visual>'
+    shapes = "".join(map(visual.format, files))
+    text = FIXED.replace(visual.format("package://leg/thigh.stl"), shapes)
+    (tmp_path / "leg.urdf").write_text(text)
+    robot = load_robot(tmp_path / "leg.urdf")
+    (note,) = write_urdf(robot, tmp_path / "another folder" / "out.urdf").notes
+    assert note.startswith(f"{subject}: write it into ")
+
+
 def test_friction_of_drives_that_move_other_joints_is_left_to_the_file_of_drives(
     tmp_path: Path,
 ) -> None:
