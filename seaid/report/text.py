@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from seaid.identification import (
         Conditions,
         FeasibleParameters,
+        Fit,
         FrequencyResponse,
         Identification,
         SetupCheck,
@@ -152,7 +153,7 @@ def estimate_table(estimate: Estimate) -> Text:
     """Return the parameters of an estimate with standard errors."""
     rows = [
         [cut(name), number(value), number(error), percent(error / (abs(value) or np.nan)), unit]
-        for name, value, error, unit in _entries(estimate)
+        for name, value, error, unit in entries(estimate)
     ]
     header = ["parameter", "estimated", "std. error", "rel.", "unit"]
     return table(counted(len(rows), "parameter"), header, rows)
@@ -163,7 +164,7 @@ def frequency_table(found: FrequencyResponse) -> Text:
     rows = [
         [f"{name.replace('_', ' ')} of {joint}", number(value), number(error), unit]
         for joint, estimate in found.drives.items()
-        for name, value, error, unit in _entries(estimate)
+        for name, value, error, unit in entries(estimate)
     ]
     header = ["parameter", "estimated", "std. error", "unit"]
     size = np.abs(np.einsum("fii->fi", found.response))
@@ -229,7 +230,7 @@ def drive_table(
     rows = []
     for joint, estimate in identification.drives.items():
         values = {} if known is None else known.drives[joint].own_values
-        for name, value, error, unit in _entries(estimate):
+        for name, value, error, unit in entries(estimate):
             exact = values.get(name, np.nan)
             off = [number(exact), percent(value / exact - 1 if exact else np.nan)]
             numbers = [number(value), number(error), percent(error / (abs(value) or np.nan))]
@@ -247,7 +248,7 @@ def load_table(title: str, identification: Identification, truth: Robot | None =
     if truth is not None:
         true = identification.base.project(truth.parameters)
     rows = []
-    for exact, (name, value, error, unit) in zip(true, _entries(identification.load), strict=True):
+    for exact, (name, value, error, unit) in zip(true, entries(identification.load), strict=True):
         off = [number(exact), f"{(value - exact) / error:+.1f} s.e."]
         numbers = [number(value), number(error), percent(error / (abs(value) or np.nan))]
         rows.append([cut(name), *numbers, *([] if truth is None else off), unit])
@@ -315,6 +316,8 @@ def _sources_text(identification: Identification) -> str:
 _MOST_NOTES = 4
 """Notes of one code, without a remedy, that a summary shows."""
 
+_MARKS = {"wrong": "!", "doubtful": "?", "note": "-"}
+
 
 def warning_lines(warnings: Iterable[Finding]) -> list[str]:
     """Return a line per warning with its code, and one with its remedy.
@@ -327,12 +330,8 @@ def warning_lines(warnings: Iterable[Finding]) -> list[str]:
             notes[finding.code] += 1
             if notes[finding.code] > _MOST_NOTES:
                 continue
-        mark = (
-            "!" if finding.severity == "wrong" else "?" if finding.severity == "doubtful" else "-"
-        )
-        lines.append(f"{mark} {finding.code}: {finding.message}")
-        if finding.remedy:
-            lines += [f"    {line}" for line in finding.remedy.splitlines()]
+        lines.append(f"{_MARKS[finding.severity]} {finding.code}: {finding.message}")
+        lines += [f"    {line}" for line in finding.remedy.splitlines()]
     more = {code: count - _MOST_NOTES for code, count in notes.items() if count > _MOST_NOTES}
     return lines + [f"- {code}: {counted(n, 'more note')} like these" for code, n in more.items()]
 
@@ -495,43 +494,37 @@ def validation_table(result: Validation) -> Text:
 
     If samples at standstill do not count, also the share of those that do, and the error of all.
     """
-    shares = np.concatenate([result.actuator.counted_share, result.load.counted_share])
-    if any(map(is_partial, shares.tolist())):
+    sides = (result.actuator, result.load)
+    title = "Unseen motion: relative error below the cutoff; unfiltered"
+    columns = {"raw": "raw_relative_error"}
+    if any(map(is_partial, np.concatenate([fit.counted_share for fit in sides]).tolist())):
         title = (
             "Unseen motion: relative error below the cutoff; share of the samples counted, those "
             "away from standstill; error at all samples; unfiltered"
         )
-        names = ["counted", "all", "raw"]
-        kinds = ["relative_error", "counted_share", "relative_error_with_standstill"]
-        kinds += ["raw_relative_error"]
-    else:
-        title = "Unseen motion: relative error below the cutoff; unfiltered"
-        names, kinds = ["raw"], ["relative_error", "raw_relative_error"]
-    header = ["joint", "motor torque", *names, "load torque", *names]
-    empty = ["-"] * len(names)
-    rows = [
-        [
-            joint,
-            *(
-                percent(getattr(fit, kind)[index])
-                for fit in (result.actuator, result.load)
-                for kind in kinds
-            ),
-        ]
-        for index, joint in enumerate(result.joints)
-    ]
-    whole = [percent(fit.whole_relative_error) for fit in (result.actuator, result.load)]
+        columns = {"counted": "counted_share", "all": "relative_error_with_standstill", **columns}
+    kinds, empty = ["relative_error", *columns.values()], ["-"] * len(columns)
+    header = ["joint", "motor torque", *columns, "load torque", *columns]
+    rows = _error_rows(result.joints, sides, kinds)
+    whole = [percent(fit.whole_relative_error) for fit in sides]
     rows += [["all joints", whole[0], *empty, whole[1], *empty]] * (len(rows) > 1)
     if result.base is not None:
-        columns = [getattr(result.base, kind) for kind in kinds]
-        rows += [
-            [row, "-", *empty, *(percent(column[place]) for column in columns)]
-            for place, row in enumerate(BASE_ROWS)
-        ]
-    is_empty = all(np.all(np.isnan(fit.measured)) for fit in (result.actuator, result.load))
+        rows += _error_rows(BASE_ROWS, [result.base], kinds, "-", *empty)
+    is_empty = all(np.all(np.isnan(fit.measured)) for fit in sides)
     nothing = Text("Unseen motion: no joint has a torque that could be compared")
     tables = [nothing if is_empty else table(title, header, rows), *_contact_tables(result)]
     return joined([*tables, *warning_lines(result.warnings)])
+
+
+def _error_rows(
+    names: Sequence[str], sides: Sequence[Fit], kinds: Sequence[str], *start: str
+) -> list[list[str]]:
+    """Return a row for each name: its `start`, and its errors of these kinds on each side."""
+    columns = [getattr(fit, kind) for fit in sides for kind in kinds]
+    return [
+        [name, *start, *(percent(column[place]) for column in columns)]
+        for place, name in enumerate(names)
+    ]
 
 
 def is_partial(share: float) -> bool:
@@ -599,7 +592,7 @@ def comparison_table(result: Comparison) -> Text:
     ]
     title = f"{first} and {second}: value +- standard error; * differs significantly"
     tests = [
-        f"{'base parameters' if group == 'load' else f'drive of {group}'} as a whole: chi-square "
+        f"{group_name(group)} as a whole: chi-square "
         f"{number(test.chi_square)} for {counted(test.freedom, 'parameter')}, p {test.p_value:.2g}"
         for group, test in result.groups.items()
     ]
@@ -648,9 +641,15 @@ def percent(value: float) -> str:
     return f"{100 * value:.2g} %" if abs(value) < 0.995 else f"{100 * value:.0f} %"
 
 
-def _entries(estimate: Estimate) -> list[tuple[str, float, float, str]]:
+def entries(estimate: Estimate | StaticCalibration) -> list[tuple[str, float, float, str]]:
+    """Return (name, value, standard error, unit) of each parameter."""
     values, errors = estimate.values.tolist(), estimate.standard_errors.tolist()
     return list(zip(estimate.names, values, errors, estimate.units, strict=True))
+
+
+def group_name(group: str) -> str:
+    """Return the name of the parameters of a drive, or of the base parameters."""
+    return "base parameters" if group == "load" else f"drive of {group}"
 
 
 def cut(text: str, longest: int = 56) -> str:
@@ -714,13 +713,8 @@ def _list(title: str, items: Sequence[str], between: str = ", ") -> Iterator[str
 
 
 def _wrapped(start: str, items: Sequence[str], between: str = "; ") -> list[str]:
-    return textwrap.wrap(
-        start + between.join(items),
-        _WIDTH,
-        subsequent_indent="    ",
-        initial_indent="",
-        break_long_words=False,
-    )
+    text = start + between.join(items)
+    return textwrap.wrap(text, _WIDTH, subsequent_indent="    ", break_long_words=False)
 
 
 def conditions_table(together: Conditions) -> Text:
@@ -758,13 +752,8 @@ def statics_table(found: StaticCalibration) -> Text:
     """Return the parameters of a calibration from statics, with rms, linearity and hysteresis."""
     rows = [
         [name, number(value), number(error), f"{number(low)} to {number(high)}", unit]
-        for name, value, error, (low, high), unit in zip(
-            found.names,
-            found.values.tolist(),
-            found.standard_errors.tolist(),
-            found.intervals.tolist(),
-            found.units,
-            strict=True,
+        for (name, value, error, unit), (low, high) in zip(
+            entries(found), found.intervals.tolist(), strict=True
         )
     ]
     header = ["parameter", "estimated", "std. error", "95 % interval", "unit"]
