@@ -16,6 +16,7 @@ from seaid.identification import whole_body
 from seaid.report.html_charts import powers_of_ten
 from seaid.report.html_robot import center_of_mass, principal_moments
 from seaid.report.html_traces import SIDES
+from seaid.report.text import entries
 
 if TYPE_CHECKING:
     from seaid.estimation import Estimate, TermTest
@@ -413,13 +414,8 @@ _VALUE_HEADS = ("Parameter", "Value", "Std. error", "95 % interval", "Unit")
 def _value_rows(estimate: StaticCalibration | Estimate) -> list[list[Cell]]:
     every = estimate.intervals if hasattr(estimate, "intervals") else estimate.interval()
     rows = []
-    for name, value, error, (low, high), unit in zip(
-        estimate.names,
-        estimate.values.tolist(),
-        estimate.standard_errors.tolist(),
-        every.tolist(),
-        estimate.units,
-        strict=True,
+    for (name, value, error, unit), (low, high) in zip(
+        entries(estimate), every.tolist(), strict=True
     ):
         texts = rounded(value, error, low, high)
         interval = Cell(f"{texts.lower} to {texts.upper}")
