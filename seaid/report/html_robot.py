@@ -6,7 +6,7 @@ the links. A cylinder is a revolute joint, a box on a rail a prismatic one.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from html import escape
@@ -214,13 +214,16 @@ def _path(points: Array) -> str:
 
 def _ground(posture: Posture, view: _View) -> str:
     """Return the base as a plate perpendicular to gravity, with the direction of gravity."""
-    turn = np.linspace(0, 2 * np.pi, 40)
-    helper = np.eye(3)[int(np.argmin(np.abs(posture.up)))]
-    u = np.cross(posture.up, helper)
-    u = u / np.linalg.norm(u)
-    v = np.cross(posture.up, u)
-    rim = 2.2 * _JOINT * posture.size * (np.outer(np.cos(turn), u) + np.outer(np.sin(turn), v))
+    rim = 2.2 * _JOINT * posture.size * _circle(posture.up, 40)
     return f'<path class="ground" d="{_path(view.places(rim))}Z"/>'
+
+
+def _circle(axis: Array, count: int) -> Array:
+    """Return points (count, 3) of the unit circle about an axis."""
+    turn = np.linspace(0, 2 * np.pi, count)
+    u = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
+    u = u / np.linalg.norm(u)
+    return np.asarray(np.outer(np.cos(turn), u) + np.outer(np.sin(turn), np.cross(axis, u)))
 
 
 def _links(posture: Posture, view: _View, name: str) -> str:
@@ -250,12 +253,8 @@ def _joint(posture: Posture, view: _View, joint: int, center: Array, label: Labe
             f'{head}<path class="rail" d="{rail}"/>'
             f'<path class="box" stroke-width="{width:.1f}" d="{box}"/></g>'
         )
-    turn = np.linspace(0, 2 * np.pi, 48)
-    helper = np.eye(3)[int(np.argmin(np.abs(axis)))]
-    u = np.cross(axis, helper)
-    u = u / np.linalg.norm(u)
-    rim = np.outer(np.cos(turn), u) + np.outer(np.sin(turn), np.cross(axis, u))
-    near, far = (view.places(center + size * (0.62 * rim + k * axis)) for k in (0.75, -0.75))
+    rim = 0.62 * _circle(axis, 48)
+    near, far = (view.places(center + size * (rim + k * axis)) for k in (0.75, -0.75))
     body = _hull(np.concatenate([near, far]))
     dot = view.places((center + 0.75 * size * axis)[None])[0]
     return (
@@ -332,28 +331,37 @@ def bodies_picture(posture: Posture, nominal: Array, identified: Array, title: s
 
     An ellipsoid has the inertia of its body if it is filled evenly with its mass. None without any.
     """
-    drawn, points = [], [posture.points]
-    for name, parameters in (("nominal", nominal), ("identified", identified)):
-        for joint, body in enumerate(parameters.reshape(-1, 10)):
-            center = center_of_mass(body) if np.all(np.isfinite(body)) else None
-            if center is None:
-                continue
-            origin, turn = posture.frame(joint)
-            place = origin + turn @ center
-            second = _second_moment(body) if is_physical(body, THIN) else None
-            drawn.append((name, joint, body, place, second))
-            reach = 0.0 if second is None else float(np.sqrt(max(5.0 * np.trace(second), 0.0)))
-            points.append(place + reach * np.concatenate([np.eye(3), -np.eye(3)]))
+    drawn = [
+        (name, *body)
+        for name, parameters in (("nominal", nominal), ("identified", identified))
+        for body in _placed_bodies(posture, parameters)
+    ]
+    points = [posture.points]
+    for *_, place, second in drawn:
+        reach = 0.0 if second is None else float(np.sqrt(max(5.0 * np.trace(second), 0.0)))
+        points.append(place + reach * np.concatenate([np.eye(3), -np.eye(3)]))
     view = _view(posture, np.concatenate(points), 20.0)
     parts = [_ground(posture, view), _links(posture, view, "bone")]
-    for name, joint, body, place, second in drawn:
+    for name, joint, mass, place, second in drawn:
         x, y = view.places(place[None])[0]
-        text = f"{posture.robot.body_names[joint]}, {name}: {body[0]:.4g} kg"
+        text = f"{posture.robot.body_names[joint]}, {name}: {mass:.4g} kg"
         parts.append(f'<g class="body {name}"><title>{escape(text)}</title>')
         if second is not None:
             parts.append(_ellipse(view, posture.frame(joint)[1], second, (x, y)))
         parts.append(f'<path class="center" d="M{x - 4:.1f} {y:.1f}h8M{x:.1f} {y - 4:.1f}v8"/></g>')
     return _svg("robot bodies", title, parts) if any(d[-1] is not None for d in drawn) else None
+
+
+def _placed_bodies(
+    posture: Posture, parameters: Array
+) -> Iterator[tuple[int, float, Array, Array | None]]:
+    """Yield (joint, mass, centre of mass, second moment per mass) of bodies with a known centre."""
+    for joint, body in enumerate(parameters.reshape(-1, 10)):
+        center = center_of_mass(body) if np.all(np.isfinite(body)) else None
+        if center is not None:
+            origin, turn = posture.frame(joint)
+            second = _second_moment(body) if is_physical(body, THIN) else None
+            yield joint, float(body[0]), origin + turn @ center, second
 
 
 def _second_moment(body: Array) -> Array:
