@@ -171,12 +171,12 @@ def _packed_motion(motions: Sequence[Motion], time: Array, is_thinned: bool) -> 
 
     These are joint positions and velocities, and the temperatures of motors that were logged.
     """
-    states = {"position": "joint_position", "velocity": "joint_velocity"}
-    if motions and all(motion.motor_temperature is not None for motion in motions):
-        states["temperature"] = "motor_temperature"
     content: dict[str, Any] = dict.fromkeys(("position", "velocity", "temperature"))
     if is_thinned or not motions:
         return content
+    states = {"position": "joint_position", "velocity": "joint_velocity"}
+    if all(motion.motor_temperature is not None for motion in motions):
+        states["temperature"] = "motor_temperature"
     instants = np.concatenate([motion.time for motion in motions])
     for state, field in states.items():
         whole = np.concatenate([getattr(motion, field) for motion in motions])
