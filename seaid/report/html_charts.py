@@ -134,25 +134,26 @@ class _Scale:
         """Return the place and text of every tick."""
         low, high = self.ends
         if self.axis.is_log:
-            powers = range(
-                math.ceil(math.log10(low) - 1e-9), math.floor(math.log10(high) + 1e-9) + 1
-            )
-            step = max(1, math.ceil(len(powers) / 7))
-            values = [10.0**power for power in powers[::step]]
-            texts = [f"10{str(power).translate(_SUPERSCRIPTS)}" for power in powers[::step]]
-            if len(powers) < _FEW_POWERS:
-                start = math.floor(math.log10(low))
-                every = (m * 10.0**p for p in range(start, start + 5) for m in (1, 2, 5))
-                values = [value for value in every if low <= value <= high]
-                texts = [powers_of_ten(f"{value:g}") for value in values]
+            values, texts = _log_ticks(low, high)
         else:
             step_size = _round_step((high - low) / _TICKS)
-            count = range(
-                math.ceil(low / step_size - 1e-9), math.floor(high / step_size + 1e-9) + 1
-            )
-            values = [k * step_size for k in count]
+            first, last = math.ceil(low / step_size - 1e-9), math.floor(high / step_size + 1e-9)
+            values = [k * step_size for k in range(first, last + 1)]
             texts = [_tick(x / 10.0**self.power, step_size / 10.0**self.power) for x in values]
         return list(zip(self.places(np.array(values)).tolist(), texts, strict=True))
+
+
+def _log_ticks(low: float, high: float) -> tuple[list[float], list[str]]:
+    """Return the values of the ticks of a logarithmic axis, and their texts."""
+    powers = range(math.ceil(math.log10(low) - 1e-9), math.floor(math.log10(high) + 1e-9) + 1)
+    if len(powers) < _FEW_POWERS:
+        start = math.floor(math.log10(low))
+        every = (m * 10.0**p for p in range(start, start + 5) for m in (1, 2, 5))
+        values = [value for value in every if low <= value <= high]
+        return values, [powers_of_ten(f"{value:g}") for value in values]
+    powers = powers[:: max(1, math.ceil(len(powers) / 7))]
+    texts = [f"10{str(power).translate(_SUPERSCRIPTS)}" for power in powers]
+    return [10.0**power for power in powers], texts
 
 
 def _round_step(least: float) -> float:
@@ -167,7 +168,7 @@ def _tick(value: float, step: float) -> str:
 
 def _ends(axis: Axis, values: Sequence[Array], margin: float = 0.02) -> tuple[float, float]:
     """Return the ends of an axis: as given, else of the finite values with a margin."""
-    known = np.concatenate([x[np.isfinite(x)] for x in values] or [np.zeros(0)])
+    known = np.concatenate([np.zeros(0), *(x[np.isfinite(x)] for x in values)])
     low = axis.low if math.isfinite(axis.low) else float(np.min(known, initial=np.inf))
     high = axis.high if math.isfinite(axis.high) else float(np.max(known, initial=-np.inf))
     if not low < high:
