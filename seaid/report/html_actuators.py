@@ -83,30 +83,33 @@ def actuator_figures(result: Identification, nominal: Robot) -> list[ActuatorFig
     """Return the figures of every joint with friction or a spring, none for long logs."""
     motions = fitted_motions(result)
     most = max(60, min(_MOST_SAMPLES, _ROOM // max(2 * result.robot.n, 1)))
-    stiff = [_stiff_sides(result, motion) for motion in motions]
+    sides = [_sides(result, motion) for motion in motions]
     figures = []
-    for joint in result.known.joint_names if motions else ():
-        drive = result.known.drives[joint]
-        sides = [
-            _elastic_side(result, motion, joint) if drive.is_elastic else of_motion.get(joint)
-            for motion, of_motion in zip(motions, stiff, strict=True)
+    for index, (joint, drive) in enumerate(result.known.drives.items()):
+        parts = [
+            _samples(motion, index, of_motion[joint])
+            for motion, of_motion in zip(motions, sides, strict=True)
+            if joint in of_motion
         ]
-        index = result.known.index(joint)
-        pairs = ((motion, side) for motion, side in zip(motions, sides, strict=True) if side)
-        parts = [_samples(motion, index, side) for motion, side in pairs]
         if not any(len(part.speed) for part in parts):
             continue
-        samples = _thinned(parts, most)
-        identified = _identified(result, joint)
-        friction = spring = None
-        if drive.friction:
-            friction = _friction_figure(joint, samples, identified, nominal.drives[joint])
-        if drive.is_elastic:
-            spring = _spring_figure(joint, samples, identified, nominal.drives[joint])
+        samples, identified = _thinned(parts, most), _identified(result, joint)
+        friction = _friction_figure(joint, samples, identified, nominal.drives[joint])
+        spring = _spring_figure(joint, samples, identified, nominal.drives[joint])
         kind = "series elastic" if drive.is_elastic else "stiff"
         if friction is not None or spring is not None:
             figures.append(ActuatorFigures(joint, kind, friction, spring))
     return figures
+
+
+def _sides(result: Identification, motion: Motion) -> dict[str, tuple[Array, Array, Array]]:
+    """Return the sides of `_elastic_side` by joint."""
+    sides = _stiff_sides(result, motion)
+    for joint in result.known.elastic_joints:
+        elastic = _elastic_side(result, motion, joint)
+        if elastic is not None:
+            sides[joint] = elastic
+    return sides
 
 
 def _identified(identification: Identification, joint: str) -> Drive:
@@ -214,7 +217,7 @@ def _stiff_sides(result: Identification, motion: Motion) -> dict[str, tuple[Arra
 
 
 def _friction_figure(joint: str, samples: _Samples, identified: Drive, nominal: Drive) -> Any:
-    if not np.any(np.isfinite(samples.friction)):
+    if not (identified.friction and np.any(np.isfinite(samples.friction))):
         return None
     fastest = float(np.max(np.abs(samples.speed)))
     speed = np.linspace(-fastest, fastest, _CURVE - 1)  # without zero, where the sign jumps
@@ -299,52 +302,45 @@ def response_figures(response: FrequencyResponse) -> list[ResponseFigures]:
 
     Vertical lines are the resonance and the antiresonance of an elastic joint.
     """
-    hz, figures = response.frequency_hz, []
+    return [_response_figure(response, place) for place in range(len(response.joints))]
+
+
+def _response_figure(response: FrequencyResponse, place: int) -> ResponseFigures:
+    """Return the figures of one joint."""
+    hz, joint = response.frequency_hz, response.joints[place]
+    measured, explained = response.response[:, place, place], response.coherence[:, place]
     models = [(response.model, "identified"), (response.identified, "computed")]
-    for place, joint in enumerate(response.joints):
-        measured, explained = response.response[:, place, place], response.coherence[:, place]
-        curves = [(model[:, place, place], name) for model, name in models if model is not None]
-        stds = [(response.noise_std, "threshold"), (response.total_std, "nominal")]
-        deviations = [(std[:, place, place], name) for std, name in stds]
-        sizes = np.concatenate([np.abs(measured), *(curve for curve, _ in deviations)])
-        sizes = sizes[np.isfinite(sizes) & (sizes > 1e-6 * np.max(np.abs(measured)))]
-        low, high = 0.7 * float(np.min(sizes)), 1.4 * float(np.max(np.abs(measured)))
-        marks = [
-            (response.drives[joint].value(name), style)
-            for name, style in (("resonance", "sample up"), ("antiresonance", "sample down"))
-            if joint in response.drives
-        ]
-        across = Axis("frequency", "Hz", float(hz[0]) / 1.05, float(hz[-1]) * 1.05, is_log=True)
-        size = [
-            *_marked(marks, low, high),
-            *(Layer(hz, curve, name, "line") for curve, name in deviations),
-            Layer(hz, np.abs(measured), "sample"),
-            *(Layer(hz, np.abs(curve), name, "line") for curve, name in curves),
-        ]
-        phase = [
-            *_marked(marks, -360.0, 360.0),
-            Layer(hz, _degrees(measured), "sample"),
-            *(Layer(hz, _degrees(curve), name, "line") for curve, name in curves),
-        ]
-        figures.append(
-            ResponseFigures(
-                joint,
-                f"coherence {np.nanmin(explained):.2f} to {np.nanmax(explained):.2f}",
-                chart(
-                    size,
-                    across,
-                    Axis("motor angle / torque", "rad/(N m)", low, high, is_log=True),
-                    title=f"Size of the frequency response of {joint}",
-                ),
-                chart(
-                    phase,
-                    across,
-                    Axis("phase", "°", -225.0, 45.0),
-                    title=f"Phase of the frequency response of {joint}",
-                ),
-            )
-        )
-    return figures
+    curves = [(model[:, place, place], name) for model, name in models if model is not None]
+    stds = [(response.noise_std, "threshold"), (response.total_std, "nominal")]
+    deviations = [(std[:, place, place], name) for std, name in stds]
+    sizes = np.concatenate([np.abs(measured), *(curve for curve, _ in deviations)])
+    sizes = sizes[np.isfinite(sizes) & (sizes > 1e-6 * np.max(np.abs(measured)))]
+    low, high = 0.7 * float(np.min(sizes)), 1.4 * float(np.max(np.abs(measured)))
+    marks = [
+        (response.drives[joint].value(name), style)
+        for name, style in (("resonance", "sample up"), ("antiresonance", "sample down"))
+        if joint in response.drives
+    ]
+    size = [
+        *_marked(marks, low, high),
+        *(Layer(hz, curve, name, "line") for curve, name in deviations),
+        Layer(hz, np.abs(measured), "sample"),
+        *(Layer(hz, np.abs(curve), name, "line") for curve, name in curves),
+    ]
+    phase = [
+        *_marked(marks, -360.0, 360.0),
+        Layer(hz, _degrees(measured), "sample"),
+        *(Layer(hz, _degrees(curve), name, "line") for curve, name in curves),
+    ]
+    across = Axis("frequency", "Hz", float(hz[0]) / 1.05, float(hz[-1]) * 1.05, is_log=True)
+    up = Axis("motor angle / torque", "rad/(N m)", low, high, is_log=True)
+    angle, text = Axis("phase", "°", -225.0, 45.0), f"the frequency response of {joint}"
+    return ResponseFigures(
+        joint,
+        f"coherence {np.nanmin(explained):.2f} to {np.nanmax(explained):.2f}",
+        chart(size, across, up, title=f"Size of {text}"),
+        chart(phase, across, angle, title=f"Phase of {text}"),
+    )
 
 
 def _marked(marks: Sequence[tuple[float, str]], low: float, high: float) -> Iterator[Layer]:
