@@ -13,6 +13,7 @@ from seaid.errors import SeaidError
 from seaid.report.text import Text, cut, joined, number, table
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from seaid.identification import CutoffSensitivity, FrequencyResponse
@@ -100,30 +101,13 @@ def save_frequency_figure(found: FrequencyResponse, path: str | Path) -> None:
     figure = Figure(figsize=(1.0 + 3.6 * count, 5.4), layout="constrained")
     figure.suptitle("Motor angle per motor torque, measured and computed", fontsize=11)
     axes = figure.subplots(2, count, sharex=True, squeeze=False)
-    hz = found.frequency_hz
-    lines = {"fit": (found.model, "black", "-"), "identification": (found.identified, "C1", "--")}
     for place, joint in enumerate(found.joints):
         upper, lower = axes[:, place]
-        measured = found.response[:, place, place]
-        dots = {"color": "0.45", "marker": "o", "markersize": 3, "linestyle": "none"}
-        upper.loglog(hz, np.abs(measured), **dots, label="measured")
-        lower.semilogx(hz, np.degrees(np.angle(measured)), **dots)
-        for name, style, std in (
-            ("deviation by noise", ":", found.noise_std),
-            ("deviation in total", "-.", found.total_std),
-        ):
-            if np.any(np.isfinite(std)):
-                upper.loglog(hz, std[:, place, place], style, color="0.6", lw=0.9, label=name)
-        for name, (response, color, style) in lines.items():
-            if response is not None:
-                curve = response[:, place, place]
-                upper.loglog(hz, np.abs(curve), style, color=color, lw=1.1, label=name)
-                lower.semilogx(hz, np.degrees(np.angle(curve)), style, color=color, lw=1.1)
+        _draw_response(upper, lower, found, place)
         if joint in found.drives:
-            marks = (("resonance", "tab:red"), ("antiresonance", "tab:blue"))
-            for name, color in marks:
+            for name, color in (("resonance", "tab:red"), ("antiresonance", "tab:blue")):
                 at = found.drives[joint].value(name)
-                if hz[0] <= at <= hz[-1]:
+                if found.frequency_hz[0] <= at <= found.frequency_hz[-1]:
                     upper.axvline(at, color=color, lw=0.8, linestyle="--", label=name)
         upper.set_title(joint, fontsize=9, loc="left")
         lower.set_xlabel("frequency [Hz]")
@@ -138,3 +122,25 @@ def save_frequency_figure(found: FrequencyResponse, path: str | Path) -> None:
     }
     figure.legend([*handles.values()], [*handles], loc="outside lower center", ncols=4, fontsize=8)
     save_figure(figure, path)
+
+
+def _draw_response(upper: Axes, lower: Axes, response: FrequencyResponse, place: int) -> None:
+    """Draw the size and the phase of one response, with its noise and its models."""
+    hz, measured = response.frequency_hz, response.response[:, place, place]
+    dots = {"color": "0.45", "marker": "o", "markersize": 3, "linestyle": "none"}
+    upper.loglog(hz, np.abs(measured), **dots, label="measured")
+    lower.semilogx(hz, np.degrees(np.angle(measured)), **dots)
+    for name, style, std in (
+        ("deviation by noise", ":", response.noise_std),
+        ("deviation in total", "-.", response.total_std),
+    ):
+        if np.any(np.isfinite(std)):
+            upper.loglog(hz, std[:, place, place], style, color="0.6", lw=0.9, label=name)
+    for name, color, style, model in (
+        ("fit", "black", "-", response.model),
+        ("identification", "C1", "--", response.identified),
+    ):
+        if model is not None:
+            curve = model[:, place, place]
+            upper.loglog(hz, np.abs(curve), style, color=color, lw=1.1, label=name)
+            lower.semilogx(hz, np.degrees(np.angle(curve)), style, color=color, lw=1.1)
