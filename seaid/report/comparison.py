@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import inf, isfinite, nan, sqrt
 from pathlib import Path
@@ -89,7 +89,7 @@ class Difference(Display):
     @property
     def text(self) -> str:
         """The parameter with its joint: "stiffness of knee"."""
-        return readable(JointParameter(self.name, self.joint)) if self.joint else self.name
+        return _text(self.joint, self.name)
 
 
 @dataclass(frozen=True)
@@ -183,24 +183,17 @@ def comparison_of(
     groups: dict[str, GroupTest] = {}
     differences: list[Difference] = []
     for group, old, new in _pairs(first, second):
-        shared = [name for name in old.names if name in new.names]
-        if shared:
-            both = [x.part([x.names.index(name) for name in shared], shared) for x in (old, new)]
-            groups[group or "load"] = _group_test(*both)
-            differences += _differences(group, *both)
+        groups[group or "load"] = _group_test(old, new)
+        differences += _differences(group, old, new)
     if not differences:
         raise IdentificationError(
             f"'{first.robot.name}' and '{second.robot.name}' have no parameter in common: compare "
             "identifications of one robot, with the same known bodies"
         )
-    first_names, second_names = (_all_names(identification) for identification in (first, second))
     return Comparison(
         names=names,
         differences=_with_significance(differences),
-        only=(
-            tuple(name for name in first_names if name not in second_names),
-            tuple(name for name in second_names if name not in first_names),
-        ),
+        only=_only(_keys(first), _keys(second)),
         groups=groups,
         dependence=_dependence(first, second),
         measures=_measures(first, second),
@@ -248,11 +241,7 @@ def comparison_of_parameters(
         raise IdentificationError(
             f"'{first}' and '{second}' have no parameter in common: compare files of one robot"
         )
-    only = [
-        tuple(readable(JointParameter(name, joint)) if joint else name for joint, name in keys)
-        for keys in ([x for x in old if x not in new], [x for x in new if x not in old])
-    ]
-    return Comparison(names, _with_significance(differences), (only[0], only[1]), {}, "unknown")
+    return Comparison(names, _with_significance(differences), _only(old, new), {}, "unknown")
 
 
 _Value = dict[str, Any]
@@ -306,23 +295,47 @@ _NORMAL = 1e6
 """Degrees of freedom from which Student's t is taken as the normal distribution."""
 
 
+def _estimates(identification: Identification) -> dict[str, Estimate]:
+    """Return {joint: estimate of its drive}, and that of the load by the name ""."""
+    return {**identification.drives, "": identification.load}
+
+
 def _pairs(
     first: Identification, second: Identification
 ) -> Iterator[tuple[str, Estimate, Estimate]]:
-    """Yield (joint, both estimates of its drive), then ("", both of the base parameters)."""
-    for joint, estimate in first.drives.items():
-        if joint in second.drives:
-            yield joint, estimate, second.drives[joint]
-    yield "", first.load, second.load
+    """Yield (joint, its drive in both), then ("", the load), of the parameters that both have."""
+    in_second = _estimates(second)
+    for joint, estimate in _estimates(first).items():
+        names = in_second[joint].names if joint in in_second else ()
+        shared = [name for name in estimate.names if name in names]
+        if shared:
+            yield joint, _part(estimate, shared), _part(in_second[joint], shared)
 
 
-def _all_names(identification: Identification) -> list[str]:
-    drives = [
-        readable(JointParameter(name, joint))
-        for joint, estimate in identification.drives.items()
-        for name in estimate.names
-    ]
-    return [*drives, *identification.load.names]
+def _part(estimate: Estimate, names: Sequence[str]) -> Estimate:
+    """Return the estimate of the parameters of these names."""
+    return estimate.part([estimate.names.index(name) for name in names], names)
+
+
+def _text(joint: str, name: str) -> str:
+    """Return a parameter with its joint, a base parameter as it is."""
+    return readable(JointParameter(name, joint)) if joint else name
+
+
+def _keys(identification: Identification) -> list[tuple[str, str]]:
+    """Return (joint, parameter) of all drives, then ("", parameter) of the load."""
+    estimates = _estimates(identification).items()
+    return [(joint, name) for joint, estimate in estimates for name in estimate.names]
+
+
+def _only(
+    first: Collection[tuple[str, str]], second: Collection[tuple[str, str]]
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the texts of the parameters that only the first, and only the second, has."""
+    return (
+        tuple(_text(*key) for key in first if key not in second),
+        tuple(_text(*key) for key in second if key not in first),
+    )
 
 
 def _differences(joint: str, old: Estimate, new: Estimate) -> Iterator[Difference]:
