@@ -7,7 +7,7 @@ identified.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -86,26 +86,31 @@ def page_verdict(
     is_repeated = said[0] in ("good", "usable with care", "do not use this result")
     because = "" if verdict.level == "good" else "because of "
     sentence = because + said[2] if is_repeated else verdict.sentence
+    level, numbers = verdict.level.replace(" ", "-"), tuple(_numbers(result, runs, replays))
+    return PageVerdict(level, verdict.level.capitalize(), _sentence(sentence), numbers)
+
+
+def _numbers(
+    result: Identification, runs: Sequence[Run], replays: Sequence[ReplayComparison]
+) -> Iterator[tuple[str, str, str]]:
+    """Yield the numbers of the verdict, each with its name and a note."""
     unseen = error_rows(result, [run for run in runs if run.is_unseen])
-    rows = unseen or error_rows(result, runs)
+    yield _prediction(unseen or error_rows(result, runs), bool(unseen))
     kinds = (("Drive parameters", result.drives.values()), ("Base parameters", [result.load]))
-    numbers = [_prediction(rows, bool(unseen))]
     for name, estimates in kinds:
         errors = _relative_errors(estimates)
         if len(errors):
             good = int(np.sum(errors < POOR))
             note = "with a standard error below 10\N{NO-BREAK SPACE}%"
-            numbers.append((name, f"{good} of {len(errors)}", note))
+            yield name, f"{good} of {len(errors)}", note
     for replay in replays[:1]:
         before, after = (1e3 * float(errors.mean()) for errors in replay.mean_absolute_errors)
         note = f"mean absolute error of the joints; {short(before)} before"
-        numbers.append(("Replay", f"{short(after)} mrad", note))
+        yield "Replay", f"{short(after)} mrad", note
     if result.motions:
         length = sum(float(motion.time[-1] - motion.time[0]) for motion in result.motions)
         note = f"in {counted(len(result.motions), 'motion')}, below {result.cutoff_hz:.3g} Hz"
-        numbers.append(("Data", seconds(length), note))
-    level = verdict.level.replace(" ", "-")
-    return PageVerdict(level, verdict.level.capitalize(), _sentence(sentence), tuple(numbers))
+        yield "Data", seconds(length), note
 
 
 def _relative_errors(estimates: Iterable[Estimate]) -> Array:
@@ -147,11 +152,11 @@ def notices_of(
         *(_notice(finding) for replay in replays for finding in replay.warnings),
         *(Notice("not-validated", "doubtful", (_sentence(text),)) for text in notes),
         *_validation_notices(result, runs),
-        *(Notice("inconsistent-inertia", "note", (text,)) for text in _inconsistent_bodies(result)),
-        *(Notice("poorly-determined", "note", (text,)) for text in _poorly_determined(result)),
-        *(Notice("needless-term", "note", (text,)) for text in _unsupported_terms(result)),
-        *(Notice("residual", "note", (text,)) for text in _autocorrelated(result)),
-        *(Notice("standstill", "note", (text,)) for text in _excluded(result)),
+        *(
+            Notice(code, "note", (text,))
+            for code, texts in _NOTES.items()
+            for text in texts(result)
+        ),
     ]
     together: dict[tuple[str, ...], Notice] = {}
     for notice in every:
@@ -185,14 +190,19 @@ def _validation_notices(identification: Identification, runs: Sequence[Run]) -> 
             )
             yield Notice("not-validated", "doubtful", (message,))
     for run in runs:
-        rows = error_rows(identification, [run]) if run.is_unseen else []
-        said = {finding.joint for finding in run.result.warnings}
-        rows = [row for row in rows if row.joint not in said]
-        bad = [row for row in rows if row.relative_error > _BADLY_PREDICTED]
-        if bad:
-            torques = [f"{row.joint} ({row.side} side) {share(row.relative_error)}" for row in bad]
-            message = f"Relative error of torques in the {run.name}: {_listed(torques)}."
-            yield Notice("badly-predicted", "doubtful", (message,), tuple(row.joint for row in bad))
+        if run.is_unseen:
+            yield from _badly_predicted(identification, run)
+
+
+def _badly_predicted(identification: Identification, run: Run) -> Iterator[Notice]:
+    """Yield the notice of torques with a large error, of joints without a warning of their own."""
+    warned = {finding.joint for finding in run.result.warnings}
+    rows = [row for row in error_rows(identification, [run]) if row.joint not in warned]
+    bad = [row for row in rows if row.relative_error > _BADLY_PREDICTED]
+    if bad:
+        torques = [f"{row.joint} ({row.side} side) {share(row.relative_error)}" for row in bad]
+        message = f"Relative error of torques in the {run.name}: {_listed(torques)}."
+        yield Notice("badly-predicted", "doubtful", (message,), tuple(row.joint for row in bad))
 
 
 def _inconsistent_bodies(identification: Identification) -> Iterator[str]:
@@ -256,6 +266,16 @@ def _excluded(identification: Identification) -> Iterator[str]:
             )
 
 
+_NOTES: Mapping[str, Callable[[Identification], Iterator[str]]] = {
+    "inconsistent-inertia": _inconsistent_bodies,
+    "poorly-determined": _poorly_determined,
+    "needless-term": _unsupported_terms,
+    "residual": _autocorrelated,
+    "standstill": _excluded,
+}
+"""{code of a finding: texts of the notes on an identification}."""
+
+
 def _load_rows(result: Identification) -> int:
     """Return the number of load-side equations at an instant."""
     base = result.robot.floating_base
@@ -306,17 +326,12 @@ def nominal_values(result: Identification, robot: Robot) -> Nominal:
     """Return the values of a robot's files for the parameters that were identified."""
     model = result.model
     drives = {
-        joint: _drive_values(estimate, robot.drives[joint])
+        joint: np.nan_to_num(_drive_values(estimate, robot.drives[joint]))
         for joint, estimate in result.drive_side.items()
     }
     places = (*model.drives, *model.absorbed)
-    values = np.array([robot.drives[of].values.get(name, np.nan) for of, name, _ in places])
-    absent: dict[tuple[str, str], list[str]] = {}
-    for joint, nominal in drives.items():
-        names = zip(result.drive_side[joint].names, np.isnan(nominal), strict=True)
-        absent["actuator", joint] = [name for name, lacks in names if lacks and name not in _ZEROS]
-    for (joint, name, _), lacks in zip(places, np.isnan(values), strict=True):
-        absent.setdefault(("load", joint), []).extend([name] * bool(lacks))
+    values = np.array([robot.drives[of].values.get(name, 0.0) for of, name, _ in places])
+    absent = _absent(result, robot)
     missing = {
         key: f"no nominal {_listed_names(names)}"
         for key, names in absent.items()
@@ -325,14 +340,29 @@ def nominal_values(result: Identification, robot: Robot) -> Nominal:
     has_bodies = not np.any(np.isnan(robot.parameters))
     if not has_bodies:
         missing |= {("load", joint): NO_BODIES for joint in robot.joint_names}
-    values, count = np.nan_to_num(values), len(model.drives)
+    count = len(model.drives)
     load = np.concatenate([result.base.project(np.nan_to_num(robot.parameters)), values[:count]])
-    if len(model.absorbed):
-        load = load + model.absorption @ values[count:]
+    load = load + model.absorption @ values[count:]
     load = np.concatenate([load, np.zeros(len(result.load_side.names) - len(load))])
-    zero = {key: f"without {_listed_names(names)}" for key, names in absent.items() if names}
-    drives = {joint: np.nan_to_num(nominal) for joint, nominal in drives.items()}
+    zero = {key: f"without {_listed_names(names)}" for key, names in absent.items()}
     return Nominal(drives, load, missing, zero, has_bodies)
+
+
+def _absent(result: Identification, robot: Robot) -> dict[tuple[str, str], list[str]]:
+    """Return {(side, joint): parameters without a nominal value, which a file could have}."""
+    places = [
+        ("actuator", joint, name)
+        for joint, estimate in result.drive_side.items()
+        for name in estimate.names
+        if name not in _ZEROS
+    ]
+    model = result.model
+    places += [("load", joint, name) for joint, name, _ in (*model.drives, *model.absorbed)]
+    absent: dict[tuple[str, str], list[str]] = {}
+    for side, joint, name in places:
+        if name not in robot.drives[joint].values:
+            absent.setdefault((side, joint), []).append(name)
+    return absent
 
 
 def _listed_names(names: Sequence[str]) -> str:
