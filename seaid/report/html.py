@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import gzip
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,7 @@ from seaid.identification import (
     Validation,
     compared,
 )
-from seaid.report.comparison import comparison_of, measures_of
+from seaid.report.comparison import Difference, comparison_of, measures_of
 from seaid.report.html_actuators import actuator_figures, response_figures
 from seaid.report.html_charts import (
     Axis,
@@ -69,6 +69,7 @@ from seaid.report.html_traces import Run, axis_time, traces_of
 from seaid.report.html_verdict import (
     BeforeAfter,
     Nominal,
+    Notice,
     before_and_after,
     explained_as,
     nominal_values,
@@ -76,7 +77,7 @@ from seaid.report.html_verdict import (
     page_verdict,
     with_nominal_values,
 )
-from seaid.report.text import is_partial
+from seaid.report.text import group_name, is_partial
 from seaid.robot import Robot
 from seaid.simulation import ReplayComparison
 
@@ -143,18 +144,14 @@ def write_report(
     """
     path = _page_path(path)
     nominal_robot = nominal or identification.nominal or identification.known
-    if nominal_robot.joint_names != identification.robot.joint_names:
-        raise SeaidError(
-            f"nominal=: the joints {', '.join(nominal_robot.joint_names)}, but the identified "
-            f"robot has {', '.join(identification.robot.joint_names)}: give the same robot with "
-            "nominal values"
+    joints = identification.robot.joint_names
+    if nominal_robot.joint_names != joints:
+        raise _other_joints(
+            "nominal=", nominal_robot.joint_names, joints, "the same robot with nominal values"
         )
     results = _checked(identification, validations)
-    if frequency is not None and not set(frequency.joints) <= set(identification.robot.joint_names):
-        raise SeaidError(
-            f"frequency=: the joints {', '.join(frequency.joints)}, but the identified robot has "
-            f"{', '.join(identification.robot.joint_names)}: give a response of the same robot"
-        )
+    if frequency is not None and not set(frequency.joints) <= set(joints):
+        raise _other_joints("frequency=", frequency.joints, joints, "a response of the same robot")
     moved = [replays] if isinstance(replays, ReplayComparison) else list(replays)
     runs = runs_of(identification, results)
     values, posture = nominal_values(identification, nominal_robot), posture_of(identification)
@@ -163,9 +160,7 @@ def write_report(
         **_experiment(identification, _checked_facts(facts or {})),
         **_motions(identification, runs, values, posture, moved, tuple(notes)),
         "replays": [_replay(identification, replay) for replay in moved],
-        "frequency": frequency,
-        "responses": [] if frequency is None else response_figures(frequency),
-        "springs": None if frequency is None else response_table(frequency),
+        **_responses(frequency),
         "parameters": _packed_parameters(identification, results),
     }
     write_whole(path, _rendered("report.html.j2", robot=identification.robot.name, **content))
@@ -203,33 +198,22 @@ def write_comparison(
     """
     path = _page_path(path)
     result = comparison_of(first, second, names=names)
-    labels = {}
-    for joint in first.robot.joint_names:
-        changes = [difference for difference in result.differences if difference.joint == joint]
-        differs = [difference for difference in changes if difference.is_significant]
-        said = ", ".join(difference.name.replace("_", " ") for difference in differs)
-        colour = "none" if not changes else "poor" if differs else "good"
-        labels[joint] = Label(joint, said or ("no difference" if changes else "no drive"), colour)
     tests = [
-        (
-            "base parameters" if group == "load" else f"drive of {group}",
-            short(test.chi_square),
-            test.freedom,
-            probability(test.p_value),
-        )
+        (group_name(group), short(test.chi_square), test.freedom, probability(test.p_value))
         for group, test in result.groups.items()
     ]
     page = _rendered(
         "comparison.html.j2",
         robot=first.robot.name,
         result=result,
-        picture=robot_picture(posture_of(first), labels, "The robot: which drives differ"),
+        picture=robot_picture(
+            posture_of(first),
+            _difference_labels(first.robot, result.differences),
+            "The robot: which drives differ",
+        ),
         tests=tests,
         table=difference_table(result),
-        numbers=[
-            (name, _identified_from(identification))
-            for name, identification in zip(names, (first, second), strict=True)
-        ],
+        numbers=list(zip(names, map(_identified_from, (first, second)), strict=True)),
         motions=measure_facts(names, result.measures),
     )
     write_whole(path, page)
@@ -287,7 +271,7 @@ def write_calibration(found: StaticCalibration, path: str | Path, *, name: str =
         law=chart(curves, *axes, title=f"Load over reading of {name}"),
         residual=chart(
             residuals,
-            Axis("load", statics.load_unit),
+            axes[1],
             Axis("load less law", statics.load_unit),
             title=f"What the law of {name} leaves over the load",
         ),
@@ -296,11 +280,33 @@ def write_calibration(found: StaticCalibration, path: str | Path, *, name: str =
     write_whole(path, page)
 
 
+def _difference_labels(robot: Robot, differences: Sequence[Difference]) -> dict[str, Label]:
+    """Return the parameters of the drive of each joint that differ significantly."""
+    labels = {}
+    for joint in robot.joint_names:
+        changes = [difference for difference in differences if difference.joint == joint]
+        names = [change.name.replace("_", " ") for change in changes if change.is_significant]
+        nothing = "no difference" if changes else "no drive"
+        colour = "poor" if names else "good" if changes else "none"
+        labels[joint] = Label(joint, ", ".join(names) or nothing, colour)
+    return labels
+
+
 def _identified_from(identification: Identification) -> str:
     motions = len(identification.motions)
     length = sum(float(motion.time[-1] - motion.time[0]) for motion in identification.motions)
     logs = f"{length:.4g} s in {counted(motions, 'motion')}" if motions else "logs read in pieces"
     return f"{logs}, below {identification.cutoff_hz:.3g} Hz: {identification.verdict.sentence}"
+
+
+def _other_joints(
+    option: str, joints: Sequence[str], expected: Sequence[str], remedy: str
+) -> SeaidError:
+    """Return the error of an argument of a robot with other joints."""
+    return SeaidError(
+        f"{option}: the joints {', '.join(joints)}, but the identified robot has "
+        f"{', '.join(expected)}: give {remedy}"
+    )
 
 
 def _page_path(path: str | Path) -> Path:
@@ -327,13 +333,9 @@ def _name(kind: str, place: int, every: Sequence[Any]) -> str:
 
 def _is_same_motion(first: Validation, second: Validation) -> bool:
     """Return whether two validations are of the same motion."""
+    traces = [(x.time, x.actuator.measured, x.load.measured) for x in (first, second)]
     return first.load.measured.shape == second.load.measured.shape and all(
-        np.allclose(a, b, rtol=1e-9, atol=0, equal_nan=True)
-        for a, b in (
-            (first.time, second.time),
-            (first.actuator.measured, second.actuator.measured),
-            (first.load.measured, second.load.measured),
-        )
+        np.allclose(a, b, rtol=1e-9, atol=0, equal_nan=True) for a, b in zip(*traces, strict=True)
     )
 
 
@@ -429,9 +431,7 @@ def _motions(
     traces = traces_of(identification, runs)
     pictured = ([run for run in runs if run.is_unseen] or list(runs))[:1]
     notices = notices_of(identification, runs, replays, notes)
-    labels = _labels(
-        identification, pictured, {x for n in notices if n.severity != "note" for x in n.joints}
-    )
+    labels = _labels(identification, pictured, notices)
     return {
         "verdict": page_verdict(identification, runs, replays),
         "notices": notices,
@@ -454,6 +454,14 @@ def _motions(
         "traces": _as_json(traces),
         "without_traces": len(runs) - len(traces["runs"]),
     }
+
+
+def _responses(frequency: FrequencyResponse | None) -> dict[str, Any]:
+    """Return the template values of a frequency response."""
+    if frequency is None:
+        return {"frequency": None, "responses": [], "springs": None}
+    figures, springs = response_figures(frequency), response_table(frequency)
+    return {"frequency": frequency, "responses": figures, "springs": springs}
 
 
 _REPLAY_SAMPLES = 1200
@@ -491,8 +499,11 @@ def _replay(identification: Identification, result: ReplayComparison) -> dict[st
     }
 
 
-def _labels(result: Identification, pictured: Sequence[Run], flagged: set[str]) -> dict[str, Label]:
+def _labels(
+    result: Identification, pictured: Sequence[Run], notices: Sequence[Notice]
+) -> dict[str, Label]:
     """Return how well each joint is explained: on the load side, else on the actuator side."""
+    flagged = {joint for n in notices if n.severity != "note" for joint in n.joints}
     errors, rests = np.full(result.robot.n, np.nan), np.zeros(result.robot.n, dtype=bool)
     for run in pictured:
         load, actuator = run.result.load, run.result.actuator
@@ -521,29 +532,38 @@ def _bars(result: Identification, pictured: Sequence[Run], nominal: Nominal) -> 
     rows = [row for run in pictured for row in _before_and_after(result, nominal, run.result)]
     known = [x for row in rows for x in (row.before, row.after) if np.isfinite(x)]
     full = min(max(known, default=1.0), 1.0) or 1.0
-    shown = [
-        {
-            "joint": row.joint,
-            "side": row.side,
-            "after": share(row.after),
-            "before": share(row.before) if np.isfinite(row.before) else "",
-            "reason": row.reason,
-            "counted": share(row.counted) if is_partial(row.counted) else "",
-            "colour": explained_as(row.after),
-            "after_length": round(100 * min(row.after / full, 1.0), 2),
-            "before_length": round(100 * min(np.nan_to_num(row.before, posinf=1.0) / full, 1.0), 2),
-        }
-        for row in sorted(rows, key=lambda row: -row.after)
-    ]
-    sides = []
+    bars = [_bar(row, full) for row in sorted(rows, key=lambda row: -row.after)]
+    has_rests = any(bar["counted"] for bar in bars)
+    return {"sides": list(_sides(bars)), "full": share(full), "has_rests": has_rests}
+
+
+def _bar(row: BeforeAfter, full: float) -> dict[str, Any]:
+    """Return the bars of a torque, which are whole at an error `full`."""
+    return {
+        "joint": row.joint,
+        "side": row.side,
+        "after": share(row.after),
+        "before": share(row.before) if np.isfinite(row.before) else "",
+        "reason": row.reason,
+        "counted": share(row.counted) if is_partial(row.counted) else "",
+        "colour": explained_as(row.after),
+        "after_length": round(100 * min(row.after / full, 1.0), 2),
+        "before_length": round(100 * min(np.nan_to_num(row.before, posinf=1.0) / full, 1.0), 2),
+    }
+
+
+def _sides(bars: Sequence[dict[str, Any]]) -> Iterator[dict[str, Any]]:
+    """Yield the sides that have bars, with the reason that all of theirs have in common."""
     for side, name in (("load", "Torque on the load"), ("actuator", "Torque of the motor")):
-        every = [bar for bar in shown if bar["side"] == side]
-        reasons = {bar["reason"] for bar in every}
-        reason = reasons.pop() if len(reasons) == 1 else ""
-        parts = {"few": every[:_FEW_BARS], "more": every[_FEW_BARS:]}
-        sides += [{"name": name, "reason": reason, **parts}] if every else []
-    has_rests = any(bar["counted"] for bar in shown)
-    return {"sides": sides, "full": share(full), "has_rests": has_rests}
+        of_side = [bar for bar in bars if bar["side"] == side]
+        reasons = {bar["reason"] for bar in of_side}
+        if of_side:
+            yield {
+                "name": name,
+                "reason": reasons.pop() if len(reasons) == 1 else "",
+                "few": of_side[:_FEW_BARS],
+                "more": of_side[_FEW_BARS:],
+            }
 
 
 def _before_and_after(
