@@ -448,7 +448,7 @@ def _motions(
             if run.result.contacts is not None
         ],
         "all_errors": len(errors),
-        "printed": [picture for run in pictured for picture in printed_traces(run)],
+        "printed": printed_traces(identification.robot, pictured),
         "has_own": bool(identification.motions),
         "has_runs": bool(runs),
         "traces": _as_json(traces),

@@ -25,13 +25,14 @@ from seaid.estimation import (
     settled_weights,
 )
 from seaid.regressor import load_regression, stacked, under_load, with_gear_torque
-from seaid.report.html_traces import SIDES, axis_time
+from seaid.report.html_traces import SIDES, axis_time, torque_units
 from seaid.report.text import is_partial
 
 if TYPE_CHECKING:
     from seaid.identification import Identification
     from seaid.log import Motion
     from seaid.report.html_traces import Run
+    from seaid.robot import Robot
 
 _WIDTH, _HEIGHT = 460.0, 300.0
 _LEFT, _RIGHT, _TOP, _BOTTOM = 58.0, 10.0, 10.0, 44.0
@@ -397,10 +398,11 @@ class Picture:
     caption: str
 
 
-def printed_traces(run: Run) -> list[Picture]:
-    """Return the traces of some joints of a run from the best to the worst predicted, by side."""
+def printed_traces(robot: Robot, runs: Sequence[Run]) -> list[Picture]:
+    """Return the traces of some joints of runs from the best to the worst predicted, by side."""
     return [
-        _printed(run, side, index)
+        _printed(run, side, index, torque_units(robot, side)[index])
+        for run in runs
         for side in SIDES
         for index in _from_best_to_worst(getattr(run.result, side).relative_error)
     ]
@@ -415,7 +417,7 @@ def _from_best_to_worst(errors: Array) -> list[int]:
     return sorted(order[few].tolist())
 
 
-def _printed(run: Run, side: str, index: int) -> Picture:
+def _printed(run: Run, side: str, index: int, unit: str) -> Picture:
     result = run.result
     fit, joint = getattr(result, side), result.joints[index]
     step = max(1, len(result.time) // _PRINTED_SAMPLES)
@@ -428,7 +430,7 @@ def _printed(run: Run, side: str, index: int) -> Picture:
     svg = chart(
         layers,
         Axis("time", "s"),
-        Axis(of, "N m"),
+        Axis(of, unit),
         title=f"{joint}: {of}, measured and computed",
         width=760.0,
         height=230.0,

@@ -15,7 +15,7 @@ from seaid.drives import JointParameter, readable
 from seaid.identification import whole_body
 from seaid.report.html_charts import powers_of_ten
 from seaid.report.html_robot import center_of_mass, principal_moments
-from seaid.report.html_traces import SIDES
+from seaid.report.html_traces import SIDES, torque_units
 from seaid.report.text import entries
 
 if TYPE_CHECKING:
@@ -492,7 +492,7 @@ def error_rows(identification: Identification, runs: Sequence[Run]) -> list[Erro
             is_unseen=run.is_unseen,
             joint=joint,
             side=side,
-            cells=_error_cells(fit, index, _torque_unit(identification, side, index)),
+            cells=_error_cells(fit, index, torque_units(identification.robot, side)[index]),
             relative_error=float(fit.relative_error[index]),
         )
         for run in runs
@@ -511,10 +511,6 @@ def error_table(rows: Sequence[ErrorRow]) -> Table:
     heads = ("Motion", "Joint", "Side", *numbers)
     cells = [(f"{r.run}{' (unseen)' * r.is_unseen}", r.joint, r.side, *r.cells) for r in kept]
     return table_of("predictions", "Prediction errors of the torques.", heads, cells, 3)
-
-
-def _torque_unit(identification: Identification, side: str, index: int) -> str:
-    return "N" if side == "load" and identification.robot.is_prismatic[index] else "N m"
 
 
 def _error_cells(fit: Fit, index: int, unit: str) -> tuple[str, ...]:

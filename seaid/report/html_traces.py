@@ -21,6 +21,7 @@ from seaid.log import low_pass
 if TYPE_CHECKING:
     from seaid.identification import Fit, Identification, Validation
     from seaid.log import Motion
+    from seaid.robot import Robot
 
 SIDES = ("actuator", "load")
 
@@ -61,13 +62,15 @@ def traces_of(identification: Identification, runs: Sequence[Run]) -> dict[str, 
     lines = _LINES if count <= _MANY else _FEW_LINES
     return {
         "joints": list(identification.robot.joint_names),
-        "units": {
-            "actuator": ["N m"] * identification.robot.n,
-            "load": ["N" if sliding else "N m" for sliding in identification.robot.is_prismatic],
-        },
+        "units": {side: torque_units(identification.robot, side) for side in SIDES},
         "sources": {side: _sources(identification, side) for side in SIDES},
         "runs": [_packed_run(run, max(room, _FEWEST), lines) for run in runs],
     }
+
+
+def torque_units(robot: Robot, side: str) -> list[str]:
+    """Return the unit of the torque of each joint: a load that slides has a force."""
+    return ["N" if slides and side == "load" else "N m" for slides in robot.is_prismatic]
 
 
 def _drawn_runs(runs: Sequence[Run]) -> list[Run]:

@@ -254,6 +254,18 @@ def test_traces_are_those_of_the_validation(page: Page) -> None:
             )
 
 
+def test_printed_traces_have_the_units_of_their_torques(tmp_path: Path) -> None:
+    """A load that slides has a force, and its motor a torque."""
+    write_report(arm_found(), tmp_path / "page.html", arm_result())
+    text = (tmp_path / "page.html").read_text(encoding="utf-8")
+    kinds = "motor torque|torque on the load"
+    axis = rf'="(\w+): ({kinds}), measured and computed".*?rotate\(-90\)">(?:{kinds}) \[([^]]*)\]'
+    units = {(joint, kind): unit for joint, kind, unit in re.findall(axis, text, re.DOTALL)}
+    loads = {"rail": "N", "shoulder": "N m", "telescope": "N", "wrist": "N m"}
+    assert {joint: unit for (joint, kind), unit in units.items() if "load" in kind} == loads
+    assert units["telescope", "motor torque"].endswith("N m")  # in a power of ten
+
+
 def test_spectrum_of_a_sine_has_its_amplitude_at_its_frequency(tmp_path: Path) -> None:
     found, result = made_up(tmp_path, ("a", "b"), 4000)
     sine = 0.7 * np.sin(2 * np.pi * 2.0 * result.time)
@@ -780,7 +792,7 @@ def test_unix_times_are_drawn_from_their_first_sample() -> None:
     assert np.array_equal(axis_time(time + 30.0), time + 30.0)
     result = prediction(("a",), 200)
     result = replace(result, time=result.time + 1.75e9)
-    svg = str(_printed(Run("own log", result, False), "load", 0).svg)
+    svg = str(_printed(Run("own log", result, False), "load", 0, "N m").svg)
     ticks = re.findall(r'text-anchor="middle"[^>]*>([^<]*)</text>', svg)
     assert "·10" not in svg
     assert len(set(ticks)) == len(ticks)
