@@ -29,6 +29,7 @@ from seaid.report.html_tables import (
     side_name,
     term_name,
 )
+from seaid.report.text import mean_replay_errors
 from seaid.robot import THIN, is_physical
 
 if TYPE_CHECKING:
@@ -103,14 +104,21 @@ def _numbers(
             good = int(np.sum(errors < POOR))
             note = "with a standard error below 10\N{NO-BREAK SPACE}%"
             yield name, f"{good} of {len(errors)}", note
-    for replay in replays[:1]:
-        before, after = (1e3 * float(errors.mean()) for errors in replay.mean_absolute_errors)
-        note = f"mean absolute error of the joints; {short(before)} before"
-        yield "Replay", f"{short(after)} mrad", note
+    if replays:
+        yield _replay_number(replays[0])
     if result.motions:
         length = sum(float(motion.time[-1] - motion.time[0]) for motion in result.motions)
         note = f"in {counted(len(result.motions), 'motion')}, below {result.cutoff_hz:.3g} Hz"
         yield "Data", seconds(length), note
+
+
+def _replay_number(replay: ReplayComparison) -> tuple[str, str, str]:
+    """Return the mean error of the replayed positions after and before, in each unit."""
+    means = mean_replay_errors(replay).items()
+    before, after = (
+        ", ".join(f"{short(1e3 * mean[place])} {unit}" for unit, mean in means) for place in (0, 1)
+    )
+    return "Replay", after, f"mean absolute error of the joints; {before} before"
 
 
 def _relative_errors(estimates: Iterable[Estimate]) -> Array:

@@ -565,11 +565,25 @@ def replay_table(result: ReplayComparison) -> Text:
         ]
         for index, joint in enumerate(result.joints)
     ]
-    mean = [f"{1e3 * float(error.mean()):.3g}" for error in errors]
-    rows += [["all joints", *mean, "", ""]] * (len(rows) > 1)
+    means = mean_replay_errors(result)
+    if len(result.joints) > len(means):
+        for unit, mean in means.items():
+            start, end = ("all joints", "") if len(means) == 1 else (_ALL[unit], unit)
+            rows.append([start, *(f"{1e3 * error:.3g}" for error in mean), "", end])
     length = float(result.time[-1] - result.time[0])
     title = f"Replay of {length:.4g} s by nominal (before) and identified (after) model"
     return joined([table(title, header, rows), *warning_lines(result.warnings)])
+
+
+_ALL = {"mrad": "all revolute joints", "mm": "all prismatic joints"}
+
+
+def mean_replay_errors(result: ReplayComparison) -> dict[str, list[float]]:
+    """Return {unit of thousandths: means over its joints} of both errors before and after."""
+    errors = np.array([*result.mean_absolute_errors, *result.rms_errors])
+    slides = np.asarray(result.is_prismatic, dtype=bool)
+    kinds = {"mrad": errors[:, ~slides], "mm": errors[:, slides]}
+    return {unit: kind.mean(axis=1).tolist() for unit, kind in kinds.items() if kind.size}
 
 
 def comparison_table(result: Comparison) -> Text:

@@ -9,15 +9,18 @@ import pytest
 
 from seaid.identification.identification import identify
 from seaid.identification.repeated_identification import validate
+from seaid.report.html_verdict import page_verdict
 from seaid.report.text import (
     drive_table,
     identification_table,
     load_table,
     number,
     percent,
+    replay_table,
     table,
     validation_table,
 )
+from seaid.simulation import ReplayComparison
 from tests.experiments import arm, arm_found, arm_log, arm_result
 
 
@@ -131,3 +134,41 @@ def test_validation_table_has_the_share_of_the_samples_counted_where_it_is_not_a
     ]
     assert line.split() == ["wrist", "-", "-", *" ".join(numbers).split()]
     assert "counted" not in str(text)
+
+
+MM, MRAD = (3.0, 5.0), (20.0, 40.0)
+"""Errors of the rail and the telescope, and of the shoulder and the wrist, before; after: half."""
+
+
+def replayed(*slides: bool) -> ReplayComparison:
+    """Return a replay of the arm with constant errors, before twice those after."""
+    nothing, names = np.zeros((9, 4)), arm_found().robot.joint_names
+    errors = np.array([MM[0], MRAD[0], MM[1], MRAD[1]]) * 1e-3
+    replays = (nothing + errors, nothing + 0.5 * errors)
+    return ReplayComparison(names, np.arange(9.0), nothing, *replays, np.zeros(4), slides)
+
+
+def test_mean_errors_of_a_replay_are_of_joints_with_one_unit() -> None:
+    mixed = replayed(*(bool(slides) for slides in arm().is_prismatic))
+    text = replay_table(mixed)
+    (turning,) = lines(text, "all revolute joints", "mrad")
+    assert turning.split()[3:7] == ["30", "15", "30", "15"]
+    (sliding,) = lines(text, "all prismatic joints", "mm")
+    assert sliding.split()[3:7] == ["4", "2", "4", "2"]
+    assert not lines(text, "all joints")
+    (number_of_replay,) = [
+        x for x in page_verdict(arm_found(), [], [mixed]).numbers if x[0] == "Replay"
+    ]
+    assert number_of_replay[1] == "15 mrad, 2 mm"
+    assert number_of_replay[2] == "mean absolute error of the joints; 30 mrad, 4 mm before"
+
+
+@pytest.mark.parametrize(("slides", "unit"), [(False, "mrad"), (True, "mm")])
+def test_mean_errors_of_a_replay_are_of_all_joints_if_they_have_one_unit(
+    slides: bool, unit: str
+) -> None:
+    replay = replayed(*[slides] * 4)
+    (line,) = lines(replay_table(replay), "all joints")
+    assert line.split() == ["all", "joints", "17", "8.5", "17", "8.5"]
+    verdict = page_verdict(arm_found(), [], [replay])
+    assert ("Replay", f"8.5 {unit}") in [x[:2] for x in verdict.numbers]
