@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import base64
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from html import escape
+from itertools import chain
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -287,12 +288,13 @@ _MOST_PARAMETERS, _STRONGEST, _STRONG = 110, 10, 0.7
 
 def correlation_map(identification: Identification) -> CorrelationMap:
     """Return the correlations of all estimates, or of the most correlated 110 parameters."""
-    names, blocks, parts = _estimates(identification)
+    estimates = list(_estimates(identification))
+    names = [*chain.from_iterable(block_names for block_names, _ in estimates)]
+    blocks = np.array([k for k, (_, part) in enumerate(estimates) for _ in part], dtype=int)
     total = len(names)
     values = np.full((total, total), np.nan)
-    for block, part in enumerate(parts):
-        places = [place for place, owner in enumerate(blocks) if owner == block]
-        values[np.ix_(places, places)] = part
+    for block, (_, part) in enumerate(estimates):
+        values[np.ix_(blocks == block, blocks == block)] = part
     others = np.abs(np.nan_to_num(values - np.eye(total)))
     kept = np.arange(total)
     if total > _MOST_PARAMETERS:
@@ -306,35 +308,25 @@ def correlation_map(identification: Identification) -> CorrelationMap:
     ]
     return CorrelationMap(
         names=tuple(names[place] for place in kept),
-        blocks=tuple(blocks[place] for place in kept),
+        blocks=tuple(blocks[kept].tolist()),
         values=values[np.ix_(kept, kept)],
         total=total,
         strongest=tuple(strongest),
     )
 
 
-def _estimates(identification: Identification) -> tuple[list[str], list[int], list[Array]]:
-    """Return short names, the block of each, and the correlations per block: drives, then load."""
-    names: list[str] = []
-    blocks: list[int] = []
-    parts: list[Array] = []
-
-    def add(part: Array, block_names: Sequence[str]) -> None:
-        names.extend(block_names)
-        blocks.extend([len(parts)] * len(block_names))
-        parts.append(part)
-
+def _estimates(identification: Identification) -> Iterator[tuple[list[str], Array]]:
+    """Yield the short names and the correlations of each estimate: drives, then the load."""
     load = identification.load_side
     for joint in identification.known.elastic_joints:
         drive = identification.drives[joint]
         kept = [i for i, name in enumerate(drive.names) if f"{name} of {joint}" not in load.names]
         if kept:
             named = [readable(JointParameter(drive.names[i], joint)) for i in kept]
-            add(drive.correlation[np.ix_(kept, kept)], named)
+            yield named, drive.correlation[np.ix_(kept, kept)]
     if load.names:
         bodies = [first_term(name) for name in identification.model.expressions]
-        add(load.correlation, [*bodies, *map(readable, load.names[len(bodies) :])])
-    return names, blocks, parts
+        yield [*bodies, *map(readable, load.names[len(bodies) :])], load.correlation
 
 
 @dataclass(frozen=True)
