@@ -477,14 +477,10 @@ def _replay(identification: Identification, result: ReplayComparison) -> dict[st
         )
     step, time = -(-len(result.time) // _REPLAY_SAMPLES), axis_time(result.time)
     before, after = result.rms_errors
+    kinds = {"measured": result.measured, "replayed": result.before, "computed": result.after}
 
     def picture(index: int) -> dict[str, Any]:
-        kinds = (
-            ("measured", result.measured),
-            ("replayed", result.before),
-            ("computed", result.after),
-        )
-        traces = [Layer(time[::step], x[::step, index], y, "line") for y, x in kinds]
+        traces = [Layer(time[::step], x[::step, index], y, "line") for y, x in kinds.items()]
         unit, joint = ("m" if result.is_prismatic[index] else "rad"), result.joints[index]
         axes = Axis("time", "s"), Axis("joint position", unit)
         title = f"Replayed position of {joint}: measured, before and after"
