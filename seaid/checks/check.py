@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Generic, TypeVar
+from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 
@@ -35,18 +35,16 @@ class Code:
         What it stands for, in a phrase.
     cause, advice : str
         The usual cause, and what to do, in sentences.
-    is_symptom : bool
-        Whether it says that something is off, and not what: what spoils a fit brings it with it.
-    spoils : bool
-        Whether what it names spoils the fit of its joint, or of all joints if it names none.
+    is_symptom, spoils : bool
+        Whether it is a `Symptom`, or a `Cause`.
     """
 
     name: str
     meaning: str
     cause: str
     advice: str
-    is_symptom: bool = False
-    spoils: bool = False
+    is_symptom: ClassVar[bool] = False
+    spoils: ClassVar[bool] = False
 
     def finding(
         self,
@@ -64,6 +62,18 @@ class Code:
         """
         joint = joint or only_joint(joints)
         return Finding(self.name, message, joint, severity, evidence, remedy, certainty, joints)
+
+
+class Symptom(Code):
+    """A code of something that is off, and not of why: what spoils a fit brings it with it."""
+
+    is_symptom = True
+
+
+class Cause(Code):
+    """A code of what spoils the fit of its joint, or of all joints if a finding names none."""
+
+    spoils = True
 
 
 @dataclass(frozen=True)

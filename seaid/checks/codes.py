@@ -10,25 +10,23 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from seaid._arrays import FrozenMapping
-from seaid.checks.check import Code
+from seaid.checks.check import Cause, Code, Symptom
 
-UNIT = Code(
+UNIT = Cause(
     "unit",
     "a channel in another unit than its column says",
     "Degrees, turns, encoder counts or grams where the header says SI; a scale in the description "
     "that is already in the file; a torque in per cent or per mille of the rating of a motor, or "
     "the duty cycle of a servo.",
     "Apply the `scale` or the unit of the remedy to the channel in the description of the log.",
-    spoils=True,
 )
-TIME_UNIT = Code(
+TIME_UNIT = Cause(
     "time-unit",
     "the time in another unit than seconds",
     "Milliseconds or microseconds in a column `time_s`, or a counter instead of a clock.",
     "Set the unit of the time in the description, or the rate if the column is a counter.",
-    spoils=True,
 )
-WRAPS = Code(
+WRAPS = Cause(
     "wraps",
     "a position or a torque that jumps by the whole range of its sensor while it moves on",
     "An encoder that counts within one turn, in a log that nothing unwraps: one that has a "
@@ -36,61 +34,53 @@ WRAPS = Code(
     "was read without its sign, so that -1 is 65535.",
     "Give the `wraps` of the remedy in the description of the log. It does not say in which turn a "
     "log begins: a joint that has the encoder of its motor only needs an `offset` too.",
-    spoils=True,
 )
-SIGN = Code(
+SIGN = Cause(
     "sign",
     "a channel, or a whole joint, with the opposite sign",
     "An encoder mounted on the other side, a motor that turns against its joint, or a torque "
     "defined at the load.",
     "Change the sign of the channels that the remedy names; if both sides of a joint are "
     "reversed, correct the axis in the URDF.",
-    spoils=True,
 )
-ENCODER_OFFSET = Code(
+ENCODER_OFFSET = Cause(
     "encoder-offset",
     "a joint whose zero is not that of the robot file",
     "A servo that was calibrated in the middle of its range, or mounted one tooth off.",
     "Write the `offset` of the remedy into the description of the log, for position and command.",
-    spoils=True,
 )
-SWAPPED_JOINTS = Code(
+SWAPPED_JOINTS = Cause(
     "swapped-joints",
     "the channels of joints, or of legs, exchanged",
     "Two cables exchanged, or columns in the order of the bus instead of the order of the joints.",
     "Exchange the two entries in the description.",
-    spoils=True,
 )
-GEAR_RATIO = Code(
+GEAR_RATIO = Cause(
     "gear-ratio",
     "a gear ratio that the two encoders contradict",
     "The ratio of another variant, the inverse ratio, or a belt stage that was forgotten.",
     "Write the ratio of the remedy into the drives file. It follows from the two encoders alone.",
-    spoils=True,
 )
-VARYING_RATIO = Code(
+VARYING_RATIO = Cause(
     "varying-ratio",
     "a transmission whose ratio depends on the angle of the joint",
     "A four-bar linkage, a lever or a spindle between motor and joint.",
     "Convert angle and torque of the motor to the joint by the geometry of the linkage before the "
     "log is read.",
-    spoils=True,
 )
-COUPLED_JOINTS = Code(
+COUPLED_JOINTS = Cause(
     "coupled-joints",
     "a motor that moves with another joint than its own",
     "A differential, a tendon or a parallel linkage that the drives file does not have; an encoder "
     "that measures the absolute angle of a link.",
     "Write the `transmission` of the remedy into the drives file, or give the angle against the "
     "link before.",
-    spoils=True,
 )
-MISSING_DRIVES = Code(
+MISSING_DRIVES = Cause(
     "missing-drives",
     "motor channels in the log without drives for them",
     "A log with motor channels was identified without `--drives`.",
     "Give a drives file. The remedy has a table for each joint.",
-    spoils=True,
 )
 PAYLOAD = Code(
     "payload",
@@ -99,12 +89,11 @@ PAYLOAD = Code(
     "lever arm is wrong.",
     "Weigh it, measure its place, and give the `--payload` of the remedy.",
 )
-GRAVITY = Code(
+GRAVITY = Cause(
     "gravity",
     "another direction of gravity than the one given",
     "The robot hangs, lies or stands on a slope, and the URDF is upright.",
     "Give the `--gravity` of the remedy.",
-    spoils=True,
 )
 NOMINAL_VALUES = Code(
     "nominal-values",
@@ -113,16 +102,15 @@ NOMINAL_VALUES = Code(
     "use them.",
     "Nothing to do for the estimate; correct the URDF before simulation and before `feasible`.",
 )
-GEOMETRY = Code(
+GEOMETRY = Cause(
     "geometry",
     "a length of the robot file that the motion contradicts",
     "A link length of another variant of the robot; of a floating base, soft feet, or points in "
     "place of balls.",
     "Measure the length; the remedy has the factor for the `origin` of the joint in the URDF, or "
     "the radius of the feet.",
-    spoils=True,
 )
-DELAY = Code(
+DELAY = Cause(
     "delay",
     "a channel that is late or early",
     "Torque and position come from different buses or clocks, one of them is filtered by the "
@@ -131,7 +119,6 @@ DELAY = Code(
     "which are not late.",
     "Give the `delay_s` of the remedy in the description, and log both channels on one clock next "
     "time.",
-    spoils=True,
 )
 COMMAND_DELAY = Code(
     "command-delay",
@@ -205,20 +192,18 @@ BASE_JUMPS = Code(
     "A state estimator that corrects itself; the jumps were taken out.",
     "Log the IMU.",
 )
-ROTOR_INERTIA = Code(
+ROTOR_INERTIA = Cause(
     "rotor-inertia",
     "a rotor inertia that the motion contradicts",
     "The data sheet has g cm², or the inertia of gear head and brake is missing.",
     "Write the value of the remedy into the drives file, or remove the key to have it identified.",
-    spoils=True,
 )
-TORQUE_SCALE = Code(
+TORQUE_SCALE = Cause(
     "torque-scale",
     "a factor on the torques of a joint, such as a wrong torque constant",
     "A torque constant of another winding, current as rms instead of amplitude, or torque at the "
     "output of the gear.",
     "Apply the scale of the remedy. A weighed mass on the last link confirms it independently.",
-    spoils=True,
 )
 GAIN_SCALE = Code(
     "gain-scale",
@@ -238,52 +223,46 @@ UNUSED_COMMAND = Code(
     "Give `command_velocity_gain_Nms_per_rad`, as the remedy has it, or leave the column out if "
     "the drive does not get it.",
 )
-NO_MEASUREMENT = Code(
+NO_MEASUREMENT = Cause(
     "no-measurement",
     "a torque without sign, or computed from the tracking error",
     "Servos report absolute currents, and drivers the output of their own position controller, as "
     '"torque".',
     "Use the position commands with the drive table of the remedy, or log the current with its "
     "sign.",
-    spoils=True,
 )
-TORQUE_OFFSET = Code(
+TORQUE_OFFSET = Symptom(
     "torque-offset",
     "a constant error of a torque",
     "The current sensor was not zeroed.",
     "Set the zero of the torque or current sensor while the motor is off.",
-    is_symptom=True,
 )
-ENCODER_OFFSETS_DIFFER = Code(
+ENCODER_OFFSETS_DIFFER = Cause(
     "encoder-offsets-differ",
     "encoder offsets that differ between the logs",
     "Incremental encoders were homed anew between two logs.",
     "Give the `offset` of the remedy for the second log, or record all logs without switching off.",
-    spoils=True,
 )
-WEAK_SPRING = Code(
+WEAK_SPRING = Symptom(
     "weak-spring",
     "a spring that the motion hardly loads, or whose deflection is mostly noise",
     "The motion hardly loads this spring, or the encoders are too coarse for so stiff a spring; "
     "or the gear has play in place of a spring (`backlash`).",
     "Attach a known mass to the link behind it, or use better encoders; see [design of the "
     "experiment](experiment_design.md).",
-    is_symptom=True,
 )
-BACKLASH = Code(
+BACKLASH = Cause(
     "backlash",
     "a gear or spring with backlash, which looks like a weak spring",
     "Worn teeth, loose keys, or a spring that does not touch at rest.",
     "Add the `dead_zone` of the remedy to the drives file: the stiffness is then that of the "
     "contact.",
-    spoils=True,
 )
-NONLINEAR_SPRING = Code(
+NONLINEAR_SPRING = Cause(
     "nonlinear-spring",
     "a spring that is not linear",
     "A hardening spring, rubber, or a stop that is reached.",
     "Add the term of the remedy to the drives file.",
-    spoils=True,
 )
 GEAR_COMPLIANCE = Code(
     "gear-compliance",
@@ -292,13 +271,12 @@ GEAR_COMPLIANCE = Code(
     "Give `gear_stiffness_Nm_per_rad`, or log the deflection as a third channel. The stiffness "
     "between the encoders is right for control from them.",
 )
-TRANSMISSION_ERROR = Code(
+TRANSMISSION_ERROR = Cause(
     "transmission-error",
     "an error of the gear that is periodic in its angles",
     "Eccentric gears, harmonic drives, ripple of the motor, or a magnet of an encoder that is off "
     "its axis.",
     "Add the orders of the remedy to the drives file.",
-    spoils=True,
 )
 REFERENCE_POSITION = Code(
     "reference-position",
@@ -306,20 +284,18 @@ REFERENCE_POSITION = Code(
     "`coulomb_position` was added by hand without `reference_position_rad`, which is 0 then.",
     "Add the line of the remedy: the middle of the motion.",
 )
-LOOSE_ENCODER = Code(
+LOOSE_ENCODER = Cause(
     "loose-encoder",
     "play or hysteresis between the encoders of a spring joint",
     "A coupling or set screw that slips, backlash between the encoders, or hysteresis of the "
     "spring. Coulomb friction then comes out negative.",
     "Tighten it and repeat. A fit cannot repair it.",
-    spoils=True,
 )
-MISSING_TERM = Code(
+MISSING_TERM = Cause(
     "missing-term",
     "a term of friction that the data support and the drive lacks",
     "Stribeck friction, friction that grows with the load, friction that depends on the direction.",
     "Add the term of the remedy to the drives file and identify again.",
-    spoils=True,
 )
 NEEDLESS_TERM = Code(
     "needless-term",
@@ -327,16 +303,15 @@ NEEDLESS_TERM = Code(
     "A term in the drives file that this robot does not have, or that the motion does not excite.",
     "Remove it; the other standard errors decrease.",
 )
-DRIFT = Code(
+DRIFT = Symptom(
     "drift",
     "a slow change of a sensor or of the friction",
     "Drives, amplifiers or a torque sensor that warm up. Noise of the joint encoders biases least "
     "squares and looks the same.",
     "Warm up and zero the sensors before the log, and move faster or longer. If the encoders are "
     "noisy, compare with `--estimator iv`.",
-    is_symptom=True,
 )
-NO_FIT = Code(
+NO_FIT = Symptom(
     "no-fit",
     "a joint whose torque the model does not explain",
     "A sign, unit or offset of this joint that no hypothesis could name; a cable or a stop that "
@@ -344,7 +319,6 @@ NO_FIT = Code(
     "spring, a gear ratio or a rotor inertia that the drives file lacks.",
     "Look at the joint's trace in the report. Exclude its torque with `--torque-joints` if the "
     "other joints are needed at once.",
-    is_symptom=True,
 )
 UNSEEN_MOTION = Code(
     "unseen-motion",
@@ -392,35 +366,31 @@ UNIDENTIFIABLE = Code(
     "arbitrary, except for one end.",
     "Excite it, or remove its term; for a dead zone load the spring in both directions.",
 )
-NEGATIVE_PARAMETER = Code(
+NEGATIVE_PARAMETER = Symptom(
     "negative-parameter",
     "a parameter with the wrong sign",
     "A wrong sign, an offset or a delay; a rotor inertia is negative too where the bodies of the "
     "robot file, which count as known, contain those of the rotors or are too heavy. Small values "
     "are often not distinguishable from zero.",
     "Repair the warnings above it first, then do what the remedy says.",
-    is_symptom=True,
 )
-INCONSISTENT_INERTIA = Code(
+INCONSISTENT_INERTIA = Symptom(
     "inconsistent-inertia",
     "base parameters that no physically consistent bodies have",
     "A payload, a length, an axis or an encoder offset that is not as in the files.",
     "Check these; `--feasible` gives the nearest consistent bodies and does not repair the cause.",
-    is_symptom=True,
 )
-WEAK_INSTRUMENTS = Code(
+WEAK_INSTRUMENTS = Symptom(
     "weak-instruments",
     "instruments that are hardly correlated with their columns",
     "The simulated motion that serves as instrument differs much from the measured one.",
     "Use the ordinary estimate, or improve the model until the simulation follows the log.",
-    is_symptom=True,
 )
-FEW_ROWS = Code(
+FEW_ROWS = Symptom(
     "few-rows",
     "too few independent rows for reliable intervals",
     "The log is too short for so many parameters.",
     "Record a longer motion, several motions, or remove terms.",
-    is_symptom=True,
 )
 HOMOGENEOUS = Code(
     "homogeneous",
@@ -428,28 +398,25 @@ HOMOGENEOUS = Code(
     "A joint whose torque is not measured, or hardly more than noise, is among the equations.",
     "Exclude it with `--torque-joints`, or lower the cutoff as the remedy says.",
 )
-ESTIMATOR_DISAGREES = Code(
+ESTIMATOR_DISAGREES = Symptom(
     "estimator-disagrees",
     "an estimate that another estimator contradicts",
     "Noisy encoders, or an effect that the model of one joint lacks.",
     "Halve the cutoff if the encoders are noisy; with position commands raise it if joints stick "
     "at their reversals; otherwise look at the residuals in the report for a missing term.",
-    is_symptom=True,
 )
-BLOCKS_DISAGREE = Code(
+BLOCKS_DISAGREE = Symptom(
     "blocks-disagree",
     "estimates from parts of the data that differ by more than their errors",
     "Something changed between or during the logs: offsets, payload, temperature.",
     "Identify the logs one by one, and compare the results with `seaid compare`.",
-    is_symptom=True,
 )
-CUTOFF_SENSITIVE = Code(
+CUTOFF_SENSITIVE = Symptom(
     "cutoff-sensitive",
     "an estimate that depends on the cutoff",
     "Noise of the encoders biases inertias and stiffness at a high cutoff; friction lacks its "
     "reversals at a low one, and with position commands the friction at rest biases the delay.",
     "Give the `--cutoff-hz` of the remedy, and compare others with `seaid.cutoff_sensitivity`.",
-    is_symptom=True,
 )
 WORSE_THAN_START = Code(
     "worse-than-start",
@@ -491,14 +458,13 @@ NOTHING_TO_SIMULATE = Code(
     "`refine` was called for a robot without springs.",
     "Use `identify`, with `--estimator iv` against noise of the encoders.",
 )
-CONTACT = Code(
+CONTACT = Cause(
     "contact",
     "bursts of torque that the model cannot explain: contact, or hands",
     "Somebody touched the robot, or it met its stop, a cable or the table; or a joint is "
     "commanded beyond its limits.",
     "Exclude the time with the `exclude_s` of the remedy, command the joint within its limits, or "
     "exclude its torque.",
-    spoils=True,
 )
 LOCKED_OUTPUT = Code(
     "locked-output",
@@ -507,29 +473,26 @@ LOCKED_OUTPUT = Code(
     "the torque sensor; the torque on the load is not used.",
     "Nothing, if the output was locked; otherwise its encoder is dead.",
 )
-STANDSTILL = Code(
+STANDSTILL = Cause(
     "standstill",
     "a joint that hardly moves, or samples at rest that were excluded",
     "A joint was locked, or the motion has long rests.",
     "Move the joint, or accept that its friction is not identified.",
-    spoils=True,
 )
-SATURATION = Code(
+SATURATION = Cause(
     "saturation",
     "a channel at its limit",
     "The command was logged in place of the measured current, and the amplifier limited it; or a "
     "controller of position commands has a torque limit that the drives file lacks.",
     "Move more slowly, or log the measured current; with commands write the `torque_limit_Nm` of "
     "the remedy.",
-    spoils=True,
 )
-HOLES = Code(
+HOLES = Cause(
     "holes",
     "samples that are missing: excluded because of gaps in time, or lost while the time counts on",
     "Messages lost on the bus, or a logger that stopped. It is a doubt where a counter of samples, "
     "or a time made from it, hides the gaps: speeds are too large there.",
     "Nothing, if they are few. Record on the machine that runs the controller, with its clock.",
-    spoils=True,
 )
 NOT_IN_FORMAT = Code(
     "not-in-format",
