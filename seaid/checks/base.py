@@ -6,7 +6,7 @@ the samples. If they are right, the contacts are looked at.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import chain
@@ -77,40 +77,37 @@ def _jumps(record: BaseRecord) -> Iterator[Finding]:
 
 def _contradicting_frames(record: BaseRecord) -> Iterator[Finding]:
     """Yield an order, a frame or a plane that the sensors of a base contradict."""
-    if record.base.imu_is_fixed:
-        yield from _against_gyroscope_or_gravity(record)
-        yield from _out_of_plane(record)
-
-
-def _against_gyroscope_or_gravity(record: BaseRecord) -> Iterator[Finding]:
-    """Yield an orientation that the angular velocity contradicts, or else gravity."""
-    samples, imu = record.samples, record.base.imu_placement[0]
-    if samples.orientation is None:
+    samples, base = record.samples, record.base
+    if not base.imu_is_fixed:
         return
-    if samples.angular_velocity is not None:
-        turning = list(_turning(samples.orientation, samples.angular_velocity @ imu.T, record.time))
+    w, force = (
+        None if vectors is None else vectors @ base.imu_placement[0].T
+        for vectors in (samples.angular_velocity, samples.specific_force)
+    )
+    if samples.orientation is not None:
+        turning = [*_turning(samples.orientation, w, record.time)] if w is not None else []
         yield from turning
-        if turning:  # gravity in the axes of a wrong orientation says nothing more
-            return
-    if samples.specific_force is not None:
-        force = turned_to_world(samples.orientation, samples.specific_force @ imu.T).mean(axis=0)
-        if force[2] < -tol.MOST * np.linalg.norm(force):
-            yield codes.BASE_FRAMES.finding(
-                "the specific force of the base points downwards: an accelerometer at rest "
-                "measures 9.81 m/s^2 upwards",
-                severity="wrong",
-                evidence={"mean upwards [m/s^2]": float(force[2])},
-                remedy=_described("specific_force", "-1"),
-            )
+        if force is not None and not turning:  # a wrong orientation turns gravity too
+            yield from _downwards(turned_to_world(samples.orientation, force).mean(axis=0))
+    if base.normal is not None and w is not None:
+        yield from _out_of_plane(base, np.array(base.normal), w)
 
 
-def _out_of_plane(record: BaseRecord) -> Iterator[Finding]:
-    """Yield a planar base that turns about the axes in its plane."""
-    base, rates = record.base, record.samples.angular_velocity
-    if base.normal is None or rates is None:
-        return
-    w = rates @ base.imu_placement[0].T
-    inside = float(np.std(w @ np.array(base.normal)))
+def _downwards(force: Array) -> Iterator[Finding]:
+    """Yield a mean specific force (3,) in the world that has the direction of gravity."""
+    if force[2] < -tol.MOST * np.linalg.norm(force):
+        yield codes.BASE_FRAMES.finding(
+            "the specific force of the base points downwards: an accelerometer at rest measures "
+            "9.81 m/s^2 upwards",
+            severity="wrong",
+            evidence={"mean upwards [m/s^2]": float(force[2])},
+            remedy=_described("specific_force", "-1"),
+        )
+
+
+def _out_of_plane(base: FloatingBase, normal: Array, w: Array) -> Iterator[Finding]:
+    """Yield a planar base whose angular velocity (T, 3) is about the axes in its plane too."""
+    inside = float(np.std(w @ normal))
     outside = float(np.linalg.norm(np.std(w @ (np.eye(3) - base.turning), 0)))
     # a guide with play and an IMU that is mounted askew have a few hundredths
     if outside > max(tol.RARE * inside, tol.BASE_TURNS_RAD_S):
@@ -141,9 +138,11 @@ def _turning(orientation: Array, w: Array, time: Array) -> Iterator[Finding]:
             w,
         ),
     }
-    misfit, misfits = 1 - _correlation(change, w), dict[str, float]()
-    for text, (turns, rates) in readings.items():
-        misfits[text] = 1 - _correlation(quaternion_rates(turns, time), rates)
+    misfit = 1 - _correlation(change, w)
+    misfits = {
+        text: 1 - _correlation(quaternion_rates(turns, time), rates)
+        for text, (turns, rates) in readings.items()
+    }
     best = min(misfits, key=misfits.__getitem__)
     text, remedy = "contradicts the orientation: order, frame, or times are others", _BY_SAMPLES
     if misfit > tol.NEGLIGIBLE and tol.MANY_TIMES * misfits[best] < misfit:
@@ -231,15 +230,11 @@ def sensor_errors(
     whose errors are in the frame of the base; `imu` (3, 3) turns from its own frame. `values` have
     standard `errors`; the logs do not determine `hidden` axes.
     """
-    bias, error = np.zeros(3), 0.0
-    zeros: dict[tuple[str, int], tuple[float, float]] = {}
-    for (link, axis), value, std in zip(places, values.tolist(), errors.tolist(), strict=True):
-        if link:
-            zeros[link, axis] = value, std
-        else:
-            bias[axis], error = value, max(error, std)
+    estimates = dict(zip(places, zip(values.tolist(), errors.tolist(), strict=True), strict=True))
+    bias = np.array([estimates.pop(("", axis), (0.0, 0.0)) for axis in range(3)])
+    error = float(np.max(bias[:, 1]))
     if error and imu is not None:
-        evidence = dict(zip(("x [m/s^2]", "y [m/s^2]", "z [m/s^2]"), bias @ imu, strict=True))
+        evidence = dict(zip(("x [m/s^2]", "y [m/s^2]", "z [m/s^2]"), bias[:, 0] @ imu, strict=True))
         yield codes.BASE_BIAS.finding(
             f"the accelerometer has a bias of {', '.join(f'{x:.2g}' for x in evidence.values())} "
             f"m/s^2 (x, y, z, standard error {error:.1g}): it was identified with the bodies and "
@@ -249,28 +244,24 @@ def sensor_errors(
             remedy="calibrate the accelerometer in several orientations, or let the base tilt "
             "more: the bodies are less certain by the error of the bias",
         )
-    if zeros:
-        yield _zeros(zeros, hidden)
-
-
-def _zeros(
-    zeros: Mapping[tuple[str, int], tuple[float, float]], hidden: Sequence[tuple[str, int]]
-) -> Finding:
-    """Return the note on zeros {(link, axis): value and standard error} of force sensors."""
-    named = {_axis_of(*place, is_unit=True): pair for place, pair in zeros.items()}
-    texts = (f"{name} {value:.3g} +- {std:.1g}" for name, (value, std) in named.items())
+    if not estimates:
+        return
+    zeros = {
+        f"{_axis_of(*x)} [{'N m' if x[1] > 2 else 'N'}]": pair for x, pair in estimates.items()
+    }
+    texts = (f"{name} {value:.3g} +- {std:.1g}" for name, (value, std) in zeros.items())
     unknown = f"; not determined: {listed(_axis_of(*at) for at in hidden)}" if hidden else ""
-    return codes.SENSOR_ZERO.finding(
+    yield codes.SENSOR_ZERO.finding(
         f"force sensors have zeros of {', '.join(texts)}: they were identified with the bodies and "
         f"subtracted{unknown}",
-        next(iter(zeros))[0],
+        next(iter(estimates))[0],
         "note",
-        {name: value for name, (value, _) in named.items()},
+        {name: value for name, (value, _) in zeros.items()},
         "set the sensors to zero with the feet in the air: the bodies are less certain by the "
         "errors of the zeros",
     )
 
 
-def _axis_of(link: str, axis: int, is_unit: bool = False) -> str:
-    name, unit = (("force", "N"), ("moment", "N m"))[axis // 3]
-    return f"{name} {'xyz'[axis % 3]} of {link}" + f" [{unit}]" * is_unit
+def _axis_of(link: str, axis: int) -> str:
+    """Return the name of an axis of a force sensor, forces first."""
+    return f"{('force', 'moment')[axis // 3]} {'xyz'[axis % 3]} of {link}"

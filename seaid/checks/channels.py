@@ -79,6 +79,14 @@ def _time_units(logged: Logged) -> Iterator[Finding]:
         )
 
 
+def _changed(changes: Mapping[Channel, Mapping[str, float]]) -> dict[str, dict[str, str]]:
+    """Return {joint: {quantity: source as TOML}} of channels with their changes."""
+    sources = dict[str, dict[str, str]]()
+    for channel, change in changes.items():
+        sources.setdefault(channel.joint, {})[channel.quantity] = channel.changed(**change)
+    return sources
+
+
 def _positions(log: Log) -> Iterator[Channel]:
     """Yield the positions of a log that change."""
     return channels_of(log, log.joint_names, "motor_position", "joint_position")
@@ -93,16 +101,16 @@ def _torques(log: Log, used: Collection[str]) -> list[Channel]:
 def _wraps(logged: Logged) -> Iterator[Finding]:
     """Yield the joints of each log with positions or torques that wrap around."""
     for where, log in logged.numbered:
-        periods = [(each, wrap_period(log.time, each.values)) for each in _positions(log)]
-        periods += [(each, _period_of_integer(each)) for each in _torques(log, logged.used)]
-        lines, first = dict[str, dict[str, str]](), 0.0
-        for channel, period in periods:
-            if period is not None and channel.source is not None:
-                offset = _offset_of_turn(logged.robot, channel, period)
-                source = channel.changed(offset=offset, wraps=period)
-                lines.setdefault(channel.joint, {})[channel.quantity] = source
-                first = first or period
+        periods = {each: wrap_period(log.time, each.values) for each in _positions(log)}
+        periods |= {each: _period_of_integer(each) for each in _torques(log, logged.used)}
+        changes = {
+            channel: {"offset": _offset_of_turn(logged.robot, channel, period), "wraps": period}
+            for channel, period in periods.items()
+            if period is not None and channel.source is not None
+        }
+        lines = _changed(changes)
         if lines:
+            first = next(iter(changes.values()))["wraps"]
             yield codes.WRAPS.finding(
                 f"channels of {', '.join(lines)}{where} jump by {first:.4g} at once, from one end "
                 "of their range to the other, and move on as before: an encoder that wraps "
@@ -153,12 +161,9 @@ def _whole_numbers(logged: Logged) -> Iterator[Finding]:
         ratings = {channel: _rating(logged.robot, channel) for channel in whole}
         largest = max((channel.largest for channel in ratings), default=0.0)
         unit, full = ("per cent", 100) if largest <= 100 else ("per mille", 1000)
-        lines, by = dict[str, dict[str, str]](), f"{unit} of the limits of the robot file"
-        for channel, rating in ratings.items():
-            if not 0 < rating < np.inf:
-                rating, by = 1.0, "times the rating"
-            source = channel.changed(factor=rating / full)
-            lines.setdefault(channel.joint, {})[channel.quantity] = source
+        known = {x: rating for x, rating in ratings.items() if 0 < rating < np.inf}
+        by = f"{unit} of the limits of the robot file" if known == ratings else "times the rating"
+        lines = _changed({x: {"factor": known.get(x, 1.0) / full} for x in ratings})
         is_far = any(x.largest > tol.MANY_TIMES * rating for x, rating in ratings.items())
         if lines:
             yield codes.UNIT.finding(
@@ -194,14 +199,14 @@ def _lost_samples(logged: Logged) -> Iterator[Finding]:
         lost = _lost(positions)
         jumps = 0 if len(lost) >= tol.EVENTS else _common_jumps(positions)
         if len(lost) >= tol.EVENTS or jumps:
-            steps_of_all = f"in {len(lost)} single steps{where} all positions move twice as far as "
-            steps_of_all += "before and after, or a larger whole number of times"
-            if jumps:
-                steps_of_all = f"most positions jump at once {jumps} times{where}"
-            count = f"{int(np.sum(lost))} samples" if not jumps else "bursts of samples"
+            text, count = f"most positions jump at once {jumps} times{where}", "bursts of samples"
+            if not jumps:
+                text = f"in {len(lost)} single steps{where} all positions move twice as far as "
+                text += "before and after, or a larger whole number of times"
+                count = f"{int(np.sum(lost))} samples"
             yield codes.HOLES.finding(
-                f"{steps_of_all}, while the time has equal steps: {count} were lost, and the time "
-                "counts those that are left",
+                f"{text}, while the time has equal steps: {count} were lost, and the time counts "
+                "those that are left",
                 severity="wrong" if jumps or np.sum(lost) > tol.SLIGHT * len(steps) else "doubtful",
                 evidence={"lost samples": float(np.sum(lost)), "steps": float(len(lost) or jumps)},
                 remedy="log the clock of the robot with each sample, and record anew: gaps in time "
@@ -249,16 +254,16 @@ def _missing_drives(logged: Logged) -> Iterator[Finding]:
     """Yield the joints with two different encoders and an ideal drive."""
     robot = logged.robot
     stiff = [x for x, drive in robot.drives.items() if not drive.is_elastic and drive.ratio == 1]
-    for _, log in logged.numbered:
+    for log in logged.logs:
         gears = {x: _gear(log, log.joint_names.index(x)) for x in stiff if x in log.joint_names}
-        tables, ratios = dict[tuple[str, ...], str](), dict[str, float]()
-        for joint, gear in gears.items():
-            if gear is not None:
-                ratios[joint] = gear[0]
-                tables[joint,] = _drive_table(robot.is_prismatic[robot.index(joint)], *gear)
-        for first, ratio in [*ratios.items()][:1]:
+        missing = {x: gear for x, gear in gears.items() if gear is not None}
+        for first, (ratio, _) in [*missing.items()][:1]:
+            tables = {
+                (x,): _drive_table(robot.is_prismatic[robot.index(x)], *gear)
+                for x, gear in missing.items()
+            }
             yield codes.MISSING_DRIVES.finding(
-                f"the log has the motor side of {', '.join(ratios)}, which moves {ratio:.3g} times "
+                f"the log has the motor side of {', '.join(missing)}, which moves {ratio:.3g} times "
                 "as far as the joint, and the robot has no drive there: friction, gear and spring "
                 "are not in the model (--drives, drives=)",
                 first,
@@ -698,18 +703,16 @@ def limit_findings(experiment: Experiment) -> Iterator[Finding]:
     """Yield joints that move or pull many times beyond the limits of the robot file."""
     robot = experiment.robot
     ends = np.array([robot.lower_limits, robot.upper_limits])
-    is_known = np.all(np.isfinite(ends), axis=0)
-    ends = np.where(is_known, ends, 0.0)
-    half = np.where(is_known, 0.5 * np.ptp(ends, axis=0), np.inf)
+    ends[:, ~np.all(np.isfinite(ends), axis=0)] = np.nan
     looked_at = (
-        ("position", experiment.joint[0] - np.mean(ends, axis=0), half),
+        ("position", experiment.joint[0] - np.mean(ends, axis=0), 0.5 * np.ptp(ends, axis=0)),
         ("speed", experiment.joint[1], robot.velocity_limits),
         ("torque", experiment.target, robot.effort_limits),
     )
     for name, values, limits in looked_at:
         for j, joint in enumerate(robot.joint_names):
             largest, limit = float(np.max(np.abs(values[:, j]))), float(limits[j])
-            if np.isfinite(limit) and 0 < tol.MANY_TIMES * limit < largest:
+            if 0 < tol.MANY_TIMES * limit < largest:
                 yield codes.UNIT.finding(
                     f"the {name} of {joint} reaches {largest / limit:.3g} times the limit of the "
                     "robot file: check the unit of its channels and of the time",

@@ -22,24 +22,15 @@ from itertools import permutations
 from typing import Any
 
 import numpy as np
-from scipy.linalg import block_diag
 from scipy.special import ndtr, stdtrit
 
 from seaid._arrays import Array, BoolArray, IndexArray, runs, safely
 from seaid._files import toml_table
+from seaid.checks import codes
 from seaid.checks import tolerances as tol
 from seaid.checks.check import Observation, in_description
-from seaid.checks.codes import (
-    CONTACT_FLAGS,
-    CONTACT_FORCES,
-    GEOMETRY,
-    SOFT_FEET,
-    SWAPPED_JOINTS,
-    TOTAL_MASS,
-    UNIDENTIFIABLE,
-)
 from seaid.errors import ExcitationError, Finding, listed
-from seaid.estimation import Estimate, FittedRows, ordinary, with_further_columns
+from seaid.estimation import Estimate, FittedRows, ordinary, scaled_svd, with_further_columns
 from seaid.log import (
     LEAST_LIFT,
     POSITION_BAND,
@@ -47,6 +38,7 @@ from seaid.log import (
     Log,
     Motion,
     as_toml,
+    changed_source,
     in_band,
     smoothed_where,
 )
@@ -93,8 +85,8 @@ class FeetInMotion:
     @cached_property
     def flags(self) -> BoolArray:
         """Whether each contact is flagged as standing (T, k)."""
-        flags = [self.base.contacts[link] for link in self.links]
-        return np.column_stack([np.empty((len(self.motion.time), 0), dtype=bool), *flags])
+        flags = np.array([self.base.contacts[link] for link in self.links], dtype=bool)
+        return flags.reshape(-1, len(self.motion.time)).T
 
     @cached_property
     def velocities(self) -> Array:
@@ -112,6 +104,25 @@ class FeetInMotion:
         rates = np.hstack([base.angular_velocity[some], v])
         return np.asarray(np.einsum("tij,tj->ti", J, rates).reshape(len(rates), -1, 3))
 
+    def over_ground(
+        self, velocities: Array, flags: BoolArray, some: IndexArray | slice = slice(None)
+    ) -> Array:
+        """Return velocities (t, k, 3) of contacts at some instants over the ground.
+
+        The velocity of the base is that of the log, or the one at which most standing feet rest.
+        """
+        if self.base.velocity is not None:
+            return velocities + self.base.velocity[some][:, None]
+        return velocities - _median_of_standing(velocities, flags[:, :, None], 0.0)[:, None]
+
+    def mean_squares(self, velocities: Array, flags: BoolArray, some: IndexArray) -> Array:
+        """Return the mean squared speeds of standing feet in successive parts of some instants."""
+        squares = flags * np.sum(self.over_ground(velocities, flags, some) ** 2, axis=2)
+        parts = (np.array_split(x, tol.JUDGED_PARTS) for x in (squares, flags))
+        return np.array(
+            [np.sum(x) / max(np.sum(stand), 1) for x, stand in zip(*parts, strict=True)]
+        )
+
     @cached_property
     def judged(self) -> BoolArray:
         """The instants (T,) at which the velocity of the base is known.
@@ -124,7 +135,7 @@ class FeetInMotion:
     @cached_property
     def speeds(self) -> tuple[Array, Array]:
         """Vertical and horizontal speeds (T, k); all of it is horizontal without orientation."""
-        velocity = _over_ground(self.velocities, self.base.velocity, self.flags)
+        velocity = self.over_ground(self.velocities, self.flags)
         speed = np.linalg.norm(velocity, axis=2)
         if self.base.up is None:
             return np.zeros_like(speed), speed
@@ -144,30 +155,26 @@ class FeetInMotion:
         return {name: as_toml(x) for channels in sources for name, x in channels.items()}
 
 
-def _flag_tables(sources: Mapping[str, Any]) -> str:
-    """Return the TOML of flags {link: source}."""
-    flags = {link: {"contact": as_toml(source)} for link, source in sources.items()}
-    return in_description(flags, table="contacts")
+def _median_of_standing(values: Array, flags: BoolArray, of_none: float) -> Array:
+    """Return the median of values (T, k, ...) over standing feet, `of_none` where none stands."""
+    standing = np.where(flags, values, np.nan)
+    standing[~np.any(flags, axis=1).ravel()] = of_none
+    return np.asarray(np.nanmedian(standing, axis=1))
 
 
 def _contradicted_flags(feet: FeetInMotion) -> Iterator[Finding]:
     """Yield contacts, or legs, whose flags the motion contradicts."""
     if not np.any(feet.flags):
         return
-    order = best_order(feet)
-    late = None if order is not None else lateness(feet)
-    if order is not None:
-        yield from _exchanges(feet, order)
-    elif late is not None:
-        yield _late_finding(feet, *late)
-    else:
-        for k, link in enumerate(feet.links):
-            yield from _moving(feet, k, link)
-        if feet.base.up is not None:
-            yield from _resting(feet)
+    misread = [*_exchanges(feet)] or [*_late(feet)]
+    yield from misread
+    for k, link in enumerate(feet.links if not misread else ()):
+        yield from _moving(feet, k, link)
+    if not misread and feet.base.up is not None:
+        yield from _resting(feet, feet.base.up)
 
 
-MOTION_CHECKS = (Observation(CONTACT_FLAGS, _contradicted_flags),)
+MOTION_CHECKS = (Observation(codes.CONTACT_FLAGS, _contradicted_flags),)
 """What is looked for in the motion of the feet."""
 
 
@@ -183,7 +190,7 @@ def _moving(feet: FeetInMotion, k: int, link: str) -> Iterator[Finding]:
         share = float(moving.sum()) / max(int(standing.sum()), 1)
         if share >= tol.FEW:
             rms = float(np.sqrt(np.mean(speed[moving] ** 2)))
-            yield CONTACT_FLAGS.finding(
+            yield codes.CONTACT_FLAGS.finding(
                 f"{link} is flagged as standing and {how}, with {rms:.2g} m/s during {share:.1%} "
                 f"of its stance, first at t = {feet.motion.time[np.argmax(moving)]:.3f} s",
                 link,
@@ -209,24 +216,21 @@ def lifted(vertical: Array, standing: BoolArray, rate_hz: float) -> BoolArray:
     return np.asarray(rises)
 
 
-def _resting(feet: FeetInMotion) -> Iterator[Finding]:
+def _resting(feet: FeetInMotion, up: Array) -> Iterator[Finding]:
     """Yield a contact that rests on the level of the others, and its flag says it is in the air."""
-    flags, motion, up = feet.flags, feet.motion, feet.base.up
-    assert up is not None
-    places = foot_places(feet.robot, motion.joint_position, feet.links)
+    flags, rate_hz = feet.flags, feet.motion.rate_hz
+    places = foot_places(feet.robot, feet.motion.joint_position, feet.links)
     height = np.einsum("tki,ti->tk", places, up)
-    ground, on_ground = np.full(len(height), np.nan), np.any(flags, axis=1)
-    ground[on_ground] = np.nanmedian(np.where(flags, height, np.nan)[on_ground], axis=1)
+    apart = np.abs(height - _median_of_standing(height, flags, np.inf)[:, None])
     for k, link in enumerate(feet.links):
         in_air = feet.judged & ~flags[:, k]
-        level = runs(in_air & (np.abs(height[:, k] - ground) < tol.FOOT_LEVEL_M))
-        rests_s = (level[:, 1] - level[:, 0]) / motion.rate_hz
+        rests_s = np.diff(runs(in_air & (apart[:, k] < tol.FOOT_LEVEL_M)))[:, 0] / rate_hz
         rests_s = rests_s[rests_s > tol.FOOT_REST_S]
         if not len(rests_s):
             continue
         longest_s = float(np.max(rests_s))
-        share = float(np.sum(rests_s)) * motion.rate_hz / float(np.sum(in_air))
-        yield CONTACT_FLAGS.finding(
+        share = float(np.sum(rests_s)) * rate_hz / float(np.sum(in_air))
+        yield codes.CONTACT_FLAGS.finding(
             f"{link} is flagged as in the air and rests on the level of the others for "
             f"{longest_s:.2g} s, {share:.0%} of that time in all: forces on it would go into the "
             "bodies",
@@ -252,17 +256,14 @@ def foot_places(robot: Robot, q: Array, links: Sequence[str]) -> Array:
 def unused_lifts(base: FloatingBase, motions: Sequence[Motion]) -> Iterator[Finding]:
     """Yield feet that are in the air too briefly for any of these samples to be used."""
     for link in base.contact_links:
-        count, duration_s, least_s, is_used = 0, 0.0, 0.0, False
-        for motion in motions:
-            if motion.base is not None and link in motion.base.contacts:
-                is_up = ~motion.base.contacts[link]
-                is_used |= bool(np.any(is_up & motion.base.used))
-                count += len(runs(is_up))
-                duration_s += float(is_up.sum()) / motion.rate_hz
-                least_s = max(least_s, LEAST_LIFT / (POSITION_BAND * motion.cutoff_hz))
-        if is_used or count == 0:
+        flagged = [x for x in motions if x.base is not None and link in x.base.contacts]
+        lifts = [(x, x.base.used, ~x.base.contacts[link]) for x in flagged if x.base is not None]
+        count = sum(len(runs(is_up)) for *_, is_up in lifts)
+        if count == 0 or any(np.any(is_up & used) for _, used, is_up in lifts):
             continue
-        yield UNIDENTIFIABLE.finding(
+        duration_s = sum(float(is_up.sum()) / motion.rate_hz for motion, _, is_up in lifts)
+        least_s = LEAST_LIFT / (POSITION_BAND * min(motion.cutoff_hz for motion in flagged))
+        yield codes.UNIDENTIFIABLE.finding(
             f"{link} is in the air for {duration_s:.2g} s in all, in {count} lifts, which are not "
             "used: next to a change of contact the positions have a corner, and half a period of "
             "the cutoff or less would determine the mass at this foot alone. That mass counts as "
@@ -275,73 +276,80 @@ def unused_lifts(base: FloatingBase, motions: Sequence[Motion]) -> Iterator[Find
         )
 
 
-def lateness(feet: FeetInMotion) -> tuple[float, float, float] | None:
-    """Return by how much [s] all flags are late, and the speeds of standing feet now and without.
+# How the channels and flags have to be read
 
-    None unless other times are clearly better.
+
+@dataclass(frozen=True, eq=False)
+class _Reading:
+    """One way to read a log: the order of its joints and of its flags, and the delay of these.
+
+    `squares` are the mean squared speeds of standing feet in successive parts of the time, and
+    `late` counts samples.
     """
+
+    squares: Array
+    joints: Sequence[int] = ()
+    flags: Sequence[int] = ()
+    late: int = 0
+
+    @property
+    def speed(self) -> float:
+        """The speed [m/s] (rms) of standing feet."""
+        return float(np.sqrt(np.mean(self.squares)))
+
+    def is_slower(self, other: _Reading) -> bool:
+        """Whether feet are slower in most parts of the time than in another reading."""
+        return bool(np.mean(self.squares <= other.squares) >= 1 - tol.RARE)
+
+
+def _best_readings(tried: Iterator[_Reading]) -> list[_Reading]:
+    """Return the reading of the log, which is the first one tried, the best one and the second.
+
+    None of them unless the best one is clearly better: half of the squared speed of feet that do
+    not rest, and less in most of the time.
+    """
+    as_given = next(tried)
+    if as_given.speed < tol.FEET_REST_M_S:
+        return []
+    ranked = sorted([as_given, *tried], key=lambda reading: reading.speed)
+    is_half = ranked[0].speed ** 2 <= tol.MOST * as_given.speed**2
+    return [as_given, *ranked[:2]] if is_half and ranked[0].is_slower(as_given) else []
+
+
+def _spread(places: IndexArray, most: int) -> IndexArray:
+    """Return at most `most` of the places, evenly over all."""
+    return np.asarray(places[np.linspace(0, len(places) - 1, min(len(places), most)).astype(int)])
+
+
+def _late(feet: FeetInMotion) -> Iterator[Finding]:
+    """Yield that all flags are late, or early, if standing feet rest at other times."""
     rate_hz, flags = feet.motion.rate_hz, feet.flags
     most = int(tol.FOOT_REST_S * rate_hz)
     inside = np.arange(most, len(flags) - most)
     if len(inside) < tol.JUDGED_PARTS or np.all(flags == flags[0]):
-        return None
-    some = inside[_spread(len(inside), 4 * tol.JUDGED_INSTANTS)]
-    step, velocities = max(most // 20, 1), feet.velocities[some]
-    squares = {
-        shift: _mean_squares(velocities, feet.base, some, flags[some + shift])
-        for shift in range(-(most // step) * step, most + 1, step)
-    }
-    best = min(squares, key=lambda shift: float(np.mean(squares[shift])))
-    if abs(best) < 2 * step or not _is_clearly_lower(squares[best], squares[0]):
-        return None
-    now, speed = (float(np.sqrt(np.mean(squares[shift]))) for shift in (0, best))
-    return (best / rate_hz, now, speed) if now > tol.FEET_REST_M_S else None
-
-
-def _late_finding(feet: FeetInMotion, late_s: float, now: float, speed: float) -> Finding:
-    """Return the finding on flags that are all late, with their delay."""
+        return
+    some, step = _spread(inside, 4 * tol.JUDGED_INSTANTS), max(most // 20, 1)
+    velocities, count = feet.velocities[some], most // step
+    readings = _best_readings(
+        _Reading(feet.mean_squares(velocities, flags[some + shift], some), late=shift)
+        for shift in step * np.array(sorted(range(-count, count + 1), key=abs))
+    )
+    if not readings or abs(readings[1].late) < 2 * step:
+        return
+    now, late_s = readings[0].speed, float(readings[1].late / rate_hz)
     sources = {}
     for link in feet.links:
         source = feet.source_of(link)
-        whole = dict(source) if isinstance(source, Mapping) else {"columns": source}
-        whole["delay_s"] = round(float(whole.get("delay_s", 0.0)) + late_s, 3)
-        sources[link] = whole
-    return CONTACT_FLAGS.finding(
+        whole = source if isinstance(source, Mapping) else {"columns": source}
+        sources[link] = {"contact": changed_source(whole, delay_s=round(late_s, 3))}
+    yield codes.CONTACT_FLAGS.finding(
         f"the flags of the contacts are {'late' if late_s > 0 else 'early'} by about "
-        f"{abs(late_s):.2g} s: standing feet move with {now:.2g} m/s (rms), and with {speed:.2g} "
-        "m/s without this delay",
+        f"{abs(late_s):.2g} s: standing feet move with {now:.2g} m/s (rms), and with "
+        f"{readings[1].speed:.2g} m/s without this delay",
         severity="wrong",
         evidence={"delay [s]": late_s, "speed [m/s]": now},
-        remedy=_flag_tables(sources),
+        remedy=in_description(sources, table="contacts"),
     )
-
-
-def _over_ground(velocities: Array, velocity: Array | None, flags: BoolArray) -> Array:
-    """Return the velocities (T, k, 3) of contacts over the ground."""
-    if velocity is None:
-        standing = np.where(flags[:, :, None], velocities, np.nan)
-        standing[~np.any(flags, axis=1)] = 0.0
-        velocity = -np.nanmedian(standing, axis=1)
-    return np.asarray(velocities + velocity[:, None])
-
-
-def _mean_squares(velocities: Array, base: BaseMotion, some: IndexArray, flags: BoolArray) -> Array:
-    """Return the mean squared speeds of contacts that stand, in successive parts of the time."""
-    velocity = None if base.velocity is None else base.velocity[some]
-    squares = flags * np.sum(_over_ground(velocities, velocity, flags) ** 2, axis=2)
-    parts = (np.array_split(x, tol.JUDGED_PARTS) for x in (squares, flags))
-    return np.array([np.sum(x) / max(np.sum(stand), 1) for x, stand in zip(*parts, strict=True)])
-
-
-def _spread(count: int, most: int) -> IndexArray:
-    """Return at most `most` places that are spread over `count`."""
-    return np.linspace(0, count - 1, min(count, most)).astype(int)
-
-
-def _is_clearly_lower(squares: Array, others: Array) -> bool:
-    """Whether squared speeds in parts of the time are lower by half, and in most of the parts."""
-    is_half = np.mean(squares) <= tol.MOST * np.mean(others)
-    return bool(is_half and np.mean(squares <= others) >= 1 - tol.RARE)
 
 
 @dataclass(frozen=True)
@@ -371,47 +379,38 @@ def best_order(feet: FeetInMotion) -> LegOrder | None:
         return None
     differing = used[standing[used] < len(links)]  # all flags are equal while all feet stand
     used = used if len(differing) < tol.JUDGED_PARTS else differing
-    tried = _tried_orders(feet, used[_spread(len(used), tol.JUDGED_INSTANTS)])
-    as_given = next(tried)
-    if np.mean(as_given[0]) < tol.FEET_REST_M_S**2:
+    readings = _best_readings(_tried_orders(feet, _spread(used, tol.JUDGED_INSTANTS)))
+    if not readings or not readings[1].is_slower(readings[2]):
         return None
-    best, second, *_ = sorted([as_given, *tried], key=lambda each: float(np.mean(each[0])))
-    squares, order, places = best
-    is_best = np.mean(squares <= second[0]) >= 1 - tol.RARE
-    if not is_best or not _is_clearly_lower(squares, as_given[0]):
-        return None
-    exchanged = {links[i]: links[j] for i, j in enumerate(places) if i != j}
-    speed, speed_as_given = (float(np.sqrt(np.mean(x))) for x in (squares, as_given[0]))
-    return LegOrder(tuple(order), exchanged, speed, speed_as_given)
+    as_given, best, _ = readings
+    exchanged = {links[i]: links[j] for i, j in enumerate(best.flags) if i != j}
+    return LegOrder(tuple(best.joints), exchanged, best.speed, as_given.speed)
 
 
-def _tried_orders(
-    feet: FeetInMotion, some: IndexArray
-) -> Iterator[tuple[Array, list[int], tuple[int, ...]]]:
-    """Yield the mean squared speeds of each order of joints and of flags, first as in the log."""
+def _tried_orders(feet: FeetInMotion, some: IndexArray) -> Iterator[_Reading]:
+    """Yield the readings by each order of joints and of flags, first that of the log."""
     as_given = tuple(range(len(feet.links)))
     flag_orders = [*permutations(as_given)] if len(as_given) <= tol.MOST_LEGS else [as_given]
-    for order in _orders(_legs(feet), feet.robot.n):
-        velocities = feet.velocities_at(some, order)
-        for places in flag_orders:
-            flags = feet.flags[some][:, places]
-            yield _mean_squares(velocities, feet.base, some, flags), order, places
+    for joints in _orders(_legs(feet), feet.robot.n):
+        velocities = feet.velocities_at(some, joints)
+        for order in flag_orders:
+            squares = feet.mean_squares(velocities, feet.flags[some][:, order], some)
+            yield _Reading(squares, joints, order)
 
 
 def _orders(legs: Sequence[IndexArray], n: int) -> Iterator[list[int]]:
     """Yield orders of the joints (n,), first that of the log."""
-    yield list(range(n))
+    as_given = list(range(n))
+    yield as_given
     if not 2 <= len(legs) <= tol.MOST_LEGS:
         return
     joints = np.concatenate(legs)
-    grouped = np.sort(joints).reshape(-1, len(legs))  # a row per kind of joint
+    grouped = np.sort(joints).reshape(-1, len(legs)).T  # a row per leg, a column per kind of joint
     for places in permutations(range(len(legs))):
-        by_leg = np.concatenate([legs[k] for k in places])
-        by_kind = np.concatenate([grouped[:, k] for k in places])
-        for sources in (by_leg, by_kind):
+        for by_leg in (legs, grouped):
             order = np.arange(n)
-            order[joints] = sources
-            if order.tolist() != list(range(n)):
+            order[joints] = np.concatenate([by_leg[k] for k in places])
+            if order.tolist() != as_given:
                 yield order.tolist()
 
 
@@ -423,16 +422,18 @@ def _legs(feet: FeetInMotion) -> list[IndexArray]:
     sets = np.unique(moved.T, axis=0)
     legs = [np.flatnonzero(moving & (sets.sum(axis=0) == 1)) for moving in sets]
     legs = sorted((leg for leg in legs if len(leg)), key=lambda leg: int(leg[0]))
-    kinds = [tuple(np.array(robot.is_prismatic)[leg]) for leg in legs]
-    return legs if len(set(kinds)) == 1 else []
+    kinds = {tuple(np.array(robot.is_prismatic)[leg]) for leg in legs}
+    return legs if len(kinds) == 1 else []
 
 
-def _exchanges(feet: FeetInMotion, order: LegOrder) -> Iterator[Finding]:
+def _exchanges(feet: FeetInMotion) -> Iterator[Finding]:
     """Yield legs that are exchanged, and flags."""
-    names = feet.robot.joint_names
+    order, names = best_order(feet), feet.robot.joint_names
+    if order is None:
+        return
     moved = {names[j]: names[source] for j, source in enumerate(order.joints) if j != source}
     if moved:
-        yield SWAPPED_JOINTS.finding(
+        yield codes.SWAPPED_JOINTS.finding(
             f"legs are exchanged: standing feet move with {order.speed_as_given:.2g} m/s (rms), "
             f"and with {order.speed:.2g} m/s if the channels of these joints are meant: "
             f"{listed(f'{joint} by those of {source}' for joint, source in moved.items())}",
@@ -442,12 +443,13 @@ def _exchanges(feet: FeetInMotion, order: LegOrder) -> Iterator[Finding]:
         )
     if order.contacts:
         exchanged = ", ".join(f"{link} by that of {x}" for link, x in order.contacts.items())
-        yield CONTACT_FLAGS.finding(
+        flags = {x: {"contact": as_toml(feet.source_of(y))} for x, y in order.contacts.items()}
+        yield codes.CONTACT_FLAGS.finding(
             f"the flags of contacts are exchanged: the feet stand as if that of {exchanged} were "
             "meant",
             next(iter(order.contacts)),
             "wrong",
-            remedy=_flag_tables({x: feet.source_of(y) for x, y in order.contacts.items()}),
+            remedy=in_description(flags, table="contacts"),
         )
 
 
@@ -511,27 +513,24 @@ class LeggedFit:
         return all(base.up is not None for base in self.bases)
 
     def sure_columns(
-        self,
-        regress: Callable[[Motion], Regression],
-        count: int,
-        least: float,
-        size: Callable[[Array], Array] = np.abs,
+        self, regress: Callable[[Motion], Regression], count: int, least: float
     ) -> list[tuple[int, float, float]]:
         """Return place, value and standard error of further columns that the rows do not refuse.
 
-        The `size` of the value is beyond chance and at least the `least` one that matters.
+        The value is beyond chance and larger than the `least` one that matters, of either sign.
         """
         columns = stacked([regress(motion) for motion in self.motions]).H
         larger = with_further_columns(
             self.fit,
             np.hstack([self.sensor_errors, columns]),
-            lambda values: bool(np.any(size(values[-count:]) > least)),
+            lambda values: bool(np.any(np.abs(values[-count:]) > least)),
         )
         if larger is None:
             return []
         values, errors = larger.values[-count:], larger.standard_errors[-count:]
-        sure = np.flatnonzero(size(values) > np.maximum(_beyond_chance(larger) * errors, least))
-        return list(zip(sure.tolist(), values[sure].tolist(), errors[sure].tolist(), strict=True))
+        sure = np.abs(values) > np.maximum(_beyond_chance(larger) * errors, least)
+        named = zip(range(count), values.tolist(), errors.tolist(), strict=True)
+        return [column for column, is_sure in zip(named, sure, strict=True) if is_sure]
 
 
 def _beyond_chance(estimate: Estimate) -> float:
@@ -547,19 +546,13 @@ def _radius(fit: LeggedFit) -> Iterator[Finding]:
     flagged = all(radii.keys() <= base.contacts.keys() for base in fit.bases)
     if len({*radii.values()}) != 1 or not fit.are_upright or not flagged:
         return
-    regress = partial(
-        radius_rows,
-        fit.robot,
-        model=fit.model,
-        springs=fit.springs,
-        theta=fit.theta,
-        bodies=fit.bodies,
-    )
+    of_fit = {name: getattr(fit, name) for name in ("model", "springs", "theta", "bodies")}
+    regress = partial(radius_rows, fit.robot, **of_fit)
     for _, change_m, error_m in fit.sure_columns(regress, 1, tol.LENGTH_M):
         radius_m = max(radii.values())
         fitted_m = radius_m + change_m
         if fitted_m > 0:
-            yield GEOMETRY.finding(
+            yield codes.GEOMETRY.finding(
                 f"the feet touch the ground as balls of {1e3 * fitted_m:.3g} mm, with a standard "
                 f"error of {1e3 * error_m:.2g} mm, and have {1e3 * radius_m:.3g} mm: the moments "
                 "of the contact forces would go into the bodies",
@@ -578,14 +571,15 @@ def _pushing_feet(fit: LeggedFit) -> Iterator[Finding]:
     least_N = tol.FEW * fit.mass_kg * float(gravity)
     regress = partial(late_flag_rows, fit.robot, model=fit.model, reach_s=tol.FOOT_TOUCHES_S)
     times = ("before a landing", "after it leaves")
-    pushes = fit.sure_columns(regress, len(times), least_N, np.asarray)
+    sure = fit.sure_columns(regress, len(times), least_N)
+    pushes = [(times[x], value, error) for x, value, error in sure if value > 0]
     if pushes:
-        texts = [f"{value:.2g} +- {error:.1g} N {times[x]}" for x, value, error in pushes]
-        yield CONTACT_FLAGS.finding(
+        texts = [f"{value:.2g} +- {error:.1g} N {when}" for when, value, error in pushes]
+        yield codes.CONTACT_FLAGS.finding(
             f"a foot pushes at the ground while it is flagged as in the air, with {listed(texts)}, "
             f"fading within {tol.FOOT_TOUCHES_S:g} s: these forces go into the bodies and the "
             "total mass",
-            evidence={f"{times[x]} [N]": value for x, value, _ in pushes},
+            evidence={f"{when} [N]": value for when, value, _ in pushes},
             remedy="flag a foot from the first touch on: lower the threshold of its force (above = "
             "... in the description of the log), or make each flag longer by "
             f"{tol.FOOT_TOUCHES_S:g} s at both ends",
@@ -594,53 +588,36 @@ def _pushing_feet(fit: LeggedFit) -> Iterator[Finding]:
 
 def _sinking_feet(fit: LeggedFit) -> Iterator[Finding]:
     """Yield the sinking of feet under their load, if the heights of standing feet show one."""
-    parts = [part for part in (_heights(fit.robot, feet) for feet in fit.loads) if len(part[0])]
+    parts = [part for part in (_heights(fit.robot, feet) for feet in fit.loads) if part is not None]
     if not parts:
         return
-    heights, aside, times, forces = zip(*parts, strict=True)
-    y, loads = np.concatenate(heights).T
-    H = np.column_stack([loads, block_diag(*aside)])
-    H = H[:, np.any(H != 0, axis=0)]
-    rows = Regression(
-        names=tuple(f"height {place}" for place in range(H.shape[1])),
-        units=("",) * H.shape[1],
-        H=H,
-        y=y,
-        joint=np.zeros(len(y)),
-        time=np.concatenate(times),
-        run=np.repeat(np.arange(len(parts), dtype=float), list(map(len, times))),
-        excluded=0,
-        propagated=np.empty((len(y), 0)),
-    )
     try:
-        estimate = ordinary(rows)
+        estimate = ordinary(stacked([rows for rows, _ in parts]))
     except ExcitationError:  # the load is always the same
         return
     compliance, error = float(estimate.values[0]), float(estimate.standard_errors[0])
-    load_N = float(np.concatenate(forces).mean())
+    load_N = float(np.concatenate([forces for _, forces in parts]).mean())
     sinking_m = compliance * load_N
     if compliance < _beyond_chance(estimate) * error or sinking_m < tol.LENGTH_M:
         return
-    yield SOFT_FEET.finding(
+    evidence = {"compliance [m/N]": compliance, "standard error [m/N]": error}
+    yield codes.SOFT_FEET.finding(
         f"the feet sink in by {1e3 * sinking_m:.2g} mm under their mean load of {load_N:.3g} N, by "
         f"{1e3 * compliance:.3g} +- {1e3 * error:.1g} mm/N: the contact forces act elsewhere than "
         "at rigid feet, which makes the mass some tenths of a per cent wrong, and no standard "
         "error contains that",
-        evidence={
-            "compliance [m/N]": compliance,
-            "standard error [m/N]": error,
-            "mean load [N]": load_N,
-        },
+        evidence={**evidence, "mean load [N]": load_N},
         remedy="put the robot on hard ground, or harder feet on it; else load it with the radius "
         "of the feet under their mean load (radius_m), or check that the joints do not give way",
     )
 
 
-def _heights(robot: Robot, feet: LoadedFeet) -> tuple[Array, Array, Array, Array]:
-    """Return heights of standing feet about their mean and loads (R, 2), other columns (R, m).
+def _heights(robot: Robot, feet: LoadedFeet) -> tuple[Regression, Array] | None:
+    """Return the heights of standing feet as rows of their load, and the loads (R,); None without.
 
-    The last two results are the times (R,), and the loads (R,) themselves. Without an orientation
-    the height of a foot over the plane of the others counts.
+    Both are about the mean of the feet, and less what their own heights and the slope of the ground
+    explain (Frisch and Waugh 1933). Without an orientation the height of a foot over the plane of
+    the others counts.
     """
     motion, base = feet.motion, feet.motion.base
     assert base is not None
@@ -657,16 +634,31 @@ def _heights(robot: Robot, feet: LoadedFeet) -> tuple[Array, Array, Array, Array
     offsets = np.broadcast_to(np.eye(k)[:, 1:], (*height.shape, k - 1))
     values = np.concatenate([np.stack([height, -load, *aside], axis=2), offsets], axis=2)
     hidden = np.stack([np.ones_like(height), *(aside if base.up is None else ())], axis=2)
-    picked = [np.empty((0, values.shape[2] + 2))]
+    rows, times, loads = [], [], []
     for pattern in np.unique(counts[np.sum(counts, axis=1) >= fewest], axis=0):
         at = np.ix_(np.flatnonzero(np.all(counts == pattern, axis=1)), np.flatnonzero(pattern))
         inverse = safely(np.linalg.pinv, hidden[at], what="the places of standing feet")
         about_mean = values[at] - hidden[at] @ inverse @ values[at]
-        times = np.broadcast_to(motion.time[at[0]], load[at].shape)
-        rows = np.concatenate([about_mean, times[:, :, None], load[at][:, :, None]], axis=2)
-        picked.append(rows.reshape(-1, rows.shape[2]))
-    rows = np.concatenate(picked)
-    return rows[:, :2], rows[:, 2:-2], rows[:, -2], rows[:, -1]
+        rows.append(about_mean.reshape(-1, values.shape[2]))
+        times.append(np.broadcast_to(motion.time[at[0]], load[at].shape).ravel())
+        loads.append(load[at].ravel())
+    if not rows:
+        return None
+    pairs, columns = np.split(np.concatenate(rows), [2], axis=1)
+    span = scaled_svd(columns).span()
+    y, H = (pairs - span @ (span.T @ pairs)).T
+    regression = Regression(
+        names=("compliance",),
+        units=("m/N",),
+        H=H[:, None],
+        y=y,
+        joint=np.zeros(len(y)),
+        time=np.concatenate(times),
+        run=np.zeros(len(y)),
+        excluded=0,
+        propagated=np.empty((len(y), 0)),
+    )
+    return regression, np.concatenate(loads)
 
 
 def _level(up: Array) -> tuple[Array, Array]:
@@ -684,14 +676,11 @@ def mass_findings(
     `robot` has that of its file. The mass is NaN where it is not determined.
     """
     nominal_kg = float(np.sum((robot.parameters + robot.payload_parameters)[::10]))
-    sure_kg = tol.SURE * error_kg
-    evidence = {
-        "mass [kg]": mass_kg,
-        "standard error [kg]": error_kg,
-        "robot file [kg]": nominal_kg,
-    }
+    sure_kg, ratio = tol.SURE * error_kg, mass_kg / nominal_kg if nominal_kg > 0 else 1.0
+    evidence = {"mass [kg]": mass_kg, "standard error [kg]": error_kg}
+    evidence["robot file [kg]"] = nominal_kg
     if mass_kg < -sure_kg:
-        yield TOTAL_MASS.finding(
+        yield codes.TOTAL_MASS.finding(
             f"the mass of the whole robot is negative, {mass_kg:.3g} kg",
             severity="wrong",
             evidence=evidence,
@@ -700,12 +689,12 @@ def mass_findings(
             certainty="certain",
         )
     elif (
-        min(mass_kg, nominal_kg) > 0
-        and not 1 / tol.TWICE < mass_kg / nominal_kg < tol.TWICE
+        mass_kg > 0
+        and not 1 / tol.TWICE < ratio < tol.TWICE
         and abs(mass_kg - nominal_kg) > sure_kg
     ):
-        yield TOTAL_MASS.finding(
-            f"the mass of the whole robot is {mass_kg:.3g} kg, {mass_kg / nominal_kg:.2g} of that "
+        yield codes.TOTAL_MASS.finding(
+            f"the mass of the whole robot is {mass_kg:.3g} kg, {ratio:.2g} of that "
             f"of the robot file, {nominal_kg:.3g} kg",
             evidence=evidence,
             remedy="weigh the robot; is a force sensor or a torque in another unit (1 kgf is 9.81 "
@@ -723,9 +712,9 @@ def _turned_forces(motions: Sequence[Motion]) -> str:
 
 
 FEET_CHECKS = (
-    Observation(GEOMETRY, _radius),
-    Observation(CONTACT_FLAGS, _pushing_feet),
-    Observation(SOFT_FEET, _sinking_feet),
+    Observation(codes.GEOMETRY, _radius),
+    Observation(codes.CONTACT_FLAGS, _pushing_feet),
+    Observation(codes.SOFT_FEET, _sinking_feet),
 )
 """What the rows of a fit contradict in the feet."""
 
@@ -738,7 +727,7 @@ def force_findings(feet: Mapping[str, Mapping[str, Any]]) -> Iterator[Finding]:
     for link, foot in feet.items():
         error, scale = foot["relative_error"], foot["scale"]
         if error is not None and error > tol.RARE:
-            yield CONTACT_FORCES.finding(
+            yield codes.CONTACT_FORCES.finding(
                 f"the measured force at {link} is not that of torques and motion: they differ by "
                 f"{error:.0%}, and least with the measured one times {scale:.2g}",
                 link,
@@ -749,7 +738,7 @@ def force_findings(feet: Mapping[str, Mapping[str, Any]]) -> Iterator[Finding]:
         pulled = foot["pulled"]
         if pulled is not None and pulled > tol.FEW:
             least_N, error_N = foot["least_normal"], foot["standard_error"]
-            yield CONTACT_FORCES.finding(
+            yield codes.CONTACT_FORCES.finding(
                 f"{link} would have to pull at the ground: its predicted normal force is clearly "
                 f"below zero in {pulled:.0%} of its stance, and is {least_N:.3g} N at least, with "
                 f"a standard error of {error_N:.2g} N",
