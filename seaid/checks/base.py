@@ -50,10 +50,9 @@ def _missing_axes(record: BaseRecord) -> Iterator[Finding]:
         columns = zip("xyz", CHANNELS[name], () if values is None else values.T, strict=False)
         for axis, whole_name, column in columns:
             if whole_name in needed and is_constant(column):
-                yield codes.BASE_SENSOR.finding(
+                yield codes.BASE_SENSOR.wrong(
                     f"the {axis} axis of the {name.replace('_', ' ')} of the base is "
                     f"{column[0]:.4g} all the time: it is missing",
-                    severity="wrong",
                     evidence={"value": float(column[0])},
                     remedy="log all three axes, or give orientation with velocity or position",
                     certainty="certain",
@@ -64,11 +63,10 @@ def _jumps(record: BaseRecord) -> Iterator[Finding]:
     """Yield jumps of a pose, which were taken out."""
     for name, (count, largest, first_s) in base_jumps(record.samples, record.time).items():
         unit = {"position": " m", "velocity": " m/s"}.get(name, " rad")
-        yield codes.BASE_JUMPS.finding(
+        yield codes.BASE_JUMPS.note(
             f"the {name} of the base jumps {count} times, by up to {largest:.3g}{unit}, first at t "
             f"= {first_s:.4g} s, as a state estimator does that corrects itself: the jumps were "
             "taken out, and samples near them are not used",
-            severity="note",
             evidence={"jumps": float(count), "largest": largest},
             remedy="log the IMU, which does not jump",
             certainty="certain",
@@ -96,10 +94,9 @@ def _contradicting_frames(record: BaseRecord) -> Iterator[Finding]:
 def _downwards(force: Array) -> Iterator[Finding]:
     """Yield a mean specific force (3,) in the world that has the direction of gravity."""
     if force[2] < -tol.MOST * np.linalg.norm(force):
-        yield codes.BASE_FRAMES.finding(
+        yield codes.BASE_FRAMES.wrong(
             "the specific force of the base points downwards: an accelerometer at rest measures "
             "9.81 m/s^2 upwards",
-            severity="wrong",
             evidence={"mean upwards [m/s^2]": float(force[2])},
             remedy=_described("specific_force", "-1"),
         )
@@ -111,10 +108,9 @@ def _out_of_plane(base: FloatingBase, normal: Array, w: Array) -> Iterator[Findi
     outside = float(np.linalg.norm(np.std(w @ (np.eye(3) - base.turning), 0)))
     # a guide with play and an IMU that is mounted askew have a few hundredths
     if outside > max(tol.RARE * inside, tol.BASE_TURNS_RAD_S):
-        yield codes.BASE_FRAMES.finding(
+        yield codes.BASE_FRAMES.wrong(
             f"the base turns with {outside:.2g} rad/s (rms) about the axes in its plane and with "
             f"{inside:.2g} rad/s about the normal: it does not move in this plane",
-            severity="wrong",
             evidence={"out of the plane [rad/s]": outside, "in the plane [rad/s]": inside},
             remedy="load the robot with base='floating', or with the plane in which it moves",
         )
@@ -152,7 +148,7 @@ def _turning(orientation: Array, w: Array, time: Array) -> Iterator[Finding]:
         if abs(np.sum(change * w) / np.sum(w * w) / np.radians(1.0) - 1) >= tol.RARE:
             return
     text, evidence = f"the angular velocity {text}", {"correlation": 1 - misfit}
-    yield codes.BASE_FRAMES.finding(text, severity="wrong", evidence=evidence, remedy=remedy)
+    yield codes.BASE_FRAMES.wrong(text, evidence=evidence, remedy=remedy)
 
 
 _BY_SAMPLES = (
@@ -207,13 +203,12 @@ def missing_torques(robot: Robot, asked: Sequence[str], used: Collection[str]) -
     if used:
         consequence = "their equations are not used, and what moves by them is less certain"
     if robot.floating_base is not None and missing:
-        yield codes.NO_TORQUE.finding(
+        yield codes.NO_TORQUE.note(
             f"the log has no torque of {listed(missing)}: {consequence}",
             only_joint(missing),
-            "note",
-            {"joints": float(len(missing))},
-            "describe the torque of these joints, or name the others with torque_joints=",
-            "certain",
+            evidence={"joints": float(len(missing))},
+            remedy="describe the torque of these joints, or name the others with torque_joints=",
+            certainty="certain",
         )
 
 
@@ -235,11 +230,10 @@ def sensor_errors(
     error = float(np.max(bias[:, 1]))
     if error and imu is not None:
         evidence = dict(zip(("x [m/s^2]", "y [m/s^2]", "z [m/s^2]"), bias[:, 0] @ imu, strict=True))
-        yield codes.BASE_BIAS.finding(
+        yield codes.BASE_BIAS.note(
             f"the accelerometer has a bias of {', '.join(f'{x:.2g}' for x in evidence.values())} "
             f"m/s^2 (x, y, z, standard error {error:.1g}): it was identified with the bodies and "
             "subtracted",
-            severity="note",
             evidence=evidence,
             remedy="calibrate the accelerometer in several orientations, or let the base tilt "
             "more: the bodies are less certain by the error of the bias",
@@ -251,14 +245,13 @@ def sensor_errors(
     }
     texts = (f"{name} {value:.3g} +- {std:.1g}" for name, (value, std) in zeros.items())
     unknown = f"; not determined: {listed(_axis_of(*at) for at in hidden)}" if hidden else ""
-    yield codes.SENSOR_ZERO.finding(
+    yield codes.SENSOR_ZERO.note(
         f"force sensors have zeros of {', '.join(texts)}: they were identified with the bodies and "
         f"subtracted{unknown}",
         next(iter(estimates))[0],
-        "note",
-        {name: value for name, (value, _) in zeros.items()},
-        "set the sensors to zero with the feet in the air: the bodies are less certain by the "
-        "errors of the zeros",
+        evidence={name: value for name, (value, _) in zeros.items()},
+        remedy="set the sensors to zero with the feet in the air: the bodies are less certain by "
+        "the errors of the zeros",
     )
 
 

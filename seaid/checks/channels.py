@@ -70,9 +70,8 @@ def _time_units(logged: Logged) -> Iterator[Finding]:
             remedy = (
                 f'in the description of the log:\ntime = {{ column = "{column}", unit = "{unit}" }}'
             )
-        yield codes.TIME_UNIT.finding(
+        yield codes.TIME_UNIT.wrong(
             f"the log has {rate:.3g} samples per second: {text}",
-            severity="wrong",
             evidence={"rate [Hz]": rate},
             remedy=remedy,
             certainty="certain" if rates else "likely",
@@ -111,11 +110,10 @@ def _wraps(logged: Logged) -> Iterator[Finding]:
         lines = _changed(changes)
         if lines:
             first = next(iter(changes.values()))["wraps"]
-            yield codes.WRAPS.finding(
+            yield codes.WRAPS.wrong(
                 f"channels of {', '.join(lines)}{where} jump by {first:.4g} at once, from one end "
                 "of their range to the other, and move on as before: an encoder that wraps "
                 "around, or a signed integer that was read as one without sign",
-                severity="wrong",
                 evidence={"period": first},
                 remedy=in_description(lines, _named(where)),
                 certainty="certain",
@@ -258,19 +256,17 @@ def _missing_drives(logged: Logged) -> Iterator[Finding]:
         gears = {x: _gear(log, log.joint_names.index(x)) for x in stiff if x in log.joint_names}
         missing = {x: gear for x, gear in gears.items() if gear is not None}
         for first, (ratio, _) in [*missing.items()][:1]:
-            tables = {
-                (x,): _drive_table(robot.is_prismatic[robot.index(x)], *gear)
-                for x, gear in missing.items()
-            }
-            yield codes.MISSING_DRIVES.finding(
-                f"the log has the motor side of {', '.join(missing)}, which moves {ratio:.3g} times "
-                "as far as the joint, and the robot has no drive there: friction, gear and spring "
-                "are not in the model (--drives, drives=)",
+            tables = dict[tuple[str, ...], str]()
+            for joint, gear in missing.items():
+                tables[joint,] = _drive_table(robot.is_prismatic[robot.index(joint)], *gear)
+            yield codes.MISSING_DRIVES.wrong(
+                f"the log has the motor side of {', '.join(missing)}, which moves {ratio:.3g} "
+                "times as far as the joint, and the robot has no drive there: friction, gear and "
+                "spring are not in the model (--drives, drives=)",
                 first,
-                "wrong",
-                {"motor over joint motion": ratio},
-                f"option: --drives FILE, or without one\n{in_drives(tables)}",
-                "certain",
+                evidence={"motor over joint motion": ratio},
+                remedy=f"option: --drives FILE, or without one\n{in_drives(tables)}",
+                certainty="certain",
             )
 
 
@@ -342,11 +338,10 @@ def _held_torques(logged: Logged) -> Iterator[Finding]:
         for count, channels in held.items():
             late = 0.5 * (count - 1) * float(np.median(np.diff(log.time)))
             lines = {x.joint: {"motor_torque": x.changed(delay_s=late)} for x in channels}
-            yield codes.DELAY.finding(
+            yield codes.DELAY.note(
                 f"the motor torques of {', '.join(lines)} are held over {count} samples{where}, "
                 f"and so {1e3 * late:.3g} ms late on average, which biases friction, unless the "
                 "motors give them so",
-                severity="note",
                 evidence={HELD: count, "delay [s]": late},
                 remedy=in_description(lines, _named(where)),
                 certainty="possible",
@@ -385,12 +380,11 @@ def _share_at_limit(values: Array) -> float:
 def _locked(logged: Logged) -> Iterator[Finding]:
     """Yield a note for each joint with a locked output."""
     for joint in locked_outputs(logged.robot, logged.logs):
-        yield codes.LOCKED_OUTPUT.finding(
+        yield codes.LOCKED_OUTPUT.note(
             f"the output of {joint} does not move while its motor deflects the spring: it counts "
             "as locked, so that its motor, friction and spring are identified and the torque on "
             "its load is not used. If it did move, its encoder is dead: exclude its column",
             joint,
-            "note",
         )
 
 
@@ -464,7 +458,7 @@ def excluded_findings(processing: Iterable[Processing]) -> Iterator[Finding]:
     """Yield notes of the samples that were excluded: rest at the ends, frozen channels, holes."""
     for repair in (repair for each in processing for repair in each.excluded):
         code = codes.STANDSTILL if repair.kind == REST else codes.HOLES
-        yield code.finding(str(repair), severity="note", certainty="certain")
+        yield code.note(str(repair), certainty="certain")
 
 
 def standstill_findings(
@@ -557,10 +551,9 @@ def rating_findings(experiment: Experiment) -> Iterator[Finding]:
     lines = {
         robot.joint_names[j]: _scaled_sources(experiment, j, factor) for j, factor in scales.items()
     }
-    yield codes.UNIT.finding(
+    yield codes.UNIT.wrong(
         f"the torques of {', '.join(lines)} are {least:.3g} to {largest:.3g} times those of the "
         "bodies of the robot file, as parts of a rating of each motor are (per cent, per mille)",
-        severity="wrong",
         evidence={"least factor": least, "largest factor": largest},
         remedy=f"{in_description(lines)}\n# by the {by} of the robot file; the ratings in the data "
         "sheets are better",
@@ -635,11 +628,10 @@ def strength_findings(experiment: Experiment) -> Iterator[Finding]:
     joints = [robot.joint_names[j] for j in used if times[j] > tol.FAR]
     if joints and of_known[heaviest] > tol.MOST * sizes[heaviest]:
         largest = float(np.nanmax(times[used]))
-        yield codes.UNIT.finding(
+        yield codes.UNIT.wrong(
             f"the torques of {', '.join(joints)} are up to {largest:.3g} times those which move "
             f"and hold the known bodies and the payload ({sizes[heaviest]:.3g} N m, rms): they are "
             "a percentage, a current or counts, or in another unit",
-            severity="wrong",
             evidence={"torque over that of the bodies": largest},
             remedy="look up the unit of the channel, and give its scale in the description of the "
             "log",
@@ -673,11 +665,10 @@ def stop_findings(experiment: Experiment, logs: Sequence[Log]) -> Iterator[Findi
         error = max(noise**0.5, tol.FEW) * np.sqrt(1 + tol.CORRELATED_ROWS * np.sum(reach**2, 1))
         push = float(np.median(residual[at_limit] * np.sign(place[at_limit]) / error))
         if push > tol.SIGNIFICANT:
-            yield codes.CONTACT.finding(
+            yield codes.CONTACT.wrong(
                 f"{joint} is at its limit in the robot file, or beyond it, in {share:.0%} of the "
                 f"samples, where its motor pushes outwards by {push:.3g} times the error of what "
                 "the other samples predict: the torque there is that of a stop",
-                severity="wrong",
                 evidence={"share at the limit": share, "push over its error": push},
                 remedy="\n".join(
                     f"in the description of {_named(where)}:\n"

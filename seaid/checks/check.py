@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Generic, TypeVar
+from typing import Any, ClassVar, Generic, TypedDict, TypeVar, Unpack
 
 import numpy as np
 
@@ -21,6 +21,15 @@ from seaid.log import Log, changed_source
 from seaid.robot import Robot
 
 Given = TypeVar("Given")
+
+
+class _Details(TypedDict, total=False):
+    """What a finding has next to its message, its joint and its severity."""
+
+    evidence: Mapping[str, float]
+    remedy: str
+    certainty: Certainty
+    joints: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -63,6 +72,14 @@ class Code:
         joint = joint or only_joint(joints)
         return Finding(self.name, message, joint, severity, evidence, remedy, certainty, joints)
 
+    def wrong(self, message: str, joint: str = "", **details: Unpack[_Details]) -> Finding:
+        """Return a `finding` by which the result is not to be used."""
+        return self.finding(message, joint, "wrong", **details)
+
+    def note(self, message: str, joint: str = "", **details: Unpack[_Details]) -> Finding:
+        """Return a `finding` for information."""
+        return self.finding(message, joint, "note", **details)
+
 
 class Symptom(Code):
     """A code of something that is off, and not of why: what spoils a fit brings it with it."""
@@ -97,11 +114,8 @@ def observed(checks: Iterable[Observation[Given]], subject: Given) -> list[Findi
 
 def not_made(code: Code, problem: Exception) -> Finding:
     """Return the note that a check could not be made."""
-    return code.finding(
-        f"the check '{code.name}' could not be made: {reason_of(problem)}",
-        severity="note",
-        certainty="certain",
-    )
+    text = f"the check '{code.name}' could not be made: {reason_of(problem)}"
+    return code.note(text, certainty="certain")
 
 
 def in_drives(tables: Mapping[tuple[str, ...], str], only: str = "") -> str:

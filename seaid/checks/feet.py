@@ -25,7 +25,6 @@ import numpy as np
 from scipy.special import ndtr, stdtrit
 
 from seaid._arrays import Array, BoolArray, IndexArray, runs, safely
-from seaid._files import toml_table
 from seaid.checks import codes
 from seaid.checks import tolerances as tol
 from seaid.checks.check import Observation, in_description
@@ -72,10 +71,10 @@ class FeetInMotion:
     @cached_property
     def contacts(self) -> list[Contact]:
         """The k contacts with a flag, as points or balls."""
-        floating = self.robot.floating_base
-        contacts = () if floating is None else floating.contacts
-        flagged = (contact for contact in contacts if contact.link in self.base.contacts)
-        return [replace(contact, is_flat=False) for contact in flagged]
+        assert self.robot.floating_base is not None
+        flagged = self.base.contacts.keys()
+        contacts = (x for x in self.robot.floating_base.contacts if x.link in flagged)
+        return [replace(contact, is_flat=False) for contact in contacts]
 
     @cached_property
     def links(self) -> list[str]:
@@ -263,16 +262,15 @@ def unused_lifts(base: FloatingBase, motions: Sequence[Motion]) -> Iterator[Find
             continue
         duration_s = sum(float(is_up.sum()) / motion.rate_hz for motion, _, is_up in lifts)
         least_s = LEAST_LIFT / (POSITION_BAND * min(motion.cutoff_hz for motion in flagged))
-        yield codes.UNIDENTIFIABLE.finding(
+        yield codes.UNIDENTIFIABLE.note(
             f"{link} is in the air for {duration_s:.2g} s in all, in {count} lifts, which are not "
             "used: next to a change of contact the positions have a corner, and half a period of "
             "the cutoff or less would determine the mass at this foot alone. That mass counts as "
             "not determined",
             link,
-            "note",
-            {"in the air [s]": duration_s, "lifts": float(count)},
-            f"lift the foot for a second or more, or at least {least_s:.2g} s at a time",
-            "certain",
+            evidence={"in the air [s]": duration_s, "lifts": float(count)},
+            remedy=f"lift the foot for a second or more, or at least {least_s:.2g} s at a time",
+            certainty="certain",
         )
 
 
@@ -342,11 +340,10 @@ def _late(feet: FeetInMotion) -> Iterator[Finding]:
         source = feet.source_of(link)
         whole = source if isinstance(source, Mapping) else {"columns": source}
         sources[link] = {"contact": changed_source(whole, delay_s=round(late_s, 3))}
-    yield codes.CONTACT_FLAGS.finding(
+    yield codes.CONTACT_FLAGS.wrong(
         f"the flags of the contacts are {'late' if late_s > 0 else 'early'} by about "
         f"{abs(late_s):.2g} s: standing feet move with {now:.2g} m/s (rms), and with "
         f"{readings[1].speed:.2g} m/s without this delay",
-        severity="wrong",
         evidence={"delay [s]": late_s, "speed [m/s]": now},
         remedy=in_description(sources, table="contacts"),
     )
@@ -433,22 +430,20 @@ def _exchanges(feet: FeetInMotion) -> Iterator[Finding]:
         return
     moved = {names[j]: names[source] for j, source in enumerate(order.joints) if j != source}
     if moved:
-        yield codes.SWAPPED_JOINTS.finding(
+        yield codes.SWAPPED_JOINTS.wrong(
             f"legs are exchanged: standing feet move with {order.speed_as_given:.2g} m/s (rms), "
             f"and with {order.speed:.2g} m/s if the channels of these joints are meant: "
             f"{listed(f'{joint} by those of {source}' for joint, source in moved.items())}",
             next(iter(moved)),
-            "wrong",
             remedy=in_description({x: feet.channels_of(source) for x, source in moved.items()}),
         )
     if order.contacts:
         exchanged = ", ".join(f"{link} by that of {x}" for link, x in order.contacts.items())
         flags = {x: {"contact": as_toml(feet.source_of(y))} for x, y in order.contacts.items()}
-        yield codes.CONTACT_FLAGS.finding(
+        yield codes.CONTACT_FLAGS.wrong(
             f"the flags of contacts are exchanged: the feet stand as if that of {exchanged} were "
             "meant",
             next(iter(order.contacts)),
-            "wrong",
             remedy=in_description(flags, table="contacts"),
         )
 
@@ -507,18 +502,16 @@ class LeggedFit:
         """The motions of the base."""
         return [motion.base for motion in self.motions if motion.base is not None]
 
-    @property
-    def are_upright(self) -> bool:
-        """Whether all bases have an orientation."""
-        return all(base.up is not None for base in self.bases)
-
     def sure_columns(
         self, regress: Callable[[Motion], Regression], count: int, least: float
     ) -> list[tuple[int, float, float]]:
         """Return place, value and standard error of further columns that the rows do not refuse.
 
         The value is beyond chance and larger than the `least` one that matters, of either sign.
+        Without the orientation of each base there are none.
         """
+        if any(base.up is None for base in self.bases):
+            return []
         columns = stacked([regress(motion) for motion in self.motions]).H
         larger = with_further_columns(
             self.fit,
@@ -544,7 +537,7 @@ def _radius(fit: LeggedFit) -> Iterator[Finding]:
     assert fit.robot.floating_base is not None
     radii = {x.link: x.radius_m for x in fit.robot.floating_base.contacts if not x.is_flat}
     flagged = all(radii.keys() <= base.contacts.keys() for base in fit.bases)
-    if len({*radii.values()}) != 1 or not fit.are_upright or not flagged:
+    if len({*radii.values()}) != 1 or not flagged:
         return
     of_fit = {name: getattr(fit, name) for name in ("model", "springs", "theta", "bodies")}
     regress = partial(radius_rows, fit.robot, **of_fit)
@@ -565,7 +558,7 @@ def _radius(fit: LeggedFit) -> Iterator[Finding]:
 def _pushing_feet(fit: LeggedFit) -> Iterator[Finding]:
     """Yield feet that push at the ground before or after their flag, by the rows of a fit."""
     lifts = any(not np.all(flag) for base in fit.bases for flag in base.contacts.values())
-    if not lifts or not fit.are_upright or not np.isfinite(fit.mass_kg):
+    if not lifts or not np.isfinite(fit.mass_kg):
         return
     gravity = np.mean([np.linalg.norm(base.specific_force, axis=1).mean() for base in fit.bases])
     least_N = tol.FEW * fit.mass_kg * float(gravity)
@@ -634,17 +627,15 @@ def _heights(robot: Robot, feet: LoadedFeet) -> tuple[Regression, Array] | None:
     offsets = np.broadcast_to(np.eye(k)[:, 1:], (*height.shape, k - 1))
     values = np.concatenate([np.stack([height, -load, *aside], axis=2), offsets], axis=2)
     hidden = np.stack([np.ones_like(height), *(aside if base.up is None else ())], axis=2)
-    rows, times, loads = [], [], []
+    about_mean = np.full_like(values, np.nan)
     for pattern in np.unique(counts[np.sum(counts, axis=1) >= fewest], axis=0):
         at = np.ix_(np.flatnonzero(np.all(counts == pattern, axis=1)), np.flatnonzero(pattern))
         inverse = safely(np.linalg.pinv, hidden[at], what="the places of standing feet")
-        about_mean = values[at] - hidden[at] @ inverse @ values[at]
-        rows.append(about_mean.reshape(-1, values.shape[2]))
-        times.append(np.broadcast_to(motion.time[at[0]], load[at].shape).ravel())
-        loads.append(load[at].ravel())
-    if not rows:
+        about_mean[at] = values[at] - hidden[at] @ inverse @ values[at]
+    rows = np.isfinite(about_mean[:, :, 0])
+    if not np.any(rows):
         return None
-    pairs, columns = np.split(np.concatenate(rows), [2], axis=1)
+    pairs, columns = np.split(about_mean[rows], [2], axis=1)
     span = scaled_svd(columns).span()
     y, H = (pairs - span @ (span.T @ pairs)).T
     regression = Regression(
@@ -653,12 +644,12 @@ def _heights(robot: Robot, feet: LoadedFeet) -> tuple[Regression, Array] | None:
         H=H[:, None],
         y=y,
         joint=np.zeros(len(y)),
-        time=np.concatenate(times),
+        time=motion.time[np.nonzero(rows)[0]],
         run=np.zeros(len(y)),
         excluded=0,
         propagated=np.empty((len(y), 0)),
     )
-    return regression, np.concatenate(loads)
+    return regression, load[rows]
 
 
 def _level(up: Array) -> tuple[Array, Array]:
@@ -680,9 +671,8 @@ def mass_findings(
     evidence = {"mass [kg]": mass_kg, "standard error [kg]": error_kg}
     evidence["robot file [kg]"] = nominal_kg
     if mass_kg < -sure_kg:
-        yield codes.TOTAL_MASS.finding(
+        yield codes.TOTAL_MASS.wrong(
             f"the mass of the whole robot is negative, {mass_kg:.3g} kg",
-            severity="wrong",
             evidence=evidence,
             remedy="force sensors have the force of the ground on the robot, and torques act on "
             f"the robot along its joint angles: turn their signs round{_turned_forces(motions)}",
@@ -706,9 +696,9 @@ def _turned_forces(motions: Sequence[Motion]) -> str:
     """Return the lines that change the signs of measured forces, "" without any."""
     bases = (motion.base for motion in motions if motion.base is not None)
     sensors = sorted({link for base in bases for link in base.wrenches})
-    tables = [f"{toml_table('contacts', x)}\nforce = {{ ..., scale = -1 }}" for x in sensors]
-    where = "; in the description of the log, and so for each moment:\n" if sensors else ""
-    return where + "\n".join(tables)
+    entries = {link: {"force": "{ ..., scale = -1 }"} for link in sensors}
+    lines = in_description(entries, "the log, and so for each moment", "contacts")
+    return f"; {lines}" if sensors else ""
 
 
 FEET_CHECKS = (

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -25,7 +25,7 @@ from seaid.checks.tolerances import LEAST_DELAY_S, LEAST_SWING, SIGNIFICANT, SUR
 from seaid.drives import IDEAL_DRIVE
 from seaid.errors import Finding
 from seaid.estimation import qr_factor_of, scaled_svd, settled_weights
-from seaid.log import changed_source, in_band
+from seaid.log import Motion, changed_source, in_band
 
 if TYPE_CHECKING:
     from seaid.checks.columns import Side
@@ -58,20 +58,15 @@ def _late_columns(side: Side, joint: str) -> tuple[Array, Array]:
     rows, drive, index = side.drive(joint), side.robot.drives[joint], side.robot.index(joint)
     is_ideal = drive == IDEAL_DRIVE
     is_open = is_ideal or drive.motor_inertia_kg_m2 is None
-    speeds = [motion.motor_velocity[:, [index]] for motion in side.motions]
-    fastest = max(float(np.max(np.abs(speed))) for speed in speeds)
-    parts = [
-        np.hstack(
-            [
-                np.tanh(speed / (_WIDTH * fastest)),
-                speed,
-                is_ideal * np.sign(speed),
-                is_open * motion.motor_acceleration[:, [index]],
-            ]
-        )
-        for speed, motion in zip(speeds, side.motions, strict=True)
-    ]
-    alike, weight = rows.at_rows(parts), side.equation.weight[:, None]
+    fastest = max(float(np.max(np.abs(x.motor_velocity[:, index]))) for x in side.motions)
+
+    def of_drive(motion: Motion) -> Array:
+        speed, acceleration = motion.motor_velocity[:, index], motion.motor_acceleration[:, index]
+        gradual = np.tanh(speed / (_WIDTH * fastest))
+        columns = [gradual, speed, is_ideal * np.sign(speed), is_open * acceleration]
+        return np.column_stack(columns)
+
+    alike, weight = rows.at_rows([*map(of_drive, side.motions)]), side.equation.weight[:, None]
     rest = np.linalg.norm(side.equation.residual_of(weight * alike), axis=0)
     alike[:, rest < _ROUNDING * np.linalg.norm(weight * alike, axis=0)] = 0.0
     # filtered first: at the ends of a log the filter continues a torque and not a slope, the noise
@@ -93,8 +88,7 @@ _WIDTH = 0.1
 def _late(side: Side, joint: str, accepted: Sequence[Accepted], share: float) -> Finding:
     """Return the finding of a motor torque that is late or early against the positions."""
     (delay,), (error,) = accepted[0].coefficients.tolist(), accepted[0].errors.tolist()
-    evidence = {"explained": share}
-    return _late_torques(side, [joint], delay, error, evidence, abs(delay) - SURE * error)
+    return _late_torques(side, [joint], delay, error, share, abs(delay) - SURE * error)
 
 
 def _late_torques(
@@ -102,7 +96,7 @@ def _late_torques(
     joints: Sequence[str],
     delay: float,
     error: float,
-    evidence: Mapping[str, float],
+    explained: float,
     surely: float,
 ) -> Finding:
     """Return the finding that the motor torques of joints are late by a delay [s], or early.
@@ -110,18 +104,16 @@ def _late_torques(
     It matters by the part [s] of it that is `surely` there: of one joint what is beyond its error,
     of many all, because how they differ is in the error already.
     """
-    late_s = round(delay, 5)
-    sources = {joint: side.sources.get(joint, {}).get("motor_torque", "") for joint in joints}
-    entries = {
-        joint: {"motor_torque": changed_source(source, delay_s=late_s)}
-        for joint, source in sources.items()
-    }
+    entries = {}
+    for joint in joints:
+        source = side.sources.get(joint, {}).get("motor_torque", "")
+        entries[joint] = {"motor_torque": changed_source(source, delay_s=round(delay, 5))}
     return DELAY.finding(
         f"the motor torques of {', '.join(joints)} are {1e3 * abs(delay):.2f} +- "
         f"{1e3 * error:.2f} ms {'late' if delay > 0 else 'early'} against the positions",
         only_joint(joints),
         "doubtful" if surely > LEAST_DELAY_S else "note",
-        {"delay [s]": delay, "standard error [s]": error, **evidence},
+        {"delay [s]": delay, "standard error [s]": error, "explained": explained},
         in_description(entries),
     )
 
@@ -144,9 +136,9 @@ def common_delay(selected: Sequence[tuple[Side, Selection]]) -> Finding | None:
     if abs(common) < max(SURE_TOGETHER * error, LEAST_DELAY_S):
         return None
     accepted = (x for _, selection in selected for x in selection.accepted)
-    shares = (x.share for x in accepted if x.trial.candidate.about.code is DELAY)
-    evidence = {"explained": max(shares, default=0.0)}
-    return _late_torques(selected[0][0], list(delays), common, error, evidence, abs(common))
+    shares = [x.share for x in accepted if x.trial.candidate.about.code is DELAY]
+    explained = max(shares, default=0.0)
+    return _late_torques(selected[0][0], list(delays), common, error, explained, abs(common))
 
 
 def _delays(side: Side, selection: Selection) -> dict[str, tuple[float, float]]:
