@@ -230,8 +230,6 @@ def _common_jumps(positions: Sequence[Array]) -> int:
 def _lost(positions: Sequence[Array]) -> Array:
     """Return the numbers of samples that were lost in single steps of all positions (T,)."""
     moved = np.diff(positions, axis=1)
-    if moved.shape[1] < tol.EVENTS:
-        return np.empty(0)
     usual, change = 0.5 * (moved[:, :-2] + moved[:, 2:]), moved[:, 2:] - moved[:, :-2]
     apart = np.median(np.abs(moved[:, 1:-1] - usual), axis=1)
     coarse = [resolution(values) / np.sqrt(12) for values in positions]
@@ -548,9 +546,13 @@ def rating_findings(experiment: Experiment) -> Iterator[Finding]:
         if np.min(logs) < np.log(tol.FAR):
             return
     least, largest = np.exp([np.min(logs), np.max(logs)]).tolist()
-    lines = {
-        robot.joint_names[j]: _scaled_sources(experiment, j, factor) for j, factor in scales.items()
-    }
+    lines = {}
+    for j, scale in scales.items():
+        sources = {name: experiment.source(j, name) for name in experiment.logged(j, "t")}
+        digits = float(f"{scale:.4g}")
+        lines[robot.joint_names[j]] = {
+            name: changed_source(source, factor=digits) for name, source in sources.items()
+        }
     yield codes.UNIT.wrong(
         f"the torques of {', '.join(lines)} are {least:.3g} to {largest:.3g} times those of the "
         "bodies of the robot file, as parts of a rating of each motor are (per cent, per mille)",
@@ -559,13 +561,6 @@ def rating_findings(experiment: Experiment) -> Iterator[Finding]:
         "sheets are better",
         joints=tuple(lines),
     )
-
-
-def _scaled_sources(experiment: Experiment, j: int, factor: float) -> dict[str, str]:
-    """Return the sources of the torques of joint j, with a factor of four digits on them."""
-    factor = float(f"{factor:.4g}")
-    sources = {name: experiment.source(j, name) for name in experiment.logged(j, "t")}
-    return {name: changed_source(source, factor=factor) for name, source in sources.items()}
 
 
 def _are_scales(logs: Array, levers: Array) -> bool:
