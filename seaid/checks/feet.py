@@ -503,16 +503,16 @@ class LeggedFit:
         return [motion.base for motion in self.motions if motion.base is not None]
 
     def sure_columns(
-        self, regress: Callable[[Motion], Regression], count: int, least: float
-    ) -> list[tuple[int, float, float]]:
-        """Return place, value and standard error of further columns that the rows do not refuse.
+        self, regress: Callable[[Motion], Regression], names: Sequence[str], least: float
+    ) -> list[tuple[str, float, float]]:
+        """Return name, value and standard error of further columns that the rows do not refuse.
 
         The value is beyond chance and larger than the `least` one that matters, of either sign.
         Without the orientation of each base there are none.
         """
         if any(base.up is None for base in self.bases):
             return []
-        columns = stacked([regress(motion) for motion in self.motions]).H
+        columns, count = stacked([regress(motion) for motion in self.motions]).H, len(names)
         larger = with_further_columns(
             self.fit,
             np.hstack([self.sensor_errors, columns]),
@@ -522,7 +522,7 @@ class LeggedFit:
             return []
         values, errors = larger.values[-count:], larger.standard_errors[-count:]
         sure = np.abs(values) > np.maximum(_beyond_chance(larger) * errors, least)
-        named = zip(range(count), values.tolist(), errors.tolist(), strict=True)
+        named = zip(names, values.tolist(), errors.tolist(), strict=True)
         return [column for column, is_sure in zip(named, sure, strict=True) if is_sure]
 
 
@@ -539,9 +539,11 @@ def _radius(fit: LeggedFit) -> Iterator[Finding]:
     flagged = all(radii.keys() <= base.contacts.keys() for base in fit.bases)
     if len({*radii.values()}) != 1 or not flagged:
         return
-    of_fit = {name: getattr(fit, name) for name in ("model", "springs", "theta", "bodies")}
-    regress = partial(radius_rows, fit.robot, **of_fit)
-    for _, change_m, error_m in fit.sure_columns(regress, 1, tol.LENGTH_M):
+
+    def regress(motion: Motion) -> Regression:
+        return radius_rows(fit.robot, motion, fit.model, fit.springs, fit.theta, fit.bodies)
+
+    for _, change_m, error_m in fit.sure_columns(regress, ("radius",), tol.LENGTH_M):
         radius_m = max(radii.values())
         fitted_m = radius_m + change_m
         if fitted_m > 0:
@@ -564,8 +566,7 @@ def _pushing_feet(fit: LeggedFit) -> Iterator[Finding]:
     least_N = tol.FEW * fit.mass_kg * float(gravity)
     regress = partial(late_flag_rows, fit.robot, model=fit.model, reach_s=tol.FOOT_TOUCHES_S)
     times = ("before a landing", "after it leaves")
-    sure = fit.sure_columns(regress, len(times), least_N)
-    pushes = [(times[x], value, error) for x, value, error in sure if value > 0]
+    pushes = [push for push in fit.sure_columns(regress, times, least_N) if push[1] > 0]
     if pushes:
         texts = [f"{value:.2g} +- {error:.1g} N {when}" for when, value, error in pushes]
         yield codes.CONTACT_FLAGS.finding(
