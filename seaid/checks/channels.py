@@ -575,15 +575,14 @@ def _are_scales(logs: Array, levers: Array) -> bool:
 
 def _torque_factors(experiment: Experiment) -> tuple[dict[int, float], list[int]]:
     """Return torques over those of the bodies of the robot file, and where they explain most."""
-    of_bodies, sensed = experiment.regressor @ experiment.bodies, experiment.sensed
-    of_motors = experiment.lever * experiment.torque
-    torque = np.where(np.isfinite(of_motors), of_motors, sensed)
+    of_bodies = experiment.regressor @ experiment.bodies
     factors, clear = dict[int, float](), list[int]()
     for j in experiment.used:
+        # the rotor has a column of its own, whatever the torque on it is
         columns = (of_bodies[:, j], experiment.load_columns(j), experiment.motor[2][:, j])
-        H = np.column_stack(columns)
-        x = scaled_svd(H).solve(torque[:, j])
-        unexplained = float(np.std(torque[:, j] - H @ x))
+        H, y = np.column_stack(columns), experiment.target[:, j]
+        x = scaled_svd(H).solve(y)
+        unexplained = float(np.std(y - H @ x))
         factors |= {j: float(x[0])} if x[0] > 0 else {}
         clear += [j] if unexplained < tol.MOST * x[0] * np.std(of_bodies[:, j]) else []
     return factors, clear
