@@ -308,8 +308,8 @@ DRIFT = Symptom(
     "a slow change of a sensor or of the friction",
     "Drives, amplifiers or a torque sensor that warm up. Noise of the joint encoders biases least "
     "squares and looks the same.",
-    "Warm up and zero the sensors before the log, and move faster or longer. If the encoders are "
-    "noisy, compare with `--estimator iv`.",
+    "Warm up and zero the torque or current sensor before the log, and move faster or longer. If "
+    "the encoders are noisy, compare with `--estimator iv`.",
 )
 NO_FIT = Symptom(
     "no-fit",
