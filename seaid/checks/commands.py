@@ -8,10 +8,10 @@ are seen by the same signals.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
-from itertools import combinations
+from functools import cache, partial
+from itertools import chain, combinations, product
 from typing import Any
 
 import numpy as np
@@ -21,41 +21,28 @@ from seaid.checks import codes
 from seaid.checks import tolerances as tol
 from seaid.checks.check import (
     Channel,
-    Observation,
     channels_of,
     excluding_torque,
     in_description,
     in_drives,
-    observed,
     only_joint,
 )
-from seaid.checks.experiment import (
-    Experiment,
-    fitted,
-    flipped,
-    scaled,
-)
+from seaid.checks.echoes import AS_GIVEN
+from seaid.checks.experiment import Experiment, fitted, flipped, scaled
 from seaid.drives import (
     DELAY_PARAMETER,
     NORMAL_95,
+    Bus,
     Controller,
-    Drive,
     JointParameter,
     buses_of,
-    delay_std_s,
     is_stated,
+    parameter_of,
     stated_delay_s,
 )
-from seaid.errors import Finding, Severity, listed
+from seaid.errors import Finding, listed
 from seaid.estimation import Estimate, scaled_svd
-from seaid.log import (
-    Log,
-    Motion,
-    changed_source,
-    commanded_part,
-    relative_supply,
-    spline_derivatives,
-)
+from seaid.log import Log, Motion, changed_source, with_commanded_torque
 from seaid.regressor import Regression, is_linear, load_model_of, load_regression, stacked
 from seaid.robot import Robot
 
@@ -65,7 +52,8 @@ class Commanded:
     """A joint with a controller in a log.
 
     `command` and `position` (T,) are those at the joint; the position is that of the encoder which
-    the controller sees, of the motor if it was logged.
+    the controller sees, of the motor if it was logged. `asked` (T,) is the torque at the joint that
+    the controller would give without its limit.
     """
 
     robot: Robot
@@ -74,6 +62,7 @@ class Commanded:
     law: Controller
     command: Array
     position: Array
+    asked: Array
 
     @property
     def place(self) -> int:
@@ -81,25 +70,9 @@ class Commanded:
         return self.log.joint_names.index(self.joint)
 
     @property
-    def error(self) -> Array:
-        """The tracking error (T,)."""
-        return np.asarray(self.command - self.position)
-
-    @property
     def unit(self) -> str:
         """The unit of the position."""
         return "m" if self.log.is_prismatic[self.place] else "rad"
-
-    def asked(self) -> Array:
-        """Return the torque (T,) at the joint for which the controller asks without a limit."""
-        index = self.robot.index(self.joint)
-        columns = [self.log.joint_names.index(joint) for joint in self.robot.joint_names]
-        signals = {name: values[:, columns] for name, values in self.log.sensors().items()}
-        velocity = spline_derivatives(self.log.time, self.position[:, None])[1][:, 0]
-        commanded = commanded_part(self.robot, self.log.time, signals, index)
-        supply = relative_supply(self.robot, self.log.time, signals, index)
-        unlimited = replace(self.law, torque_limit_Nm=math.inf)
-        return unlimited.torque(commanded, self.position, velocity, supply)[0]
 
 
 def command_findings(robot: Robot, log: Log) -> Iterator[Finding]:
@@ -107,15 +80,22 @@ def command_findings(robot: Robot, log: Log) -> Iterator[Finding]:
 
     A command with another sign or unit than its position makes the other checks meaningless.
     """
-    for j, joint in enumerate(log.joint_names if log.position_command is not None else ()):
-        drive = robot.drives.get(joint)
-        if drive is None or drive.controller is None or log.position_command is None:
-            continue
-        command, position = log.position_command[:, j], _controlled_position(log, j, drive.ratio)
-        if np.isnan(command[0]) or np.isnan(position[0]):
-            continue
-        commanded = Commanded(robot, log, joint, drive.controller, command, position)
-        yield from list(_not_following(commanded)) or observed(_OF_COMMANDS, commanded)
+    drives = {joint: robot.drives[joint] for joint in log.joint_names if joint in robot.drives}
+    laws = {joint: drive.controller for joint, drive in drives.items() if drive.controller}
+    if log.position_command is None or not laws:
+        return
+    unlimited = {
+        joint: replace(drives[joint], controller=replace(law, torque_limit_Nm=math.inf))
+        for joint, law in laws.items()
+    }
+    asked = with_commanded_torque(robot.with_drives(unlimited), log).motor_torque
+    for joint, law in laws.items():
+        j, ratio = log.joint_names.index(joint), drives[joint].ratio
+        signals = log.position_command[:, j], _controlled_position(log, j, ratio)
+        if not any(np.isnan(signal[0]) for signal in signals):
+            commanded = Commanded(robot, log, joint, law, *signals, ratio * asked[:, j])
+            wrong = list(_not_following(commanded))
+            yield from wrong or chain.from_iterable(look(commanded) for look in _OF_COMMANDS)
 
 
 def _controlled_position(log: Log, j: int, ratio: float) -> Array:
@@ -130,21 +110,21 @@ def _not_following(commanded: Commanded) -> Iterator[Finding]:
     Lag and resonance change a range by less than a factor of exp(1/2).
     """
     command, position, joint = commanded.command, commanded.position, commanded.joint
-    if is_constant(command) or is_constant(position):
+    r = _correlation(command, position)
+    if abs(r) < tol.MOST:
         return
-    r = float(np.corrcoef(command, position)[0, 1])
     times = float(np.std(command) / np.std(position))
-    is_other_unit = r >= tol.MOST and max(times, 1 / times) >= tol.FAR
-    if r > -tol.MOST and not is_other_unit:
-        return
-    per_degree = math.pi / 180
-    factor, code = -1.0, codes.SIGN
-    words = f"moves against its position (correlation {r:.3f}): it has the opposite sign"
-    if is_other_unit:
+    if r < 0:
+        code, factor = codes.SIGN, -1.0
+        words = f"moves against its position (correlation {r:.3f}): it has the opposite sign"
+    elif abs(math.log(times)) >= math.log(tol.FAR):
+        code, per_degree = codes.UNIT, math.pi / 180
         is_degrees = abs(math.log(times * per_degree)) < tol.MOST
-        factor, code = float(f"{per_degree if is_degrees else 1 / times:.4g}"), codes.UNIT
+        factor = float(f"{per_degree if is_degrees else 1 / times:.4g}")
         unit = "degrees" if is_degrees else "another unit"
         words = f"has {times:.4g} times the range of its position: it is in {unit}"
+    else:
+        return
     source = commanded.log.sources()[joint]["position_command"]
     yield code.finding(
         f"the position command of {joint} {words}",
@@ -181,13 +161,12 @@ def _at_stop(commanded: Commanded) -> Iterator[Finding]:
     """Yield a joint that is commanded beyond its limits and does not follow there."""
     robot, joint, unit = commanded.robot, commanded.joint, commanded.unit
     lower, upper = robot.position_range(joint)
-
-    def beyond(place: Array) -> Array:
-        return np.asarray(np.maximum(np.maximum(place - upper, lower - place), 0.0))
-
-    command = beyond(commanded.command)
+    command, position = (
+        np.abs(angle - np.clip(angle, lower, upper))
+        for angle in (commanded.command, commanded.position)
+    )
     share, farthest = float(np.mean(command > 0)), float(np.max(command))
-    if share < tol.FEW or np.sum(beyond(commanded.position)) > tol.MOST * np.sum(command):
+    if share < tol.FEW or np.sum(position) > tol.MOST * np.sum(command):
         return
     others = [name for name in robot.joint_names if name != joint]
     yield codes.CONTACT.finding(
@@ -210,33 +189,27 @@ def _limited(commanded: Commanded) -> Iterator[Finding]:
         if robot.drives[joint].is_up_to_scale:
             return  # its gains are in other units than the limit
         limit = float(robot.effort_limits[robot.index(joint)])
-    asked = np.abs(commanded.asked())
+    asked = np.abs(commanded.asked)
     share = float(np.mean(asked > limit)) if limit > 0 else 0.0
     if share < tol.FEW:
         return
     times, evidence = float(np.median(asked)) / limit, {"share at the limit": share}
+    asks = (
+        f"the controller of {joint} asks for more than its torque limit, {limit:.4g} N m, in "
+        f"{share:.1%} of the samples"
+    )
     # bodies of the robot file show another unit better than its limits
     if times > tol.MANY_TIMES and (is_stated or not np.any(robot.parameters)):
         yield codes.GAIN_SCALE.finding(
-            f"the controller of {joint} asks for more than its torque limit, {limit:.4g} N m, in "
-            f"{share:.0%} of the samples, and for {times:.3g} times as much on average: its gains "
-            "are in another unit than the limit, such as units of the drive (counts, 1/256, per "
-            "degree)",
+            f"{asks}, and for {times:.3g} times as much on average: its gains are in another unit "
+            "than the limit, such as units of the drive (counts, 1/256, per degree)",
             joint,
             evidence={**evidence, "median torque over its limit": times},
-            remedy="gains in N m/rad, or gains and limit in units of the drive and their scale as "
-            "a parameter with known bodies, "
-            + in_drives({(joint, "controller"): "is_up_to_scale = true"}),
+            remedy=_declared_scale(robot, [joint]),
         )
     elif is_stated:
-        yield codes.SATURATION.finding(
-            f"the controller of {joint} asks for more than its torque limit, {limit:.4g} N m, in "
-            f"{share:.1%} of the samples: the limit counts as its torque there",
-            joint,
-            "note",
-            evidence,
-            certainty="certain",
-        )
+        message = f"{asks}: the limit counts as its torque there"
+        yield codes.SATURATION.note(message, joint, evidence)
     else:
         yield codes.SATURATION.finding(
             f"the controller of {joint} asks for up to {float(np.max(asked)):.3g} N m, in "
@@ -246,6 +219,13 @@ def _limited(commanded: Commanded) -> Iterator[Finding]:
             evidence=evidence,
             remedy=in_drives({(joint, "controller"): f"torque_limit_Nm = {limit:.4g}"}),
         )
+
+
+def _declared_scale(robot: Robot, joints: Sequence[str]) -> str:
+    """Return the remedy of gains in units of the drive."""
+    bodies = "" if robot.known_bodies else " with known bodies (known_bodies=)"
+    line = in_drives({(joint, "controller"): "is_up_to_scale = true" for joint in joints})
+    return f"gains in N m/rad, or their scale as a parameter{bodies}, {line}"
 
 
 def _ignored(commanded: Commanded) -> Iterator[Finding]:
@@ -279,7 +259,7 @@ def _encoder_noise(position: Array) -> float:
 
 def _too_close(commanded: Commanded) -> Iterator[Finding]:
     """Yield a joint whose tracking error is mostly the noise of its encoder."""
-    joint, size = commanded.joint, float(np.std(commanded.error))
+    joint, size = commanded.joint, float(np.std(commanded.command - commanded.position))
     noise = _encoder_noise(commanded.position)
     if size > tol.SURE * noise or is_constant(commanded.position):
         return
@@ -295,13 +275,7 @@ def _too_close(commanded: Commanded) -> Iterator[Finding]:
     )
 
 
-_OF_COMMANDS = (
-    Observation(codes.DELAY, _repeats),
-    Observation(codes.CONTACT, _at_stop),
-    Observation(codes.SATURATION, _limited),
-    Observation(codes.UNUSED_COMMAND, _ignored),
-    Observation(codes.UNIDENTIFIABLE, _too_close),
-)
+_OF_COMMANDS = (_repeats, _at_stop, _limited, _ignored, _too_close)
 
 
 def no_measurements(robot: Robot, log: Log) -> Iterator[Finding]:
@@ -403,43 +377,41 @@ _OTHER_GAINS = (
 )
 
 
+_SUMS = {"armature": "motor_inertia", "friction": "viscous_friction"}
+"""{what the delay of commands changes: its parameter}."""
+
+
 def separation_findings(robot: Robot, motions: Sequence[Motion]) -> Iterator[Finding]:
     """Yield, before a fit, what logs with one gain set determine of armature, friction and delay.
 
     Of stiff drives; a delay that counts as known, but not exactly, is free here.
     """
-    free = _free_delays(robot)
+    free = {
+        joint: replace(drive, known=tuple(x for x in drive.known if x != DELAY_PARAMETER))
+        for joint, drive in robot.drives.items()
+        if stated_delay_s(drive) and not drive.is_elastic
+    }
     if not free or not is_linear(robot, list(free)) or robot.floating_base is not None:
         return
     robot = robot.with_drives(free)
     model = load_model_of(robot, motions, list(free))
     rows = stacked([load_regression(robot, motion, model, {}) for motion in motions])
     H = rows.H / _residual_std(rows)[:, None]
-    is_delay = np.array([DELAY_PARAMETER in str(name) for name in rows.names])
-    others, names = H[:, ~is_delay], np.array(rows.names)[~is_delay].tolist()
+    others = [k for k, name in enumerate(rows.names) if parameter_of(name) != DELAY_PARAMETER]
+    names = [rows.names[place] for place in others]
     for bus in buses_of(robot.drives, rows.names):
         columns = H[:, list(bus.places)]
-        change = scaled_svd(others).solve(columns.sum(axis=1))
-        unshared = (columns.sum(axis=1) - others @ change)[np.any(columns != 0, axis=1)]
+        change = scaled_svd(H[:, others]).solve(columns.sum(axis=1))
+        unshared = (columns.sum(axis=1) - H[:, others] @ change)[np.any(columns != 0, axis=1)]
         reach = NORMAL_95 * bus.std_s
         effect = reach * float(np.sqrt(np.mean(unshared**2)))
-        of_bus = [rows.names[place].split(" of ")[1] for place in bus.places]
         slopes = dict(zip(names, change.tolist(), strict=True))
-        yield _separation(robot, of_bus, slopes, reach, effect)
+        yield _separation(robot, _joints_of(bus, rows.names), slopes, reach, effect)
 
 
-def _free_delays(robot: Robot) -> dict[str, Drive]:
-    """Return the stiff drives whose delay counts as known, but not exactly, with a free one."""
-    within = {joint: stated_delay_s(drive) for joint, drive in robot.drives.items()}
-    return {
-        joint: replace(
-            drive,
-            known=tuple(name for name in drive.known if name != DELAY_PARAMETER),
-            std={**drive.std, "command_delay_s": within[joint] / NORMAL_95},
-        )
-        for joint, drive in robot.drives.items()
-        if within[joint] and not drive.is_elastic
-    }
+def _joints_of(bus: Bus, names: Sequence[str]) -> list[str]:
+    """Return the joints of the delays of a bus."""
+    return [names[place].split(" of ")[1] for place in bus.places]
 
 
 def _residual_std(rows: Regression) -> Array:
@@ -459,100 +431,82 @@ def _separation(
     robot: Robot, joints: Sequence[str], slopes: Mapping[str, float], reach: float, effect: float
 ) -> Finding:
     """Return the finding of one bus; `effect` is that of `reach` [s] over the residual."""
-    texts = []
+    sums: list[str] = []
     evidence = {"effect of the delay that nothing else has, over the residual": effect}
-    for joint in joints:
-        sums, alone = [], []
-        for name, parameter in (("armature", "motor_inertia"), ("friction", "viscous_friction")):
-            slope = slopes.get(JointParameter(parameter, joint))
-            if slope is not None:
-                slope *= robot.drives[joint].ratio ** 2
-                sums.append(f"{name} + {slope:.3g} T")
-                alone.append(f"+-{abs(slope) * reach:.2g}")
-                evidence[f"{name} of {joint} per second of delay"] = slope
-        if sums:
-            texts.append(f"{joint} {' and '.join(sums)} ({' and '.join(alone)} alone)")
+    for joint, (name, parameter) in product(joints, _SUMS.items()):
+        slope = slopes.get(JointParameter(parameter, joint))
+        if slope is not None:
+            slope *= robot.drives[joint].ratio ** 2
+            sums.append(f"{joint} {name} + {slope:.3g} T (+-{abs(slope) * reach:.2g} alone)")
+            evidence[f"{name} of {joint} per second of delay"] = slope
     verdict, but, remedy = "separates", "", ""
     if effect <= 1:
         verdict, remedy = "does not separate", _OTHER_GAINS
         but = "; it determines sums, and each alone only as well as T is known: "
-        but += "; ".join(texts[: tol.MOST_LISTED])
-    return codes.COMMAND_DELAY.finding(
+        but += listed(sums, 2 * tol.MOST_LISTED)
+    return codes.COMMAND_DELAY.note(
         f"before a fit: this log {verdict} the delay T of the commands from rotor inertia and "
         f"viscous friction{but}. {reach * 1e3:.3g} ms of T change the torque by {effect:.2g} times "
         "the residual beyond what these and the other parameters explain",
-        severity="note",
         evidence=evidence,
         remedy=remedy,
-        certainty="certain",
     )
 
 
 def delay_estimate_findings(robot: Robot, load_side: Estimate) -> Iterator[Finding]:
     """Yield, after a fit, sums that the log determines in place of delays, and unusual delays."""
-    sums: dict[str, str] = {}
+    sums: list[str] = []
     evidence: dict[str, float] = {}
-    stated_s: list[float] = []
-    unusual: dict[float, list[str]] = {}
-    for place, joint in _delays(load_side):
-        drive = robot.drives[joint]
+    stated_s = 0.0
+    for bus in buses_of(robot.drives, load_side.names):
+        joints, place = _joints_of(bus, load_side.names), bus.places[0]
         delay, std = float(load_side.values[place]), float(load_side.standard_errors[place])
-        is_sure = abs(delay) > tol.SIGNIFICANT * std and DELAY_PARAMETER not in drive.known
+        known = robot.drives[joints[0]].known
+        is_sure = abs(delay) > tol.SIGNIFICANT * std and DELAY_PARAMETER not in known
         if is_sure and not -tol.LEAST_DELAY_S < delay < tol.LATE_S:
-            unusual.setdefault(round(delay, 4), []).append(joint)
-        inertia = JointParameter("motor_inertia", joint)
-        if is_stated(std, delay_std_s(drive)) and inertia in load_side.names:
-            slope, value, error = _sum_with_delay(load_side, place, inertia)
-            scale = drive.ratio**2
-            sums[joint] = f"{joint} {scale * value:.3g} +- {NORMAL_95 * scale * error:.2g}"
-            evidence[f"armature and {scale * slope:.3g} delay of {joint}"] = scale * value
-            stated_s.append(std)
+            yield _unusual_delay(delay, joints)
+        for joint in joints if is_stated(std, bus.std_s) else ():
+            if JointParameter("motor_inertia", joint) in load_side.names:
+                scale = robot.drives[joint].ratio ** 2
+                slope, value, error = (scale * x for x in _sum_with_delay(load_side, joint))
+                sums.append(f"{joint} {value:.3g} +- {NORMAL_95 * error:.2g}")
+                evidence[f"armature and {slope:.3g} delay of {joint}"] = value
+                stated_s = max(stated_s, std)
     if sums:
-        yield codes.COMMAND_DELAY.finding(
+        yield codes.COMMAND_DELAY.note(
             "the log does not separate the delay of the commands from rotor inertia and friction: "
-            f"it counts as known to +-{NORMAL_95 * max(stated_s) * 1e3:.3g} ms, which is in all "
+            f"it counts as known to +-{NORMAL_95 * stated_s * 1e3:.3g} ms, which is in all "
             "intervals. Within one gain set it determines armature + (K_d + F_v) delay "
-            f"[kg m^2], with 95 %: {listed(sums.values(), tol.MOST_LISTED)}",
-            severity="note",
+            f"[kg m^2], with 95 %: {listed(sums, tol.MOST_LISTED)}",
             evidence=evidence,
             remedy=_OTHER_GAINS,
-            certainty="certain",
         )
-    for delay, joints in unusual.items():
-        yield _unusual_delay(delay, joints)
 
 
-def _delays(load_side: Estimate) -> Iterator[tuple[int, str]]:
-    """Yield the places of delays of commands in an estimate, and their joints."""
-    for place, name in enumerate(load_side.names):
-        if isinstance(name, JointParameter) and name.parameter == DELAY_PARAMETER:
-            yield place, name.joint
-
-
-def _sum_with_delay(
-    load_side: Estimate, place: int, inertia: JointParameter
-) -> tuple[float, float, float]:
+def _sum_with_delay(load_side: Estimate, joint: str) -> tuple[float, float, float]:
     """Return K_d + F_v, the rotor inertia plus that times the delay, and its standard error."""
-    row, std = load_side.names.index(inertia), load_side.standard_errors[place]
-    slope = -load_side.covariance[row, place] / std**2  # over N^2, as the rest
-    error = np.sqrt(max(load_side.covariance[row, row] - (slope * std) ** 2, 0.0))
-    value = load_side.values[row] + slope * load_side.values[place]
-    return float(slope), float(value), float(error)
+    names = (JointParameter(name, joint) for name in ("motor_inertia", DELAY_PARAMETER))
+    places = [load_side.names.index(name) for name in names]
+    (variance, shared), (_, of_delay) = load_side.covariance[np.ix_(places, places)]
+    inertia, delay = load_side.values[places]
+    slope = -shared / of_delay  # over N^2, as the rest
+    return slope, inertia + slope * delay, math.sqrt(max(variance - slope**2 * of_delay, 0.0))
 
 
 def _unusual_delay(delay: float, joints: Sequence[str]) -> Finding:
     """Return the finding on commands that act before their time, or later than on any bus."""
-    severity: Severity = "note"
-    when, cause = "before", "they are logged late, or the positions early"
-    if delay > 0:
-        severity, when = "doubtful", "after"
-        cause = "no bus is so slow: positions or commands have another clock, or the drive "
-        cause += "filters or interpolates commands"
+    is_late = delay > 0
+    cause = (
+        "no bus is so slow: positions or commands have another clock, or the drive filters or "
+        "interpolates commands"
+        if is_late
+        else "they are logged late, or the positions early"
+    )
     return codes.DELAY.finding(
-        f"the commands of {listed(joints, tol.MOST_LISTED)} act {1e3 * abs(delay):.3g} ms {when} "
-        f"their time in the log: {cause}",
+        f"the commands of {listed(joints, tol.MOST_LISTED)} act {1e3 * abs(delay):.3g} ms "
+        f"{'after' if is_late else 'before'} their time in the log: {cause}",
         only_joint(joints),
-        severity,
+        "doubtful" if is_late else "note",
         {"delay [s]": delay},
         "log command and position with one clock, each with the time at which it is sent or "
         "measured; the other parameters do not depend on it",
@@ -560,17 +514,22 @@ def _unusual_delay(delay: float, joints: Sequence[str]) -> Finding:
 
 
 def _commanded_joints(experiment: Experiment) -> list[int]:
-    """Return the joints whose torque is that of a controller with gains in N m."""
+    """Return the joints whose torque is that of a controller with gains in N m, by known bodies."""
     drives = [*experiment.robot.drives.values()]
-    return [j for j in experiment.used if drives[j].controller is not None]
+    has_bodies = bool(np.all(np.isfinite(experiment.bodies)))
+    return [j for j in experiment.used if has_bodies and drives[j].controller is not None]
 
 
 def _by_bodies(experiment: Experiment, j: int) -> tuple[Array, Array]:
     """Return columns (R, 5) of the bodies, friction and rotor, and the controller's torque (R,)."""
     of_bodies = experiment.regressor[:, j] @ experiment.bodies
-    rotor = experiment.lever[j] * experiment.motor[2][:, j]
-    columns = np.column_stack([of_bodies, experiment.friction[j], rotor])
+    columns = np.column_stack([of_bodies, experiment.friction[j], _rotor(experiment, j)])
     return columns, experiment.lever[j] * experiment.torque[:, j]
+
+
+def _rotor(experiment: Experiment, j: int) -> Array:
+    """Return the column (R,) of the rotor inertia of joint j."""
+    return np.asarray(experiment.lever[j] * experiment.motor[2][:, j])
 
 
 def _unexplained_share(columns: Array, y: Array) -> float:
@@ -585,7 +544,7 @@ def hidden_limits(experiment: Experiment) -> Iterator[Finding]:
     The torque that they ask for is cut at levels; with the right one, bodies, friction and rotor
     inertia leave little of the residual.
     """
-    for j in _commanded_joints(experiment) if np.all(np.isfinite(experiment.bodies)) else ():
+    for j in _commanded_joints(experiment):
         joint = experiment.robot.joint_names[j]
         law = experiment.robot.drives[joint].controller
         if law is None or np.isfinite(law.torque_limit_Nm):
@@ -594,9 +553,8 @@ def hidden_limits(experiment: Experiment) -> Iterator[Finding]:
         before = _unexplained_share(columns, asked)
         levels = np.quantile(np.abs(asked), np.linspace(0.3, 0.98, 35))
         after = {
-            level: _unexplained_share(columns, np.clip(asked, -level, level))
-            for level in levels.tolist()
-            if level > 0
+            float(level): _unexplained_share(columns, np.clip(asked, -level, level))
+            for level in levels[levels > 0]
         }
         limit = min(after, key=after.__getitem__, default=0.0)
         if before < tol.SLIGHT or not after or after[limit] > tol.SEVERE * before:
@@ -625,13 +583,11 @@ def gain_findings(experiment: Experiment) -> tuple[list[Finding], Experiment]:
     off = {j: pair for j, pair in factors.items() if not 1 / tol.TWICE < pair[0] < tol.TWICE}
     if not off:
         return [], experiment
-    changes = {j: factor for j, (factor, _) in off.items()}
-    if len(off) == len(factors):
-        middle = float(np.median([*changes.values()]))
-        changes = {j: changes.get(j, middle) for j in _commanded_joints(experiment)}
-    finding = _gain_finding(experiment, off, sorted(changes))
-    for j, factor in changes.items():
-        experiment = scaled(experiment, j, {"t": 1 / factor})
+    joints = _commanded_joints(experiment) if len(off) == len(factors) else [*off]
+    finding = _gain_finding(experiment, off, joints)
+    usual = float(np.median([factor for factor, _ in off.values()])), 0.0
+    for j in joints:
+        experiment = scaled(experiment, j, {"t": 1 / off.get(j, usual)[0]})
     return [finding], experiment
 
 
@@ -642,11 +598,11 @@ def _gain_factors(experiment: Experiment) -> dict[int, tuple[float, float]]:
     together explain the torque.
     """
     factors: dict[int, tuple[float, float]] = {}
-    for j in _commanded_joints(experiment) if np.all(np.isfinite(experiment.bodies)) else ():
+    for j in _commanded_joints(experiment):
         columns, y = _by_bodies(experiment, j)
         x, covariance = fitted(columns, y)
-        factor, error = float(x[0]), float(np.sqrt(covariance[0, 0]))
-        if factor > 0 and error < tol.POOR * factor and _unexplained_share(columns, y) < tol.SEVERE:
+        factor, error = float(x[0]), math.sqrt(covariance[0, 0])
+        if error < tol.POOR * factor and _unexplained_share(columns, y) < tol.SEVERE:
             factors[j] = factor, error
     return factors
 
@@ -655,30 +611,26 @@ def _gain_finding(
     experiment: Experiment, shown: Mapping[int, tuple[float, float]], joints: Sequence[int]
 ) -> Finding:
     """Return the finding for the factors and standard errors `shown`, and all joints concerned."""
-    names = np.array(experiment.robot.joint_names)
-    concerned = tuple(names[list(joints)].tolist())
-    times = {str(names[j]): factor for j, (factor, _) in shown.items()}
-    each = [f"{joint} {_as_text(factor)}" for joint, factor in times.items()]
-    others = [joint for joint in concerned if joint not in times]
+    names, is_known = experiment.robot.joint_names, bool(experiment.robot.known_bodies)
+    times = {names[j]: factor for j, (factor, _) in shown.items()}
+    texts = [
+        f"{joint} {f'{factor:.3g}' if factor > 1 else f'1/{1 / factor:.3g}'}"
+        for joint, factor in times.items()
+    ]
+    others = [names[j] for j in joints if j not in shown]
     more = f"; {listed(others, tol.MOST_LISTED)} as the others" if others else ""
     error = float(np.median([error / factor for factor, error in shown.values()]))
-    bodies, scale = "bodies of the robot file", " with known bodies (known_bodies=)"
-    if experiment.robot.known_bodies:
-        bodies, scale = "known bodies", ""
+    concerned = tuple(names[j] for j in joints)
     return codes.GAIN_SCALE.finding(
-        f"the controllers give many times or a fraction of the torque that moves and holds the "
-        f"{bodies} ({listed(each, tol.MOST_LISTED)}, +- {error:.1%}{more}): their gains are in "
-        "units of the drive (counts, 1/256, per degree) and not in N m, or those bodies are wrong",
+        "the controllers give many times or a fraction of the torque that moves and holds the "
+        f"{'known bodies' if is_known else 'bodies of the robot file'} "
+        f"({listed(texts, tol.MOST_LISTED)}, +- {error:.1%}{more}): their gains are in units of "
+        "the drive (counts, 1/256, per degree) and not in N m, or those bodies are wrong",
         severity="wrong",
         evidence={f"torque of {x} over that of the bodies": times[x] for x in times},
-        remedy=f"gains in N m/rad, or their scale as a parameter{scale}, "
-        + in_drives(dict.fromkeys([(x, "controller") for x in concerned], "is_up_to_scale = true")),
+        remedy=_declared_scale(experiment.robot, concerned),
         joints=concerned,
     )
-
-
-def _as_text(factor: float) -> str:
-    return f"{factor:.3g}" if factor > 1 else f"1/{1 / factor:.3g}"
 
 
 Poses = dict[int, tuple[float, float]]
@@ -693,24 +645,19 @@ def pose_findings(experiment: Experiment) -> Iterator[Finding]:
     """
     robot = experiment.robot
     joints = [j for j in _commanded_joints(experiment) if not robot.is_prismatic[j]]
-    is_known = bool(robot.known_bodies) and bool(np.all(np.isfinite(experiment.bodies)))
-    if not (is_known and joints and np.any(robot.model.gravity.linear)):
+    if not (robot.known_bodies and joints and np.any(robot.model.gravity.linear)):
         return
     experiment = _with_poses(_thinned(experiment), {})
     if not np.nanmax(experiment.nominal) > tol.POOR:
         return
     cost = partial(_pose_cost, experiment)
-    searched = [_searched(experiment, joints, start) for start in _starts(joints, cost)]
-    poses = min(searched, key=cost)
+    # two signs of joints that both carry the load do nothing alone
+    pairs: list[Poses] = [{i: (-1.0, 0.0), j: (-1.0, 0.0)} for i, j in combinations(joints, 2)]
+    pair = min(pairs, key=cost, default={})
+    starts = [{}, pair] if pair and cost(pair) <= cost({}) else [{}]
+    poses = min((_searched(experiment, joints, start) for start in starts), key=cost)
     for j in sorted(poses):
         yield from _pose_finding(experiment, poses, j)
-
-
-def _starts(joints: Sequence[int], cost: Callable[[Poses], float]) -> list[Poses]:
-    """Return no change, and two signs: of joints that both carry the load they do nothing alone."""
-    pairs: list[Poses] = [{i: (-1.0, 0.0), j: (-1.0, 0.0)} for i, j in combinations(joints, 2)]
-    best = min(pairs, key=cost, default={})
-    return [{}, best] if best and cost(best) <= cost({}) else [{}]
 
 
 def _thinned(experiment: Experiment) -> Experiment:
@@ -737,8 +684,7 @@ def _with_poses(experiment: Experiment, poses: Poses) -> Experiment:
     unexplained = experiment.lever * experiment.torque - experiment.regressor @ experiment.bodies
     for j in experiment.used:
         if drives[j].motor_inertia_kg_m2 is None:
-            rotor = experiment.lever[j] * experiment.motor[2][:, j]
-            columns = np.column_stack([experiment.friction[j], rotor])
+            columns = np.column_stack([experiment.friction[j], _rotor(experiment, j)])
             inertia[j] = max(float(scaled_svd(columns).solve(unexplained[:, j])[-1]), 0.0)
     changed = replace(experiment, inertia=inertia)
     vars(changed)["regressor"] = experiment.regressor  # of the same motion: not computed again
@@ -753,85 +699,76 @@ def _pose_cost(experiment: Experiment, poses: Poses) -> float:
 
 def _searched(experiment: Experiment, joints: Sequence[int], poses: Poses) -> Poses:
     """Return the signs and zeros that explain most, found joint by joint from a start."""
-    cost, before = _pose_cost(experiment, poses), math.inf
-    while before - cost >= tol.TIE:  # each pass but the last lowers the cost by a tie or more
-        before = cost
+    cost, before = partial(_pose_cost, experiment), math.inf
+    while before - cost(poses) >= tol.TIE:  # each pass but the last lowers the cost by a tie
+        before = cost(poses)
         for j in joints:
             others = {i: pose for i, pose in poses.items() if i != j}
-            tried = [(_pose_cost(experiment, others), others)]
-            for sign in (1.0, -1.0):
-                tried += _best_zero(experiment, others, j, sign, cost)
-            cheapest, changed = min(tried, key=lambda pair: pair[0])
-            if cheapest < cost:
-                cost, poses = cheapest, changed
+            tried = _turned(experiment, others, j, cost(poses))
+            poses = min([poses, others, *tried], key=cost)
     return poses
 
 
-def _best_zero(
-    experiment: Experiment, others: Poses, j: int, sign: float, most_cost: float
-) -> list[tuple[float, Poses]]:
-    """Return the best cost, and poses, with a sign of joint j, within its limits.
+def _turned(experiment: Experiment, others: Poses, j: int, most_cost: float) -> Iterator[Poses]:
+    """Yield the poses with the best zero of joint j within its limits, for each sign.
 
     A grid that comes nowhere near `most_cost` has none, nor has a zero that is nearly that of the
     robot file.
     """
-    robot, moved = experiment.robot, sign * experiment.joint[0][:, j]
-    lower, upper = robot.position_range(robot.joint_names[j])
-    least = max(lower - float(moved.min()) - tol.BEYOND_RAD, -math.pi)
-    most = min(upper - float(moved.max()) + tol.BEYOND_RAD, math.pi)
-
-    def at(offset: float) -> tuple[float, float]:
-        return _pose_cost(experiment, others | {j: (sign, offset)}), offset
-
     first, last = math.radians(tol.GRID_DEG), math.radians(tol.NEAREST_DEG)
-    grid = [float(x) for x in np.arange(-6, 7) * first if least <= x <= most]
-    best = min(map(at, grid), default=(math.inf, 0.0))
-    if best[0] > most_cost + tol.LEAST_GAIN:
-        return []
-    step = 0.5 * first
-    while step > 0.5 * last:
-        best, step = min([best, *(at(best[1] + x) for x in (-step, step))]), 0.5 * step
-    cost, offset = min(best, at(math.radians(round(math.degrees(best[1])))))
-    is_given = sign > 0 and abs(offset) < tol.SURE * last
-    return [] if is_given else [(cost, others | {j: (sign, offset)})]
+    lower, upper = experiment.robot.position_range(experiment.robot.joint_names[j])
+    for sign in (1.0, -1.0):
+        moved = sign * experiment.joint[0][:, j]
+        least = max(lower - float(moved.min()) - tol.BEYOND_RAD, -math.pi)
+        most = min(upper - float(moved.max()) + tol.BEYOND_RAD, math.pi)
+
+        @cache
+        def cost(offset: float, sign: float = sign) -> float:
+            return _pose_cost(experiment, others | {j: (sign, offset)})
+
+        grid = [float(x) for x in np.arange(-6, 7) * first if least <= x <= most]
+        offset, step = min(grid, key=cost, default=0.0), 0.5 * first
+        if not grid or cost(offset) > most_cost + tol.LEAST_GAIN:
+            continue
+        while step > 0.5 * last:
+            offset, step = min((offset, offset - step, offset + step), key=cost), 0.5 * step
+        offset = min(offset, math.radians(round(math.degrees(offset))), key=cost)
+        if sign < 0 or abs(offset) >= tol.SURE * last:
+            yield others | {j: (sign, offset)}
 
 
 def _pose_finding(experiment: Experiment, poses: Poses, j: int) -> Iterator[Finding]:
     """Yield the finding of one joint, unless the others explain the torques without it."""
-    sign, offset = poses[j]
     others = {i: pose for i, pose in poses.items() if i != j}
     gain = _pose_cost(experiment, others) - _pose_cost(experiment, poses)
     before, after = (_with_poses(experiment, each).nominal for each in (others, poses))
     falls = (before > tol.POOR) & (after < tol.MOST * before)
     if gain < tol.LEAST_GAIN or not np.any(falls):
         return
-    names, joint = experiment.robot.joint_names, experiment.robot.joint_names[j]
+    (sign, offset), names = poses[j], experiment.robot.joint_names
     worst = int(np.argmax(np.where(falls, before / np.maximum(after, 1e-9), 0.0)))
     zero = f"its zero {math.degrees(offset):.0f} degrees from that of the robot file"
-    signs = {"the opposite sign": sign < 0, zero: offset != 0}
-    parts = [text for text, is_so in signs.items() if is_so]
-    same = "\n# the same sign for velocity_command and torque_command, if the log has them"
-    yield (codes.SIGN if sign < 0 else codes.ENCODER_OFFSET).finding(
-        f"the position of {joint} has {' and '.join(parts)}: the part of the torque of "
+    texts = {"the opposite sign": sign < 0, zero: offset != 0}
+    parts = [text for text, is_so in texts.items() if is_so]
+    code, same = codes.ENCODER_OFFSET, ""
+    if sign < 0:
+        code = codes.SIGN
+        same = "\n# the same sign for velocity_command and torque_command, if the log has them"
+    sources = {}
+    for quantity in (*experiment.logged(j, "qm"), "position_command"):
+        zero_at = offset * (float(experiment.ratio[j]) if quantity == "motor_position" else 1.0)
+        source = experiment.source(j, quantity)
+        sources[quantity] = changed_source(source, factor=sign, offset=round(zero_at, 4))
+    yield code.finding(
+        f"the position of {names[j]} has {' and '.join(parts)}: the part of the torque of "
         f"{names[worst]} that gravity on the known bodies leaves unexplained falls from "
         f"{before[worst]:.0%} to {after[worst]:.0%}",
-        joint,
+        names[j],
         "wrong",
         {
             "offset [rad]": offset,
-            "misfit as given": float(before[worst]),
+            AS_GIVEN: float(before[worst]),
             "misfit without it": float(after[worst]),
         },
-        in_description({joint: _moved_sources(experiment, j, sign, offset)})
-        + (same if sign < 0 else ""),
+        in_description({names[j]: sources}) + same,
     )
-
-
-def _moved_sources(experiment: Experiment, j: int, sign: float, offset: float) -> dict[str, str]:
-    """Return the positions and the command of joint j with a sign, and an offset at the joint."""
-    sources = {}
-    for quantity in (*experiment.logged(j, "qm"), "position_command"):
-        moved = offset * (float(experiment.ratio[j]) if quantity == "motor_position" else 1.0)
-        source = experiment.source(j, quantity)
-        sources[quantity] = changed_source(source, factor=sign, offset=round(moved, 4))
-    return sources
