@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,7 @@ import numpy as np
 from seaid._arrays import Array
 from seaid.checks import codes
 from seaid.checks import tolerances as tol
-from seaid.checks.check import Code, Observation, in_drives, observed, only_joint
+from seaid.checks.check import Code, in_drives, only_joint
 from seaid.checks.echoes import consequences
 from seaid.drives import (
     COMMANDS,
@@ -27,7 +26,6 @@ from seaid.drives import (
     Drive,
     JointParameter,
     is_harmonic,
-    parameter_of,
     readable,
     total_ratio,
     unit_of,
@@ -57,19 +55,18 @@ def disagreement(
     """
     if not np.any(scores):
         return
-    names, worst = [readable(name) for name in rows.names], int(np.argmax(scores))
-    differing = [first_term(names[place]) for place in np.argsort(-scores) if scores[place]]
-    first, second = (float(of_way[worst]) for of_way in values)
-    unit = f" {rows.units[worst]}" if rows.units[worst] else ""
+    names, worst = [first_term(readable(name)) for name in rows.names], int(np.argmax(scores))
+    differing = [names[place] for place in np.argsort(-scores) if scores[place]]
+    numbers = {way: float(theta[worst]) for way, theta in zip(ways, values, strict=True)}
+    sizes = " and ".join(f"{number:.4g}" for number in numbers.values())
     yield code.finding(
-        f"{ways[0]} and {ways[1]} give different values of {listed(differing, 4)}: "
-        f"{first_term(names[worst])} is {first:.4g} and {second:.4g}{unit}, "
-        f"{scores[worst]:.0f} standard errors of the difference apart",
+        f"{' and '.join(ways)} give different values of {listed(differing, 4)}: {names[worst]} is "
+        f"{f'{sizes} {rows.units[worst]}'.strip()}, {scores[worst]:.0f} standard errors of the "
+        "difference apart",
         joint,
-        "doubtful",
-        {ways[0]: first, ways[1]: second, "standard errors": float(scores[worst])},
-        remedy,
-        "possible",
+        evidence={**numbers, "standard errors": float(scores[worst])},
+        remedy=remedy,
+        certainty="possible",
     )
 
 
@@ -118,8 +115,7 @@ def _blocks_disagree(estimate: Estimate) -> Iterator[Finding]:
             f"to {scatter**0.5:.1f} times as much as their residuals explain; the standard errors "
             "were enlarged so much",
             evidence={"chi-square per degree of freedom": scatter},
-            remedy="look for what changed between or during the logs: encoder offsets, payload, "
-            "temperature, a drifting sensor; identify the logs one by one",
+            remedy=codes.BLOCKS_DISAGREE.advice,
         )
 
 
@@ -140,9 +136,7 @@ def _drifts(estimate: Estimate) -> Iterator[Finding]:
                 "time constant [s]": 1 / (2 * math.pi * drift.corner_hz),
                 "likelihood ratio": drift.ratio,
             },
-            "let the drives and amplifiers warm up and zero the torque or current sensor before "
-            "the log; move faster, or longer; noisy joint encoders bias the fit and look like "
-            "this: then compare with the estimator iv",
+            codes.DRIFT.advice,
         )
 
 
@@ -156,17 +150,10 @@ def _weak_instruments(estimate: Estimate) -> Iterator[Finding]:
             )
 
 
-_OF_NOISE = (
-    Observation(codes.FEW_ROWS, _few_rows),
-    Observation(codes.BLOCKS_DISAGREE, _blocks_disagree),
-    Observation(codes.DRIFT, _drifts),
-    Observation(codes.WEAK_INSTRUMENTS, _weak_instruments),
-)
-
-
 def noise_findings(estimate: Estimate) -> list[Finding]:
     """Return what the errors of the rows of a fit show, by its diagnostics."""
-    return observed(_OF_NOISE, estimate)
+    looks = (_few_rows, _blocks_disagree, _drifts, _weak_instruments)
+    return [finding for look in looks for finding in look(estimate)]
 
 
 def smoothed_instruments(problem: Exception) -> Finding:
@@ -179,10 +166,9 @@ def smoothed_instruments(problem: Exception) -> Finding:
 
 def instruments_without_effect() -> Finding:
     """Return the note on instruments of stiff drives."""
-    return codes.WEAK_INSTRUMENTS.finding(
+    return codes.WEAK_INSTRUMENTS.note(
         "instrumental variables have no effect: the instruments of stiff drives come from the same "
-        "motor encoder as the motion",
-        severity="note",
+        "motor encoder as the motion"
     )
 
 
@@ -201,6 +187,9 @@ _CONSTANTS = tuple(
 )
 """Motor constants: of one that the load or a sensor gives, (7) has the ratio to the stiffness."""
 
+_OF_TORQUE = (*_CONSTANTS, "stiffness")
+"""Parameters whose sign is that of a channel."""
+
 
 @dataclass(frozen=True, eq=False)
 class _Value:
@@ -215,145 +204,110 @@ class _Value:
     def evidence(self) -> dict[str, float]:
         return {"value": self.value, "standard error": self.error}
 
-    def has_wrong_sign(self) -> bool:
-        """Return whether it is below zero, which no such parameter is."""
-        kind = PARAMETERS.get(self.name)
-        return kind is not None and kind.is_positive and self.value < 0
 
-    @property
-    def is_sure(self) -> bool:
-        """Whether it is below zero, and not only uncertain."""
-        return self.value < -tol.SURE * self.error
-
-    @property
-    def reasons(self) -> list[str]:
-        """Why it is poorly identified, if it is."""
-        if not self.error > tol.POOR * abs(self.value):
-            return []
-        share = f"standard error {self.error / abs(self.value):.0%}" if self.value else ""
-        return [share or "value zero"]
+def _values(joint: str, estimate: Estimate) -> Iterator[_Value]:
+    """Yield the parameters that are not zero in a drive of this kind."""
+    rows = zip(estimate.names, estimate.values, estimate.standard_errors, strict=True)
+    for name, value, error in rows:
+        if not (name in _ZEROS or is_harmonic(name)):
+            text = readable(JointParameter(name, joint))
+            yield _Value(name, text, float(value), float(error))
 
 
-@dataclass(frozen=True, eq=False)
-class _DriveValues:
-    """The estimate of the drive of a joint; `qr_factor` is that of its motor equation."""
-
-    joint: str
-    estimate: Estimate
-    qr_factor: QRFactor | None
-
-    @cached_property
-    def values(self) -> list[_Value]:
-        """The parameters that are not zero in a drive of this kind."""
-        names, estimate = self.estimate.names, self.estimate
-        rows = zip(names, estimate.values, estimate.standard_errors, strict=True)
-        return [
-            _Value(name, self.readable(name), float(value), float(error))
-            for name, value, error in rows
-            if not (name in _ZEROS or is_harmonic(name))
-        ]
-
-    def readable(self, name: str) -> str:
-        return readable(JointParameter(name, self.joint))
-
-    @cached_property
-    def weak(self) -> list[str]:
-        """Why the stiffness may be biased by noise in the deflection, if it may.
-
-        Direct regression with noise in a column gives too small a value, reverse regression too
-        large a one. Their ratio is the column's partial R^2, a^2 / (a^2 + b^2) with a, b the
-        entries of the last column of R for the deflection and for the residual (Frisch 1934).
-        """
-        qr_factor, estimate = self.qr_factor, self.estimate
-        if qr_factor is None or not self._has_linear_spring:
-            return []
-        names = qr_factor.names
-        k, offset, p = names.index("stiffness"), names.index("spring_offset"), len(names)
-        others = [place for place in range(p) if place not in (k, offset)]
-        R = triangle(qr_factor.weighted_factor()[:, [*others, offset, k, p]])[-2:, -2:]
-        share = R[0, 1] ** 2 / max(R[0, 1] ** 2 + R[1, 1] ** 2, 1e-300)  # partial R^2
-        if share > 1 - tol.POOR:
-            return []
-        about_mean = triangle(qr_factor.weighted_factor()[:, [offset, k]])[1, 1]
-        # amplitude of the sinusoid with the same root mean square
-        swing = np.sqrt(2.0 / qr_factor.count) * abs(about_mean * estimate.value("stiffness"))
-        name = self.scattering or "stiffness"
-        value, unit = estimate.value(name), estimate.units[estimate.names.index(name)]
-        reverse = value * share if self.scattering else value / share
-        return [
-            f"direct and reverse regression give {value:.3g} and {reverse:.3g} {unit}",
-            f"the motion changes the torque of this spring by only +-{swing:.2g} N m at the motor",
-        ]
-
-    @property
-    def _has_linear_spring(self) -> bool:
-        """Whether the spring is k times the deflection and an offset, and nothing else.
-
-        A dead zone has a zero of its deflection.
-        """
-        others = {"deflection_zero", "cubic_stiffness", "fifth_stiffness", "hysteresis_force"}
-        names = set(self.estimate.names)
-        return {"stiffness", "spring_offset"} <= names and not others & names
-
-    @property
-    def scattering(self) -> str:
-        """The motor constant, if its error is that of the stiffness in (7); else "".
-
-        Of a constant K that the load or a torque sensor gives, (7) has the stiffness k_1 = k / K:
-        where the load has k, it is K that scatters.
-        """
-        estimate = self.estimate
-        sizes = dict(zip(estimate.names, estimate.relative_standard_errors, strict=True))
-        constants = [constant for constant in _CONSTANTS if constant in estimate.names]
-        return constants[0] if constants and sizes[constants[0]] > sizes["stiffness"] else ""
+_NONLINEAR = {"deflection_zero", "cubic_stiffness", "fifth_stiffness", "hysteresis_force"}
+"""Parameters of springs that are not k times the deflection and an offset; of a dead zone, too."""
 
 
-def _uncertain(drive: _DriveValues) -> Iterator[Finding]:
-    for term in drive.values:
-        if term.name == "stiffness" and drive.weak:
-            subject, constant = term.text, drive.scattering
-            if constant:
-                subject = f"{drive.readable(constant)}, and with it friction and rotor inertia,"
-            reasons = "; ".join([*term.reasons, *drive.weak])
-            message = f"{subject} is poorly identified: {reasons}"
-            yield codes.WEAK_SPRING.finding(message, drive.joint, evidence=term.evidence)
-        elif term.reasons:
-            message = f"{term.text} is poorly identified: {term.reasons[0]}"
-            yield codes.POORLY_IDENTIFIED.finding(message, drive.joint, "note", term.evidence)
+def _weak(estimate: Estimate, qr_factor: QRFactor | None) -> list[str]:
+    """Return why a stiffness may be biased by noise in the deflection, if it may.
+
+    Direct regression with noise in a column gives too small a value, reverse regression too large a
+    one. Their ratio is the column's partial R^2, a^2 / (a^2 + b^2) with a, b the entries of the
+    last column of R for the deflection and for the residual (Frisch 1934).
+    """
+    is_linear = {"stiffness", "spring_offset"} <= {*estimate.names}
+    if qr_factor is None or not is_linear or _NONLINEAR & {*estimate.names}:
+        return []
+    names = qr_factor.names
+    k, offset, p = names.index("stiffness"), names.index("spring_offset"), len(names)
+    others = [place for place in range(p) if place not in (k, offset)]
+    R = triangle(qr_factor.weighted_factor()[:, [*others, offset, k, p]])[-2:, -2:]
+    share = R[0, 1] ** 2 / max(R[0, 1] ** 2 + R[1, 1] ** 2, 1e-300)  # partial R^2
+    if share > 1 - tol.POOR:
+        return []
+    about_mean = triangle(qr_factor.weighted_factor()[:, [offset, k]])[1, 1]
+    # amplitude of the sinusoid with the same root mean square
+    swing = np.sqrt(2.0 / qr_factor.count) * abs(about_mean * estimate.value("stiffness"))
+    constant = _scattering(estimate)
+    name = constant or "stiffness"
+    value, unit = estimate.value(name), estimate.units[estimate.names.index(name)]
+    reverse = value * share if constant else value / share
+    return [
+        f"direct and reverse regression give {value:.3g} and {reverse:.3g} {unit}",
+        f"the motion changes the torque of this spring by only +-{swing:.2g} N m at the motor",
+    ]
 
 
-def _negative(drive: _DriveValues) -> Iterator[Finding]:
+def _scattering(estimate: Estimate) -> str:
+    """Return the motor constant, if its error is that of the stiffness in (7); else "".
+
+    Of a constant K that the load or a torque sensor gives, (7) has the stiffness k_1 = k / K: where
+    the load has k, it is K that scatters.
+    """
+    sizes = dict(zip(estimate.names, estimate.relative_standard_errors, strict=True))
+    constants = [name for name in _CONSTANTS if sizes.get(name, 0.0) > sizes["stiffness"]]
+    return constants[0] if constants else ""
+
+
+def _uncertain(joint: str, estimate: Estimate, qr_factor: QRFactor | None) -> Iterator[Finding]:
+    """Yield the parameters with a large standard error, and a stiffness that is biased by noise."""
+    weak = _weak(estimate, qr_factor)
+    for term in _values(joint, estimate):
+        reasons, subject = list[str](), term.text
+        if term.error > tol.POOR * abs(term.value):
+            share = f"standard error {term.error / abs(term.value):.0%}" if term.value else ""
+            reasons = [share or "value zero"]
+        if term.name == "stiffness" and weak:
+            if _scattering(estimate):
+                constant = readable(JointParameter(_scattering(estimate), joint))
+                subject = f"{constant}, and with it friction and rotor inertia,"
+            message = f"{subject} is poorly identified: {'; '.join([*reasons, *weak])}"
+            yield codes.WEAK_SPRING.finding(message, joint, evidence=term.evidence)
+        elif reasons:
+            message = f"{subject} is poorly identified: {reasons[0]}"
+            yield codes.POORLY_IDENTIFIED.finding(message, joint, "note", term.evidence)
+
+
+def _negative(joint: str, estimate: Estimate) -> Iterator[Finding]:
     """Yield the parameters with the wrong sign."""
-    names = drive.estimate.names
-    for term in filter(_Value.has_wrong_sign, drive.values):
-        severity: Severity = "doubtful" if term.is_sure else "note"
-        if PARAMETERS[term.name].starts:  # of a search: not due to a wrong sign in the log
+    for term in _values(joint, estimate):
+        kind = PARAMETERS.get(term.name)
+        if kind is None or not kind.is_positive or term.value >= 0:
+            continue
+        is_sure = term.value < -tol.SURE * term.error
+        severity: Severity = "doubtful" if is_sure else "note"
+        code, remedy = codes.NEGATIVE_PARAMETER, ""
+        message = f"{term.text} is negative, {term.value:.3g}: "
+        if kind.starts:  # of a search: not due to a wrong sign in the log
+            code, severity = codes.NEEDLESS_TERM, "note"
             message = f"{term.text} is not distinguishable from zero: remove its term"
-            yield codes.NEEDLESS_TERM.finding(message, drive.joint, "note", term.evidence)
-        elif term.name == "coulomb_friction" and "stiffness" in names:
-            play = abs(term.value / drive.estimate.value("stiffness"))
-            yield codes.LOOSE_ENCODER.finding(
-                f"{term.text} is negative, {term.value:.3g}: the joint encoder, or the spring, has "
-                f"play or hysteresis, at least {play:.2g} (torque of the motor over stiffness)",
-                drive.joint,
-                severity,
-                term.evidence,
+        elif term.name == "coulomb_friction" and "stiffness" in estimate.names:
+            code, play = codes.LOOSE_ENCODER, abs(term.value / estimate.value("stiffness"))
+            message += (
+                "the joint encoder, or the spring, has play or hysteresis, at least "
+                f"{play:.2g} (torque of the motor over stiffness)"
             )
         else:
-            message = (
-                f"{term.text} is negative, {term.value:.3g}: check signs and offsets of the log"
-            )
-            remedy = _if_negative(term.name, names, term.is_sure)
-            if term.name in (*_CONSTANTS, "stiffness") and term.is_sure:
+            message += "check signs and offsets of the log"
+            remedy = _if_negative(term.name, estimate.names, is_sure)
+            if is_sure and term.name in _OF_TORQUE:
                 severity = "wrong"
-            yield codes.NEGATIVE_PARAMETER.finding(
-                message, drive.joint, severity, term.evidence, remedy
-            )
+        yield code.finding(message, joint, severity, term.evidence, remedy)
 
 
 def _if_negative(name: str, others: Collection[str], sure: bool) -> str:
     """Return what to do about a parameter below zero, `sure` if its interval excludes zero."""
-    if name in (*_CONSTANTS, "stiffness"):
+    if name in _OF_TORQUE:
         return (
             "the motor's torque, current or voltage, the deflection, or all channels of this joint "
             "have the opposite sign: sign = -1 in the description of the log"
@@ -376,11 +330,6 @@ def _if_negative(name: str, others: Collection[str], sure: bool) -> str:
     return "accelerate the motor more: its inertia is hardly in this torque"
 
 
-_OF_DRIVE = (
-    Observation(codes.POORLY_IDENTIFIED, _uncertain),
-    Observation(codes.NEGATIVE_PARAMETER, _negative),
-)
-
 _OF_VALUES = ("poorly-identified", "needless-term", "loose-encoder", "negative-parameter")
 """The codes of values alone; a weak spring is one by its equation."""
 
@@ -389,7 +338,7 @@ def drive_findings(
     joint: str, estimate: Estimate, qr_factor: QRFactor | None = None
 ) -> list[Finding]:
     """Return what the values of a drive show, with the QR factor of its motor equation (10)."""
-    return observed(_OF_DRIVE, _DriveValues(joint, estimate, qr_factor))
+    return [*_uncertain(joint, estimate, qr_factor), *_negative(joint, estimate)]
 
 
 def revalued(findings: Sequence[Finding], drives: Mapping[str, Estimate]) -> tuple[Finding, ...]:
@@ -422,7 +371,7 @@ def fixed_findings(
             message = f"{what}: {fixed}{source}; remove its term, or excite it"
             yield codes.UNIDENTIFIABLE.finding(message, joint, "note")
             continue
-        (second,) = (zone for zone in _ONE_SIDED if zone != name)
+        (second,) = {*_ONE_SIDED} - {name}
         yield codes.UNIDENTIFIABLE.finding(
             f"{what}: the spring is loaded in one direction only and shows one end of its dead "
             f"zone, so that this value, {fixed}, is arbitrary, and that of "
@@ -439,25 +388,23 @@ def fixed_findings(
 def offset_findings(robot: Robot, load: FittedRows) -> Iterator[Finding]:
     """Yield the constant errors of motor torques on springs that the load side has as columns."""
     estimate, qr_factor = load.estimate, load.qr_factor
+    sizes = np.linalg.norm(qr_factor.factors[:, :, -1], axis=1) / np.sqrt(qr_factor.counts)
     for place, name in enumerate(estimate.names):
-        if parameter_of(name) != "torque_offset" or not isinstance(name, JointParameter):
+        if not isinstance(name, JointParameter) or name.parameter != "torque_offset":
             continue
         value, error = float(estimate.values[place]), float(estimate.standard_errors[place])
         lower, upper = estimate.interval(tol.NO_CHANCE)[place]
-        joint, drive = name.joint, robot.drives[name.joint]
-        equation = qr_factor.equations.index(robot.index(joint))
-        rms = np.linalg.norm(qr_factor.factors[equation, :, -1])
-        rms /= np.sqrt(qr_factor.counts[equation])
-        torque = float(rms / total_ratio(drive))
+        size = sizes[qr_factor.equations.index(robot.index(name.joint))]
+        torque = float(size / total_ratio(robot.drives[name.joint]))
         if not lower <= 0 <= upper and abs(value) >= tol.FEW * torque:
             yield codes.TORQUE_OFFSET.finding(
-                f"the motor torque of {joint} has a constant error of {value:.2g} N m "
+                f"the motor torque of {name.joint} has a constant error of {value:.2g} N m "
                 f"({value / torque:.0%} of the torque on its spring at the motor), which the "
                 "estimates allow for",
-                joint,
+                name.joint,
                 "doubtful" if abs(value) > tol.RARE * torque else "note",
                 {"offset_Nm": value, "standard error": error, "torque_rms_Nm": torque},
-                "set the zero of the torque or current sensor while the motor is off",
+                codes.TORQUE_OFFSET.advice,
             )
 
 
@@ -466,10 +413,9 @@ def offset_findings(robot: Robot, load: FittedRows) -> Iterator[Finding]:
 
 def shared_scale(std: float) -> Finding:
     """Return the note that one scale error of all torques is in all standard errors."""
-    return codes.TORQUE_SCALE.finding(
+    return codes.TORQUE_SCALE.note(
         f"all torques share a scale error of {std:.2g} (known_std): it is in every standard error "
         "and changes all parameters together, so that their ratios are better known",
-        severity="note",
         evidence={"relative std": std},
     )
 
@@ -477,15 +423,13 @@ def shared_scale(std: float) -> Finding:
 def scale_of_bodies(joints: Sequence[str]) -> Iterator[Finding]:
     """Yield the note on joints whose motor constants rest on known bodies, which are exact."""
     if joints:
-        yield codes.TORQUE_SCALE.finding(
+        yield codes.TORQUE_SCALE.note(
             f"the motor constants of {listed(joints)} rest on the known bodies, which count as "
             "exact: were these 10 % heavier, all constants, frictions, rotor inertias and "
             "stiffnesses would be 10 % larger",
             only_joint(joints),
-            "note",
             remedy="weigh a link, or a test mass on the last one; or state how well the bodies are "
             "known: --known-std bodies=0.05",
-            certainty="certain",
         )
 
 
@@ -510,16 +454,15 @@ def unknown_scales(robot: Robot, load_side: Estimate, joints: Sequence[str]) -> 
 
 def _ratios(load_side: Estimate, joint: str) -> dict[str, float]:
     """Return the parameters of a joint over the best known one, which have no unknown scale."""
-    others = ("command_delay", "gain_scale", *_CONSTANTS)
-    relative = dict(zip(load_side.names, load_side.relative_standard_errors, strict=True))
+    without_scale = ("command_delay", "gain_scale", *_CONSTANTS)
+    errors = dict(zip(load_side.names, load_side.relative_standard_errors, strict=True))
     names = [x for x in load_side.names if isinstance(x, JointParameter) and x.joint == joint]
-    names = [name for name in names if name.parameter not in others]
-    first = min(names, key=lambda name: relative[name], default=None)
+    names = [name for name in names if name.parameter not in without_scale]
+    names.sort(key=errors.__getitem__)
     return {
-        f"{name.parameter} over {first.parameter} of {joint}": load_side.value(name)
-        / load_side.value(first)
-        for name in names
-        if first is not None and name != first
+        f"{name.parameter} over {names[0].parameter} of {joint}": load_side.value(name)
+        / load_side.value(names[0])
+        for name in names[1:]
     }
 
 
@@ -582,11 +525,10 @@ def _assumptions(robot: Robot, program: Program, bounds: int) -> Iterator[tuple[
 
 def rigid_gear(joint: str, least: float) -> Finding:
     """Return the note on a gear whose stiffness [N m/rad] is above the `least` one."""
-    return codes.GEAR_COMPLIANCE.finding(
+    return codes.GEAR_COMPLIANCE.note(
         f"the gear of {joint} is rigid within the errors: its stiffness is above {least:.3g} "
         "N m/rad",
         joint,
-        "note",
     )
 
 
@@ -615,12 +557,11 @@ def gear_findings(
         if not is_by_deflection(joint)
     ]
     if joints:
-        yield codes.GEAR_COMPLIANCE.finding(
+        yield codes.GEAR_COMPLIANCE.note(
             f"the stiffness of {listed(joints)} is that between the encoders, of spring and gear "
             "in series; give gear_stiffness_Nm_per_rad in the drives, or log the deflection too, "
             "for that of the spring alone",
             only_joint(joints),
-            "note",
         )
 
 
@@ -631,7 +572,15 @@ def unused_findings(
     motions: Sequence[Motion],
 ) -> Iterator[Finding]:
     """Yield notes on parameters of `drives` that no equation has, and on channels without use."""
-    yield from _without_motor_equation(robot, drives)
+    for joint in robot.elastic_joints:
+        names = motor_regressor(robot, joint).names
+        missing = [name.replace("_", " ") for name in names if name not in drives[joint].names]
+        if missing:
+            yield codes.UNIDENTIFIABLE.note(
+                f"the log has the joint torque of {joint} and not its motor "
+                f"{robot.drives[joint].motor_input}, which alone would identify {listed(missing)}",
+                joint,
+            )
     inputs = {x: INPUT_FIELDS[robot.drives[x].motor_input] for x in torque_joints}
     logged = _logged_torques(robot, motions)
     for channel, joints in logged.items():
@@ -640,32 +589,18 @@ def unused_findings(
             stiff = {*robot.joint_names}.difference(robot.elastic_joints)
             unused = [x for x in unused if x in stiff.intersection(logged[inputs[x]])]
         if unused:
-            name, joint = channel.replace("_", " "), only_joint(unused)
+            name = channel.replace("_", " ")
             message = f"the {name} of {listed(unused)} is in the log and in no equation"
-            yield codes.UNUSED_CHANNEL.finding(message, joint, "note", certainty="certain")
-
-
-def _without_motor_equation(robot: Robot, drives: Mapping[str, Estimate]) -> Iterator[Finding]:
-    for joint in robot.elastic_joints:
-        names = motor_regressor(robot, joint).names
-        missing = [name.replace("_", " ") for name in names if name not in drives[joint].names]
-        if missing:
-            yield codes.UNIDENTIFIABLE.finding(
-                f"the log has the joint torque of {joint} and not its motor "
-                f"{robot.drives[joint].motor_input}, which alone would identify {listed(missing)}",
-                joint,
-                "note",
-                certainty="certain",
-            )
+            yield codes.UNUSED_CHANNEL.note(message, only_joint(unused))
 
 
 def _logged_torques(robot: Robot, motions: Sequence[Motion]) -> dict[str, list[str]]:
     """Return {channel: joints of which some motion has it}."""
     logged = {}
     for channel in (*INPUT_FIELDS.values(), "joint_torque"):
-        signals = (getattr(motion, channel) for motion in motions)
         is_logged = np.zeros(robot.n, dtype=bool)
-        for values in (values for values in signals if values is not None):
-            is_logged |= np.any(np.isfinite(values), axis=0)
+        for motion in motions:
+            signals = getattr(motion, channel)
+            is_logged |= False if signals is None else np.any(np.isfinite(signals), axis=0)
         logged[channel] = np.array(robot.joint_names)[is_logged].tolist()
     return logged
