@@ -29,32 +29,24 @@ def unseen_motion(of: str, joint: str, error: float, ratio: float) -> Iterator[F
     if not (error > MOST and ratio > TWICE):
         return
     times = f", and {ratio:.2g} times that in the own logs" if math.isfinite(ratio) else ""
-    parts = (
-        "payload, mounting, encoder zeros and columns"
-        if joint
-        else "payload, force sensors and IMU"
-    )
     yield codes.UNSEEN_MOTION.finding(
         f"the model does not predict {of} in another motion: its error is {error:.0%} of it, that "
         f"of a constant 100%{times}",
         joint,
         "wrong" if error > NOTHING else "doubtful",
         {"error": error, "over that in the own logs": ratio},
-        f"check that {parts} of both logs are the same and that nothing else touched the robot; if "
-        "so, identify from both logs",
+        codes.UNSEEN_MOTION.advice,
     )
 
 
 def not_measured(joints: Sequence[str]) -> Iterator[Finding]:
     """Yield the note on joints that a validation simulates from their motor angles."""
     if joints:
-        yield codes.MOTOR_SIDE.finding(
+        yield codes.MOTOR_SIDE.note(
             f"the log has no sensor behind the spring of {', '.join(joints)}: the joint is "
             "simulated from the motor angle, and the motor torque compared; there is no measured "
             "torque on its load to compare",
             only_joint(joints),
-            "note",
-            certainty="certain",
         )
 
 
@@ -63,12 +55,10 @@ def not_measured(joints: Sequence[str]) -> Iterator[Finding]:
 
 def not_replayed(joint: str, reason: str) -> Finding:
     """Return the note on a joint that follows its measured motion in a replay."""
-    return codes.NOT_REPLAYED.finding(
+    return codes.NOT_REPLAYED.note(
         f"{joint} follows its measured motion in the replay, which compares the other joints: "
         f"{reason}",
         joint,
-        "note",
-        certainty="certain",
     )
 
 
@@ -93,15 +83,13 @@ def diverged_replay(title: str, inertias: Mapping[str, float]) -> Finding:
 
 def least_inertias(title: str, inertias: Mapping[str, float], least_s: float) -> Finding:
     """Return the note that friction stops joints within a time [s] without other inertias."""
-    return codes.ROTOR_INERTIA.finding(
+    return codes.ROTOR_INERTIA.note(
         f"the {title} model has so little inertia at "
         f"{listed(f'{joint} {x:.2g}' for joint, x in inertias.items())} that viscous friction "
         f"stops it within {1e3 * least_s:g} ms: it was replayed with these rotor inertias at the "
         "joint [kg m^2 or kg]",
         only_joint([*inertias]),
-        "note",
         inertias,
-        certainty="certain",
     )
 
 
@@ -115,27 +103,22 @@ def replay_worse(
     """
     tiny = np.finfo(float).tiny
     whole = float(np.exp(np.mean(np.log(np.maximum([*ratios.values()], tiny)))))
-    remedy = "check gains, delay and limit of the controllers, and that the log is of this robot"
-    if whole > 1:
+    # of a joint, less is within the scatter of parts of one log
+    worse = {joint: ratio for joint, ratio in ratios.items() if ratio > 1 + POOR}
+    unit_of = dict(zip(ratios, units, strict=True))
+    for joint, ratio in ({"": whole} if whole > 1 else worse).items():
+        size, mean = "", " (geometric mean of the joints)"
+        if joint:
+            size, mean = f"{1e3 * after[joint]:.3g} {unit_of[joint]}, ", ""
         yield codes.REPLAY_WORSE.finding(
-            "the identified model replays this log worse than the nominal one: its rms errors are "
-            f"{whole:.2g} times those before (geometric mean of the joints)",
-            "",
-            "wrong" if is_closed else "doubtful",
-            {"ratio": whole},
-            remedy,
-            "certain" if is_closed else "possible",
+            f"the identified model replays {joint or 'this log'} worse than the nominal one: its "
+            f"rms error is {size}{ratio:.2g} times that before{mean}",
+            joint,
+            "wrong" if is_closed and not joint else "doubtful",
+            {"ratio": ratio},
+            codes.REPLAY_WORSE.advice,
+            "likely" if joint else "certain" if is_closed else "possible",
         )
-        return
-    for (joint, ratio), unit in zip(ratios.items(), units, strict=True):
-        if ratio > 1 + POOR:  # less is within the scatter of parts of one log
-            yield codes.REPLAY_WORSE.finding(
-                f"the identified model replays {joint} worse than the nominal one: its rms error "
-                f"is {1e3 * after[joint]:.3g} {unit}, {ratio:.2g} times that before",
-                joint,
-                evidence={"ratio": ratio},
-                remedy=remedy,
-            )
 
 
 # Refinements, and springs behind motors
@@ -143,14 +126,11 @@ def replay_worse(
 
 def nothing_to_simulate() -> Finding:
     """Return the note that a refinement has no joint to simulate."""
-    return codes.NOTHING_TO_SIMULATE.finding(
+    return codes.NOTHING_TO_SIMULATE.note(
         "refine returns the values of its start: no joint has a spring whose torque is unknown, so "
         "there is no motion to simulate, and the torques alone determine no more than identify "
         "found",
-        severity="note",
-        remedy="use the result of identify, with estimator='iv' against the noise of the encoders, "
-        "or estimate encoder offsets with encoder_offset_std=",
-        certainty="certain",
+        remedy=codes.NOTHING_TO_SIMULATE.advice,
     )
 
 
@@ -160,8 +140,7 @@ def worse_than_start(reason: str, evidence: Mapping[str, float]) -> Finding:
         f"refine returns the values of its start, because {reason}: the model lacks an effect that "
         "the simulation of the joints accumulates, or the log is another one",
         evidence=evidence,
-        remedy="use the result of identify; look for missing terms of the drives with "
-        "compare_terms",
+        remedy=codes.WORSE_THAN_START.advice,
     )
 
 
@@ -176,34 +155,29 @@ def motor_side_findings(
     k (1 - B (w/w_a)^2) instead of k, with the size B = d^2 (1 - s) / s. A chance of 1 % is none.
     """
     hidden: dict[str, float] = {}
-    doubts: list[Finding] = []
     for joint, sizes in tests.items():
-        size, error = sizes.get(1, (0.0, 0.0))
-        if size > SURE * error:
-            doubts.append(_undamped(joint, size, error))
-            continue  # of which the other term has a part
-        size, error = sizes.get(2, (0.0, 0.0))
-        if size > ndtri(0.99) * error:
-            doubts.append(_flexible(joint, size, error, antiresonances_hz[joint]))
+        damping, error = sizes.get(1, (0.0, 0.0))
+        fall, error_of_fall = sizes.get(2, (0.0, 0.0))
+        if damping > SURE * error:  # of which the other term has a part
+            yield _undamped(joint, damping, error)
+        elif fall > ndtri(0.99) * error_of_fall:
+            yield _flexible(joint, fall, error_of_fall, antiresonances_hz[joint])
         elif 2 in sizes:
-            hidden[joint] = math.sqrt(abs(size) + ndtri(0.95) * error)
+            hidden[joint] = math.sqrt(abs(fall) + ndtri(0.95) * error_of_fall)
     bounds = ", ".join(f"{least:.1%} at {joint}" for joint, least in hidden.items())
     unshown = (
         f"; an elastic link with half of the inertia behind it, which this log does not show, may "
         f"have lowered the stiffness by up to {bounds} (95 %); motions up to twice the "
         "antiresonance show more"
     )
-    yield codes.MOTOR_SIDE.finding(
+    yield codes.MOTOR_SIDE.note(
         f"{', '.join(tests)}: no sensor behind the spring, so that stiffness and load come from "
         "motor angle and torque by output error; the stiffness is that of gear, spring and link in "
         "series, and the joint angle that of the motor over the gear ratio at a spring without "
         f"force{unshown if hidden else ''}",
         only_joint([*tests]),
-        "note",
         {f"hidden part of the stiffness of {joint}": least for joint, least in hidden.items()},
-        certainty="certain",
     )
-    yield from doubts
 
 
 def _undamped(joint: str, size: float, error: float) -> Finding:
@@ -289,24 +263,25 @@ def unseen_resonance(
     the response, over its size, at the antiresonance or at the highest frequency.
     """
     top, seen, rate = band_hz
-    is_rigid = not spring.value("antiresonance") <= FAR * top  # or without any, NaN
-    # noise or images of the sampling: a spring takes energy, with damping ratios of 0.005 to 0.1
-    is_rigid = is_rigid or spring.value("antiresonance_damping") < -SLIGHT
     error = spring.standard_error("stiffness") / spring.value("stiffness")
+    # noise or images of the sampling: a spring takes energy, with damping ratios of 0.005 to 0.1
+    is_noise = spring.value("antiresonance_damping") < -SLIGHT
+    has_antiresonance = spring.value("antiresonance") <= FAR * top  # NaN without any
     # no slope at all is no information; without noise it would be small, not zero
-    error = error if not is_rigid and math.isfinite(error) and error > 0 else math.inf
+    if is_noise or not has_antiresonance or not 0 < error < math.inf:
+        error = math.inf
     if error <= RARE:
         return
     factor = min(error / SLIGHT, FAR)
     louder = f"give {factor:.2g} times the amplitude, or {factor**2:.2g} times the periods"
     expected = f"with its nominal values the antiresonance is at {expected_hz:.3g} Hz"
-    if expected_hz > seen:
-        least, most = 1.5 * expected_hz / seen * rate, 1.5 * expected_hz
-        reason = f"{expected}, and half of the rate (Nyquist) is {rate / 2:.4g} Hz"
-        remedy = f"log at {least:.3g} Hz or more, and excite up to {most:.3g} Hz"
-    elif expected_hz > top:
+    if expected_hz > min(seen, top):
+        needed_hz, rate_hz = 1.5 * expected_hz, ""
         reason = f"{expected}, and the motion excites up to {top:.3g} Hz"
-        remedy = f"excite up to {1.5 * expected_hz:.3g} Hz"
+        if expected_hz > seen:
+            reason = f"{expected}, and half of the rate (Nyquist) is {rate / 2:.4g} Hz"
+            rate_hz = f"log at {needed_hz / seen * rate:.3g} Hz or more, and "
+        remedy = f"{rate_hz}excite up to {needed_hz:.3g} Hz"
     elif math.isfinite(expected_hz):
         reason = f"{expected}, where noise and nonlinear distortion are {noise:.2g} of the response"
         remedy = louder
@@ -332,7 +307,7 @@ def wrong_minimum(lack_of_fit: float) -> Finding:
         f"{lack_of_fit:.3g} times as large as what does not; the search may have ended in a wrong "
         "minimum, or links or gears are elastic",
         evidence={"error_ratio": lack_of_fit},
-        remedy="give nominal stiffnesses in the drives file, or as many logs as joints move",
+        remedy=codes.WRONG_MINIMUM.advice,
         certainty="possible",
     )
 
