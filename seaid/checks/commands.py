@@ -34,6 +34,7 @@ from seaid.drives import (
     NORMAL_95,
     Bus,
     Controller,
+    Drive,
     JointParameter,
     buses_of,
     is_stated,
@@ -80,22 +81,27 @@ def command_findings(robot: Robot, log: Log) -> Iterator[Finding]:
 
     A command with another sign or unit than its position makes the other checks meaningless.
     """
-    drives = {joint: robot.drives[joint] for joint in log.joint_names if joint in robot.drives}
-    laws = {joint: drive.controller for joint, drive in drives.items() if drive.controller}
-    if log.position_command is None or not laws:
+    if log.position_command is None or not robot.has_controllers:
         return
+    asked = _asked(robot, log)
+    for joint, drive in robot.drives.items():
+        j, law = log.joint_names.index(joint), drive.controller
+        signals = log.position_command[:, j], _controlled_position(log, j, drive.ratio)
+        if law is None or any(np.isnan(signal[0]) for signal in signals):
+            continue
+        commanded = Commanded(robot, log, joint, law, *signals, drive.ratio * asked[:, j])
+        wrong = list(_not_following(commanded))
+        yield from wrong or chain.from_iterable(look(commanded) for look in _OF_COMMANDS)
+
+
+def _asked(robot: Robot, log: Log) -> Array:
+    """Return the motor torque (T, n) that the controllers of a log would give without a limit."""
     unlimited = {
-        joint: replace(drives[joint], controller=replace(law, torque_limit_Nm=math.inf))
-        for joint, law in laws.items()
+        joint: replace(drive, controller=replace(drive.controller, torque_limit_Nm=math.inf))
+        for joint, drive in robot.drives.items()
+        if drive.controller is not None
     }
-    asked = with_commanded_torque(robot.with_drives(unlimited), log).motor_torque
-    for joint, law in laws.items():
-        j, ratio = log.joint_names.index(joint), drives[joint].ratio
-        signals = log.position_command[:, j], _controlled_position(log, j, ratio)
-        if not any(np.isnan(signal[0]) for signal in signals):
-            commanded = Commanded(robot, log, joint, law, *signals, ratio * asked[:, j])
-            wrong = list(_not_following(commanded))
-            yield from wrong or chain.from_iterable(look(commanded) for look in _OF_COMMANDS)
+    return with_commanded_torque(robot.with_drives(unlimited), log).motor_torque
 
 
 def _controlled_position(log: Log, j: int, ratio: float) -> Array:
@@ -386,11 +392,7 @@ def separation_findings(robot: Robot, motions: Sequence[Motion]) -> Iterator[Fin
 
     Of stiff drives; a delay that counts as known, but not exactly, is free here.
     """
-    free = {
-        joint: replace(drive, known=tuple(x for x in drive.known if x != DELAY_PARAMETER))
-        for joint, drive in robot.drives.items()
-        if stated_delay_s(drive) and not drive.is_elastic
-    }
+    free = _free_delays(robot)
     if not free or not is_linear(robot, list(free)) or robot.floating_base is not None:
         return
     robot = robot.with_drives(free)
@@ -407,6 +409,15 @@ def separation_findings(robot: Robot, motions: Sequence[Motion]) -> Iterator[Fin
         effect = reach * float(np.sqrt(np.mean(unshared**2)))
         slopes = dict(zip(names, change.tolist(), strict=True))
         yield _separation(robot, _joints_of(bus, rows.names), slopes, reach, effect)
+
+
+def _free_delays(robot: Robot) -> dict[str, Drive]:
+    """Return the stiff drives whose delay counts as known, but not exactly, with a free one."""
+    return {
+        joint: replace(drive, known=tuple(x for x in drive.known if x != DELAY_PARAMETER))
+        for joint, drive in robot.drives.items()
+        if stated_delay_s(drive) and not drive.is_elastic
+    }
 
 
 def _joints_of(bus: Bus, names: Sequence[str]) -> list[str]:
@@ -613,10 +624,7 @@ def _gain_finding(
     """Return the finding for the factors and standard errors `shown`, and all joints concerned."""
     names, is_known = experiment.robot.joint_names, bool(experiment.robot.known_bodies)
     times = {names[j]: factor for j, (factor, _) in shown.items()}
-    texts = [
-        f"{joint} {f'{factor:.3g}' if factor > 1 else f'1/{1 / factor:.3g}'}"
-        for joint, factor in times.items()
-    ]
+    texts = [f"{joint} {_as_text(factor)}" for joint, factor in times.items()]
     others = [names[j] for j in joints if j not in shown]
     more = f"; {listed(others, tol.MOST_LISTED)} as the others" if others else ""
     error = float(np.median([error / factor for factor, error in shown.values()]))
@@ -631,6 +639,10 @@ def _gain_finding(
         remedy=_declared_scale(experiment.robot, concerned),
         joints=concerned,
     )
+
+
+def _as_text(factor: float) -> str:
+    return f"{factor:.3g}" if factor > 1 else f"1/{1 / factor:.3g}"
 
 
 Poses = dict[int, tuple[float, float]]
@@ -653,9 +665,10 @@ def pose_findings(experiment: Experiment) -> Iterator[Finding]:
     cost = partial(_pose_cost, experiment)
     # two signs of joints that both carry the load do nothing alone
     pairs: list[Poses] = [{i: (-1.0, 0.0), j: (-1.0, 0.0)} for i, j in combinations(joints, 2)]
-    pair = min(pairs, key=cost, default={})
-    starts = [{}, pair] if pair and cost(pair) <= cost({}) else [{}]
-    poses = min((_searched(experiment, joints, start) for start in starts), key=cost)
+    poses = _searched(experiment, joints, {})
+    pair = min(pairs, key=cost, default=poses)
+    if cost(pair) <= cost({}):
+        poses = min(poses, _searched(experiment, joints, pair), key=cost)
     for j in sorted(poses):
         yield from _pose_finding(experiment, poses, j)
 
@@ -754,11 +767,6 @@ def _pose_finding(experiment: Experiment, poses: Poses, j: int) -> Iterator[Find
     if sign < 0:
         code = codes.SIGN
         same = "\n# the same sign for velocity_command and torque_command, if the log has them"
-    sources = {}
-    for quantity in (*experiment.logged(j, "qm"), "position_command"):
-        zero_at = offset * (float(experiment.ratio[j]) if quantity == "motor_position" else 1.0)
-        source = experiment.source(j, quantity)
-        sources[quantity] = changed_source(source, factor=sign, offset=round(zero_at, 4))
     yield code.finding(
         f"the position of {names[j]} has {' and '.join(parts)}: the part of the torque of "
         f"{names[worst]} that gravity on the known bodies leaves unexplained falls from "
@@ -770,5 +778,15 @@ def _pose_finding(experiment: Experiment, poses: Poses, j: int) -> Iterator[Find
             AS_GIVEN: float(before[worst]),
             "misfit without it": float(after[worst]),
         },
-        in_description({names[j]: sources}) + same,
+        in_description({names[j]: _moved_sources(experiment, j, sign, offset)}) + same,
     )
+
+
+def _moved_sources(experiment: Experiment, j: int, sign: float, offset: float) -> dict[str, str]:
+    """Return the positions and the command of joint j with a sign, and an offset at the joint."""
+    sources = {}
+    for quantity in (*experiment.logged(j, "qm"), "position_command"):
+        moved = offset * (float(experiment.ratio[j]) if quantity == "motor_position" else 1.0)
+        source = experiment.source(j, quantity)
+        sources[quantity] = changed_source(source, factor=sign, offset=round(moved, 4))
+    return sources

@@ -107,11 +107,11 @@ def replay_worse(
     worse = {joint: ratio for joint, ratio in ratios.items() if ratio > 1 + POOR}
     unit_of = dict(zip(ratios, units, strict=True))
     for joint, ratio in ({"": whole} if whole > 1 else worse).items():
-        size, mean = "", " (geometric mean of the joints)"
+        what, size, mean = "this log", "", " (geometric mean of the joints)"
         if joint:
-            size, mean = f"{1e3 * after[joint]:.3g} {unit_of[joint]}, ", ""
+            what, size, mean = joint, f"{1e3 * after[joint]:.3g} {unit_of[joint]}, ", ""
         yield codes.REPLAY_WORSE.finding(
-            f"the identified model replays {joint or 'this log'} worse than the nominal one: its "
+            f"the identified model replays {what} worse than the nominal one: its "
             f"rms error is {size}{ratio:.2g} times that before{mean}",
             joint,
             "wrong" if is_closed and not joint else "doubtful",

@@ -204,6 +204,11 @@ class _Value:
     def evidence(self) -> dict[str, float]:
         return {"value": self.value, "standard error": self.error}
 
+    @property
+    def has_wrong_sign(self) -> bool:
+        kind = PARAMETERS.get(self.name)
+        return kind is not None and kind.is_positive and self.value < 0
+
 
 def _values(joint: str, estimate: Estimate) -> Iterator[_Value]:
     """Yield the parameters that are not zero in a drive of this kind."""
@@ -281,14 +286,13 @@ def _uncertain(joint: str, estimate: Estimate, qr_factor: QRFactor | None) -> It
 def _negative(joint: str, estimate: Estimate) -> Iterator[Finding]:
     """Yield the parameters with the wrong sign."""
     for term in _values(joint, estimate):
-        kind = PARAMETERS.get(term.name)
-        if kind is None or not kind.is_positive or term.value >= 0:
+        if not term.has_wrong_sign:
             continue
         is_sure = term.value < -tol.SURE * term.error
         severity: Severity = "doubtful" if is_sure else "note"
         code, remedy = codes.NEGATIVE_PARAMETER, ""
         message = f"{term.text} is negative, {term.value:.3g}: "
-        if kind.starts:  # of a search: not due to a wrong sign in the log
+        if PARAMETERS[term.name].starts:  # of a search: not due to a wrong sign in the log
             code, severity = codes.NEEDLESS_TERM, "note"
             message = f"{term.text} is not distinguishable from zero: remove its term"
         elif term.name == "coulomb_friction" and "stiffness" in estimate.names:
@@ -543,18 +547,12 @@ def gear_findings(
     `sources` {joint: {quantity: source}} are those of each log: a sensor of the deflection may
     stand for the encoder of one side of a spring.
     """
-    both = {"motor_position", "joint_position"}
-
-    def is_by_deflection(joint: str) -> bool:
-        channels = [source.get(joint, {}) for source in sources]
-        return all("deflection" in source and not both <= {*source} for source in channels)
-
     joints = [
         joint
         for joint, estimate in drives.items()
         if joint not in gears and "stiffness" in estimate.names
         if robot.drives[joint].ratio != 1 and not robot.drives[joint].gear_compliance
-        if not is_by_deflection(joint)
+        if not all(_is_by_deflection(source.get(joint, {})) for source in sources)
     ]
     if joints:
         yield codes.GEAR_COMPLIANCE.note(
@@ -565,6 +563,11 @@ def gear_findings(
         )
 
 
+def _is_by_deflection(channels: Collection[str]) -> bool:
+    """Return whether a deflection stands for the encoder of one side of a spring."""
+    return "deflection" in channels and not {"motor_position", "joint_position"} <= {*channels}
+
+
 def unused_findings(
     robot: Robot,
     drives: Mapping[str, Estimate],
@@ -572,15 +575,7 @@ def unused_findings(
     motions: Sequence[Motion],
 ) -> Iterator[Finding]:
     """Yield notes on parameters of `drives` that no equation has, and on channels without use."""
-    for joint in robot.elastic_joints:
-        names = motor_regressor(robot, joint).names
-        missing = [name.replace("_", " ") for name in names if name not in drives[joint].names]
-        if missing:
-            yield codes.UNIDENTIFIABLE.note(
-                f"the log has the joint torque of {joint} and not its motor "
-                f"{robot.drives[joint].motor_input}, which alone would identify {listed(missing)}",
-                joint,
-            )
+    yield from _without_motor_equation(robot, drives)
     inputs = {x: INPUT_FIELDS[robot.drives[x].motor_input] for x in torque_joints}
     logged = _logged_torques(robot, motions)
     for channel, joints in logged.items():
@@ -592,6 +587,18 @@ def unused_findings(
             name = channel.replace("_", " ")
             message = f"the {name} of {listed(unused)} is in the log and in no equation"
             yield codes.UNUSED_CHANNEL.note(message, only_joint(unused))
+
+
+def _without_motor_equation(robot: Robot, drives: Mapping[str, Estimate]) -> Iterator[Finding]:
+    for joint in robot.elastic_joints:
+        names = motor_regressor(robot, joint).names
+        missing = [name.replace("_", " ") for name in names if name not in drives[joint].names]
+        if missing:
+            yield codes.UNIDENTIFIABLE.note(
+                f"the log has the joint torque of {joint} and not its motor "
+                f"{robot.drives[joint].motor_input}, which alone would identify {listed(missing)}",
+                joint,
+            )
 
 
 def _logged_torques(robot: Robot, motions: Sequence[Motion]) -> dict[str, list[str]]:
