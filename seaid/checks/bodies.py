@@ -5,27 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import combinations, product
 
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.optimize import least_squares
 
 from seaid._arrays import Array
+from seaid.checks import codes
+from seaid.checks import tolerances as tol
 from seaid.checks.check import only_joint, zeros_in_description
-from seaid.checks.codes import ENCODER_OFFSET, GEOMETRY, GRAVITY, NOMINAL_VALUES, PAYLOAD
 from seaid.checks.experiment import Experiment, Transform, inertial_parameters, moved, near
-from seaid.checks.tolerances import (
-    BODY,
-    CORRELATED_ROWS,
-    FEW,
-    MOST,
-    POOR,
-    SEVERE,
-    SIGNIFICANT,
-    SLIGHT,
-    SURE,
-)
 from seaid.errors import Finding
 from seaid.estimation import RANK_TOLERANCE, scaled_svd, triangle
 from seaid.regressor import regressor_at_drives
@@ -44,25 +34,25 @@ def gravities(experiment: Experiment) -> Iterator[Transform]:
     size = float(np.linalg.norm(now))
     if size == 0:
         return
-    down = -size * np.eye(3)[2]  # the usual one, where a torque does not have the sign of gravity
-    choices = [(size * sign * axis, SLIGHT) for axis in np.eye(3) for sign in (1.0, -1.0)]
-    choices[-1] = down, 0.0
+    # down is the usual one, where a torque does not have the sign of gravity
+    axes = [(sign * axis, tol.SLIGHT) for axis in np.eye(3) for sign in (1.0, -1.0)]
+    choices = [*axes[:-1], (-np.eye(3)[2], 0.0)]
     best = _best_gravity(experiment)
     if best is not None:
-        choices.append((size * best, 2.0))
-    for one, penalty in choices:
-        angle = math.degrees(math.acos(float(np.clip(one @ now / size**2, -1, 1))))
-        if math.radians(angle) < SLIGHT:
+        choices.append((best, 2.0))
+    for direction, penalty in choices:
+        tilt = math.acos(float(np.clip(direction @ now / size, -1, 1)))
+        if tilt < tol.SLIGHT:
             continue
-        text = ",".join(f"{x:.4g}" for x in one + 0.0)
+        text = ",".join(f"{x:.4g}" for x in size * direction + 0.0)
         yield Transform(
-            GRAVITY,
-            f"gravity has the direction ({text}) m/s^2 in the base frame, {angle:.0f} degrees from "
-            "the one given: a tilted base",
-            partial(_with_gravity, gravity=one),
+            codes.GRAVITY,
+            f"gravity has the direction ({text}) m/s^2 in the base frame, "
+            f"{math.degrees(tilt):.0f} degrees from the one given: a tilted base",
+            _with_gravity(experiment, size * direction),
             remedy=f"option: --gravity {text}",
-            severity="wrong" if math.radians(angle) > POOR else "doubtful",
-            evidence={"tilt [deg]": angle},
+            severity="wrong" if tilt > tol.POOR else "doubtful",
+            evidence={"tilt [deg]": math.degrees(tilt)},
             penalty=penalty,
         )
 
@@ -70,52 +60,53 @@ def gravities(experiment: Experiment) -> Iterator[Transform]:
 def _best_gravity(experiment: Experiment) -> Array | None:
     """Return the unit direction of gravity by which the nominal bodies explain most."""
     still = 0 * experiment.joint[1]
-    zero = experiment.joint[0], still, still
     size = float(np.linalg.norm(experiment.robot.model.gravity.linear))
-    columns = [
-        regressor_at_drives(_with_gravity(experiment, size * axis).robot, *zero) @ experiment.bodies
-        for axis in np.eye(3)
-    ]
-    A = np.column_stack([experiment.weighed(one) for one in columns])
+    columns = []
+    for axis in np.eye(3):
+        robot = _with_gravity(experiment, size * axis).robot
+        regressor = regressor_at_drives(robot, experiment.joint[0], still, still)
+        columns.append(experiment.weighed(regressor @ experiment.bodies))
     now = np.array(experiment.robot.model.gravity.linear) / size
     # what the motion does not show stays as it is
-    found = now + scaled_svd(A).solve(experiment.unexplained, SLIGHT)
-    norm = float(np.linalg.norm(found))
-    return np.asarray(found / norm) if norm > 0.3 else None
+    change = scaled_svd(np.column_stack(columns)).solve(experiment.unexplained, tol.SLIGHT)
+    norm = float(np.linalg.norm(now + change))
+    return np.asarray((now + change) / norm) if norm > 0.3 else None
+
+
+def _first_order(experiment: Experiment, ahead: Experiment, step: float) -> float:
+    """Return the change of a value of the robot by its first-order effect on the nominal torque.
+
+    `ahead` is the experiment after a small `step` of it.
+    """
+    effect = (ahead.regressor - experiment.regressor) @ experiment.bodies / step
+    return experiment.multiple(effect)
 
 
 def lengths(experiment: Experiment) -> Iterator[Transform]:
-    """Yield other distances between joints, by the first-order effect on the nominal torque."""
-    before = experiment.regressor @ experiment.bodies
+    """Yield other distances between joints."""
     for joint in experiment.robot.joint_names[1:]:
-        changed = _with_length(experiment, joint, 1 + FEW)
-        if changed is experiment:
-            continue
-        slope = (changed.regressor @ experiment.bodies - before) / FEW
-        factor = 1 + experiment.multiple(slope)
-        if abs(factor - 1) < SLIGHT or not 0.3 < factor < 3.0:
-            continue
-        yield Transform(
-            GEOMETRY,
-            f"the distance of {joint} from the joint before it is {factor:.3g} times that of the "
-            "robot file",
-            partial(_with_length, joint=joint, factor=factor),
-            joint,
-            f"in the robot file: the origin of joint {joint}, xyz times {factor:.4g}",
-            "wrong" if abs(factor - 1) > POOR else "doubtful",
-            {"factor": factor},
-            penalty=1.0,
-        )
+        factor = 1 + _first_order(experiment, _with_length(experiment, joint, 1 + tol.FEW), tol.FEW)
+        if abs(factor - 1) >= tol.SLIGHT and 0.3 < factor < 3.0:
+            yield Transform(
+                codes.GEOMETRY,
+                f"the distance of {joint} from the joint before it is {factor:.3g} times that of "
+                "the robot file",
+                _with_length(experiment, joint, factor),
+                joint,
+                f"in the robot file: the origin of joint {joint}, xyz times {factor:.4g}",
+                "wrong" if abs(factor - 1) > tol.POOR else "doubtful",
+                {"factor": factor},
+                penalty=1.0,
+            )
 
 
 def zeros(experiment: Experiment) -> Iterator[Transform]:
-    """Yield other zeros of joints, by the first-order effect on the nominal torque."""
-    before = experiment.regressor @ experiment.bodies
+    """Yield other zeros of joints."""
     for j in _turning(experiment):
         ahead = _with_zeros(experiment, {j: _ZERO_STEP})
-        angle = experiment.multiple((ahead.regressor @ experiment.bodies - before) / _ZERO_STEP)
-        if POOR < abs(angle) < MOST:  # farther the effect on the torque is not linear
-            yield _moved(experiment, {j: angle}, 1.0)
+        angle = _first_order(experiment, ahead, _ZERO_STEP)
+        if tol.POOR < abs(angle) < tol.MOST:  # farther the effect on the torque is not linear
+            yield _off(experiment, {j: angle}, 1.0)
 
 
 _QUARTERS = (math.pi / 2, -math.pi / 2)
@@ -124,27 +115,25 @@ _QUARTERS = (math.pi / 2, -math.pi / 2)
 
 def quarter_turns(experiment: Experiment) -> Iterator[Transform]:
     """Yield zeros that are off by quarters of a turn, of a joint or of two."""
-    turning = _turning(experiment)
-    for j in turning:
-        for turn in (*_QUARTERS, math.pi):
-            yield _moved(experiment, {j: turn}, SLIGHT)
-    for pair in combinations(turning, 2):
-        for turns in product(_QUARTERS, repeat=2):
-            yield _moved(experiment, dict(zip(pair, turns, strict=True)), 2 * SLIGHT)
+    turning = _turning(experiment) if np.all(np.isfinite(experiment.bodies)) else []
+    for j, turn in product(turning, (*_QUARTERS, math.pi)):
+        yield _off(experiment, {j: turn}, tol.SLIGHT)
+    for pair, turns in product(combinations(turning, 2), product(_QUARTERS, repeat=2)):
+        yield _off(experiment, dict(zip(pair, turns, strict=True)), 2 * tol.SLIGHT)
 
 
 def _turning(experiment: Experiment) -> list[int]:
     return [j for j in experiment.used if not experiment.robot.is_prismatic[j]]
 
 
-def _moved(experiment: Experiment, angles: dict[int, float], penalty: float) -> Transform:
+def _off(experiment: Experiment, angles: dict[int, float], penalty: float) -> Transform:
     """Return the transform that adds angles to the zeros of joints."""
     named = {experiment.robot.joint_names[j]: angle for j, angle in angles.items()}
     words = " and ".join(f"{math.degrees(x):.3g} degrees at {joint}" for joint, x in named.items())
     return Transform(
-        ENCODER_OFFSET,
+        codes.ENCODER_OFFSET,
         f"the zeros of joints are not those of the robot file, by {words}",
-        partial(_with_zeros, angles=angles),
+        _with_zeros(experiment, angles),
         only_joint([*named]),
         zeros_in_description(experiment.robot, named, experiment.sources[0]),
         evidence={f"offset of {joint} [rad]": angle for joint, angle in named.items()},
@@ -164,14 +153,11 @@ def _with_zeros(experiment: Experiment, angles: dict[int, float]) -> Experiment:
 
 
 def _with_length(experiment: Experiment, joint: str, factor: float) -> Experiment:
-    robot = experiment.robot
-    model = robot.model.copy()
-    place = robot.model_order.index(robot.index(joint)) + 1
-    placement = model.jointPlacements[place].copy()
-    if np.linalg.norm(placement.translation) < 1e-3:
-        return experiment
-    placement.translation = factor * placement.translation
-    model.jointPlacements[place] = placement
+    """Return the experiment with another distance of a joint, unless it is below 1 mm."""
+    robot, model = experiment.robot, experiment.robot.model.copy()
+    placement = model.jointPlacements[robot.model_order.index(robot.index(joint)) + 1]
+    if np.linalg.norm(placement.translation) >= 1e-3:
+        placement.translation = factor * placement.translation
     return replace(experiment, robot=replace(robot, model=model))
 
 
@@ -180,23 +166,24 @@ def payloads(experiment: Experiment) -> Iterator[Transform]:
     robot = experiment.robot
     known = robot.payload_parameters.reshape(-1, 10)
     for body in np.flatnonzero(known[:, 0]).tolist():
-        own = np.zeros_like(known)
-        own[body] = known[body]
-        mass, name = own[body, 0], robot.body_names[body]
-        com = ",".join(f"{x:.4g}" for x in own[body, 1:4] / mass + 0.0)
+        own = np.where(np.arange(len(known))[:, None] == body, known, 0.0).ravel()
+        mass, name = known[body, 0], robot.body_names[body]
+        com = ",".join(f"{x:.4g}" for x in known[body, 1:4] / mass + 0.0)
         text = f"the payload of {mass:.4g} kg on {name}"
-        factor = 1 + experiment.multiple(experiment.regressor @ own.ravel())
-        absent = f"option: without --payload {name}:{mass:g}:{com}"
-        choices = [(-own, f"{text} is not there", absent, 0.0)]
-        for other in near(factor) if factor > POOR and abs(factor - 1) > POOR else ():
-            heavier = f"option: --payload {name}:{other * mass:.3g}:{com}"
-            words = f"{text} has {other * mass:.3g} kg"
-            choices.append(((other - 1) * own, words, heavier, float(other == factor)))
-        for change, message, remedy, penalty in choices:
-            undo = partial(replace, bodies=experiment.bodies + change.ravel())
-            joint = robot.joint_of(body)
-            yield Transform(PAYLOAD, message, undo, joint, remedy, penalty=penalty)
-        yield from _placed(experiment, experiment.bodies - own.ravel(), text, mass)
+        factor = 1 + experiment.multiple(experiment.regressor @ own)
+        is_other = factor > tol.POOR and abs(factor - 1) > tol.POOR
+        for other in (0.0, *(near(factor) if is_other else ())):
+            message = f"{text} has {other * mass:.3g} kg" if other else f"{text} is not there"
+            payload = f"--payload {name}:{other * mass:.3g}:{com}"
+            yield Transform(
+                codes.PAYLOAD,
+                message,
+                replace(experiment, bodies=experiment.bodies + (other - 1) * own),
+                robot.joint_of(body),
+                f"option: {payload if other else f'without --payload {name}:{mass:g}:{com}'}",
+                penalty=float(other == factor),
+            )
+        yield from _placed(experiment, experiment.bodies - own, text, mass)
     if not np.any(known) and not robot.known_bodies:
         yield from _placed(experiment, experiment.bodies, "a payload that was not named", None)
 
@@ -212,16 +199,16 @@ def _placed(
     robot, is_named = experiment.robot, mass is not None
     for body, link in enumerate(robot.body_names):
         point = _point_mass(experiment, bodies, body, mass)
-        if point[0] <= BODY * abs(bodies[10 * body]) or not np.all(np.isfinite(point)):
+        if point[0] <= tol.BODY * abs(bodies[10 * body]) or not np.all(np.isfinite(point)):
             continue
         com = ",".join(f"{x:.3g}" for x in point[1:4] / point[0] + 0.0)
         changed = bodies.copy()
         changed[10 * body : 10 * body + 10] += point
-        is_beyond = point[0] > SURE * experiment.widths[10 * body, 5 * body]
+        is_beyond = point[0] > tol.SURE * experiment.widths[10 * body, 5 * body]
         yield Transform(
-            PAYLOAD,
+            codes.PAYLOAD,
             f"{text} is on {link}, {point[0]:.3g} kg at ({com}) m",
-            partial(replace, bodies=changed),
+            replace(experiment, bodies=changed),
             robot.joint_of(body),
             f"option: --payload {link}:{point[0]:.3g}:{com}",
             "wrong" if is_named else "doubtful" if is_beyond else "note",
@@ -240,12 +227,10 @@ def _point_mass(experiment: Experiment, bodies: Array, body: int, mass: float | 
     They are [m, m c, m (c^2 1 - c c^T)] for a mass m at c, of a `mass` or of any; zero for a point
     far from the joint.
     """
-    columns = experiment.regressor[:, :, 10 * body : 10 * body + 10]
-    X = [experiment.weighed(columns[:, :, place]) for place in range(10)]
+    columns = np.moveaxis(experiment.regressor[:, :, 10 * body : 10 * body + 10], 2, 0)
+    y = experiment.target - experiment.regressor @ bodies
     # the triangular factor has the residuals of all rows, in eleven
-    R = triangle(
-        np.column_stack([*X, experiment.weighed(experiment.target - experiment.regressor @ bodies)])
-    )
+    R = triangle(np.column_stack([*map(experiment.weighed, (*columns, y))]))
 
     def mass_at(x: Array) -> float:
         return float(mass) if mass else math.exp(min(float(x[3]), 50.0))
@@ -302,11 +287,11 @@ def _masses(experiment: Experiment) -> _Masses | None:
     robot, bodies = experiment.robot, experiment.robot.parameters.reshape(-1, 10)
     if not experiment.used or not np.all(np.isfinite(experiment.bodies)) or robot.known_bodies:
         return None
-    each = (np.eye(len(bodies))[:, :, None] * bodies).reshape(len(bodies), -1)
+    each = block_diag(*bodies)
     effects = experiment.over_noise(experiment.regressor @ each.T)
     y = experiment.over_noise(experiment.target - experiment.regressor @ experiment.bodies)
     excess = y - effects @ scaled_svd(effects).solve(y, RANK_TOLERANCE)
-    noise = math.sqrt(max(1.0, float(np.mean(excess**2)) * CORRELATED_ROWS))
+    noise = math.sqrt(max(1.0, float(np.mean(excess**2)) * tol.CORRELATED_ROWS))
     mass = np.maximum(np.abs(bodies[:, 0]), np.finfo(float).tiny)
     widths = np.hstack([experiment.widths, experiment.common[:, :1]])[::10] / mass[:, None]
     # with u of variance 1, the relative changes are `widths` u
@@ -314,9 +299,9 @@ def _masses(experiment: Experiment) -> _Masses | None:
     u = svd.solve(np.concatenate([y / noise, np.zeros(widths.shape[1])]))
     roots = widths @ (svd.vectors / svd.sizes[:, None] / svd.norms).T
     change, errors = widths @ u, np.linalg.norm(roots, axis=1)
-    shown = np.where(errors < MOST * np.linalg.norm(widths, axis=1), mass, 0.0)
+    shown = np.where(errors < tol.MOST * np.linalg.norm(widths, axis=1), mass, 0.0)
     misfit = experiment.of_bodies(experiment.bodies + change @ each)
-    is_possible = np.nanmedian(misfit) < SEVERE and np.min(change[shown > 0], initial=0.0) > -1
+    is_possible = np.nanmedian(misfit) < tol.SEVERE and np.min(change[shown > 0], initial=0.0) > -1
     if not np.any(shown) or not is_possible:
         return None
     share = shown / np.sum(shown)
@@ -333,9 +318,9 @@ def file_findings(experiment: Experiment) -> Iterator[Finding]:
     robot, most, total = experiment.robot, masses.most, masses.total
     link, part = robot.body_names[most], float(masses.change[most])
     own = float(masses.errors[most])
-    is_heavier = abs(total) > max(POOR, SURE * masses.error)
-    differs = abs(part - is_heavier * total) > (SURE if is_heavier else SIGNIFICANT) * own
-    least = MOST * abs(total) if is_heavier else POOR
+    is_heavier = abs(total) > max(tol.POOR, tol.SURE * masses.error)
+    differs = abs(part - is_heavier * total) > (tol.SURE if is_heavier else tol.SIGNIFICANT) * own
+    least = tol.MOST * abs(total) if is_heavier else tol.POOR
     is_mostly = differs and abs(masses.share[most] * part) > least
     if is_heavier:
         message = f"the robot is {_heavier(total, masses.error)} than its file"
@@ -345,7 +330,7 @@ def file_findings(experiment: Experiment) -> Iterator[Finding]:
     else:
         return
     rival, measurement = _rival_of_masses(robot, total, link if is_mostly else "")
-    yield NOMINAL_VALUES.finding(
+    yield codes.NOMINAL_VALUES.finding(
         f"{message}, by the torques and the shapes of the links in the file; or {rival}",
         robot.joint_of(most) if is_mostly and not is_heavier else "",
         "note",

@@ -546,13 +546,10 @@ def rating_findings(experiment: Experiment) -> Iterator[Finding]:
         if np.min(logs) < np.log(tol.FAR):
             return
     least, largest = np.exp([np.min(logs), np.max(logs)]).tolist()
-    lines = {}
-    for j, scale in scales.items():
-        sources = {name: experiment.source(j, name) for name in experiment.logged(j, "t")}
-        digits = float(f"{scale:.4g}")
-        lines[robot.joint_names[j]] = {
-            name: changed_source(source, factor=digits) for name, source in sources.items()
-        }
+    lines = {
+        robot.joint_names[j]: experiment.entries(j, "t", factor=float(f"{factor:.4g}"))
+        for j, factor in scales.items()
+    }
     yield codes.UNIT.wrong(
         f"the torques of {', '.join(lines)} are {least:.3g} to {largest:.3g} times those of the "
         "bodies of the robot file, as parts of a rating of each motor are (per cent, per mille)",

@@ -28,7 +28,7 @@ from seaid.checks.check import (
     only_joint,
 )
 from seaid.checks.echoes import AS_GIVEN
-from seaid.checks.experiment import Experiment, fitted, flipped, scaled
+from seaid.checks.experiment import Experiment, fitted, scaled
 from seaid.drives import (
     DELAY_PARAMETER,
     NORMAL_95,
@@ -597,9 +597,8 @@ def gain_findings(experiment: Experiment) -> tuple[list[Finding], Experiment]:
     joints = _commanded_joints(experiment) if len(off) == len(factors) else [*off]
     finding = _gain_finding(experiment, off, joints)
     usual = float(np.median([factor for factor, _ in off.values()])), 0.0
-    for j in joints:
-        experiment = scaled(experiment, j, {"t": 1 / off.get(j, usual)[0]})
-    return [finding], experiment
+    inverse = {j: 1 / off.get(j, usual)[0] for j in joints}
+    return [finding], scaled(experiment, inverse, "t")
 
 
 def _gain_factors(experiment: Experiment) -> dict[int, tuple[float, float]]:
@@ -688,7 +687,7 @@ def _with_poses(experiment: Experiment, poses: Poses) -> Experiment:
     Unknown rotor inertias are those that explain the torques best.
     """
     for j, (sign, offset) in poses.items():
-        changed = flipped(experiment, j, "qmt") if sign < 0 else experiment
+        changed = scaled(experiment, {j: -1.0}, "qmt") if sign < 0 else experiment
         joint, motor = changed.joint.copy(), changed.motor.copy()
         joint[0, :, j] += offset
         motor[0, :, j] += changed.lever[j] * offset

@@ -8,29 +8,21 @@ well the encoders of both sides agree. Friction that would drive the joint count
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from seaid._arrays import Array, BoolArray, IndexArray, safely
-from seaid.checks.check import Code
-from seaid.checks.tolerances import (
-    BODY,
-    CENTRE_M,
-    CORRELATED_ROWS,
-    FEW,
-    MOST,
-    POOR,
-    SLIGHT,
-    TWICE,
-)
+from seaid.checks import tolerances as tol
+from seaid.checks.check import Code, in_description, only_joint
 from seaid.drives import IDEAL_DRIVE
 from seaid.errors import IdentificationError, Severity
 from seaid.estimation import RANK_TOLERANCE, scaled_svd, triangle
-from seaid.log import Motion, in_band, in_band_at, row_samples
+from seaid.log import Motion, changed_source, in_band_at, row_samples
 from seaid.regressor import INPUT_FIELDS, regressor_at_drives
 from seaid.robot import Robot, at_drives, torques_at_drives
 
@@ -41,13 +33,20 @@ _WINDOWS, _WINDOW_SAMPLES = 5, 4000
 """Windows of a longer motion from which these instants are taken, evenly over its time."""
 
 _KINDS = {
-    "nominal": ("nominal", SLIGHT),
-    "free": ("free", FEW),
-    "motor": ("of_motors", FEW),
-    "encoders": ("of_encoders", FEW),
+    "nominal": ("nominal", tol.SLIGHT),
+    "free": ("free", tol.FEW),
+    "motor": ("of_motors", tol.FEW),
+    "encoders": ("of_encoders", tol.FEW),
 }
 """{kind of misfit: its property, and what counts as none}: by bodies of the robot file, by any
 bodies, of the motor equation, of one encoder by the other."""
+
+_ARRAYS = {
+    "q": ("joint",),
+    "m": ("motor", "direction"),
+    "t": ("torque", "torque_rate", "sensed"),
+}
+"""{channel of a joint: the arrays (..., n) that follow from it}."""
 
 
 def inertial_parameters(mass: float, moments: Array, J: Array) -> Array:
@@ -93,7 +92,7 @@ class Experiment:
     torque_rate: Array
     sensed: Array
     unscaled: Array
-    both: Array
+    both: BoolArray
     ratio: Array
     inertia: Array
     bodies: Array
@@ -103,8 +102,8 @@ class Experiment:
 
     def source(self, j: int, quantity: str, log: int = 0) -> str | Mapping[str, Any]:
         """Return how a quantity of joint j was read: its column, or its entry in a description."""
-        found: str | Mapping[str, Any] = self.sources[log][self.robot.joint_names[j]][quantity]
-        return found
+        source: str | Mapping[str, Any] = self.sources[log][self.robot.joint_names[j]][quantity]
+        return source
 
     def logged(self, j: int, channels: str) -> list[str]:
         """Return the logged quantities of joint j for channels of q, m and t.
@@ -114,8 +113,19 @@ class Experiment:
         sources = self.sources[0][self.robot.joint_names[j]]
         sides = {"q": ["joint_position", "motor_position"], "t": ["motor_torque", "joint_torque"]}
         sides["m"] = sides["q"][::-1]
-        choices = [[one for one in sides[channel] if one in sources][:1] for channel in channels]
-        return list(dict.fromkeys(one for choice in choices for one in choice))
+        choices = [[name for name in sides[x] if name in sources][:1] for x in channels]
+        return list(dict.fromkeys(name for choice in choices for name in choice))
+
+    def entries(self, j: int, channels: str, **changes: float) -> dict[str, str]:
+        """Return the TOML {quantity: source} of `logged`, with the changes of `changed_source`."""
+        names = self.logged(j, channels)
+        return {name: changed_source(self.source(j, name), **changes) for name in names}
+
+    def with_channels(self, channels: str, change: Callable[[Array], Array]) -> Experiment:
+        """Return the experiment after a change of the arrays (..., n) of channels q, m and t."""
+        names = [name for channel in channels for name in _ARRAYS[channel]]
+        arrays: dict[str, Any] = {name: change(getattr(self, name)) for name in names}
+        return replace(self, **arrays)
 
     @cached_property
     def turned(self) -> Array:
@@ -131,7 +141,7 @@ class Experiment:
     def lever(self) -> Array:
         """N r_L / r_M (n,): the torque on the load per torque of the motor."""
         drives = self.robot.drives.values()
-        return np.asarray(self.ratio * [one.load_radius / one.motor_radius for one in drives])
+        return np.asarray(self.ratio * [drive.load_radius / drive.motor_radius for drive in drives])
 
     @cached_property
     def target(self) -> Array:
@@ -160,7 +170,7 @@ class Experiment:
     def friction(self) -> Array:
         """Columns (n, R, 3) of viscous friction, Coulomb friction and a constant."""
         ones = np.ones_like(self.direction)
-        scaled = self.motor[1] / np.maximum(np.max(np.abs(self.motor[1]), axis=0), 1e-300)
+        scaled = self.motor[1] / np.maximum(np.max(np.abs(self.motor[1]), axis=0), _LEAST)
         return np.stack([scaled, self.direction, ones], axis=-1).swapaxes(0, 1)
 
     @cached_property
@@ -188,12 +198,12 @@ class Experiment:
 
     def of_bodies(self, bodies: Array) -> Array:
         """Return the misfit (n,) of bodies (10n,) with any friction, NaN for unknown ones."""
-        found = np.full(self.robot.n, np.nan)
+        misfit = np.full(self.robot.n, np.nan)
         if self.used and np.all(np.isfinite(bodies)):
-            left = self.target - self.regressor @ bodies
+            residual = self.target - self.regressor @ bodies
             for j in self.used:
-                found[j] = self._misfit(j, left[:, j], self.load_columns(j))
-        return found
+                misfit[j] = self._misfit(j, residual[:, j], self.load_columns(j))
+        return misfit
 
     @property
     def free(self) -> Array:
@@ -203,57 +213,62 @@ class Experiment:
     @cached_property
     def _by_any_bodies(self) -> tuple[Array, Array]:
         """Misfit (n,) of any bodies with any friction, and rows per independent one of it."""
-        used, count, m = self.used, len(self.target), self.robot.parameters.size
-        found = np.full(self.robot.n, np.nan)
-        per_row = np.full_like(found, CORRELATED_ROWS)
-        if not used:
-            return found, per_row
-        loads = [self.load_columns(j) for j in used]
-        ends = m + np.cumsum([0, *(columns.shape[1] for columns in loads)])
-        H = np.zeros((count, len(used), ends[-1]))
-        H[:, :, :m] = self.regressor[:, used]
-        for place, columns in enumerate(loads):
-            H[:, place, ends[place] : ends[place + 1]] = columns
-        weight = 1.0 / np.std(self.target[:, used], axis=0)
-        counts = np.stack([self._counted(j) for j in used], axis=1)
-        A = (H * weight[:, None] * counts[:, :, None]).reshape(-1, ends[-1])
-        b = (self.target[:, used] * weight * counts).ravel()
-        size = np.linalg.norm(A, axis=0)
-        A[:, size < 1e-9 * np.max(size)] = 0.0
+        misfit = np.full(self.robot.n, np.nan)
+        per_row = np.full_like(misfit, tol.CORRELATED_ROWS)
+        if not self.used:
+            return misfit, per_row
+        counted, own = map(self._counted, self.used), [self.load_columns(j) for j in self.used]
         # the triangular factor has the singular values and the solution of all rows
+        A, b = self._next_to_bodies(self.used, counted, own)
         factor = triangle(np.column_stack([A, b]))
         x = scaled_svd(factor[:, :-1]).solve(factor[:, -1], RANK_TOLERANCE)
-        residual = (b - A @ x).reshape(count, -1)
-        for place, j in enumerate(used):
-            friction = x[ends[place] : ends[place] + 2] / weight[place]
-            rows = residual[counts[:, place], place]
-            found[j] = self._size(j, rows / weight[place], friction)
-            per_row[j] = max(CORRELATED_ROWS, correlated_rows(rows))
-        return found, per_row
+        residual, start = (b - A @ x).reshape(len(self.used), -1), 0
+        for j, columns, rows in zip(self.used, own, residual, strict=True):
+            size, rows = self._torque_sizes[j], rows[self._counted(j)]
+            misfit[j] = self._size(j, size * rows, size * x[start : start + 2])
+            per_row[j] = max(tol.CORRELATED_ROWS, correlated_rows(rows))
+            start += columns.shape[1]
+        return misfit, per_row
+
+    def _next_to_bodies(
+        self, joints: Sequence[int], rows: Iterable[BoolArray], *columns: Sequence[Array]
+    ) -> tuple[Array, Array]:
+        """Return the torques of joints over their sizes as A x = b, with any bodies, by joint.
+
+        The first `columns` (R, k) are each of one joint alone. Equations that are not among its
+        `rows` (R,), and columns that are nothing but rounding, are zero.
+        """
+        parts = [self.regressor[:, j] for j in joints]
+        A = np.hstack([*(block_diag(*each) for each in columns), np.concatenate(parts)])
+        sizes = [self._torque_sizes[j] for j in joints]
+        weight = np.concatenate([used / size for used, size in zip(rows, sizes, strict=True)])
+        A *= weight[:, None]
+        norms = np.linalg.norm(A, axis=0)
+        A[:, norms < _TINY * np.max(norms)] = 0.0
+        return A, weight * self.target[:, joints].T.ravel()
 
     @cached_property
     def of_motors(self) -> Array:
         """Misfit (n,) of the motor equation (7) with any spring and friction, or of (4b)."""
-        found = np.full(self.robot.n, np.nan)
+        misfit = np.full(self.robot.n, np.nan)
         for j in self._elastic:
-            rate = self.torque_rate[:, j]  # a torque that is late is no other mistake
-            columns = np.column_stack([self.friction[j], rate, self.apart[:, j]])
-            y = self._spring_torque(j)
+            # a torque that is late is no other mistake
+            y, columns = self._spring_torque(j), [self.friction[j], self.torque_rate[:, j]]
             if not np.all(np.isfinite(y)):  # (4b) alone: the torque of the sensor
-                columns = np.column_stack([self.friction[j][:, 2], self.apart[:, j]])
-                y = self.sensed[:, j] / self.lever[j]
-            found[j] = self._misfit(j, y, columns, stretch=columns.shape[1] - 1)
-        return found
+                y, columns = self.sensed[:, j] / self.lever[j], [self.friction[j][:, 2]]
+            H = np.column_stack([*columns, self.apart[:, j]])
+            misfit[j] = self._misfit(j, y, H, is_spring=True)
+        return misfit
 
     @cached_property
     def of_encoders(self) -> Array:
         """Misfit (n,) between both encoders, but for a constant and a deflection by the torque."""
-        found = np.full(self.robot.n, np.nan)
+        misfit = np.full(self.robot.n, np.nan)
         for j in np.flatnonzero(self.both).tolist():
             H, apart = with_constant(self.deflection(j)), self.apart[:, j]
-            left = apart - H @ scaled_svd(H).solve(apart)
-            found[j] = float(np.std(left)) / max(float(np.std(self.turned[0][:, j])), _LEAST)
-        return found
+            residual = apart - H @ scaled_svd(H).solve(apart)
+            misfit[j] = float(np.std(residual)) / max(float(np.std(self.turned[0][:, j])), _LEAST)
+        return misfit
 
     def deflection(self, j: int) -> Array:
         """Return columns (R, k) of the deflection of a spring, none of a stiff joint j.
@@ -269,7 +284,7 @@ class Experiment:
     def _is_open(self) -> BoolArray:
         """Whether the rotor inertia (n,) of a drive is unknown, or the drive itself."""
         drives = self.robot.drives.values()
-        unknown = [one.motor_inertia_kg_m2 is None or one == IDEAL_DRIVE for one in drives]
+        unknown = [x.motor_inertia_kg_m2 is None or x == IDEAL_DRIVE for x in drives]
         return np.array(unknown, dtype=bool)
 
     @cached_property
@@ -279,34 +294,23 @@ class Experiment:
         From the motor equation (7) of spring joints, and from the motion with any bodies of others,
         and any rotor inertia that is unknown.
         """
-        robot, n = self.robot, self.robot.n
+        delays = {}
         driven = [j for j in self.used if np.all(np.isfinite(self.torque[:, j]))]
-        found = {}
-        for j in (one for one in driven if one in self._elastic):
-            rows, y = self._moving[:, j], self._spring_torque(j)
-            others = [self._any_friction(j), *self._open_rotor(j), self.apart[:, j]]
-            columns = np.column_stack([self.torque_rate[:, j], *others])
+        for j in (j for j in driven if j in self._elastic):
+            rows, y, others = self._of_spring(j)
+            columns = np.column_stack([self.torque_rate[:, j], others, self.apart[:, j]])
             if np.sum(rows) > 3 * columns.shape[1]:
                 x, covariance = fitted(columns[rows], y[rows])
-                found[j] = -float(x[0]), float(np.sqrt(covariance[0, 0]))
+                delays[j] = -float(x[0]), float(np.sqrt(covariance[0, 0]))
         stiff = [j for j in driven if j not in self._elastic]
-        if not stiff:
-            return found
-        m = robot.parameters.size
-        H = np.zeros((len(stiff), len(self.target), m + 6 * n))
-        H[:, :, :m] = self.regressor[:, stiff].swapaxes(0, 1)
-        for place, j in enumerate(stiff):
-            H[place, :, m + 4 * j : m + 4 * j + 4] = self._any_friction(j)
-            H[place, :, m + 4 * n + j] = self.lever[j] * self.motor[2][:, j] * self._is_open[j]
-            H[place, :, m + 5 * n + j] = self.lever[j] * self.torque_rate[:, j]
-        weight = 1.0 / np.std(self.target[:, stiff], axis=0)
-        moving = self._moving[:, stiff].T.astype(float)
-        A = H * weight[:, None, None] * moving[:, :, None]
-        y = self.target[:, stiff].T * weight[:, None] * moving
-        order = [m + 5 * n + j for j in stiff]
-        order += [place for place in range(m + 5 * n) if np.any(np.abs(A[:, :, place]) > _TINY)]
-        columns = A[:, :, order].reshape(-1, len(order))
-        return found | dict(zip(stiff, _first(columns, y.ravel(), len(stiff)), strict=True))
+        if stiff:
+            rates = [self.lever[j] * self.torque_rate[:, [j]] for j in stiff]
+            friction = [self._any_friction(j, bool(self._is_open[j])) for j in stiff]
+            A, b = self._next_to_bodies(stiff, self._moving[:, stiff].T, rates, friction)
+            x, covariance = fitted(A, b, len(stiff))
+            errors = np.sqrt(np.diag(covariance))
+            delays |= {j: (-float(x[k]), float(errors[k])) for k, j in enumerate(stiff)}
+        return delays
 
     @cached_property
     def encoder_ratios(self) -> dict[int, tuple[float, float]]:
@@ -316,47 +320,43 @@ class Experiment:
         with N = b/a r_L/r_M, or from the torque sensor and (4b); of others from the angles alone.
         Errors of the gear do not average out (see `gear_ratio`).
         """
-        found = {}
+        ratios = {}
         # the zeros of the encoders of each log but the first
         zeros = np.equal.outer(self.log, np.unique(self.log)[1:]).astype(float)
         is_elastic = [drive.is_elastic for drive in self.robot.drives.values()]
         for j in np.flatnonzero(self.both).tolist():
             motor, joint = self.motor[0][:, j], self.turned[0][:, j]
-            per_ratio = self.ratio[j] / self.lever[j]
             if stands_locked(self.lever[j] * joint, motor):
                 continue
-            of_spring = self._of_spring(j) if is_elastic[j] else None
-            if of_spring is not None:
-                rows, y, others = of_spring
+            if is_elastic[j]:
+                rows, y, others = self._of_spring(j)
                 columns = np.column_stack([motor, joint, others, zeros])
                 if np.sum(rows) <= 3 * columns.shape[1]:
                     continue
                 slope, error = _slope(columns[rows], y[rows])
-            elif not is_elastic[j]:
-                columns = np.column_stack([joint, np.ones(len(joint)), zeros])
-                found_here = scaled_svd(columns).solve(motor)
-                slope, left = found_here[0], motor - columns @ found_here
-                error = float(np.std(left)) / max(float(np.std(joint)), 1e-300)
             else:
-                continue
-            found[j] = float(slope) * per_ratio, error * abs(per_ratio)
-        return found
+                columns = np.column_stack([joint, np.ones(len(joint)), zeros])
+                x = scaled_svd(columns).solve(motor)
+                slope, residual = float(x[0]), motor - columns @ x
+                error = float(np.std(residual)) / max(float(np.std(joint)), _LEAST)
+            per_ratio = float(self.ratio[j] / self.lever[j])
+            ratios[j] = slope * per_ratio, error * abs(per_ratio)
+        return ratios
 
-    def _of_spring(self, j: int) -> tuple[BoolArray, Array, Array] | None:
+    def _of_spring(self, j: int) -> tuple[BoolArray, Array, Array]:
         """Return rows, torque and columns but the angles: by (7), or by the sensor and (4b).
 
-        A torque of unknown scale does as well in (7), next to a rotor of any inertia.
+        A torque of unknown scale does as well in (7), next to a rotor of any inertia. No rows are
+        those of a joint without a torque.
         """
+        sensed, unscaled = self.sensed[:, j], self.unscaled[:, j]
         if np.all(np.isfinite(self.torque[:, j])):
-            columns = np.column_stack([self._any_friction(j), *self._open_rotor(j)])
+            columns = self._any_friction(j, has_rotor=not self.inertia[j])
             return self._moving[:, j], self._spring_torque(j), columns
-        if np.any(np.isfinite(self.sensed[:, j])):
-            ones = np.ones((len(self.sensed), 1))
-            return np.isfinite(self.sensed[:, j]), np.nan_to_num(self.sensed[:, j]), ones
-        if np.all(np.isfinite(self.unscaled[:, j])):
-            columns = np.column_stack([self._any_friction(j), self.motor[2][:, j]])
-            return self._moving[:, j], self.unscaled[:, j], columns
-        return None
+        if np.any(np.isfinite(sensed)):
+            return np.isfinite(sensed), np.nan_to_num(sensed), np.ones((len(sensed), 1))
+        is_known = np.isfinite(unscaled) & self._moving[:, j]
+        return is_known, unscaled, self._any_friction(j, has_rotor=True)
 
     @cached_property
     def _moving(self) -> BoolArray:
@@ -365,14 +365,14 @@ class Experiment:
     def _spring_torque(self, j: int) -> Array:
         return np.asarray(self.torque[:, j] - self.inertia[j] * self.motor[2][:, j])
 
-    def _open_rotor(self, j: int) -> list[Array]:
-        """Return the column (R,) of a rotor whose inertia is unknown, if it is."""
-        return [] if self.inertia[j] else [self.motor[2][:, j]]
+    def _any_friction(self, j: int, has_rotor: bool) -> Array:
+        """Return columns (R, k) of friction, of which one changes gradually near reversals.
 
-    def _any_friction(self, j: int) -> Array:
-        """Return columns (R, 4) of friction, with one that changes gradually near reversals."""
+        The rotor has a column if its inertia is unknown.
+        """
         gradual = np.tanh(self.friction[j][:, 0] / _WIDTH)  # the first column is the speed, up to 1
-        return np.column_stack([self.friction[j], gradual])
+        rotor = [self.motor[2][:, j]] if has_rotor else []
+        return np.column_stack([self.friction[j], gradual, *rotor])
 
     @cached_property
     def misfits(self) -> dict[str, Array]:
@@ -387,20 +387,18 @@ class Experiment:
         its first moments and m (2 (c.dc) 1 - dc c^T - c dc^T) to its inertia, and by its inertia.
         Known bodies are wrong by little.
         """
-        bodies = self.robot.parameters.reshape(-1, 10)
-        N, mass = len(bodies), np.abs(bodies[:, 0])
-        known = np.where(self.robot.is_known[::10], POOR, 1.0)[:, None]
-        # cables, screws and covers weigh much next to a small body, little next to a large one
-        share = np.clip(SLIGHT * np.sum(mass) / np.maximum(mass, _LEAST), BODY, 1.0)
-        spread = np.zeros((N, 10, 5))
-        spread[:, :, 0] = share[:, None] * bodies
-        spread[:, 4:, 4] = MOST * bodies[:, 4:]
-        for body, (m, moments) in enumerate(zip(mass, bodies[:, 1:4], strict=True)):
-            length = max(CENTRE_M, BODY * float(np.linalg.norm(moments)) / max(m, _LEAST))
-            spread[body, :, 1:4] = length * moved(m, moments)
-        columns = np.zeros((N, 10, N, 5))
-        columns[np.arange(N), :, np.arange(N)] = known[:, :, None] * spread
-        return columns.reshape(10 * N, 5 * N)
+        total = np.sum(np.abs(self.robot.parameters[::10]))
+        blocks = []
+        for body in self.robot.parameters.reshape(-1, 10):
+            mass, size = abs(body[0]), float(np.linalg.norm(body[1:4]))
+            # cables, screws and covers weigh much next to a small body, little next to a large one
+            share = np.clip(tol.SLIGHT * total / max(mass, _LEAST), tol.BODY, 1.0)
+            length = max(tol.CENTRE_M, tol.BODY * size / max(mass, _LEAST))
+            inertia = np.where(np.arange(10) < 4, 0.0, tol.MOST * body)
+            columns = [share * body, length * moved(mass, body[1:4]), inertia]
+            blocks.append(np.column_stack(columns))
+        known = np.where(self.robot.is_known, tol.POOR, 1.0)
+        return np.asarray(known[:, None] * block_diag(*blocks))
 
     @cached_property
     def common(self) -> Array:
@@ -409,15 +407,15 @@ class Experiment:
         All masses of a file may be wrong by one factor, which looks like one of all torques, and
         each is off by some per cent. Each payload was weighed and measured.
         """
-        known = np.where(self.robot.is_known, POOR, 1.0) * self.robot.parameters
-        each = np.repeat(np.eye(len(known) // 10), 10, axis=0) * known[:, None]
-        columns = [BODY * known, *(POOR * each).T]
+        known = np.where(self.robot.is_known, tol.POOR, 1.0) * self.robot.parameters
+        columns = [tol.BODY * known, tol.POOR * block_diag(*known.reshape(-1, 10)).T]
         payloads = self.robot.payload_parameters.reshape(-1, 10)
-        for body in np.flatnonzero(payloads[:, 0]).tolist():
+        for body in np.flatnonzero(payloads[:, 0]):
             spread = np.zeros((*payloads.shape, 4))
-            spread[body, :, 0] = SLIGHT * payloads[body]
-            spread[body, :, 1:] = BODY * CENTRE_M * moved(payloads[body, 0], payloads[body, 1:4])
-            columns += [*spread.reshape(-1, 4).T]
+            place = moved(payloads[body, 0], payloads[body, 1:4])
+            spread[body, :, 0] = tol.SLIGHT * payloads[body]
+            spread[body, :, 1:] = tol.BODY * tol.CENTRE_M * place
+            columns.append(spread.reshape(-1, 4))
         return np.column_stack(columns)
 
     @cached_property
@@ -427,21 +425,21 @@ class Experiment:
         The rotor of a stiff drive is among it if its inertia is unknown, and that a motor torque
         may be late, which is no mistake of a value.
         """
-        found = []
+        bases = []
         for j in self.used:
-            columns, late = self.load_columns(j), self.torque_rate[:, [j]]
+            columns, late = [self.load_columns(j)], self.torque_rate[:, [j]]
             if self._is_open[j] and j not in self._elastic:
-                columns = np.hstack([columns, self.motor[2][:, [j]]])
+                columns.append(self.motor[2][:, [j]])
             if np.all(np.isfinite(late)):
-                columns = np.hstack([columns, late])
-            found.append(np.linalg.qr(columns)[0])
-        return found
+                columns.append(late)
+            bases.append(np.linalg.qr(np.hstack(columns))[0])
+        return bases
 
     @cached_property
     def row_noise(self) -> Array:
         """Standard deviation (n,) of a torque over its size, per independent row."""
         misfit, per_row = self._by_any_bodies
-        return np.asarray(np.maximum(misfit, FEW) * np.sqrt(per_row))
+        return np.asarray(np.maximum(misfit, tol.FEW) * np.sqrt(per_row))
 
     @property
     def independent_rows(self) -> Array:
@@ -505,7 +503,7 @@ class Experiment:
         y = self.over_noise(self.target - self.regressor @ self.bodies)
         along = U.T @ _whitened(y, *self._of_common)
         most = max(1.0, float(np.max(np.abs(along) / sizes, initial=0.0)))
-        scales = np.geomspace(POOR, most, _SCALES)
+        scales = np.geomspace(tol.POOR, most, _SCALES)
         variance = 1 + (scales[:, None] * sizes) ** 2
         costs = np.sum(np.log(variance) + along**2 / variance, axis=1) / 2
         costs += np.log(np.maximum(scales, 1.0))
@@ -528,31 +526,31 @@ class Experiment:
 
     @property
     def _elastic(self) -> list[int]:
-        names = self.robot.elastic_joints
-        known = [self.robot.index(joint) for joint in names]
-        return [j for j in known if j in self.used]
+        return [j for j in map(self.robot.index, self.robot.elastic_joints) if j in self.used]
 
-    def _misfit(self, j: int, y: Array, columns: Array, stretch: int | None = None) -> float:
-        """Return the misfit of joint j: of y (R,) by columns (R, k), friction first."""
+    def _misfit(self, j: int, y: Array, columns: Array, is_spring: bool = False) -> float:
+        """Return the misfit of joint j: of y (R,) by columns (R, k), friction first.
+
+        The last column may be that of a spring.
+        """
         rows = self._counted(j)
         x = scaled_svd(columns[rows]).solve(y[rows])
-        left = (y - columns @ x)[rows]
-        if stretch is None:
-            return self._size(j, left, x[:2])
+        residual = (y - columns @ x)[rows]
+        if not is_spring:
+            return self._size(j, residual, x[:2])
         # a spring of negative stiffness explains nothing
-        spring = columns[:, stretch] * x[stretch]
-        wrong = float(np.std(spring)) if x[stretch] * self.lever[j] < 0 else 0.0
-        size = max(float(np.std(y)), 1e-300)
-        friction = x[:2] if stretch > 1 else np.zeros(2)
-        return float(np.hypot(self._size(j, left, friction, size), wrong / size))
+        wrong = float(np.std(columns[:, -1] * x[-1])) if x[-1] * self.lever[j] < 0 else 0.0
+        size = max(float(np.std(y)), _LEAST)
+        friction = x[:2] if len(x) > 2 else np.zeros(2)
+        return float(np.hypot(self._size(j, residual, friction, size), wrong / size))
 
-    def _size(self, j: int, left: Array, friction: Array, size: float = 0.0) -> float:
+    def _size(self, j: int, residual: Array, friction: Array, size: float = 0.0) -> float:
         """Return the rms of a residual and of friction that drives, over that of the torque."""
-        size = size or self._torque_sizes[j]
         torque, speed = self.friction[j][:, :2] @ friction, self.motor[1][:, j]
         power = float(np.mean(torque * speed)) * float(np.sign(self.lever[j]))
-        drives = max(-power, 0.0) / max(float(np.std(speed)), 1e-300)
-        return float(np.hypot(np.std(left), drives)) / max(size, 1e-300)
+        drives = max(-power, 0.0) / max(float(np.std(speed)), _LEAST)
+        rms = float(np.hypot(np.std(residual), drives))
+        return rms / max(size or self._torque_sizes[j], _LEAST)
 
     def cost(self, kind: str, rows: Array | float = 2.0) -> float:
         """Return minus the log likelihood of one kind of misfit, of Gaussian residuals of any size.
@@ -561,7 +559,7 @@ class Experiment:
         """
         # not by `misfits`, which computes all kinds: of most transforms only cheap ones are needed
         name, floor = _KINDS[kind]
-        squares = np.minimum(getattr(self, name), TWICE) ** 2 + floor**2
+        squares = np.minimum(getattr(self, name), tol.TWICE) ** 2 + floor**2
         return float(np.nansum(rows * np.log(squares))) / 2
 
 
@@ -587,21 +585,14 @@ def _whitened(y: Array, U: Array, sizes: Array) -> Array:
     return np.asarray(y - shrunk)
 
 
-def _first(columns: Array, y: Array, count: int) -> list[tuple[float, float]]:
-    """Return the first parameters of a fit, one per part of y, negative, with standard errors."""
-    x, covariance = fitted(columns, y, count)
-    errors = np.sqrt(np.diag(covariance)[:count])
-    return list(zip((-x[:count]).tolist(), errors.tolist(), strict=True))
-
-
 def fitted(columns: Array, y: Array, count: int = 1) -> tuple[Array, Array]:
     """Return the parameters of a fit and their covariance, from the residuals of each part of y."""
     svd = scaled_svd(columns)
     rank = svd.rank(RANK_TOLERANCE)
     x = svd.solve(y, RANK_TOLERANCE)
-    left = (y - columns @ x).reshape(count, -1)
-    rows = np.sum(left != 0, axis=1)  # others are excluded
-    sizes = np.linalg.norm(left, axis=1) / np.sqrt(np.maximum(rows - rank / count, 1))
+    residual = (y - columns @ x).reshape(count, -1)
+    rows = np.sum(residual != 0, axis=1)  # others are excluded
+    sizes = np.linalg.norm(residual, axis=1) / np.sqrt(np.maximum(rows - rank / count, 1))
     inverse = (svd.vectors[:rank] / svd.sizes[:rank, None]) / svd.norms
     # the first parameter of each part belongs to its residuals; all parts are weighed alike
     size = np.full(len(x), float(np.sqrt(np.mean(sizes**2))))
@@ -625,14 +616,14 @@ def _slope(columns: Array, y: Array) -> tuple[float, float]:
         error = float(np.sqrt(slopes @ covariance[:2, :2] @ slopes))
         return float(-x[1] / x[0]), error, (y[rows] - used @ x) / x[1]
 
-    slope, error, left = part(slice(None))
+    slope, error, residual = part(slice(None))
     count, joint = len(y), columns[:, 1]
     if count > 6 * columns.shape[1]:
         (first, e, _), (second, f, _) = part(slice(count // 2)), part(slice(count // 2, None))
         error = max(error, abs(first - second) * e * f / max(e**2 + f**2, _LEAST))
-    by_angle = left[np.argsort(joint)]
-    shared = max(float(left[2:] @ left[:-2]), float(by_angle[1:] @ by_angle[:-1])) / count
-    smooth = np.sqrt(max(shared - float(left @ left) / count**1.5, 0.0))
+    by_angle = residual[np.argsort(joint)]
+    shared = max(float(residual[2:] @ residual[:-2]), float(by_angle[1:] @ by_angle[:-1])) / count
+    smooth = np.sqrt(max(shared - float(residual @ residual) / count**1.5, 0.0))
     return slope, float(np.hypot(error, slope * smooth / max(float(np.std(joint)), _LEAST)))
 
 
@@ -668,49 +659,40 @@ changes before the motion does, like an early torque."""
 
 def experiment_of(robot: Robot, logs: Sequence[Sequence[Motion]]) -> Experiment:
     """Return the experiment at `INSTANTS` instants of the motions of each log."""
-    split = [[part for motion in motions for part in _windows(motion)] for motions in logs]
-    windows = [part for parts in split for part in parts]
-    numbers = np.repeat(np.arange(len(split)), [len(parts) for parts in split])
-    parts = [_sampled(robot, part, max(1, INSTANTS // len(windows))) for part in windows]
-    motor, joint, direction, torque, rate, sensed, unscaled = (
-        np.concatenate(one, axis=-2) for one in zip(*parts, strict=True)
-    )
-    drives = robot.drives.values()
+    windows = [
+        (number, window)
+        for number, motions in enumerate(logs)
+        for motion in motions
+        for window in _windows(motion)
+    ]
+    parts = [_sampled(robot, window, max(1, INSTANTS // len(windows))) for _, window in windows]
+    signals = {name: np.concatenate([x[name] for x in parts], axis=-2) for name in parts[0]}
+    drives, motor = robot.drives.values(), signals["motor"][0]
     ratio = np.array([drive.ratio for drive in drives])
-    apart = motor[0] - ratio * at_drives(robot.transmission, joint[0])
-    both = np.ptp(apart, axis=0) > 1e-9 * np.ptp(motor[0], axis=0)
-    inertia = np.array([drive.values.get("motor_inertia", 0.0) for drive in drives])
+    apart = motor - ratio * at_drives(robot.transmission, signals["joint"][0])
     bodies = robot.parameters + robot.payload_parameters
-    if not np.any(robot.parameters):
-        bodies = np.full_like(bodies, np.nan)  # a robot file without inertias
-    log, rate_hz = np.repeat(numbers, [len(one[2]) for one in parts]), logs[0][0].rate_hz
-    signals = motor, joint, direction, torque, rate, sensed, unscaled
-    first = [motions[0].processing for motions in logs]
-    sources = tuple((one and one.sources) or {} for one in first)
-    has_wrenches = any(one.base and one.base.wrenches for motions in logs for one in motions)
+    processed = [motions[0].processing for motions in logs]
     return Experiment(
         robot,
-        log,
-        rate_hz,
-        *signals,
-        both,
-        ratio,
-        inertia,
-        bodies,
-        sources,
-        has_wrenches=has_wrenches,
+        np.repeat([number for number, _ in windows], [len(part["torque"]) for part in parts]),
+        logs[0][0].rate_hz,
+        both=np.ptp(apart, axis=0) > 1e-9 * np.ptp(motor, axis=0),
+        ratio=ratio,
+        inertia=np.array([drive.values.get("motor_inertia", 0.0) for drive in drives]),
+        # a robot file may have no inertias
+        bodies=bodies if np.any(robot.parameters) else np.full_like(bodies, np.nan),
+        sources=tuple((each and each.sources) or {} for each in processed),
+        has_wrenches=any(x.base and x.base.wrenches for motions in logs for x in motions),
+        **signals,
     )
 
 
-def with_torques_of(given: Experiment, joints: Collection[str]) -> Experiment:
+def with_torques_of(experiment: Experiment, joints: Collection[str]) -> Experiment:
     """Return the experiment of a fixed base with the torques of some joints only."""
-    if given.robot.floating_base is not None:
-        return given
-    kept = np.isin(given.robot.joint_names, [*joints])
-    torque, rate, sensed = (
-        np.where(kept, one, np.nan) for one in (given.torque, given.torque_rate, given.sensed)
-    )
-    return replace(given, torque=torque, torque_rate=rate, sensed=sensed)
+    if experiment.robot.floating_base is not None:
+        return experiment
+    kept = np.isin(experiment.robot.joint_names, [*joints])
+    return experiment.with_channels("t", lambda torque: np.where(kept, torque, np.nan))
 
 
 def _windows(motion: Motion) -> list[Motion]:
@@ -723,48 +705,41 @@ def _windows(motion: Motion) -> list[Motion]:
     return [motion.samples(slice(start, start + size)) for start in starts]
 
 
-def _sampled(robot: Robot, motion: Motion, most: int) -> tuple[Array, ...]:
+def _sampled(robot: Robot, motion: Motion, most: int) -> dict[str, Any]:
+    """Return the signals of an experiment, by name, at not many more than `most` instants."""
     rows = row_samples(motion)
     rows = rows[:: max(1, math.ceil(len(rows) / most))]
-    filtered = partial(in_band_at, motion, samples=rows)
-    speed = motion.motor_velocity
-    sides = [
-        [getattr(motion, f"{side}_{name}") for name in ("position", "velocity", "acceleration")]
-        for side in ("motor", "joint")
-    ]
-    motor, joint = (np.stack([filtered(one) for one in side]) for side in sides)
-    of_motors = _of_motors(robot, motion)
-    torque = np.where(np.isnan(of_motors[0]), np.nan, in_band(motion, np.nan_to_num(of_motors)))
-    rate = np.gradient(torque, motion.time, axis=0)[rows]
-    sensed = torques_at_drives(robot.transmission, motion.joint_torque)
-    sensed = np.where(np.isnan(sensed[0]), np.nan, filtered(np.nan_to_num(sensed)))
-    unscaled = _unscaled(robot, motion)
-    unscaled = np.where(np.isnan(unscaled[0]), np.nan, filtered(np.nan_to_num(unscaled)))
-    return motor, joint, filtered(np.sign(speed)), torque[rows], rate, sensed, unscaled
 
+    def filtered(signal: Array, samples: IndexArray = rows) -> Array:
+        known = in_band_at(motion, np.nan_to_num(signal), samples)
+        return np.where(np.isnan(signal[0]), np.nan, known)
 
-def _of_motors(robot: Robot, motion: Motion) -> Array:
-    """Return the motor torque (T, n), NaN for drives of which it is known up to scale only."""
-    is_known = [
-        INPUT_FIELDS[drive.motor_input] == "motor_torque" and not drive.is_up_to_scale
-        for drive in robot.drives.values()
-    ]
-    return np.where(is_known, motion.motor_torque, np.nan)
-
-
-def _unscaled(robot: Robot, motion: Motion) -> Array:
-    """Return the current or voltage (T, n) of motors with an unknown constant, else NaN."""
-    found = np.full(motion.motor_position.shape, np.nan)
-    for j, drive in enumerate(robot.drives.values()):
-        if drive.motor_input in ("current", "voltage"):
-            channel = getattr(motion, INPUT_FIELDS[drive.motor_input])
-            found[:, j] = np.nan if channel is None else channel[:, j]
-    return found
+    drives = robot.drives.values()
+    fields = [INPUT_FIELDS[drive.motor_input] for drive in drives]
+    is_torque = [field == "motor_torque" for field in fields]
+    is_known = np.array(is_torque) & ~np.array([drive.is_up_to_scale for drive in drives])
+    unscaled = np.full(motion.motor_position.shape, np.nan)
+    for j, name in enumerate(fields):
+        channel = getattr(motion, name)
+        if not is_torque[j] and channel is not None:
+            unscaled[:, j] = channel[:, j]
+    of_motors = np.where(is_known, motion.motor_torque, np.nan)
+    torque = filtered(of_motors, np.arange(len(of_motors)))
+    motor = motion.motor_position, motion.motor_velocity, motion.motor_acceleration
+    return {
+        "motor": np.stack([*map(filtered, motor)]),
+        "joint": np.stack([*map(filtered, motion.joint_states)]),
+        "direction": filtered(np.sign(motion.motor_velocity)),
+        "torque": torque[rows],
+        "torque_rate": np.gradient(torque, motion.time, axis=0)[rows],
+        "sensed": filtered(torques_at_drives(robot.transmission, motion.joint_torque)),
+        "unscaled": filtered(unscaled),
+    }
 
 
 @dataclass(frozen=True, eq=False)
 class Transform:
-    """A possible mistake: how to undo it, and the finding if that explains the log.
+    """A possible mistake: the experiment without it, and the finding if that explains the log.
 
     `penalty`: number of fitted values, of the log likelihood as Akaike counts them, and less than
     one for what is unusual. `other`: the second of two joints that are concerned.
@@ -772,13 +747,30 @@ class Transform:
 
     code: Code
     message: str
-    undo: Callable[[Experiment], Experiment]
+    changed: Experiment
     joint: str = ""
     remedy: str = ""
     severity: Severity = "wrong"
-    evidence: dict[str, float] = field(default_factory=dict)
+    evidence: Mapping[str, float] = field(default_factory=dict)
     penalty: float = 0.0
     other: str = ""
+
+
+def multiplied(
+    code: Code,
+    experiment: Experiment,
+    factors: Mapping[int, float],
+    channels: str,
+    message: str,
+    **more: Any,
+) -> Transform:
+    """Return the transform that multiplies logged channels (q, m, t) of joints by factors."""
+    names = experiment.robot.joint_names
+    entries = {names[j]: experiment.entries(j, channels, factor=x) for j, x in factors.items()}
+    changed = scaled(experiment, factors, channels)
+    return Transform(
+        code, message, changed, only_joint([*entries]), in_description(entries), **more
+    )
 
 
 _USUAL = (2.0, 3.0, 4.0, 5.0, 10.0, 100.0, 1000.0)
@@ -791,27 +783,13 @@ def with_constant(*columns: Array) -> Array:
 
 def near(factor: float, *others: float) -> list[float]:
     """Return a factor, and the usual ones within a fifth of it: mistakes are often round."""
-    usual = [*_USUAL, *others, *(1 / one for one in (*_USUAL, *others))]
-    return [*(one for one in usual if abs(math.log(factor / one)) < 0.2), factor]
+    usual = [*_USUAL, *others, *(1 / x for x in (*_USUAL, *others))]
+    return [*(x for x in usual if abs(math.log(factor / x)) < 0.2), factor]
 
 
-def flipped(given: Experiment, j: int, channels: str) -> Experiment:
-    """Return the experiment with the opposite sign of some channels of joint j."""
-    return scaled(given, j, dict.fromkeys(channels, -1.0))
-
-
-def scaled(
-    given: Experiment, joints: int | Sequence[int], factors: Mapping[str, float]
-) -> Experiment:
-    """Return the experiment with channels (q, m, t) of one joint or several times factors."""
-    own = np.isin(np.arange(given.robot.n), joints)
-    factor = {one: np.where(own, factors.get(one, 1.0), 1.0) for one in "qmt"}
-    return replace(
-        given,
-        joint=given.joint * factor["q"],
-        motor=given.motor * factor["m"],
-        direction=given.direction * np.sign(factor["m"]),
-        torque=given.torque * factor["t"],
-        torque_rate=given.torque_rate * factor["t"],
-        sensed=given.sensed * factor["t"],
-    )
+def scaled(experiment: Experiment, factors: Mapping[int, float], channels: str) -> Experiment:
+    """Return the experiment with channels (q, m, t) of joints times their factors."""
+    factor = np.array([factors.get(j, 1.0) for j in range(experiment.robot.n)])
+    changed = experiment.with_channels(channels, lambda values: values * factor)
+    direction = experiment.direction * np.sign(factor)
+    return replace(changed, direction=direction) if "m" in channels else changed

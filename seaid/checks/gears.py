@@ -8,31 +8,32 @@ linkage depends on the angle: before a fit, transforms undo it.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from seaid._arrays import Array
 from seaid._files import toml_key
-from seaid.checks.check import in_description, in_drives, only_joint
-from seaid.checks.codes import (
-    COUPLED_JOINTS,
-    GEAR_RATIO,
-    TRANSMISSION_ERROR,
-    UNIT,
-    VARYING_RATIO,
-)
+from seaid.checks import codes
+from seaid.checks import tolerances as tol
+from seaid.checks.check import in_drives
 from seaid.checks.echoes import OF_MOTOR
 from seaid.checks.engine import Accepted, Candidate, ColumnCheck, linear_candidate
-from seaid.checks.experiment import Experiment, Transform, fitted, near, with_constant
+from seaid.checks.experiment import (
+    Experiment,
+    Transform,
+    fitted,
+    multiplied,
+    near,
+    with_constant,
+)
 from seaid.checks.terms import DriveRows
-from seaid.checks.tolerances import PERIODIC, POOR, SLIGHT, SURE
 from seaid.errors import Finding, listed
 from seaid.estimation import scaled_svd
-from seaid.log import changed_source
 from seaid.regressor import motor_regressor
 
 if TYPE_CHECKING:
@@ -79,7 +80,7 @@ def _harmonic(side: Side, joint: str, name: str, order: int) -> Array | None:
     pair = drive.at_rows([np.column_stack([np.cos(x), np.sin(x)]) for x in angles])
     sizes = np.abs(np.diag(np.linalg.qr(side.equation.residual_of(pair))[1]))
     # the norm of a cosine over its periods is sqrt(R / 2)
-    return None if np.min(sizes) < POOR * np.sqrt(0.5 * len(pair)) else pair
+    return None if np.min(sizes) < tol.POOR * np.sqrt(0.5 * len(pair)) else pair
 
 
 def _periodic(side: Side, joint: str, accepted: Sequence[Accepted], share: float) -> Finding:
@@ -100,11 +101,11 @@ def _periodic(side: Side, joint: str, accepted: Sequence[Accepted], share: float
         f"{name} = {sorted(order for angle, order in [*known, *orders] if angle == name)}"
         for name in dict.fromkeys(angle for angle, _ in [*known, *orders])
     )
-    return TRANSMISSION_ERROR.finding(
+    return codes.TRANSMISSION_ERROR.finding(
         f"{share:.0%} of the residual of (10) of {joint} is periodic ({text}): an error of the "
         "gear or its encoders, or ripple of the motor",
         joint,
-        "doubtful" if share >= PERIODIC else "note",
+        "doubtful" if share >= tol.PERIODIC else "note",
         evidence,
         in_drives({(joint,): f"{field} = {{ {table} }}"}),
     )
@@ -116,21 +117,9 @@ def _lever(side: Side, joint: str) -> float:
     return drive.motor_radius / drive.ratio if is_motor else 1.0
 
 
-def _transmission(joint: str, turns: Mapping[str, float]) -> str:
-    """Return the lines of a drive that turns with joints: {joint: turns}."""
-    table = ", ".join(f"{toml_key(name)} = {number:.4g}" for name, number in turns.items())
-    return in_drives({(joint,): f"transmission = {{ {table} }}"})
-
-
-_CONSTANT_RATIO = (
-    "convert angle and torque of the motor to those of a gear with a constant ratio, by the "
-    "geometry of the linkage, before the log is read"
-)
-
-
 GEAR_CHECKS = (
     ColumnCheck(
-        TRANSMISSION_ERROR,
+        codes.TRANSMISSION_ERROR,
         _orders,
         _periodic,
         "both encoders of a joint that is slowly turned without a load show the errors of its gear",
@@ -143,13 +132,6 @@ GEAR_CHECKS = (
 # Before the fit, as transforms of an experiment
 
 
-def _with_ratio(experiment: Experiment, j: int, factor: float) -> Experiment:
-    """Return the experiment with another gear ratio, and the side that it was computed from."""
-    factors = np.where(np.arange(experiment.robot.n) == j, factor, 1.0)
-    joint = experiment.joint if experiment.both[j] else experiment.joint / factors
-    return replace(experiment, ratio=experiment.ratio * factors, joint=joint)
-
-
 def encoder_slope(experiment: Experiment, j: int) -> float:
     """Return the motor angle per joint angle over the gear ratio, without a spring's deflection."""
     H = with_constant(experiment.turned[0][:, j], experiment.deflection(j))
@@ -160,7 +142,7 @@ def other_slope(experiment: Experiment, j: int) -> float | None:
     """Return the slope between two encoders over the gear ratio, None if it is that of the gear."""
     slope = abs(encoder_slope(experiment, j)) if experiment.both[j] else 1.0
     # springs and noise explain a slight difference
-    return None if abs(slope - 1) < SLIGHT or not 1e-6 < slope < 1e6 else slope
+    return None if abs(slope - 1) < tol.SLIGHT or not 1e-6 < slope < 1e6 else slope
 
 
 def gear_ratios(experiment: Experiment) -> Iterator[Transform]:
@@ -171,19 +153,21 @@ def gear_ratios(experiment: Experiment) -> Iterator[Transform]:
             experiment.robot.is_prismatic[j] and not experiment.robot.drives[joint].is_elastic
         )
         key = "gear_ratio_rad_per_m" if is_linear else "gear_ratio"
-        by, now, evidence = "", experiment.ratio[j], {"given ratio": float(experiment.ratio[j])}
-        factors = [] if experiment.both[j] else [0.5, 2.0]
+        given, factors = float(experiment.ratio[j]), [] if experiment.both[j] else [0.5, 2.0]
+        by, evidence = ",", {"given ratio": given}
         if slope:
             by, factors = " by its two encoders,", near(slope)
             evidence = {"slope between the encoders over the gear ratio": slope}
         for factor in factors:
-            ratio = experiment.ratio[j] * factor
+            factor_of = np.where(np.arange(experiment.robot.n) == j, factor, 1.0)
+            # the side without an encoder was computed from the motor's
+            output = experiment.joint / (1.0 if experiment.both[j] else factor_of)
             yield Transform(
-                GEAR_RATIO,
-                f"the gear ratio of {joint} is {ratio:.4g}{by or ','} not {now:.4g}",
-                partial(_with_ratio, j=j, factor=factor),
+                codes.GEAR_RATIO,
+                f"the gear ratio of {joint} is {given * factor:.4g}{by} not {given:.4g}",
+                replace(experiment, ratio=experiment.ratio * factor_of, joint=output),
                 joint,
-                in_drives({(joint,): f"{key} = {ratio:.6g}"}),
+                in_drives({(joint,): f"{key} = {given * factor:.6g}"}),
                 evidence=evidence,
                 penalty=float(factor == slope),
             )
@@ -192,35 +176,20 @@ def gear_ratios(experiment: Experiment) -> Iterator[Transform]:
 def geared_encoders(experiment: Experiment) -> Iterator[Transform]:
     """Yield joint encoders that are multiplied by the gears: their slope to the motors' is one."""
     slopes = {j: other_slope(experiment, j) for j in np.flatnonzero(experiment.both).tolist()}
-    joints = [
-        j
+    factors = {
+        j: 1 / float(experiment.lever[j])
         for j, slope in slopes.items()
-        if slope and abs(math.log(slope * abs(experiment.lever[j]))) < 3 * SLIGHT
-    ]
-    if not joints:
-        return
-    factors = {experiment.robot.joint_names[j]: 1 / float(experiment.lever[j]) for j in joints}
-    sources = {
-        joint: {
-            "joint_position": changed_source(
-                experiment.sources[0][joint]["joint_position"], factor=x
-            )
-        }
-        for joint, x in factors.items()
+        if slope and abs(math.log(slope * abs(experiment.lever[j]))) < 3 * tol.SLIGHT
     }
-    yield Transform(
-        UNIT,
-        f"the joint encoders of {listed(factors)} have the angles of the motors: they are "
-        "multiplied by the gear ratio already",
-        partial(_ungeared, factors=factors),
-        only_joint([*factors]),
-        in_description(sources),
-    )
-
-
-def _ungeared(experiment: Experiment, factors: Mapping[str, float]) -> Experiment:
-    factor = np.array([factors.get(joint, 1.0) for joint in experiment.robot.joint_names])
-    return replace(experiment, joint=experiment.joint * factor)
+    if factors:
+        yield multiplied(
+            codes.UNIT,
+            experiment,
+            factors,
+            "q",
+            f"the joint encoders of {listed([experiment.robot.joint_names[j] for j in factors])} "
+            "have the angles of the motors: they are multiplied by the gear ratio already",
+        )
 
 
 _ROUND_TURNS = 0.05
@@ -238,52 +207,43 @@ def _between_encoders(experiment: Experiment) -> list[int]:
 def coupled_motors(experiment: Experiment) -> Iterator[Transform]:
     """Yield motors that turn with another joint too, and encoders that measure a sum of joints."""
     robot = experiment.robot
-    for j in _between_encoders(experiment):
-        joint, drive = robot.joint_names[j], robot.drives[robot.joint_names[j]]
-        apart, columns = experiment.apart[:, j], with_constant(experiment.deflection(j))
-        for i in range(robot.n):
-            other = robot.joint_names[i]
-            is_alike = robot.is_prismatic[i] == robot.is_prismatic[j]
-            if other in {joint, *drive.transmission} or not is_alike:
-                continue
-            H = np.column_stack([experiment.joint[0][:, i], columns])
-            x, covariance = fitted(H, apart)
-            turns, error = float(x[0]), math.sqrt(covariance[0, 0])
-            if abs(turns) < POOR:
-                continue
-            rounded = round(turns / _ROUND_TURNS) * _ROUND_TURNS
-            turns = rounded if abs(turns - rounded) < SURE * error else turns
-            factors = {**(drive.transmission or {joint: 1.0}), other: float(f"{turns:.4g}")}
-            drives = {**robot.drives, joint: replace(drive, transmission=factors)}
-            yield Transform(
-                COUPLED_JOINTS,
-                f"the motor of {joint} turns behind its gear as {joint} and {turns:.3g} times with "
-                f"{other}: it drives both, by a differential, a tendon or a parallel linkage",
-                partial(replace, robot=robot.with_drives(drives)),
-                joint,
-                _transmission(joint, factors),
-                evidence={f"turns with {other}": turns},
-                penalty=1.0,
+    for j, i in product(_between_encoders(experiment), range(robot.n)):
+        joint, other = robot.joint_names[j], robot.joint_names[i]
+        drive = robot.drives[joint]
+        if other in {joint, *drive.transmission} or robot.is_prismatic[i] != robot.is_prismatic[j]:
+            continue
+        columns = experiment.joint[0][:, i], with_constant(experiment.deflection(j))
+        x, covariance = fitted(np.column_stack(columns), experiment.apart[:, j])
+        turns, error = float(x[0]), math.sqrt(covariance[0, 0])
+        if abs(turns) < tol.POOR:
+            continue
+        rounded = round(turns / _ROUND_TURNS) * _ROUND_TURNS
+        turns = rounded if abs(turns - rounded) < tol.SURE * error else turns
+        factors = {**(drive.transmission or {joint: 1.0}), other: float(f"{turns:.4g}")}
+        changed = robot.with_drives({**robot.drives, joint: replace(drive, transmission=factors)})
+        table = ", ".join(f"{toml_key(name)} = {number:.4g}" for name, number in factors.items())
+        coupled = Transform(
+            codes.COUPLED_JOINTS,
+            f"the motor of {joint} turns behind its gear as {joint} and {turns:.3g} times with "
+            f"{other}: it drives both, by a differential, a tendon or a parallel linkage",
+            replace(experiment, robot=changed),
+            joint,
+            in_drives({(joint,): f"transmission = {{ {table} }}"}),
+            evidence={f"turns with {other}": turns},
+            penalty=1.0,
+        )
+        yield coupled
+        if abs(abs(turns) - 1) < 3 * tol.SLIGHT:
+            angles = experiment.joint.copy()
+            angles[:, :, j] += np.sign(turns) * angles[:, :, i]
+            added = f"{'minus' if turns < 0 else 'plus'} that of {other}"
+            yield replace(
+                coupled,
+                message=f"the encoder of {joint} measures its angle against another link than the "
+                f"one before it: the joint moves as its encoder {added}",
+                changed=replace(experiment, joint=angles),
+                remedy=f"write the angle of {joint} {added} into the log, as that of {joint}",
             )
-            if abs(abs(turns) - 1) < 3 * SLIGHT:
-                way = "minus" if turns < 0 else "plus"
-                yield Transform(
-                    COUPLED_JOINTS,
-                    f"the encoder of {joint} measures its angle against another link than the one "
-                    f"before it: the joint moves as its encoder {way} that of {other}",
-                    partial(_against_link, j=j, i=i, turns=float(np.sign(turns))),
-                    joint,
-                    f"write the angle of {joint} {way} that of {other} into the log, as that of "
-                    f"{joint}",
-                    evidence={f"turns with {other}": turns},
-                    penalty=1.0,
-                )
-
-
-def _against_link(experiment: Experiment, j: int, i: int, turns: float) -> Experiment:
-    joint = experiment.joint.copy()
-    joint[:, :, j] += turns * joint[:, :, i]
-    return replace(experiment, joint=joint)
 
 
 _RATIO_STEPS = 3
@@ -296,7 +256,7 @@ def linkages(experiment: Experiment) -> Iterator[Transform]:
     robot = experiment.robot
     for j in _between_encoders(experiment):
         q = experiment.turned[0][:, j]
-        if robot.is_prismatic[j] or np.ptp(q) < POOR:
+        if robot.is_prismatic[j] or np.ptp(q) < tol.POOR:
             continue
         deflection, factor = experiment.deflection(j), np.ones(len(q))
         for _ in range(_RATIO_STEPS):  # the torque of a motor on its spring has that factor too
@@ -304,40 +264,35 @@ def linkages(experiment: Experiment) -> Iterator[Transform]:
             x = scaled_svd(H).solve(experiment.apart[:, j])[1:4]
             factor = 1 + x[0] - x[1] * np.sin(q) + x[2] * np.cos(q)
         low, high = float(np.min(factor)), float(np.max(factor))
-        if low <= 0 or high - low < POOR * (high + low) / 2:
+        if low <= 0 or high - low < tol.POOR * (high + low) / 2:
             continue
         joint, ratio = robot.joint_names[j], float(experiment.ratio[j])
         yield Transform(
-            VARYING_RATIO,
+            codes.VARYING_RATIO,
             f"the gear ratio of {joint} depends on its angle: it is from {ratio * low:.3g} to "
             f"{ratio * high:.3g}, where the drives file has {ratio:g}: the transmission is a "
             "linkage, a lever or a spindle",
-            partial(_with_constant_ratio, j=j, x=x),
+            _with_constant_ratio(experiment, j, x, factor),
             joint,
-            _CONSTANT_RATIO,
+            "convert angle and torque of the motor to those of a gear with a constant ratio, by "
+            "the geometry of the linkage, before the log is read",
             evidence={"least ratio": ratio * low, "largest ratio": ratio * high},
             penalty=1.0,
         )
 
 
-def _with_constant_ratio(experiment: Experiment, j: int, x: Array) -> Experiment:
+def _with_constant_ratio(experiment: Experiment, j: int, x: Array, factor: Array) -> Experiment:
     """Return the experiment with a motor of constant ratio and the same power.
 
     Of e q + c cos q + s sin q, with slope g - 1, the derivatives are (g - 1) q' and (g - 1) q'' +
-    g' q'^2.
+    g' q'^2. The `factor` (R,) is g.
     """
     q, v, a = experiment.turned[:, :, j]
-    columns = np.column_stack([q, np.cos(q), np.sin(q)])
-    more = np.column_stack([np.ones_like(q), -np.sin(q), np.cos(q)]) @ x
-    change = np.column_stack([-np.cos(q), -np.sin(q)]) @ x[1:]
-    motor, torque, rate = (
-        experiment.motor.copy(),
-        experiment.torque.copy(),
-        experiment.torque_rate.copy(),
-    )
-    motor[:, :, j] -= experiment.lever[j] * np.array(
-        [columns @ x, more * v, more * a + change * v**2]
-    )
-    torque[:, j] *= 1 + more
-    rate[:, j] *= 1 + more
-    return replace(experiment, motor=motor, torque=torque, torque_rate=rate)
+    angle = np.column_stack([q, np.cos(q), np.sin(q)]) @ x
+    curvature = np.column_stack([-np.cos(q), -np.sin(q)]) @ x[1:]
+    change = [angle, (factor - 1) * v, (factor - 1) * a + curvature * v**2]
+    motor = experiment.motor.copy()
+    motor[:, :, j] -= experiment.lever[j] * np.array(change)
+    factors = np.where(np.arange(experiment.robot.n) == j, factor[:, None], 1.0)
+    changed = experiment.with_channels("t", lambda torque: torque * factors)
+    return replace(changed, motor=motor, sensed=experiment.sensed)
