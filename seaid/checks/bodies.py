@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import combinations, product
 
 import numpy as np
@@ -19,7 +19,6 @@ from seaid.checks.experiment import Experiment, Transform, inertial_parameters, 
 from seaid.errors import Finding
 from seaid.estimation import RANK_TOLERANCE, scaled_svd, triangle
 from seaid.regressor import regressor_at_drives
-from seaid.robot import Robot
 
 
 def _with_gravity(experiment: Experiment, gravity: Array) -> Experiment:
@@ -166,24 +165,24 @@ def payloads(experiment: Experiment) -> Iterator[Transform]:
     robot = experiment.robot
     known = robot.payload_parameters.reshape(-1, 10)
     for body in np.flatnonzero(known[:, 0]).tolist():
-        own = np.where(np.arange(len(known))[:, None] == body, known, 0.0).ravel()
+        payload = np.where(np.arange(len(known))[:, None] == body, known, 0.0).ravel()
         mass, name = known[body, 0], robot.body_names[body]
         com = ",".join(f"{x:.4g}" for x in known[body, 1:4] / mass + 0.0)
         text = f"the payload of {mass:.4g} kg on {name}"
-        factor = 1 + experiment.multiple(experiment.regressor @ own)
-        is_other = factor > tol.POOR and abs(factor - 1) > tol.POOR
-        for other in (0.0, *(near(factor) if is_other else ())):
-            message = f"{text} has {other * mass:.3g} kg" if other else f"{text} is not there"
-            payload = f"--payload {name}:{other * mass:.3g}:{com}"
+        factor = 1 + experiment.multiple(experiment.regressor @ payload)
+        is_off = factor > tol.POOR and abs(factor - 1) > tol.POOR
+        for times in (0.0, *(near(factor) if is_off else ())):
+            message = f"{text} has {times * mass:.3g} kg" if times else f"{text} is not there"
+            option = f"--payload {name}:{times * mass:.3g}:{com}"
             yield Transform(
                 codes.PAYLOAD,
                 message,
-                replace(experiment, bodies=experiment.bodies + (other - 1) * own),
+                replace(experiment, bodies=experiment.bodies + (times - 1) * payload),
                 robot.joint_of(body),
-                f"option: {payload if other else f'without --payload {name}:{mass:g}:{com}'}",
-                penalty=float(other == factor),
+                f"option: {option if times else f'without --payload {name}:{mass:g}:{com}'}",
+                penalty=float(times == factor),
             )
-        yield from _placed(experiment, experiment.bodies - own, text, mass)
+        yield from _placed(experiment, experiment.bodies - payload, text, mass)
     if not np.any(known) and not robot.known_bodies:
         yield from _placed(experiment, experiment.bodies, "a payload that was not named", None)
 
@@ -259,30 +258,13 @@ def _point_mass(experiment: Experiment, bodies: Array, body: int, mass: float | 
     return point(x) if np.linalg.norm(x[:3]) < _FARTHEST_M else np.zeros(10)
 
 
-@dataclass(frozen=True, eq=False)
-class _Masses:
-    """Relative changes (N,) of the masses of the robot file, and their errors, by the torques.
-
-    `share` (N,) are the parts of the mass that the torques show, of which `total` is the change.
-    """
-
-    change: Array
-    errors: Array
-    share: Array
-    total: float
-    error: float
-
-    @property
-    def most(self) -> int:
-        """The body that changes the mass most."""
-        return int(np.argmax(np.abs(self.share * self.change)))
-
-
-def _masses(experiment: Experiment) -> _Masses | None:
+def _masses(experiment: Experiment) -> tuple[Array, Array, Array] | None:
     """Return how the masses differ from the robot file, None where no torque shows it.
 
-    Each body counts as that of the file times a factor, which the torques determine next to the
-    width of its mass; what this leaves unexplained beyond the noise counts as noise.
+    That is their relative changes (N,), roots (N, k) of the covariance of these, and the parts (N,)
+    of the mass that the torques show. Each body counts as that of the file times a factor, which
+    the torques determine next to the width of its mass; what this leaves unexplained beyond the
+    noise counts as noise.
     """
     robot, bodies = experiment.robot, experiment.robot.parameters.reshape(-1, 10)
     if not experiment.used or not np.all(np.isfinite(experiment.bodies)) or robot.known_bodies:
@@ -296,18 +278,13 @@ def _masses(experiment: Experiment) -> _Masses | None:
     widths = np.hstack([experiment.widths, experiment.common[:, :1]])[::10] / mass[:, None]
     # with u of variance 1, the relative changes are `widths` u
     svd = scaled_svd(np.vstack([effects @ widths / noise, np.eye(widths.shape[1])]))
-    u = svd.solve(np.concatenate([y / noise, np.zeros(widths.shape[1])]))
+    change = widths @ svd.solve(np.concatenate([y / noise, np.zeros(widths.shape[1])]))
     roots = widths @ (svd.vectors / svd.sizes[:, None] / svd.norms).T
-    change, errors = widths @ u, np.linalg.norm(roots, axis=1)
-    shown = np.where(errors < tol.MOST * np.linalg.norm(widths, axis=1), mass, 0.0)
+    is_shown = np.linalg.norm(roots, axis=1) < tol.MOST * np.linalg.norm(widths, axis=1)
     misfit = experiment.of_bodies(experiment.bodies + change @ each)
-    is_possible = np.nanmedian(misfit) < tol.SEVERE and np.min(change[shown > 0], initial=0.0) > -1
-    if not np.any(shown) or not is_possible:
-        return None
-    share = shown / np.sum(shown)
-    return _Masses(
-        change, errors, share, float(share @ change), float(np.linalg.norm(share @ roots))
-    )
+    is_possible = np.nanmedian(misfit) < tol.SEVERE and np.all(change[is_shown] > -1)
+    share = np.where(is_shown, mass, 0.0)
+    return (change, roots, share / np.sum(share)) if np.any(is_shown) and is_possible else None
 
 
 def file_findings(experiment: Experiment) -> Iterator[Finding]:
@@ -315,45 +292,52 @@ def file_findings(experiment: Experiment) -> Iterator[Finding]:
     masses = _masses(experiment)
     if masses is None:
         return
-    robot, most, total = experiment.robot, masses.most, masses.total
-    link, part = robot.body_names[most], float(masses.change[most])
-    own = float(masses.errors[most])
-    is_heavier = abs(total) > max(tol.POOR, tol.SURE * masses.error)
-    differs = abs(part - is_heavier * total) > (tol.SURE if is_heavier else tol.SIGNIFICANT) * own
+    robot, (change, roots, share) = experiment.robot, masses
+    total, error = float(share @ change), float(np.linalg.norm(share @ roots))
+    most = int(np.argmax(np.abs(share * change)))  # the body that changes the mass most
+    link, part, error_of_part = (
+        robot.body_names[most],
+        float(change[most]),
+        float(np.linalg.norm(roots[most])),
+    )
+    is_heavier = abs(total) > max(tol.POOR, tol.SURE * error)
+    differs = (
+        abs(part - is_heavier * total)
+        > (tol.SURE if is_heavier else tol.SIGNIFICANT) * error_of_part
+    )
     least = tol.MOST * abs(total) if is_heavier else tol.POOR
-    is_mostly = differs and abs(masses.share[most] * part) > least
-    if is_heavier:
-        message = f"the robot is {_heavier(total, masses.error)} than its file"
-        message += f", mostly {link}, by {part:+.0%}" if is_mostly else ""
-    elif is_mostly:
-        message = f"{link} is {_heavier(part, own)} than in its file"
-    else:
+    is_mostly = differs and abs(share[most] * part) > least
+    if not is_heavier and not is_mostly:
         return
-    rival, measurement = _rival_of_masses(robot, total, link if is_mostly else "")
+    message, measurement = (
+        f"{link} is {_heavier(part, error_of_part)} than in its file",
+        f"weigh {link}",
+    )
+    if is_heavier:
+        message = f"the robot is {_heavier(total, error)} than its file"
+        message += f", mostly {link}, by {part:+.0%}" if is_mostly else ""
+    rival = f"a payload on {link} was not named"
+    if not is_mostly:
+        rival, measurement = (
+            f"all torques are {1 + total:.3g} times what they should be",
+            "weigh a link",
+        )
+    if np.any(robot.payload_parameters):
+        rival = "a payload has another mass than the one named"
+        measurement += " and the payload"
+    elif not is_mostly:
+        measurement += ", or hold a known weight at a known distance and compare the torque"
     yield codes.NOMINAL_VALUES.finding(
         f"{message}, by the torques and the shapes of the links in the file; or {rival}",
         robot.joint_of(most) if is_mostly and not is_heavier else "",
         "note",
         {
             "relative change of the mass": total,
-            "standard error": masses.error,
+            "standard error": error,
             f"relative change of {link}": part,
         },
         f"{measurement}: if the file is wrong, the estimate needs no change",
         "possible",
-    )
-
-
-def _rival_of_masses(robot: Robot, total: float, link: str) -> tuple[str, str]:
-    """Return what explains as much as other masses, mostly of a `link`, and what decides."""
-    measurement = f"weigh {link or 'a link'}"
-    if np.any(robot.payload_parameters):
-        return "a payload has another mass than the one named", f"{measurement} and the payload"
-    if link:
-        return f"a payload on {link} was not named", measurement
-    return (
-        f"all torques are {1 + total:.3g} times what they should be",
-        f"{measurement}, or hold a known weight at a known distance and compare the torque",
     )
 
 

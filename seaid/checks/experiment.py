@@ -8,7 +8,7 @@ well the encoders of both sides agree. Friction that would drive the joint count
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -41,11 +41,7 @@ _KINDS = {
 """{kind of misfit: its property, and what counts as none}: by bodies of the robot file, by any
 bodies, of the motor equation, of one encoder by the other."""
 
-_ARRAYS = {
-    "q": ("joint",),
-    "m": ("motor", "direction"),
-    "t": ("torque", "torque_rate", "sensed"),
-}
+_ARRAYS = {"q": ("joint",), "m": ("motor", "direction"), "t": ("torque", "torque_rate", "sensed")}
 """{channel of a joint: the arrays (..., n) that follow from it}."""
 
 
@@ -77,9 +73,9 @@ class Experiment:
     without the sensor; `unscaled` (R, n): the current or the voltage of a motor whose constant is
     unknown, NaN of the others; `both` (n,): whether both encoders were logged; `ratio`, `inertia`
     (n,): gear ratios and rotor inertias; `bodies` (10n,): standard parameters with payloads;
-    `sources`: of each log {joint: {quantity: column or entry of its description}}; `has_wrenches`:
-    whether contact forces were measured; `counted` (R, n): the instants at which misfits are taken,
-    None for all.
+    `sources`: of each log {joint: {quantity: column or entry of its description}}; `counted` (R,
+    n): whether misfits are taken at an instant; `has_wrenches`: whether contact forces were
+    measured.
     """
 
     robot: Robot
@@ -97,8 +93,8 @@ class Experiment:
     inertia: Array
     bodies: Array
     sources: tuple[Mapping[str, Mapping[str, Any]], ...]
+    counted: BoolArray
     has_wrenches: bool = False
-    counted: BoolArray | None = None
 
     def source(self, j: int, quantity: str, log: int = 0) -> str | Mapping[str, Any]:
         """Return how a quantity of joint j was read: its column, or its entry in a description."""
@@ -150,16 +146,15 @@ class Experiment:
         return np.asarray(np.where(np.isnan(self.torque), self.sensed, of_motor))
 
     @cached_property
-    def _torque_sizes(self) -> list[float]:
+    def _torque_sizes(self) -> Array:
         """Standard deviations (n,) of `target`, by which misfits and noise are measured."""
-        return [float(np.std(self.target[:, j])) for j in range(self.robot.n)]
+        return np.asarray(np.std(self.target, axis=0))
 
     @cached_property
     def used(self) -> list[int]:
         """Joints with a torque that changes; none on a floating base, whose forces are unknown."""
-        if self.robot.floating_base is not None:
-            return []
-        return [j for j in range(self.robot.n) if self._torque_sizes[j] > 0]
+        is_fixed = self.robot.floating_base is None
+        return np.flatnonzero(self._torque_sizes > 0).tolist() if is_fixed else []
 
     @cached_property
     def regressor(self) -> Array:
@@ -217,31 +212,30 @@ class Experiment:
         per_row = np.full_like(misfit, tol.CORRELATED_ROWS)
         if not self.used:
             return misfit, per_row
-        counted, own = map(self._counted, self.used), [self.load_columns(j) for j in self.used]
+        loads = [self.load_columns(j) for j in self.used]
         # the triangular factor has the singular values and the solution of all rows
-        A, b = self._next_to_bodies(self.used, counted, own)
+        A, b = self._next_to_bodies(self.used, self.counted[:, self.used], loads)
         factor = triangle(np.column_stack([A, b]))
         x = scaled_svd(factor[:, :-1]).solve(factor[:, -1], RANK_TOLERANCE)
         residual, start = (b - A @ x).reshape(len(self.used), -1), 0
-        for j, columns, rows in zip(self.used, own, residual, strict=True):
-            size, rows = self._torque_sizes[j], rows[self._counted(j)]
+        for j, columns, rows in zip(self.used, loads, residual, strict=True):
+            size, rows = self._torque_sizes[j], rows[self.counted[:, j]]
             misfit[j] = self._size(j, size * rows, size * x[start : start + 2])
             per_row[j] = max(tol.CORRELATED_ROWS, correlated_rows(rows))
             start += columns.shape[1]
         return misfit, per_row
 
     def _next_to_bodies(
-        self, joints: Sequence[int], rows: Iterable[BoolArray], *columns: Sequence[Array]
+        self, joints: Sequence[int], rows: BoolArray, *columns: Sequence[Array]
     ) -> tuple[Array, Array]:
         """Return the torques of joints over their sizes as A x = b, with any bodies, by joint.
 
-        The first `columns` (R, k) are each of one joint alone. Equations that are not among its
-        `rows` (R,), and columns that are nothing but rounding, are zero.
+        The first `columns` (R, k) are each of one joint alone. Equations that are not among the
+        `rows` (R, joints), and columns that are nothing but rounding, are zero.
         """
         parts = [self.regressor[:, j] for j in joints]
         A = np.hstack([*(block_diag(*each) for each in columns), np.concatenate(parts)])
-        sizes = [self._torque_sizes[j] for j in joints]
-        weight = np.concatenate([used / size for used, size in zip(rows, sizes, strict=True)])
+        weight = (rows / self._torque_sizes[joints]).T.ravel()
         A *= weight[:, None]
         norms = np.linalg.norm(A, axis=0)
         A[:, norms < _TINY * np.max(norms)] = 0.0
@@ -306,7 +300,7 @@ class Experiment:
         if stiff:
             rates = [self.lever[j] * self.torque_rate[:, [j]] for j in stiff]
             friction = [self._any_friction(j, bool(self._is_open[j])) for j in stiff]
-            A, b = self._next_to_bodies(stiff, self._moving[:, stiff].T, rates, friction)
+            A, b = self._next_to_bodies(stiff, self._moving[:, stiff], rates, friction)
             x, covariance = fitted(A, b, len(stiff))
             errors = np.sqrt(np.diag(covariance))
             delays |= {j: (-float(x[k]), float(errors[k])) for k, j in enumerate(stiff)}
@@ -519,11 +513,6 @@ class Experiment:
         few = np.sum(self._moving, axis=0) < _FEWEST_ROWS
         return replace(self, counted=np.asarray(self._moving | few))
 
-    def _counted(self, j: int) -> BoolArray:
-        """Return the mask (R,) of the instants at which the misfits of joint j are taken."""
-        every = np.ones(len(self.target), dtype=bool)
-        return every if self.counted is None else np.asarray(self.counted[:, j])
-
     @property
     def _elastic(self) -> list[int]:
         return [j for j in map(self.robot.index, self.robot.elastic_joints) if j in self.used]
@@ -533,7 +522,7 @@ class Experiment:
 
         The last column may be that of a spring.
         """
-        rows = self._counted(j)
+        rows = self.counted[:, j]
         x = scaled_svd(columns[rows]).solve(y[rows])
         residual = (y - columns @ x)[rows]
         if not is_spring:
@@ -682,6 +671,7 @@ def experiment_of(robot: Robot, logs: Sequence[Sequence[Motion]]) -> Experiment:
         # a robot file may have no inertias
         bodies=bodies if np.any(robot.parameters) else np.full_like(bodies, np.nan),
         sources=tuple((each and each.sources) or {} for each in processed),
+        counted=np.ones(signals["torque"].shape, dtype=bool),
         has_wrenches=any(x.base and x.base.wrenches for motions in logs for x in motions),
         **signals,
     )
@@ -742,7 +732,7 @@ class Transform:
     """A possible mistake: the experiment without it, and the finding if that explains the log.
 
     `penalty`: number of fitted values, of the log likelihood as Akaike counts them, and less than
-    one for what is unusual. `other`: the second of two joints that are concerned.
+    one for what is unusual. `partner`: the second of two joints that are concerned.
     """
 
     code: Code
@@ -753,7 +743,7 @@ class Transform:
     severity: Severity = "wrong"
     evidence: Mapping[str, float] = field(default_factory=dict)
     penalty: float = 0.0
-    other: str = ""
+    partner: str = ""
 
 
 def multiplied(

@@ -23,14 +23,7 @@ from seaid.checks import tolerances as tol
 from seaid.checks.check import in_drives
 from seaid.checks.echoes import OF_MOTOR
 from seaid.checks.engine import Accepted, Candidate, ColumnCheck, linear_candidate
-from seaid.checks.experiment import (
-    Experiment,
-    Transform,
-    fitted,
-    multiplied,
-    near,
-    with_constant,
-)
+from seaid.checks.experiment import Experiment, Transform, fitted, multiplied, near, with_constant
 from seaid.checks.terms import DriveRows
 from seaid.errors import Finding, listed
 from seaid.estimation import scaled_svd
@@ -149,12 +142,11 @@ def gear_ratios(experiment: Experiment) -> Iterator[Transform]:
     """Yield gear ratios: of the slope between two encoders, or one half and twice of others."""
     for j in experiment.used:
         joint, slope = experiment.robot.joint_names[j], other_slope(experiment, j)
-        is_linear = (
-            experiment.robot.is_prismatic[j] and not experiment.robot.drives[joint].is_elastic
-        )
+        is_stiff = not experiment.robot.drives[joint].is_elastic
+        is_linear = experiment.robot.is_prismatic[j] and is_stiff
         key = "gear_ratio_rad_per_m" if is_linear else "gear_ratio"
-        given, factors = float(experiment.ratio[j]), [] if experiment.both[j] else [0.5, 2.0]
-        by, evidence = ",", {"given ratio": given}
+        ratio, factors = float(experiment.ratio[j]), [] if experiment.both[j] else [0.5, 2.0]
+        by, evidence = ",", {"given ratio": ratio}
         if slope:
             by, factors = " by its two encoders,", near(slope)
             evidence = {"slope between the encoders over the gear ratio": slope}
@@ -164,10 +156,10 @@ def gear_ratios(experiment: Experiment) -> Iterator[Transform]:
             output = experiment.joint / (1.0 if experiment.both[j] else factor_of)
             yield Transform(
                 codes.GEAR_RATIO,
-                f"the gear ratio of {joint} is {given * factor:.4g}{by} not {given:.4g}",
+                f"the gear ratio of {joint} is {ratio * factor:.4g}{by} not {ratio:.4g}",
                 replace(experiment, ratio=experiment.ratio * factor_of, joint=output),
                 joint,
-                in_drives({(joint,): f"{key} = {given * factor:.6g}"}),
+                in_drives({(joint,): f"{key} = {ratio * factor:.6g}"}),
                 evidence=evidence,
                 penalty=float(factor == slope),
             )
@@ -208,9 +200,9 @@ def coupled_motors(experiment: Experiment) -> Iterator[Transform]:
     """Yield motors that turn with another joint too, and encoders that measure a sum of joints."""
     robot = experiment.robot
     for j, i in product(_between_encoders(experiment), range(robot.n)):
-        joint, other = robot.joint_names[j], robot.joint_names[i]
+        joint, mover = robot.joint_names[j], robot.joint_names[i]
         drive = robot.drives[joint]
-        if other in {joint, *drive.transmission} or robot.is_prismatic[i] != robot.is_prismatic[j]:
+        if mover in {joint, *drive.transmission} or robot.is_prismatic[i] != robot.is_prismatic[j]:
             continue
         columns = experiment.joint[0][:, i], with_constant(experiment.deflection(j))
         x, covariance = fitted(np.column_stack(columns), experiment.apart[:, j])
@@ -219,24 +211,24 @@ def coupled_motors(experiment: Experiment) -> Iterator[Transform]:
             continue
         rounded = round(turns / _ROUND_TURNS) * _ROUND_TURNS
         turns = rounded if abs(turns - rounded) < tol.SURE * error else turns
-        factors = {**(drive.transmission or {joint: 1.0}), other: float(f"{turns:.4g}")}
+        factors = {**(drive.transmission or {joint: 1.0}), mover: float(f"{turns:.4g}")}
         changed = robot.with_drives({**robot.drives, joint: replace(drive, transmission=factors)})
         table = ", ".join(f"{toml_key(name)} = {number:.4g}" for name, number in factors.items())
         coupled = Transform(
             codes.COUPLED_JOINTS,
             f"the motor of {joint} turns behind its gear as {joint} and {turns:.3g} times with "
-            f"{other}: it drives both, by a differential, a tendon or a parallel linkage",
+            f"{mover}: it drives both, by a differential, a tendon or a parallel linkage",
             replace(experiment, robot=changed),
             joint,
             in_drives({(joint,): f"transmission = {{ {table} }}"}),
-            evidence={f"turns with {other}": turns},
+            evidence={f"turns with {mover}": turns},
             penalty=1.0,
         )
         yield coupled
         if abs(abs(turns) - 1) < 3 * tol.SLIGHT:
             angles = experiment.joint.copy()
             angles[:, :, j] += np.sign(turns) * angles[:, :, i]
-            added = f"{'minus' if turns < 0 else 'plus'} that of {other}"
+            added = f"{'minus' if turns < 0 else 'plus'} that of {mover}"
             yield replace(
                 coupled,
                 message=f"the encoder of {joint} measures its angle against another link than the "

@@ -25,13 +25,7 @@ from scipy.special import chdtri
 from seaid._arrays import Array
 from seaid.checks import bodies, channels, codes, commands, gears
 from seaid.checks import tolerances as tol
-from seaid.checks.check import (
-    Observation,
-    excluding_torque,
-    in_description,
-    in_drives,
-    observed,
-)
+from seaid.checks.check import Observation, excluding_torque, in_description, in_drives, observed
 from seaid.checks.echoes import AS_GIVEN
 from seaid.checks.experiment import (
     Experiment,
@@ -146,9 +140,9 @@ class _Trial:
         # two joints of an exchange
         misfit = np.fmin(changed.nominal, changed.free)
         middle = _median(misfit)
-        names = [name for name in (transform.joint, transform.other) if name]
-        own = misfit[[changed.robot.index(name) for name in names]]
-        remaining = float(np.nanmin(own)) if np.any(np.isfinite(own)) else middle
+        names = [name for name in (transform.joint, transform.partner) if name]
+        of_joints = misfit[[changed.robot.index(name) for name in names]]
+        remaining = float(np.nanmin(of_joints)) if np.any(np.isfinite(of_joints)) else middle
         least = float(chdtri(max(transform.penalty, 1), tol.FEW / count)) / 2
         if self.shown > least:
             return remaining < tol.MOST and self.total > 0
@@ -315,30 +309,31 @@ def _words(experiment: Experiment, j: int, channels: str, several: str = "") -> 
     return " and ".join(f"{_NAMES.get(quantity, 'torque')}{several}" for quantity in names)
 
 
-_SIGNS = {True: {"t": 0.0, "qm": 1.0, "qmt": 0.0}, False: {"q": 0.0, "m": 0.0, "qt": 1.0}}
+_SIGNS = {
+    True: {"t": 0.0, "qm": 1.0, "qmt": 0.0},
+    False: {"mt": 0.0, "q": 0.0, "m": 0.0, "qt": 1.0},
+}
 """{whether the encoders turn the same way: {channels of the opposite sign: penalty}}."""
 
 
 def _signs(experiment: Experiment) -> Iterator[Transform]:
     for j in experiment.used:
         joint, ratio = experiment.robot.joint_names[j], float(experiment.ratio[j])
-        motor, output = experiment.motor[1][:, j], experiment.joint[1][:, j]
-        product = float(np.mean(motor * output)) * ratio if experiment.both[j] else 1.0
-        if product < 0:
-            message = (
-                f"the gear of {joint} reverses: its ratio is negative, so that motor encoder and "
-                "torque have the opposite sign"
-            )
-            evidence = {"given ratio": ratio}
-            yield multiplied(
-                codes.GEAR_RATIO, experiment, {j: -1.0}, "mt", message, evidence=evidence
-            )
+        speeds = experiment.motor[1][:, j] * experiment.joint[1][:, j]
+        product = float(np.mean(speeds)) * ratio if experiment.both[j] else 1.0
         for sides, penalty in _SIGNS[product > 0].items():
-            words = _words(experiment, j, sides)
+            words, code, evidence = _words(experiment, j, sides), codes.SIGN, {}
             message = f"the {words} of {joint} has the opposite sign"
             if sides == "qmt":
                 message = f"the whole joint {joint} has the opposite sign, {words}"
-            yield multiplied(codes.SIGN, experiment, {j: -1.0}, sides, message, penalty=penalty)
+            elif sides == "mt":
+                code, evidence = codes.GEAR_RATIO, {"given ratio": ratio}
+                message = (
+                    f"the gear of {joint} reverses: its ratio is negative, so that motor encoder "
+                    "and torque have the opposite sign"
+                )
+            options = {"evidence": evidence, "penalty": penalty}
+            yield multiplied(code, experiment, {j: -1.0}, sides, message, **options)
 
 
 def _sign_of_torques(experiment: Experiment) -> Iterator[Transform]:
@@ -486,10 +481,10 @@ def _refinement(experiment: Experiment, j: int) -> float:
 
     Nominal torques are the instrument: noise of the logged one would bias least squares.
     """
-    nominal, own = experiment.regressor @ experiment.bodies, np.arange(experiment.robot.n) == j
+    nominal, is_own = experiment.regressor @ experiment.bodies, np.arange(experiment.robot.n) == j
     of_motors = experiment.lever * experiment.torque
     torque = np.where(np.isnan(of_motors), experiment.sensed, of_motors)
-    z, x = experiment.weighed(own * nominal), experiment.weighed(own * torque)
+    z, x = experiment.weighed(is_own * nominal), experiment.weighed(is_own * torque)
     size = float(z @ x)
     inverse = 1 - float(z @ experiment.unexplained) / size if size else 1.0
     return 1 / inverse if 0.5 < inverse < 2.0 else 1.0
@@ -596,17 +591,14 @@ def _exchanges(experiment: Experiment) -> Iterator[Transform]:
         are_apart = experiment.both[i] and experiment.both[j]
         for sides in ("qmt", "qm", "t", *("qm" if are_apart else "")):
             words = "channels" if sides == "qmt" else _words(experiment, i, sides, "s")
-            sources = {
-                first: experiment.entries(j, sides),
-                second: experiment.entries(i, sides),
-            }
+            sources = {first: experiment.entries(j, sides), second: experiment.entries(i, sides)}
             yield Transform(
                 codes.SWAPPED_JOINTS,
                 f"the {words} of {first} and {second} are exchanged",
                 _exchanged(experiment, i, j, sides),
                 first,
                 in_description(sources),
-                other=second,
+                partner=second,
             )
 
 
@@ -638,8 +630,8 @@ def _is_severe(experiment: Experiment) -> bool:
 
 def _is_severe_by_joint(experiment: Experiment) -> bool:
     """Whether a misfit is so large, and each joint has its motor."""
-    own = np.array_equal(experiment.robot.transmission, np.eye(experiment.robot.n))
-    return own and _is_severe(experiment)
+    robot = experiment.robot
+    return np.array_equal(robot.transmission, np.eye(robot.n)) and _is_severe(experiment)
 
 
 def _has_encoders_apart(experiment: Experiment) -> bool:
@@ -676,11 +668,8 @@ def log_findings(
 def _unmeasured(logged: channels.Logged) -> Iterator[Finding]:
     """Yield what is wrong with torques and commands, see `commands`."""
     for _, log in logged.numbered:
-        findings = (
-            *commands.no_measurements(logged.robot, log),
-            *commands.command_findings(logged.robot, log),
-        )
-        yield from (finding for finding in findings if finding.joint in logged.used)
+        for look in (commands.no_measurements, commands.command_findings):
+            yield from (x for x in look(logged.robot, log) if x.joint in logged.used)
 
 
 _LONGEST_M = 20.0
@@ -721,25 +710,19 @@ def setup_findings(experiment: Experiment, known: Sequence[Finding]) -> list[Fin
 
 def _of_motion(experiment: Experiment, known: Sequence[Finding]) -> list[Finding]:
     """Return the mistakes of the set-up that the motion shows, next to `known` findings."""
-    hiding = {
-        codes.TIME_UNIT.name,
-        codes.MISSING_DRIVES.name,
-        codes.WRAPS.name,
-        codes.GEOMETRY.name,
-        codes.HOLES.name,
-    }
-    mistakes_of_logs = {finding.code for finding in known if finding.severity != "note"}
+    hiding = codes.TIME_UNIT, codes.MISSING_DRIVES, codes.WRAPS, codes.GEOMETRY, codes.HOLES
+    of_logs = {finding.code for finding in known if finding.severity != "note"}
     wrong = {finding.code for finding in known if finding.severity == "wrong"}
-    if hiding & mistakes_of_logs or codes.NO_MEASUREMENT.name in wrong:
+    if of_logs & {code.name for code in hiding} or codes.NO_MEASUREMENT.name in wrong:
         return []  # the torques show no other mistake
-    offsets = list(channels.offset_findings(experiment))
-    if offsets:
-        return offsets
+    offsets = [*channels.offset_findings(experiment)]
     if experiment.robot.has_controllers:
-        return [] if wrong else _of_commands(experiment, known)
-    silent = list(_of_friction_alone(experiment))
-    if silent:
-        return silent
+        return offsets or ([] if wrong else _of_commands(experiment, known))
+    return offsets or [*_of_friction_alone(experiment)] or _of_torques(experiment, known)
+
+
+def _of_torques(experiment: Experiment, known: Sequence[Finding]) -> list[Finding]:
+    """Return the mistakes of the set-up that torques show, and what contradicts the robot file."""
     # a torque that ends at a limit has a factor that no sensor has, what holds an output is no body
     hidden = {codes.SATURATION.name, codes.LOCKED_OUTPUT.name}
     kept = {*experiment.robot.joint_names} - {x.joint for x in known if x.code in hidden}
