@@ -148,7 +148,8 @@ class Experiment:
     @cached_property
     def _torque_sizes(self) -> Array:
         """Standard deviations (n,) of `target`, by which misfits and noise are measured."""
-        return np.asarray(np.std(self.target, axis=0))
+        # joint by joint: the mean of a constant torque over several columns is rounded
+        return np.array([np.std(torque) for torque in self.target.T])
 
     @cached_property
     def used(self) -> list[int]:
@@ -430,10 +431,10 @@ class Experiment:
         return bases
 
     @cached_property
-    def row_noise(self) -> Array:
-        """Standard deviation (n,) of a torque over its size, per independent row."""
+    def _noise(self) -> Array:
+        """Standard deviation (n,) of a torque that is no error of bodies, per independent row."""
         misfit, per_row = self._by_any_bodies
-        return np.asarray(np.maximum(misfit, tol.FEW) * np.sqrt(per_row))
+        return np.maximum(misfit, tol.FEW) * np.sqrt(per_row) * self._torque_sizes
 
     @property
     def independent_rows(self) -> Array:
@@ -444,8 +445,7 @@ class Experiment:
         """Return torques (R, n, ...) without nuisances over their noise, joint by joint."""
         parts = []
         for j, Q in zip(self.used, self._nuisances, strict=True):
-            noise = self.row_noise[j] * self._torque_sizes[j]
-            parts.append((torques[:, j] - Q @ (Q.T @ torques[:, j])) / noise)
+            parts.append((torques[:, j] - Q @ (Q.T @ torques[:, j])) / self._noise[j])
         return np.concatenate(parts)
 
     @cached_property
@@ -483,8 +483,8 @@ class Experiment:
         return float(x @ self.unexplained) / size if size > 0 else 0.0
 
     @cached_property
-    def file(self) -> tuple[float, float]:
-        """Minus the log likelihood of what the bodies of the robot file leave, and their scale s.
+    def file(self) -> float:
+        """Minus the log likelihood of what the bodies of the robot file leave.
 
         With bodies of s times the usual widths the torques along each effect, of size z and in
         units of the noise, have the variance 1 + s^2 z^2, and s is that of the largest likelihood:
@@ -492,7 +492,7 @@ class Experiment:
         in ten is ten times worse than a usual one, and even below, down to 3 mm of a centre.
         """
         if not self.used or not np.all(np.isfinite(self.bodies)):
-            return 0.0, 1.0
+            return 0.0
         U, sizes = self._errors
         y = self.over_noise(self.target - self.regressor @ self.bodies)
         along = U.T @ _whitened(y, *self._of_common)
@@ -500,8 +500,7 @@ class Experiment:
         scales = np.geomspace(tol.POOR, most, _SCALES)
         variance = 1 + (scales[:, None] * sizes) ** 2
         costs = np.sum(np.log(variance) + along**2 / variance, axis=1) / 2
-        costs += np.log(np.maximum(scales, 1.0))
-        return float(np.min(costs)), float(scales[np.argmin(costs)])
+        return float(np.min(costs + np.log(np.maximum(scales, 1.0))))
 
     @cached_property
     def in_motion(self) -> Experiment:

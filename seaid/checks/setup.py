@@ -119,7 +119,7 @@ class _Trial:
     @property
     def bodies(self) -> float:
         """Gain by the bodies of the robot file and their errors."""
-        return self.before.file[0] - self.transform.changed.file[0]
+        return self.before.file - self.transform.changed.file
 
     @property
     def total(self) -> float:
@@ -199,7 +199,7 @@ def _trials(experiment: Experiment) -> list[_Trial]:
 
     def by_file(transform: Transform) -> float:
         changed = transform.changed
-        cost = changed.file[0] if has_bodies else changed.cost("free", rows)
+        cost = changed.file if has_bodies else changed.cost("free", rows)
         return cost + changed.cost("motor", rows) + changed.cost("encoders", rows)
 
     def by_joint(transform: Transform) -> float:
@@ -336,12 +336,6 @@ def _signs(experiment: Experiment) -> Iterator[Transform]:
             yield multiplied(code, experiment, {j: -1.0}, sides, message, **options)
 
 
-def _sign_of_torques(experiment: Experiment) -> Iterator[Transform]:
-    if len(experiment.used) > 1:
-        message = "the torques of all joints have the opposite sign"
-        yield multiplied(codes.SIGN, experiment, dict.fromkeys(experiment.used, -1.0), "t", message)
-
-
 _ANGLES = {"deg": math.pi / 180, "turn": 2 * math.pi, "rad": 180 / math.pi}
 """{unit of an angle: the factor that repairs it}; "rad" where degrees were declared."""
 
@@ -377,18 +371,18 @@ def _angles(experiment: Experiment) -> Iterator[Transform]:
             yield from _in_units(experiment, [j], channel, words, slope or 0.0)
 
 
-def _all_angles(experiment: Experiment) -> Iterator[Transform]:
-    """Yield units of the angles of all joints, at both sides or at one."""
+def _all_channels(experiment: Experiment) -> Iterator[Transform]:
+    """Yield the sign of all torques, and units of all angles, at both sides or at one."""
+    if len(experiment.used) < 2:
+        return
+    message = "the torques of all joints have the opposite sign"
+    yield multiplied(codes.SIGN, experiment, dict.fromkeys(experiment.used, -1.0), "t", message)
     turning = np.flatnonzero(~np.array(experiment.robot.is_prismatic)).tolist()
+    if len(turning) > 1:
+        yield from _in_units(experiment, turning, "qm", "positions of all joints are")
     both = [j for j in turning if experiment.both[j]]
-    choices = (
-        ("qm", turning, "positions"),
-        ("q", both, "joint encoders"),
-        ("m", both, "motor encoders"),
-    )
-    for sides, joints, words in choices:
-        if len(experiment.used) > 1 and len(joints) > 1:
-            yield from _in_units(experiment, joints, sides, f"{words} of all joints are")
+    for side, name in (("q", "joint"), ("m", "motor")) if len(both) > 1 else ():
+        yield from _in_units(experiment, both, side, f"{name} encoders of all joints are")
 
 
 _UNITS = {"mNm": 1e3, "kNm": 1e-3}
@@ -644,9 +638,7 @@ MISTAKES = {
         *(_torque_scales, _rotor_inertias, _all_torque_scales, bodies.gravities, bodies.lengths),
         *(bodies.zeros, bodies.payloads),
     ),
-    _is_severe: (
-        *(bodies.quarter_turns, _sign_of_torques, _all_angles, _times, gears.geared_encoders),
-    ),
+    _is_severe: (bodies.quarter_turns, _all_channels, _times, gears.geared_encoders),
     _is_severe_by_joint: (_signs, _angles, gears.gear_ratios, _exchanges),
     _has_encoders_apart: (gears.coupled_motors, gears.linkages),
 }
