@@ -295,37 +295,28 @@ def file_findings(experiment: Experiment) -> Iterator[Finding]:
     robot, (change, roots, share) = experiment.robot, masses
     total, error = float(share @ change), float(np.linalg.norm(share @ roots))
     most = int(np.argmax(np.abs(share * change)))  # the body that changes the mass most
-    link, part, error_of_part = (
-        robot.body_names[most],
-        float(change[most]),
-        float(np.linalg.norm(roots[most])),
-    )
+    link, part = robot.body_names[most], float(change[most])
+    error_of_part = float(np.linalg.norm(roots[most]))
     is_heavier = abs(total) > max(tol.POOR, tol.SURE * error)
-    differs = (
-        abs(part - is_heavier * total)
-        > (tol.SURE if is_heavier else tol.SIGNIFICANT) * error_of_part
-    )
-    least = tol.MOST * abs(total) if is_heavier else tol.POOR
-    is_mostly = differs and abs(share[most] * part) > least
+    least = (tol.SURE if is_heavier else tol.SIGNIFICANT) * error_of_part
+    differs = abs(part - is_heavier * total) > least
+    size = tol.MOST * abs(total) if is_heavier else tol.POOR
+    is_mostly = differs and abs(share[most] * part) > size
     if not is_heavier and not is_mostly:
         return
-    message, measurement = (
-        f"{link} is {_heavier(part, error_of_part)} than in its file",
-        f"weigh {link}",
-    )
+    message = f"{link} is {_heavier(part, error_of_part)} than in its file"
     if is_heavier:
         message = f"the robot is {_heavier(total, error)} than its file"
         message += f", mostly {link}, by {part:+.0%}" if is_mostly else ""
-    rival = f"a payload on {link} was not named"
-    if not is_mostly:
-        rival, measurement = (
-            f"all torques are {1 + total:.3g} times what they should be",
-            "weigh a link",
-        )
+    rival, measurement = (
+        f"a payload on {link} was not named",
+        f"weigh {link if is_mostly else 'a link'}",
+    )
     if np.any(robot.payload_parameters):
         rival = "a payload has another mass than the one named"
         measurement += " and the payload"
     elif not is_mostly:
+        rival = f"all torques are {1 + total:.3g} times what they should be"
         measurement += ", or hold a known weight at a known distance and compare the torque"
     yield codes.NOMINAL_VALUES.finding(
         f"{message}, by the torques and the shapes of the links in the file; or {rival}",

@@ -169,22 +169,16 @@ class Experiment:
         scaled = self.motor[1] / np.maximum(np.max(np.abs(self.motor[1]), axis=0), _LEAST)
         return np.stack([scaled, self.direction, ones], axis=-1).swapaxes(0, 1)
 
-    @cached_property
-    def _springs(self) -> Array:
-        """Torque (n, R, n) at each drive per stiffness of a declared spring parallel to a joint."""
-        robot = self.robot
-        has_spring = ["linear" in drive.parallel_spring for drive in robot.drives.values()]
-        turned = self.joint[0] * np.array(has_spring)
-        at_drive = torques_at_drives(robot.transmission, np.eye(robot.n))
-        return np.asarray(np.einsum("rj,jd->drj", turned, at_drive))
-
     def load_columns(self, j: int) -> Array:
         """Return columns (R, k) of what acts on the load of joint j next to bodies: friction first.
 
-        Springs parallel to the joint have any stiffness and preload; the constant of friction is
-        one of theirs.
+        Springs that are declared parallel to a joint have any stiffness and preload; the constant
+        of friction is one of theirs.
         """
-        springs = self._springs[j]
+        robot = self.robot
+        has_spring = ["linear" in drive.parallel_spring for drive in robot.drives.values()]
+        at_drive = torques_at_drives(robot.transmission, np.eye(robot.n))[:, j]
+        springs = self.joint[0] * (at_drive * np.array(has_spring))
         return np.hstack([self.friction[j], springs[:, np.any(springs != 0, axis=0)]])
 
     @cached_property
@@ -406,11 +400,9 @@ class Experiment:
         columns = [tol.BODY * known, tol.POOR * block_diag(*known.reshape(-1, 10)).T]
         payloads = self.robot.payload_parameters.reshape(-1, 10)
         for body in np.flatnonzero(payloads[:, 0]):
-            spread = np.zeros((*payloads.shape, 4))
-            place = moved(payloads[body, 0], payloads[body, 1:4])
-            spread[body, :, 0] = tol.SLIGHT * payloads[body]
-            spread[body, :, 1:] = tol.BODY * tol.CENTRE_M * place
-            columns.append(spread.reshape(-1, 4))
+            place = tol.BODY * tol.CENTRE_M * moved(payloads[body, 0], payloads[body, 1:4])
+            spread = np.column_stack([tol.SLIGHT * payloads[body], place])
+            columns.append(np.kron(np.eye(len(payloads))[:, [body]], spread))
         return np.column_stack(columns)
 
     @cached_property

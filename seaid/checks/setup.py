@@ -14,9 +14,8 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from itertools import combinations
 
 import numpy as np
@@ -60,66 +59,19 @@ _DIRECT = ("free", "motor", "encoders")
 
 @dataclass(frozen=True, eq=False)
 class _Trial:
-    """A transform that was tried, and what speaks for it: gains of the log likelihood."""
+    """A transform that was tried on the experiment `before`, and what speaks for it.
+
+    `falls` are the misfits that matter and fall by half, {(kind, joint): part that remains}. Gains
+    of the log likelihood: `direct` by all that does not rest on the robot file, `shown` by what
+    matters of it, `bodies` by the bodies of the robot file and their errors.
+    """
 
     before: Experiment
     transform: Transform
-
-    @cached_property
-    def _misfits(self) -> dict[str, tuple[Array, Array]]:
-        """Misfits (n,) before and after, by kind; nothing is less than a hundredth."""
-        before, after = self.before.misfits, self.transform.changed.misfits
-        return {x: (np.maximum(before[x], tol.FEW), np.maximum(after[x], tol.FEW)) for x in before}
-
-    @cached_property
-    def falls(self) -> dict[tuple[str, int], float]:
-        """The misfits that matter and fall by half, {(kind, joint): part that remains}."""
-        return {
-            (kind, j): float(after[j] / before[j])
-            for kind, (before, after) in self._misfits.items()
-            for j in np.flatnonzero((before > tol.POOR) & (after < tol.MOST * before)).tolist()
-        }
-
-    @property
-    def _is_value(self) -> bool:
-        """Whether the mistake may be small."""
-        return self.transform.code in _OF_VALUES
-
-    @cached_property
-    def direct(self) -> float:
-        """Gain by all that does not rest on the robot file.
-
-        No mistake contradicts a kind of evidence: none makes a misfit matter that did not.
-        """
-        rows, changed = self.before.independent_rows, self.transform.changed
-        losses = [
-            np.nansum(np.where(after > tol.POOR, rows * np.log(after / before), 0.0))
-            for before, after in self._misfits.values()
-        ]
-        if max(losses) >= tol.SURE**2 / 2:
-            return -math.inf
-        return sum(self.before.cost(kind, rows) - changed.cost(kind, rows) for kind in _DIRECT)
-
-    @cached_property
-    def shown(self) -> float:
-        """Gain by what matters and does not rest on the robot file.
-
-        Where much is left it is the model's error, which any change makes somewhat smaller or
-        larger: only a fall by half counts there. Where nearly nothing is left it is noise, whose
-        likelihood shows a value that is off by little.
-        """
-        gain = 0.0
-        for before, after in (self._misfits[kind] for kind in _DIRECT):
-            counts = (before > tol.SLIGHT) & (after < tol.MOST * before)
-            counts |= self._is_value & (after < tol.SLIGHT)
-            gains = self.before.independent_rows * np.log(before / after)
-            gain += float(np.sum(np.where(counts, gains, 0.0)))
-        return min(self.direct, gain if self.falls or self._is_value else 0.0)
-
-    @property
-    def bodies(self) -> float:
-        """Gain by the bodies of the robot file and their errors."""
-        return self.before.file - self.transform.changed.file
+    falls: Mapping[tuple[str, int], float]
+    shown: float
+    direct: float
+    bodies: float
 
     @property
     def total(self) -> float:
@@ -146,9 +98,37 @@ class _Trial:
         least = float(chdtri(max(transform.penalty, 1), tol.FEW / count)) / 2
         if self.shown > least:
             return remaining < tol.MOST and self.total > 0
-        is_possible = bool(self.falls) or self._is_value
+        is_possible = bool(self.falls) or transform.code in _OF_VALUES
         is_explained = max(middle, remaining) < tol.SEVERE
         return self.shown + self.bodies > least and is_possible and is_explained
+
+
+def _trial(before: Experiment, transform: Transform) -> _Trial:
+    """Return what speaks for a transform.
+
+    No mistake contradicts a kind of evidence: none makes a misfit matter that did not. Where much
+    is left it is the model's error, which any change makes somewhat smaller or larger: only a fall
+    by half counts there. Where nearly nothing is left it is noise, whose likelihood shows a value
+    that is off by little.
+    """
+    changed, is_value = transform.changed, transform.code in _OF_VALUES
+    kinds, rows = [*before.misfits], before.independent_rows
+    # misfits (kinds, n), of which nothing is less than a hundredth
+    x, y = (np.maximum([*each.misfits.values()], tol.FEW) for each in (before, changed))
+    gains, is_less = rows * np.log(x / y), y < tol.MOST * x
+    falls = {
+        (kinds[kind], j): float(y[kind, j] / x[kind, j])
+        for kind, j in np.argwhere((x > tol.POOR) & is_less).tolist()
+    }
+    counts = ((x > tol.SLIGHT) & is_less) | (is_value & (y < tol.SLIGHT))
+    counts &= np.array([[kind in _DIRECT] for kind in kinds])
+    shown = float(np.sum(np.where(counts, gains, 0.0))) if falls or is_value else 0.0
+    direct = sum(before.cost(kind, rows) - changed.cost(kind, rows) for kind in _DIRECT)
+    losses = np.nansum(np.where(y > tol.POOR, -gains, 0.0), axis=1)
+    if np.max(losses) >= tol.SURE**2 / 2:
+        direct = -math.inf
+    bodies_of_file = before.file - changed.file
+    return _Trial(before, transform, falls, min(direct, shown), direct, bodies_of_file)
 
 
 def mistakes(experiment: Experiment) -> tuple[list[Finding], Experiment]:
@@ -211,7 +191,7 @@ def _trials(experiment: Experiment) -> list[_Trial]:
         for cost in (by_file, by_joint)
         for transform in sorted(tried, key=lambda x: cost(x) + x.penalty)[:_SHORTLIST]
     ]
-    trials = [_Trial(experiment, transform) for transform in dict.fromkeys(best)]
+    trials = [_trial(experiment, transform) for transform in dict.fromkeys(best)]
     demanded = [trial for trial in trials if trial.is_demanded(len(tried))]
     return sorted(demanded, key=lambda trial: -trial.total)
 
