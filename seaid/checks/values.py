@@ -290,8 +290,8 @@ def _negative(joint: str, estimate: Estimate) -> Iterator[Finding]:
             continue
         is_sure = term.value < -tol.SURE * term.error
         severity: Severity = "doubtful" if is_sure else "note"
-        code, remedy = codes.NEGATIVE_PARAMETER, ""
-        message = f"{term.text} is negative, {term.value:.3g}: "
+        code: Code = codes.NEGATIVE_PARAMETER
+        message, remedy = f"{term.text} is negative, {term.value:.3g}: ", ""
         if PARAMETERS[term.name].starts:  # of a search: not due to a wrong sign in the log
             code, severity = codes.NEEDLESS_TERM, "note"
             message = f"{term.text} is not distinguishable from zero: remove its term"
