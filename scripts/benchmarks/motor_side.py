@@ -12,6 +12,7 @@ python scripts/benchmarks/motor_side.py --lacking [draws] [first seed]
 
 from __future__ import annotations
 
+import math
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -28,6 +29,9 @@ from seaid.report.text import percent, table
 
 RATE_HZ, STEPS, BANDWIDTH = 1000.0, 8, 15.0
 GRAVITY = 9.81
+
+State = tuple[float, float, float, float, float, float]
+"""Angle and speed of the motor, of the joint, and of the part behind the spring of the link."""
 
 
 @dataclass(frozen=True)
@@ -136,87 +140,88 @@ def duration_s() -> float:
     return sized(10.0, 4.0)
 
 
-def simulated(joint: Joint, duration: float = 10.0, seed: int = 0) -> seaid.Log:
-    """Return the log of the motor side of a joint."""
-    return simulated_together([joint], [seed], duration)[0]
-
-
 def simulated_together(
     joints: Sequence[Joint], seeds: Sequence[int], duration: float = 10.0
 ) -> list[seaid.Log]:
-    """Return the logs of the motor sides of joints, each with its own seed, integrated at once."""
+    """Return the logs of the motor sides of joints, each with its own seed."""
+    return [simulated(joint, duration, seed) for joint, seed in zip(joints, seeds, strict=True)]
 
-    def of(name: str) -> Array:
-        return np.array([getattr(joint, name) for joint in joints], dtype=float)
 
-    n, rotor, viscous, coulomb, k, load = map(
-        of, ("ratio", "rotor", "viscous", "coulomb", "k", "load")
-    )
-    flexible = np.isfinite(of("link_k"))
-    far, link_k = np.where(flexible, of("share"), 0.0), np.where(flexible, of("link_k"), 0.0)
-    near_J, far_J = (1 - far) * load, np.where(flexible, far * load, 1.0)
+def simulated(joint: Joint, duration: float = 10.0, seed: int = 0) -> seaid.Log:
+    """Return the log of the motor side of a joint: plain numbers, the fastest for one joint."""
+    n, has_link = joint.ratio, math.isfinite(joint.link_k)
+    far, link_k = (joint.share, joint.link_k) if has_link else (0.0, 0.0)
+    near_J, far_J = (1 - far) * joint.load, far * joint.load if has_link else 1.0
     # motor speed over which Coulomb friction changes its sign: the least that Runge-Kutta follows
-    width = coulomb / rotor / (RATE_HZ * STEPS)
-    weight = of("mass") * of("length") * GRAVITY
-    near_m, far_m, damping = (1 - far) * weight, far * weight, of("damping")
-    has_links, still = bool(np.any(flexible)), np.zeros(len(joints))
-    reflected = load + rotor * n**2
+    width = joint.coulomb / joint.rotor / (RATE_HZ * STEPS)
+    weight = joint.mass * joint.length * GRAVITY
+    near_m, far_m = (1 - far) * weight, far * weight
+    rotor, viscous, coulomb, k, damping = (
+        joint.rotor,
+        joint.viscous,
+        joint.coulomb,
+        joint.k,
+        joint.damping,
+    )
+    reflected = joint.load + rotor * n**2
     gain_p, gain_d = reflected * BANDWIDTH**2, 2 * reflected * BANDWIDTH
 
-    def slope(x: Array, torque: Array) -> Array:
+    def slope(x: State, torque: float) -> State:
         th, w, q, v, p, u = x
         spring = k * (th / n - q) + damping * (w / n - v)
-        link = link_k * (q - p) if has_links else still
-        friction = viscous * w + coulomb * np.tanh(w / width)
-        a = (spring - near_m * np.sin(q) - link) / near_J
-        b = (link - far_m * np.sin(p)) / far_J if has_links else still
-        return np.array([w, (torque - friction - spring / n) / rotor, v, a, u, b])
+        link = link_k * (q - p)
+        friction = viscous * w + coulomb * math.tanh(w / width)
+        a = (spring - near_m * math.sin(q) - link) / near_J
+        b = (link - far_m * math.sin(p)) / far_J if has_link else 0.0
+        return w, (torque - friction - spring / n) / rotor, v, a, u, b
 
     # the controller runs at every step: a torque held or interpolated between the samples of the
     # log has less of their frequencies, by sinc^2, than the samples themselves
     rate_hz = RATE_HZ * STEPS
     time = np.arange(round(duration * rate_hz)) / rate_hz
-    plan = np.zeros((3, len(time), len(joints)))
-    for place, (joint, seed) in enumerate(zip(joints, seeds, strict=True)):
-        rates, sizes = multisine(joint, duration, seed)
-        waves = np.exp(1j * np.outer(time, rates))
-        for order in range(3):
-            plan[order, :, place] = np.real(waves @ (sizes * (1j * rates) ** order))
-    step, memory = 2 * np.pi / of("counts"), 0.2 / STEPS
-    start, speed = plan[0, 0], n * plan[1, 0]
-    x = np.array([n * start, speed, start, plan[1, 0], start, plan[1, 0]])
-    angle, torque = np.zeros((2, len(time), len(joints)))
-    before, last, h = x[0], None, 1 / rate_hz
-    for t in range(len(time)):
-        reading = np.rint(x[0] / step) * step
-        speed = speed + (memory * ((reading - before) * rate_hz - speed) if t else 0.0)
+    rates, sizes = multisine(joint, duration, seed)
+    waves = np.exp(1j * np.outer(time, rates))
+    plan = np.column_stack([np.real(waves @ (sizes * (1j * rates) ** i)) for i in range(3)])
+    step, memory, h = 2 * math.pi / joint.counts, 0.2 / STEPS, 1 / rate_hz
+    start, start_speed, _ = plan[0].tolist()
+    speed = n * start_speed
+    x: State = (n * start, speed, start, start_speed, start, start_speed)
+    readings, torques = [], []
+    before: float | None = None
+    last: float | None = None
+    for position, velocity, acceleration in plan.tolist():
+        reading = round(x[0] / step) * step
+        if before is not None:
+            speed += memory * ((reading - before) * rate_hz - speed)
         before = reading
-        wanted = gain_p * (plan[0, t] - reading / n) + gain_d * (plan[1, t] - speed / n)
-        drive = (wanted + reflected * plan[2, t]) / n
+        wanted = gain_p * (position - reading / n) + gain_d * (velocity - speed / n)
+        command = (wanted + reflected * acceleration) / n
         # the torque changes linearly to the command of this step until the next one
-        last = drive if last is None else last
-        angle[t], torque[t] = reading, last
-        middle = (last + drive) / 2
+        last = command if last is None else last
+        readings.append(reading)
+        torques.append(last)
+        middle = (last + command) / 2
         k1 = slope(x, last)
-        k2 = slope(x + h / 2 * k1, middle)
-        k3 = slope(x + h / 2 * k2, middle)
-        x = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + slope(x + h * k3, drive))
-        last = drive
-    time, angle, torque = time[::STEPS], angle[::STEPS], torque[::STEPS]
-    noise = [
-        np.random.default_rng(seed + 1000).normal(0, joint.torque_std, len(time))
-        for joint, seed in zip(joints, seeds, strict=True)
-    ]
-    return [
-        seaid.Log(
-            time=time,
-            joint_names=("arm",),
-            motor_position=angle[:, [place]],
-            joint_position=np.full((len(time), 1), np.nan),
-            motor_torque=(torque[:, place] + own)[:, None],
-        )
-        for place, own in enumerate(noise)
-    ]
+        k2 = slope(moved(x, h / 2, k1), middle)
+        k3 = slope(moved(x, h / 2, k2), middle)
+        k4 = slope(moved(x, h, k3), command)
+        x = moved(moved(moved(moved(x, h / 6, k1), h / 3, k2), h / 3, k3), h / 6, k4)
+        last = command
+    time, torque = time[::STEPS], np.array(torques[::STEPS])
+    noise = np.random.default_rng(seed + 1000).normal(0, joint.torque_std, len(time))
+    return seaid.Log(
+        time=time,
+        joint_names=("arm",),
+        motor_position=np.array(readings[::STEPS])[:, None],
+        joint_position=np.full((len(time), 1), np.nan),
+        motor_torque=(torque + noise)[:, None],
+    )
+
+
+def moved(x: State, step: float, slope: State) -> State:
+    """Return a state after a step along a slope."""
+    (a, b, c, d, e, f), (da, db, dc, dd, de, df) = x, slope
+    return a + step * da, b + step * db, c + step * dc, d + step * dd, e + step * de, f + step * df
 
 
 def robot_of(
