@@ -95,15 +95,16 @@ def write_pages(folder: Path) -> Iterator[Path]:
     facts = {"Command": "seaid report tulip_leg.urdf --from run.csv --validate other.csv"}
     seaid.write_report(found, folder / "tulip_leg.html", result, facts=facts, nominal=nominal)
     yield folder / "tulip_leg.html"
-    for robot, description, pattern in (
+    sets = (
         ("hebi_arm_3", "hebi_csv_3", "hebi_arms/ps4_*.npz"),
         ("hebi_arm_5", "hebi_csv_5", "hebi_arms/capstone_*.npz"),
         ("double_pendulum_a0", "double_pendulum_strong", "double_pendulum_a0/strong_torque/*.npz"),
-    ):
+    )
+    for robot, description, pattern in few(sets):
         own, other = measured(robot, description, pattern)
         seaid.write_report(own, folder / f"{robot}.html", other)
         yield folder / f"{robot}.html"
-    plan = seaid.load_trajectory(MODELS / "tulip_plan.json")
+    plan = leg_plan()
     again = experiment((TEST_MASS,), plan, sensors(9), 9)
     second = seaid.identify(load_leg((TEST_MASS,)).without_nominal(), again, feasible=True)
     seaid.write_comparison(

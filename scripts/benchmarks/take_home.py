@@ -13,6 +13,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 import seaid
@@ -42,15 +43,12 @@ def main(logs: Path) -> None:
         identify = ["identify", urdf, str(run), *leg, "-o", str(Path(folder) / "found.json")]
         report = ["report", urdf, "--from", str(run), "--validate", str(other), *leg]
         report += ["-o", str(page)]
+        identified, reported = (median(partial(command, words)) for words in (identify, report))
         rows = [
             ["import seaid", "1 s", seconds(median(imported))],
             ["seaid --help", "", seconds(median(lambda: command(["--help"])))],
-            ["seaid identify (TULip log, 10 s)", "", seconds(median(lambda: command(identify)))],
-            [
-                "seaid identify, then seaid report",
-                "20 s",
-                seconds(median(lambda: command(identify) + command(report))),
-            ],
+            ["seaid identify (TULip log, 10 s)", "", seconds(identified)],
+            ["seaid identify, then seaid report", "20 s", seconds(identified + reported)],
             ["size of the report", "6 MB", f"{page.stat().st_size / 1e6:.2f} MB"],
             ["report opened in Chromium", "2 s", opened(page)],
         ]
