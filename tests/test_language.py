@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import ast
 import re
 from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
 
 import pytest
+
+from tests.sources import tree_of
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -84,6 +87,32 @@ def dialect(words: Iterable[str] = tuple(INSTEAD)) -> list[str]:
             if pattern.search(line) and not any(one in line for one in PLAIN.get(name, ())):
                 found.append(f"{name}:{number}: {line.strip()}")
     return found
+
+
+VAGUE = {"one", "found", "own", "given", "other", "here", "there", "left", "mine"}
+"""Names that say nothing of what a variable is: a robot, a residual, a finding, ..."""
+
+MOST_VAGUE = 0.005
+"""Part of the variables and arguments of seaid with such a name (HOUSE.md)."""
+
+
+def vague_names() -> tuple[int, int]:
+    """Return how many variables and arguments of seaid have a vague name, and how many there are.
+
+    Each place counts at which a variable stands.
+    """
+    names = [
+        node.arg if isinstance(node, ast.arg) else node.id
+        for path in sorted((ROOT / "seaid").rglob("*.py"))
+        for node in ast.walk(tree_of(path.read_text("utf-8")))
+        if isinstance(node, ast.arg | ast.Name)
+    ]
+    return sum(name in VAGUE for name in names), len(names)
+
+
+def test_few_variables_have_a_vague_name() -> None:
+    vague, count = vague_names()
+    assert vague <= MOST_VAGUE * count, f"{vague} of {count} variables are called one, found, own"
 
 
 @pytest.mark.parametrize("word", INSTEAD)

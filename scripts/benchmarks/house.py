@@ -22,7 +22,7 @@ from scripts.benchmarks.hops import hops
 from scripts.short_form import sized
 from seaid.report.text import table
 from tests.sources import inner_statements, tree_of
-from tests.test_language import INSTEAD, dialect
+from tests.test_language import INSTEAD, dialect, vague_names
 
 Graph = dict[str, set[str]]
 
@@ -182,6 +182,8 @@ def main() -> None:
     print(
         f"\n{words} lines of seaid have one of {len(INSTEAD)} patterns of words that were replaced"
     )
+    vague, count = vague_names()
+    print(f"{vague} of {count:,} variables have a vague name ({vague / count:.1%})")
     print(f"identify on the TULip leg enters {len(entered)} files, {changes:,} changes of file")
 
 
