@@ -209,20 +209,21 @@ def simulate(
     geared = np.array([drive != IDEAL_DRIVE for drive in drives])
     stiffness, damping = np.where(geared, 200.0, 30.0), np.where(geared, 5.0, 0.3)
     every, rows = round(1 / (_RATE_HZ * _STEP_S)), []
-    for step in range(-round(2 / _STEP_S), round((plan[0][-1] - 0.02) / _STEP_S)):
-        t = max(step * _STEP_S, 0.0)
+    steps = np.arange(-round(2 / _STEP_S), round((plan[0][-1] - 0.02) / _STEP_S))
+    time = np.maximum(steps * _STEP_S, 0.0)
+    plans = wanted(time), rates(time) * (steps > 0)[:, None], holding(time)
+    for step, t, angle, faster, held in zip(steps.tolist(), time, *plans, strict=True):
         q, v = data.qpos[places], data.qvel[dofs]
-        faster = rates(t) * (step > 0)
-        command = stiffness * (wanted(t) - q) + damping * (faster - v) + holding(t)
+        command = stiffness * (angle - q) + damping * (faster - v) + held
         spring = k * (motor - q[e])
         torque = command / ratio
         # the motors behind springs lead by the deflections of the planned motion
-        ahead = wanted(t)[e] + holding(t)[e] / k
-        torque[e] = (600 * (ahead - motor) + 30 * (faster[e] - speed) + holding(t)[e]) / N
+        ahead = angle[e] + held[e] / k
+        torque[e] = (600 * (ahead - motor) + 30 * (faster[e] - speed) + held[e]) / N
         data.qfrc_applied[dofs] = np.where(elastic, 0.0, ratio * torque)
         data.qfrc_applied[np.array(dofs)[e]] = spring
-        mujoco.mj_forward(model, data)
         if step >= 0 and step % every == 0:
+            mujoco.mj_forward(model, data)
             now = [[t], q.copy(), torque.copy(), N * motor]
             if not is_held:
                 R = data.xmat[model.body("trunk").id].reshape(3, 3)

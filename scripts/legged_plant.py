@@ -225,14 +225,15 @@ def simulate(
     data.qpos[2] = legs.radius_m - np.mean(foot_positions(robot, HOME[None])[0, :, 2])
     step_s = model.opt.timestep
     every, rows = round(1 / (rate_hz * step_s)), []
-    for step in range(-round(_SETTLE_S / step_s), round((duration_s - 0.02) / step_s)):
-        t = max(step * step_s, 0.0)
-        speed = rates(t) if step > 0 else np.zeros(robot.n)
-        torque = legs.stiffness * (wanted(t) - data.qpos[places])
-        torque += legs.damping * (speed - data.qvel[dofs]) + added(t)
+    steps = np.arange(-round(_SETTLE_S / step_s), round((duration_s - 0.02) / step_s))
+    time = np.maximum(steps * step_s, 0.0)
+    plans = wanted(time), rates(time) * (steps > 0)[:, None], added(time)
+    for step, t, angle, speed, torque_of_plan in zip(steps.tolist(), time, *plans, strict=True):
+        torque = legs.stiffness * (angle - data.qpos[places])
+        torque += legs.damping * (speed - data.qvel[dofs]) + torque_of_plan
         data.qfrc_applied[dofs] = np.clip(torque, -legs.torque_limit, legs.torque_limit)
-        mujoco.mj_forward(model, data)
         if step >= 0 and step % every == 0:
+            mujoco.mj_forward(model, data)
             R = data.xmat[base].reshape(3, 3)
             touching, forces = np.zeros(len(feet)), np.zeros((len(feet), 3))
             for place, contact in enumerate(data.contact):
