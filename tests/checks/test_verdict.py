@@ -260,16 +260,16 @@ def test_a_second_of_a_leg_has_intervals_that_hold_and_few_rows(
 
 @pytest.mark.slow  # identifies three robots from two logs each
 @pytest.mark.parametrize("name", ["leg", "arm", "ur10"])
-def test_a_log_of_a_second_is_too_short_and_one_of_twenty_is_not(name: str) -> None:
+def test_a_log_of_a_second_is_too_short_and_one_of_ten_is_not(name: str) -> None:
     """Logs of a second were "good", with torques of other motions that were 50 to 90 % wrong."""
     codes = []
-    for duration_s in (1.0, 2.0, 20.0):
+    for duration_s in (1.0, 10.0):
         _, robot, log = short_log(name, duration_s, seed=1)
         found = seaid.identify(robot, log)
         codes.append({one.code for one in found.warnings})
-        assert found.verdict.level == "good" or duration_s < 20
+        assert found.verdict.level == "good" or duration_s < 10
     assert "few-rows" in codes[0]
-    assert "few-rows" not in codes[2]
+    assert "few-rows" not in codes[1]
 
 
 def test_a_good_result_names_the_drives_with_parameters_that_are_not_determined() -> None:
