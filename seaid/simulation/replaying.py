@@ -131,9 +131,14 @@ def rollout(
         warm_plant = warmed(plant, None if warmth is None else warmth[tick, order], since)
         step = (log.time[tick + 1] - at) / steps
         for part in range(steps):
-            now = (gains * motor_input(at + part * step, state[JOINT_POSITION, back]))[order]
+            start = at + part * step
+            now = gains * motor_input(start, state[JOINT_POSITION, back])
+            later = now  # a command is held over a step, as a digital controller does it
+            if command is None:  # a logged input is linear between its samples
+                later = gains * motor_input(start + step, now)
             feedback = None if feedbacks is None else feedbacks[part]
-            state = advance(warm_plant, data, state, now, np.zeros(robot.n), step, feedback)
+            rate = (later - now)[order] / step
+            state = advance(warm_plant, data, state, now[order], rate, step, feedback)
         if not np.all(np.abs(state[JOINT_POSITION]) < _FARTHEST):
             raise diverged()
     return Log(

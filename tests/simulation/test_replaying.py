@@ -34,9 +34,9 @@ def pendulum(drive: seaid.StiffDrive = DRIVE) -> seaid.Robot:
     )
 
 
-def swing(robot: seaid.Robot, torque: np.ndarray | None = None) -> seaid.Log:
+def swing(robot: seaid.Robot, torque: np.ndarray | None = None, step_s: float = 0.005) -> seaid.Log:
     """Return a log that starts at rest at 0.5 rad; only that and the torque matter."""
-    time = np.arange(0.0, 1.2, 0.005)
+    time = np.arange(0.0, 1.2, step_s)
     nothing = np.full((len(time), 1), np.nan)
     start = np.full((len(time), 1), 0.5)
     given = nothing if torque is None else torque
@@ -56,16 +56,30 @@ def test_a_free_pendulum_keeps_its_energy_and_loses_it_by_friction() -> None:
 
 
 def test_logged_torques_and_a_servo_that_gives_the_same_move_alike() -> None:
+    """The servo holds its torque over each step of 0.2 ms, half of which it is late."""
     robot = pendulum()
-    log = swing(robot)
+    log = swing(robot, step_s=2e-4)
 
     def servo(at: float, position: np.ndarray) -> np.ndarray:
         return np.asarray(0.05 * (np.sin(3 * at) - position))
 
     fed_back = replay(robot, log, servo)
     logged = replay(robot, replace(log, motor_torque=fed_back.motor_torque))
-    np.testing.assert_allclose(logged.joint_position, fed_back.joint_position, atol=2e-3)
+    np.testing.assert_allclose(logged.joint_position, fed_back.joint_position, atol=1.1e-3)
     assert np.ptp(fed_back.joint_position) > 0.5
+
+
+def test_a_logged_torque_is_linear_between_its_samples() -> None:
+    """A torque that is held over each step of a millisecond is half of it late: 2 mrad here."""
+    knots, moved = 0.03 * np.tile([0.0, 1.0, 0.0, -1.0], 3), []
+    for step_s in (0.002, 0.0002):
+        time = np.arange(0.0, 1.0, step_s)
+        torque = np.interp(time, 0.1 * np.arange(len(knots)), knots)[:, None]
+        start = np.full_like(torque, 0.5)
+        log = seaid.Log(time, ("pendulum",), np.full_like(torque, np.nan), start, torque)
+        moved.append(replay(pendulum(), log).joint_position[:: round(0.002 / step_s)])
+    assert np.ptp(moved[1]) > 1.0
+    np.testing.assert_allclose(moved[0], moved[1], atol=6.4e-6)
 
 
 def test_a_voltage_acts_through_its_constant() -> None:
