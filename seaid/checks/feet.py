@@ -15,6 +15,7 @@ the plane through four or more feet takes the place of the vertical.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -533,9 +534,15 @@ def _beyond_chance(estimate: Estimate) -> float:
 
 
 def _radius(fit: LeggedFit) -> Iterator[Finding]:
-    """Yield a radius of the feet, one for all of them, that the rows of a fit contradict."""
-    assert fit.robot.floating_base is not None
-    radii = {x.link: x.radius_m for x in fit.robot.floating_base.contacts if not x.is_flat}
+    """Yield a radius of the feet, one for all of them, that the rows of a fit contradict.
+
+    A ball that would reach the joint above it is none: something else is in its moments.
+    """
+    base = fit.robot.floating_base
+    assert base is not None
+    radii = {x.link: x.radius_m for x in base.contacts if not x.is_flat}
+    above_m = [float(np.linalg.norm(base.frame(link)[2])) for link in radii]
+    largest_m = min([length_m for length_m in above_m if length_m > 0], default=math.inf)
     flagged = all(radii.keys() <= base.contacts.keys() for base in fit.bases)
     if len({*radii.values()}) != 1 or not flagged:
         return
@@ -546,7 +553,7 @@ def _radius(fit: LeggedFit) -> Iterator[Finding]:
     for _, change_m, error_m in fit.sure_columns(regress, ("radius",), tol.LENGTH_M):
         radius_m = max(radii.values())
         fitted_m = radius_m + change_m
-        if fitted_m > 0:
+        if 0 < fitted_m < largest_m:
             yield codes.GEOMETRY.finding(
                 f"the feet touch the ground as balls of {1e3 * fitted_m:.3g} mm, with a standard "
                 f"error of {1e3 * error_m:.2g} mm, and have {1e3 * radius_m:.3g} mm: the moments "

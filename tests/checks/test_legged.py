@@ -18,7 +18,14 @@ from scripts.legged_plant import GO2_FEET, foot_positions, plant, simulate
 from seaid._arrays import Array
 from seaid.checks.base import base_findings
 from seaid.checks.check import observed
-from seaid.checks.feet import MOTION_CHECKS, FeetInMotion, foot_places, lifted
+from seaid.checks.feet import (
+    FEET_CHECKS,
+    MOTION_CHECKS,
+    FeetInMotion,
+    LeggedFit,
+    foot_places,
+    lifted,
+)
 from seaid.errors import Finding, LogError, SeaidError
 from seaid.identification import with_leg_order
 from seaid.log import BaseLog, Description, LogDescription, turned_to_world
@@ -348,6 +355,20 @@ def test_columns_of_the_radius_and_the_bias_have_the_rows_of_the_fit_in_flight()
     np.testing.assert_array_equal(radius.time, rows.time)
     standing, flying = (np.abs(radius.H[some]).max() for some in (rows.time < 7, rows.time > 9))
     assert flying < 1e-9 * standing
+
+
+@pytest.mark.parametrize(("change_m", "is_named"), [(0.02, True), (0.18, True), (0.21, False)])
+def test_a_ball_that_reaches_the_joint_above_it_is_no_foot(
+    change_m: float, is_named: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The calves are 213 mm long, and their feet are balls of 22 mm."""
+    column = [("radius", change_m, 0.001)]
+    monkeypatch.setattr(LeggedFit, "sure_columns", lambda *_: column)
+    nothing = np.zeros(0)
+    rows: Any = None  # those of the column, which is given
+    legged = LeggedFit(go2(), [], rows, rows, {}, nothing, nothing, nothing, 15.0)
+    found = [x for x in observed(FEET_CHECKS[:1], legged) if x.severity != "note"]
+    assert [finding.code for finding in found] == ["geometry"] * is_named
 
 
 @pytest.mark.slow  # two identifications of a walk of 24 s
