@@ -643,7 +643,7 @@ def _from_motors_below(
     for initial in starts_by_regression(robot, logs, joints, cutoff_hz):
         for consistent in (False, True):  # an inertia as estimated may not be one to simulate
             try:
-                start = fit(initial.logs, cutoff_hz=cutoff_hz, feasible=consistent)
+                start = fit(initial, cutoff_hz=cutoff_hz, feasible=consistent)
                 tried.append(first_estimate(start, logs))
                 break
             except (IdentificationError, ExcitationError, LogError) as reason:

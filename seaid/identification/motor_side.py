@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -79,13 +80,13 @@ def _only_motor(log: Log, joint: str) -> bool:
         return False
     place = log.joint_names.index(joint)
     behind = (log.joint_position, log.joint_torque, log.deflection)
-    sensed = [one is not None and bool(np.any(np.isfinite(one[:, place]))) for one in behind]
+    sensed = any(x is not None and np.any(np.isfinite(x[:, place])) for x in behind)
     motor = np.isfinite(log.motor_position[:, place]) & np.isfinite(log.motor_torque[:, place])
-    return bool(np.all(motor)) and not any(sensed)
+    return bool(np.all(motor)) and not sensed
 
 
 def with_motor_side_findings(
-    found: Identification, terms: Mapping[str, Mapping[int, Array]], motion: Motion
+    refined: Identification, terms: Mapping[str, Mapping[int, Array]], motion: Motion
 ) -> Identification:
     """Return a refined identification with what its `terms` say that no model has.
 
@@ -94,24 +95,24 @@ def with_motor_side_findings(
     with a part of the inertia J behind it. They are compared with the torque of the spring at its
     antiresonance sqrt(k/J).
     """
-    inertia = inertia_about(found.robot, motion)
+    inertia = inertia_about(refined.robot, motion)
     tests: dict[str, dict[int, tuple[float, float]]] = {}
     antiresonances_hz = {}
-    for joint, own in terms.items():
-        drive = found.known.drives[joint]
-        k = found.drive_side[joint].value("stiffness") * drive.load_radius**2
-        rate = float(np.sqrt(abs(k) / inertia[found.known.index(joint)]))
-        scaled = {order: pair * rate**order / k for order, pair in own.items()}
+    for joint, orders in terms.items():
+        drive = refined.known.drives[joint]
+        k = refined.drive_side[joint].value("stiffness") * drive.load_radius**2
+        rate = float(np.sqrt(abs(k) / inertia[refined.known.index(joint)]))
+        scaled = {order: pair * rate**order / k for order, pair in orders.items()}
         tests[joint] = {order: (float(x), float(error)) for order, (x, error) in scaled.items()}
         antiresonances_hz[joint] = rate / (2 * np.pi)
     others = [
-        x
-        for x in found.findings
-        if x.code != "gear-compliance"  # which the note says
-        if x.code != "motor-side" or "unexplained" in x.evidence
+        finding
+        for finding in refined.findings
+        if finding.code != "gear-compliance"  # which the note says
+        if finding.code != "motor-side" or "unexplained" in finding.evidence
     ]
     findings = motor_side_findings(tests, antiresonances_hz)
-    return replace(found, findings=(*others, *findings))
+    return replace(refined, findings=(*others, *findings))
 
 
 def joint_angle(robot: Robot, motion: Motion, joint: str, values: Mapping[str, float]) -> Array:
@@ -138,12 +139,13 @@ def with_rigid_angles(robot: Robot, log: Log, joints: Sequence[str]) -> Log:
     return replace(log, joint_position=position)
 
 
-def with_angles(log: Log, motions: Sequence[Motion], angles: Sequence[Mapping[str, Array]]) -> Log:
-    """Return the log with joint positions {joint: (T,)} at the times of its motions."""
+def with_angles(robot: Robot, log: Log, motions: Sequence[Motion], joints: Sequence[str]) -> Log:
+    """Return the log with the positions that joints have in its motions, at their times."""
     position = log.joint_position.copy()
-    for motion, own in zip(motions, angles, strict=True):
+    for motion in motions:
         inside = (log.time >= motion.time[0]) & (log.time <= motion.time[-1])
-        for joint, angle in own.items():
+        for joint in joints:
+            angle = motion.joint_position[:, robot.index(joint)]
             place = log.joint_names.index(joint)
             position[inside, place] = np.interp(log.time[inside], motion.time, angle)
     return replace(log, joint_position=position)
@@ -153,13 +155,13 @@ def with_joint_angles(
     robot: Robot, log: Log, values: Mapping[str, Mapping[str, float]], cutoff_hz: float
 ) -> Log:
     """Return the log with the joint positions that satisfy (7) at the `values` of the drives."""
-    log = with_rigid_angles(robot, log, list(values))
-    motions = reconstruct_motions(robot, log, cutoff_hz)
-    angles = [
-        {joint: joint_angle(robot, one, joint, own) for joint, own in values.items()}
-        for one in motions
-    ]
-    return with_angles(log, motions, angles)
+    log, moved = with_rigid_angles(robot, log, list(values)), []
+    for motion in reconstruct_motions(robot, log, cutoff_hz):
+        q = motion.joint_position.copy()
+        for joint, drive_values in values.items():
+            q[:, robot.index(joint)] = joint_angle(robot, motion, joint, drive_values)
+        moved.append(replace(motion, joint_position=q))
+    return with_angles(robot, log, moved, list(values))
 
 
 def cutoff_of(
@@ -199,10 +201,10 @@ def _motor_side(robot: Robot, motion: Motion, joints: Sequence[str]) -> MotorSid
     torques, columns = [], []
     for joint in joints:
         regressor, zeta, R = actuator_columns(robot, motion, joint)
-        own = [i for i, name in enumerate(regressor.names) if name not in _OF_SPRING]
+        without_spring = [name not in _OF_SPRING for name in regressor.names]
         ratio = total_ratio(robot.drives[joint])
         torques.append(ratio * zeta)
-        columns.append(ratio * R[:, own])
+        columns.append(ratio * R[:, without_spring])
     ends = np.cumsum([0, *(part.shape[1] for part in columns)])
     friction = np.zeros((len(motion.time), len(joints), ends[-1]))
     for row, part in enumerate(columns):
@@ -218,20 +220,78 @@ def _motor_side(robot: Robot, motion: Motion, joints: Sequence[str]) -> MotorSid
 
 
 @dataclass(frozen=True, eq=False)
-class Start:
-    """Logs with the angles of a regression in a band, and what it leaves of the torques."""
+class MotorRegression:
+    """The regression of the motor torques of some joints, which is linear but for the compliances.
 
-    misfit: float
-    logs: list[Log]
+    At given compliances and friction (7) and (4b) give the joint positions, and (7) in (8) is
+    linear in the parameters of bodies and friction. The search is over the compliances alone.
+    """
+
+    robot: Robot
+    joints: Sequence[str]
+    sides: list[MotorSide]
+    model: LoadModel
+
+    def best_compliance(self, band_hz: float) -> Array:
+        """Return the compliances (joints,) of least misfit, from antiresonances about a band."""
+        torque = np.concatenate([side.torque for side in self.sides])
+        motion = [side.motion.joint_acceleration[:, side.joints] for side in self.sides]
+        inertia = np.sqrt(np.mean(torque**2, axis=0) / np.mean(np.concatenate(motion) ** 2, axis=0))
+        tried = [1 / (inertia * (2 * np.pi * band_hz * part) ** 2) for part in _TRIED_HZ]
+        best = min(tried, key=lambda compliance: self.fit(compliance)[0])
+        for changed in [*np.eye(len(self.joints), dtype=bool)] * 2:
+            near = [best * np.where(changed, factor, 1.0) for factor in (1.0, *_FACTORS)]
+            best = min(near, key=lambda compliance: self.fit(compliance)[0])
+        return best
+
+    def fit(self, compliance: Array) -> tuple[float, Array]:
+        """Return the misfit at compliances (joints,), and the friction there.
+
+        The misfit is the mean log of the rms error over that of the torque.
+        """
+        friction = np.zeros(self.sides[0].friction.shape[2])
+        for _ in range(_SWEEPS):
+            rows = np.concatenate([self._rows(side, compliance, friction) for side in self.sides])
+            misfit, x = _weighted_fit(rows)
+            friction = x[len(x) - len(friction) :]
+        return misfit, friction
+
+    def _rows(self, side: MotorSide, compliance: Array, friction: Array) -> Array:
+        """Return the rows [columns of bodies and friction, torque] at the moved joints."""
+        robot, motion = self.robot, side.moved(compliance, friction)
+        # the torques of the springs are those that (7) leaves of the motors'
+        springs = {x: np.zeros(len(spring_regressor(robot, x).names)) for x in self.joints}
+        rows = [self.model.torque_joints.index(joint) for joint in self.joints]
+        torque, payload, H, _ = load_columns(robot, motion, self.model, springs)
+        torque[:, rows] = side.torque
+        columns = np.zeros((*H.shape[:2], len(friction)))
+        columns[:, rows] = side.friction
+        whole = np.concatenate([H, columns, (torque - payload)[:, :, None]], axis=2)
+        return in_band_at(motion, whole, row_samples(motion))
+
+
+def _weighted_fit(rows: Array) -> tuple[float, Array]:
+    """Return the misfit of a regression by rows (T, joints, [columns, y]), and its parameters.
+
+    Joints are weighted by their errors.
+    """
+    y = rows[:, :, -1]
+    size = error = np.maximum(np.sqrt(np.mean(y**2, axis=0)), LEAST_STD)
+    for _ in range(_WEIGHTINGS):
+        scaled = (rows * (1 / error)[:, None]).reshape(-1, rows.shape[2])
+        x = scaled_svd(scaled[:, :-1]).solve(scaled[:, -1], RANK_TOLERANCE)
+        residual = y - rows[:, :, :-1] @ x
+        error = np.maximum(np.sqrt(np.mean(residual**2, axis=0)), LEAST_STD)
+    return float(np.mean(np.log(error / size))), x
 
 
 def starts_by_regression(
     robot: Robot, logs: Sequence[Log], joints: Sequence[str], cutoff_hz: float
-) -> list[Start]:
-    """Return the starts in bands below the cutoff, that which explains the torques best first.
+) -> list[list[Log]]:
+    """Return the logs with the angles of regressions in bands below the cutoff.
 
-    In this order, since one that ends in a wrong minimum may come near to the noise: that of the
-    torque of the rotor is large below a high cutoff.
+    Those that explain the torques best are first, since one that ends in a wrong minimum may come
+    near to the noise: that of the torque of the rotor is large below a high cutoff.
     """
     starts, problem = [], None
     for part in _BANDS:
@@ -241,50 +301,33 @@ def starts_by_regression(
             problem = problem or reason
     if not starts and problem is not None:
         raise problem
-    return sorted(starts, key=lambda one: one.misfit)
+    return [filled for _, filled in sorted(starts, key=lambda start: start[0])]
 
 
 def _start_by_regression(
     robot: Robot, logs: Sequence[Log], joints: Sequence[str], band_hz: float
-) -> Start:
-    """Return the logs with joint positions by the springs that best explain the motor torques.
-
-    At given compliances and friction (7) and (4b) give the joint positions, and (7) in (8) is
-    linear in the parameters of bodies and friction. The search is over the compliances alone.
-    """
+) -> tuple[float, list[Log]]:
+    """Return the misfit of a regression in a band, and the logs with its joint positions."""
     shortest_s = min(float(log.time[-1] - log.time[0]) for log in logs)
     band_hz = max(band_hz, 1.2 * FEWEST_PERIODS / shortest_s)
     rigid = [with_rigid_angles(robot, log, joints) for log in logs]
     grouped = [reconstruct_motions(robot, log, band_hz) for log in rigid]
-    sides = [[_motor_side(robot, one, joints) for one in group] for group in grouped]
-    every = [one for group in sides for one in group]
-    stiff = [joint for joint in robot.joint_names if joint not in robot.elastic_joints]
-    sensed = joints_with_torque(robot, [one.motion for one in every])
-    used = [one for one in robot.joint_names if one in joints or (one in stiff and one in sensed)]
-    model = load_model_of(robot, [one.motion for one in every], used)
+    sides = [[_motor_side(robot, motion, joints) for motion in group] for group in grouped]
+    every = list(chain(*sides))
+    model = _model_of_torques(robot, [side.motion for side in every], joints)
+    regression = MotorRegression(robot, joints, every, model)
+    compliance = regression.best_compliance(band_hz)
+    misfit, friction = regression.fit(compliance)
+    moved = [[side.moved(compliance, friction) for side in group] for group in sides]
+    pairs = zip(rigid, moved, strict=True)
+    return misfit, [with_angles(robot, log, motions, joints) for log, motions in pairs]
 
-    def fit(compliance: Array) -> tuple[float, Array]:
-        friction = np.zeros(every[0].friction.shape[2])
-        for _ in range(_SWEEPS):
-            misfit, friction = _regressed(robot, model, every, compliance, friction)
-        return misfit, friction
 
-    torque = np.concatenate([one.torque for one in every])
-    motion = np.concatenate([one.motion.joint_acceleration[:, one.joints] for one in every])
-    inertia = np.sqrt(np.mean(torque**2, axis=0) / np.mean(motion**2, axis=0))
-    tried = [1 / (inertia * (2 * np.pi * band_hz * part) ** 2) for part in _TRIED_HZ]
-    best = min(tried, key=lambda one: fit(one)[0])
-    for row in [*range(len(joints))] * 2:
-        near = [best * np.where(np.arange(len(joints)) == row, x, 1.0) for x in (1.0, *_FACTORS)]
-        best = min(near, key=lambda one: fit(one)[0])
-    misfit, friction = fit(best)
-    filled = []
-    for log, group in zip(rigid, sides, strict=True):
-        moved = [one.moved(best, friction) for one in group]
-        columns = dict(zip(joints, every[0].joints, strict=True))
-        angles = [{j: one.joint_position[:, at] for j, at in columns.items()} for one in moved]
-        filled.append(with_angles(log, moved, angles))
-    return Start(misfit, filled)
+def _model_of_torques(robot: Robot, motions: list[Motion], joints: Sequence[str]) -> LoadModel:
+    """Return the columns of the torques of some joints, and of the stiff ones that have one."""
+    sensed = joints_with_torque(robot, motions)
+    used = [joint for joint in sensed if joint in joints or joint not in robot.elastic_joints]
+    return load_model_of(robot, motions, used)
 
 
 def with_regressed_angles(
@@ -292,38 +335,7 @@ def with_regressed_angles(
 ) -> list[Log]:
     """Return the logs with the joint positions of the regression that explains them best."""
     cutoff_hz = cutoff_of(robot, logs, joints, cutoff_hz)
-    return starts_by_regression(robot, logs, joints, cutoff_hz)[0].logs
-
-
-def _regressed(
-    robot: Robot, model: LoadModel, sides: Sequence[MotorSide], compliance: Array, friction: Array
-) -> tuple[float, Array]:
-    """Return the misfit of a regression at compliances, and its friction.
-
-    The misfit is the mean log of the rms error over that of the torque; joints are weighted by it.
-    """
-    joints = [robot.joint_names[joint] for joint in sides[0].joints]
-    none = {joint: np.zeros(len(spring_regressor(robot, joint).names)) for joint in joints}
-    rows = [model.torque_joints.index(joint) for joint in none]
-    parts = []
-    for one in sides:
-        motion = one.moved(compliance, friction)
-        torque, payload, H, _ = load_columns(robot, motion, model, none)
-        torque[:, rows] = one.torque
-        own = np.zeros((*H.shape[:2], one.friction.shape[2]))
-        own[:, rows] = one.friction
-        whole = np.concatenate([H, own, (torque - payload)[:, :, None]], axis=2)
-        parts.append(in_band_at(motion, whole, row_samples(motion)))
-    whole = np.concatenate(parts)
-    size = np.sqrt(np.mean(whole[:, :, -1] ** 2, axis=0))
-    weight = 1 / np.maximum(size, LEAST_STD)
-    for _ in range(_WEIGHTINGS):
-        scaled = (whole * weight[:, None]).reshape(-1, whole.shape[2])
-        x = scaled_svd(scaled[:, :-1]).solve(scaled[:, -1], RANK_TOLERANCE)
-        left = np.sqrt(np.mean((whole[:, :, -1] - whole[:, :, :-1] @ x) ** 2, axis=0))
-        weight = 1 / np.maximum(left, LEAST_STD)
-    misfit = float(np.mean(np.log(np.maximum(left, LEAST_STD) / np.maximum(size, LEAST_STD))))
-    return misfit, x[len(x) - len(friction) :]
+    return starts_by_regression(robot, logs, joints, cutoff_hz)[0]
 
 
 def inertia_about(robot: Robot, motion: Motion) -> Array:
@@ -334,17 +346,17 @@ def inertia_about(robot: Robot, motion: Motion) -> Array:
     return np.asarray(np.abs(inertia))
 
 
-def shown_springs(found: Identification, joints: Sequence[str], rate_hz: float) -> list[Finding]:
+def shown_springs(refined: Identification, joints: Sequence[str], rate_hz: float) -> list[Finding]:
     """Return what hides the springs of joints from their motors, in logs with a rate."""
-    inertia = inertia_about(found.robot, found.motions[0])
+    inertia = inertia_about(refined.robot, refined.motions[0])
     springs, antiresonances_hz = {}, {}
     for joint in joints:
-        drive, lever = found.drive_side[joint], found.known.drives[joint].load_radius
+        drive, lever = refined.drive_side[joint], refined.known.drives[joint].load_radius
         k, error = drive.value("stiffness"), drive.standard_error("stiffness")
-        spring = abs(k) * lever**2 / inertia[found.known.index(joint)]
+        spring = abs(k) * lever**2 / inertia[refined.known.index(joint)]
         springs[joint] = k, error
         antiresonances_hz[joint] = float(np.sqrt(spring)) / (2 * np.pi)
-    fits = {joint: found.joint_fits[joint].own for joint in joints if joint in found.joint_fits}
+    fits = {joint: refined.joint_fits[joint].own for joint in joints if joint in refined.joint_fits}
     logged = rate_hz, SAMPLES
-    hidden = hidden_springs(springs, antiresonances_hz, found.cutoff_hz, logged)
+    hidden = hidden_springs(springs, antiresonances_hz, refined.cutoff_hz, logged)
     return [*hidden, *noisy_springs(fits)]

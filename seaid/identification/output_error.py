@@ -888,11 +888,10 @@ def _filled(layout: Layout, logs: list[Log], x: Array) -> list[Log]:
 
 def _simulated_log(layout: Layout, log: Log, runs: list[Run]) -> Log:
     """Return the simulated part of the log with the simulated angles of the unseen joints."""
-    places = {joint: layout.identification.known.index(joint) for joint in layout.unseen}
+    robot = layout.identification.known
     parts = [run.motion for run in runs if log.time[0] <= run.motion.time[0] <= log.time[-1]]
-    angles = [{joint: part.joint_position[:, j] for joint, j in places.items()} for part in parts]
-    filled = with_rigid_angles(layout.identification.known, log, layout.unseen)
-    return with_angles(filled, parts, angles).between(parts[0].time[0], parts[-1].time[-1])
+    filled = with_angles(robot, with_rigid_angles(robot, log, layout.unseen), parts, layout.unseen)
+    return filled.between(parts[0].time[0], parts[-1].time[-1])
 
 
 _WORSE, _WORSE_SHARE = 1.5, 0.02
