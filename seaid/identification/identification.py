@@ -18,8 +18,9 @@ from seaid._files import write_json
 from seaid._progress import Result, counted
 from seaid.checks import (
     FEET_CHECKS,
+    Experiment,
     JointFit,
-    Side,
+    SideSelection,
     Verdict,
     base_findings,
     consequences,
@@ -353,26 +354,17 @@ def identify(
     >>> result = seaid.identify(robot, seaid.read_log("run.csv", robot), feasible=True)
     >>> print(result.summary())
     """
-    once = partial(
-        _identify,
-        logs=logs,
-        torque_joints=torque_joints,
-        method=method,
-        estimator=estimator,
-        feasible=feasible,
-        cutoff_hz=cutoff_hz,
-        encoder_offset_std=encoder_offset_std,
-        known_std=known_std,
-        executor=executor,
-        progress=progress,
+    way = (method, estimator, encoder_offset_std, known_std, feasible)
+    options = _Options(torque_joints, cutoff_hz, executor, progress, *way)
+    result, fixed, unscaled = with_unit_scales(
+        {"": robot}, lambda robots: _identify(robots[""], logs, options)
     )
-    result, fixed, unscaled = with_unit_scales({"": robot}, lambda robots: once(robots[""]))
     robot, nominal = fixed[""], result.nominal
     for _ in range(MOST_DELAY_ROUNDS):
         later = with_estimated_delays(robot, result.robot)
         if later is robot:
             break
-        robot, result = later, once(later)
+        robot, result = later, _identify(later, logs, options)
     unclear = (
         *delay_estimate_findings(robot, result.load_side),
         *unknown_scales(result.robot, result.load_side, unscaled),
@@ -381,153 +373,282 @@ def identify(
     return replace(result, robot=scaled, nominal=nominal, findings=(*result.findings, *unclear))
 
 
-def _identify(
-    robot: Robot,
-    *,
-    logs: Source | Sequence[Source],
-    torque_joints: str | Sequence[str] | None,
-    method: Method,
-    estimator: EstimatorName,
-    feasible: bool,
-    cutoff_hz: float | None,
-    encoder_offset_std: float,
-    known_std: Mapping[str, float],
-    executor: Executor | None,
-    progress: bool,
-) -> Identification:
+@dataclass(frozen=True, eq=False)
+class _Options:
+    """The options of `identify`."""
+
+    torque_joints: str | Sequence[str] | None
+    cutoff_hz: float | None
+    executor: Executor | None
+    progress: bool
+    method: Method
+    estimator: EstimatorName
+    encoder_offset_std: float
+    known_std: Mapping[str, float]
+    feasible: bool
+
+    @property
+    def of_two_steps(self) -> tuple[Estimator, float, Executor | None, bool]:
+        """Those of the two steps, from which instruments continue too."""
+        solver = estimator_named("wls" if self.estimator == "iv" else self.estimator)
+        return solver, self.encoder_offset_std, self.executor, self.progress
+
+    def check(self) -> None:
+        """Raise IdentificationError for options that exclude each other, or wrong values."""
+        if self.estimator == "iv" and self.method != "two-step":
+            raise IdentificationError(
+                f'estimator="iv" needs method="two-step", found "{self.method}"',
+                'estimator="iv"',
+                'method="two-step"',
+            )
+        check_offset_std(self.encoder_offset_std)
+        check_known_std(self.known_std)
+
+
+@dataclass(frozen=True, eq=False)
+class _Run:
+    """Logs as they were reconstructed.
+
+    `logs` are those in memory; `moved` the motions of each log; `locked` the joints whose outputs
+    are; `standing` {joint: position} those that stand still; `moving` those whose torques show the
+    set-up, which are those of `experiment`.
+    """
+
+    sources: list[Source]
+    logs: list[Log]
+    datasets: list[Dataset]
+    moved: list[list[Motion]]
+    locked: Sequence[str]
+    standing: Mapping[str, float]
+    moving: set[str]
+    experiment: Experiment
+
+    def setup_findings(
+        self, channels: Sequence[Finding], robot: Robot | None = None
+    ) -> list[Finding]:
+        """Return findings of channels, and the mistakes of the set-up, or of that of a robot."""
+        experiment = self.experiment if robot is None else experiment_of(robot, self.moved)
+        return findings_of_setup(experiment, self.moving, channels, self.logs)
+
+
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    """The equations of a robot for the `used` joints with a torque, and their estimates.
+
+    The robot is `declared` without joints that stand still; `nominal` is before a search. The
+    datasets are those of the run without a `bias` of sensors.
+    """
+
+    run: _Run
+    options: _Options
+    declared: Robot
+    nominal: Robot
+    robot: Robot
+    used: tuple[str, ...]
+    datasets: list[Dataset]
+    bias: SensorBias | None = None
+
+    @cached_property
+    def model(self) -> LoadModel:
+        """The columns of the load side."""
+        return load_model_of(self.robot, list(map(first_motion, self.datasets)), self.used)
+
+    @cached_property
+    def two_step(self) -> RobotEstimate:
+        """The estimate of both sides in turn."""
+        return self._in_two_steps(self.robot, self.datasets)
+
+    @property
+    def identified(self) -> Robot:
+        """The robot with the values of two steps."""
+        return identified_robot(self.robot, self.model.base, self.two_step)
+
+    @cached_property
+    def estimate(self) -> RobotEstimate:
+        """The estimate by the method of the options, which continues from two steps."""
+        return self._continued(self.robot, self.datasets, self.two_step)
+
+    @cached_property
+    def lacking(self) -> list[SideSelection]:
+        """What the equations of two steps lack, nothing of logs that are not in memory."""
+        motions = [dataset for dataset in self.datasets if isinstance(dataset, Motion)]
+        motions = motions if len(motions) == len(self.datasets) else []
+        widths = resolved_widths(self.robot, self.run.logs, motions)
+        fits = self.two_step.actuators, self.two_step.fit
+        known = self.model.base, self.options.encoder_offset_std
+        gears = deflection_joints(self.robot, motions)
+        return selections(model_sides(self.robot, motions, fits, widths, gears, *known))
+
+    @property
+    def experiment(self) -> Experiment:
+        """The motions of the run without the errors of the sensors."""
+        if self.bias is None:
+            return self.run.experiment
+        return experiment_of(self.declared, [self.bias.removed(group) for group in self.run.moved])
+
+    def estimate_of(self, robot: Robot, datasets: Sequence[Dataset]) -> RobotEstimate:
+        """Return the estimate with other constants, in the same columns."""
+        return self._continued(robot, datasets, self._in_two_steps(robot, datasets))
+
+    def _in_two_steps(self, robot: Robot, datasets: Sequence[Dataset]) -> RobotEstimate:
+        options, bias = self.options.of_two_steps, self.bias
+        further = None if bias is None else (bias.columns, bias.covariance)
+        return estimate_two_step(robot, datasets, self.model, *options, further=further)
+
+    def _continued(
+        self, robot: Robot, datasets: Sequence[Dataset], first: RobotEstimate
+    ) -> RobotEstimate:
+        equations = robot, datasets, self.model, first
+        solver, offset_std, executor, _ = self.options.of_two_steps
+        if self.options.estimator == "iv":
+            return estimate_instrumental(*equations, offset_std, executor)
+        if self.options.method == "simultaneous":
+            return estimate_simultaneous(*equations, solver, offset_std, executor)
+        return first
+
+
+def _identify(robot: Robot, logs: Source | Sequence[Source], options: _Options) -> Identification:
     """Return the result of `identify` with delays of commands linearised at those of the drives."""
-    if estimator == "iv" and method != "two-step":
-        raise IdentificationError(
-            f'estimator="iv" needs method="two-step", found "{method}"',
-            'estimator="iv"',
-            'method="two-step"',
-        )
-    check_offset_std(encoder_offset_std)
-    check_known_std(known_std)
-    selected = robot.selected(torque_joints)  # refuses unknown joints before a log is read
-    solver = estimator_named("wls" if estimator == "iv" else estimator)
+    options.check()
+    selected = robot.selected(options.torque_joints)  # refuses unknown joints before a log is read
     sources = [
         with_commanded_torque(robot, source) if isinstance(source, Log) else source
         for source in sources_of(logs)
     ]
-    logs_in_memory = [source for source in sources if isinstance(source, Log)]
-    findings = log_findings(robot, logs_in_memory, selected)
-    unseen = without_joint_encoder(robot, logs_in_memory) if logs_in_memory else ()
-    if unseen and len(logs_in_memory) == len(sources):
-        fit = partial(
-            identify,
-            robot,
-            torque_joints=torque_joints,
-            estimator="wls" if estimator == "iv" else estimator,
-            encoder_offset_std=encoder_offset_std,
-            known_std=known_std,
-            executor=executor,
-        )
+    in_memory = [source for source in sources if isinstance(source, Log)]
+    findings = log_findings(robot, in_memory, selected)
+    unseen = without_joint_encoder(robot, in_memory) if len(in_memory) == len(sources) else ()
+    if unseen:
         with explained(findings):
-            motors = _from_motors(robot, logs_in_memory, unseen, cutoff_hz, fit, encoder_offset_std)
-        return consistent_bodies(motors) if feasible else motors
+            motors = _from_motors(robot, in_memory, unseen, options)
+        return consistent_bodies(motors) if options.feasible else motors
     with explained(findings):
-        groups = datasets_by_log(robot, sources, cutoff_hz, executor, progress)
-        datasets = [dataset for group in groups for dataset in group]
-        in_memory = [part for log in logs_in_memory for part in stretches(log)]
-        locked = locked_outputs(robot, logs_in_memory)
-        moved = [list(map(first_motion, group)) for group in groups]
-        standing = dict[str, float]()
-        if len(logs_in_memory) == len(sources):
-            standing = standing_joints(robot, in_memory, list(chain(*moved)))
-        check_channels(logs_in_memory, locked)
-        check_temperatures(robot, datasets)
-        moving = {*selected, *robot.elastic_joints} - {*standing}
-        experiment = with_torques_of(experiment_of(robot, moved), moving)
-        findings += base_findings(robot, logs_in_memory, moved)
+        run = _reconstructed(robot, sources, options, selected)
+        findings += base_findings(robot, run.logs, run.moved)
         channels = tuple(findings)
-        # the list that `explained` has
-        findings[:] = findings_of_setup(experiment, moving, channels, logs_in_memory)
-        setup_mistakes = [finding for finding in findings if finding not in channels]
-        used = joints_with_torque(robot, datasets) if torque_joints is None else selected
-        findings += missing_torques(robot, selected, used)
-        check_forces(datasets, used)
-        check_scale_of_locked(robot, datasets, locked)
-        robot, used = without_locked_loads(robot, used, locked)
-        declared = robot
-        robot, used, stopped = without_standing(robot, used, standing)
-        findings += consequences(findings, standstill_findings(stopped, standing))
-        robot = with_rigid_gears(robot, deflection_joints(robot, datasets))
-        nominal = robot
-        if not is_linear(robot, used):
-            robot, datasets = linearised_robot(robot, datasets, used)
-        options = solver, encoder_offset_std, executor, progress
-        datasets, model, estimate = _first_two_step(robot, datasets, used, options)
-        bias = _sensor_bias(robot, datasets, model, estimate)
+        findings[:] = run.setup_findings(channels)  # the list that `explained` has
+        mistakes = [finding for finding in findings if finding not in channels]
+        problem = _solved(_assembled(robot, run, options, selected, findings), findings)
+    shown_by = partial(run.setup_findings, channels)
+    declared, lacking = problem.declared, problem.lacking
+    findings = without_setup_echoes(findings, mistakes, lacking, declared, shown_by)
+    return _concluded(problem, findings)
+
+
+def _reconstructed(
+    robot: Robot, sources: list[Source], options: _Options, selected: Sequence[str]
+) -> _Run:
+    """Return the motions of logs whose channels are alive, and what stands still in them."""
+    logs = [source for source in sources if isinstance(source, Log)]
+    groups = datasets_by_log(robot, sources, options.cutoff_hz, options.executor, options.progress)
+    locked = locked_outputs(robot, logs)
+    moved = [list(map(first_motion, group)) for group in groups]
+    standing = dict[str, float]()
+    if len(logs) == len(sources):
+        parts = [part for log in logs for part in stretches(log)]
+        standing = standing_joints(robot, parts, list(chain(*moved)))
+    check_channels(logs, locked)
+    datasets = list(chain(*groups))
+    check_temperatures(robot, datasets)
+    moving = {*selected, *robot.elastic_joints} - {*standing}
+    experiment = with_torques_of(experiment_of(robot, moved), moving)
+    return _Run(sources, logs, datasets, moved, locked, standing, moving, experiment)
+
+
+def _assembled(
+    robot: Robot, run: _Run, options: _Options, selected: Sequence[str], findings: list[Finding]
+) -> _Problem:
+    """Return the equations of what moves and has a torque, and append what has not."""
+    datasets = run.datasets
+    used = joints_with_torque(robot, datasets) if options.torque_joints is None else selected
+    findings += missing_torques(robot, selected, used)
+    check_forces(datasets, used)
+    check_scale_of_locked(robot, datasets, run.locked)
+    declared, used = without_locked_loads(robot, used, run.locked)
+    robot, used, stopped = without_standing(declared, used, run.standing)
+    findings += consequences(findings, standstill_findings(stopped, run.standing))
+    robot = nominal = with_rigid_gears(robot, deflection_joints(robot, datasets))
+    if not is_linear(robot, used):
+        robot, datasets = linearised_robot(robot, datasets, used)
+    return _Problem(run, options, declared, nominal, robot, used, datasets)
+
+
+def _solved(problem: _Problem, findings: list[Finding]) -> _Problem:
+    """Return the problem with what its first estimates show, and append that.
+
+    Those are the reversals that friction lets pass, the errors of sensors of a floating base, and
+    the terms of drives whose friction nobody named.
+    """
+    if problem.robot.has_controllers:
+        passed = with_passed_reversals(problem.robot, problem.datasets, problem.identified)
+        problem = replace(problem, datasets=passed)
+    if problem.robot.floating_base is not None:
+        datasets, fit = problem.datasets, problem.two_step.fit
+        bias = sensor_bias(problem.identified, datasets, problem.model, fit)
         if bias is not None:
             findings += sensor_errors(bias.places, bias.value, bias.errors, bias.hidden, bias.imu)
-            datasets = [*bias.removed(datasets)]
-            experiment = experiment_of(declared, [bias.removed(group) for group in moved])
-            model, estimate = _two_step(robot, datasets, used, options, bias)
-        whole = [dataset for dataset in datasets if isinstance(dataset, Motion)]
-        whole = whole if len(whole) == len(datasets) else []
-        widths = resolved_widths(robot, logs_in_memory, whole)
-        lacking = selections(_sides(robot, whole, model, estimate, widths, encoder_offset_std))
-        for _ in range(MOST_ROUNDS):
-            robot, nominal, notes = with_default_terms(robot, nominal, lacking)
-            if not notes:
-                break
-            findings += notes
-            model, estimate = _two_step(robot, datasets, used, options, bias)
-            lacking = selections(_sides(robot, whole, model, estimate, widths, encoder_offset_std))
-    shown_by = partial(_findings_of_setup, moved, moving, channels, logs_in_memory)
-    findings = without_setup_echoes(findings, setup_mistakes, lacking, declared, shown_by)
-    estimate = _continued(robot, datasets, model, estimate, (method, estimator), options)
+            problem = replace(problem, datasets=[*bias.removed(datasets)], bias=bias)
+    for _ in range(MOST_ROUNDS):
+        robot, nominal, notes = with_default_terms(problem.robot, problem.nominal, problem.lacking)
+        if not notes:
+            break
+        findings += notes
+        problem = replace(problem, robot=robot, nominal=nominal)
+    return problem
 
-    def again(robot: Robot, datasets: Sequence[Dataset]) -> RobotEstimate:
-        estimate = estimate_two_step(robot, datasets, model, *options, further=_further(bias))
-        return _continued(robot, datasets, model, estimate, (method, estimator), options)
 
-    values = value_findings(estimate, nominal, robot)
+def _concluded(problem: _Problem, findings: list[Finding]) -> Identification:
+    """Return the identification by the method of a problem, with what it shows by its values."""
+    robot, options, datasets = problem.robot, problem.options, problem.datasets
+    model, estimate = problem.model, problem.estimate
+    values = value_findings(estimate, problem.nominal, robot)
     weak = {finding.joint for finding in values if finding.code == "weak-spring"}
-    values, lacking = without_echoes(values, lacking, datasets[0].cutoff_hz)
+    values, lacking = without_echoes(values, problem.lacking, datasets[0].cutoff_hz)
     findings += consequences(findings, model_findings(lacking, findings))
     if not is_wrong(findings):
-        findings += sensitivity_findings(robot, datasets, model, estimate, estimator)
-    estimate = with_known_std(estimate, constants_of(robot, datasets, known_std), again)
-    estimate = replace(estimate, drives=with_searched_values(estimate.drives, nominal, robot))
-    consistent = _feasible(robot, model, estimate) if feasible else None
-    result = identification_of(robot, model, estimate, datasets, consistent, declared)
-    bodies = result.robot.parameters + robot.payload_parameters
-    sides = estimate.fit, estimate.actuators
-    explains = robot_fit(robot.joint_names, *sides, experiment, bodies, locked=locked, weak=weak)
-    explains = replace(explains, predicted=prediction_errors(experiment, model.base, result.load))
-    findings += consequences(findings, fit_findings(explains))
-    weak_drives = [joint for joint in result.drives if joint in weak]
-    findings += consequences(findings, backlash_findings(nominal, sources, weak_drives, used))
-    exact = exact_constants(robot, known_std)
-    findings += scale_of_bodies(scaled_by_bodies(result.drives, exact))
-    setup = joint_checks(experiment, [first_motion(dataset) for dataset in datasets])
-    legged = legged_fit(result, datasets, estimate.fit, bias)
-    findings += consequences(findings, [] if legged is None else observed(FEET_CHECKS, legged))
-    findings += mass_findings(declared, result.motions, *whole_mass(result))
+        findings += sensitivity_findings(robot, datasets, model, estimate, options.estimator)
+    constants = constants_of(robot, datasets, options.known_std)
+    estimate = with_known_std(estimate, constants, problem.estimate_of)
+    searched = with_searched_values(estimate.drives, problem.nominal, robot)
+    estimate = replace(estimate, drives=searched)
+    consistent = _feasible(robot, model, estimate) if options.feasible else None
+    result = identification_of(robot, model, estimate, datasets, consistent, problem.declared)
     values += [*estimate.findings, *result.findings]
-    result = replace(
+    return with_value_findings(_with_fit(problem, result, weak, findings), values)
+
+
+def _with_fit(
+    problem: _Problem, result: Identification, weak: set[str], findings: list[Finding]
+) -> Identification:
+    """Return a result with how well it explains the experiment, and the findings about that.
+
+    The springs of `weak` joints look so, and may have backlash.
+    """
+    robot, run, experiment = problem.robot, problem.run, problem.experiment
+    fit, actuators = problem.estimate.fit, problem.estimate.actuators
+    bodies = result.robot.parameters + robot.payload_parameters
+    shown = robot.joint_names, fit, actuators, experiment, bodies
+    explains = robot_fit(*shown, locked=run.locked, weak=weak)
+    predicted = prediction_errors(experiment, problem.model.base, result.load)
+    explains = replace(explains, predicted=predicted)
+    findings += consequences(findings, fit_findings(explains))
+    drives = [joint for joint in result.drives if joint in weak]
+    backlash = backlash_findings(problem.nominal, run.sources, drives, problem.used)
+    findings += consequences(findings, backlash)
+    exact = exact_constants(robot, problem.options.known_std)
+    findings += scale_of_bodies(scaled_by_bodies(result.drives, exact))
+    legged = legged_fit(result, problem.datasets, fit, problem.bias)
+    findings += consequences(findings, [] if legged is None else observed(FEET_CHECKS, legged))
+    findings += mass_findings(problem.declared, result.motions, *whole_mass(result))
+    return replace(
         result,
         findings=tuple(findings),
         joint_fits=explains.joints,
         residual=explains.residual,
         exact_constants=exact,
-        setup=setup,
-        nominal=nominal,
+        setup=joint_checks(experiment, list(map(first_motion, problem.datasets))),
+        nominal=problem.nominal,
     )
-    return with_value_findings(result, values)
-
-
-def _findings_of_setup(
-    moved: Sequence[Sequence[Motion]],
-    moving: set[str],
-    channels: Sequence[Finding],
-    logs: Sequence[Log],
-    robot: Robot,
-) -> list[Finding]:
-    """Return the findings of channels, and the mistakes of the set-up of a robot by its motions."""
-    return findings_of_setup(experiment_of(robot, moved), moving, channels, logs)
 
 
 def value_findings(
@@ -571,19 +692,6 @@ def with_value_findings(result: Identification, values: Iterable[Finding]) -> Id
     return replace(result, findings=(*result.findings, *consequences(result.findings, findings)))
 
 
-def _sides(
-    robot: Robot,
-    motions: Sequence[Motion],
-    model: LoadModel,
-    estimate: RobotEstimate,
-    widths: Mapping[str, float],
-    offset_std: float,
-) -> list[Side]:
-    """Return the equations of an estimate that are checked, none of logs that are not in memory."""
-    gears, fits = deflection_joints(robot, motions), (estimate.actuators, estimate.fit)
-    return model_sides(robot, motions, fits, widths, gears, model.base, offset_std)
-
-
 _MOST_STEPS = 60
 """Steps of a refinement without joint encoders, three times as many as with them: at a spring that
 the torque noise hides, a step goes only part of the way."""
@@ -595,12 +703,7 @@ above the antiresonance lets in derivatives of noise, which hide where a search 
 
 
 def _from_motors(
-    robot: Robot,
-    logs: list[Log],
-    joints: Sequence[str],
-    cutoff_hz: float | None,
-    fit: Callable[..., Identification],
-    encoder_offset_std: float,
+    robot: Robot, logs: list[Log], joints: Sequence[str], options: _Options
 ) -> Identification:
     """Return the identification of logs without a sensor behind the springs of some joints.
 
@@ -608,12 +711,21 @@ def _from_motors(
     the proposed one if none of them shows the springs: a fit of noise may end there too.
     """
     check_refinable(robot, joints)
-    proposed_hz, problem = cutoff_of(robot, logs, joints, cutoff_hz), None
-    for part in _LOWER if cutoff_hz is None else (1.0,):
+    fit = partial(
+        identify,
+        robot,
+        torque_joints=options.torque_joints,
+        estimator="wls" if options.estimator == "iv" else options.estimator,
+        encoder_offset_std=options.encoder_offset_std,
+        known_std=options.known_std,
+        executor=options.executor,
+    )
+    proposed_hz, problem = cutoff_of(robot, logs, joints, options.cutoff_hz), None
+    for part in _LOWER if options.cutoff_hz is None else (1.0,):
         try:
-            result = _from_motors_below(
-                robot, logs, joints, part * proposed_hz, fit, encoder_offset_std
-            )
+            cutoff_hz = part * proposed_hz
+            second = fit(_simulated(robot, logs, joints, cutoff_hz, fit), cutoff_hz=cutoff_hz)
+            result = _refined_from_motors(second, logs, joints, options.encoder_offset_std)
             if problem is None or not any(finding.code == _HIDDEN for finding in result.findings):
                 return result
         except (IdentificationError, ExcitationError, LogError) as reason:
@@ -625,18 +737,17 @@ def _from_motors(
 _HIDDEN = "hidden-resonance"
 
 
-def _from_motors_below(
+def _simulated(
     robot: Robot,
     logs: list[Log],
     joints: Sequence[str],
     cutoff_hz: float,
     fit: Callable[..., Identification],
-    encoder_offset_std: float,
-) -> Identification:
-    """Return the identification below a cutoff.
+) -> list[Log]:
+    """Return the logs with the angles of joints as the best of the first estimates simulates them.
 
-    A search of the stiffness gives the joints' angles for a first regression, and its refinement
-    the simulated ones for a second, from which the terms of the drives and all findings come.
+    A search of the stiffness gives the angles for a first regression, and its refinement these, for
+    a second, from which the terms of the drives and all findings come.
     """
     problem = None
     tried: list[FirstEstimate] = []
@@ -652,15 +763,20 @@ def _from_motors_below(
             break
     if not tried and problem is not None:
         raise problem
-    simulated = min(tried, key=lambda estimate: estimate.merit).logs
-    second = fit(simulated, cutoff_hz=cutoff_hz)
+    return min(tried, key=lambda estimate: estimate.merit).logs
+
+
+def _refined_from_motors(
+    second: Identification, logs: list[Log], joints: Sequence[str], encoder_offset_std: float
+) -> Identification:
+    """Return the refinement of a second regression, with what hides the springs of joints."""
     try:
         refined, _ = refined_with_logs(second, logs, encoder_offset_std, _MOST_STEPS)
     except IdentificationError as reason:
         raise IdentificationError(
             f"the motor alone does not determine the stiffness of {', '.join(joints)} "
             f"({str(reason).split(';')[0]}). "
-            f"Either the motion, with a band of {cutoff_hz:.3g} Hz, stays too far below the "
+            f"Either the motion, with a band of {second.cutoff_hz:.3g} Hz, stays too far below the "
             "antiresonance of the load for the motor to feel the spring, or the load has a spring "
             "of its own: record a multisine with a larger band (seaid excite --basis multisine), "
             "or log the joint position"
@@ -668,66 +784,6 @@ def _from_motors_below(
     rate_hz = min((len(log.time) - 1) / float(log.time[-1] - log.time[0]) for log in logs)
     findings = (*refined.findings, *shown_springs(refined, joints, rate_hz))
     return replace(refined, findings=findings)
-
-
-def _two_step(
-    robot: Robot,
-    datasets: Sequence[Dataset],
-    used: Sequence[str],
-    options: tuple[Estimator, float, Executor | None, bool],
-    bias: SensorBias | None = None,
-) -> tuple[LoadModel, RobotEstimate]:
-    """Return the columns of the load side and the estimate of both sides in turn."""
-    model = load_model_of(robot, list(map(first_motion, datasets)), used)
-    return model, estimate_two_step(robot, datasets, model, *options, further=_further(bias))
-
-
-def _first_two_step(
-    robot: Robot,
-    datasets: Sequence[Dataset],
-    used: Sequence[str],
-    options: tuple[Estimator, float, Executor | None, bool],
-) -> tuple[list[Dataset], LoadModel, RobotEstimate]:
-    """Return `_two_step`, and the datasets with the reversals that its friction lets pass."""
-    model, estimate = _two_step(robot, datasets, used, options)
-    if not robot.has_controllers:
-        return list(datasets), model, estimate
-    known = with_passed_reversals(robot, datasets, identified_robot(robot, model.base, estimate))
-    return known, *_two_step(robot, known, used, options)
-
-
-def _sensor_bias(
-    robot: Robot, datasets: Sequence[Dataset], model: LoadModel, estimate: RobotEstimate
-) -> SensorBias | None:
-    """Return the errors of the sensors of a floating base, next to the estimated bodies."""
-    if robot.floating_base is None:
-        return None
-    bodies = identified_robot(robot, model.base, estimate)
-    return sensor_bias(bodies, datasets, model, estimate.fit)
-
-
-def _further(bias: SensorBias | None) -> tuple[Array, Array] | None:
-    """Return the columns of a bias that was removed, and its covariance."""
-    return None if bias is None else (bias.columns, bias.covariance)
-
-
-def _continued(
-    robot: Robot,
-    datasets: Sequence[Dataset],
-    model: LoadModel,
-    estimate: RobotEstimate,
-    way: tuple[Method, EstimatorName],
-    options: tuple[Estimator, float, Executor | None, bool],
-) -> RobotEstimate:
-    """Return the estimate of two steps, or by instruments or both sides at once from there."""
-    solver, encoder_offset_std, executor, _ = options
-    if way[1] == "iv":
-        return estimate_instrumental(robot, datasets, model, estimate, encoder_offset_std, executor)
-    if way[0] == "simultaneous":
-        return estimate_simultaneous(
-            robot, datasets, model, estimate, solver, encoder_offset_std, executor
-        )
-    return estimate
 
 
 def identification_of(

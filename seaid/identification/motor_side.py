@@ -238,7 +238,7 @@ class MotorRegression:
         motion = [side.motion.joint_acceleration[:, side.joints] for side in self.sides]
         inertia = np.sqrt(np.mean(torque**2, axis=0) / np.mean(np.concatenate(motion) ** 2, axis=0))
         tried = [1 / (inertia * (2 * np.pi * band_hz * part) ** 2) for part in _TRIED_HZ]
-        best = min(tried, key=lambda compliance: self.fit(compliance)[0])
+        best: Array = min(tried, key=lambda compliance: self.fit(compliance)[0])
         for changed in [*np.eye(len(self.joints), dtype=bool)] * 2:
             near = [best * np.where(changed, factor, 1.0) for factor in (1.0, *_FACTORS)]
             best = min(near, key=lambda compliance: self.fit(compliance)[0])
