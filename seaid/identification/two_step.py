@@ -209,69 +209,79 @@ def estimate_two_step(
     and that its `effective_rows` converts to the plain ones; torque offsets then count as 0.
     """
     joints = spring_torque_joints(robot, datasets, model)
-    free, cutoff_hz = equations is None, datasets[0].cutoff_hz
+    free, known_errors = equations is None, [] if further is None else [further[1]]
     sensed = _joints_scaled_by_sensors(robot, datasets) if equations is None else ()
     equations = equations or two_step_equations(robot, model, joints)
     equations = {**equations, **_sensed_springs(robot, sensed)}
-    stored = estimator.weigh is not None
+    stored, cutoff_hz = estimator.weigh is not None, datasets[0].cutoff_hz
     with rows_of_equations(datasets, equations, stored, executor, progress) as rows:
-        actuators, unscaled = {}, {}
-        for joint in robot.elastic_joints:
-            try:
-                actuators[joint] = fit_actuator(robot, datasets, joint, rows[joint], estimator)
-            except UnknownScaleError as problem:
-                if joint not in (*joints, *sensed):
-                    raise
-                unscaled[joint] = problem
-                actuators[joint] = fit(
-                    rows[joint], estimator, change=with_unit_constant, cutoff_hz=cutoff_hz
-                )
-        estimates = {joint: side.estimate for joint, side in actuators.items()}
-        for joint in [joint for joint in unscaled if joint in sensed]:
-            spring = _fit_spring(robot, datasets, joint, rows[_sensed_spring(joint)], estimator)
-            constant = unscaled.pop(joint).parameter
-            estimates[joint] = scaled_by_sensor(robot, estimates[joint], joint, constant, spring)
-        if unscaled:
-            estimates |= scaled_by_load(robot, estimates, joints, rows[LOAD], estimator, unscaled)
+        actuators, estimates = _actuator_side(robot, datasets, rows, estimator, joints, sensed)
         springs = {joint: spring_of(robot, estimates[joint], joint) for joint in joints}
-        known_errors = None if further is None else further[1]
-        load_rows = _with_columns(rows[LOAD], further)
-        load = fit_load(robot, load_rows, springs, estimator, cutoff_hz, known_errors, free)
+        fit_rows = partial(fit_load, robot, springs, estimator, cutoff_hz, free)
+        load = fit_rows(_with_columns(rows[LOAD], further), known_errors)
         if encoder_offset_std > 0:
-            known = {joint: spring.values for joint, spring in springs.items()}
-            regress = partial(
-                with_offset_columns,
-                robot,
-                of_springs=partial(load_regression, robot, model=model, springs=known),
-                theta=load.estimate.values[: len(model.names)],
-                regress=equations[LOAD],
-            )
-            offsets = encoder_offset_std**2 * np.eye(robot.n)
-            if known_errors is not None:
-                offsets = linalg.block_diag(offsets, known_errors)
-            again = rows_of_equations(datasets, {LOAD: regress}, stored, executor, progress)
-            with again as shifted:
-                load_rows = _with_columns(shifted[LOAD], further)
-                load = fit_load(robot, load_rows, springs, estimator, cutoff_hz, offsets, free)
+            theta, regress = load.estimate.values[: len(model.names)], equations[LOAD]
+            shifted = partial(with_offset_columns, robot, model, springs, theta, regress)
+            errors = [encoder_offset_std**2 * np.eye(robot.n), *known_errors]
+            again = rows_of_equations(datasets, {LOAD: shifted}, stored, executor, progress)
+            with again as rows_of_offsets:
+                load = fit_rows(_with_columns(rows_of_offsets[LOAD], further), errors)
     drives = with_torque_offsets(robot, load, estimates, springs)
     load_side = load.estimate.part(range(len(model.names)), model.names)
     base, load_drives = split_load_side(model, load_side)
     merged = merged_estimates(drives, load_drives)
+    fits = {**actuators, "load": load}
     return RobotEstimate(
         drives={joint: merged[joint] for joint in robot.joint_names if joint in merged},
         load=base,
         load_side=load_side,
         springs={joint: spring_of(robot, drives[joint], joint).values for joint in springs},
-        excluded={joint: side.qr_factor.excluded for joint, side in actuators.items()}
-        | {"load": load.qr_factor.excluded},
-        checks={
-            joint: side.checks([name for name in side.estimate.names if name not in _NEEDED])
-            for joint, side in actuators.items()
-        }
-        | {"load": load.checks(model.names[len(model.expressions) :])},
+        excluded={name: fitted.qr_factor.excluded for name, fitted in fits.items()},
+        checks=_checks(actuators) | {"load": load.checks(model.names[len(model.expressions) :])},
         fit=load,
         actuators=actuators,
     )
+
+
+def _actuator_side(
+    robot: Robot,
+    datasets: Sequence[Dataset],
+    rows: Mapping[str, Rows],
+    estimator: Estimator,
+    joints: Sequence[str],
+    sensed: Sequence[str],
+) -> tuple[dict[str, FittedRows], dict[str, Estimate]]:
+    """Return the fits of the motor equations, and estimates that have their motor constants.
+
+    Unknown constants are those of a torque sensor for `sensed` joints, else those of the load,
+    which has the torques of the springs of `joints`.
+    """
+    actuators, unscaled = {}, {}
+    for joint in robot.elastic_joints:
+        try:
+            actuators[joint] = fit_actuator(robot, datasets, joint, rows[joint], estimator)
+        except UnknownScaleError as problem:
+            if joint not in (*joints, *sensed):
+                raise
+            unscaled[joint], cutoff_hz = problem, datasets[0].cutoff_hz
+            change = with_unit_constant
+            actuators[joint] = fit(rows[joint], estimator, change=change, cutoff_hz=cutoff_hz)
+    estimates = {joint: side.estimate for joint, side in actuators.items()}
+    for joint in [joint for joint in unscaled if joint in sensed]:
+        spring = _fit_spring(robot, datasets, joint, rows[_sensed_spring(joint)], estimator)
+        constant = unscaled.pop(joint).parameter
+        estimates[joint] = scaled_by_sensor(robot, estimates[joint], joint, constant, spring)
+    if unscaled:
+        estimates |= scaled_by_load(robot, estimates, joints, rows[LOAD], estimator, unscaled)
+    return actuators, estimates
+
+
+def _checks(actuators: Mapping[str, FittedRows]) -> dict[str, ModelChecks]:
+    """Return the checks of the motor equations, of the terms that a drive may lack."""
+    return {
+        joint: side.checks([name for name in side.estimate.names if name not in _NEEDED])
+        for joint, side in actuators.items()
+    }
 
 
 def _with_columns(rows: Rows, further: tuple[Array, Array] | None) -> Rows:
@@ -511,19 +521,19 @@ def _scaled(
 
 def fit_load(
     robot: Robot,
-    rows: Rows,
     springs: Mapping[str, Estimate],
     estimator: Estimator,
     cutoff_hz: float,
-    offsets: Array | None = None,
-    free: bool = True,
+    free: bool,
+    rows: Rows,
+    errors: Sequence[Array],
 ) -> FittedRows:
     """Fit (8) from rows without spring torque, with columns of the identifiable torque offsets.
 
-    `offsets` (n, n) is the covariance of the encoder offsets. Unless `free`, torque offsets are 0.
+    `errors` are the covariances of propagated columns after those of the springs, such as that of
+    the encoder offsets. Unless `free`, torque offsets are 0.
     """
-    covariances = [spring.covariance for spring in springs.values()]
-    covariances += [] if offsets is None else [offsets]
+    covariances = [*(spring.covariance for spring in springs.values()), *errors]
     propagated = linalg.block_diag(*covariances) if covariances else None
     freed = tuple(j for j, spring in springs.items() if free and "spring_offset" in spring.names)
     if freed:
@@ -562,10 +572,16 @@ def fit_inputs(
 
 
 def with_offset_columns(
-    robot: Robot, motion: Motion, of_springs: Regress, theta: Array, regress: Regress
+    robot: Robot,
+    model: LoadModel,
+    springs: Mapping[str, Estimate],
+    theta: Array,
+    regress: Regress,
+    motion: Motion,
 ) -> Regression:
     """Return the load side with propagated columns of the springs and then of encoder offsets."""
-    plain = regress(motion)
+    plain, values = regress(motion), {joint: spring.values for joint, spring in springs.items()}
+    of_springs = partial(load_regression, robot, model=model, springs=values)
     offsets = offset_sensitivity(robot, motion, of_springs, theta)
     return replace(plain, propagated=np.hstack([plain.propagated, offsets.propagated]))
 
