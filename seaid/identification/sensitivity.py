@@ -11,7 +11,7 @@ torques changes all parameters together: their covariance says so.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -120,22 +120,26 @@ def _influences(fits: Sequence[Fit], run: float) -> Array:
 
     The steps are those of the fit with the fewest rows; other logs have instants between them.
     """
-    every = [fit.rows.run == run for fit in fits]
-    masks = [slice(None) if np.all(rows) else rows for rows in every]  # a view of all rows
-    instants = [np.unique(fit.rows.time[rows]) for fit, rows in zip(fits, masks, strict=True)]
-    start_s = min(times[0] for times in instants if len(times))
-    step_s = max(row_step(times) for times in instants if len(times))
-    places = [
-        slots(fit.rows.time[rows], start_s, step_s) for fit, rows in zip(fits, masks, strict=True)
-    ]
-    first = min(int(np.min(place)) for place in places if len(place))
-    count = max(int(np.max(place)) for place in places if len(place)) - first + 1
+    parts = [_rows_of_log(fit, run) for fit in fits]
+    instants = [np.unique(time) for time, _, _ in parts if len(time)]
+    start_s = min(times[0] for times in instants)
+    step_s = max(row_step(times) for times in instants)
+    places = [slots(time, start_s, step_s) for time, _, _ in parts]
+    every = np.concatenate(places)
+    first, count = int(np.min(every)), int(np.ptp(every)) + 1
     influences = np.zeros((count, len(fits[0].values)))
-    for sign, fit, rows, place in zip((1, -1), fits, masks, places, strict=True):
+    for sign, fit, (_, H, residual), place in zip((1, -1), fits, parts, places, strict=True):
         if len(place):
-            scores = at_slots(fit.rows.H[rows], sign * fit.residual[rows], place - first)
+            scores = at_slots(H, sign * residual, place - first)
             influences[: len(scores)] += scores @ fit.inverse
     return influences
+
+
+def _rows_of_log(fit: Fit, run: float) -> tuple[Array, Array, Array]:
+    """Return times, rows and residuals of a fit in one log."""
+    is_row = fit.rows.run == run
+    rows = slice(None) if np.all(is_row) else is_row  # a view of all rows
+    return fit.rows.time[rows], fit.rows.H[rows], fit.residual[rows]
 
 
 def _scores(fits: Sequence[Fit], estimate: Estimate, propagated: Array | None) -> Array:
@@ -217,8 +221,7 @@ def _cutoff_findings(
     few = [_decimated(motion) for motion in motions]
     cutoff_hz = few[0].cutoff_hz
     wider = [replace(motion, cutoff_hz=WIDER * cutoff_hz) for motion in few]
-    ways = [f"a cutoff of {factor * cutoff_hz:.3g} Hz" for factor in (1.0, WIDER)]
-    regress_load = partial(load_regression, robot, model=model, springs=sides.springs)
+    ways = (f"a cutoff of {cutoff_hz:.3g} Hz", f"a cutoff of {WIDER * cutoff_hz:.3g} Hz")
     equations: dict[str, tuple[Regress, FittedRows]] = {
         joint: (
             partial(_actuator_rows, robot, joint=joint, fit=fit),
@@ -227,33 +230,34 @@ def _cutoff_findings(
         for joint, fit in sides.actuators.items()
         if not has_only_spring_torque(robot, motions, joint)
     }
+    equations[LOAD] = partial(load_regression, robot, model=model, springs=sides.springs), load
+    # of long logs, the rows of the fit are those of more than the first pieces
     in_memory = all(isinstance(dataset, Motion) for dataset in datasets)
-    for joint, (regress, fit) in (equations | {LOAD: (regress_load, load)}).items():
-        weights = equal_weights(fit.qr_factor) if ordinary or joint != LOAD else fit.weights
-        owner = "" if joint == LOAD else joint
-        shared = partial(with_merged_delays, robot.drives, estimate=fit.estimate, joint=owner)
-        wide = shared(stacked(list(map(regress, wider))))
-        # of long logs, the rows of the fit are those of more than the first pieces
-        if in_memory and fit.rows is not None and fit.rows.names == wide.names:
+    for joint, (regress, fit) in equations.items():
+        shared = partial(with_merged_delays, robot.drives, estimate=fit.estimate, joint=joint)
+        weights = fit.weights if joint == LOAD and not ordinary else equal_weights(fit.qr_factor)
+        rows = shared(stacked(list(map(regress, wider))))
+        wide = fit_of(rows, weights)
+        if in_memory and fit.rows is not None and fit.rows.names == rows.names:
             narrow = fit_of(fit.rows, weights, fit.qr_factor)
         else:
             narrow = fit_of(shared(stacked(list(map(regress, few)))), weights)
-        fits = [narrow, fit_of(wide, weights)]
-        springs = fit.propagated if joint == LOAD else None
-        stated = sides.load_side if joint == LOAD else fit.estimate
-        scores = _scores(fits, stated, springs)
-        rigid = joint == LOAD or any(
-            score and "friction" not in name
-            for score, name in zip(scores, fits[0].rows.names, strict=True)
-        )  # noise biases these, while friction lacks the band of its reversals
-        better = f"cutoff_hz={cutoff_hz * (0.5 if rigid else WIDER):.2g}"
-        if joint == LOAD and robot.has_controllers:
-            better = _other_cutoff(robot, cutoff_hz)
+        scores = _scores([narrow, wide], fit.estimate, fit.propagated)
+        better = _better_cutoff(robot, joint, cutoff_hz, np.array(rows.names)[scores > 0])
         remedy = f"{better}; compare others with cutoff_sensitivity"
-        values = [fit.values for fit in fits]
+        values = [narrow.values, wide.values]
         yield from disagreement(
-            CODES["cutoff-sensitive"], joint, fits[0].rows, values, scores, ways, remedy
+            CODES["cutoff-sensitive"], joint, narrow.rows, values, scores, ways, remedy
         )
+
+
+def _better_cutoff(robot: Robot, joint: str, cutoff_hz: float, differing: Iterable[str]) -> str:
+    """Return the cutoff to try where parameters differ between two."""
+    if joint == LOAD and robot.has_controllers:
+        return _other_cutoff(robot, cutoff_hz)
+    # noise biases all parameters but friction, which lacks the band of its reversals
+    is_biased = joint == LOAD or any("friction" not in name for name in differing)
+    return f"cutoff_hz={cutoff_hz * (0.5 if is_biased else WIDER):.2g}"
 
 
 def _other_cutoff(robot: Robot, cutoff_hz: float) -> str:
@@ -343,17 +347,22 @@ def check_known_std(known_std: Mapping[str, float]) -> None:
 def exact_constants(robot: Robot, known_std: Mapping[str, float]) -> dict[str, float]:
     """Return the constants in use without a standard deviation, with their `TYPICAL_STD`."""
     drives = [drive for drive in robot.drives.values() if drive != IDEAL_DRIVE]
-    names = {name for drive in drives for name in KNOWN_STD if getattr(drive, name, None)}
-    names = {name for name in names if any(name not in drive.std for drive in drives)}
     is_scaled = bool(robot.known_bodies) and all(map(_has_unknown_scale, robot.drives.values()))
-    if not is_scaled and any(STD_OF_TORQUE not in drive.std for drive in drives or [IDEAL_DRIVE]):
-        names.add("torque")
-    if np.any(robot.payload_parameters):
-        names.add("payload")
-    if robot.known_bodies:
-        names.add("bodies")
-    names -= {name for name, std in known_std.items() if std}
-    return {name: std for name, std in TYPICAL_STD.items() if name in names}
+    is_exact = {name: _is_exact(drives, name) for name in TYPICAL_STD} | {
+        "torque": not is_scaled and _lacks_std(drives or [IDEAL_DRIVE], STD_OF_TORQUE),
+        "payload": bool(np.any(robot.payload_parameters)),
+        "bodies": bool(robot.known_bodies),
+    }
+    return {x: std for x, std in TYPICAL_STD.items() if is_exact[x] and not known_std.get(x)}
+
+
+def _is_exact(drives: Sequence[Drive], name: str) -> bool:
+    """Whether drives have a constant, and one of them no standard deviation of it."""
+    return any(getattr(x, name, None) for x in drives) and _lacks_std(drives, name)
+
+
+def _lacks_std(drives: Sequence[Drive], name: str) -> bool:
+    return any(name not in drive.std for drive in drives)
 
 
 _INPUT_CONSTANTS = {"torque_constant", "voltage_constant"}
@@ -374,7 +383,7 @@ def constants_of(
 ) -> Iterator[Constant]:
     """Yield the constants that have a standard deviation: by `known_std`, or by their drive."""
     if known_std.get("torque"):
-        louder = [_with_torques(dataset, range(robot.n)) for dataset in datasets]
+        louder = _with_torques(datasets, range(robot.n))
         yield Constant("torque", "", known_std["torque"], robot, louder)
     if known_std.get("payload"):
         heavier = replace(robot, payload_parameters=(1 + _STEP) * robot.payload_parameters)
@@ -383,37 +392,53 @@ def constants_of(
         factor = np.where(np.repeat([x == body for x in robot.body_names], 10), 1 + _STEP, 1.0)
         heavier = robot.with_values(factor * robot.parameters, robot.drives)
         yield Constant("bodies", body, known_std["bodies"], heavier, datasets)
-    for joint, drive in robot.drives.items():
-        stds = {name: known_std[name] for name in known_std if hasattr(drive, name)}
-        stds |= drive.std
-        for name, std in stds.items():
-            if name == STD_OF_TORQUE and std:
-                louder = [_with_torques(dataset, [robot.index(joint)]) for dataset in datasets]
-                yield Constant(name, joint, std, robot, louder)
-            elif name == "command_delay_s" and "command_delay" not in drive.known:
-                continue  # the range of an unknown delay
-            elif std and name == "command_delay_s":
-                later = (drive.command_delay_s or 0.0) + _STEP * std  # the delay may be zero
-                changed = replace(drive, command_delay_s=later)
-                yield Constant(name, joint, 1.0, robot.with_drives({joint: changed}), datasets)
-            elif std and (value := getattr(drive, name, None)):
-                relative = std / abs(value) if name in drive.std else std
-                changed = replace(drive, **{name: (1 + _STEP) * value})
-                yield Constant(name, joint, relative, robot.with_drives({joint: changed}), datasets)
+    for joint in robot.drives:
+        yield from _constants_of_drive(robot, datasets, joint, known_std)
 
 
-def _with_torques(dataset: Dataset, joints: Sequence[int]) -> Dataset:
-    """Return a motion with the logged inputs of some joints larger by `_STEP`."""
-    if not isinstance(dataset, Motion):
-        raise IdentificationError(
-            "a standard deviation of the torques needs logs in memory: read them with read_log",
-            "known_std=",
-        )
-    factor = np.ones(dataset.joint_position.shape[1])
-    factor[list(joints)] += _STEP
-    channels = {name: getattr(dataset, name) for name in _CHANNELS}
-    changes = {name: channel * factor for name, channel in channels.items() if channel is not None}
-    return replace(dataset, **changes)
+def _constants_of_drive(
+    robot: Robot, datasets: Sequence[Dataset], joint: str, known_std: Mapping[str, float]
+) -> Iterator[Constant]:
+    """Yield the constants of a drive that have a standard deviation, by `known_std` or its own."""
+    drive = robot.drives[joint]
+    stds = {name: std for name, std in known_std.items() if hasattr(drive, name)}
+    for name, std in {**stds, **drive.std}.items():
+        value, is_delay = getattr(drive, name, None) or 0.0, name == "command_delay_s"
+        if not std or (is_delay and "command_delay" not in drive.known):
+            continue  # the latter is the range of an unknown delay
+        if name == STD_OF_TORQUE:
+            louder = _with_torques(datasets, [robot.index(joint)])
+            yield Constant(name, joint, std, robot, louder)
+        elif is_delay:
+            later = _with_constant(robot, joint, name, value + _STEP * std)  # value may be zero
+            yield Constant(name, joint, 1.0, later, datasets)
+        elif value:
+            relative = std / abs(value) if name in drive.std else std
+            larger = _with_constant(robot, joint, name, (1 + _STEP) * value)
+            yield Constant(name, joint, relative, larger, datasets)
+
+
+def _with_constant(robot: Robot, joint: str, name: str, value: float) -> Robot:
+    """Return the robot with a constant of one drive changed."""
+    changes: dict[str, Any] = {name: value}
+    return robot.with_drives({joint: replace(robot.drives[joint], **changes)})
+
+
+def _with_torques(datasets: Sequence[Dataset], joints: Sequence[int]) -> list[Dataset]:
+    """Return the motions with the logged inputs of some joints larger by `_STEP`."""
+    louder: list[Dataset] = []
+    for dataset in datasets:
+        if not isinstance(dataset, Motion):
+            raise IdentificationError(
+                "a standard deviation of the torques needs logs in memory: read them with read_log",
+                "known_std=",
+            )
+        factor = np.ones(dataset.joint_position.shape[1])
+        factor[list(joints)] += _STEP
+        logged = [name for name in _CHANNELS if getattr(dataset, name) is not None]
+        changes = {name: getattr(dataset, name) * factor for name in logged}
+        louder.append(replace(dataset, **changes))
+    return louder
 
 
 def with_known_std(
