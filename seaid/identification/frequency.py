@@ -8,9 +8,8 @@ linearised robot that explains the same spectra by maximum likelihood (chapter 9
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -39,6 +38,7 @@ from seaid.identification.linear_joints import (
     with_free_rotors,
 )
 from seaid.identification.spectra import (
+    Record,
     Spectra,
     approximation_of,
     moving_joints,
@@ -167,26 +167,27 @@ def frequency_response(
     >>> found.drives["knee"].value("resonance"), found.drives["knee"].interval(0.95)
     """
     logs = [logs] if isinstance(logs, Log) else list(logs)
-    multisine = None if plan is None else _multisine_of(plan)
-    period = period_s if multisine is None else multisine.basis.period_s
+    multisine = None
     if plan is not None:
-        logs = [_within(log, plan) for log in logs]
-    rate, periodic = _rate_of(logs, period), period is not None
+        multisine, logs = _multisine_of(plan), [_within(log, plan) for log in logs]
+        period_s = multisine.basis.period_s
+    rate = _rate_of(logs, period_s)
     band = _band(band_hz, _OF_NYQUIST * rate / 2)
     ratio = np.array([total_ratio(robot.drives[joint]) for joint in robot.joint_names])
-    records = [record_of(robot, log, ratio, period) for log in logs]
+    records = [record_of(robot, log, ratio, period_s) for log in logs]
     picked = _picked(robot, records, joints, band[1])
-    read = partial(spectra_of, band_hz=band, harmonics=_harmonics(multisine), periodic=periodic)
-    spectra = read(records, picked)
-    held = np.mean([record.posture for record in records], axis=0)
-    posture = at_joints(robot.transmission, held)
-    posture = posture if multisine is None else multisine.coefficients[0]
+    posture = at_joints(robot.transmission, np.mean([x.posture for x in records], axis=0))
+    harmonics = None
+    if multisine is not None:
+        posture, harmonics = multisine.coefficients[0], multisine.harmonics
     nominal = linearised(robot, posture, picked)
     drives = [robot.drives[robot.joint_names[index]] for index in picked]
-    fit = fitted(spectra, nominal, drives)
-    for _ in range(_STICK_ROUNDS if periodic and np.any(fit.dry > 0) else 0):
-        spectra = read([sticking_sign(record, picked, fit) for record in records], picked)
-        fit = refitted(spectra, fit)
+
+    def read(records: Sequence[Record]) -> Spectra:
+        return spectra_of(records, picked, band, harmonics, periodic=period_s is not None)
+
+    first = fitted(read(records), nominal, drives)
+    spectra, fit = _with_sticking_motors(read, records, picked, first)
     alike = _with_dry_friction(fit.joints, fit.dry, spectra, spectra.hz)
     measured = approximation_of(spectra, records, picked, alike)
     names = tuple(robot.joint_names[index] for index in picked)
@@ -194,10 +195,9 @@ def frequency_response(
     scale = ratio[:, None] * ratio
     known = None
     if identification is not None:
-        identified = identification.robot
-        levels = [_level(identified.drives[name], r) for name, r in zip(names, ratio, strict=True)]
-        linear = linearised(identified, posture, picked)
-        known = scale * _with_dry_friction(linear, np.array(levels), spectra, measured.hz)
+        linear = linearised(identification.robot, posture, picked)
+        levels = ratio * _dry_friction(identification.robot, names)
+        known = scale * _with_dry_friction(linear, levels, spectra, measured.hz)
     result = FrequencyResponse(
         joints=names,
         frequency_hz=measured.hz,
@@ -212,14 +212,34 @@ def frequency_response(
             names[place]: fit.estimate(int(place), drives[place])
             for place in np.flatnonzero(nominal.elastic)
         },
-        period_s=period,
+        period_s=period_s,
     )
-    findings = list(_findings(result, fit, spectra, nominal, drives, rate))
+    findings = [
+        *_findings(result, fit, spectra, nominal, drives, rate),
+        *_disagreements(result, identification),
+    ]
+    return replace(result, warnings=by_severity(findings))
+
+
+def _with_sticking_motors(
+    read: Callable[[Sequence[Record]], Spectra], records: list[Record], picked: list[int], fit: Fit
+) -> tuple[Spectra, Fit]:
+    """Return spectra with the friction of motors that stand still by a fit, and their fit."""
+    spectra = read(records)
+    for _ in range(_STICK_ROUNDS if spectra.is_periodic and np.any(fit.dry > 0) else 0):
+        spectra = read([sticking_sign(record, picked, fit) for record in records])
+        fit = refitted(spectra, fit)
+    return spectra, fit
+
+
+def _disagreements(
+    result: FrequencyResponse, identification: Identification | None
+) -> Iterator[Finding]:
+    """Yield the stiffnesses that an identification has otherwise."""
     others = {} if identification is None else identification.drive_side
     for joint, estimate in result.drives.items():
         if joint in others and "stiffness" in others[joint].names:
-            findings += stiffness_disagrees(joint, estimate, others[joint])
-    return replace(result, warnings=by_severity(findings))
+            yield from stiffness_disagrees(joint, estimate, others[joint])
 
 
 def _rate_of(logs: Sequence[Log], period_s: float | None) -> float:
@@ -287,6 +307,13 @@ class _Multisine:
     basis: FourierBasis
     coefficients: Array
 
+    @property
+    def harmonics(self) -> Array:
+        """The numbers of the harmonics that are excited."""
+        sizes = np.abs(self.coefficients[1:]).reshape(2, self.basis.harmonics, -1)
+        total = sizes.sum(axis=(0, 2))
+        return np.asarray(1 + np.flatnonzero(total > 1e-9 * total.max()))
+
 
 def _multisine_of(plan: Trajectory) -> _Multisine:
     """Return the multisine of a plan, which may have a run-in. Raises IdentificationError."""
@@ -313,17 +340,9 @@ def _within(log: Log, plan: Trajectory) -> Log:
     return log.between(start + begin - 1e-6 * step, start + end + 1e-6 * step)
 
 
-def _harmonics(multisine: _Multisine | None) -> Array | None:
-    """Return the numbers of the harmonics that are excited, None if they are not known."""
-    if multisine is None:
-        return None
-    sizes = np.abs(multisine.coefficients[1:]).reshape(2, multisine.basis.harmonics, -1)
-    total = sizes.sum(axis=(0, 2))
-    return np.asarray(1 + np.flatnonzero(total > 1e-9 * total.max()))
-
-
-def _level(drive: Drive, ratio: float) -> float:
-    return float(drive.values.get("coulomb_friction", 0.0) * ratio)
+def _dry_friction(robot: Robot, joints: Sequence[str]) -> Array:
+    values = [robot.drives[joint].values.get("coulomb_friction", 0.0) for joint in joints]
+    return np.array(values, dtype=float)
 
 
 def _with_dry_friction(joints: LinearJoints, level: Array, spectra: Spectra, hz: Array) -> Array:
