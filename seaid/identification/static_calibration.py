@@ -10,7 +10,7 @@ the reading differs between up and down; the mean is the law, half of the differ
 from __future__ import annotations
 
 import csv
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -21,7 +21,7 @@ import numpy as np
 from seaid._arrays import Array, frozen, safely
 from seaid._progress import Result, counted
 from seaid.checks import calibration_findings
-from seaid.drives import total_ratio
+from seaid.drives import Drive, total_ratio
 from seaid.errors import Finding, IdentificationError, checked, listed
 from seaid.log import Log
 from seaid.regressor import joint_torques
@@ -266,34 +266,20 @@ class _Fit:
         basis = np.column_stack([np.ones_like(load), *explained, direction])
         if not has_friction:
             basis = basis[:, :-1]
-        clean = (
-            basis
-            @ safely(
-                np.linalg.lstsq,
-                basis,
-                reading,
-                rcond=None,
-                what="the loads",
-                error=IdentificationError,
-            )[0]
-        )
+        fitted = safely(np.linalg.lstsq, basis, reading, rcond=None, what="the loads")
+        clean = replace(statics, reading=basis @ fitted[0])
+        what = "the law: give more different loads"
         for _ in range(_TURNS):
             predicted, J = _predicted(statics, law, theta)
-            Z = _predicted(replace(statics, reading=clean), law, theta)[1]
-            step = safely(
-                np.linalg.solve,
-                Z.T @ J,
-                Z.T @ (load - predicted),
-                what="the law: give more different loads",
-                error=IdentificationError,
-            )
+            Z = _predicted(clean, law, theta)[1]
+            step = safely(np.linalg.solve, Z.T @ J, Z.T @ (load - predicted), what=what)
             theta = theta + step
             if np.all(np.abs(step) <= 1e-12 * np.maximum(np.abs(theta), 1e-9)):
                 break
         predicted, J = _predicted(statics, law, theta)
-        Z = _predicted(replace(statics, reading=clean), law, theta)[1]
+        Z = _predicted(clean, law, theta)[1]
         residual = load - predicted
-        inverse = safely(np.linalg.inv, Z.T @ J, what="the law", error=IdentificationError)
+        inverse = safely(np.linalg.inv, Z.T @ J, what="the law")
         variance = residual @ residual / max(len(load) - len(theta), 1)
         covariance = variance * inverse @ (Z.T @ Z) @ inverse.T
         errors = np.sqrt(np.diag(covariance) * _correlation_factor(residual))
@@ -365,31 +351,43 @@ def read_statics(path: str | Path) -> Statics:
     >>> np.savetxt("weights.csv", rows, header=header, delimiter=",", comments="")
     >>> seaid.calibrate_statics(seaid.read_statics("weights.csv"))
     """
+    columns = _columns(path)
+    loads = _loads(columns)
+    reading = next((x for x in columns if x in _READINGS or x.startswith("sensor_")), None)
+    if reading is None or loads is None:
+        allowed = (
+            f"{', '.join(_LOADS)} or mass_kg (and lever_m), and {', '.join(_READINGS)} or sensor_mV"
+        )
+        raise IdentificationError(
+            f"'{path}' needs a column of loads and one of readings ({allowed}), found "
+            f"{listed(columns) or 'none'}"
+        )
+    unit, factor = _READINGS.get(reading, (reading.removeprefix("sensor_"), 1.0))
+    load, load_unit = loads
+    return Statics(load, factor * columns[reading], load_unit, unit, columns.get("direction"))
+
+
+def _columns(path: str | Path) -> dict[str, Array]:
+    """Return the columns of a CSV file with a header."""
     try:
         with Path(path).open(encoding="utf-8-sig", newline="") as file:
             rows = [[cell.strip() for cell in row] for row in csv.reader(file) if any(row)]
     except (OSError, UnicodeDecodeError, csv.Error) as problem:
         raise IdentificationError(f"'{path}' cannot be read: {problem}") from None
     names = rows[0] if rows else []
-    columns = {name: _numbers(path, name, place, rows[1:]) for place, name in enumerate(names)}
-    reading = next((name for name in names if name in _READINGS or name[:7] == "sensor_"), None)
-    load = next((name for name in names if name in _LOADS), None)
-    if reading is None or (load is None and "mass_kg" not in names):
-        allowed = (
-            f"{', '.join(_LOADS)} or mass_kg (and lever_m), and {', '.join(_READINGS)} or sensor_mV"
-        )
-        raise IdentificationError(
-            f"'{path}' needs a column of loads and one of readings ({allowed}), found "
-            f"{listed(names) or 'none'}"
-        )
-    if load is not None:
-        load_unit, factor = _LOADS[load]
-        loads = factor * columns[load]
-    else:
-        load_unit = "N m" if "lever_m" in names else "N"
-        loads = _GRAVITY * columns["mass_kg"] * columns.get("lever_m", np.ones(len(rows) - 1))
-    unit, factor = _READINGS.get(reading, (reading[7:], 1.0))
-    return Statics(loads, factor * columns[reading], load_unit, unit, columns.get("direction"))
+    return {name: _numbers(path, name, place, rows[1:]) for place, name in enumerate(names)}
+
+
+def _loads(columns: Mapping[str, Array]) -> tuple[Array, str] | None:
+    """Return the loads of a table, by themselves or by masses, and their unit."""
+    name = next((name for name in columns if name in _LOADS), None)
+    if name is not None:
+        unit, factor = _LOADS[name]
+        return factor * columns[name], unit
+    if "mass_kg" not in columns:
+        return None
+    weights = _GRAVITY * columns["mass_kg"]
+    return (weights * columns["lever_m"], "N m") if "lever_m" in columns else (weights, "N")
 
 
 def _numbers(path: str | Path, name: str, place: int, rows: Sequence[Sequence[str]]) -> Array:
@@ -439,11 +437,7 @@ def held_poses(
         For a joint without a spring or sensor, unknown bodies, and fewer than five poses.
     """
     robot.selected(joint)
-    index, place = (
-        robot.index(joint),
-        log.joint_names.index(joint) if joint in log.joint_names else -1,
-    )
-    if place < 0:
+    if joint not in log.joint_names:
         raise IdentificationError(
             f"the log has no joint '{joint}'; it has {listed(log.joint_names)}"
         )
@@ -452,17 +446,11 @@ def held_poses(
     drive = robot.drives[joint]
     order = [log.joint_names.index(name) for name in robot.joint_names]
     position = log.joint_position[:, order]
-    values = log.joint_torque
-    if sensor == "spring":
-        values = log.deflection
-        if values is None or np.isnan(values[0, place]):
-            lever = 1.0 / total_ratio(drive) if drive.is_elastic else np.nan
-            values = lever * log.motor_position - log.joint_position
-        values = values * (drive.load_radius if drive.is_elastic else np.nan)
-    if values is None or np.isnan(values[0, place]) or np.any(np.isnan(position[0])):
-        wanted = (
-            "a spring with both encoders, or its deflection" if sensor == "spring" else "a sensor"
-        )
+    values = _sensed(robot.drives[joint], log, log.joint_names.index(joint), sensor)
+    if np.isnan(values[0]) or np.any(np.isnan(position[0])):
+        wanted = "a sensor"
+        if sensor == "spring":
+            wanted = "a spring with both encoders, or its deflection"
         raise IdentificationError(
             f"joint '{joint}' needs {wanted}, and all joints their positions in the log"
         )
@@ -473,13 +461,24 @@ def held_poses(
             f"each for more than {_HELD_S} s"
         )
     poses = np.array([position[span].mean(axis=0) for span in spans])
-    reading = np.array([values[span, place].mean() for span in spans])
+    reading = np.array([values[span].mean() for span in spans])
     nothing = np.zeros_like(poses)
-    load = joint_torques(robot, poses, nothing, nothing)[:, index]
-    force, length = drive.spring_units if drive.is_elastic else drive.joint_units
+    load = joint_torques(robot, poses, nothing, nothing)[:, robot.index(joint)]
     if sensor == "torque":
         return Statics(load, reading, drive.joint_units[0], drive.joint_units[0])
-    return Statics(load / drive.load_radius, reading, force, length)
+    return Statics(load / drive.load_radius, reading, *drive.spring_units)
+
+
+def _sensed(drive: Drive, log: Log, place: int, sensor: str) -> Array:
+    """Return the torque sensor (T,) of a joint, or the deflection of its spring; NaN without."""
+    if sensor == "torque" and log.joint_torque is not None:
+        return log.joint_torque[:, place]
+    if sensor == "torque" or not drive.is_elastic:
+        return np.full(len(log.time), np.nan)
+    deflection = log.deflection
+    if deflection is None or np.isnan(deflection[0, place]):
+        deflection = 1.0 / total_ratio(drive) * log.motor_position - log.joint_position
+    return drive.load_radius * deflection[:, place]
 
 
 def _rests(time: Array, position: Array) -> list[slice]:
