@@ -12,9 +12,10 @@ in the axes of its link, and is identified as the foot turns, or as it leaves th
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import compress
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -192,6 +193,33 @@ _LEVEL = 0.999
 """Level of the tests for errors of sensors."""
 
 
+@dataclass(frozen=True, eq=False)
+class _Axes:
+    """The k axes of sensors whose errors act, and the columns (R, k) of these.
+
+    An error counts from the size `least` (k,), and is none of a sensor from `most` (k,).
+    """
+
+    places: list[tuple[str, int]]
+    columns: Array
+    least: Array
+    most: Array
+
+    def at(self, kept: list[int]) -> _Axes:
+        """Return some of the axes."""
+        places = [self.places[k] for k in kept]
+        return _Axes(places, self.columns[:, kept], self.least[kept], self.most[kept])
+
+    def counts(self, errors: Array) -> bool:
+        """Whether one of the errors (k,) is so large that it is removed."""
+        return bool(np.any(np.abs(errors) > self.least))
+
+    def hidden(self, covariance: Array) -> tuple[tuple[str, int], ...]:
+        """Return the axes of force sensors whose errors are not determined."""
+        far = np.sqrt(np.diag(covariance)) > _HIDDEN_ZERO / _NO_ZERO * self.most
+        return tuple(place for place in compress(self.places, far) if place[0])
+
+
 def sensor_bias(
     robot: Robot, datasets: Sequence[Dataset], model: LoadModel, fit: FittedRows
 ) -> SensorBias | None:
@@ -203,46 +231,48 @@ def sensor_bias(
     if fit.rows is None or len(bases) < len(datasets):
         return None
     limits = _limits(bases)
+    if not limits:
+        return None
+    axes = _acting_axes(robot, datasets, model, limits)
+    estimate = with_further_columns(fit, axes.columns, axes.counts)
+    if estimate is None:  # the base does not tilt, or no error counts
+        return None
+    k = len(axes.places)
+    hidden = axes.hidden(estimate.covariance[-k:, -k:])
+    axes = axes.at(_significant(axes, estimate))
+    if len(axes.places) < k:
+        k = len(axes.places)
+        estimate = with_further_columns(fit, axes.columns, lambda _: k > 0)
+    if estimate is None:
+        return None
+    normal = (stdtrit(_freedom(estimate), 0.975) / stdtrit(_MOST_FREEDOM, 0.975)) ** 2
+    return SensorBias(
+        places=tuple(axes.places),
+        value=estimate.values[-k:],
+        covariance=normal * estimate.covariance[-k:, -k:],
+        columns=axes.columns,
+        hidden=hidden,
+        imu=bases[0].imu,
+    )
+
+
+def _acting_axes(
+    robot: Robot,
+    datasets: Sequence[Dataset],
+    model: LoadModel,
+    limits: Mapping[tuple[str, int], tuple[float, float]],
+) -> _Axes:
+    """Return those axes with limits whose errors change the rows."""
     equations: dict[str, Regress] = {}
     if ("", 0) in limits:
         equations["imu"] = partial(accelerometer_rows, robot, model=model)
     if len(limits) > 3 * len(equations):
         equations["force sensors"] = partial(wrench_rows, robot, model=model)
-    if not equations:
-        return None
-    whole = rows_in_memory(datasets, equations).values()
-    columns = np.hstack([rows.H for rows in whole])
-    norms = [np.linalg.norm(rows.H, axis=0) for rows in whole]
+    columns = [rows.H for rows in rows_in_memory(datasets, equations).values()]
+    norms = [np.linalg.norm(H, axis=0) for H in columns]
     acts = np.concatenate([norm > _NOTHING * np.max(norm) for norm in norms])
-    places = [place for place, acting in zip(limits, acts, strict=True) if acting]
-    columns = columns[:, acts]
-    least, most = np.array([limits[place] for place in places]).T
-
-    def counts(values: Array) -> bool:
-        return bool(np.any(np.abs(values) > least))
-
-    estimate = with_further_columns(fit, columns, counts)
-    if estimate is None:  # the base does not tilt, or no error counts
-        return None
-    k, freedom = len(places), _freedom(estimate)
-    value, covariance = estimate.values[-k:], estimate.covariance[-k:, -k:]
-    kept = _significant(value, covariance, places, freedom, (least, most))
-    far = np.sqrt(np.diag(covariance)) > _HIDDEN_ZERO / _NO_ZERO * most
-    hidden = [place for place, is_far in zip(places, far, strict=True) if is_far and place[0]]
-    if len(kept) < k:
-        estimate = with_further_columns(fit, columns[:, kept], lambda _: len(kept) > 0)
-    if estimate is None:
-        return None
-    k = len(kept)
-    normal = (stdtrit(_freedom(estimate), 0.975) / stdtrit(_MOST_FREEDOM, 0.975)) ** 2
-    return SensorBias(
-        places=tuple(places[place] for place in kept),
-        value=estimate.values[-k:],
-        covariance=normal * estimate.covariance[-k:, -k:],
-        columns=columns[:, kept],
-        hidden=tuple(hidden),
-        imu=bases[0].imu,
-    )
+    sizes = np.array([*limits.values()])[acts]
+    return _Axes([*compress(limits, acts)], np.hstack(columns)[:, acts], *sizes.T)
 
 
 def _limits(bases: Sequence[BaseMotion]) -> dict[tuple[str, int], tuple[float, float]]:
@@ -265,48 +295,44 @@ def _limits(bases: Sequence[BaseMotion]) -> dict[tuple[str, int], tuple[float, f
     return limits
 
 
-def _significant(
-    value: Array,
-    covariance: Array,
-    places: Sequence[tuple[str, int]],
-    freedom: float,
-    limits: tuple[Array, Array],
-) -> list[int]:
+def _significant(axes: _Axes, estimate: Estimate) -> list[int]:
     """Return the axes with errors: those of the accelerometer, of all force sensors, both, or none.
 
     What is left without the other kind has the values and the covariance of a fit without it,
     b - C_bd C_dd^-1 d. Zeros count all or none: to exclude those that are not significant one by
     one would bias the mass by up to some standard errors.
     """
-    kinds = [[k for k, (link, _) in enumerate(places) if bool(link) == force] for force in (0, 1)]
-    kinds = [kind for kind in kinds if kind]
+    k, freedom = len(axes.places), _freedom(estimate)
+    value, covariance = estimate.values[-k:], estimate.covariance[-k:, -k:]
+    is_force = np.array([bool(link) for link, _ in axes.places])
+    kinds = [kind for kind in map(np.flatnonzero, (~is_force, is_force)) if len(kind)]
     while kinds:
-        kept = [place for kind in kinds for place in kind]
-        removed = [place for place in range(len(places)) if place not in kept]
+        kept = np.concatenate(kinds).tolist()
+        removed = np.setdiff1d(np.arange(k), kept)
         share = safely(
             np.linalg.solve,
             covariance[np.ix_(removed, removed)],
             covariance[np.ix_(removed, kept)],
             what="the errors of the sensors",
         )
-        b, C = np.zeros(len(places)), np.zeros_like(covariance)
+        b, C = np.zeros(k), np.zeros_like(covariance)
         b[kept] = value[kept] - value[removed] @ share
         C[np.ix_(kept, kept)] = covariance[np.ix_(kept, kept)]
         C[np.ix_(kept, kept)] -= covariance[np.ix_(kept, removed)] @ share
         chances = [
-            _chance(b[kind], C[np.ix_(kind, kind)], freedom, (limits[0][kind], limits[1][kind]))
+            _chance(axes.at(kind.tolist()), b[kind], C[np.ix_(kind, kind)], freedom)
             for kind in kinds
         ]
         if max(chances) < 1 - _LEVEL:
-            return kept
+            return list(kept)
         kinds.pop(int(np.argmax(chances)))
     return []
 
 
-def _chance(b: Array, C: Array, freedom: float, limits: tuple[Array, Array]) -> float:
+def _chance(axes: _Axes, b: Array, C: Array, freedom: float) -> float:
     """Return the probability of so large values without errors, 1 if their size does not count."""
     k, size, spread = len(b), np.abs(b), _FAR * np.sqrt(np.diag(C))
-    if not (np.any(size > limits[0]) and np.all(size - spread < limits[1]) and freedom >= k):
+    if not (axes.counts(b) and np.all(size - spread < axes.most) and freedom >= k):
         return 1.0
     # T^2 = b^T C^-1 b (n - k + 1) / (k n) has the distribution F(k, n - k + 1) (Hotelling)
     score = float(b @ safely(np.linalg.solve, C, b, what="the errors of the sensors"))
