@@ -238,8 +238,9 @@ def sensor_bias(
     if estimate is None:  # the base does not tilt, or no error counts
         return None
     k = len(axes.places)
-    hidden = axes.hidden(estimate.covariance[-k:, -k:])
-    axes = axes.at(_significant(axes, estimate))
+    value, covariance = estimate.values[-k:], estimate.covariance[-k:, -k:]
+    hidden = axes.hidden(covariance)
+    axes = axes.at(_significant(axes, value, covariance, _freedom(estimate)))
     if len(axes.places) < k:
         k = len(axes.places)
         estimate = with_further_columns(fit, axes.columns, lambda _: k > 0)
@@ -295,27 +296,25 @@ def _limits(bases: Sequence[BaseMotion]) -> dict[tuple[str, int], tuple[float, f
     return limits
 
 
-def _significant(axes: _Axes, estimate: Estimate) -> list[int]:
+def _significant(axes: _Axes, value: Array, covariance: Array, freedom: float) -> list[int]:
     """Return the axes with errors: those of the accelerometer, of all force sensors, both, or none.
 
     What is left without the other kind has the values and the covariance of a fit without it,
     b - C_bd C_dd^-1 d. Zeros count all or none: to exclude those that are not significant one by
     one would bias the mass by up to some standard errors.
     """
-    k, freedom = len(axes.places), _freedom(estimate)
-    value, covariance = estimate.values[-k:], estimate.covariance[-k:, -k:]
     is_force = np.array([bool(link) for link, _ in axes.places])
     kinds = [kind for kind in map(np.flatnonzero, (~is_force, is_force)) if len(kind)]
     while kinds:
         kept = np.concatenate(kinds).tolist()
-        removed = np.setdiff1d(np.arange(k), kept)
+        removed = np.setdiff1d(np.arange(len(value)), kept)
         share = safely(
             np.linalg.solve,
             covariance[np.ix_(removed, removed)],
             covariance[np.ix_(removed, kept)],
             what="the errors of the sensors",
         )
-        b, C = np.zeros(k), np.zeros_like(covariance)
+        b, C = np.zeros_like(value), np.zeros_like(covariance)
         b[kept] = value[kept] - value[removed] @ share
         C[np.ix_(kept, kept)] = covariance[np.ix_(kept, kept)]
         C[np.ix_(kept, kept)] -= covariance[np.ix_(kept, removed)] @ share

@@ -20,7 +20,7 @@ from scripts.legged_plant import GO2, changed_bodies, plan, plant, simulate
 from seaid._arrays import Array, FrozenMapping
 from seaid.errors import IdentificationError, LogError, SeaidError
 from seaid.identification import whole_body
-from seaid.identification.base_estimates import _limits, _significant
+from seaid.identification.base_estimates import _Axes, _limits, _significant
 from seaid.log import BaseLog, reconstruct_motion
 from seaid.regressor import load_columns, load_torques, rigid_body_regressor
 from seaid.regressor.floating import contact_map, floating_regressor
@@ -218,12 +218,13 @@ def test_zeros_count_for_all_force_sensors_or_none() -> None:
     places = [("", 0), ("foot", 0), ("foot", 1)]
     value = np.array([0.03, 0.5, 0.001])
     covariance = np.diag([1e-3, 1e-4, 1e-4])
-    limits = np.array([0.02, 0.2, 0.2]), np.array([1.0, 20.0, 20.0])
-    assert _significant(value, covariance, places, 50.0, limits) == [1, 2]
-    assert _significant(value, 1e-3 * covariance, places, 50.0, limits) == [0, 1, 2]
-    assert _significant(value, 1e4 * covariance, places, 50.0, limits) == []
+    axes = _Axes(places, np.zeros((1, 3)), np.array([0.02, 0.2, 0.2]), np.array([1.0, 20.0, 20.0]))
+    assert _significant(axes, value, covariance, 50.0) == [1, 2]
+    assert _significant(axes, value, 1e-3 * covariance, 50.0) == [0, 1, 2]
+    assert _significant(axes, value, 1e4 * covariance, 50.0) == []
     # beyond the largest zero: another unit, or exchanged sensors
-    assert _significant(value, covariance, places, 50.0, (limits[0], 0.4 * limits[0])) == []
+    smaller = replace(axes, most=0.4 * axes.least)
+    assert _significant(smaller, value, covariance, 50.0) == []
 
 
 @pytest.mark.slow  # 1.2 s
