@@ -153,7 +153,7 @@ def check(
     if any(finding.code == "time-unit" for finding in findings):
         return SetupCheck(tuple(findings), FrozenMapping({}, "joint"))
     groups = datasets_by_log(robot, sources, cutoff_hz, None, False)
-    by_log = [[first_motion(dataset) for dataset in group] for group in groups]
+    by_log = [list(map(first_motion, group)) for group in groups]
     experiment, motions = experiment_of(robot, by_log), list(chain(*by_log))
     findings = findings_of_setup(experiment, {*robot.joint_names}, findings, in_memory)
     findings += separation_findings(robot, motions)

@@ -7,10 +7,10 @@ them known, identify what one condition cannot, such as the torque constant of a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import accumulate
+from itertools import accumulate, chain
 
 import numpy as np
 from scipy import linalg
@@ -34,6 +34,7 @@ from seaid.estimation import (
     Estimator,
     FittedRows,
     LinearEstimator,
+    QRFactor,
     TermTest,
     estimator_named,
     independent_rows,
@@ -241,6 +242,10 @@ class ConditionFits:
             for name, test in side.differences().items()
         } | self.load.differences()
 
+    def qr_factors(self, condition: str) -> dict[str, QRFactor]:
+        """Return the QR factors of one condition's motor equations, by joint."""
+        return {joint: qr_factor_of(x.rows[condition]) for joint, x in self.actuators.items()}
+
     def of(self, condition: str) -> RobotEstimate:
         """Return one condition's part of all fits, as `identify` would."""
         robot, model = self.robots[condition], self.models[condition]
@@ -433,9 +438,13 @@ def _with_fits(
     sides: RobotEstimate,
     experiment: Experiment,
     mask: BoolArray,
-    weak: Collection[str],
+    values: Iterable[Finding],
 ) -> Identification:
-    """Return the identification of a condition with how well it explains the rows in `mask`."""
+    """Return the identification of a condition with how well it explains the rows in `mask`.
+
+    Springs may look weak by the findings of their `values`.
+    """
+    weak = {finding.joint for finding in values if finding.code == "weak-spring"}
     joints, bodies = result.known.joint_names, result.robot.parameters
     bodies = bodies + result.known.payload_parameters
     fit = robot_fit(joints, sides.fit, sides.actuators, experiment, bodies, mask, weak=weak)
@@ -586,20 +595,13 @@ def _identify_conditions(
     first = robots[next(iter(robots))]
     _check_specific(first, condition_specific)
     used = _used(robots, datasets) if torque_joints is None else first.selected(torque_joints)
-    springs = deflection_joints(first, [part for parts in datasets.values() for part in parts])
+    springs = deflection_joints(first, list(chain(*datasets.values())))
     declared = robots
     experiments = {
         name: experiment_of(robot, [[first_motion(dataset)] for dataset in datasets[name]])
         for name, robot in robots.items()
     }
-    setup = _with_findings_of_others(
-        {
-            name: setup_findings(experiment, log_findings(robots[name], _in_memory(logs)))
-            for (name, experiment), (_, logs) in zip(
-                experiments.items(), conditions.values(), strict=True
-            )
-        }
-    )
+    setup = _setups(experiments, {name: logs for name, (_, logs) in conditions.items()})
     robots = {name: with_rigid_gears(robot, springs) for name, robot in robots.items()}
     nominal = robots
     robots, datasets = _linearised(robots, datasets, used)
@@ -608,37 +610,40 @@ def _identify_conditions(
         for name, robot in robots.items()
     }
     _check_models(models)
-    fit = partial(
-        estimate_conditions,
-        robots,
-        models=models,
-        specific=condition_specific,
-        solver=estimator_named(estimator),
-    )
-    sides = fit(datasets)
+    solver = estimator_named(estimator)
+    fit = partial(estimate_conditions, robots, models=models, solver=solver)
+    sides = fit(datasets, specific=condition_specific)
     if first.has_controllers:
         for name, robot in robots.items():
-            known = identified_robot(robot, models[name].base, sides.of(name))
-            datasets[name] = with_passed_reversals(robot, datasets[name], known)
-        sides = fit(datasets)
+            start = identified_robot(robot, models[name].base, sides.of(name))
+            datasets[name] = with_passed_reversals(robot, datasets[name], start)
+        sides = fit(datasets, specific=condition_specific)
     identified = {}
     for name, robot in robots.items():
         part = sides.of(name)
-        factors = {joint: qr_factor_of(x.rows[name]) for joint, x in sides.actuators.items()}
-        values = value_findings(part, nominal[name], robot, factors)
+        values = value_findings(part, nominal[name], robot, sides.qr_factors(name))
         part = replace(part, drives=with_searched_values(part.drives, nominal[name], robot))
-        result = identification_of(
-            robot, models[name], part, datasets[name], declared=declared[name]
-        )
-        checks = joint_checks(experiments[name], [first_motion(x) for x in datasets[name]])
+        parts, experiment = datasets[name], experiments[name]
+        result = identification_of(robot, models[name], part, parts, declared=declared[name])
+        checks = joint_checks(experiment, list(map(first_motion, parts)))
         values += result.findings
         result = replace(result, findings=setup[name], setup=checks, nominal=nominal[name])
-        weak = {finding.joint for finding in values if finding.code == "weak-spring"}
-        result = _with_fits(result, part, experiments[name], sides.load.is_of(name), weak)
+        result = _with_fits(result, part, experiment, sides.load.is_of(name), values)
         identified[name] = with_value_findings(result, values)
     return Conditions(
         FrozenMapping(identified), tuple(condition_specific), FrozenMapping(sides.differences())
     )
+
+
+def _setups(
+    experiments: Mapping[str, Experiment], logs: Mapping[str, Source | Sequence[Source]]
+) -> dict[str, tuple[Finding, ...]]:
+    """Return the findings of the logs and of the set-up of each condition."""
+    mistakes = {}
+    for name, experiment in experiments.items():
+        known = log_findings(experiment.robot, _in_memory(logs[name]))
+        mistakes[name] = setup_findings(experiment, known)
+    return _with_findings_of_others(mistakes)
 
 
 def _check_conditions(conditions: Mapping[str, object]) -> None:

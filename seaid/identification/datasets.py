@@ -67,18 +67,14 @@ def datasets_by_log(
     motion per stretch between them. The executor reconstructs one log per task.
     """
     groups = _mapped(partial(_datasets, robot, cutoff_hz), sources, executor, progress, _FILTER)
-    allowed = [
-        1.001 * max(FEWEST_PERIODS / sum(lengths), SHORTEST_STRETCH / max(lengths))
-        for group in groups
-        for lengths in [[_duration(dataset) for dataset in group]]
-        if cutoff_hz is None and isinstance(group[0], Motion)
-    ]
-    common = max([min(group[0].cutoff_hz for group in groups), *allowed])
+    common = min(group[0].cutoff_hz for group in groups)
+    if cutoff_hz is None:
+        common = max([common, *(1.001 * _lowest_hz(group) for group in groups)])
     others = [place for place, group in enumerate(groups) if group[0].cutoff_hz != common]
     again = [sources[place] for place in others]
     redone = _mapped(partial(_datasets, robot, common), again, executor, progress, _FILTER)
     for place, group in zip(others, redone, strict=True):
-        groups[place] = [_in_common(dataset) for dataset in group]
+        groups[place] = list(map(_in_common, group))
     return groups
 
 
@@ -94,8 +90,12 @@ def datasets_of(
     return [dataset for group in groups for dataset in group]
 
 
-def _duration(dataset: Dataset) -> float:
-    return float(dataset.time[-1] - dataset.time[0]) if isinstance(dataset, Motion) else np.inf
+def _lowest_hz(group: Sequence[Dataset]) -> float:
+    """Return the limit of the cutoff for the stretches of a log, zero for one read in pieces."""
+    lengths = [float(x.time[-1] - x.time[0]) for x in group if isinstance(x, Motion)]
+    if not lengths:
+        return 0.0
+    return max(FEWEST_PERIODS / sum(lengths), SHORTEST_STRETCH / max(lengths))
 
 
 def _in_common(dataset: Dataset) -> Dataset:

@@ -174,24 +174,31 @@ def compare_terms(
         model = _extended(model, joint, asked[joint], count, comparisons)
         if cutoff_hz is None:
             model = _with_backlash(model, joint, asked[joint], logs, finer, count, comparisons)
-    recommended = {
-        joint: tuple(
-            (term.field, term.term) for term in comparisons if term.joint == joint and term.selected
-        )
-        for joint in robot.joint_names
-    }
     return TermSelection(
         comparisons=tuple(comparisons),
-        recommended=FrozenMapping({joint: terms for joint, terms in recommended.items() if terms}),
-        robot=model.robot.with_drives(
-            {
-                joint: replace(
-                    drive, known=tuple(n for n in drive.known if n in robot.drives[joint].known)
-                )
-                for joint, drive in model.robot.drives.items()
-            }
-        ),
+        recommended=_recommended(robot, comparisons),
+        robot=_with_known_of(robot, model.robot),
     )
+
+
+def _recommended(
+    robot: Robot, comparisons: Iterable[TermComparison]
+) -> Mapping[str, tuple[tuple[str, str], ...]]:
+    """Return the selected terms of joints that have some."""
+    terms: dict[str, tuple[tuple[str, str], ...]] = dict.fromkeys(robot.joint_names, ())
+    for term in comparisons:
+        if term.selected:
+            terms[term.joint] += ((term.field, term.term),)
+    return FrozenMapping({joint: selected for joint, selected in terms.items() if selected})
+
+
+def _with_known_of(robot: Robot, searched: Robot) -> Robot:
+    """Return a searched robot with no more known parameters than those of a robot."""
+    drives = {}
+    for joint, drive in searched.drives.items():
+        known = tuple(name for name in drive.known if name in robot.drives[joint].known)
+        drives[joint] = replace(drive, known=known)
+    return searched.with_drives(drives)
 
 
 def backlash_findings(
@@ -490,16 +497,7 @@ def with_default_terms(
     supported better: it is that of the comparison, as a known value. Other terms only compete: the
     criterion does not count them.
     """
-    open_drives = {
-        joint: drive
-        for joint, drive in robot.drives.items()
-        if isinstance(drive.friction, DefaultTerms)
-    }
-    of_joint: dict[str, list[Trial]] = {joint: [] for joint in open_drives}
-    for trial in (trial for side in selected for trial in side.selection.first):
-        candidate = trial.candidate
-        if candidate.joint in of_joint and candidate.field in ("friction", "spring"):
-            of_joint[candidate.joint].append(trial)
+    of_joint = _trials_of_open_drives(robot, selected)
     # a term is asked of each drive
     penalty = 2 * math.log(max(len(DEFAULTS) * len(of_joint), 1))
     drives: dict[str, Drive] = {}
@@ -522,6 +520,20 @@ def with_default_terms(
     if drives:
         robot, nominal = robot.with_drives(drives), nominal.with_drives(drives)
     return robot, nominal, notes
+
+
+def _trials_of_open_drives(
+    robot: Robot, selected: Sequence[SideSelection]
+) -> dict[str, list[Trial]]:
+    """Return the first trials of friction and springs where nobody named the friction, by joint."""
+    trials: dict[str, list[Trial]] = {
+        joint: [] for joint, x in robot.drives.items() if isinstance(x.friction, DefaultTerms)
+    }
+    for trial in (trial for side in selected for trial in side.selection.first):
+        candidate = trial.candidate
+        if candidate.joint in trials and candidate.field in ("friction", "spring"):
+            trials[candidate.joint].append(trial)
+    return trials
 
 
 def with_closed_terms(robot: Robot, identified: Robot) -> Robot:

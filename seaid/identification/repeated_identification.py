@@ -300,16 +300,16 @@ def cutoff_sensitivity(
     """
     if "cutoff_hz" in options:
         raise IdentificationError("cutoff_sensitivity varies cutoff_hz: give cutoffs_hz instead")
-    asked = [float(cutoff) for cutoff in ([] if cutoffs_hz is None else cutoffs_hz)]
+    asked = [] if cutoffs_hz is None else list(map(float, cutoffs_hz))
     if not all(0 < cutoff < np.inf for cutoff in asked):
         raise IdentificationError(f"cutoffs_hz must be more than 0 and finite, found {asked}")
     base = identify(robot, logs, **options)
     if cutoffs_hz is None:
-        asked = [factor * base.cutoff_hz for factor in _FACTORS]
+        asked = np.multiply(_FACTORS, base.cutoff_hz).tolist()
     cutoffs = sorted({*asked, base.cutoff_hz})
     robot = with_closed_terms(robot, base.known)
     names, units = _names(base)
-    values, errors = (np.full((len(cutoffs), len(names)), np.nan) for _ in range(2))
+    values, errors = np.full((2, len(cutoffs), len(names)), np.nan)
     refused: dict[float, str] = {}
     for place, cutoff in enumerate(track(cutoffs, "identifying per cutoff", progress)):
         try:

@@ -206,21 +206,15 @@ def spectra_of(
     fields = []
     for name in ("torque", "motor", "joint", "sign"):
         parts = [getattr(record, name)[-periods:, :count][..., picked] for record in records]
-        lines = [_transform(part, records[0].step_s) for part in parts]
-        fields.append(np.stack([line for line, _ in lines]))
+        fields.append(np.stack([_transform(part, records[0].step_s)[0] for part in parts]))
     hz: Array = np.asarray(np.fft.rfftfreq(count, records[0].step_s), dtype=np.float64)
     low, high = band_hz
     within = (hz > 0) & (hz >= low) & (hz <= high)
-    if harmonics is None and periodic:
-        excited = _excited(fields, hz, within)
-    elif harmonics is None:
-        power = np.sum(np.abs(fields[0]) ** 2, axis=(0, 1, 3)) * within
-        smooth = uniform_filter1d(power, 2 * NEAR + 1)
-        floor = _ABOVE_NOISE * np.median(smooth[len(smooth) * 3 // 4 :])
-        excited = within & (smooth > max(_BROAD_FLOOR * np.max(smooth), floor))
+    number = np.arange(len(hz))
+    if harmonics is not None:
+        excited = within & np.isin(number, harmonics)
     else:
-        excited = within & np.isin(np.arange(len(hz)), harmonics)
-    others = within & ~excited
+        excited = _excited(fields, hz, within) if periodic else _broadly_excited(fields[0], within)
     if np.sum(excited) < 2:
         raise IdentificationError(
             f"the logs have {np.sum(excited)} excited frequencies from {low:g} to {high:.4g} Hz; "
@@ -228,14 +222,21 @@ def spectra_of(
             "larger motion",
             "band_hz",
         )
-    others &= hz <= hz[excited][-1]
-    number = np.arange(len(hz))
+    others = within & ~excited & (hz <= hz[excited][-1])
     odd = others & (number % 2 == 1)
     if np.all(number[excited] % 2) and np.sum(odd) >= _FEWEST_LINES:
         others = odd  # distortion by dry friction is odd, and even lines do not show it
     torque, motor, joint, sign = (signal[:, :, excited] for signal in fields)
     unexcited = np.stack([signal[:, :, others] for signal in fields[:2]])
     return Spectra(hz[excited], torque, motor, joint, sign, hz[others], unexcited, periodic)
+
+
+def _broadly_excited(torque: Array, within: BoolArray) -> BoolArray:
+    """Return the lines (L,) of a log without periods whose torque is above its noise."""
+    power = np.sum(np.abs(torque) ** 2, axis=(0, 1, 3)) * within
+    smooth = uniform_filter1d(power, 2 * NEAR + 1)
+    floor = _ABOVE_NOISE * np.median(smooth[len(smooth) * 3 // 4 :])
+    return np.asarray(within & (smooth > max(_BROAD_FLOOR * np.max(smooth), floor)))
 
 
 def _excited(fields: Sequence[Array], hz: Array, within: BoolArray) -> BoolArray:

@@ -444,7 +444,7 @@ def held_poses(
     if not np.all(np.isfinite(robot.parameters)):
         raise IdentificationError("held poses need the inertial parameters of the bodies")
     drive = robot.drives[joint]
-    order = [log.joint_names.index(name) for name in robot.joint_names]
+    order = list(map(log.joint_names.index, robot.joint_names))
     position = log.joint_position[:, order]
     values = _sensed(robot.drives[joint], log, log.joint_names.index(joint), sensor)
     if np.isnan(values[0]) or np.any(np.isnan(position[0])):
