@@ -260,7 +260,7 @@ def standing_joints(
     That is their position [rad or m], NaN if the joint moves while its motor stands. Raises
     ExcitationError if no joint moves.
     """
-    moved = [joint for joint in robot.joint_names if any(_joint_moves(log, joint) for log in logs)]
+    moved = [joint for joint in robot.joint_names if _joint_moves(logs, joint)]
     if not moved:
         raise ExcitationError("no joint moves in the log: the motion does not excite the robot")
     if robot.floating_base is not None or not np.array_equal(robot.transmission, np.eye(robot.n)):
@@ -275,11 +275,14 @@ def standing_joints(
     return places
 
 
-def _joint_moves(log: Log, joint: str) -> bool:
-    """Whether an encoder of a joint, or the one of its motor, moves."""
-    index = log.joint_names.index(joint)
-    sides = (log.joint_position[:, index], log.motor_position[:, index])
-    return any(_moves(side) for side in sides if np.all(np.isfinite(side)))
+def _joint_moves(logs: Sequence[Log], joint: str) -> bool:
+    """Whether an encoder of a joint, or the one of its motor, moves in a log."""
+    sides = [
+        position[:, log.joint_names.index(joint)]
+        for log in logs
+        for position in (log.joint_position, log.motor_position)
+    ]
+    return any(np.all(np.isfinite(side)) and _moves(side) for side in sides)
 
 
 def _drive_moves(robot: Robot, logs: Sequence[Log], motions: Sequence[Motion], joint: str) -> bool:
@@ -303,11 +306,10 @@ def without_standing(
     """
     if not standing:
         return robot, tuple(used), {}
-    drives = {joint: robot.drives[joint] for joint in standing}
-    elastic = {joint: IDEAL_DRIVE for joint, drive in drives.items() if drive.is_elastic}
+    elastic = [joint for joint in standing if robot.drives[joint].is_elastic]
     stopped = {
-        joint: drive
-        for joint, drive in drives.items()
+        joint: robot.drives[joint]
+        for joint in standing
         if joint in elastic or (joint in used and motor_regressor(robot, joint).names)
     }
     moving = tuple(joint for joint in used if joint not in stopped)
@@ -317,7 +319,8 @@ def without_standing(
             "torque, so that no friction and no inertia is identifiable: move this joint"
         )
     places = {joint: place for joint, place in standing.items() if np.isfinite(place)}
-    robot = replace(robot.with_drives(elastic), at_rest=FrozenMapping(places, "joint"))
+    robot = robot.with_drives(dict.fromkeys(elastic, IDEAL_DRIVE))
+    robot = replace(robot, at_rest=FrozenMapping(places, "joint"))
     return robot, moving, stopped
 
 

@@ -207,11 +207,11 @@ def correct_delays(log: Log, delays: Sequence[Delay]) -> Log:
     delays_s = {name: delay.delay_s for name, delay in shifts.items()}
     kept, moved = on_time(log.time, columns, delays_s)
     corrected: dict[str, Any] = {field: values[kept].copy() for field, values in fields.items()}
+    report, start = list(log.report), float(log.time[0])
     for name, delay in shifts.items():
         corrected[delay.channel][:, log.joint_names.index(delay.joint)] = moved[name]
-    start = float(log.time[0])
-    report = (Repair(name, "delay", 1, start, f"{lag}; corrected") for name, lag in shifts.items())
-    return replace(log, time=log.time[kept], report=(*log.report, *report), **corrected)
+        report.append(Repair(name, "delay", 1, start, f"{delay}; corrected"))
+    return replace(log, time=log.time[kept], report=tuple(report), **corrected)
 
 
 def _column(log: Log, delay: Delay) -> str:

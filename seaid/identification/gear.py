@@ -154,8 +154,9 @@ def _own_estimate(drive: Drive, estimate: Estimate) -> Estimate:
     if not (drive.gear_compliance or drive.harmonics):
         return estimate
     names = estimate.names
-    known = {name: drive.values[name] for name in drive.known if name == "stiffness"}
-    values = known | dict(zip(names, estimate.values, strict=True))
+    values = dict(zip(names, estimate.values, strict=True))
+    if "stiffness" in drive.known:
+        values.setdefault("stiffness", drive.values["stiffness"])
     spring_values = of_spring(values, drive.gear_compliance)
     slopes = spring_slopes(values, drive.gear_compliance)
     J = np.array([[slopes[row].get(column, 0.0) for column in names] for row in names])
@@ -181,7 +182,7 @@ def for_sensors(result: Identification, motion: Motion) -> tuple[Identification,
     seen = {joint for joint in known.elastic_joints if has_deflection(motion, known.index(joint))}
     if seen - set(result.gears):
         assert motion.deflection is not None
-        used = [joint in result.gears for joint in known.joint_names]
+        used = np.isin(known.joint_names, [*result.gears])
         motion = replace(motion, deflection=np.where(used, motion.deflection, np.nan))
     blind = [joint for joint in result.gears if joint not in seen]
     drives, springs = dict(result.drive_side), dict(result.springs)

@@ -395,8 +395,8 @@ class _Model:
         joints = (term.joint,) if drive.is_elastic and term.field in AT_THE_MOTOR else ()
         robot = linearised(robot, self.motions, joints)
         searched = robot.drives[term.joint]
-        is_spring = term.field == "spring" and "stiffness" in searched.parameter_names
-        if is_spring and "stiffness" not in searched.values:
+        missing = {*searched.parameter_names} - {*searched.values}
+        if term.field == "spring" and "stiffness" in missing:
             raise IdentificationError(
                 f"joint '{term.joint}': with '{term.term}' its stiffness is not positive"
             )

@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import chain
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -776,12 +777,11 @@ def _held(start: Identification, layout: Layout, point: Point) -> Identification
         ]
         if not weak:
             continue
-        places = [place for place, name in enumerate(estimate.names) if name not in weak]
+        kept = [name for name in estimate.names if name not in weak]
         notes += consequences(
             start.findings, fixed_findings(joint, drive, weak, by_simulation=True)
         )
-        part = estimate.part(places, [estimate.names[place] for place in places])
-        sides[joint] = part
+        sides[joint] = estimate.part(list(map(estimate.names.index, kept)), kept)
         known[joint] = replace(drive, known=(*drive.known, *weak))
     if known == dict(start.known.drives):
         return None
@@ -864,7 +864,7 @@ def _iterated(
     settled = _SETTLED if window_s == WINDOW_S else _CLOSE_TO_LONGER
     shortest_s = SHORTEST_STRETCH / layout.identification.cutoff_hz
     parts = [part for log in logs for part in stretches(usable(log), shortest_s)]
-    runs = [run for k, part in enumerate(parts) for run in runs_of(layout, part, k, window_s)]
+    runs = list(chain(*(runs_of(layout, part, k, window_s) for k, part in enumerate(parts))))
     compared = {*layout.simulated, *layout.followed}
     has_others = bool({*layout.drives, *layout.identification.model.torque_joints} - compared)
     fixed = [measured(layout, part) for part in parts if has_others]
@@ -1001,12 +1001,10 @@ def _linear_runs(layout: Layout, runs: list[Run], x: Array) -> tuple[list[Residu
     sizes = [part for rows, _ in around for part in (rows.residual, rows.jacobian, rows.nuisance)]
     if not all(np.all(np.abs(size) < _LARGEST) for size in sizes):
         raise IdentificationError(diverges)
-    numbers = [run.log for run in runs]
-    residuals = [
-        joined([part for (part, _), log in zip(around, numbers, strict=True) if log == number])
-        for number in sorted(set(numbers))
-    ]
-    return residuals, [pull for _, pull in around]
+    by_log: dict[int, list[Residuals]] = {}
+    for run, (rows, _) in zip(runs, around, strict=True):
+        by_log.setdefault(run.log, []).append(rows)
+    return [joined(by_log[log]) for log in sorted(by_log)], [pull for _, pull in around]
 
 
 def _size(step: Step) -> float:

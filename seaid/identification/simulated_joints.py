@@ -184,8 +184,8 @@ def driven_motion(
     names = [joint for joint in model.torque_joints if joint in springs]
     if not names:
         return finer_side(robot, motion)
-    joints = [robot.index(joint) for joint in names]
-    rows = [model.torque_joints.index(joint) for joint in names]
+    joints = list(map(robot.index, names))
+    rows = list(map(model.torque_joints.index, names))
     fitted = fitted_robot(robot, model, load_side)
     lever = np.array([robot.drives[joint].load_radius ** 2 for joint in names])
     linear = [linear_spring(robot, joint, springs[joint]) for joint in names]
