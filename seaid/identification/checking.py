@@ -50,13 +50,7 @@ from seaid.identification.motor_side import with_regressed_angles, without_joint
 from seaid.identification.nonlinear_terms import linearised_robot
 from seaid.identification.two_step import estimate_two_step, joints_with_torque
 from seaid.log import Log, Motion, row_samples
-from seaid.regressor import (
-    actuator_rows,
-    is_linear,
-    load_model_of,
-    motor_regressor,
-    usable_rows,
-)
+from seaid.regressor import actuator_rows, is_linear, load_model_of, motor_regressor, usable_rows
 from seaid.robot import Robot
 
 

@@ -56,11 +56,7 @@ from seaid.identification.datasets import (
     rows_in_memory,
     sources_of,
 )
-from seaid.identification.drive_estimates import (
-    merged_estimates,
-    spring_of,
-    with_spring_torque,
-)
+from seaid.identification.drive_estimates import merged_estimates, spring_of, with_spring_torque
 from seaid.identification.gear import deflection_joints, with_rigid_gears
 from seaid.identification.identification import (
     Identification,

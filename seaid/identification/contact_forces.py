@@ -26,14 +26,7 @@ from seaid.identification.base_estimates import SensorBias, bodies_of_fit, whole
 from seaid.identification.datasets import Dataset
 from seaid.identification.gear import for_sensors
 from seaid.identification.inferred_contacts import FREE, LOADED
-from seaid.log import (
-    Motion,
-    decimated,
-    decimation,
-    in_band,
-    inside_transients,
-    smoothed_where,
-)
+from seaid.log import Motion, decimated, decimation, in_band, inside_transients, smoothed_where
 from seaid.regressor import (
     contact_equations,
     contact_force_columns,

@@ -16,19 +16,9 @@ from scipy import linalg
 
 from seaid._arrays import Array
 from seaid.checks import SURE
-from seaid.drives import (
-    Drive,
-    JointParameter,
-    parameter_named,
-)
+from seaid.drives import Drive, JointParameter, parameter_named
 from seaid.estimation import Estimate, FittedRows, QRFactor, triangle
-from seaid.regressor import (
-    Regression,
-    actuator_equation,
-    sensed_torque,
-    signals,
-    spring_regressor,
-)
+from seaid.regressor import Regression, actuator_equation, sensed_torque, signals, spring_regressor
 from seaid.robot import Robot
 from seaid.simulation import mass_matrix
 
@@ -215,11 +205,7 @@ def with_torque_offsets(
 
 
 def _separated(
-    robot: Robot,
-    load: FittedRows,
-    joint: str,
-    drive: Estimate,
-    offset: tuple[Estimate, int, Array],
+    robot: Robot, load: FittedRows, joint: str, drive: Estimate, offset: tuple[Estimate, int, Array]
 ) -> Estimate:
     """Return a drive with f_0 = s - b_0 N/r_M and b_0, the load side's column `place`."""
     spring, place, slopes = offset

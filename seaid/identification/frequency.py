@@ -16,12 +16,7 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid._progress import Result, counted
-from seaid.checks import (
-    contradicted_rotor,
-    stiffness_disagrees,
-    unseen_resonance,
-    wrong_minimum,
-)
+from seaid.checks import contradicted_rotor, stiffness_disagrees, unseen_resonance, wrong_minimum
 from seaid.drives import Drive, total_ratio
 from seaid.errors import Finding, IdentificationError, by_severity, checked, listed
 from seaid.estimation import Estimate

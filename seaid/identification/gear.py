@@ -73,10 +73,7 @@ def _with_gear(drive: Drive, stiffness: float | None) -> Drive:
 
 
 def gear_estimates(
-    robot: Robot,
-    datasets: Sequence[Dataset],
-    drives: Mapping[str, Estimate],
-    estimator: Estimator,
+    robot: Robot, datasets: Sequence[Dataset], drives: Mapping[str, Estimate], estimator: Estimator
 ) -> dict[str, tuple[Estimate, float | None]]:
     """Return stiffness, hysteresis and offset {joint: estimate} of gears, see `gear_regression`.
 

@@ -100,10 +100,7 @@ from seaid.identification.datasets import (
     processing_of,
     sources_of,
 )
-from seaid.identification.drive_estimates import (
-    negative_inertias,
-    with_estimate,
-)
+from seaid.identification.drive_estimates import negative_inertias, with_estimate
 from seaid.identification.gear import (
     deflection_joints,
     gear_estimates,
@@ -141,13 +138,7 @@ from seaid.identification.two_step import (
     with_unit_scales,
 )
 from seaid.log import Log, Motion, Processing, stretches, with_commanded_torque
-from seaid.regressor import (
-    BaseParameters,
-    LoadModel,
-    check_offset_std,
-    is_linear,
-    load_model_of,
-)
+from seaid.regressor import BaseParameters, LoadModel, check_offset_std, is_linear, load_model_of
 from seaid.robot import Robot
 
 if TYPE_CHECKING:

@@ -45,11 +45,7 @@ from seaid.drives import (
     parameter_named,
 )
 from seaid.errors import Finding, IdentificationError, LogError, checked, listed, unknown_name
-from seaid.estimation import (
-    FittedRows,
-    estimator_named,
-    fit,
-)
+from seaid.estimation import FittedRows, estimator_named, fit
 from seaid.identification.datasets import (
     Source,
     check_temperatures,
@@ -202,10 +198,7 @@ def _with_known_of(robot: Robot, searched: Robot) -> Robot:
 
 
 def backlash_findings(
-    robot: Robot,
-    logs: Sequence[Source],
-    weak: Iterable[str],
-    used: Sequence[str],
+    robot: Robot, logs: Sequence[Source], weak: Iterable[str], used: Sequence[str]
 ) -> Iterator[Finding]:
     """Yield the backlash of drives whose springs look `weak`; a finer cutoff shows its corners.
 

@@ -21,12 +21,7 @@ import numpy as np
 
 from seaid._arrays import Array, BoolArray, IndexArray
 from seaid._files import toml_table
-from seaid.checks import (
-    Scale,
-    duration_s,
-    scale_of,
-    size_of,
-)
+from seaid.checks import Scale, duration_s, scale_of, size_of
 from seaid.drives import (
     COULOMB,
     LEVEL_OF,
@@ -49,11 +44,7 @@ from seaid.estimation import (
 )
 from seaid.identification.datasets import Dataset, first_motion, rows_in_memory
 from seaid.identification.drive_estimates import spring_of, with_spring_torque, with_values
-from seaid.identification.two_step import (
-    LOAD,
-    spring_torque_joints,
-    two_step_equations,
-)
+from seaid.identification.two_step import LOAD, spring_torque_joints, two_step_equations
 from seaid.log import Motion, in_band_at, row_samples
 from seaid.regressor import (
     LoadModel,

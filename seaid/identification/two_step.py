@@ -320,11 +320,7 @@ def fit_actuator(
 
 
 def _with_noisy_deflection(
-    robot: Robot,
-    motions: Sequence[Motion],
-    joint: str,
-    fitted: FittedRows,
-    estimator: Estimator,
+    robot: Robot, motions: Sequence[Motion], joint: str, fitted: FittedRows, estimator: Estimator
 ) -> FittedRows:
     """Return the fit of (4b) by errors in variables, if its spring is linear and has an offset."""
     plain = fitted.estimate.names == ("stiffness", "spring_offset")
