@@ -300,12 +300,8 @@ def without_standing(
     """
     if not standing:
         return robot, tuple(used), {}
-    elastic = [joint for joint in standing if robot.drives[joint].is_elastic]
-    stopped = {
-        joint: robot.drives[joint]
-        for joint in standing
-        if joint in elastic or (joint in used and motor_regressor(robot, joint).names)
-    }
+    stopped = {joint: robot.drives[joint] for joint in standing if _acts(robot, joint, used)}
+    elastic = [joint for joint, drive in stopped.items() if drive.is_elastic]
     moving = tuple(joint for joint in used if joint not in stopped)
     if used and not moving:
         raise ExcitationError(
@@ -316,6 +312,13 @@ def without_standing(
     robot = robot.with_drives(dict.fromkeys(elastic, IDEAL_DRIVE))
     robot = replace(robot, at_rest=FrozenMapping(places, "joint"))
     return robot, moving, stopped
+
+
+def _acts(robot: Robot, joint: str, used: Sequence[str]) -> bool:
+    """Whether a drive has a spring, or terms in the equation of a joint whose torque is used."""
+    if robot.drives[joint].is_elastic:
+        return True
+    return joint in used and bool(motor_regressor(robot, joint).names)
 
 
 def check_channels(logs: Sequence[Log], locked: Collection[str] = ()) -> None:

@@ -12,6 +12,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from seaid._arrays import Array
 from seaid._progress import track
 from seaid.drives import BY_TEMPERATURE
 from seaid.errors import IdentificationError
@@ -127,14 +128,7 @@ def check_temperatures(robot: Robot, datasets: Sequence[Dataset], only: str | No
                 f"log has none: log '{column}', or remove its terms "
                 f"{', '.join(term for term in drive.friction if term in BY_TEMPERATURE)}"
             )
-        warmth = np.concatenate(
-            [
-                np.asarray(
-                    log.motor_temperature if isinstance(log, Motion) else log.temperature_range
-                )
-                for log in datasets
-            ]
-        )[:, index]
+        warmth = np.concatenate([_temperatures(dataset) for dataset in datasets])[:, index]
         low, high = float(np.min(warmth)), float(np.max(warmth))
         if high - low < LEAST_RANGE_K:
             raise IdentificationError(
@@ -142,6 +136,13 @@ def check_temperatures(robot: Robot, datasets: Sequence[Dataset], only: str | No
                 f"needs a range of {LEAST_RANGE_K:g} K or more. Add a log with a warmer or colder "
                 f"motor, or remove the terms from friction of '{joint}'"
             )
+
+
+def _temperatures(dataset: Dataset) -> Array:
+    """Return the temperatures (T, n) of the motors, of a log read in pieces the extreme ones."""
+    if isinstance(dataset, Motion):
+        return np.asarray(dataset.motor_temperature)
+    return np.asarray(dataset.temperature_range)
 
 
 def has_temperature(motion: Motion, index: int) -> bool:

@@ -285,12 +285,8 @@ def _extended(
             try:
                 model = model.with_term(best)
             except IdentificationError as problem:  # such as a warm-up longer than the log
-                reason = str(problem)
-                terms = [
-                    replace(term, comparison=None, reason=reason) if term is best else term
-                    for term in terms
-                ]
-                best = None
+                place, best = terms.index(best), None
+                terms[place] = replace(terms[place], comparison=None, reason=str(problem))
         comparisons += [replace(term, selected=term is best) for term in terms]
         if best is None:
             break

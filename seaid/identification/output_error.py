@@ -725,15 +725,15 @@ def refined_with_logs(
     layout = layout_of(identification, encoder_offset_std, unseen)
     if not (layout.simulated or encoder_offset_std):
         return _with_finding(identification, nothing_to_simulate()), logs
-    simulated = _filled(layout, logs, layout.start)
+    simulated, first = _filled(layout, logs, layout.start), layout.start
     if unseen:
-        _, point = _iterated(layout, simulated, layout.start, iterations, progress, SHORT_WINDOW_S)
-        simulated = [_simulated_log(layout, log, point.runs) for log in logs]
-    first = point.x if unseen else layout.start
+        _, point = _iterated(layout, simulated, first, iterations, progress, SHORT_WINDOW_S)
+        simulated, first = _simulated_logs(layout, logs, point), point.x
     start, point = _iterated(layout, simulated, first, iterations, progress)
-    if not _size(point.step) < _CLOSE and (held := _held(identification, layout, point)):
-        return refined_with_logs(held, logs, encoder_offset_std, iterations, progress)
     if not _size(point.step) < _CLOSE:
+        held = _held(identification, layout, point)
+        if held is not None:
+            return refined_with_logs(held, logs, encoder_offset_std, iterations, progress)
         raise IdentificationError(
             f"the refinement did not converge in {iterations} iterations: its next step would be "
             f"{_size(point.step):.2g} standard errors; use the result of identify, if the logs and "
@@ -746,7 +746,7 @@ def refined_with_logs(
         refined = with_motor_side_findings(
             _refined(layout, point, noise[:p, :p]), terms, point.runs[0].motion
         )
-        return refined, [_simulated_log(layout, log, point.runs) for log in logs]
+        return refined, _simulated_logs(layout, logs, point)
     point = _with_noisy_deflections(layout, point, logs)
     refined = _refined(layout, point)
     reason, evidence = _worse(identification, refined, logs, _zeros(layout, point.x))
@@ -841,7 +841,7 @@ def first_estimate(identification: Identification, logs: list[Log]) -> FirstEsti
     if any(point.x[layout.spring(joint)[0]] <= 0 for joint in layout.unseen):
         raise IdentificationError("the search of the stiffness ended below zero")
     at_noise = point.step.stds[channels] <= _AT_NOISE * np.maximum(noise, _SMALLEST_TORQUE)
-    simulated = [_simulated_log(layout, log, point.runs) for log in logs]
+    simulated = _simulated_logs(layout, logs, point)
     return FirstEstimate(point.step.merit, simulated, bool(np.all(at_noise)))
 
 
@@ -884,6 +884,11 @@ def _filled(layout: Layout, logs: list[Log], x: Array) -> list[Log]:
         for joint in layout.unseen
     }
     return [with_joint_angles(known, log, drives, cutoff_hz) if drives else log for log in logs]
+
+
+def _simulated_logs(layout: Layout, logs: Sequence[Log], point: Point) -> list[Log]:
+    """Return the simulated parts of logs with the simulated angles of the unseen joints."""
+    return [_simulated_log(layout, log, point.runs) for log in logs]
 
 
 def _simulated_log(layout: Layout, log: Log, runs: list[Run]) -> Log:
