@@ -402,23 +402,9 @@ def _starts(spectra: Spectra, parameters: _Parameters) -> tuple[list[Array], lis
 
     A single joint without a nominal stiffness starts from a scan, coupled ones also at random.
     """
-    nominal = parameters.start
-    e = nominal.elastic
-    U, Y, s = spectra.torque.mean(1), spectra.motor.mean(1), 2j * np.pi * spectra.hz
-    rigid_mass, friction, gravity = _rigid(U, Y, s)
-    mass = nominal.mass
-    inertia = nominal.inertia.copy()
-    unknown = e & ~np.isfinite(inertia)
-    inertia[unknown] = _RIGID * np.abs(np.diag(rigid_mass))[unknown]
-    if not np.all(np.diag(mass) > 0):  # NaN, or links without a mass
-        nominal = replace(nominal, gravity=np.full_like(gravity, np.nan))
-        mass = rigid_mass - np.diag(inertia * e)
-        least = _RIGID * np.maximum(np.abs(np.diag(rigid_mass)), inertia * e)
-        mass = mass + np.diag(np.maximum(least - np.diag(mass), 0.0))
-    if not np.all(np.isfinite(nominal.gravity)):
-        nominal = replace(nominal, gravity=gravity)
-    base = replace(nominal, mass=mass, inertia=inertia, friction=np.maximum(friction, 0.0))
-    level = 0.1 * np.sqrt(np.mean(np.abs(U) ** 2, axis=(0, 1)))
+    nominal, e = parameters.start, parameters.start.elastic
+    base = _with_rigid_values(spectra, nominal)
+    level = 0.1 * np.sqrt(np.mean(np.abs(spectra.torque.mean(1)) ** 2, axis=(0, 1)))
     known = np.where(e, nominal.inertia, 0.0)
     rotors = [known] if np.all(np.isnan(known[e])) else [known, np.where(e, np.nan, 0.0)]
     first = [
@@ -435,11 +421,30 @@ def _starts(spectra: Spectra, parameters: _Parameters) -> tuple[list[Array], lis
         scan = np.geomspace(spectra.hz[0] * 2, spectra.hz[-1], _SCAN)
         same = [_with_antiresonances(base, hz) for hz in scan]
         first, further = (first, same + further) if coupled else (first + same, further)
-    vectors = [
-        [parameters.vector(_lightly_damped(joints), level) for joints in some]
-        for some in (first, further)
-    ]
-    return vectors[0], vectors[1]
+
+    def vector(joints: LinearJoints) -> Array:
+        return parameters.vector(_lightly_damped(joints), level)
+
+    return list(map(vector, first)), list(map(vector, further))
+
+
+def _with_rigid_values(spectra: Spectra, nominal: LinearJoints) -> LinearJoints:
+    """Return nominal joints with the friction, and what they lack, of a rigid robot."""
+    U, Y, s = spectra.torque.mean(1), spectra.motor.mean(1), 2j * np.pi * spectra.hz
+    rigid_mass, friction, rigid_gravity = _rigid(U, Y, s)
+    mass, gravity, e = nominal.mass, nominal.gravity, nominal.elastic
+    inertia = nominal.inertia.copy()
+    unknown = e & ~np.isfinite(inertia)
+    inertia[unknown] = _RIGID * np.abs(np.diag(rigid_mass))[unknown]
+    has_masses = bool(np.all(np.diag(mass) > 0))  # not NaN, nor links without a mass
+    if not has_masses:
+        mass = rigid_mass - np.diag(inertia * e)
+        least = _RIGID * np.maximum(np.abs(np.diag(rigid_mass)), inertia * e)
+        mass = mass + np.diag(np.maximum(least - np.diag(mass), 0.0))
+    if not has_masses or not np.all(np.isfinite(gravity)):
+        gravity = rigid_gravity
+    friction = np.maximum(friction, 0.0)
+    return replace(nominal, mass=mass, gravity=gravity, inertia=inertia, friction=friction)
 
 
 def _with_antiresonances(joints: LinearJoints, hz: Array) -> LinearJoints:

@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import compress
 from typing import Any
 
 import numpy as np
@@ -222,15 +223,7 @@ def _cutoff_findings(
     cutoff_hz = few[0].cutoff_hz
     wider = [replace(motion, cutoff_hz=WIDER * cutoff_hz) for motion in few]
     ways = (f"a cutoff of {cutoff_hz:.3g} Hz", f"a cutoff of {WIDER * cutoff_hz:.3g} Hz")
-    equations: dict[str, tuple[Regress, FittedRows]] = {
-        joint: (
-            partial(_actuator_rows, robot, joint=joint, fit=fit),
-            _with_shared_delays(robot, fit, joint),
-        )
-        for joint, fit in sides.actuators.items()
-        if not has_only_spring_torque(robot, motions, joint)
-    }
-    equations[LOAD] = partial(load_regression, robot, model=model, springs=sides.springs), load
+    equations = _compared_equations(robot, motions, model, sides, load)
     # of long logs, the rows of the fit are those of more than the first pieces
     in_memory = all(isinstance(dataset, Motion) for dataset in datasets)
     for joint, (regress, fit) in equations.items():
@@ -243,12 +236,25 @@ def _cutoff_findings(
         else:
             narrow = fit_of(shared(stacked(list(map(regress, few)))), weights)
         scores = _scores([narrow, wide], fit.estimate, fit.propagated)
-        better = _better_cutoff(robot, joint, cutoff_hz, np.array(rows.names)[scores > 0])
+        better = _better_cutoff(robot, joint, cutoff_hz, compress(rows.names, scores))
         remedy = f"{better}; compare others with cutoff_sensitivity"
         values = [narrow.values, wide.values]
         yield from disagreement(
             CODES["cutoff-sensitive"], joint, narrow.rows, values, scores, ways, remedy
         )
+
+
+def _compared_equations(
+    robot: Robot, motions: list[Motion], model: LoadModel, sides: RobotEstimate, load: FittedRows
+) -> dict[str, tuple[Regress, FittedRows]]:
+    """Return the equations of drives with a motor torque, and of the load side, with their fits."""
+    equations: dict[str, tuple[Regress, FittedRows]] = {}
+    for joint, fit in sides.actuators.items():
+        if not has_only_spring_torque(robot, motions, joint):
+            regress = partial(_actuator_rows, robot, joint=joint, fit=fit)
+            equations[joint] = regress, _with_shared_delays(robot, fit, joint)
+    equations[LOAD] = partial(load_regression, robot, model=model, springs=sides.springs), load
+    return equations
 
 
 def _better_cutoff(robot: Robot, joint: str, cutoff_hz: float, differing: Iterable[str]) -> str:

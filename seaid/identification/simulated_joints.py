@@ -189,8 +189,7 @@ def driven_motion(
     fitted = fitted_robot(robot, model, load_side)
     lever = np.array([robot.drives[joint].load_radius ** 2 for joint in names])
     linear = [linear_spring(robot, joint, springs[joint]) for joint in names]
-    rate = lever * [spring.stiffness for spring in linear]
-    damping = lever * [spring.damping for spring in linear]
+    rate, damping = lever * np.transpose([(x.stiffness, x.damping) for x in linear])
     parallel = [_parallel_matrix(robot, model, load_side, name) for name in _PARALLEL]
     turned = at_drives(robot.transmission, motion.joint_position)
     reading = low_pass(turned[:, joints], motion.rate_hz, motion.cutoff_hz)

@@ -203,16 +203,16 @@ def spectra_of(
     """Return the spectra of joints in a band; `harmonics` are the excited ones, else looked for."""
     periods = min(len(record.torque) for record in records)
     count = min(record.torque.shape[1] for record in records)
-    fields = []
+    signals = []
     for name in ("torque", "motor", "joint", "sign"):
         parts = [getattr(record, name)[-periods:, :count][..., picked] for record in records]
-        fields.append(np.stack([_transform(part, records[0].step_s)[0] for part in parts]))
+        signals.append(np.stack([_transform(part, records[0].step_s)[0] for part in parts]))
+    fields = np.stack(signals)
     hz: Array = np.asarray(np.fft.rfftfreq(count, records[0].step_s), dtype=np.float64)
     low, high = band_hz
     within = (hz > 0) & (hz >= low) & (hz <= high)
-    number = np.arange(len(hz))
     if harmonics is not None:
-        excited = within & np.isin(number, harmonics)
+        excited = within & np.isin(np.arange(len(hz)), harmonics)
     else:
         excited = _excited(fields, hz, within) if periodic else _broadly_excited(fields[0], within)
     if np.sum(excited) < 2:
@@ -222,13 +222,19 @@ def spectra_of(
             "larger motion",
             "band_hz",
         )
-    others = within & ~excited & (hz <= hz[excited][-1])
-    odd = others & (number % 2 == 1)
-    if np.all(number[excited] % 2) and np.sum(odd) >= _FEWEST_LINES:
-        others = odd  # distortion by dry friction is odd, and even lines do not show it
-    torque, motor, joint, sign = (signal[:, :, excited] for signal in fields)
-    unexcited = np.stack([signal[:, :, others] for signal in fields[:2]])
+    others = _unexcited(hz, within, excited)
+    torque, motor, joint, sign = fields[:, :, :, excited]
+    unexcited = fields[:2, :, :, others]
     return Spectra(hz[excited], torque, motor, joint, sign, hz[others], unexcited, periodic)
+
+
+def _unexcited(hz: Array, within: BoolArray, excited: BoolArray) -> BoolArray:
+    """Return the lines (L,) that show the distortion below the highest excited one."""
+    others: BoolArray = np.asarray(within & ~excited & (hz <= hz[excited][-1]))
+    is_odd = np.arange(len(hz)) % 2 == 1
+    if np.all(is_odd[excited]) and np.sum(others & is_odd) >= _FEWEST_LINES:
+        others &= is_odd  # distortion by dry friction is odd, and even lines do not show it
+    return others
 
 
 def _broadly_excited(torque: Array, within: BoolArray) -> BoolArray:
@@ -239,7 +245,7 @@ def _broadly_excited(torque: Array, within: BoolArray) -> BoolArray:
     return np.asarray(within & (smooth > max(_BROAD_FLOOR * np.max(smooth), floor)))
 
 
-def _excited(fields: Sequence[Array], hz: Array, within: BoolArray) -> BoolArray:
+def _excited(fields: Array, hz: Array, within: BoolArray) -> BoolArray:
     """Return the lines (L,) that stand out of those near them, in torque or in acceleration.
 
     They stand out of what differs between periods too.
