@@ -345,8 +345,17 @@ def identify(
     >>> result = seaid.identify(robot, seaid.read_log("run.csv", robot), feasible=True)
     >>> print(result.summary())
     """
-    way = (method, estimator, encoder_offset_std, known_std, feasible)
-    options = _Options(torque_joints, cutoff_hz, executor, progress, *way)
+    options = _Options(
+        torque_joints=torque_joints,
+        method=method,
+        estimator=estimator,
+        feasible=feasible,
+        cutoff_hz=cutoff_hz,
+        encoder_offset_std=encoder_offset_std,
+        known_std=known_std,
+        executor=executor,
+        progress=progress,
+    )
     result, fixed, unscaled = with_unit_scales(
         {"": robot}, lambda robots: _identify(robots[""], logs, options)
     )
@@ -369,14 +378,14 @@ class _Options:
     """The options of `identify`."""
 
     torque_joints: str | Sequence[str] | None
-    cutoff_hz: float | None
-    executor: Executor | None
-    progress: bool
     method: Method
     estimator: EstimatorName
+    feasible: bool
+    cutoff_hz: float | None
     encoder_offset_std: float
     known_std: Mapping[str, float]
-    feasible: bool
+    executor: Executor | None
+    progress: bool
 
     @property
     def of_two_steps(self) -> tuple[Estimator, float, Executor | None, bool]:
