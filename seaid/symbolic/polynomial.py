@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import sympy as sp
 from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx, fmpq_poly
@@ -20,6 +20,7 @@ from seaid.errors import SymbolicError
 Exponents = tuple[int, ...]
 
 Part = TypeVar("Part")
+Member = TypeVar("Member")
 
 MAX_TERMS = 500_000
 """Default limit on the terms of one polynomial, a few hundred megabytes."""
@@ -113,26 +114,32 @@ def _rationalised(
     if not present:
         return numerator, denominator
     one_moves = len(present.intersection(ring.motion)) == 1
-    for place, degree, relation in ring.relations:
-        power = denominator.degrees()[place]
-        if power < 1:
-            continue
-        x = ring.context.gen(place)
-        parts = collect(ring, denominator, place)
-        powers = collect(ring, relation, place)
-        if len(parts) == 1 and powers.keys() == {0, degree}:
-            factor = x ** (degree - power)
-        elif degree == 2 and (one_moves or place not in ring.motion):
-            # the conjugate of a + b x with x^2 + l x + c = 0 is a - b l - b x
-            a, b, zero = parts.get(0, ring.constant(0)), parts[1], ring.constant(0)
-            factor = a - multiply(ring, b, powers.get(1, zero)) - x * b
-        elif all(part.is_constant() for part in (*parts.values(), *powers.values())):
-            factor = _inverse(ring, place, parts, powers)
-        else:
-            continue
-        numerator = multiply(ring, numerator, factor)
-        denominator = multiply(ring, denominator, factor)
+    for relation in ring.relations:
+        if denominator.degrees()[relation.generator] > 0:
+            factor = _freeing(ring, denominator, relation, one_moves)
+            if factor is not None:
+                numerator = multiply(ring, numerator, factor)
+                denominator = multiply(ring, denominator, factor)
     return numerator, denominator
+
+
+def _freeing(
+    ring: Ring, denominator: fmpq_mpoly, relation: Relation, one_moves: bool
+) -> fmpq_mpoly | None:
+    """Return the factor that frees a denominator of a generator; None if the factor is long."""
+    place, degree, polynomial = relation
+    x, zero = ring.context.gen(place), ring.constant(0)
+    parts = collect(ring, denominator, place)
+    powers = collect(ring, polynomial, place)
+    if len(parts) == 1 and powers.keys() == {0, degree}:
+        return x ** (degree - max(parts))
+    if degree == 2 and (one_moves or place not in ring.motion):
+        # the conjugate of a + b x with x^2 + l x + c = 0 is a - b l - b x
+        b = parts[1]
+        return parts.get(0, zero) - multiply(ring, b, powers.get(1, zero)) - x * b
+    if all(part.is_constant() for part in (*parts.values(), *powers.values())):
+        return _inverse(ring, place, parts, powers)
+    return None
 
 
 def _inverse(
@@ -146,6 +153,11 @@ def _inverse(
     x = ring.context.gen(place)
     factors = value.xgcd(modulus)[1].coeffs()
     return sum((factor * x**n for n, factor in enumerate(factors)), ring.constant(0))
+
+
+def occurring(polynomial: Any) -> list[int]:
+    """Return the places of the generators that a polynomial contains."""
+    return [i for i, degree in enumerate(polynomial.degrees()) if degree > 0]
 
 
 def collect(ring: Ring, polynomial: fmpq_mpoly, place: int) -> dict[int, fmpq_mpoly]:
@@ -235,6 +247,15 @@ def power(ring: Ring, base: Ratio, exponent: int) -> Ratio:
         return Ratio(reduced(ring, base.numerator**exponent), base.denominator)
     unity = from_polynomial(ring, ring.constant(1))
     return by_doubling(partial(product, ring), base, exponent, unity)
+
+
+def connected(sets: Iterable[Iterable[Member]]) -> list[set[Member]]:
+    """Return the unions of the sets that share members, directly or through other sets."""
+    unions: list[set[Member]] = []
+    for members in map(set, sets):
+        union = members.union(*(x for x in unions if x & members))
+        unions = [*(x for x in unions if not x & members), union]
+    return unions
 
 
 def by_doubling(combine: Callable[[Part, Part], Part], part: Part, times: int, none: Part) -> Part:
