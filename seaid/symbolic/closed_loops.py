@@ -9,10 +9,10 @@ symbols, and confirmed at further points.
 from __future__ import annotations
 
 import random
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
-from itertools import chain, combinations_with_replacement
+from itertools import chain, combinations_with_replacement, islice
 from math import prod
 from typing import Any
 
@@ -29,10 +29,22 @@ from sympy.core.function import AppliedUndef
 
 from seaid.errors import SymbolicError
 from seaid.symbolic.generators import root, subexpressions
-from seaid.symbolic.polynomial import Exponents, Ratio, Relation, Ring, from_polynomial, ratio
+from seaid.symbolic.polynomial import (
+    Exponents,
+    Ratio,
+    Relation,
+    Ring,
+    connected,
+    from_polynomial,
+    occurring,
+    ratio,
+)
 
 Values = dict[int, int]
 """{place of a generator: its value modulo the prime}."""
+
+Factors = dict[tuple[int, int], int]
+"""{(row of the echelon form, dependent column): factor modulo the prime}."""
 
 _LARGEST_PRIME = 2**127 - 1
 _LONGEST = 2**48
@@ -52,20 +64,21 @@ def prolonged(
     relations: Sequence[sp.Expr], equations: Sequence[sp.Expr], signals: Sequence[sp.Expr]
 ) -> list[sp.Expr]:
     """Return the relations with their derivatives, up to the order of those in the equations."""
-
-    def order(expressions: Iterable[sp.Expr]) -> int:
-        derivatives = (x for x in subexpressions(*expressions) if isinstance(x, sp.Derivative))
-        return max((int(derivative.derivative_count) for derivative in derivatives), default=0)
-
     if not relations:
         return []
     time = {s for x in signals if isinstance(x, AppliedUndef) for s in x.free_symbols}
-    highest, result = order((*relations, *equations)), []
+    highest, result = _order(subexpressions(*relations, *equations)), []
     for relation in relations:
-        for _ in range(highest - order([relation]) + 1):
+        for _ in range(highest - _order(subexpressions(relation)) + 1):
             result.append(relation)
             relation = sp.Add(*(relation.diff(t) for t in time))
     return [relation for relation in result if relation != 0]
+
+
+def _order(expressions: Iterable[sp.Basic]) -> int:
+    """Return the highest order of the derivatives among expressions."""
+    derivatives = (x for x in expressions if isinstance(x, sp.Derivative))
+    return max((int(derivative.derivative_count) for derivative in derivatives), default=0)
 
 
 def check_closures(ring: Ring, closures: Sequence[Any], relations: Sequence[sp.Expr]) -> None:
@@ -73,10 +86,11 @@ def check_closures(ring: Ring, closures: Sequence[Any], relations: Sequence[sp.E
     roots = {root(base, unit) for base, unit in ring.units["root"].items()}
     related = {ring.generators[relation.generator] for relation in ring.relations}
     for closure, relation in zip(closures, relations, strict=True):
-        places = [i for i, degree in enumerate(closure.degrees()) if degree > 0]
-        if not any(i in ring.motion for i in places):
+        places = occurring(closure)
+        if set(ring.motion).isdisjoint(places):
             raise SymbolicError(f"the relation {relation} = 0 contains no signal of motion")
-        for x in (ring.generators[i] for i in places):
+        for place in places:
+            x = ring.generators[place]
             allowed = sp.Symbol | AppliedUndef | sp.Derivative | sp.sin | sp.cos
             is_number = isinstance(x, sp.NumberSymbol) or x in related
             if not (is_number if x.is_number else isinstance(x, allowed) or x in roots):
@@ -107,26 +121,16 @@ def base_columns(
     base = loops.known()
     pivots, entries = loops.echelon(base, loops.check_one_motion(base))
     groups = loops.known_groups()
-    changed = [loops.echelon(loops.known(base, group))[1] for group in groups]
-    samples: list[tuple[Values, dict[tuple[int, int], int]]] = []
-
-    def sample(key: tuple[int, int], count: int) -> list[tuple[Values, int]]:
-        count += 3 * loops.conjugates
-        while len(samples) < count:
-            values = loops.known()
-            samples.append((values, loops.echelon(values)[1]))
-        return [(values, factors.get(key, 0)) for values, factors in samples[:count]]
-
+    changes = [(group, loops.echelon(loops.known(base, group))[1]) for group in groups]
     unity = from_polynomial(ring, ring.constant(1))
     echelon = [{pivot: unity} for pivot in pivots]
     for key, value in entries.items():
-        acting = [
-            place
-            for group, factors in zip(groups, changed, strict=True)
+        acting = (
+            group
+            for group, factors in changes
             if factors.get(key) != value or ring.generators[group[0]].is_number
-            for place in group
-        ]
-        echelon[key[0]][key[1]] = _interpolated(loops, acting, partial(sample, key))
+        )
+        echelon[key[0]][key[1]] = _interpolated(loops, list(chain(*acting)), key)
     return echelon, pivots
 
 
@@ -139,7 +143,7 @@ def _loops(ring: Ring, table: _Table, closures: tuple[Any, ...], width: int) -> 
     There sqrt(3) is a residue with two signs, of which neither is the positive one.
     """
     prime, relations = _LARGEST_PRIME, _number_relations(ring)
-    places = {i for relation in relations for i in _places(relation.polynomial)}
+    places = {i for relation in relations for i in occurring(relation.polynomial)}
     conjugates = prod(relation.degree for relation in relations)
     for _ in range(_MOST_DRAWS):
         loops = _Loops(ring, table, closures, width, prime, conjugates)
@@ -168,6 +172,7 @@ class _Loops:
     prime: int
     conjugates: int
     draw: random.Random = field(default_factory=lambda: random.Random(1))
+    samples: list[tuple[Values, Factors]] = field(default_factory=list)
 
     @cached_property
     def context(self) -> Any:
@@ -183,9 +188,8 @@ class _Loops:
         relations = [r.polynomial for r in self.ring.relations if r.generator not in free | known]
         levels: dict[int, list[fmpz_mod_mpoly]] = {}
         for p in (*relations, *self.closures):
-            derivatives = [generators[i] for i in _places(p)]
-            orders = [x.derivative_count for x in derivatives if isinstance(x, sp.Derivative)]
-            levels.setdefault(max(map(int, orders), default=0), []).append(self.modular(p))
+            level = _order(generators[i] for i in occurring(p))
+            levels.setdefault(level, []).append(self.modular(p))
         return [levels.get(level, []) for level in range(max(levels) + 1)]
 
     def modular(self, polynomial: Any) -> Any:
@@ -197,21 +201,17 @@ class _Loops:
 
     def known_groups(self) -> list[list[int]]:
         """Return the known generators that occur, those that a relation couples together."""
-        ratios = [x for row in self.table for _, line in row for x in line.values()]
+        ratios = chain(*(line.values() for row in self.table for _, line in row))
         polynomials = [*self.closures, *chain(*ratios)]
-        occurring = {i for p in polynomials for i in _places(p)} & set(self.ring.known)
-        groups = [{i} for i in sorted(occurring)]
-        for relation in self.ring.relations:
-            coupled = set(_places(relation.polynomial))
-            if coupled & occurring:
-                together = coupled.union(*(group for group in groups if group & coupled))
-                groups = [*(group for group in groups if not group & coupled), together]
-        return [sorted(group) for group in groups]
+        places = {i for p in polynomials for i in occurring(p)} & set(self.ring.known)
+        related = [occurring(relation.polynomial) for relation in self.ring.relations]
+        coupled = [several for several in related if not places.isdisjoint(several)]
+        return [sorted(group) for group in connected([*([i] for i in sorted(places)), *coupled])]
 
-    def known(self, others: Values | None = None, group: Sequence[int] = ()) -> Values:
+    def known(self, others: Mapping[int, int] = {}, group: Sequence[int] = ()) -> Values:
         """Return random values of the known generators, with `others` for those not in `group`."""
         relations = [r for r in self.ring.relations if r.generator in self.ring.known]
-        fixed = {i: x for i, x in (others or {}).items() if i not in group}
+        fixed = {i: x for i, x in others.items() if i not in group}
         for _ in range(_MOST_DRAWS):
             polynomials = [_at(self.modular(r.polynomial), fixed) for r in relations]
             solutions = _solutions(self, polynomials)
@@ -232,8 +232,7 @@ class _Loops:
         polynomials = [_at(p, known) for p in self.levels[0]]
         for _ in range(_MOST_DRAWS):
             drawn = _drawn(self, polynomials, first) if first else {}
-            solutions = _solutions(self, [_at(p, drawn) for p in polynomials])
-            yield [drawn | rest for rest in solutions]
+            yield _completed(self, polynomials, [drawn])
 
     def check_one_motion(self, known: Values) -> list[Values]:
         """Return solutions; raise SymbolicError if they are none, or those of several motions.
@@ -242,11 +241,10 @@ class _Loops:
         """
         angles = [r.polynomial for r in self.ring.relations if r.generator in self.ring.motion]
         result = []
-        moving = {i for p in self.levels[0] for i in _places(p)} - set(self.ring.known)
-        pairs = [pair for pair in map(_places, angles) if moving.issuperset(pair)]
+        moving = set(chain(*map(occurring, self.levels[0]))) - set(self.ring.known)
+        pairs = [pair for pair in map(occurring, angles) if moving.issuperset(pair)]
         for first in [(), *pairs, *([i] for i in moving - set(chain(*pairs)))]:
-            drawn = zip(range(_DRAWS), self.places_of_motion(known, first), strict=False)
-            solutions = list(chain(*(several for _, several in drawn)))
+            solutions = list(chain(*islice(self.places_of_motion(known, first), _DRAWS)))
             result += [] if first else solutions
             if len(solutions) > _MOST_MOTIONS * _DRAWS:
                 raise SymbolicError(
@@ -257,10 +255,28 @@ class _Loops:
             raise SymbolicError(f"no motion satisfies the relations: {_DRAWS} random places fail")
         return result
 
+    def factors(self, key: tuple[int, int], count: int) -> list[tuple[Values, int]]:
+        """Return random known values, each with the factor at `key` that the echelon form has."""
+        count += 3 * self.conjugates
+        while len(self.samples) < count:
+            values = self.known()
+            self.samples.append((values, self.echelon(values)[1]))
+        return [(values, factors.get(key, 0)) for values, factors in self.samples[:count]]
+
     def echelon(
         self, known: Values, start: Sequence[Values] = ()
-    ) -> tuple[tuple[int, ...], dict[tuple[int, int], int]]:
-        """Return the pivots, and {(row, dependent column): factor}, for known values."""
+    ) -> tuple[tuple[int, ...], Factors]:
+        """Return the pivots, and the factors of the dependent columns, for known values."""
+        lines = self.reduced(self._rows(known, start), self.width)
+        return tuple(lines), {
+            (i, j): x
+            for i, line in enumerate(lines.values())
+            for j, x in enumerate(line)
+            if x and j not in lines
+        }
+
+    def _rows(self, known: Values, start: Sequence[Values]) -> list[list[int]]:
+        """Return rows of the regressor at `start` and at random places, more than its columns."""
         table = [
             [(motion, {j: self._value(x, known) for j, x in row.items()}) for motion, row in rows]
             for rows in self.table
@@ -272,19 +288,14 @@ class _Loops:
             rows += [self._row(several, point) for several in table] if point else []
             if len(rows) >= self.width + _MORE_ROWS:
                 break
-        matrix, rank = self.reduced(rows, self.width)
-        echelon = [[int(x) for x in line] for line in matrix.tolist()[:rank]]
-        pivots = tuple(next(j for j, x in enumerate(line) if x) for line in echelon)
-        return pivots, {
-            (i, j): x
-            for i, line in enumerate(echelon)
-            for j, x in enumerate(line)
-            if x and j not in pivots
-        }
+        return rows
 
-    def reduced(self, rows: list[list[int]], width: int) -> tuple[fmpz_mod_mat, int]:
-        entries = list(chain(*rows))
-        return fmpz_mod_mat(len(rows), width, entries, fmpz_mod_ctx(self.prime)).rref()
+    def reduced(self, rows: list[list[int]], width: int) -> dict[int, list[int]]:
+        """Return the rows of the echelon form as {pivot: row}."""
+        entries, modulus = list(chain(*rows)), fmpz_mod_ctx(self.prime)
+        matrix, rank = fmpz_mod_mat(len(rows), width, entries, modulus).rref()
+        lines = [[int(x) for x in line] for line in matrix.tolist()[:rank]]
+        return {next(j for j, x in enumerate(line) if x): line for line in lines}
 
     def _with_rates(self, point: Values, rates: list[list[fmpz_mod_mpoly]]) -> Values | None:
         for polynomials in rates:
@@ -326,10 +337,6 @@ def _at(polynomial: fmpz_mod_mpoly, values: Mapping[Any, Any]) -> fmpz_mod_mpoly
     return polynomial.subs(values)
 
 
-def _places(polynomial: Any) -> list[int]:
-    return [i for i, degree in enumerate(polynomial.degrees()) if degree > 0]
-
-
 def _solutions(loops: _Loops, polynomials: Sequence[fmpz_mod_mpoly]) -> list[Values]:
     """Return the values at which polynomials are zero; generators that remain free are random.
 
@@ -341,32 +348,45 @@ def _solutions(loops: _Loops, polynomials: Sequence[fmpz_mod_mpoly]) -> list[Val
         return [{}]
     if any(p.is_constant() for p in system):
         return []
-    occurring = [_places(p) for p in system]
-    for p, places in zip(system, occurring, strict=True):
-        if len(places) == 1:
-            return [
-                {places[0]: value} | rest
-                for value in _roots(loops, p, places[0])
-                for rest in _solutions(loops, [_at(q, {places[0]: value}) for q in system])
-            ]
-    for p in sorted(system, key=len):
-        for place in _places(p):
-            slope = _constant_slope(p, place)
-            if slope:
-                return _with_linear(loops, system, p, place, slope)
-    free = sorted(set(chain(*occurring)))
+    for p in system:
+        if len(occurring(p)) == 1:
+            return _completed(loops, system, _roots(loops, p))
+    linear = next(_linear(system), None)
+    if linear is not None:
+        return _with_linear(loops, system, *linear)
+    free = sorted(set(chain(*map(occurring, system))))
     if len(system) < len(free):
-        drawn = _drawn(loops, system, free)
-        solutions = _solutions(loops, [_at(p, drawn) for p in system])
-        return [drawn | rest for rest in solutions]
+        return _completed(loops, system, [_drawn(loops, system, free)])
     return _with_resultants(loops, system, free)
 
 
-def _roots(loops: _Loops, polynomial: fmpz_mod_mpoly, place: int) -> list[int]:
+def _completed(
+    loops: _Loops, system: Sequence[fmpz_mod_mpoly], starts: Iterable[Values]
+) -> list[Values]:
+    """Return the solutions of a system that have the values of one of the starts."""
+    return [
+        values | rest
+        for values in starts
+        for rest in _solutions(loops, [_at(p, values) for p in system])
+    ]
+
+
+def _roots(loops: _Loops, polynomial: fmpz_mod_mpoly) -> list[Values]:
+    """Return the values at which a polynomial in one variable is zero."""
+    (place,) = occurring(polynomial)
     coefficients = [0] * (int(polynomial.degrees()[place]) + 1)
     for exponents, value in polynomial.to_dict().items():
         coefficients[int(exponents[place])] = int(value)
-    return [int(value) for value, _ in _POLYNOMIALS(loops.prime)(coefficients).roots()]
+    return [{place: int(value)} for value, _ in _POLYNOMIALS(loops.prime)(coefficients).roots()]
+
+
+def _linear(system: list[fmpz_mod_mpoly]) -> Iterator[tuple[fmpz_mod_mpoly, int, int]]:
+    """Yield polynomials, short ones first, with a variable to solve for and its coefficient."""
+    for p in sorted(system, key=len):
+        for place in occurring(p):
+            slope = _constant_slope(p, place)
+            if slope:
+                yield p, place, slope
 
 
 def _constant_slope(polynomial: fmpz_mod_mpoly, place: int) -> int:
@@ -381,10 +401,10 @@ def _with_linear(
     gens = list(loops.context.gens())
     value = gens[place] - p * pow(slope, -1, loops.prime)
     rule = [*gens[:place], value, *gens[place + 1 :]]
-    others = [q.compose(*rule) if place in _places(q) else q for q in system if q is not p]
+    others = [q.compose(*rule) if place in occurring(q) else q for q in system if q is not p]
     result = []
     for rest in _solutions(loops, others):
-        rest = {i: loops.random() for i in _places(value)} | rest
+        rest = {i: loops.random() for i in occurring(value)} | rest
         number = _at(value, rest)
         result.append(rest | {place: 0 if number.is_zero() else int(number.leading_coefficient())})
     return result
@@ -396,7 +416,7 @@ def _drawn(loops: _Loops, system: list[fmpz_mod_mpoly], free: Sequence[int]) -> 
     for place in free:
         x = generators[place]
         cosine = loops.ring.index[sp.cos(x.args[0])] if isinstance(x, sp.sin) else -1
-        if cosine in free and any(set(_places(p)) == {place, cosine} for p in system):
+        if cosine in free and any(set(occurring(p)) == {place, cosine} for p in system):
             t = loops.random()
             below = pow(1 + t * t, -1, loops.prime)
             pair = 2 * t * below, (1 - t * t) * below
@@ -405,11 +425,8 @@ def _drawn(loops: _Loops, system: list[fmpz_mod_mpoly], free: Sequence[int]) -> 
 
 
 def _with_resultants(loops: _Loops, system: list[fmpz_mod_mpoly], free: list[int]) -> list[Values]:
-    def cost(place: int) -> tuple[int, int]:
-        degrees = [int(p.degrees()[place]) for p in system]
-        return (sum(degrees), len(degrees)) if sum(map(bool, degrees)) > 1 else (10**6, 0)
-
-    place = min(free, key=cost)
+    """Eliminate the variable with the lowest degrees, by resultants of the polynomials in it."""
+    place = min(free, key=partial(_elimination_cost, system))
     holders = sorted(
         (p for p in system if p.degrees()[place] > 0),
         key=lambda p: (int(p.degrees()[place]), len(p)),
@@ -422,34 +439,26 @@ def _with_resultants(loops: _Loops, system: list[fmpz_mod_mpoly], free: list[int
             split = [first / common, holder / common, *apart]
             return [*_solutions(loops, [common, *apart]), *_solutions(loops, split)]
         rest.append(first.resultant(holder, place))
-    return [
-        solution | more
-        for solution in _solutions(loops, rest)
-        for more in _solutions(loops, [_at(p, solution) for p in holders])
-    ]
+    return _completed(loops, holders, _solutions(loops, rest))
 
 
-def _interpolated(
-    loops: _Loops, places: Sequence[int], samples: Callable[[int], list[tuple[Values, int]]]
-) -> Ratio:
-    """Return the quotient of polynomials in known generators that has the values of the samples."""
+def _elimination_cost(system: list[fmpz_mod_mpoly], place: int) -> tuple[int, int]:
+    degrees = [int(p.degrees()[place]) for p in system]
+    return (sum(degrees), len(degrees)) if sum(map(bool, degrees)) > 1 else (10**6, 0)
+
+
+def _interpolated(loops: _Loops, places: Sequence[int], key: tuple[int, int]) -> Ratio:
+    """Return the factor at `key` as a quotient of polynomials in the generators at `places`."""
     ring = loops.ring
     for degree in range(9):
         for below in range(degree + 1):
-            above = _monomials(ring, places, degree - below)
-            monomials = [*above, *_monomials(ring, places, below)]
-            if len(monomials) > _MOST_TERMS:
+            sides = _monomials(ring, places, degree - below), _monomials(ring, places, below)
+            count = sum(map(len, sides))
+            if count > _MOST_TERMS:
                 break
-            factors = _relation(loops, monomials, len(above), samples(len(monomials) + _MORE_ROWS))
-            if factors is not None:
-                sides = (
-                    {m: x for m, x in zip(several, numbers, strict=True) if x}
-                    for several, numbers in (
-                        (above, factors[: len(above)]),
-                        (monomials[len(above) :], factors[len(above) :]),
-                    )
-                )
-                return ratio(ring, *(ring.context.from_dict(side) for side in sides))
+            quotient = _quotient(loops, *sides, loops.factors(key, count + _MORE_ROWS))
+            if quotient is not None:
+                return quotient
     names = ", ".join(str(ring.generators[i]) for i in places) or "the lengths"
     raise SymbolicError(
         "a column depends on others with factors that are no short quotients of polynomials in "
@@ -469,25 +478,36 @@ def _monomials(ring: Ring, places: Sequence[int], degree: int) -> list[Exponents
     return result
 
 
-def _relation(
-    loops: _Loops, monomials: list[Exponents], above: int, samples: list[tuple[Values, int]]
-) -> list[fmpq] | None:
-    """Return factors with which numerator = value * denominator holds in all samples, or None."""
+def _quotient(
+    loops: _Loops,
+    above: list[Exponents],
+    below: list[Exponents],
+    samples: list[tuple[Values, int]],
+) -> Ratio | None:
+    """Return the quotient with which numerator = value * denominator in all samples, or None."""
     rows = []
     for known, value in samples:
-        powers = [loops.power(m, known) for m in monomials]
-        rows.append([*powers[:above], *(-value * x % loops.prime for x in powers[above:])])
-    matrix, rank = loops.reduced(rows, len(monomials))
-    if rank == len(monomials):
+        powers = [loops.power(m, known) for m in above]
+        rows.append([*powers, *(-value * loops.power(m, known) % loops.prime for m in below)])
+    factors = _dependence(loops, rows, len(above) + len(below))
+    if factors is None:
         return None
-    lines = [[int(x) for x in line] for line in matrix.tolist()[:rank]]
-    pivots = [next(j for j, x in enumerate(line) if x) for line in lines]
-    free = next(j for j in range(len(monomials)) if j not in pivots)
-    factors = [0] * len(monomials)
-    factors[free] = 1
-    for pivot, line in zip(pivots, lines, strict=True):
-        factors[pivot] = -line[free] % loops.prime
-    numbers = [_rational(x, loops.prime) for x in factors]
+    terms = list(zip([*above, *below], factors, strict=True))
+    sides = terms[: len(above)], terms[len(above) :]
+    return ratio(loops.ring, *(loops.ring.context.from_dict(dict(side)) for side in sides))
+
+
+def _dependence(loops: _Loops, rows: list[list[int]], width: int) -> list[fmpq] | None:
+    """Return short factors with which columns add up to zero, or None.
+
+    That of the first dependent column is one.
+    """
+    lines = loops.reduced(rows, width)
+    if len(lines) == width:
+        return None
+    free = next(j for j in range(width) if j not in lines)
+    residues = {free: 1} | {pivot: -line[free] % loops.prime for pivot, line in lines.items()}
+    numbers = [_rational(residues.get(j, 0), loops.prime) for j in range(width)]
     return None if None in numbers else [x for x in numbers if x is not None]
 
 
