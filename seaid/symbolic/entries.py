@@ -6,11 +6,11 @@ zeta = R theta holds for any multiple of an equation; `normalised` applies the r
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
-from itertools import compress
+from itertools import chain, compress
 from math import comb
 from typing import NamedTuple
 
@@ -22,6 +22,7 @@ from seaid.symbolic.polynomial import (
     Exponents,
     Ratio,
     Ring,
+    occurring,
     product,
     quotient,
     ratio,
@@ -108,62 +109,53 @@ def with_multiples(ring: Ring, rows: Sequence[Row]) -> tuple[Ring, list[Row]]:
     angles = _high_angles(ring, rows)
     if not angles:
         return ring, list(rows)
-    parts = [
-        (place, monomial, motion, value)
-        for place, row in enumerate(rows)
-        for monomial, entry in row.items()
-        for motion, value in entry.terms.items()
-    ]
-    expanded = {motion: _expanded(ring, angles, motion) for _, _, motion, _ in parts}
-    order = {x: None for functions in expanded.values() for key in functions for x in key[1]}
-    wider = _wider(ring, [x for x in order if x not in ring.index])
-    collected: dict[tuple[int, Exponents], dict[Exponents, list[Ratio]]] = {}
-    for place, monomial, motion, value in parts:
-        known = Ratio(*(_in_ring(wider, part) for part in value))
-        terms = collected.setdefault((place, monomial), {})
-        for (others, functions), factor in expanded[motion].items():
-            new = list(others) + [0] * (len(wider.generators) - len(others))
-            for function in functions:
-                new[wider.index[function]] += 1
-            terms.setdefault(tuple(new), []).append(
-                Ratio(factor * known.numerator, known.denominator)
-            )
+    entries = (entry for row in rows for entry in row.values())
+    motions = dict.fromkeys(chain(*(entry.terms for entry in entries)))
+    expanded = {motion: _expanded(ring, angles, motion) for motion in motions}
+    functions = dict.fromkeys(chain(*(key[1] for key in chain(*expanded.values()))))
+    wider = _wider(ring, functions)
     return wider, [
-        {
-            monomial: Entry(
-                {
-                    motion: value
-                    for motion, values in collected[place, monomial].items()
-                    if not (value := total(wider, values)).numerator.is_zero()
-                },
-                _in_ring(wider, entry.denominator),
-            )
-            for monomial, entry in row.items()
-        }
-        for place, row in enumerate(rows)
+        {monomial: _of_multiples(wider, entry, expanded) for monomial, entry in row.items()}
+        for row in rows
     ]
+
+
+def _of_multiples(wider: Ring, entry: Entry, expanded: Mapping[Exponents, _Expansion]) -> Entry:
+    """Return an entry in the wider ring, with the expansions of its functions of the motion."""
+    terms: dict[Exponents, list[Ratio]] = defaultdict(list)
+    for motion, value in entry.terms.items():
+        numerator, denominator = (_in_ring(wider, part) for part in value)
+        for (others, functions), factor in expanded[motion].items():
+            exponents = list(others) + [0] * (len(wider.generators) - len(others))
+            for function in functions:
+                exponents[wider.index[function]] += 1
+            terms[tuple(exponents)].append(Ratio(factor * numerator, denominator))
+    totals = {motion: total(wider, values) for motion, values in terms.items()}
+    nonzero = {motion: value for motion, value in totals.items() if not value.numerator.is_zero()}
+    return Entry(nonzero, _in_ring(wider, entry.denominator))
 
 
 def _high_angles(ring: Ring, rows: Sequence[Row]) -> list[tuple[int, int]]:
     """Return the places (sine, cosine) of the angles with high powers, in no denominator."""
     entries = [entry for row in rows for entry in row.values()]
+    below = set(chain(*(occurring(entry.denominator) for entry in entries)))
     angles = []
     for place in ring.motion:
         sine = ring.generators[place]
-        if not isinstance(sine, sp.sin):
-            continue
-        pair = place, ring.index[sp.cos(sine.args[0])]
-        below = max((e.denominator.degrees()[i] for e in entries for i in pair), default=0)
-        powers = [sum(motion[i] for i in pair) for entry in entries for motion in entry.terms]
-        if max(powers, default=0) > _HIGHEST_POWER and below == 0:
-            angles.append(pair)
+        if isinstance(sine, sp.sin):
+            pair = place, ring.index[sp.cos(sine.args[0])]
+            powers = (m[pair[0]] + m[pair[1]] for entry in entries for m in entry.terms)
+            if below.isdisjoint(pair) and max(powers, default=0) > _HIGHEST_POWER:
+                angles.append(pair)
     return angles
 
 
-def _expanded(
-    ring: Ring, angles: Sequence[tuple[int, int]], motion: Exponents
-) -> dict[tuple[Exponents, tuple[sp.Expr, ...]], fmpq]:
-    """Return {(other exponents, functions of the angles): factor} of a product of powers."""
+_Expansion = dict[tuple[Exponents, tuple[sp.Expr, ...]], fmpq]
+"""{(exponents of all but the high angles, sines and cosines of multiples of these): factor}."""
+
+
+def _expanded(ring: Ring, angles: Sequence[tuple[int, int]], motion: Exponents) -> _Expansion:
+    """Return a product of powers, in the sines and cosines of the multiples of the angles."""
     others = list(motion)
     factors: dict[tuple[sp.Expr, ...], fmpq] = {(): fmpq(1)}
     for sine, cosine in angles:
@@ -205,9 +197,9 @@ def _multiples(angle: sp.Expr, of_sine: int, of_cosine: int) -> dict[sp.Expr, fm
     return {function: factor for function, factor in series.items() if factor != 0}
 
 
-def _wider(ring: Ring, functions: Sequence[sp.Expr]) -> Ring:
-    """Return the ring with further functions of the motion."""
-    generators = (*ring.generators, *functions)
+def _wider(ring: Ring, functions: Iterable[sp.Expr]) -> Ring:
+    """Return the ring with further functions of the motion, if it does not have them."""
+    generators = (*ring.generators, *(x for x in functions if x not in ring.index))
     places = tuple(range(len(ring.generators), len(generators)))
     undeclared = [
         ring.generators[i].args[0]
