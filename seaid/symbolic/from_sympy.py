@@ -47,6 +47,7 @@ from seaid.symbolic.polynomial import (
     by_doubling,
     from_polynomial,
     multiply,
+    occurring,
     power,
     product,
     quotient,
@@ -146,9 +147,9 @@ def without_dependent(
             )
     while solved := next(filter(None, (_solved(relation, signals) for relation in rest)), None):
         used, rule = solved
+        rest.remove(used)
         equations, rest = (
-            [prepared(x.xreplace(rule)) for x in several]
-            for several in (equations, [x for x in rest if x is not used])
+            [prepared(x.xreplace(rule)) for x in several] for several in (equations, rest)
         )
         rest = [relation for relation in rest if sp.expand(relation, trig=True) != 0]
     return equations, rest
@@ -209,34 +210,40 @@ def read_equations(
 def _with_inputs(ring: Ring, equations: Sequence[Ratio], closures: int) -> Ring:
     """Return the ring in which plain symbols that occur as inputs do, such as a torque, are such.
 
-    An input multiplies neither motion, unknown nor another such symbol, and occurs in no function
-    and in none of the last equations, the `closures`.
+    An input multiplies neither motion, unknown nor another such symbol, and occurs in no function,
+    in no denominator and in none of the last equations, the `closures`.
     """
-    symbols = {i for i in ring.known if ring.generators[i].is_Symbol}
-    for place in tuple(symbols):
-        x = ring.generators[place]
-        if any(generator != x and generator.has(x) for generator in ring.generators):
-            symbols.discard(place)
-    acting = {*ring.motion, *ring.unknown}
-    for numerator, _ in equations[len(equations) - closures :]:
-        symbols -= {i for i, degree in enumerate(numerator.degrees()) if degree > 0}
-    for numerator, denominator in equations:
-        symbols -= {i for i, degree in enumerate(denominator.degrees()) if degree > 0}
-        for exponents in numerator.monoms():
-            present = {i for i, e in enumerate(exponents) if e}
-            if present & acting or max(exponents) > 1:
-                symbols -= present
-    for numerator, _ in equations:
-        for exponents in numerator.monoms():
-            present = {i for i, e in enumerate(exponents) if e} & symbols
-            if len(present) > 1:
-                symbols -= present
+    symbols, acting = _plain_symbols(ring, equations, closures), {*ring.motion, *ring.unknown}
+    products = _products(equations)
+    for factors, highest in products:
+        if factors & acting or highest > 1:
+            symbols -= factors
+    for factors, _ in products:
+        if len(factors & symbols) > 1:
+            symbols -= factors
     return replace(
         ring,
         motion=tuple(sorted({*ring.motion, *symbols})),
-        known=tuple(i for i in ring.known if i not in symbols),
+        known=tuple(sorted({*ring.known} - symbols)),
         moving=ring.moving.union(ring.generators[i] for i in symbols),
     )
+
+
+def _products(equations: Sequence[Ratio]) -> list[tuple[set[int], int]]:
+    """Return the places of the factors of each term of the equations, and its highest exponent."""
+    monomials = itertools.chain(*(numerator.monoms() for numerator, _ in equations))
+    return [({i for i, e in enumerate(m) if e}, max(m)) for m in monomials]
+
+
+def _plain_symbols(ring: Ring, equations: Sequence[Ratio], closures: int) -> set[int]:
+    """Return the places of the known symbols in no function, no denominator and no closure."""
+    functions = [x for x in ring.generators if not x.is_Symbol]
+    arguments = set(itertools.chain(*(function.atoms(sp.Symbol) for function in functions)))
+    excluded = [denominator for _, denominator in equations]
+    excluded += [numerator for numerator, _ in equations[len(equations) - closures :]]
+    places = (i for i in ring.known if ring.generators[i].is_Symbol)
+    symbols = {i for i in places if ring.generators[i] not in arguments}
+    return symbols.difference(*map(occurring, excluded))
 
 
 def _add_relations(ring: Ring) -> None:
