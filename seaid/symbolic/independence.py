@@ -14,8 +14,8 @@ import warnings
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
-from functools import cached_property
-from itertools import chain, combinations
+from functools import cached_property, partial
+from itertools import chain, combinations, islice
 from math import inf
 from typing import Any
 
@@ -26,7 +26,7 @@ from sympy.core.function import AppliedUndef
 
 from seaid.errors import SeaidWarning, SymbolicError
 from seaid.symbolic.generators import subexpressions
-from seaid.symbolic.polynomial import Exponents, Ring, term_to_sympy
+from seaid.symbolic.polynomial import Exponents, Ring, connected, term_to_sympy
 
 Combination = dict[Exponents, fmpq]
 _Row = list[mpf]
@@ -69,19 +69,14 @@ def independent_functions(
 
 def _groups(ring: Ring) -> list[tuple[int, ...]]:
     """Return the groups of generators that share signals and need the numerical test."""
-    groups: list[tuple[set[int], set[sp.Expr]]] = []
-    for place in ring.motion:
-        places, signals = {place}, _signals(ring, ring.generators[place])
-        apart = []
-        for group in groups:
-            if group[1] & signals:
-                places, signals = places | group[0], signals | group[1]
-            else:
-                apart.append(group)
-        groups = [*apart, (places, signals)]
+    signals = {place: _signals(ring, ring.generators[place]) for place in ring.motion}
+    groups = (
+        tuple(sorted(i for i in ring.motion if signals[i] & group))
+        for group in connected(signals.values())
+    )
     return [
-        tuple(sorted(places))
-        for places, _ in groups
+        places
+        for places in groups
         if any(not isinstance(ring.generators[i], _CERTAIN) for i in places)
     ]
 
@@ -121,10 +116,8 @@ def _dependences(
     """Return {function: combination of those before it} within a `group`, at random points."""
     parts = sorted({_part(f, group) for f in functions}, key=lambda e: (sum(e), e[::-1]))
     names = ", ".join(str(ring.generators[i]) for i in group)
-    points = _Points(ring, [ring.generators[i] for i in group])
-    rows: list[_Row] | None = None
-    if len(parts) <= _MOST_FUNCTIONS:
-        rows = _evaluated(group, parts, points, len(parts) + 4, _FEW_DIGITS)
+    points = _Points(ring, group, parts)
+    rows = points.evaluated(len(parts) + 4, _FEW_DIGITS) if len(parts) <= _MOST_FUNCTIONS else None
     if rows is None:
         warnings.warn(
             f"whether {len(parts)} functions made of {names} are independent was not checked; "
@@ -136,12 +129,15 @@ def _dependences(
     with ctx.workdps(2 * _FEW_DIGITS):  # shows independence already in the usual case
         if not _eliminated(_balls(rows, _FEW_DIGITS)):
             return {}
-    digits = min(_DIGITS + 2 * _decades(rows), _MOST_DIGITS)
+    return _proven(points, min(_DIGITS + 2 * _decades(rows), _MOST_DIGITS), names)
+
+
+def _proven(points: _Points, digits: int, names: str) -> dict[Exponents, Combination]:
+    """Return the dependences that hold with many digits, also at points that did not give them."""
+    parts = points.parts
     table: list[_Balls] = []
     for _ in range(_ROUNDS):
-        rows, fresh = (
-            _evaluated(group, parts, points, count, digits) for count in (len(parts) + 4, 8)
-        )
+        rows, fresh = (points.evaluated(count, digits) for count in (len(parts) + 4, 8))
         if rows is None or fresh is None:
             break
         with ctx.workdps(digits + _FEW_DIGITS):
@@ -150,7 +146,7 @@ def _dependences(
             dependent = _eliminated(table)
             if all(_holds(row, *dependence) for row in checks for dependence in dependent.items()):
                 return {
-                    parts[column]: _confirmed(ring, parts, column, factors, checks)
+                    parts[column]: _confirmed(points.ring, parts, column, factors, checks)
                     for column, factors in dependent.items()
                 }
             table += checks
@@ -205,42 +201,20 @@ def _confirmed(
     return {parts[j]: factor for j, factor in short.items()}
 
 
-def _evaluated(
-    group: tuple[int, ...], parts: list[Exponents], points: _Points, count: int, digits: int
-) -> list[_Row] | None:
-    """Return the values at random points, a row per point; None if too few of them are real.
-
-    There are `count` points of ordinary size, and as many at which arguments of functions are.
-    """
-    rows: list[_Row] = []
-    with mp.workdps(digits):
-        for drawn, wanted in ((points.ordinary(count), count), (points.alive(count), 2 * count)):
-            for point in drawn:
-                values = points.values(point, digits)
-                if values is not None:
-                    powers = list(zip(group, values, strict=True))
-                    rows.append(
-                        [
-                            mp.fprod(x ** int(part[i]) for i, x in powers if part[i])
-                            for part in parts
-                        ]
-                    )
-                if len(rows) >= wanted:
-                    break
-    return rows if len(rows) >= count else None
-
-
 @dataclass(eq=False)
 class _Points:
-    """Random values of the signals in some functions of the motion."""
+    """Random values of the signals in a group of generators, and of products of these, `parts`."""
 
     ring: Ring
-    expressions: list[sp.Expr]
+    group: tuple[int, ...]
+    parts: list[Exponents]
     draw: random.Random = field(default_factory=lambda: random.Random(1))
+    expressions: list[sp.Expr] = field(init=False)
     constants: _Point = field(init=False)
     signals: list[sp.Expr] = field(init=False)
 
     def __post_init__(self) -> None:
+        self.expressions = [self.ring.generators[i] for i in self.group]
         signals = {s for x in self.expressions for s in _signals(self.ring, x)}
         free = {s for x in self.expressions for s in x.free_symbols} - self.ring.moving
         self.signals = sorted(signals, key=str)
@@ -257,6 +231,22 @@ class _Points:
             list(plain.values()), expressions, ["mpmath", "sympy"]
         )
         return function
+
+    def evaluated(self, count: int, digits: int) -> list[_Row] | None:
+        """Return the values of the parts, a row per point; None if too few of them are real.
+
+        There are `count` points of ordinary size, and as many at which arguments of functions are.
+        """
+        rows: list[_Row] = []
+        with mp.workdps(digits):
+            for drawn, wanted in ((self.ordinary(count), count), (self.alive(count), 2 * count)):
+                real = (x for point in drawn if (x := self.values(point, digits)) is not None)
+                for values in islice(real, wanted - len(rows)):
+                    powers = list(zip(self.group, values, strict=True))
+                    rows.append(
+                        [mp.fprod(x ** int(m[i]) for i, x in powers if m[i]) for m in self.parts]
+                    )
+        return rows if len(rows) >= count else None
 
     def values(self, point: _Point, digits: int) -> list[mpf] | None:
         """Return the values at a point, or None if they are not real.
@@ -326,18 +316,20 @@ def _number(value: Any) -> Any:
 
 
 def _arguments(expressions: Iterable[sp.Expr]) -> set[sp.Expr]:
-    """Return what functions are taken of: of Max the differences, of conditions both sides'."""
-    arguments: set[sp.Expr] = set()
-    for part in subexpressions(*expressions):
-        if isinstance(part, sp.Max | sp.Min):
-            arguments |= {a - b for a, b in combinations(part.args, 2)}
-        elif isinstance(part, sp.core.relational.Relational):
-            arguments.add(part.lhs - part.rhs)
-        elif part.is_Pow and not part.exp.is_Integer:
-            arguments |= {part.base, part.exp}
-        elif part.is_Function and not isinstance(part, AppliedUndef | sp.Piecewise):
-            arguments.update(part.args)
+    """Return what functions of symbols are taken of."""
+    arguments = chain(*map(_arguments_of, subexpressions(*expressions)))
     return {x for x in arguments if isinstance(x, sp.Expr) and x.free_symbols}
+
+
+def _arguments_of(part: sp.Basic) -> Iterable[sp.Basic]:
+    """Return what a function is taken of: of Max the differences, of conditions both sides'."""
+    if isinstance(part, sp.Max | sp.Min):
+        return [a - b for a, b in combinations(part.args, 2)]
+    if isinstance(part, sp.core.relational.Relational):
+        return [part.lhs - part.rhs]
+    if (part.is_Pow and part.exp.is_Integer) or isinstance(part, AppliedUndef | sp.Piecewise):
+        return ()
+    return part.args if part.is_Pow or part.is_Function else ()
 
 
 _GRID = [sign * 10.0 ** (k / 4) for sign in (-1, 1) for k in range(-48, 49)]
@@ -351,15 +343,7 @@ def _real_roots(expression: sp.Expr, signal: sp.Expr) -> list[sp.Rational]:
     if expression.is_polynomial(x):
         roots = sp.Poly(expression, x).nroots(n=25, maxsteps=200)
         return [sp.Rational(str(root)) for root in roots if root.is_real]
-    function = sp.lambdify(x, expression, modules="mpmath")
-
-    def sign(at: float | mpf) -> int | None:
-        try:
-            value = function(mpf(at))
-            return int(mp.sign(value)) if mp.isfinite(value) and not mp.im(value) else None
-        except _NO_VALUE:
-            return None
-
+    sign = partial(_sign, sp.lambdify(x, expression, modules="mpmath"))
     zeros = []
     grid = sorted(_GRID)
     signs = [sign(at) for at in grid]
@@ -373,22 +357,32 @@ def _real_roots(expression: sp.Expr, signal: sp.Expr) -> list[sp.Rational]:
     return zeros
 
 
+def _sign(function: Callable[[mpf], Any], at: float | mpf) -> int | None:
+    """Return the sign of a function at a place, or None where it has no real value."""
+    try:
+        value = function(mpf(at))
+        return int(mp.sign(value)) if mp.isfinite(value) and not mp.im(value) else None
+    except _NO_VALUE:
+        return None
+
+
 def _eliminated(table: list[_Balls]) -> dict[int, dict[int, arb]]:
     """Return {dependent column: factors of the independent ones}, by pivoted Gauss-Jordan.
 
     A pivot is an interval without zero; a column without one counts as dependent.
     """
-    rows = [list(row) for row in table]
+    rows = list(map(list, table))
     pivots: list[int] = []
     dependent: dict[int, dict[int, arb]] = {}
     for column in range(len(rows[0])):
         top = len(pivots)
         shares = [_share(row[column:]) for row in rows[top:]]
-        best = top + shares.index(max(shares)) if shares else top
-        if best == len(rows) or shares[best - top] == -inf:
+        largest = max(shares, default=-inf)
+        if largest == -inf:
             values = {pivot: rows[i][column] for i, pivot in enumerate(pivots)}
             dependent[column] = {pivot: x for pivot, x in values.items() if not x.contains(0)}
             continue
+        best = top + shares.index(largest)
         rows[top], rows[best] = rows[best], rows[top]
         rest = [x / rows[top][column] for x in rows[top][column + 1 :]]
         rows[top][column + 1 :] = rest
