@@ -29,6 +29,7 @@ from seaid.symbolic.polynomial import (
     Exponents,
     Ratio,
     Ring,
+    connected,
     from_polynomial,
     multiply,
     product,
@@ -353,20 +354,13 @@ def _ratios(
     parameters: sp.Matrix,
 ) -> tuple[tuple[sp.Expr, ...], ...]:
     """Return the groups of base parameters whose equations all have zeta = 0."""
-    groups: list[tuple[set[int], bool]] = []
-    for table, zeta in zip(rows, form.zeta, strict=True):
-        members, fixed = {j for row in table for j in row if j in pivots}, zeta != 0
-        apart = []
-        for group in groups:
-            if group[0] & members:
-                members, fixed = members | group[0], fixed or group[1]
-            else:
-                apart.append(group)
-        groups = [*apart, (members, fixed)]
+    members = [set(chain(*table)).intersection(pivots) for table in rows]
+    nonzero = (group for group, zeta in zip(members, form.zeta, strict=True) if zeta != 0)
+    fixed = set(chain(*nonzero))
     return tuple(
-        tuple(parameters[i] for i, pivot in enumerate(pivots) if pivot in members)
-        for members, fixed in groups
-        if members and not fixed
+        tuple(parameters[i] for i, pivot in enumerate(pivots) if pivot in group)
+        for group in connected(members)
+        if group and group.isdisjoint(fixed)
     )
 
 
