@@ -207,11 +207,9 @@ def _visit_function(scan: _Scan, function: sp.Expr) -> None:
         scan.signs[argument] = None
         _visit(scan, argument)
     elif function.is_Pow and function.exp.is_Rational:
-        bases = root_bases(function.base)
-        for base in bases:
+        for base in root_bases(function.base):
             unit = int(scan.units["root"].get(base, 1))
             scan.units["root"][base] = sp.Integer(lcm(unit, int(function.exp.q)))
-        for base in bases:
             _visit(scan, base)
     else:
         scan.plain[expanded_inside(function)] = None
