@@ -8,9 +8,10 @@ serve only simulation, planning and as initial values of an identification.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cache, cached_property
+from itertools import chain
 from typing import Any, ClassVar, Self, get_args
 
 from seaid._arrays import FrozenMapping, number
@@ -98,16 +99,8 @@ _LENGTH_SIZES, _SIZES = (1e-9, 1e9), (0.0, 1e30)
 
 _MOST_EXTRA_TERMS = 20
 _TERM_FIELDS = (*(name for name in PARAMETERS_OF if name != "motor_input"), "known", "extra_terms")
-_NO_NUMBERS = (
-    *PARAMETERS_OF,
-    "controller",
-    *FIELDS,
-    "known",
-    "extra_terms",
-    "nominal",
-    "transmission",
-    "std",
-)
+_TABLES = ("nominal", "transmission", "std")
+_NO_NUMBERS = (*PARAMETERS_OF, *FIELDS, *_TABLES, "controller", "known", "extra_terms")
 
 
 def _check_numbers(drive: Drive) -> None:
@@ -116,11 +109,9 @@ def _check_numbers(drive: Drive) -> None:
         value = getattr(drive, field.name)
         if value is None or field.name in _NO_NUMBERS:
             continue
-        if field.name == "command_delay_s":
-            _check_number(field.name, value, "any number")
-            continue
         least = "zero or more" if field.name in _MAY_BE_ZERO else "more than zero"
-        least = "any number" if field.name.startswith("reference_") else least
+        if field.name.startswith(("reference_", "command_delay_s")):
+            least = "any number"
         _check_number(field.name, value, least)
 
 
@@ -170,12 +161,7 @@ def _check_terms(drive: Drive) -> None:
         raise RobotError(
             f"extra_terms has {len(drive.extra_terms)} terms, allowed are {_MOST_EXTRA_TERMS}"
         )
-    inputs = get_args(MotorInput)
-    if not isinstance(drive.motor_input, str) or drive.motor_input not in inputs:
-        raise RobotError(unknown_name("motor input", drive.motor_input, inputs))
-    if drive.controller is not None:
-        object.__setattr__(drive, "controller", controller_of(drive.controller))
-    _check_controller(drive)
+    _check_motor_input(drive)
     for field, alike in (("friction", COULOMB), ("spring", DEAD_ZONES)):
         terms = [term for term in getattr(drive, field) if term in alike]
         if len(terms) > 1:
@@ -186,6 +172,16 @@ def _check_terms(drive: Drive) -> None:
         raise RobotError(
             "an elastic drive has no friction offset: its constant column is the spring offset"
         )
+
+
+def _check_motor_input(drive: Drive) -> None:
+    """Check the motor input, and the controller that it may need. Raises RobotError."""
+    inputs = get_args(MotorInput)
+    if not isinstance(drive.motor_input, str) or drive.motor_input not in inputs:
+        raise RobotError(unknown_name("motor input", drive.motor_input, inputs))
+    if drive.controller is not None:
+        object.__setattr__(drive, "controller", controller_of(drive.controller))
+    _check_controller(drive)
 
 
 def _check_controller(drive: Drive) -> None:
@@ -262,7 +258,7 @@ def _check_harmonics(drive: Drive) -> None:
 def _check_values(drive: Drive) -> None:
     """Check that `nominal`, `known` and `transmission` fit the drive's terms."""
     names = drive.parameter_names
-    for field in ("nominal", "transmission", "std"):
+    for field in _TABLES:
         object.__setattr__(drive, field, _numbers_in(drive, field))
     _check_std(drive)
     for name, value in drive.nominal.items():
@@ -319,6 +315,7 @@ CONSTANTS = (
 
 _PLAIN_FRICTION: tuple[FrictionTerm, ...] = DefaultTerms(("viscous", "coulomb"))
 _NOTHING: Mapping[str, float] = FrozenMapping({})
+_CHANGING = frozenset({*BY_TEMPERATURE, *WARM_UP})
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -375,8 +372,13 @@ class _Parameters(Display):
         if self.is_elastic:
             bare["spring"] = tuple(x for x in self.spring if x != "dahl")  # type: ignore[attr-defined]
         gone = ("presliding_angle", "hysteresis_force", "hysteresis_deflection")
-        bare["nominal"] = {name: x for name, x in self.nominal.items() if name not in gone}
-        return replace(self, **bare, known=tuple(name for name in self.known if name not in gone))
+        return self._without(gone, **bare)
+
+    def _without(self, names: Collection[str], **terms: Any) -> Self:
+        """Return the drive with other terms, and without parameters that these do not have."""
+        nominal = {name: value for name, value in self.nominal.items() if name not in names}
+        known = tuple(name for name in self.known if name not in names)
+        return replace(self, nominal=nominal, known=known, **terms)
 
     @property
     def is_nonlinear_spring(self) -> bool:
@@ -400,8 +402,7 @@ class _Parameters(Display):
                 names.update(PARAMETERS_OF[field][term])
         if not self.is_up_to_scale:
             names.discard("gain_scale")
-        amplitudes = (name for harmonic in self.harmonics for name in harmonic.names)
-        return (*(name for name in PARAMETERS if name in names), *amplitudes)
+        return (*(name for name in PARAMETERS if name in names), *self._amplitudes)
 
     @cached_property
     def own_values(self) -> Mapping[str, float]:
@@ -440,7 +441,7 @@ class _Parameters(Display):
 
         Friction that a motor loses while it warms up is none of its.
         """
-        if not {*BY_TEMPERATURE, *WARM_UP} & {*self.friction}:
+        if _CHANGING.isdisjoint(self.friction):
             return self
         values, warmer = self.own_values, 0.0
         if temperature_degC is not None:
@@ -451,14 +452,9 @@ class _Parameters(Display):
             for slope, level in slopes.items()
             if level in values
         }
-        gone = {*slopes, *(name for term in WARM_UP for name in PARAMETERS_OF["friction"][term])}
-        kept = (term for term in self.friction if term not in (*BY_TEMPERATURE, *WARM_UP))
-        bare = replace(
-            self,
-            friction=tuple(kept),
-            nominal={name: x for name, x in self.nominal.items() if name not in gone},
-            known=tuple(name for name in self.known if name not in gone),
-        )
+        gone = set(chain(*(PARAMETERS_OF["friction"][term] for term in _CHANGING)))
+        kept = tuple(term for term in self.friction if term not in _CHANGING)
+        bare = self._without(gone, friction=kept)
         return bare.with_values(levels) if warmer else bare
 
     def with_values(self, values: Mapping[str, float]) -> Self:
