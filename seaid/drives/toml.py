@@ -93,13 +93,7 @@ def _with_new_keys(table: Mapping[str, Any]) -> dict[str, Any]:
 def _drive_of_table(kind: type[Drive], others: dict[str, Any]) -> Drive:
     """Return the drive of a table: fields of the kind by name, parameters by names with units."""
     keys = [field.name for field in fields(kind)]
-    for key in _RATIOS.intersection(others):
-        _check_ratio(key, others[key])
-    stds = {f"{name}_std": name for name in (STD_OF_TORQUE, *CONSTANTS)}
-    std = {name: others.pop(key) for key, name in stds.items() if key in others}
-    if std:
-        others["std"] = {**others.get("std", {}), **std}
-    values = {key: others.pop(key) for key in keys if key in others}
+    values = _popped(keys, others)
     if all(values.get(key) is None for key in _RATIOS):
         _check_keys(others, keys, _every_key())
         raise RobotError(
@@ -114,6 +108,17 @@ def _drive_of_table(kind: type[Drive], others: dict[str, Any]) -> Drive:
         if name in bare.nominal:
             raise RobotError(f"found two values of '{name}': one in nominal, one by its key")
     return replace(bare, known=values.get("known", ()), nominal={**bare.nominal, **more})
+
+
+def _popped(keys: list[str], table: dict[str, Any]) -> dict[str, Any]:
+    """Remove the fields of a drive from a table, and return them."""
+    for key in _RATIOS.intersection(table):
+        _check_ratio(key, table[key])
+    stds = {f"{name}_std": name for name in (STD_OF_TORQUE, *CONSTANTS)}
+    std = {name: table.pop(key) for key, name in stds.items() if key in table}
+    if std:
+        table["std"] = {**table.get("std", {}), **std}
+    return {key: table.pop(key) for key in keys if key in table}
 
 
 def _check_ratio(key: str, value: Any) -> None:
@@ -180,23 +185,25 @@ def write_drives(drives: Mapping[str, Drive], path: str | Path) -> None:
 def drive_table(drive: Drive) -> dict[str, Any]:
     """Return the TOML table of a drive: the fields that differ from their defaults, and values."""
     kind = next(name for name, drive_type in _TYPES.items() if isinstance(drive, drive_type))
-    ordered = sorted(fields(drive), key=lambda field: bool(field.kw_only))  # ratios and sizes first
-    pairs = ((field, getattr(drive, field.name)) for field in ordered)
-    kept = {
-        field.name: _plain(value)
-        for field, value in pairs
-        if value not in (None, field.default) or type(value) is not type(field.default or value)
-    }
+    kept = _changed_fields(drive)
     nominal, transmission = kept.pop("nominal", {}), kept.pop("transmission", None)
     stds = {f"{name}_std": value for name, value in kept.pop("std", {}).items()}
     table = {"type": kind, **kept, **stds}
     if _RATIOS.isdisjoint(table):
         table["gear_ratio"] = 1.0  # the default, which a table must state
     table |= {key_of(name, unit_of(drive, name)): value for name, value in nominal.items()}
-    for field in FIELDS:
-        if field in kept:
-            table[field] = harmonics_table(getattr(drive, field))
     return table if transmission is None else table | {"transmission": transmission}
+
+
+def _changed_fields(drive: Drive) -> dict[str, Any]:
+    """Return the fields that differ from their defaults, as TOML types."""
+    ordered = sorted(fields(drive), key=lambda field: bool(field.kw_only))  # ratios and sizes first
+    pairs = ((field, getattr(drive, field.name)) for field in ordered)
+    return {
+        field.name: harmonics_table(value) if field.name in FIELDS else _plain(value)
+        for field, value in pairs
+        if value not in (None, field.default) or type(value) is not type(field.default or value)
+    }
 
 
 def _plain(value: Any) -> Any:
