@@ -51,6 +51,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any, Literal, get_args
 
 from seaid.errors import RobotError, shown, unknown_name
@@ -397,21 +398,23 @@ def harmonics_of(field: str, table: Any) -> tuple[Harmonic, ...]:
         raise RobotError(
             f"{field} must be a table of orders, such as {{ motor = [1, 2] }}, found {shown(table)}"
         )
-    harmonics = []
-    for angle, orders in table.items():
-        if angle not in get_args(Angle):
-            raise RobotError(unknown_name(f"angle of {field}", angle, get_args(Angle)))
-        if not isinstance(orders, Mapping | list | tuple) or not orders:
-            raise RobotError(
-                f"{field} {angle} must be a list of orders, or a table {{ order = [cos, sin] }} of "
-                f"amplitudes, found {shown(orders)}"
-            )
-        for order in orders:
-            amplitudes = orders[order] if isinstance(orders, Mapping) else None
-            harmonics.append(_harmonic(field, angle, order, amplitudes))
+    harmonics = tuple(chain(*(_about(field, *item) for item in table.items())))
     if len({harmonic.names for harmonic in harmonics}) < len(harmonics):
         raise RobotError(f"{field} names an order twice: {shown(table)}")
-    return tuple(harmonics)
+    return harmonics
+
+
+def _about(field: str, angle: Any, orders: Any) -> list[Harmonic]:
+    """Return the harmonics of a field about one angle."""
+    if angle not in get_args(Angle):
+        raise RobotError(unknown_name(f"angle of {field}", angle, get_args(Angle)))
+    if not isinstance(orders, Mapping | list | tuple) or not orders:
+        raise RobotError(
+            f"{field} {angle} must be a list of orders, or a table {{ order = [cos, sin] }} of "
+            f"amplitudes, found {shown(orders)}"
+        )
+    pairs = orders.items() if isinstance(orders, Mapping) else ((order, None) for order in orders)
+    return [_harmonic(field, angle, *pair) for pair in pairs]
 
 
 def _harmonic(field: str, angle: Angle, order: Any, amplitudes: Any) -> Harmonic:
@@ -425,7 +428,7 @@ def _harmonic(field: str, angle: Angle, order: Any, amplitudes: Any) -> Harmonic
     if amplitudes is None:
         return Harmonic(field, angle, number)
     pair = amplitudes if isinstance(amplitudes, list | tuple) else ()
-    if len(pair) != len(_PARTS) or not all(_is_finite(x) for x in pair):
+    if len(pair) != len(_PARTS) or not all(map(_is_finite, pair)):
         raise RobotError(
             f"{field} {angle} {number}: the amplitudes are two finite numbers [cos, sin], found "
             f"{shown(amplitudes)}"
