@@ -110,8 +110,7 @@ class Controller:
             value = getattr(self, name)
             if value is None and name == _SUPPLY:
                 continue
-            is_number = isinstance(value, int | float) and not isinstance(value, bool)
-            if not is_number or not (low <= value <= high):
+            if not _is_within(value, low, high):
                 ask = ": write the number of your controller" if isinstance(value, str) else ""
                 raise RobotError(f"{name} must be {words}, found {shown(value)}{ask}")
         if self.is_duty and self.nominal_supply_V is None:
@@ -152,6 +151,12 @@ class Controller:
     def gain_factor(self, supply: Array | float) -> Array | float:
         """Return the factor on all gains at a supply voltage over its nominal one."""
         return supply if self.is_duty else 1.0
+
+
+def _is_within(value: Any, low: float, high: float) -> bool:
+    """Whether a value is a number within limits."""
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    return is_number and low <= value <= high
 
 
 def stated_delay_s(drive: Drive) -> float:
