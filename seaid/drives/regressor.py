@@ -213,17 +213,22 @@ def _evaluate(
         inputs[_SIGN] = np.sign(inputs["theta_M_dot"])
     missing = [name for name in names if name not in inputs]
     if missing:
-        named = {str(symbol): name for symbol, name in PARAMETER_NAMES.items()}
-        drive = f"the drive of '{regressor.joint}'" if regressor.joint else "the drive"
-        raise RobotError(
-            f"the equation of {drive} is nonlinear in its parameters: "
-            f"{named.get(missing[0], missing[0])} needs an initial value"
-        )
+        raise _without_value(regressor.joint, missing[0])
     table = np.empty((1 + len(wanted), len(next(iter(signals.values())))))
     arguments = [inputs[name] for name in names]
     for line, entry in zip(table, function(*arguments), strict=True):
         line[:] = entry
     return table[0], np.ascontiguousarray(table[1:].T)
+
+
+def _without_value(joint: str, symbol: str) -> RobotError:
+    """Return the error of a nonlinear parameter without a value."""
+    named = {str(symbol): name for symbol, name in PARAMETER_NAMES.items()}
+    drive = f"the drive of '{joint}'" if joint else "the drive"
+    return RobotError(
+        f"the equation of {drive} is nonlinear in its parameters: "
+        f"{named.get(symbol, symbol)} needs an initial value"
+    )
 
 
 def _sampled(expression: sp.Expr) -> sp.Expr:
