@@ -93,7 +93,7 @@ def _with_new_keys(table: Mapping[str, Any]) -> dict[str, Any]:
 def _drive_of_table(kind: type[Drive], others: dict[str, Any]) -> Drive:
     """Return the drive of a table: fields of the kind by name, parameters by names with units."""
     keys = [field.name for field in fields(kind)]
-    values = _popped(keys, others)
+    values = _pop_fields(keys, others)
     if all(values.get(key) is None for key in _RATIOS):
         _check_keys(others, keys, _every_key())
         raise RobotError(
@@ -110,7 +110,7 @@ def _drive_of_table(kind: type[Drive], others: dict[str, Any]) -> Drive:
     return replace(bare, known=values.get("known", ()), nominal={**bare.nominal, **more})
 
 
-def _popped(keys: list[str], table: dict[str, Any]) -> dict[str, Any]:
+def _pop_fields(keys: list[str], table: dict[str, Any]) -> dict[str, Any]:
     """Remove the fields of a drive from a table, and return them."""
     for key in _RATIOS.intersection(table):
         _check_ratio(key, table[key])
