@@ -372,9 +372,9 @@ class _Parameters(Display):
         if self.is_elastic:
             bare["spring"] = tuple(x for x in self.spring if x != "dahl")  # type: ignore[attr-defined]
         gone = ("presliding_angle", "hysteresis_force", "hysteresis_deflection")
-        return self._without(gone, **bare)
+        return self._without_parameters(gone, **bare)
 
-    def _without(self, names: Collection[str], **terms: Any) -> Self:
+    def _without_parameters(self, names: Collection[str], **terms: Any) -> Self:
         """Return the drive with other terms, and without parameters that these do not have."""
         nominal = {name: value for name, value in self.nominal.items() if name not in names}
         known = tuple(name for name in self.known if name not in names)
@@ -454,7 +454,7 @@ class _Parameters(Display):
         }
         gone = set(chain(*(PARAMETERS_OF["friction"][term] for term in _CHANGING)))
         kept = tuple(term for term in self.friction if term not in _CHANGING)
-        bare = self._without(gone, friction=kept)
+        bare = self._without_parameters(gone, friction=kept)
         return bare.with_values(levels) if warmer else bare
 
     def with_values(self, values: Mapping[str, float]) -> Self:

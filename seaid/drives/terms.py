@@ -398,13 +398,13 @@ def harmonics_of(field: str, table: Any) -> tuple[Harmonic, ...]:
         raise RobotError(
             f"{field} must be a table of orders, such as {{ motor = [1, 2] }}, found {shown(table)}"
         )
-    harmonics = tuple(chain(*(_about(field, *item) for item in table.items())))
+    harmonics = tuple(chain(*(_harmonics_about(field, *item) for item in table.items())))
     if len({harmonic.names for harmonic in harmonics}) < len(harmonics):
         raise RobotError(f"{field} names an order twice: {shown(table)}")
     return harmonics
 
 
-def _about(field: str, angle: Any, orders: Any) -> list[Harmonic]:
+def _harmonics_about(field: str, angle: Any, orders: Any) -> list[Harmonic]:
     """Return the harmonics of a field about one angle."""
     if angle not in get_args(Angle):
         raise RobotError(unknown_name(f"angle of {field}", angle, get_args(Angle)))
