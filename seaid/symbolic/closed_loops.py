@@ -232,7 +232,7 @@ class _Loops:
         polynomials = [_at(p, known) for p in self.levels[0]]
         for _ in range(_MOST_DRAWS):
             drawn = _drawn(self, polynomials, first) if first else {}
-            yield _completed(self, polynomials, [drawn])
+            yield _completed_solutions(self, polynomials, [drawn])
 
     def check_one_motion(self, known: Values) -> list[Values]:
         """Return solutions; raise SymbolicError if they are none, or those of several motions.
@@ -350,17 +350,17 @@ def _solutions(loops: _Loops, polynomials: Sequence[fmpz_mod_mpoly]) -> list[Val
         return []
     for p in system:
         if len(occurring(p)) == 1:
-            return _completed(loops, system, _roots(loops, p))
-    linear = next(_linear(system), None)
+            return _completed_solutions(loops, system, _roots(loops, p))
+    linear = next(_linear_terms(system), None)
     if linear is not None:
         return _with_linear(loops, system, *linear)
     free = sorted(set(chain(*map(occurring, system))))
     if len(system) < len(free):
-        return _completed(loops, system, [_drawn(loops, system, free)])
+        return _completed_solutions(loops, system, [_drawn(loops, system, free)])
     return _with_resultants(loops, system, free)
 
 
-def _completed(
+def _completed_solutions(
     loops: _Loops, system: Sequence[fmpz_mod_mpoly], starts: Iterable[Values]
 ) -> list[Values]:
     """Return the solutions of a system that have the values of one of the starts."""
@@ -380,7 +380,7 @@ def _roots(loops: _Loops, polynomial: fmpz_mod_mpoly) -> list[Values]:
     return [{place: int(value)} for value, _ in _POLYNOMIALS(loops.prime)(coefficients).roots()]
 
 
-def _linear(system: list[fmpz_mod_mpoly]) -> Iterator[tuple[fmpz_mod_mpoly, int, int]]:
+def _linear_terms(system: list[fmpz_mod_mpoly]) -> Iterator[tuple[fmpz_mod_mpoly, int, int]]:
     """Yield polynomials, short ones first, with a variable to solve for and its coefficient."""
     for p in sorted(system, key=len):
         for place in occurring(p):
@@ -439,7 +439,7 @@ def _with_resultants(loops: _Loops, system: list[fmpz_mod_mpoly], free: list[int
             split = [first / common, holder / common, *apart]
             return [*_solutions(loops, [common, *apart]), *_solutions(loops, split)]
         rest.append(first.resultant(holder, place))
-    return _completed(loops, holders, _solutions(loops, rest))
+    return _completed_solutions(loops, holders, _solutions(loops, rest))
 
 
 def _elimination_cost(system: list[fmpz_mod_mpoly], place: int) -> tuple[int, int]:

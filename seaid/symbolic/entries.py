@@ -115,12 +115,14 @@ def with_multiples(ring: Ring, rows: Sequence[Row]) -> tuple[Ring, list[Row]]:
     functions = dict.fromkeys(chain(*(key[1] for key in chain(*expanded.values()))))
     wider = _wider(ring, functions)
     return wider, [
-        {monomial: _of_multiples(wider, entry, expanded) for monomial, entry in row.items()}
+        {monomial: _entry_in_multiples(wider, entry, expanded) for monomial, entry in row.items()}
         for row in rows
     ]
 
 
-def _of_multiples(wider: Ring, entry: Entry, expanded: Mapping[Exponents, _Expansion]) -> Entry:
+def _entry_in_multiples(
+    wider: Ring, entry: Entry, expanded: Mapping[Exponents, _Expansion]
+) -> Entry:
     """Return an entry in the wider ring, with the expansions of its functions of the motion."""
     terms: dict[Exponents, list[Ratio]] = defaultdict(list)
     for motion, value in entry.terms.items():

@@ -129,10 +129,10 @@ def _dependences(
     with ctx.workdps(2 * _FEW_DIGITS):  # shows independence already in the usual case
         if not _eliminated(_balls(rows, _FEW_DIGITS)):
             return {}
-    return _proven(points, min(_DIGITS + 2 * _decades(rows), _MOST_DIGITS), names)
+    return _proven_dependences(points, min(_DIGITS + 2 * _decades(rows), _MOST_DIGITS), names)
 
 
-def _proven(points: _Points, digits: int, names: str) -> dict[Exponents, Combination]:
+def _proven_dependences(points: _Points, digits: int, names: str) -> dict[Exponents, Combination]:
     """Return the dependences that hold with many digits, also at points that did not give them."""
     parts = points.parts
     table: list[_Balls] = []

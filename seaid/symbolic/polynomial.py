@@ -116,14 +116,14 @@ def _rationalised(
     one_moves = len(present.intersection(ring.motion)) == 1
     for relation in ring.relations:
         if denominator.degrees()[relation.generator] > 0:
-            factor = _freeing(ring, denominator, relation, one_moves)
+            factor = _freeing_factor(ring, denominator, relation, one_moves)
             if factor is not None:
                 numerator = multiply(ring, numerator, factor)
                 denominator = multiply(ring, denominator, factor)
     return numerator, denominator
 
 
-def _freeing(
+def _freeing_factor(
     ring: Ring, denominator: fmpq_mpoly, relation: Relation, one_moves: bool
 ) -> fmpq_mpoly | None:
     """Return the factor that frees a denominator of a generator; None if the factor is long."""
