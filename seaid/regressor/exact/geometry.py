@@ -14,7 +14,7 @@ be rationals or polynomials.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import product
@@ -104,10 +104,9 @@ def exact_tree(robot: Robot) -> ExactTree:
         axis = joint_axis(model.joints[index])
         body = robot.model_order[index - 1]
         rotation, alignment = _between_axes(above, exact_rotation(placement.rotation), axis)
-        translation = fmpq_mat([[exact_number(x)] for x in placement.translation])
-        translation = above.transpose() * translation
+        translation = above.transpose() * exact_vector(placement.translation)
         if robot.all_prismatic[body]:
-            translation += rotation * fmpq_mat([[0], [0], [exact_number(offsets[body])]])
+            translation += rotation * exact_vector([0.0, 0.0, offsets[body]])
         elif offsets[body]:
             rotation = rotation * _about_z(offsets[body])
         joints.append(
@@ -119,10 +118,14 @@ def exact_tree(robot: Robot) -> ExactTree:
                 alignment=alignment,
             )
         )
-    gravity = fmpq_mat([[exact_number(x)] for x in model.gravity.linear])
     order = robot.model_order
     moved = (tuple(leaders[i] for i in order), tuple(factors[i] for i in order))
-    return ExactTree(tuple(joints), gravity, order, *moved)
+    return ExactTree(tuple(joints), exact_vector(model.gravity.linear), order, *moved)
+
+
+def exact_vector(values: Iterable[float]) -> fmpq_mat:
+    """Return numbers as a column of rationals."""
+    return fmpq_mat([[exact_number(x)] for x in values])
 
 
 def _between_axes(above: fmpq_mat, placed: fmpq_mat, axis: Array) -> tuple[fmpq_mat, fmpq_mat]:

@@ -13,10 +13,12 @@ the rank is never too high, and too low only if the points are special.
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cache
+from itertools import chain, combinations
 from math import gcd, lcm
 
 import numpy as np
@@ -63,27 +65,50 @@ def null_space(tree: ExactTree, *, floating: bool = False) -> list[Null]:
 
     With a `floating` base its own ten parameters come first, so that there are 10 (n + 1).
     """
-    shift = 10 if floating else 0
     base = _full_spans() if floating else Spans([], [], _basis([tree.gravity.entries()]))
     spans = {-1: base}
     nulls: list[Null] = []
-    groups = {place: group for group in _groups(tree) for place in group}
-    for place, (joint, body) in enumerate(zip(tree.joints, tree.bodies, strict=True)):
+    groups = {group[0]: group for group in _groups(tree)}
+    grouped = set(chain(*groups.values()))
+    for place, joint in enumerate(tree.joints):
         if place in groups:
-            if place == groups[place][0]:
-                nulls += _group_nulls(tree, groups[place], spans, shift, floating)
-            continue
-        hidden, spans[place] = _hidden_changes(joint, spans[joint.parent])
-        alignment = inertia_transform(joint.alignment)
-        above, parent = inertia_transform(joint.rotation, joint.translation), 0
-        if joint.parent >= 0:
-            above = inertia_transform(tree.joints[joint.parent].alignment) * above
-            parent = 10 * tree.bodies[joint.parent] + shift
-        for change in hidden:
-            null = _null_at(10 * body + shift, alignment * change)
-            if joint.parent >= 0 or floating:
-                null |= _null_at(parent, -(above * change))
-            nulls.append(null)
+            nulls += _group_nulls(tree, groups[place], spans, floating)
+        elif place not in grouped:
+            hidden, spans[place] = _hidden_changes(joint, spans[joint.parent])
+            pose = _Pose(joint.rotation, joint.translation, {})
+            nulls += _compensated_changes(tree, {place: pose}, hidden, floating)
+    return nulls
+
+
+def _compensated_changes(
+    tree: ExactTree, poses: dict[int, _Pose], changes: list[fmpq_mat], floating: bool
+) -> list[Null]:
+    """Return changes (10 k, 1) of k bodies with those of their carrier that compensate them.
+
+    `poses` are those of the bodies in the carrier's frame at zero position.
+    """
+    carrier, shift = tree.joints[min(poses)].parent, 10 if floating else 0
+    maps = [
+        (
+            10 * tree.bodies[place] + shift,
+            inertia_transform(tree.joints[place].alignment),
+            inertia_transform(pose.rotation, pose.translation),
+        )
+        for place, pose in poses.items()
+    ]
+    nulls = []
+    for change in changes:
+        null, total, entries = Null(), fmpq_mat(10, 1), change.entries()
+        for i, (column, alignment, above) in enumerate(maps):
+            part = _column(entries[10 * i : 10 * i + 10])
+            null |= _null_at(column, alignment * part)
+            total += above * part
+        if carrier >= 0:
+            total = inertia_transform(tree.joints[carrier].alignment) * total
+            null |= _null_at(10 * tree.bodies[carrier] + shift, -total)
+        elif floating:
+            null |= _null_at(0, -total)
+        nulls.append(null)
     return nulls
 
 
@@ -201,17 +226,16 @@ def _symmetric(entries: Sequence[fmpq]) -> fmpq_mat:
 
 def _groups(tree: ExactTree) -> list[list[int]]:
     """Return the places of the joints that move together, with those between them, in order."""
-    leaders = sorted({leader for leader in tree.leaders if tree.leaders.count(leader) > 1})
-    groups = [{place for place, x in enumerate(tree.leaders) if x == leader} for leader in leaders]
-    while True:
-        groups = [_with_joints_between(tree, group) for group in groups]
-        pair = next(
-            ((a, b) for i, a in enumerate(groups) for b in groups[:i] if a & b),
-            None,
-        )
-        if pair is None:
-            return [sorted(group) for group in groups]
-        groups = [group for group in groups if group not in pair] + [pair[0] | pair[1]]
+    members: dict[int, set[int]] = defaultdict(set)
+    for place, leader in enumerate(tree.leaders):
+        members[leader].add(place)
+    coupled = (places for places in members.values() if len(places) > 1)
+    groups = [_with_joints_between(tree, places) for places in coupled]
+    while pair := next((pair for pair in combinations(groups, 2) if pair[0] & pair[1]), None):
+        groups.remove(pair[0])
+        groups.remove(pair[1])
+        groups.append(_with_joints_between(tree, pair[0] | pair[1]))
+    return [sorted(group) for group in groups]
 
 
 def _with_joints_between(tree: ExactTree, group: set[int]) -> set[int]:
@@ -243,7 +267,7 @@ class _Pose:
 
 
 def _group_nulls(
-    tree: ExactTree, group: list[int], spans: dict[int, Spans], shift: int, floating: bool
+    tree: ExactTree, group: list[int], spans: dict[int, Spans], floating: bool
 ) -> list[Null]:
     """Return the undetectable changes of a group, and add the spans of its bodies to `spans`."""
     first = min(group)
@@ -261,21 +285,8 @@ def _group_nulls(
         after = len(rows), [_sizes(reached[place]) for place in group]
         unchanged = unchanged + 1 if after == before else 0
     spans.update(reached)
-    nulls = []
-    for change in _nullspace(rows, 10 * len(group)):
-        null, total = Null(), fmpq_mat(10, 1)
-        for i, place in enumerate(group):
-            part = _column(change.entries()[10 * i : 10 * i + 10])
-            aligned = inertia_transform(tree.joints[place].alignment)
-            null |= _null_at(10 * tree.bodies[place] + shift, aligned * part)
-            total += inertia_transform(still[place].rotation, still[place].translation) * part
-        if carrier >= 0:
-            total = inertia_transform(tree.joints[carrier].alignment) * total
-            null |= _null_at(10 * tree.bodies[carrier] + shift, -total)
-        elif floating:
-            null |= _null_at(0, -total)
-        nulls.append(null)
-    return nulls
+    still = {place: still[place] for place in group}
+    return _compensated_changes(tree, still, _nullspace(rows, 10 * len(group)), floating)
 
 
 def _independent(rows: list[Vector]) -> list[Vector]:
@@ -341,27 +352,37 @@ def _positions(
     """
     positions: dict[int, fmpq | tuple[fmpq, fmpq]] = {}
     for leader in {tree.leaders[place] for place in group}:
-        members = [place for place in group if tree.leaders[place] == leader]
+        members = {x: tree.multipliers[x] for x in group if tree.leaders[x] == leader}
         length = _random_number(random)
-        for place in (joint for joint in members if tree.joints[joint].is_prismatic):
-            positions[place] = tree.multipliers[place] * length
-        turning = [joint for joint in members if not tree.joints[joint].is_prismatic]
-        while turning:
-            first = _fraction(tree.multipliers[turning[0]])
-            ratios = {joint: _fraction(tree.multipliers[joint]) / first for joint in turning}
-            similar = {
-                joint: ratio
-                for joint, ratio in ratios.items()
-                if max(abs(ratio.numerator), ratio.denominator) <= _MOST_TURNS
-            }
-            common = lcm(*(ratio.denominator for ratio in similar.values()))
-            turns = {joint: int(ratio * common) for joint, ratio in similar.items()}
-            shared = gcd(*turns.values())
-            t = _random_number(random)
-            circle = (1 - t * t) / (1 + t * t), 2 * t / (1 + t * t)
-            positions |= {joint: _turned(circle, count // shared) for joint, count in turns.items()}
-            turning = [joint for joint in turning if joint not in similar]
+        for place, multiplier in members.items():
+            if tree.joints[place].is_prismatic:
+                positions[place] = multiplier * length
+        turning = {x: _fraction(y) for x, y in members.items() if x not in positions}
+        positions |= _circle_points(turning, random)
     return positions
+
+
+def _circle_points(
+    multipliers: dict[int, Fraction], random: np.random.Generator | None
+) -> dict[int, tuple[fmpq, fmpq]]:
+    """Return cosine and sine of the angles {joint: multiplier} of one coordinate."""
+    circles: dict[int, tuple[fmpq, fmpq]] = {}
+    while multipliers:
+        first = next(iter(multipliers.values()))
+        ratios = {joint: multiplier / first for joint, multiplier in multipliers.items()}
+        similar = {
+            joint: ratio
+            for joint, ratio in ratios.items()
+            if max(abs(ratio.numerator), ratio.denominator) <= _MOST_TURNS
+        }
+        common = lcm(*(ratio.denominator for ratio in similar.values()))
+        turns = {joint: int(ratio * common) for joint, ratio in similar.items()}
+        shared = gcd(*turns.values())
+        t = _random_number(random)
+        circle = (1 - t * t) / (1 + t * t), 2 * t / (1 + t * t)
+        circles |= {joint: _turned(circle, count // shared) for joint, count in turns.items()}
+        multipliers = {x: y for x, y in multipliers.items() if x not in similar}
+    return circles
 
 
 _MOST_TURNS = 60
