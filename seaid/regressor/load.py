@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import chain, compress
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -71,7 +72,7 @@ from seaid.robot import (
 )
 
 if TYPE_CHECKING:
-    from seaid.log import Motion
+    from seaid.log import BaseMotion, Motion
     from seaid.regressor.base import BaseParameters
     from seaid.robot import Robot
 
@@ -83,7 +84,7 @@ def drive_parameters(
 ) -> tuple[Array, list[tuple[str, str, str]]]:
     """Return the drives' load-side columns (T, rows, columns), and (joint, parameter, unit)."""
     blocks, drives = [], []
-    known = [robot.index(joint) for joint in rows]
+    known = list(map(robot.index, rows))
     for joint in robot.joint_names:
         index, drive = robot.index(joint), robot.drives[joint]
         parts = []
@@ -128,12 +129,6 @@ def stiff_signals(robot: Robot, index: int, q: Array, v: Array, a: Array) -> dic
     }
     motor = {name.replace("_L", "_M"): ratio * values for name, values in joint.items()}
     return {**joint, **motor, **joint_states, **free, "tau_L": nothing}
-
-
-def _stiff_signals_at(
-    robot: Robot, states: tuple[Array, Array, Array], index: int
-) -> dict[str, Array]:
-    return stiff_signals(robot, index, *states)
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,25 +193,7 @@ def load_model(
 
     `stances` and `measured` are those of a floating base, as in `base_parameters`.
     """
-    known = [robot.index(joint) for joint in torque_joints]
-    drives: list[tuple[str, str, str]] = []
-    if robot.floating_base is None:
-        q, v, a = random_states(robot, seed=1, torques=len(known))
-        Y = base.reduce(regressor_at_drives(robot, q, v, a))[:, known]
-        columns, drives = drive_parameters(
-            robot, torque_joints, lambda index: stiff_signals(robot, index, q, v, a)
-        )
-        H = np.concatenate([Y, columns], axis=2).reshape(len(q) * len(known), -1)
-    else:
-        parts = []
-        for place, links in enumerate(stances):
-            states, Y, reduced = stance_rows(robot, links, 1 + place, known, measured)
-            columns, drives = drive_parameters(
-                robot, torque_joints, partial(_stiff_signals_at, robot, states)
-            )
-            rows = reduced(np.concatenate([base.reduce(Y), below_base(columns)], axis=2))
-            parts.append(rows.reshape(-1, rows.shape[2]))
-        H = np.concatenate(parts)
+    H, drives = _random_rows(robot, base, torque_joints, stances, measured)
     p = len(base.columns)
     nonlinear = [
         p + place
@@ -225,7 +202,7 @@ def load_model(
     ]
     identifiable, grouping = _identifiable(H, nonlinear)
     names = (*base.expressions, *(f"{name}_{joint}" for joint, name, _ in drives))
-    absorbed = [column for column in range(p, H.shape[1]) if column not in identifiable]
+    absorbed = sorted({*range(p, H.shape[1])}.difference(identifiable))
     expressions = []
     for row in range(p):
         wanted = np.zeros(H.shape[1])
@@ -239,6 +216,30 @@ def load_model(
         absorbed=tuple(drives[column - p] for column in absorbed),
         absorption=frozen("absorption", grouping[:, absorbed], (len(identifiable), None)),
     )
+
+
+def _random_rows(
+    robot: Robot,
+    base: BaseParameters,
+    torque_joints: Sequence[str],
+    stances: Sequence[Sequence[str]],
+    measured: Sequence[str],
+) -> tuple[Array, list[tuple[str, str, str]]]:
+    """Return the rows of the load side at random states, and the drive parameters in them."""
+    known, floats = list(map(robot.index, torque_joints)), robot.floating_base is not None
+    parts, drives = [], list[tuple[str, str, str]]()
+    for place, links in enumerate(stances if floats else ((),)):
+        if floats:
+            (q, v, a), Y, reduced = stance_rows(robot, links, 1 + place, known, measured)
+        else:
+            q, v, a = random_states(robot, seed=1, torques=len(known))
+            Y, reduced = regressor_at_drives(robot, q, v, a)[:, known], np.asarray
+        signals_of = partial(stiff_signals, robot, q=q, v=v, a=a)
+        columns, drives = drive_parameters(robot, torque_joints, signals_of)
+        columns = below_base(columns) if floats else columns
+        rows = reduced(np.concatenate([base.reduce(Y), columns], axis=2))
+        parts.append(rows.reshape(-1, rows.shape[2]))
+    return np.concatenate(parts), drives
 
 
 def _nonlinear_parameters(robot: Robot, joint: str) -> tuple[str, ...]:
@@ -454,29 +455,32 @@ def stances_of(
     The second result are those among them with measured wrenches: flat feet that have one in each
     log, of which one that always stands shows its weight only.
     """
-    floating, bases = robot.floating_base, [motion.base for motion in motions]
-    stances: dict[tuple[str, ...], None] = {}
-    flat = [
-        link
-        for link in (() if floating is None else floating.contact_links)
-        if all(base is not None and link in base.wrenches for base in bases)
-        if floating is not None and floating.contact_of(link).is_flat
-    ]
-    for base in bases:
-        if base is None:
-            stances[()] = None
-            continue
-        touching = {**base.contacts, **{x: loaded(base.wrenches[x]) for x in flat}}
-        if not touching:
-            stances[()] = None
-            continue
-        patterns = np.array([flags[base.used] for flags in touching.values()]).T
-        for pattern in np.unique(patterns, axis=0):
-            links = (x for x, touches in zip(touching, pattern, strict=True) if touches)
-            stances[tuple(links)] = None
+    bases = [motion.base for motion in motions]
+    flat = _measured_feet(robot, bases)
+    stances = dict.fromkeys(chain(*(_base_stances(base, flat) for base in bases)))
     if not any(x.base is None or np.any(x.base.used[row_samples(x)]) for x in motions):
         raise _without_stance(motions)
-    return tuple(stances), tuple(flat)
+    return tuple(stances), flat
+
+
+def _measured_feet(robot: Robot, bases: Sequence[BaseMotion | None]) -> tuple[str, ...]:
+    """Return the flat contacts that have a measured wrench in each log."""
+    if robot.floating_base is None:
+        return ()
+    flat = (contact.link for contact in robot.floating_base.contacts if contact.is_flat)
+    measured = [frozenset() if base is None else frozenset(base.wrenches) for base in bases]
+    return tuple(link for link in flat if all(link in links for links in measured))
+
+
+def _base_stances(base: BaseMotion | None, flat: Sequence[str]) -> list[tuple[str, ...]]:
+    """Return the sets of contacts that touch the ground together, `flat` by their wrenches."""
+    if base is None:
+        return [()]
+    touching = {**base.contacts, **{link: loaded(base.wrenches[link]) for link in flat}}
+    if not touching:
+        return [()]
+    patterns = np.array([flags[base.used] for flags in touching.values()]).T
+    return [tuple(compress(touching, pattern)) for pattern in np.unique(patterns, axis=0)]
 
 
 def _without_stance(motions: Sequence[Motion]) -> LogError:
