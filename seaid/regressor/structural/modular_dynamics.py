@@ -6,9 +6,11 @@ written down: in the aligned frame of a body, force m a + B h and moment h x a +
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -138,27 +140,19 @@ class ModularDynamics:
         shape = (6 + width, 10 * width + 10) if base else (width, 10 * width)
         whole = np.zeros((count, *shape), dtype=np.uint64)
         joint_rows = whole[:, -width:]
-        if base is not None:
-            base_columns = _columns(base, np.eye(10, dtype=np.uint64))
-            whole[:, :6, -10:] = np.stack([*base_columns[0], *base_columns[1]], axis=1)
-        below: list[list[tuple[list[int], list[Words], list[Words]]]] = [[] for _ in self.joints]
+        below: dict[int, list[_Stack]] = defaultdict(list)  # by the parent, of the base by -1
         for place in reversed(range(len(self.joints))):
             joint, body = self.joints[place], self.bodies[place]
-            f, n = _columns(motions[place], joint.from_body)
-            stacks = [(list(range(10 * body, 10 * body + 10)), f, n), *below[place]]
-            columns = [column for stack in stacks for column in stack[0]]
-            f, n = (
-                [np.concatenate([stack[k][i] for stack in stacks], axis=1) for i in range(3)]
-                for k in (1, 2)
-            )
-            below[place] = []
+            below[place].append(_columns(motions[place], joint.from_body, body))
+            columns, f, n = _joined_stacks(below.pop(place))
             joint_rows[:, body, columns] = f[2] if joint.is_prismatic else n[2]
             if joint.parent >= 0 or base is not None:
-                up = _to_parent(joint, [x[:, body, None] for x in states[:3]], f, n)
-            if joint.parent >= 0:
-                below[joint.parent].append((columns, *up))
-            elif base is not None:
-                whole[:, :6, columns] = np.stack([*up[0], *up[1]], axis=1)
+                state = [x[:, body, None] for x in states[:3]]
+                below[joint.parent].append((columns, *_to_parent(joint, state, f, n)))
+        if base is not None:
+            below[-1].append(_columns(base, np.eye(10, dtype=np.uint64), width))
+            columns, f, n = _joined_stacks(below[-1])
+            whole[:, :6, columns] = np.stack([*f, *n], axis=1)
         return whole
 
     def forces_at(self, states: Sequence[Words], body: int, point: Words, is_flat: bool) -> Words:
@@ -270,13 +264,22 @@ def _wrenches(
     return force, _add(_cross(h, a), _add(turned, _cross(w, swept)))
 
 
-def _columns(
-    motion: tuple[_Vector, _Vector, _Vector], from_body: Words
-) -> tuple[list[Words], list[Words]]:
-    """Return forces and moments, three arrays (S, 10) each, of the unit parameters of a body."""
+_Stack = tuple[list[int], list[Words], list[Words]]
+"""Columns of the regressor, and forces and moments in them, three arrays (S, columns) each."""
+
+
+def _columns(motion: BodyMotion, from_body: Words, body: int) -> _Stack:
+    """Return the columns of a body, with forces and moments of its unit parameters."""
     a, w, e = ([x[:, None] for x in vector] for vector in motion)
-    f, n = _wrenches((a, w, e), list(from_body[:, None, :]))
-    return f, n
+    columns = list(range(10 * body, 10 * body + 10))
+    return columns, *_wrenches((a, w, e), list(from_body[:, None, :]))
+
+
+def _joined_stacks(stacks: Sequence[_Stack]) -> _Stack:
+    """Return several stacks of columns as one."""
+    columns, *sides = zip(*stacks, strict=True)
+    f, n = ([np.concatenate(x, axis=1) for x in zip(*side, strict=True)] for side in sides)
+    return list(chain(*columns)), f, n
 
 
 def _to_parent(
