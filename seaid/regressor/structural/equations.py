@@ -201,17 +201,11 @@ def _driven_by(drive: Drive, motor_input: MotorInput) -> Drive:
     """Return the drive with another motor input, and the constants that go with it."""
     if motor_input == drive.motor_input:
         return drive
-    if drive.controller is not None:
-        parameters = PARAMETERS_OF["motor_input"][drive.motor_input]
-        nominal = {name: x for name, x in drive.nominal.items() if name not in parameters}
-        known = tuple(name for name in drive.known if name not in parameters)
-        drive = replace(drive, controller=None, motor_input="torque", nominal=nominal, known=known)
-        return _driven_by(drive, motor_input)
-    constants = ("torque_constant", "voltage_constant")
-    wanted = {"current": constants[0], "voltage": constants[1]}.get(motor_input)
-    kept = {name: x for name, x in drive.nominal.items() if name not in constants or name == wanted}
-    known = tuple(name for name in drive.known if name not in constants or name in kept)
-    return replace(drive, motor_input=motor_input, nominal=kept, known=known)
+    parameters = PARAMETERS_OF["motor_input"]
+    lost = set(chain(*parameters.values())).difference(parameters[motor_input])
+    nominal = {name: x for name, x in drive.nominal.items() if name not in lost}
+    known = tuple(name for name in drive.known if name not in lost)
+    return replace(drive, controller=None, motor_input=motor_input, nominal=nominal, known=known)
 
 
 def _plain(expression: sp.Expr) -> sp.Expr:
