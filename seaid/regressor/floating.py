@@ -151,7 +151,7 @@ def contact_equations(
     Both are those of rows times `row_scale`; the arguments are as in `without_contact_forces`. The
     columns of contacts that do not touch the ground are zero.
     """
-    count = sum(6 if contact.is_flat else 3 for contact in contacts)
+    count = sum(force_counts(contacts))
     A = np.zeros((len(q), 6 + len(joints), count))
     inverse = A.swapaxes(1, 2).copy()
     for now, columns, part in _stance_maps(robot, q, contacts, touching, joints, unknown, up):
@@ -165,6 +165,11 @@ def contact_equations(
             A[np.ix_(now, np.arange(A.shape[1]), columns)] = part
             inverse[np.ix_(now, columns, np.arange(A.shape[1]))] = turned
     return A, inverse
+
+
+def force_counts(contacts: Sequence[Contact]) -> list[int]:
+    """Return how many components of force and moment each contact has."""
+    return [6 if contact.is_flat else 3 for contact in contacts]
 
 
 def row_scale(robot: Robot, count: int) -> Array:
@@ -195,7 +200,7 @@ def _stance_maps(
     if unknown is not None:
         A[:, 6:] *= ~unknown[:, :, None]
     A *= row_scale(robot, A.shape[1])
-    owner = np.repeat(np.arange(len(contacts)), [6 if x.is_flat else 3 for x in contacts])
+    owner = np.repeat(np.arange(len(contacts)), force_counts(contacts))
     for pattern in np.unique(patterns, axis=0):
         now = np.flatnonzero(np.all(patterns == pattern, axis=1))
         columns = np.flatnonzero(pattern[owner])
@@ -538,7 +543,7 @@ def with_contact_frames(
         placement = pin.SE3(rotation, position + rotation @ np.array(contact.position_m))
         frame = pin.Frame(f"contact {place}", joint, 0, placement, pin.FrameType.OP_FRAME)
         frames.append(model.addFrame(frame, False))
-    return model, frames, [6 if contact.is_flat else 3 for contact in contacts]
+    return model, frames, force_counts(contacts)
 
 
 @lru_cache(maxsize=8)

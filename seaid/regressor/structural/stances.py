@@ -15,6 +15,7 @@ from flint import nmod_mat
 
 from seaid.errors import RobotError, unknown_name
 from seaid.regressor.exact.geometry import exact_tree
+from seaid.regressor.floating import force_counts
 from seaid.regressor.structural.arithmetic import ResidueNumbers, Residues, echelon
 from seaid.regressor.structural.modular_dynamics import (
     PRIME,
@@ -59,7 +60,7 @@ def columns_of_stances(
     """
     assert robot.floating_base is not None
     numbers = ResidueNumbers(robot, np.random.default_rng(seed))
-    known = [robot.index(joint) for joint in robot.selected(torque_joints)]
+    known = list(map(robot.index, robot.selected(torque_joints)))
     free = _axes_and_gravity(numbers)[0]
     width, rows = len(robot.parameters), [np.zeros((0, len(robot.parameters)), dtype=object)]
     for links in stances:
@@ -68,7 +69,7 @@ def columns_of_stances(
             continue
         contacts = [contact for contact in robot.floating_base.contacts if contact.link in links]
         hidden = [contact for contact in contacts if contact.link not in measured]
-        reached = sum(6 if contact.is_flat else 3 for contact in hidden)
+        reached = sum(force_counts(hidden))
         equations = max(int(sum(free)) + len(known) - reached, 1)
         rows.append(_rows(numbers, contacts, hidden, known, _instants(width, equations)))
     H = np.vstack(rows)
