@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, compress
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -338,6 +338,11 @@ def base_by_derivatives(
     rows = (_rows(plausible_robot, stiffness, alone, by_sensor, names, rng) for _ in range(count))
     H = np.vstack(list(rows))
     H[:, : robot.parameters.size][:, robot.is_known] = 0.0
+    return _base_of(H, names)
+
+
+def _base_of(H: Array, names: Sequence[str]) -> BaseParameters:
+    """Return the base parameters of rows, without entries of the grouping that are rounding."""
     norms = np.linalg.norm(H, axis=0)
     columns, grouping, gap = left_to_right(H, norms < _ZERO)
     norms[norms < _ZERO] = 1.0
@@ -362,18 +367,15 @@ def _plausible(robot: Robot) -> Array:
 
 def _is_covered(robot: Robot, joint: str, sensors: frozenset[str]) -> bool:
     drive = robot.drives[joint]
-    plain = {*drive.friction} <= {*_FRICTION} and not (
-        drive.parallel_spring or drive.joint_friction or drive.extra_terms or drive.transmission
-    )
-    if drive.is_elastic:
-        plain = plain and drive.spring == ("linear",)
-    if not plain or drive.motor_input != "torque":
+    if {*drive.friction} - {*_FRICTION} or drive.motor_input != "torque":
+        return False
+    if any((drive.parallel_spring, drive.joint_friction, drive.extra_terms, drive.transmission)):
         return False
     if not drive.is_elastic:
         position = {"joint_position", "motor_position"} & sensors
         return bool(position and {"motor_torque", "joint_torque"} & sensors)
     seen = {"joint_position", "motor_position", "motor_torque"} <= sensors
-    return seen or is_motor_only(drive, sensors)
+    return drive.spring == ("linear",) and (seen or is_motor_only(drive, sensors))
 
 
 @dataclass(frozen=True)
@@ -418,9 +420,8 @@ def _rows(
     `torque_sensors` are those of stiff joints, whose drives are not in (8).
     """
     at, places = _instant(robot, rng), {name: place for place, name in enumerate(names)}
-    states = at.position[0], at.position[1], at.position[2]
     rows, further = np.zeros((robot.n, len(names))), []
-    rows[:, : robot.parameters.size] = -rigid_body_regressor(robot, *(x[None] for x in states))[0]
+    rows[:, : robot.parameters.size] = -rigid_body_regressor(robot, *at.position[:3, None])[0]
     for index, joint in enumerate(robot.joint_names):
         if torque_sensors[index]:
             continue
@@ -428,29 +429,29 @@ def _rows(
         reach, lever = drive.load_radius, drive.ratio / drive.motor_radius
         d = at.torque[:, index] / (reach * k) if drive.is_elastic else np.zeros(_ORDERS)
         columns = _columns(drive, lever * (reach * at.position[:, index] + d))
-        if not drive.is_elastic:
+        if alone[index] or not drive.is_elastic:  # r_L f = r_L N / r_M (tau_M - c phi)
             load = {name: -lever * reach * column[0] for name, column in columns.items()}
-        elif alone[index]:
-            # r_L f = r_L N / r_M (tau_M - c phi), and q = (r_M / N theta_M - d) / r_L
-            load = {name: -lever * reach * column[0] for name, column in columns.items()}
-            changes = {name: -lever / k * column for name, column in columns.items()}
-            changes |= {"stiffness": -d[:3] / k, "spring_offset": np.array([-1.0 / k, 0.0, 0.0])}
-            felt = _felt(robot, states, index)
-            for name, change in changes.items():
-                if (place := places.get(f"{name} of {joint}")) is not None:
-                    rows[:, place] += felt @ change / reach
         else:
             load = {"stiffness": reach * d[0], "spring_offset": reach}
             further.append(np.zeros(len(names)))
             motor = {name: column[0] for name, column in columns.items()}
             motor |= {"stiffness": d[0] / lever, "spring_offset": 1.0 / lever}
             _add(further[-1], places, joint, motor)
+        if alone[index]:  # q = (r_M / N theta_M - d) / r_L
+            changes = {name: -lever / k * column for name, column in columns.items()}
+            changes |= {"stiffness": -d[:3] / k, "spring_offset": np.array([-1.0 / k, 0.0, 0.0])}
+            felt = _felt(robot, at.position[:3], index)
+            torques = {name: felt @ change / reach for name, change in changes.items()}
+            _add(rows.T, places, joint, torques)
         _add(rows[index], places, joint, load)
     return np.vstack([rows, *further])
 
 
-def _add(row: Array, places: Mapping[str, int], joint: str, values: Mapping[str, float]) -> None:
-    """Add {parameter of a drive: value} to a row; known parameters have no place."""
+def _add(row: Array, places: Mapping[str, int], joint: str, values: Mapping[str, Any]) -> None:
+    """Add {parameter of a drive: value} to a row, or columns to the transpose of rows.
+
+    Known parameters have no place.
+    """
     for name, value in values.items():
         if (place := places.get(f"{name} of {joint}")) is not None:
             row[place] += value
@@ -476,14 +477,14 @@ def _columns(drive: Drive, motor: Array) -> dict[str, Array]:
 _DIFFERENCE = 1e-5
 
 
-def _felt(robot: Robot, states: tuple[Array, Array, Array], index: int) -> Array:
-    """Return the derivatives (n, 3) of all torques by the position, speed and so on of a joint."""
+def _felt(robot: Robot, states: Array, index: int) -> Array:
+    """Return the derivatives (n, 3) of all torques by the states (3, n) of a joint."""
     slopes = np.empty((robot.n, 3))
     for order in range(3):
         ends = []
         for step in (_DIFFERENCE, -_DIFFERENCE):
-            moved = [state.copy() for state in states]
-            moved[order][index] += step
-            ends.append(joint_torques(robot, *(x[None] for x in moved))[0])
+            moved = states.copy()
+            moved[order, index] += step
+            ends.append(joint_torques(robot, *moved[:, None])[0])
         slopes[:, order] = (ends[0] - ends[1]) / (2 * _DIFFERENCE)
     return slopes
