@@ -285,8 +285,7 @@ def term_test(
     """
     for term in terms:
         if term not in qr_factor.names:
-            message = unknown_name("parameter", term, qr_factor.names)
-            raise IdentificationError(f"terms=: {message}")
+            raise IdentificationError("terms=: " + unknown_name("parameter", term, qr_factor.names))
     rows = float(qr_factor.count) if independent is None else independent
     p, q = len(qr_factor.names), len(terms)
     if rows <= p or not q:
@@ -295,9 +294,9 @@ def term_test(
             f"{rows:.1f} rows and {p} parameters"
         )
     R = qr_factor.weighted_factor(weights) if factor is None else factor
-    kept = [place for place, name in enumerate((*qr_factor.names, "")) if name not in terms]
-    first = min(place for place, name in enumerate(qr_factor.names) if name in terms)
-    below = [place for place in kept if place >= first]  # columns before stay triangular
+    dropped = {place for place, name in enumerate(qr_factor.names) if name in terms}
+    first = min(dropped)
+    below = sorted({*range(first, p + 1)} - dropped)  # columns before stay triangular
     full, fewer = R[-1, -1] ** 2, triangle(R[first:, below])[-1, -1] ** 2
     growth = float(fewer / full) if full > 0 else float("inf")
     F = (rows - p) / q * (growth - 1)
