@@ -247,6 +247,12 @@ class StoredRows:
             times = float(np.min(rows.time)), float(np.max(rows.time))
             self.spans[log] = min(start, times[0]), max(end, times[1])
 
+    @property
+    def instants(self) -> int:
+        """Number of instants of all logs, also of those between their rows."""
+        spans = self.spans.items()
+        return sum(round((end - start) / self.steps_s[log]) + 1 for log, (start, end) in spans)
+
     def pieces(self, change: Change | None) -> Iterator[tuple[int, Regression]]:
         """Yield the number of the log and the rows of every piece after `change`, if any."""
         self.file.seek(0)
@@ -316,12 +322,11 @@ def stored_estimate(
         _scores((rows for _, rows in group), stored.spans[log][0], stored.steps_s[log], factors)
         for log, group in groupby(pieces, key=lambda piece: piece[0])
     )
-    instants = sum(
-        round((end - start) / stored.steps_s[log]) + 1 for log, (start, end) in stored.spans.items()
-    )
-    whole = _whole(stored, change) if instants <= MOST_INSTANTS else None
+    whole = _whole(stored, change) if stored.instants <= MOST_INSTANTS else None
     remaining = None if whole is None else left_of(whole, weights, qr_factor, solution)
-    initial = estimate_of(qr_factor, weights, long_run(scores, instants), None, solution, remaining)
+    initial = estimate_of(
+        qr_factor, weights, long_run(scores, stored.instants), None, solution, remaining
+    )
     estimate = with_blocks(qr_factor, weights, (solution, noise), initial, blocks, propagated)
     if whole is not None:
         estimate = with_drifts_of(whole, weights, solution, estimate, cutoff_hz)
