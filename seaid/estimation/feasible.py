@@ -16,6 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 
 import numpy as np
 
@@ -116,20 +117,25 @@ def with_selected_weight(
     may be many times as heavy as those of the prior, must lower the risk by more than the standard
     deviation of chi-square over p values.
     """
-    p = len(program.estimate)
     resolved = [weight for weight in weights if weight >= RESOLVED * least] or [weights[0]]
-    best = regularised(program, resolved[0])
-    tried = [best]
-    for weight in resolved[1:]:
-        fit = regularised(program, weight)
-        tried.append(fit)
-        best = min(best, fit, key=lambda point: point.risk)
-        if least + 2 * fit.freedom - p > best.risk:  # a lower bound of the risk of all that follow
-            break
+    tried = _falling_fits(program, least, resolved)
+    best = min(tried, key=attrgetter("risk"))
     if best.weight < _OF_ONE:
-        likely = [fit for fit in tried if fit.risk <= best.risk + math.sqrt(2 * p)]
+        highest = best.risk + math.sqrt(2 * len(program.estimate))
+        likely = [fit for fit in tried if fit.risk <= highest]
         return max(likely, key=lambda point: min(point.weight, _OF_ONE))
     around = best.weight * 10**0.5, best.weight / 10**0.5
     inner = [weight for weight in around if resolved[-1] < weight < resolved[0]]
     points = [best, *(regularised(program, weight) for weight in inner)]
-    return min(points, key=lambda point: point.risk)
+    return min(points, key=attrgetter("risk"))
+
+
+def _falling_fits(program: Program, least: float, weights: Sequence[float]) -> list[FeasiblePoint]:
+    """Return `regularised` with the weights in falling order, until no smaller risk is possible."""
+    fits = [regularised(program, weights[0])]
+    for weight in weights[1:]:
+        fits.append(regularised(program, weight))
+        bound = least + 2 * fits[-1].freedom - len(program.estimate)  # of the risk of the others
+        if bound > min(fit.risk for fit in fits):
+            break
+    return fits
