@@ -310,23 +310,25 @@ def _search(
         final = used, max(BARRIER, least, relative * used)
         system = _system(program, point)
         step, decrement = _direction(program, used, point, system, final)
-        last = all(gap <= 2 * target for gap, target in zip(point.gaps, final, strict=True))
+        last = bool(np.all(np.array(point.gaps) <= 2 * np.array(final)))
         if not (last and decrement <= used):
             step = _corrected(program, used, point, system, final, step)
         moved, length = _moved(program, point, step)
         late += last
-        enough = _SETTLED * used + _ROUNDING * point.chi_square
-        if length < _STUCK or late > _LATE:
-            enough = max(enough, 2 * used)
-        elif decrement > 0.1 * before:
-            enough = max(enough, _STALLED * used)
-        if last and decrement < enough:
+        is_stuck, is_stalled = length < _STUCK or late > _LATE, decrement > 0.1 * before
+        if last and decrement < _sufficient(used, point.chi_square, is_stuck, is_stalled):
             freedom = 2 * float(np.sum(system.variances()[: point.p]))
             return Minimum(moved or point, used, freedom)
         if moved is None:
             break
         point, before = moved, decrement if last else np.inf
     return None
+
+
+def _sufficient(used: float, chi_square: float, is_stuck: bool, is_stalled: bool) -> float:
+    """Return the decrement of the merit at which a search has reached the minimum."""
+    factor = 2.0 if is_stuck else _STALLED if is_stalled else 0.0
+    return max(_SETTLED * used + _ROUNDING * chi_square, factor * used)
 
 
 def _start(program: Program, weight: float) -> Point:
