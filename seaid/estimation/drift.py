@@ -83,9 +83,7 @@ def drifts_of(
     levels = _levels(scaled, highest_hz)
     if not np.all(levels > 0):  # a log without noise
         return ()
-    scaled = _orthonormal(
-        [replace(band, rows=band.rows / level) for band, level in zip(scaled, levels, strict=True)]
-    )
+    scaled = _orthonormal(scaled, levels)
     likelihoods = [_likelihood(band, highest_hz) for band in scaled]
     moments = [likelihood.moments[0] for likelihood in likelihoods]
     count = sum(len(band.rows) for band in scaled)
@@ -94,8 +92,7 @@ def drifts_of(
     while rest:
         every = np.sum(moments, axis=0)
         likely = {place: likelihoods[place].best(every - moments[place], count) for place in rest}
-        best = max(rest, key=lambda place: likely[place][1])
-        corner, ratio = likely[best]
+        best, (corner, ratio) = max(likely.items(), key=lambda item: item[1][1])
         corner_hz = float(likelihoods[best].corners_hz[corner])
         drift, influence = _drift(rows, bands[best], corner_hz, ratio, levels[best], weights[best])
         if ratio < _SIGNIFICANT or drift.share < _LEAST_SHARE:
@@ -153,11 +150,15 @@ def _levels(bands: Sequence[_Band], highest_hz: float) -> Array:
     return np.array(levels)
 
 
-def _orthonormal(bands: Sequence[_Band]) -> list[_Band]:
-    """Return the equations in columns that are orthonormal, so that products of them are exact."""
-    R = triangle(np.concatenate([band.rows for band in bands]))
+def _orthonormal(bands: Sequence[_Band], levels: Array) -> list[_Band]:
+    """Return the equations over their noise `levels` (E,), in columns that are orthonormal.
+
+    Products of such columns are exact.
+    """
+    scaled = [band.rows / level for band, level in zip(bands, levels, strict=True)]
+    R = triangle(np.concatenate(scaled))
     solved = partial(safely, linalg.solve_triangular, R, what="a drift", trans="T")
-    return [replace(band, rows=solved(band.rows.T).T) for band in bands]
+    return [replace(band, rows=solved(x.T).T) for band, x in zip(bands, scaled, strict=True)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -274,11 +275,8 @@ def block_factors(
 
 def spans_of(rows: Regression) -> dict[int, tuple[float, float]]:
     """Return {log: first and last instant [s]} of rows in memory."""
-    spans = {}
-    for log in np.unique(rows.run).astype(int):
-        time = rows.time[rows.run == log]
-        spans[log] = float(time.min()), float(time.max())
-    return spans
+    times = {log: rows.time[rows.run == log] for log in np.unique(rows.run).astype(int)}
+    return {log: (float(time.min()), float(time.max())) for log, time in times.items()}
 
 
 def agreement(
