@@ -279,9 +279,8 @@ def assemble(
         )
     for payload in payloads:
         if payload.link not in tree.links:
-            raise RobotError(
-                "payloads=: " + unknown_name("link", payload.link, tree.links), "payloads="
-            )
+            unknown = unknown_name("link", payload.link, tree.links)
+            raise RobotError(f"payloads=: {unknown}", "payloads=")
         parent, placement = frames[payload.link]
         if not parent and not floats:
             raise RobotError(f"payload on '{payload.link}': no joint moves this link")

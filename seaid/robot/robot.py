@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import compress
 from pathlib import Path
 from typing import Any
 
@@ -348,12 +349,7 @@ def load_robot(
     if moves:
         tree, at_root = without_joint_of_base(tree, base)
     locked = dict(locked or {})
-    if both := sorted({*locked} & {*(joints or ())}):
-        raise RobotError(
-            f"'{tree.name}': joint '{both[0]}' is locked; leave it out of joints=, or of locked=",
-            "joints=",
-            "locked=",
-        )
+    _check_locked(tree, locked, joints)
     movable = movable_joints(tree)
     tree = tree.locked_at(locked)
     moving = moving_joints(tree, joints)
@@ -379,6 +375,16 @@ def load_robot(
             "base='floating'",
         )
     return replace(robot, known_bodies=_known_bodies(robot, tree, known_bodies))
+
+
+def _check_locked(tree: UrdfTree, locked: Iterable[str], joints: Iterable[str] | None) -> None:
+    """Raise RobotError if a joint is locked and among the moving `joints` at once."""
+    if both := sorted({*locked} & {*(joints or ())}):
+        raise RobotError(
+            f"'{tree.name}': joint '{both[0]}' is locked; leave it out of joints=, or of locked=",
+            "joints=",
+            "locked=",
+        )
 
 
 def nominal_model(path: Path, robot: Robot) -> Robot:
@@ -484,25 +490,27 @@ def _known_bodies(robot: Robot, tree: UrdfTree, names: str | Sequence[str]) -> t
             f"known_bodies must be a list of names, found the text {shown(names)}", "known_bodies"
         )
     if names in ("all", ["all"], ("all",)) and "all" not in robot.body_names:
-        pairs = zip(robot.body_names, bodies, strict=True)
-        names = [name for name, body in pairs if np.any(np.nan_to_num(body))]
+        names = list(compress(robot.body_names, np.any(np.nan_to_num(bodies), axis=1)))
     still = {tree.joints[joint].child for joint in robot.standing_joints}
     names = [name for name in names if name not in still]  # parts of other bodies
     for name in names:
-        if name in tree.links and name not in robot.body_names:
-            raise RobotError(
-                f"known_bodies: no moving joint carries '{name}' as its own link; the bodies are "
-                f"{', '.join(robot.body_names)}, each with the links fixed to it",
-                "known_bodies:",
-            )
-        if name not in robot.body_names:
-            wrong = unknown_name("body", name, robot.body_names)
+        wrong = _obstacle(robot, tree, name)
+        if wrong:
             raise RobotError(f"known_bodies: {wrong}", "known_bodies:")
-        if not np.any(bodies[robot.body_names.index(name)]):
-            raise RobotError(
-                f"known_bodies: '{name}' has no inertial parameters in the URDF", "known_bodies:"
-            )
     return tuple(dict.fromkeys(names))
+
+
+def _obstacle(robot: Robot, tree: UrdfTree, name: str) -> str:
+    """Return why a body cannot be a known one, as text, or an empty text."""
+    if name not in robot.body_names and name in tree.links:
+        return (
+            f"no moving joint carries '{name}' as its own link; the bodies are "
+            f"{', '.join(robot.body_names)}, each with the links fixed to it"
+        )
+    if name not in robot.body_names:
+        return unknown_name("body", name, robot.body_names)
+    has_mass = np.any(robot.parameters.reshape(-1, 10)[robot.body_names.index(name)])
+    return "" if has_mass else f"'{name}' has no inertial parameters in the URDF"
 
 
 def _drives(
@@ -515,15 +523,14 @@ def _drives(
     else:
         declared = drives_from_mapping(drives)
     file = f" of '{drives}'" if isinstance(drives, str | Path) else ""
+    where = f"drives{file} for '{tree.name}'"
     for name in declared:
         if name not in tree.joints:
-            raise RobotError(
-                f"drives{file} for '{tree.name}': " + unknown_name("joint", name, tree.joints)
-            )
+            raise RobotError(f"{where}: {unknown_name('joint', name, tree.joints)}")
         mimic = tree.joints[name].mimic
         if mimic is not None:
             raise RobotError(
-                f"drives{file} for '{tree.name}': joint '{name}' mimics '{mimic.leader}' and has "
+                f"{where}: joint '{name}' mimics '{mimic.leader}' and has "
                 f"no drive of its own: remove its table, that of '{mimic.leader}' moves both; or "
                 "load it with independent_mimics=True",
                 "independent_mimics=True",
