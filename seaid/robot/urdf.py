@@ -152,10 +152,9 @@ def _check_number(where: str, tag: str, name: str, text: str, wanted: _Numbers) 
             f"{'s' if wanted.many > 1 else ''}, found '{shortened(text)}'"
         )
     if max(map(abs, values)) > wanted.largest:
-        allowed = f"-{wanted.largest:g} to {wanted.largest:g} {wanted.unit}"
         raise RobotError(
             f"{where}: {name} of <{tag}> is out of range, found '{shortened(text)}': allowed are "
-            f"{allowed}"
+            f"-{wanted.largest:g} to {wanted.largest:g} {wanted.unit}"
         )
     if tag == "mass" and 0 < abs(values[0]) < SMALLEST_KG:
         raise RobotError(
@@ -389,18 +388,16 @@ class UrdfTree:
 
         Raises RobotError for an unknown joint, one that cannot move, and for what is no position.
         """
-        joints = dict(self.joints)
+        joints, where = dict(self.joints), f"locked=: '{self.name}'"
         for name in positions:
             if name not in joints:
-                raise RobotError(
-                    f"locked=: '{self.name}': " + unknown_name("joint", name, joints), "locked="
-                )
-            if joints[name].type not in _SINGLE or joints[name].mimic is not None:
-                mimic = joints[name].mimic
+                raise RobotError(f"{where}: {unknown_name('joint', name, joints)}", "locked=")
+            mimic = joints[name].mimic
+            if joints[name].type not in _SINGLE or mimic is not None:
                 kind = joints[name].type if mimic is None else f"moved by '{mimic.leader}'"
                 raise RobotError(
-                    f"locked=: '{self.name}': joint '{name}' is {kind}; name revolute, continuous "
-                    "or prismatic joints",
+                    f"{where}: joint '{name}' is {kind}; name revolute, continuous or prismatic "
+                    "joints",
                     "locked=",
                 )
         for name, position in self.still(positions).items():
@@ -439,19 +436,7 @@ def urdf_tree(path: Path, text: bytes, snap_tolerance_rad: float) -> UrdfTree:
     root = _parse_urdf(path, text)
     _check_elements(path, root)
     joints_as_written = root.findall("joint")
-    for snap, what in (
-        (_snap, "angles in joint origins taken as the multiples of pi/2"),
-        (_snap_axis, "axes of joints taken as the coordinate axes"),
-    ):
-        snapped = [text for joint in joints_as_written for text in snap(joint, snap_tolerance_rad)]
-        if snapped:
-            shown = ", ".join(dict.fromkeys(snapped))
-            warnings.warn(
-                f"'{path.name}': {len(snapped)} rounded {what} they mean ({shown}); "
-                "snap_tolerance_rad=0 leaves them as written",
-                SeaidWarning,
-                stacklevel=5,
-            )
+    _snap_joints(path, joints_as_written, snap_tolerance_rad)
     links = {str(link.get("name")): _link_parameters(path, link) for link in root.iterfind("link")}
     _warn_of_negative_moments(path, root)
     noise = FLOAT_NOISE_RAD if snap_tolerance_rad > 0 else 0.0
@@ -463,6 +448,23 @@ def urdf_tree(path: Path, text: bytes, snap_tolerance_rad: float) -> UrdfTree:
     if not root.get("name"):
         root.set("name", "".join(char if char.isprintable() else "?" for char in path.stem))
     return UrdfTree(root.get("name"), base, joints, links, path, etree.tostring(root))
+
+
+def _snap_joints(path: Path, joints: Iterable[Any], tolerance_rad: float) -> None:
+    """Make rounded angles and axes of joints what they mean, with a warning for each kind."""
+    for snap, what in (
+        (_snap, "angles in joint origins taken as the multiples of pi/2"),
+        (_snap_axis, "axes of joints taken as the coordinate axes"),
+    ):
+        snapped = [text for joint in joints for text in snap(joint, tolerance_rad)]
+        if snapped:
+            shown = ", ".join(dict.fromkeys(snapped))
+            warnings.warn(
+                f"'{path.name}': {len(snapped)} rounded {what} they mean ({shown}); "
+                "snap_tolerance_rad=0 leaves them as written",
+                SeaidWarning,
+                stacklevel=6,
+            )
 
 
 def _warn_of_negative_moments(path: Path, root: Any) -> None:
@@ -586,9 +588,9 @@ def _link_parameters(path: Path, link: Any) -> Array:
     mass, moments = inertial.find("mass"), inertial.find("inertia")
     kg = 0.0 if mass is None else float(mass.get("value"))
     tensor = np.zeros((3, 3))
-    for place, name in enumerate(("ixx", "ixy", "ixz", "iyy", "iyz", "izz")):
+    names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+    for name, row, column in zip(names, *np.triu_indices(3), strict=True):
         value = 0.0 if moments is None else float(moments.get(name, 0.0))
-        row, column = divmod((0, 1, 2, 4, 5, 8)[place], 3)
         tensor[row, column] = tensor[column, row] = value
     if kg < 0:
         raise RobotError(f"URDF '{path}': link '{link.get('name')}' has a negative mass, {kg} kg")
