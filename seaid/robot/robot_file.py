@@ -46,8 +46,7 @@ def urdf_path(urdf: str | Path) -> Path:
     Names are those of robot_descriptions, such as 'go2_description', and of the URDFs of
     example-robot-data, such as 'panda'.
     """
-    path = Path(urdf)
-    name = str(urdf)
+    path, name = Path(urdf), str(urdf)
     if not _NAME.fullmatch(name) or path.is_file():
         return path
     if not name.endswith("_description"):
@@ -99,6 +98,24 @@ def _example(name: str) -> Path | None:
 def urdf_text(path: Path) -> bytes:
     """Return a file as the text of a URDF. Raises RobotError, with the remedy, if it is none."""
     text = _content(path)
+    _check_kind(path, text)
+    if b"<xacro:" in text and b"<xacro:" in re.sub(rb"<!--.*?-->", b"", text, flags=re.DOTALL):
+        text = _expanded(path)  # an expanded file keeps the namespace, and comments
+    root, text = _root_and_text(text)
+    if root == "mujoco":
+        from seaid.robot.mjcf import urdf_of_mjcf
+
+        return urdf_of_mjcf(path)
+    if root == "sdf":
+        raise RobotError(
+            f"'{path}' is SDF, which seaid does not read: convert it to URDF (the ROS 2 package "
+            "sdformat_urdf, or sdf2urdf of pysdf), or name the URDF from which it was made"
+        )
+    return text
+
+
+def _check_kind(path: Path, text: bytes) -> None:
+    """Raise RobotError for a file that is packed, a table of drives or a log."""
     for start, command in _PACKED.items():
         if text.startswith(start):
             raise RobotError(
@@ -116,19 +133,6 @@ def urdf_text(path: Path) -> bytes:
             f"'{path}' is not a URDF, by its name a log: the robot's URDF comes first, then the "
             "logs"
         )
-    if b"<xacro:" in text and b"<xacro:" in re.sub(rb"<!--.*?-->", b"", text, flags=re.DOTALL):
-        text = _expanded(path)  # an expanded file keeps the namespace, and comments
-    root, text = _root_and_text(text)
-    if root == "mujoco":
-        from seaid.robot.mjcf import urdf_of_mjcf
-
-        return urdf_of_mjcf(path)
-    if root == "sdf":
-        raise RobotError(
-            f"'{path}' is SDF, which seaid does not read: convert it to URDF (the ROS 2 package "
-            "sdformat_urdf, or sdf2urdf of pysdf), or name the URDF from which it was made"
-        )
-    return text
 
 
 def is_mjcf(path: Path) -> bool:
