@@ -323,7 +323,7 @@ def base_by_derivatives(
     joints whose position or torque is not measured.
     """
     joints = robot.joint_names
-    alone = [is_motor_only(robot.drives[joint], sensors[joint]) for joint in joints]
+    alone = (is_motor_only(robot.drives[joint], sensors[joint]) for joint in joints)
     if not any(alone) or not all(_is_covered(robot, joint, sensors[joint]) for joint in joints):
         return None
     rng = np.random.default_rng(seed)
@@ -333,9 +333,10 @@ def base_by_derivatives(
     stiffness = rng.uniform(50.0, 200.0, robot.n)
     for index, joint in enumerate(joints):
         stiffness[index] = robot.drives[joint].values.get("stiffness", stiffness[index])
-    by_sensor = ["joint_torque" in sensors[joint] for joint in joints]
+    stiffness[~np.isin(joints, robot.elastic_joints)] = np.inf
+    places = {name: place for place, name in enumerate(names)}
     count = max(20, -(-_INSTANTS_PER_PARAMETER * len(names) // robot.n))
-    rows = (_rows(plausible_robot, stiffness, alone, by_sensor, names, rng) for _ in range(count))
+    rows = (_rows(plausible_robot, stiffness, sensors, places, rng) for _ in range(count))
     H = np.vstack(list(rows))
     H[:, : robot.parameters.size][:, robot.is_known] = 0.0
     return _base_of(H, names)
@@ -410,34 +411,34 @@ def _instant(robot: Robot, rng: np.random.Generator) -> _Instant:
 def _rows(
     robot: Robot,
     stiffness: Array,
-    alone: Sequence[bool],
-    torque_sensors: Sequence[bool],
-    names: Sequence[str],
+    sensors: Mapping[str, frozenset[str]],
+    places: Mapping[str, int],
     rng: np.random.Generator,
 ) -> Array:
     """Return the derivatives of (8), and of (7) where it is used, by all parameters at an instant.
 
-    `torque_sensors` are those of stiff joints, whose drives are not in (8).
+    The drive of a joint with a torque sensor is not in (8). `places` {parameter: column}.
     """
-    at, places = _instant(robot, rng), {name: place for place, name in enumerate(names)}
-    rows, further = np.zeros((robot.n, len(names))), []
+    at = _instant(robot, rng)
+    rows, further = np.zeros((robot.n, len(places))), []
     rows[:, : robot.parameters.size] = -rigid_body_regressor(robot, *at.position[:3, None])[0]
     for index, joint in enumerate(robot.joint_names):
-        if torque_sensors[index]:
+        if "joint_torque" in sensors[joint]:
             continue
         drive, k = robot.drives[joint], stiffness[index]
+        is_alone = is_motor_only(drive, sensors[joint])
         reach, lever = drive.load_radius, drive.ratio / drive.motor_radius
-        d = at.torque[:, index] / (reach * k) if drive.is_elastic else np.zeros(_ORDERS)
+        d = at.torque[:, index] / (reach * k)
         columns = _columns(drive, lever * (reach * at.position[:, index] + d))
-        if alone[index] or not drive.is_elastic:  # r_L f = r_L N / r_M (tau_M - c phi)
+        if is_alone or not drive.is_elastic:  # r_L f = r_L N / r_M (tau_M - c phi)
             load = {name: -lever * reach * column[0] for name, column in columns.items()}
         else:
             load = {"stiffness": reach * d[0], "spring_offset": reach}
-            further.append(np.zeros(len(names)))
+            further.append(np.zeros(len(places)))
             motor = {name: column[0] for name, column in columns.items()}
             motor |= {"stiffness": d[0] / lever, "spring_offset": 1.0 / lever}
             _add(further[-1], places, joint, motor)
-        if alone[index]:  # q = (r_M / N theta_M - d) / r_L
+        if is_alone:  # q = (r_M / N theta_M - d) / r_L
             changes = {name: -lever / k * column for name, column in columns.items()}
             changes |= {"stiffness": -d[:3] / k, "spring_offset": np.array([-1.0 / k, 0.0, 0.0])}
             felt = _felt(robot, at.position[:3], index)
