@@ -261,6 +261,12 @@ class StoredRows:
             rows = replace(part, **arrays)
             yield log, rows if change is None else change(rows)
 
+    def logs(self, change: Change | None) -> Iterator[tuple[int, Iterator[Regression]]]:
+        """Yield the number of every log that has rows, and the pieces with its rows."""
+        pieces = ((log, rows) for log, rows in self.pieces(change) if len(rows.y))
+        for log, group in groupby(pieces, key=lambda piece: piece[0]):
+            yield log, (rows for _, rows in group)
+
 
 @contextmanager
 def stored_rows(
@@ -317,16 +323,14 @@ def stored_estimate(
     def factors(rows: Regression) -> Array:
         return score_factors(with_propagated(rows, propagated), qr_factor, weights, noise)
 
-    pieces = ((log, rows) for log, rows in stored.pieces(change) if len(rows.y))
     scores = (
-        _scores((rows for _, rows in group), stored.spans[log][0], stored.steps_s[log], factors)
-        for log, group in groupby(pieces, key=lambda piece: piece[0])
+        _scores(pieces, stored.spans[log][0], stored.steps_s[log], factors)
+        for log, pieces in stored.logs(change)
     )
     whole = _whole(stored, change) if stored.instants <= MOST_INSTANTS else None
     remaining = None if whole is None else left_of(whole, weights, qr_factor, solution)
-    initial = estimate_of(
-        qr_factor, weights, long_run(scores, stored.instants), None, solution, remaining
-    )
+    spread = long_run(scores, stored.instants)
+    initial = estimate_of(qr_factor, weights, spread, None, solution, remaining)
     estimate = with_blocks(qr_factor, weights, (solution, noise), initial, blocks, propagated)
     if whole is not None:
         estimate = with_drifts_of(whole, weights, solution, estimate, cutoff_hz)

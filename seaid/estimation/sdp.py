@@ -109,9 +109,8 @@ class Program:
         """Return the pseudo-inertias Q (n, 4, 4) of unknowns (f,), the identity at the prior."""
         half = np.linalg.inv(self.prior_roots)
         bodies = unknowns[: self.prior.size].reshape(-1, 10)
-        return np.asarray(
-            half @ [pseudo_inertia(body) for body in bodies] @ half.transpose(0, 2, 1)
-        )
+        inertias = [pseudo_inertia(body) for body in bodies]
+        return np.asarray(half @ inertias @ half.transpose(0, 2, 1))
 
     def bodies(self, Q: Array) -> Array:
         """Return the parameters (n, 10) of scaled pseudo-inertias."""
