@@ -11,7 +11,7 @@ import unicodedata
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from itertools import pairwise
+from itertools import filterfalse, pairwise
 from pathlib import Path
 
 _QUANTITIES = {
@@ -186,68 +186,31 @@ def meaning_of(name: str, joints: Sequence[str] = ()) -> Meaning:
 
     The words of one of the `joints` of a robot are its name, and nothing else.
     """
-    head, label, unit = _without_brackets(name)
-    path = head.split("/") if head.startswith("/") else [head]  # a topic, its parts and a field
-    topic = [_part(part, joints) for part in path[1:-1]]
-    head, rate = _without_rate(_in_latin(path[-1]))
-    joint = _joint_of(label, joints) if label else ""
-    named, words = ("", _words(head)) if joint else _joint_in(_words(head), joints)
-    joint = joint or named
-    texts = [word.text for word in words]
-    quantity = _quantity(texts)
-    if not quantity and (
-        by_unit := _unit_of(words, "", "", joint) or _counts_of(words)
-    ):  # the unit stands for the quantity
-        quantity = by_unit[0]
-        words = [replace(word, text=quantity) if word.unit == by_unit else word for word in words]
-    if not quantity and _is_length(unit, head, words, joint, joints):
-        quantity, joint = "position", joint or joint_alone(head, joints)
-    says_nothing = named or _FILLER.issuperset(texts) or texts[-1].isdigit()
-    if not quantity and says_nothing:
-        # "/state/positions/elbow", "/effort_controller/commands/data[0]"
-        quantity = next(filter(None, (_quantity(part.texts) for part in reversed(topic))), "")
-    side = _side(words)
-    if _OF_DRIVES & {*pairwise(texts)} and any(map(str.isdigit, (label, *texts))):
-        side = ""
-    if rate and quantity in ("", "velocity", "acceleration"):
-        unit = rate
-    if unit is None or not _fits(unit, quantity):
-        label = label or (unit[1] if unit else "")
-        unit = _unit_of(words, quantity, side, joint)
-    joint = joint or label or _label(words, unit)
-    for part in reversed(topic):  # "/joint_states/elbow/position", "/elbow/position"
-        joint = joint or part.joint
-    for part in reversed(topic):  # "/state/motors[0]/q", "/odrive_axis0/status/position"
-        joint = joint or (part.label if len(topic) > 1 or part.label.isdigit() else "")
+    parts = _parts_of(name, joints)
+    quantity, joint = _quantity_and_joint(parts, joints)
+    side = _side_of(parts)
+    unit, joint = _unit_and_joint(parts, quantity, side, joint)
+    texts = parts.texts
     if quantity == "time" and not _is_measured(texts, quantity):  # "T_des" is a torque
         quantity = "torque"
-    texts += [text for part in topic for text in part.texts]  # "/state/desired/positions[0]"
-    is_measured = _is_measured(texts, quantity)
+    texts += [text for part in parts.topic for text in part.texts]  # "/state/desired/positions[0]"
+    is_measured, is_estimated = _is_measured(texts, quantity), not _ESTIMATED.isdisjoint(texts)
+    of_unit, spelling = unit or ("", None)
     return Meaning(
-        quantity=quantity or (unit[0] if unit else ""),
+        quantity=quantity or of_unit,
         side=side,
         joint=joint,
-        unit=unit[1] if unit else None,
-        is_raw=is_measured and _ESTIMATED.isdisjoint(texts),
-        is_estimate=is_measured and not _ESTIMATED.isdisjoint(texts),
-        unknown=_unknown(words, joints) if joints else (),
+        unit=spelling,
+        is_raw=is_measured and not is_estimated,
+        is_estimate=is_measured and is_estimated,
+        unknown=_unknown(parts.words, joints),
         is_said=not _SAID.isdisjoint(texts),
         is_command=not _COMMANDED.isdisjoint(texts) and not (_DERIVED | _ELSEWHERE) & {*texts},
     )
 
 
-def _is_length(
-    unit: _Unit | None, head: str, words: Sequence[_Word], joint: str, joints: Sequence[str]
-) -> bool:
-    """Return whether a name is a joint and a unit of its position: "x_axis [mm]", "x_axis_mm"."""
-    if unit is not None:
-        return unit[0] == "position" and bool(joint_alone(head, joints))
-    last = words[0].unit if joint and len(words) == 1 else None
-    return last is not None and last[0] == "position" and words[0].text != "m"
-
-
 @dataclass(frozen=True)
-class _Part:
+class _TopicPart:
     """A part of a topic: the robot's joint that it is, its label, and the texts of its words."""
 
     joint: str
@@ -255,13 +218,106 @@ class _Part:
     texts: list[str]
 
 
-def _part(text: str, joints: Sequence[str]) -> _Part:
+@dataclass(frozen=True)
+class _Parts:
+    """The parts of a name: a topic, the field behind it, and what stands in its brackets.
+
+    `words` are those of the field without its rate and its joint, with the quantity for a unit that
+    stands for it; `joint` is that of the brackets, or of the robot.
+    """
+
+    topic: list[_TopicPart]
+    field: str
+    words: list[_Word]
+    quantity: str
+    joint: str
+    label: str
+    unit: _Unit | None
+    rate: _Unit | None
+
+    @property
+    def texts(self) -> list[str]:
+        """The texts of the words."""
+        return [word.text for word in self.words]
+
+
+def _parts_of(name: str, joints: Sequence[str]) -> _Parts:
+    """Return the parts of a name."""
+    head, label, unit = _without_brackets(name)
+    path = head.split("/") if head.startswith("/") else [head]
+    topic = [_topic_part(part, joints) for part in path[1:-1]]
+    field, rate = _without_rate(_in_latin(path[-1]))
+    joint, words = _joint_of(label, joints), _words(field)
+    if not label:
+        joint, words = _joint_in(words, joints)
+    quantity = _quantity([word.text for word in words])
+    if not quantity and (by_unit := _unit_of(words, "", "", joint) or _counts_of(words)):
+        quantity = by_unit[0]
+        words = [replace(word, text=quantity) if word.unit == by_unit else word for word in words]
+    return _Parts(topic, field, words, quantity, joint, label, unit, rate)
+
+
+def _topic_part(text: str, joints: Sequence[str]) -> _TopicPart:
+    """Return what a part of a topic names."""
     head, label, _ = _without_brackets(text)
     if (joint := _joint_of(head, joints)) in joints:
-        return _Part(joint, "", [])
+        return _TopicPart(joint, "", [])
     joint, words = _joint_in(_words(_in_latin(head)), joints)
     words = [word for word in words if word.text not in _OF_TOPICS]
-    return _Part(joint, label or _label(words, None), [word.text for word in words])
+    return _TopicPart(joint, label or _label(words, None), [word.text for word in words])
+
+
+def _quantity_and_joint(parts: _Parts, joints: Sequence[str]) -> tuple[str, str]:
+    """Return the quantity of a field, else of its topic: "/effort_controller/commands/data[0]"."""
+    if parts.quantity:
+        return parts.quantity, parts.joint
+    if joint := _joint_with_length(parts, joints):
+        return "position", joint
+    texts = parts.texts
+    is_in_words = parts.joint and not parts.label  # "/state/positions/elbow"
+    if not (is_in_words or _FILLER.issuperset(texts) or texts[-1].isdigit()):
+        return "", parts.joint
+    quantities = (_quantity(part.texts) for part in reversed(parts.topic))
+    return next(filter(None, quantities), ""), parts.joint
+
+
+def _joint_with_length(parts: _Parts, joints: Sequence[str]) -> str:
+    """Return the joint of a name with only a unit of its position: "x_axis [mm]", "x_axis_mm"."""
+    if parts.unit is not None:
+        alone = joint_alone(parts.field, joints) if parts.unit[0] == "position" else ""
+        return alone and (parts.joint or alone)
+    word = parts.words[0] if len(parts.words) == 1 else _Word("")
+    is_length = word.unit is not None and word.unit[0] == "position" and word.text != "m"
+    return parts.joint if is_length else ""
+
+
+def _side_of(parts: _Parts) -> str:
+    """Return the side of the gear of a field; that of a numbered drive is not known."""
+    texts = parts.texts
+    is_of_drive = not _OF_DRIVES.isdisjoint(pairwise(texts))
+    return (
+        "" if is_of_drive and any(map(str.isdigit, (parts.label, *texts))) else _side(parts.words)
+    )
+
+
+def _unit_and_joint(
+    parts: _Parts, quantity: str, side: str, joint: str
+) -> tuple[_Unit | None, str]:
+    """Return the unit in brackets if the quantity has it, else that of the words; and the joint."""
+    is_rate = parts.rate and quantity in ("", "velocity", "acceleration")
+    unit = parts.rate if is_rate else parts.unit
+    if unit is None or not _fits(unit, quantity):
+        label = unit[1] if unit else ""
+        unit, joint = _unit_of(parts.words, quantity, side, joint), joint or label
+    joint = joint or _label(parts.words, unit)
+    return unit, joint or _joint_of_topic(parts.topic)
+
+
+def _joint_of_topic(topic: Sequence[_TopicPart]) -> str:
+    """Return the joint of a topic, else its label: "/elbow/position", "/odrive_axis0/status/q"."""
+    joints = [part.joint for part in reversed(topic)]
+    labels = [part.label for part in reversed(topic) if len(topic) > 1 or part.label.isdigit()]
+    return next(filter(None, joints + labels), "")
 
 
 def in_file(meaning: Meaning, file: str) -> Meaning:
@@ -278,7 +334,12 @@ def is_of_commands(file: str) -> bool:
 
 
 def _unknown(words: Sequence[_Word], joints: Sequence[str]) -> tuple[str, ...]:
-    """Return the words that are no numbers, units or words of joints, and in no table."""
+    """Return the words that are no numbers, units or words of joints, and in no table.
+
+    They are of interest only if the joints of a robot are known.
+    """
+    if not joints:
+        return ()
     named = (word.text for word in words if word.unit is None and not word.text.isdigit())
     of_joints = {text for known, _ in _known(tuple(joints)) for text in known}
     return tuple(text for text in named if text not in _UNDERSTOOD | of_joints)
@@ -452,18 +513,21 @@ def _is_at_joint(words: Sequence[_Word]) -> bool:
 
 def _label(words: Sequence[_Word], unit: _Unit | None) -> str:
     """Return the words of a joint's name, or its number if the other words are generic."""
-    label, others, last = "", False, -1
-    digits = []
-    for place, (word, following) in enumerate(pairwise([*words, _Word("")])):
-        text = word.text
-        is_unit = word.unit is not None and (len(text) > 1 or word.unit == unit)
-        if is_unit or text in _NO_LABEL or (text in _JOINT and following.text in _WORDS):
-            continue
-        digits += [text] if text.isdigit() else []
-        others = others or not (text.isdigit() or text in _JOINT)
-        label += text if not label or (word.is_glued and last == place - 1) else f"_{text}"
-        last = place
-    return label if others else "_".join(digits)
+    following = [*words[1:], _Word("")]
+    places = [n for n, word in enumerate(words) if _is_of_label(word, following[n].text, unit)]
+    texts = [words[place].text for place in places]
+    if _JOINT.issuperset(filterfalse(str.isdigit, texts)):
+        return "_".join(filter(str.isdigit, texts))
+    is_glued = [words[place].is_glued and place - 1 in places for place in places]
+    pieces = zip(is_glued, texts, strict=True)
+    return "".join(text if glued else f"_{text}" for glued, text in pieces).removeprefix("_")
+
+
+def _is_of_label(word: _Word, following: str, unit: _Unit | None) -> bool:
+    """Return whether a word is of the label of a joint: neither its unit nor what a column is."""
+    is_unit = word.unit is not None and (len(word.text) > 1 or word.unit == unit)
+    is_side = word.text in _JOINT and following in _WORDS
+    return not (is_unit or is_side or word.text in _NO_LABEL)
 
 
 def _joint_of(label: str, joints: Sequence[str]) -> str:
