@@ -516,7 +516,7 @@ def _label(words: Sequence[_Word], unit: _Unit | None) -> str:
     following = [*words[1:], _Word("")]
     places = [n for n, word in enumerate(words) if _is_of_label(word, following[n].text, unit)]
     texts = [words[place].text for place in places]
-    if _JOINT.issuperset(filterfalse(str.isdigit, texts)):
+    if _JOINT.issuperset([*filterfalse(str.isdigit, texts)]):
         return "_".join(filter(str.isdigit, texts))
     is_glued = [words[place].is_glued and place - 1 in places for place in places]
     pieces = zip(is_glued, texts, strict=True)
