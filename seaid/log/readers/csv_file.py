@@ -52,12 +52,16 @@ _TRUTH = {"true": 1.0, "false": 0.0}
 NO_HEADER = "the first line is numbers: no header?"
 
 
+_Items = tuple[tuple[int, int | None], ...]
+
+
 @dataclass(frozen=True)
 class _Header:
     """The names of the columns of a file, and its format; `skipped` lines are before the samples.
 
-    `has_names` is False if the first line is numbers: the names are then 1, 2, 3, ... `items` is
-    the cell of each column and, of a cell that has a list of numbers, the place in it.
+    `has_names` is False if the first line is numbers: the names are then 1, 2, 3, ... `width` is
+    the number of cells in a line; `items` is the cell of each column and, of a cell that has a list
+    of numbers, the place in it.
     """
 
     path: Path
@@ -66,13 +70,8 @@ class _Header:
     decimal: str
     skipped: int
     has_names: bool
-    items: tuple[tuple[int, int | None], ...] = ()
-    cells: int = 0
-
-    @property
-    def width(self) -> int:
-        """The number of cells in a line."""
-        return self.cells if self.items else len(self.names)
+    width: int
+    items: _Items = ()
 
     @cached_property
     def places(self) -> dict[str, int]:
@@ -217,6 +216,24 @@ def _next_lines(lines: Iterator[str], most: int) -> list[str]:
 
 def _header(path: Path, lines: Iterator[str]) -> _Header:
     """Return the names and the format of a file, from its comments and first two other lines."""
+    comments, others, skipped = _head(path, lines)
+    first, second = [*others, "", ""][:2]
+    if not comments and not (first + second).strip(',;\t "'):
+        raise LogError(
+            f"'{path}' is empty; a log starts with a line of column names, then a line per sample"
+        )
+    numbers = _format_of(first)
+    if not first or (comments and numbers):
+        header = _named(path, comments[-1], first, skipped, is_comment=True)
+        is_text = numbers is not None and not numbers.fits(header)  # and no names
+        return _numbered(path, first, skipped) if is_text else header
+    if numbers and not _counts_from_zero(first):
+        return _numbered(path, first, skipped)
+    return _named(path, first, second, skipped + 1)
+
+
+def _head(path: Path, lines: Iterator[str]) -> tuple[list[str], list[str], int]:
+    """Return comments, the first two other lines, and the number of lines before these."""
     comments, others, skipped = list[str](), list[str](), 0
     for line in islice(lines, _MOST_HEAD):
         if "\0" in line and not others:
@@ -230,24 +247,7 @@ def _header(path: Path, lines: Iterator[str]) -> _Header:
         if len(others) == 2:
             break
         skipped += not others
-    comments = [comment for comment in comments if comment]
-    if not comments and not any(line.strip(',;\t "') for line in others):
-        raise LogError(
-            f"'{path}' is empty; a log starts with a line of column names, then a line per sample"
-        )
-    if not others or (comments and _format_of(others[0])):
-        names = comments.pop()
-        header = _named(path, names, others[0] if others else "", skipped, is_comment=True)
-        numbers = _format_of([*others, ""][0])
-        if numbers and (
-            len(header.names) != numbers.cells
-            or (numbers.cells > 1 and header.delimiter != numbers.delimiter)
-        ):
-            return _numbered(path, others[0], skipped)  # a text, no names
-        return header
-    if _format_of(others[0]) and not _counts_from_zero(others[0]):
-        return _numbered(path, others[0], skipped)
-    return _named(path, others[0], [*others, ""][1], skipped + 1)
+    return list(filter(None, comments)), others, skipped
 
 
 class _Format(NamedTuple):
@@ -256,6 +256,11 @@ class _Format(NamedTuple):
     delimiter: str
     decimal: str
     cells: int
+
+    def fits(self, header: _Header) -> bool:
+        """Return whether a header has a name for each of the cells, and their delimiter."""
+        is_delimited = self.cells == 1 or header.delimiter == self.delimiter
+        return len(header.names) == self.cells and is_delimited
 
 
 def _format_of(line: str) -> _Format | None:
@@ -288,40 +293,43 @@ def _numbered(path: Path, line: str, skipped: int) -> _Header:
     """Return the header of a file without one."""
     delimiter, decimal, count = _format_of(line) or _Format(",", ".", 0)
     names = [str(number) for number in range(1, count + 1)]
-    return _Header(path, names, delimiter, decimal, skipped, has_names=False)
+    return _Header(path, names, delimiter, decimal, skipped, has_names=False, width=count)
 
 
 def _named(path: Path, header: str, sample: str, skipped: int, is_comment: bool = False) -> _Header:
     """Return the header in a line of names; the first sample helps to find the delimiter."""
-    counts = {delimiter: header.count(delimiter) for delimiter in ",;\t" if delimiter in header}
-    ranked = sorted(counts, key=lambda delimiter: -counts[delimiter])
-    fitting = [delimiter for delimiter in ranked if sample.count(delimiter) == counts[delimiter]]
-    delimiter = next(iter(fitting or ranked), "")
-    if not delimiter:
-        in_both = _format_of(sample) in [_Format(" ", sign, len(header.split())) for sign in ".,"]
-        delimiter = " " if is_comment or in_both else ","
+    delimiter = _delimiter(header, sample, is_comment)
     if delimiter == " ":
         header = " ".join(header.split())
-    cells = next(_cells(path, [header], delimiter, 1), (1, []))[1]
-    names = [name.strip() for name in cells]
+    _, cells = next(_cells(path, [header], delimiter, 1), (1, []))
+    names, width = [name.strip() for name in cells], len(cells)
+    items: _Items = ()
     is_decimal = delimiter != "," and any(
         _DECIMAL_COMMA.fullmatch(cell.strip()) for cell in sample.split(delimiter)
     )
-    decimal = "," if is_decimal else "."
     if not is_decimal and "[" in sample:
-        first = next(_cells(path, [sample], delimiter, 1), (1, []))[1]
-        listed_names, items = _items(names, first)
-        if any(item is not None for _, item in items):
-            return _Header(path, listed_names, delimiter, decimal, skipped, True, items, len(names))
-    return _Header(path, names, delimiter, decimal, skipped, has_names=True)
+        _, cells = next(_cells(path, [sample], delimiter, 1), (1, []))
+        names, items = _items(names, cells)
+    decimal = "," if is_decimal else "."
+    return _Header(path, names, delimiter, decimal, skipped, True, width, items)
 
 
-def _items(
-    names: list[str], cells: list[str]
-) -> tuple[list[str], tuple[tuple[int, int | None], ...]]:
+def _delimiter(header: str, sample: str, is_comment: bool) -> str:
+    """Return the most frequent delimiter of a header, first of those as often in the sample."""
+    ranked = sorted(",;\t", key=header.count, reverse=True)
+    ranked = [delimiter for delimiter in ranked if delimiter in header]
+    fitting = (mark for mark in ranked if sample.count(mark) == header.count(mark))
+    if ranked:
+        return next(fitting, ranked[0])
+    in_both = _format_of(sample) in [_Format(" ", sign, len(header.split())) for sign in ".,"]
+    return " " if is_comment or in_both else ","
+
+
+def _items(names: list[str], cells: list[str]) -> tuple[list[str], _Items]:
     """Return the names of columns with those of each number of a list, and their places.
 
-    Columns of words, as the kind of a message is, are none.
+    Without lists the names are as they were. Columns of words, as the kind of a message is, are
+    none.
     """
     columns: list[str] = []
     items: list[tuple[int, int | None]] = []
@@ -333,7 +341,8 @@ def _items(
         elif _is_number(cell) or cell.strip().lower() in _TRUTH:
             columns.append(name)
             items.append((place, None))
-    return columns, tuple(items)
+    has_lists = any(item is not None for _, item in items)
+    return (columns, tuple(items)) if has_lists else (names, ())
 
 
 def _list(cell: str) -> list[str] | None:
