@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -33,7 +33,7 @@ from seaid.log.log import (
     wanted_columns,
     write_log,
 )
-from seaid.log.readers.opening import IN_MEMORY, in_memory, open_tables
+from seaid.log.readers.opening import files_of, open_tables
 from seaid.log.readers.table import Table, check_lengths
 from seaid.log.repair import FEWEST, Channel, Repair, Repairs, interpolation_of, is_command
 from seaid.log.repair.channels import bridged_s, in_gap, on_time, repaired_channel, resampled
@@ -107,11 +107,8 @@ def read_log(
     >>> names = {"time_s": ("t", "ms"), "knee.joint_position_rad": ("pos_2", "deg")}
     >>> log = seaid.read_log("custom.csv", robot, columns=names, repair=seaid.Repairs())
     """
-    if isinstance(description, Description):
-        description = description.description
-    held, paths = in_memory(path), [IN_MEMORY]
-    if held is None:
-        paths = [Path(path)] if isinstance(path, str | Path) else [Path(file) for file in path]
+    columns = columns or {}
+    paths, held = files_of(path)
     if not paths:
         raise LogError("path= is an empty list: name the files of the log")
     if columns and description is not None:
@@ -119,25 +116,44 @@ def read_log(
             "give columns= or description=, not both: a description names the columns",
             "description=",
         )
+    described, paths = _described_files(paths, description, columns)
+    path, table = Path(" + ".join(map(str, paths))), held or open_tables(paths)
+    if columns and table.files:
+        raise LogError("columns= is for a log of one file: give a description=", "description=")
+    if described is None and not table.files:
+        log = _by_names(path, table, robot, columns, repair)
+    else:
+        described = completed(table, described or LogDescription(), robot)
+        log = _by_description(path, table, robot, described, repair)
+    _warn_of_degrees(path, log, robot)
+    _warn_of_columns(path, log, robot, table.names, described or LogDescription(), columns)
+    return log
+
+
+def _described_files(
+    paths: list[Path],
+    description: Described | Description | None,
+    columns: Mapping[str, Column],
+) -> tuple[LogDescription | None, list[Path]]:
+    """Return the description of a log, if it has one, and the files that it names, if any."""
+    if isinstance(description, Description):
+        description = description.description
     if paths[0].suffix.lower() == ".toml" and description is None:
         description = paths[0]
     described = description_for(paths[0], None if columns else description)
     if described is not None and described.files and len(paths) == 1:
-        folder = (description if isinstance(description, str | Path) else None) or paths[0]
+        folder = description if isinstance(description, str | Path) else paths[0]
         paths = [Path(folder).parent / file for file in described.files]
-    path, table = Path(" + ".join(map(str, paths))), held or open_tables(paths)
-    if columns and table.files:
-        raise LogError("columns= is for a log of one file: give a description=", "description=")
-    if described is not None or table.files:
-        described = completed(table, described or LogDescription(), robot)
-        channels = channels_of(path, table, described, robot)
-        log = _repaired(path, channels, repair or described.repair, robot, table.names, described)
-        log = replace(log, description=described.to_dict())
-    else:
-        log = _by_names(path, table, robot, columns or {}, repair)
-    _warn_of_degrees(path, log, robot)
-    _warn_of_columns(path, log, robot, table.names, described, columns or {})
-    return log
+    return described, paths
+
+
+def _by_description(
+    path: Path, table: Table, robot: Robot, described: LogDescription, repair: Repairs | None
+) -> Log:
+    """Return the log of a file with a complete description."""
+    channels = channels_of(path, table, described, robot)
+    log = _repaired(path, channels, repair or described.repair, robot, table.names, described)
+    return replace(log, description=described.to_dict())
 
 
 def _by_names(
@@ -242,28 +258,32 @@ def _warn_of_columns(
     log: Log,
     robot: Robot,
     names: Sequence[str],
-    described: LogDescription | None,
+    described: LogDescription,
     columns: Mapping[str, Column],
 ) -> None:
     """Warn of columns without a number, and of those that are nearly named as seaid's."""
-    expected = {
-        joint: column_names(joint, is_prismatic)
-        for joint, is_prismatic in zip(robot.joint_names, robot.is_prismatic, strict=True)
-    }
-    sources = described.joints if described is not None else {}
-    logged, faults = log.columns(), list[str]()
-    for joint, fields in expected.items():
-        for name, field in fields.items():
-            is_there = name in names or name in columns or field in sources.get(joint, {})
-            if is_there and name not in logged and field != "deflection":
-                faults.append(f"'{name}' is NaN throughout and counts as not logged")
+    logged = log.columns()
+    faults = [
+        f"'{name}' is NaN throughout and counts as not logged"
+        for name in _columns_of(robot, {*names, *columns}, described)
+        if name not in logged
+    ]
     used = {column if isinstance(column, str) else column[0] for column in columns.values()}
-    used |= described.columns() if described is not None else set()
+    used |= described.columns()
     faults += unread_columns(robot, [name for name in names if name not in used])
     if faults:
         text = "; ".join(faults[:_MOST_NAMED])
         more = f"; and {len(faults) - _MOST_NAMED} more" if len(faults) > _MOST_NAMED else ""
         warnings.warn(f"'{path}': {text}{more}", SeaidWarning, stacklevel=4)
+
+
+def _columns_of(robot: Robot, names: Set[str], described: LogDescription) -> Iterator[str]:
+    """Yield seaid's names of the columns that are named or described, without deflections."""
+    for joint, is_prismatic in zip(robot.joint_names, robot.is_prismatic, strict=True):
+        sources = described.joints.get(joint, {})
+        for name, field in column_names(joint, is_prismatic).items():
+            if (name in names or field in sources) and field != "deflection":
+                yield name
 
 
 _MOST_NAMED = 5

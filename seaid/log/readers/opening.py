@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from difflib import get_close_matches
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any
 
@@ -98,6 +98,13 @@ def _plain_numbers(values: Any) -> Any:
     return array
 
 
+def files_of(log: Any) -> tuple[list[Path], Table | None]:
+    """Return the files of a log; of one in memory the word for it, and its columns."""
+    if (table := in_memory(log)) is not None:
+        return [IN_MEMORY], table
+    return [Path(file) for file in ([log] if isinstance(log, str | Path) else log)], None
+
+
 def open_tables(paths: Sequence[Path]) -> Table:
     """Return the columns of several files of one log; a name in several files is "file:name"."""
     if len(paths) == 1:
@@ -106,36 +113,43 @@ def open_tables(paths: Sequence[Path]) -> Table:
     if len(tables) < len(paths):
         names = listed(path.name for path in paths)
         raise LogError(f"the files of one log need names of their own, found {names}")
-    counts = Counter(name for table in tables.values() for name in table.names)
-    places = {
-        name if counts[name] == 1 else f"{file}:{name}": (file, name)
-        for file, table in tables.items()
-        for name in table.names
-    }
-    merged = {place: name for name, place in places.items()}
+    counts = Counter(chain.from_iterable(table.names for table in tables.values()))
+    return _joined([_part_of_log(file, table, counts) for file, table in tables.items()])
+
+
+def _joined(parts: Sequence[Table]) -> Table:
+    """Return the columns of several tables, each of which has names of its own."""
 
     def load(wanted: list[str]) -> Block:
         block: Block = {}
-        for file, table in tables.items():
-            full = {places[name][1]: name for name in wanted if places[name][0] == file}
-            if full:
-                block |= {full[bare]: values for bare, values in table.load(list(full)).items()}
+        for part in parts:
+            if names := [name for name in wanted if name in part.files]:
+                block |= part.load(names)
         return block
 
-    clocks = {
-        merged[file, name]: merged[file, clock]
-        for file, table in tables.items()
-        for name, clock in table.clocks.items()
-    }
-    notices = dict.fromkeys(table.notice for table in tables.values() if table.notice)
+    notices = dict.fromkeys(part.notice for part in parts if part.notice)
+    files = dict(chain.from_iterable(part.files.items() for part in parts))
     return Table(
-        names=list(places),
+        names=list(files),
         load=load,
-        clocks=clocks,
-        sparse=any(table.sparse for table in tables.values()),
+        clocks=dict(chain.from_iterable(part.clocks.items() for part in parts)),
+        sparse=any(part.sparse for part in parts),
         notice="; ".join(notices),
-        files={name: file for name, (file, _) in places.items()},
+        files=files,
     )
+
+
+def _part_of_log(file: str, table: Table, counts: Mapping[str, int]) -> Table:
+    """Return the columns of a file, named "file:name" if a name counts more than once."""
+    names = {name: name if counts[name] == 1 else f"{file}:{name}" for name in table.names}
+    bare = {name: key for key, name in names.items()}
+
+    def load(wanted: list[str]) -> Block:
+        return {names[x]: values for x, values in table.load([bare[x] for x in wanted]).items()}
+
+    clocks = {names[name]: names[clock] for name, clock in table.clocks.items()}
+    files = dict.fromkeys(bare, file)
+    return Table(list(bare), load, None, clocks, table.sparse, table.notice, files)
 
 
 _MOST_NAMES = 1000
