@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from itertools import permutations
 from pathlib import Path
@@ -37,7 +37,7 @@ from seaid.log.column_meaning import Meaning, in_file, is_of_commands, joint_alo
 from seaid.log.description import Clock, LogDescription, Source
 from seaid.log.infer_base import BaseGuess, infer_base
 from seaid.log.log import UNIT_FACTORS
-from seaid.log.readers.opening import IN_MEMORY, in_memory, open_tables
+from seaid.log.readers.opening import files_of, open_tables
 from seaid.log.readers.table import Block, Table
 from seaid.log.repair import LARGEST
 from seaid.robot import Robot
@@ -59,12 +59,11 @@ def quantities_of(inference: Inference, joint: str, robot: Robot | None) -> Sour
     """Return {quantity: arguments of its Source} of a joint."""
     sources = _positions(inference, joint)
     for quantity, source in reversed(sources.items()):
-        source |= _position_unit(inference, str(source["column"]), quantity, joint, robot)
+        source |= _position_unit(inference, source["column"], quantity, joint, robot)
     units = [source.get("unit") for source in sources.values()]
     if units == [None, "deg"]:
         sources["motor_position"]["unit"] = "deg"
-        column = str(sources["motor_position"]["column"])
-        inference.note(column, "taken for degrees, like the joint's")
+        inference.note(sources["motor_position"]["column"], "taken for degrees, like the joint's")
     has_both = len(sources) == 2
     if not has_both and "joint_position" in sources:
         _note_side(inference, joint, sources["joint_position"], robot)
@@ -74,12 +73,9 @@ def quantities_of(inference: Inference, joint: str, robot: Robot | None) -> Sour
     if has_both:
         _turn_motor_side(inference, joint, sources)
     drives = [name for name in sources if name.endswith(("torque", "current", "voltage"))]
-    signed = [name for name in drives if np.any(inference.finite(str(sources[name]["column"])) < 0)]
-    if (
-        not signed
-        and not (drives and not inference.commands(joint))
-        and "motor_position" not in sources
-    ):
+    is_signed = any(np.any(inference.finite(sources[name]["column"]) < 0) for name in drives)
+    may_be_commanded = not drives or bool(inference.commands(joint))
+    if may_be_commanded and not is_signed and "motor_position" not in sources:
         _add_command(inference, joint, sources)
     _add_temperature(inference, joint, sources)
     return sources
@@ -163,9 +159,10 @@ def _position_factor(source: Mapping[str, Any]) -> float:
 def _position_unit(
     inference: Inference, column: str, quantity: str, joint: str, robot: Robot | None
 ) -> dict[str, Any]:
+    """Return the arguments for the unit of a position, none for rad."""
     values, unit = inference.finite(column), inference.meanings[column].unit
-    moves = float(np.ptp(values))
-    if unit == "counts" or (unit is None and moves > 100 and np.all(values == np.round(values))):
+    is_whole = np.ptp(values) > 100 and np.all(values == np.round(values))
+    if unit == "counts" or (unit is None and is_whole):
         power = 2 ** math.ceil(math.log2(max(float(np.max(np.abs(values))), 2.0)))
         inference.note(column, f"in counts: {power} per turn is a guess")
         return {"unit": "counts", "counts_per_turn": float(power)}
@@ -173,10 +170,18 @@ def _position_unit(
         return {"unit": unit}
     if unit := unit_by_velocity(inference, column, joint):
         inference.choose(column, f"{unit} by its velocity", is_usual=True)
-        return {} if unit == "rad" else {"unit": unit}
-    farthest = _farthest_rad(joint, robot)
-    if quantity != "joint_position" or farthest is None:
-        return {}
+    elif quantity == "joint_position":
+        unit = _unit_by_range(inference, column, joint, robot)
+    return {} if unit in (None, "rad") else {"unit": unit}
+
+
+def _unit_by_range(
+    inference: Inference, column: str, joint: str, robot: Robot | None
+) -> str | None:
+    """Return the unit of an angle by how far it moves, None for a prismatic joint."""
+    farthest, moves = _farthest_rad(joint, robot), float(np.ptp(inference.finite(column)))
+    if farthest is None:
+        return None
     unit = "deg" if moves > farthest else "rad"
     fits = is_within(inference, column, UNIT_FACTORS["rad"][unit], joint, robot)
     if fits and is_far(inference, column) and not inference.is_of_a_drive:
@@ -186,7 +191,7 @@ def _position_unit(
     else:
         more = "; turns are usual of such drives" if inference.is_of_a_drive else ""
         inference.note(f"{column} (moves by {moves:.3g})", f"taken for rad{more}")
-    return {} if unit == "rad" else {"unit": unit}
+    return unit
 
 
 def _farthest_rad(joint: str, robot: Robot | None) -> float | None:
@@ -275,26 +280,15 @@ def _no_torque(inference: Inference, joint: str) -> str:
 
 def _add_command(inference: Inference, joint: str, sources: Sources) -> None:
     """Add the commands of a joint without torque, its position in the unit of the measured one."""
-    kinds = ("position", "velocity", "torque")
-    names = {kind: inference.commands(joint, kind) for kind in kinds}
-    for kind in kinds[1:]:  # of many drives they are zero all the time
+    names = {kind: inference.commands(joint, kind) for kind in _COMMAND_UNITS}
+    for kind in ("velocity", "torque"):  # of many drives they are zero all the time
         names[kind] = [name for name in names[kind] if np.any(inference.finite(name))]
-    leading = next((kind for kind in kinds[:2] if names[kind]), "")
+    leading = next((kind for kind in ("position", "velocity") if names[kind]), "")
     if not leading or not sources:
         inference.note(joint, _no_torque(inference, joint))
         return
     position = sources.get("motor_position") or sources["joint_position"]
-    for kind in kinds:
-        for column in names[kind][:1]:
-            source: dict[str, Any] = {"column": column}
-            if kind == "position":
-                shared = ("unit", "counts_per_turn")
-                source |= {name: position[name] for name in shared if name in position}
-            source |= _unit(inference.meanings[column], {"velocity": "rad/s"}.get(kind, "Nm"))
-            sources[f"{kind}_command"] = source
-        if len(names[kind]) > 1:
-            text = f"selected from the commands {', '.join(names[kind])}"
-            inference.note(names[kind][0], text)
+    sources |= _command_sources(inference, names, position)
     inference.note(
         names[leading][0],
         f"a {leading} command of a joint without a torque that has both signs: its drive needs "
@@ -306,14 +300,37 @@ def _add_command(inference: Inference, joint: str, sources: Sources) -> None:
             "taken for a feed-forward torque that the drive adds to that of its gains; if it is "
             'the whole torque, describe it as motor_torque with side = "joint"',
         )
-        return
+    else:
+        _note_computed_torques(inference, joint)
+
+
+_COMMAND_UNITS = {"position": "", "velocity": "rad/s", "torque": "Nm"}
+"""{quantity of a command: its usual unit}; that of a position is the unit of the measured one."""
+
+
+def _command_sources(
+    inference: Inference, names: Mapping[str, list[str]], position: Mapping[str, Any]
+) -> Sources:
+    """Return the sources of the first command of each quantity."""
+    commands: Sources = {}
+    for kind, columns in names.items():
+        if not columns:
+            continue
+        source = commands[f"{kind}_command"] = {"column": columns[0]}
+        if kind == "position":
+            source |= {x: position[x] for x in ("unit", "counts_per_turn") if x in position}
+        source |= _unit(inference.meanings[columns[0]], _COMMAND_UNITS[kind])
+        if len(columns) > 1:
+            inference.note(columns[0], f"selected from the commands {', '.join(columns)}")
+    return commands
+
+
+def _note_computed_torques(inference: Inference, joint: str) -> None:
+    """Note the computed torques of a joint, which its drive may add to that of its gains."""
     for name, meaning in inference.meanings.items():
         is_computed = not (meaning.is_raw or meaning.is_command or meaning.is_estimate)
-        if (
-            (meaning.quantity, meaning.joint) == ("torque", joint)
-            and is_computed
-            and name in inference.data
-        ):
+        is_torque = (meaning.quantity, meaning.joint) == ("torque", joint)
+        if is_torque and is_computed and name in inference.data:
             inference.note(
                 name,
                 "computed, and not used: if the drive adds it to the torque of its gains, describe "
@@ -372,10 +389,9 @@ def _add_temperature(inference: Inference, joint: str, sources: Sources) -> None
     if unit is None and np.median(inference.finite(name)) > _KELVIN:
         unit = "K"
         inference.note(name, "taken for kelvin")
-    sources["motor_temperature"] = {
-        "column": name,
-        **({} if unit in (None, "degC") else {"unit": unit}),
-    }
+    sources["motor_temperature"] = {"column": name}
+    if unit not in (None, "degC"):
+        sources["motor_temperature"]["unit"] = unit
     if inference.meanings[name].side != "motor":
         text = "taken for the temperature of the motor"
         inference.choose(name, text, is_usual=len(names) == 1)
@@ -504,22 +520,9 @@ def describe_log(
     >>> print(guess)
     >>> Path("run.toml").write_text(guess.to_toml())
     """
-    held, paths = in_memory(path), [IN_MEMORY]
-    if held is None:
-        paths = [Path(path)] if isinstance(path, str | Path) else [Path(file) for file in path]
-    path, table = Path(" + ".join(map(str, paths))), held or open_tables(paths)
-    joints_known = _every_joint(robot) if robot is not None else ()
-    meanings = {
-        name: in_file(meaning_of(table.bare(name), joints_known), table.files.get(name, ""))
-        for name in table.names
-    }
-    inference = Inference({}, meanings)
-    _take_bare_names(inference, joints_known)
-    samples, guess = _all_samples(table, inference), BaseGuess()
-    if robot is not None and robot.floating_base is not None:
-        guess = infer_base(table, replace(inference, data=samples), robot)
-        inference.meanings |= guess.meanings
-    inference.data |= _signal_columns(samples, inference)
+    paths, held = files_of(path)
+    table = held or open_tables(paths)
+    samples, inference, guess = _understood(table, robot)
     clocks = {} if table.clocks else _file_clocks(table, inference)
     _take_estimates(inference)
     inference.time = _time_of(inference, clocks.get(""))
@@ -527,35 +530,65 @@ def describe_log(
     names = _joint_names(tags, robot, inference)
     if not names:
         raise LogError(
-            f"'{path}': no column looks like the position of a joint; columns are "
-            f"{listed(table.names, _LISTED)}{'; ' if table.notice else ''}{table.notice}"
+            f"'{' + '.join(map(str, paths))}': no column looks like the position of a joint; "
+            f"columns are {listed(table.names, _LISTED)}{'; ' if table.notice else ''}"
+            f"{table.notice}"
         )
     _label_by_joint(inference, names)
-    joints, drafts = {}, dict[str, Sources]()
-    for tag, joint in names.items():
-        clock = clocks.get(tag) if tag else None
-        if joint not in joints or clock:
-            sources = drafts[joint] = quantities_of(inference, joint, robot)
-            joints[joint] = {
-                name: Source(
-                    **source, time=clock or clocks.get(table.files.get(source["column"], joint))
-                )
-                for name, source in sources.items()
-            }
+    drafts = {x: quantities_of(inference, x, robot) for x in dict.fromkeys(names.values())}
+    joints = _sources(drafts, clocks, names, table.files)
     gains = _gains(samples, inference, joints)
     check_used(inference, drafts, robot, {x for clock in clocks.values() for x in clock.columns()})
-    clocks = clocks or ({"": Clock(rate_hz=rate_hz)} if rate_hz else {})
-    is_own = bool(table.clocks) or not clocks.keys().isdisjoint(table.files.values())
-    common = None if is_own else _common_clock(inference, clocks, tags)
-    files = tuple(
-        file.name if file.parent == paths[0].parent else str(file.resolve()) for file in paths
-    )
     description = LogDescription(
-        joints, common, base=guess.base, contacts=guess.contacts, files=files if table.files else ()
+        joints,
+        _common_clock(table, inference, clocks, tags, rate_hz),
+        base=guess.base,
+        contacts=guess.contacts,
+        files=_file_names(paths) if table.files else (),
     )
     used = description.columns()
     unused = tuple(name for name in table.names if not used & {name, table.bare(name)})
     return Description(description, inference.unsure(), unused, inference.assumptions(), gains)
+
+
+def _understood(table: Table, robot: Robot | None) -> tuple[Block, Inference, BaseGuess]:
+    """Return all samples, the columns with a signal and what they mean, and those of the base."""
+    joints = _every_joint(robot) if robot is not None else ()
+    meanings = {
+        name: in_file(meaning_of(table.bare(name), joints), table.files.get(name, ""))
+        for name in table.names
+    }
+    inference = Inference({}, meanings)
+    _take_bare_names(inference, joints)
+    samples, guess = _all_samples(table, inference), BaseGuess()
+    if robot is not None and robot.floating_base is not None:
+        guess = infer_base(table, replace(inference, data=samples), robot)
+        inference.meanings |= guess.meanings
+    inference.data |= _signal_columns(samples, inference)
+    return samples, inference, guess
+
+
+def _sources(
+    drafts: Mapping[str, Sources],
+    clocks: Mapping[str, Clock],
+    names: Mapping[str, str],
+    files: Mapping[str, str],
+) -> dict[str, dict[str, Source]]:
+    """Return the sources of each joint, with its own clock or that of the file of the column."""
+    own = {joint: clocks[tag] for tag, joint in names.items() if tag and tag in clocks}
+    return {
+        joint: {
+            name: Source(**x, time=own.get(joint) or clocks.get(files.get(x["column"], joint)))
+            for name, x in draft.items()
+        }
+        for joint, draft in drafts.items()
+    }
+
+
+def _file_names(paths: Sequence[Path]) -> tuple[str, ...]:
+    """Return the names of files in the folder of the first, and the whole paths of others."""
+    folder = paths[0].parent
+    return tuple(file.name if file.parent == folder else str(file.resolve()) for file in paths)
 
 
 _GAIN = re.compile(r"(?<![a-z])k_?([pd])(?![a-z])", re.IGNORECASE)
@@ -566,7 +599,6 @@ def _gains(
     samples: Block, inference: Inference, joints: Mapping[str, Mapping[str, Source]]
 ) -> dict[str, Controller]:
     """Return the controllers with gains of columns named as the command but for the quantity."""
-    columns = [(name, word) for name in samples if (word := _GAIN.search(name))]
     supplies = [name for name in samples if inference.meanings[name].quantity == "voltage"]
     unit = "N m at the joint"
     if supplies:
@@ -575,11 +607,7 @@ def _gains(
     for joint, sources in joints.items():
         command = next((str(sources[x].column) for x in COMMANDS if x in sources), "")
         gains: dict[str, float] = {}
-        for name, word in columns:
-            head, tail = name[: word.start()], name[word.end() :]
-            middle = command.removeprefix(head).removesuffix(tail)
-            if head + middle + tail != command or not middle.replace("_", "").isalpha():
-                continue
+        for name, letter in _gain_columns(samples, command):
             values = samples[name][np.isfinite(samples[name])]
             if len(values) == 0 or np.ptp(values) > 0 or values[0] < 0:
                 inference.note(
@@ -588,7 +616,7 @@ def _gains(
                     "its own (between_s in the project)",
                 )
                 continue
-            gains[word[1].lower()] = float(values[0])
+            gains[letter] = float(values[0])
             inference.note(name, f"taken for a gain of the controller, in {unit}")
         if gains:
             controllers[joint] = Controller(
@@ -597,6 +625,16 @@ def _gains(
                 is_up_to_scale=bool(supplies),
             )
     return controllers
+
+
+def _gain_columns(names: Iterable[str], command: str) -> Iterator[tuple[str, str]]:
+    """Yield the columns named as a command but for the quantity, and the letter of their gain."""
+    for name in names:
+        if word := _GAIN.search(name):
+            head, tail = name[: word.start()], name[word.end() :]
+            middle = command.removeprefix(head).removesuffix(tail)
+            if head + middle + tail == command and middle.replace("_", "").isalpha():
+                yield name, word[1].lower()
 
 
 def _take_estimates(inference: Inference) -> None:
@@ -610,14 +648,22 @@ def _take_estimates(inference: Inference) -> None:
 
 
 def _common_clock(
-    inference: Inference, clocks: Mapping[str, Clock], tags: Sequence[str]
+    table: Table,
+    inference: Inference,
+    clocks: Mapping[str, Clock],
+    tags: Sequence[str],
+    rate_hz: float | None,
 ) -> Clock | None:
     """Return the clock of all joints, None if each has its own or no column looks like one."""
+    if table.clocks or not clocks.keys().isdisjoint(table.files.values()):
+        return None
     common = clocks.get("")
-    if clocks.keys() >= set(tags) and "" not in tags:
+    if clocks and clocks.keys() >= {*tags} and "" not in tags:
         hint = f"; {common.column} would be a common clock" if common else ""
         inference.note("time", f"every joint has its own clock, and these are used{hint}")
         return None
+    if not clocks and rate_hz:
+        return Clock(rate_hz=rate_hz)
     if common is None:
         inference.note("time", "no column looks like it: name it, or give time = { rate_hz = ... }")
     return common
@@ -646,27 +692,32 @@ def logs_of_files(
     groups: list[list[_File]] = []
     for file in (_file_of(path, robot) for path in paths):
         fitting = (group for group in groups if all(_are_of_one_log(file, each) for each in group))
-        group = next(fitting, None)
-        if group is None:
-            groups.append([file])
-        else:
-            group.append(file)
-    doubts = [
-        f"{listed(file.path.name for file in group)} have different columns over the same time "
-        f"({min(file.end_s for file in group) - max(file.start_s for file in group):.4g} s): taken "
-        "for the files of one log; if they are not, give each a [[log]] of its own"
-        for group in groups
-        if len(group) > 1
-    ]
-    doubts += [
-        f"{earlier.path.name} and {file.path.name} have different columns, and one lacks positions "
-        "or torques, but their times do not overlap: if they are of one motion, repair a clock and "
-        f'list both in one [[log]], files = ["{earlier.path.name}", "{file.path.name}"]'
-        for place, (file, *_) in enumerate(groups)
-        for earlier, *_ in groups[:place]
-        if _complement(file, earlier)
-    ]
-    return [tuple(file.path for file in group) for group in groups], tuple(doubts)
+        group = next(fitting, [])
+        if not group:
+            groups.append(group)
+        group.append(file)
+    return [tuple(file.path for file in group) for group in groups], tuple(_doubts(groups))
+
+
+def _doubts(groups: Sequence[Sequence[_File]]) -> Iterator[str]:
+    """Yield what is doubtful about the files of each log, and about logs that may be one."""
+    for group in groups:
+        if len(group) > 1:
+            common = min(file.end_s for file in group) - max(file.start_s for file in group)
+            yield (
+                f"{listed(file.path.name for file in group)} have different columns over the same "
+                f"time ({common:.4g} s): taken for the files of one log; if they are not, give "
+                "each a [[log]] of its own"
+            )
+    firsts = [group[0] for group in groups]
+    for earlier, file in ((x, y) for place, y in enumerate(firsts) for x in firsts[:place]):
+        if _complement(file, earlier):
+            yield (
+                f"{earlier.path.name} and {file.path.name} have different columns, and one lacks "
+                "positions or torques, but their times do not overlap: if they are of one motion, "
+                "repair a clock and list both in one [[log]], "
+                f'files = ["{earlier.path.name}", "{file.path.name}"]'
+            )
 
 
 _OVERLAP = 0.8
@@ -751,25 +802,25 @@ def _signal_columns(data: Block, inference: Inference) -> Block:
     """Return the columns with a signal; constant ones are excluded."""
     signals = {}
     for name, values in data.items():
-        finite = values[np.isfinite(values)]
-        meaning = inference.meanings[name]
+        finite, meaning = values[np.isfinite(values)], inference.meanings[name]
+        moves = bool(np.any(finite != finite[:1]))
+        is_sensor = _is_sensor(meaning)
+        may_stand = len(finite) > 0 and (meaning.quantity == "voltage" or meaning.is_command)
         if np.any(np.abs(finite) > LARGEST):
             inference.note(name, f"has values beyond {LARGEST:g}: no sensor, excluded")
-        elif meaning.quantity in _MEASURED and meaning.is_raw and len(finite) and is_state(finite):
-            if np.ptp(finite) > 0:
-                inference.note(name, "has a few whole numbers only: a state, excluded")
-            elif meaning.quantity == "voltage":
-                signals[name] = values
-            else:
-                inference.note(name, f"{finite[0]:.6g} all the time: a dead sensor, excluded")
-        elif len(finite) and (
-            np.ptp(finite) > 0 or meaning.quantity == "voltage" or meaning.is_command
-        ):
+        elif is_sensor and moves and is_state(finite):
+            inference.note(name, "has a few whole numbers only: a state, excluded")
+        elif moves or may_stand:
             signals[name] = values
-        elif meaning.quantity in _MEASURED and meaning.is_raw:
+        elif is_sensor:
             what = f"{finite[0]:.6g} all the time" if len(finite) else "without a number"
             inference.note(name, f"{what}: a dead sensor, excluded")
     return signals
+
+
+def _is_sensor(meaning: Meaning) -> bool:
+    """Return whether a name is that of a raw measurement."""
+    return meaning.is_raw and meaning.quantity in _MEASURED
 
 
 def _time_of(inference: Inference, clock: Clock | None) -> Array | None:
@@ -889,18 +940,14 @@ def _is_number(tag: str) -> bool:
 
 def _assign_motor(inference: Inference, tags: list[str]) -> list[str]:
     """Return the labels of joints; a motor without a label is that of the only one with a label."""
-    nameless = [name for name, m in inference.meanings.items() if not m.joint and m.is_raw]
-    positions = [name for name in nameless if inference.meanings[name].quantity == "position"]
-    if len(tags) != 2 or "" not in tags:
+    nameless = {x: m for x, m in inference.meanings.items() if not m.joint and _is_sensor(m)}
+    sides = {m.side for m in nameless.values() if m.quantity == "position"}
+    if len(tags) != 2 or "" not in tags or not sides <= {"motor"}:
         return tags
-    if any(inference.meanings[name].side != "motor" for name in positions):
-        return tags
-    label = next(tag for tag in tags if tag)
-    for name in nameless:
-        meaning = inference.meanings[name]
-        if meaning.quantity in _MEASURED:
-            inference.meanings[name] = replace(meaning, joint=label)
-            inference.note(name, f"taken for the motor of {label}")
+    label = next(filter(None, tags))
+    for name, meaning in nameless.items():
+        inference.meanings[name] = replace(meaning, joint=label)
+        inference.note(name, f"taken for the motor of {label}")
     return [label]
 
 
@@ -955,31 +1002,39 @@ def _joint_names(tags: Sequence[str], robot: Robot | None, inference: Inference)
     """
     if robot is None:
         return {tag: f"joint_{tag}" if _is_number(tag) else tag or "joint" for tag in tags}
-    every, labels = _every_joint(robot), list(tags)
-    logged = [
+    labels = _labels(tags, len(_every_joint(robot)), inference)
+    matches = _matches(labels, robot, inference)
+    for tag in [x for x in labels if x in tags and x not in matches]:
+        inference.note(tag, "no joint of the robot has such a name: excluded")
+    still = {tag for tag, joint in matches.items() if joint not in robot.joint_names}
+    inference.data = _without_joints(inference, still)
+    return {tag: joint for tag, joint in matches.items() if tag in {*tags} - still}
+
+
+def _without_joints(inference: Inference, labels: Set[str]) -> Block:
+    """Return the samples without the columns with some labels of joints."""
+    joints = {name: inference.meanings[name].joint for name in inference.data}
+    return {name: x for name, x in inference.data.items() if joints[name] not in labels}
+
+
+def _labels(tags: Sequence[str], count: int, inference: Inference) -> list[str]:
+    """Return the labels of all positions, of constant ones too, if they are as many as joints."""
+    logged = dict.fromkeys(
         meaning.joint
         for name, meaning in inference.meanings.items()
         if meaning.quantity == "position" and f"{name}[0]" not in inference.meanings
-    ]
-    if len({*logged}) == len(every) and {*labels} <= {*logged}:  # constant ones count in the order
-        labels = list(dict.fromkeys(logged))
+    )
+    return list(logged if len(logged) == count and {*tags} <= logged.keys() else tags)
+
+
+def _matches(labels: Sequence[str], robot: Robot, inference: Inference) -> dict[str, str]:
+    """Return {label: joint}: by name and by number, or, if none has these, by order."""
+    every = _every_joint(robot)
     matches = {tag: tag for tag in labels if tag in every}
     others = [tag for tag in labels if tag not in matches]
     joints = robot.joint_names if len(others) <= robot.n else every
     matches |= _numbered(others, [joint for joint in joints if joint not in matches])
-    others = [tag for tag in others if tag not in matches]
-    if not matches:
-        matches = _in_order(others, joints, inference)
-    for tag in others:
-        if tag not in matches and tag in tags:
-            inference.note(tag, "no joint of the robot has such a name: excluded")
-    still = {tag for tag, joint in matches.items() if joint not in robot.joint_names}
-    inference.data = {
-        name: values
-        for name, values in inference.data.items()
-        if inference.meanings[name].joint not in still
-    }
-    return {tag: joint for tag, joint in matches.items() if tag in tags and tag not in still}
+    return matches or _in_order(labels, joints, inference)
 
 
 def _numbered(tags: Sequence[str], joints: Sequence[str]) -> dict[str, str]:
@@ -1002,8 +1057,9 @@ def _in_order(tags: Sequence[str], joints: Sequence[str], inference: Inference) 
 
     Labels that differ in a number, as axis_2 and axis_10, are in the order of the numbers.
     """
-    tags = sorted(filter(_is_number, tags), key=int) or list(tags)
-    if all(map(_number_in, tags)) and len({tag.rstrip("0123456789") for tag in tags}) == 1:
+    tags = list(filter(_is_number, tags)) or list(tags)
+    are_numbered = all(map(_number_in, tags))
+    if are_numbered and len({tag.rstrip("0123456789") for tag in tags}) == 1:
         tags = sorted(tags, key=lambda tag: int(_number_in(tag)))
     if len(tags) > len(joints):
         inference.note(
@@ -1012,8 +1068,8 @@ def _in_order(tags: Sequence[str], joints: Sequence[str], inference: Inference) 
     if tags != [""] or len(joints) > 1:
         about = ", ".join(tag or "columns without a joint" for tag in tags[: len(joints)])
         inference.note(about, "taken for the robot's joints in their order")
-    if not all(_number_in(tag) or len(tags) == len(joints) == 1 for tag in tags):
+    if not are_numbered and not len(tags) == len(joints) == 1:
         for name, meaning in inference.meanings.items():
-            if meaning.joint in tags and meaning.is_raw and meaning.quantity in _MEASURED:
+            if meaning.joint in tags and _is_sensor(meaning):
                 inference.note(name, "its joint is a guess, by the order of the columns")
     return dict(zip(tags, joints, strict=False))
