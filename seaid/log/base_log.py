@@ -239,23 +239,23 @@ def base_log(picked: Mapping[str, Array], robot: Robot) -> BaseLog | None:
     arrays: dict[str, Any] = {"contacts": {}, "wrenches": {}}
     picked = with_guided(picked, robot)
     for name, names in CHANNELS.items():
-        present = [column for column in names if column in picked]
-        if present and len(present) < len(names):
-            missing = ", ".join(column for column in names if column not in picked)
-            raise LogError(f"the log has {present[0]} and no column {missing}")
-        if present:
-            arrays[name] = np.column_stack([picked[column] for column in names])
+        if first := next((column for column in names if column in picked), ""):
+            arrays[name] = _stacked(names, picked, f"the log has {first} and")
     for link in robot.floating_base.contact_links:
         contact, wrench = contact_columns(link)
         if contact in picked:
             arrays["contacts"][link] = picked[contact][:, None]
-        width = sum(column in picked for column in wrench)
-        if width:
-            gone = [column for column in wrench[: 3 if width <= 3 else 6] if column not in picked]
-            if gone:
-                raise LogError(f"the wrench of '{link}' has no column {', '.join(gone)}")
-            arrays["wrenches"][link] = np.column_stack([picked[x] for x in wrench[:width]])
+        if width := sum(column in picked for column in wrench):
+            names = wrench[: 3 if width <= 3 else 6]
+            arrays["wrenches"][link] = _stacked(names, picked, f"the wrench of '{link}' has")
     return BaseLog(**arrays) if any(map(len, arrays.values())) else None
+
+
+def _stacked(names: Sequence[str], picked: Mapping[str, Array], about: str) -> Array:
+    """Return columns side by side. Raises LogError if one is missing."""
+    if missing := [column for column in names if column not in picked]:
+        raise LogError(f"{about} no column {', '.join(missing)}")
+    return np.column_stack([picked[column] for column in names])
 
 
 def _samples(name: str, values: Any, width: int | None) -> Array:
@@ -364,15 +364,42 @@ def base_motion(
         f = f - np.cross(e, imu.place) - np.cross(w, np.cross(w, imu.place))
         f = f - 2 * np.cross(w, imu.velocity) - imu.acceleration
         _check_gravity(f)
-    elif R is not None and smooth.velocity is not None:
-        f = np.einsum("tij,ti->tj", R, spline_derivatives(time, smooth.velocity)[1] - gravity)
-    elif R is not None and smooth.position is not None:
-        f = np.einsum("tij,ti->tj", R, spline_derivatives(time, smooth.position)[2] - gravity)
     else:
-        raise LogError(
-            "the log has no acceleration of the base: give the specific force of an IMU "
-            f"({CHANNELS['specific_force'][0]} ...), or orientation with velocity or position"
-        )
+        f = _specific_force_of_pose(smooth, time, R, gravity)
+    _check_contacts(log, base)
+    flags = {x: log.contacts[x][:, 0] > 0.5 for x in log.contacts if x not in log.wrenches}
+    period = rate_hz / cutoff_hz
+    feet = {f"wrench of {link}": loaded(x) for link, x in log.wrenches.items()}
+    used = _between_changes({**flags, **feet, "": jumped}, len(time), _PERIODS * period)
+    return BaseMotion(
+        angular_velocity=w,
+        angular_acceleration=e,
+        specific_force=f,
+        contacts=FrozenMapping(flags, "link"),
+        wrenches=FrozenMapping(log.wrenches, "link"),
+        used=_without_short_lifts(used, flags, _LIFTED * period),
+        velocity=_velocity(smooth, time, R),
+        imu=base.imu_placement[0]
+        if smooth.specific_force is not None and base.imu_is_fixed
+        else None,
+        up=None if R is None else np.asarray(-gravity / np.linalg.norm(gravity) @ R),
+    )
+
+
+def _specific_force_of_pose(log: BaseLog, time: Array, R: Array | None, gravity: Array) -> Array:
+    """Return the specific force f = R^T (a - g) by the derivative of the velocity or position."""
+    for order, values in ((1, log.velocity), (2, log.position)):
+        if R is not None and values is not None:
+            acceleration = spline_derivatives(time, values)[order]
+            return np.asarray(np.einsum("tij,ti->tj", R, acceleration - gravity))
+    raise LogError(
+        "the log has no acceleration of the base: give the specific force of an IMU "
+        f"({CHANNELS['specific_force'][0]} ...), or orientation with velocity or position"
+    )
+
+
+def _check_contacts(log: BaseLog, base: FloatingBase) -> None:
+    """Raise LogError for contacts that the robot does not have, and for those not logged."""
     for link in log.contacts:
         if link not in {*base.contact_links, *log.wrenches}:
             raise LogError(
@@ -392,23 +419,6 @@ def base_motion(
             "seaid.find_contacts(robot, log), --find-contacts",
             "contacts=",
         )
-    flags = {x: log.contacts[x][:, 0] > 0.5 for x in log.contacts if x not in log.wrenches}
-    period = rate_hz / cutoff_hz
-    feet = {f"wrench of {link}": loaded(x) for link, x in log.wrenches.items()}
-    used = _between_changes({**flags, **feet, "": jumped}, len(time), _PERIODS * period)
-    return BaseMotion(
-        angular_velocity=w,
-        angular_acceleration=e,
-        specific_force=f,
-        contacts=FrozenMapping(flags, "link"),
-        wrenches=FrozenMapping(log.wrenches, "link"),
-        used=_without_short_lifts(used, flags, _LIFTED * period),
-        velocity=_velocity(smooth, time, R),
-        imu=base.imu_placement[0]
-        if smooth.specific_force is not None and base.imu_is_fixed
-        else None,
-        up=None if R is None else np.asarray(-gravity / np.linalg.norm(gravity) @ R),
-    )
 
 
 def _velocity(log: BaseLog, time: Array, R: Array | None) -> Array | None:
