@@ -120,6 +120,12 @@ def vector_source(where: str, quantity: str, value: Any, clock: Clock | None) ->
     columns, width = _expanded(where, table.get("columns")), _WIDTHS[quantity]
     if len(columns) != width and not (quantity in _PLANAR and len(columns) < width):
         raise LogError(f"{where}: needs {width} columns, found {len(columns)}")
+    _check_entries(where, quantity, table)
+    return VectorSource(**{**table, "columns": columns, "time": clock})
+
+
+def _check_entries(where: str, quantity: str, table: Mapping[str, Any]) -> None:
+    """Raise LogError for an entry of a vector that its quantity has not, or of another type."""
     for key, words, holds in (
         ("frame", get_args(Frame), quantity in _FRAMES),
         ("order", get_args(Order), quantity == "orientation"),
@@ -133,7 +139,6 @@ def vector_source(where: str, quantity: str, value: Any, clock: Clock | None) ->
             raise LogError(f"{where}: {key} must be a number, found {shown(number)}")
     if "above" in table and quantity != "contact":
         raise LogError(f"{where}: above is that of a contact")
-    return VectorSource(**{**table, "columns": columns, "time": clock})
 
 
 _WIDTHS = BASE_QUANTITIES | CONTACT_QUANTITIES
@@ -197,10 +202,7 @@ def described_vectors(
 
 
 def _contact_vectors(
-    where: str,
-    contacts: Mapping[str, Mapping[str, VectorSource]],
-    table: Table,
-    base: FloatingBase,
+    where: str, contacts: Mapping[str, Mapping[str, VectorSource]], table: Table, base: FloatingBase
 ) -> Iterator[DescribedVector]:
     """Yield the flags and wrenches of a description, and those with seaid's own columns."""
     for link in dict.fromkeys([*contacts, *base.contact_links]):
@@ -266,19 +268,9 @@ def in_own_frames(picked: Mapping[str, Array], robot: Robot) -> dict[str, Array]
     turned = [name for name in picked if name.startswith("base.") and "_in_" in name]
     if not turned:
         return samples
-    if not set(CHANNELS["orientation"]) <= set(picked):
-        kind = turned[0].removeprefix("base.").rsplit("_in_", 1)
-        raise LogError(
-            f"the {kind[0]} of the base in the frame of the {kind[1][:-2]} needs the orientation "
-            "of the base too: name it in [base]"
-        )
     base = robot.floating_base
     assert base is not None
-    if not base.imu_is_fixed and any("velocity_in_base" not in name for name in turned):
-        raise LogError(
-            f"a joint moves the IMU at '{base.imu_link}': its angular velocity and specific force "
-            'must be those of its own frame, without frame = "world" and with gravity'
-        )
+    _check_turnable(turned, picked, base)
     quaternions = np.column_stack([picked[name] for name in CHANNELS["orientation"]])
     R = matrices(quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True))
     gravity, (imu, _) = robot.model.gravity.linear, base.imu_placement
@@ -296,3 +288,18 @@ def in_own_frames(picked: Mapping[str, Array], robot: Robot) -> dict[str, Array]
         if CHANNELS[channel][0] not in samples:
             samples.update(zip(CHANNELS[channel], values.T, strict=True))
     return samples
+
+
+def _check_turnable(turned: Sequence[str], picked: Mapping[str, Array], base: FloatingBase) -> None:
+    """Raise LogError if vectors of other frames lack an orientation, or their IMU moves."""
+    if not set(CHANNELS["orientation"]) <= set(picked):
+        kind = turned[0].removeprefix("base.").rsplit("_in_", 1)
+        raise LogError(
+            f"the {kind[0]} of the base in the frame of the {kind[1][:-2]} needs the orientation "
+            "of the base too: name it in [base]"
+        )
+    if not base.imu_is_fixed and any("velocity_in_base" not in name for name in turned):
+        raise LogError(
+            f"a joint moves the IMU at '{base.imu_link}': its angular velocity and specific force "
+            'must be those of its own frame, without frame = "world" and with gravity'
+        )
