@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -45,19 +45,16 @@ def channels_of(
     vectors = list(
         described_vectors(f"'{path}'", description.base, description.contacts, table, robot)
     )
-    wanted: dict[str, None] = {}
     where = description.where and table.in_file_of(description.where, described[0].source.columns())
+    shared = [] if where is None else [where]
+    wanted = dict[str, None]()
     for spec in described:
-        for name in (where, *spec.source.columns(), *spec.clock.columns()):
-            if name is not None and name not in table.names:
-                raise LogError(f"{spec.where}: {table.missing(name)}")
-            wanted |= {} if name is None else {name: None}
+        names = [*shared, *spec.source.columns(), *spec.clock.columns()]
+        wanted |= _checked_columns(spec.where, names, table)
     clocks = [_clock_of(vector.where, table, description, vector.source) for vector in vectors]
     for vector, clock in zip(vectors, clocks, strict=True):
-        for name in (*vector.source.columns, *clock.columns()):
-            if name is not None and name not in table.names:
-                raise LogError(f"{vector.where}: {table.missing(name)}")
-            wanted |= {} if name is None else {name: None}
+        names = [*vector.source.columns, *clock.columns()]
+        wanted |= _checked_columns(vector.where, names, table)
     data = table.load(list(wanted))
     kept = data[where] != 0 if where else None
     channels = [(spec.where, _channel(data, robot, spec)) for spec in described]
@@ -65,6 +62,14 @@ def channels_of(
         time = clock.seconds(data, len(data[vector.source.columns[0]]))
         channels += [(vector.where, channel) for channel in vector_channels(vector, data, time)]
     return [_selected(place, channel, kept, table.sparse) for place, channel in channels]
+
+
+def _checked_columns(where: str, names: Sequence[str], table: Table) -> dict[str, None]:
+    """Return names as keys. Raises LogError, which begins with `where`, for a missing column."""
+    for name in names:
+        if name not in table.names:
+            raise LogError(f"{where}: {table.missing(name)}")
+    return dict.fromkeys(names)
 
 
 class _Described(NamedTuple):
@@ -171,9 +176,7 @@ def _clock_of(
         rest = clock.nanoseconds and table.in_file_of(clock.nanoseconds, columns)
         clock = replace(clock, column=table.in_file_of(clock.column, columns), nanoseconds=rest)
     if clock is None:
-        for name in columns:
-            if name not in table.names:
-                raise LogError(f"{where}: {table.missing(name)}")
+        _checked_columns(where, columns, table)
         raise LogError(
             f'{where}: no time is given; name its column, time = "...", or a constant rate, time = '
             "{ rate_hz = ... }"
