@@ -7,6 +7,7 @@ import os
 import sys
 from collections.abc import Mapping
 from dataclasses import MISSING, asdict, dataclass, field, fields
+from itertools import chain
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -16,12 +17,7 @@ from seaid._arrays import Array, FrozenMapping
 from seaid._files import MOST_TOML_BYTES, read_toml, toml_key, toml_text
 from seaid._progress import MOST_NAMES, Display, counted
 from seaid.errors import LogError, listed, shortened, shown, unknown_name
-from seaid.log.base_columns import (
-    BASE_QUANTITIES,
-    CONTACT_QUANTITIES,
-    VectorSource,
-    vector_source,
-)
+from seaid.log.base_columns import BASE_QUANTITIES, CONTACT_QUANTITIES, VectorSource, vector_source
 from seaid.log.log import SENSORS, TEMPERATURES, UNIT_FACTORS
 from seaid.log.readers.table import Block
 from seaid.log.repair import Repairs
@@ -196,38 +192,30 @@ class LogDescription(Display):
 
     def columns(self) -> set[str]:
         """Return the columns that the description uses, those of clocks too."""
-        sources = [source for sources in self.joints.values() for source in sources.values()]
-        clocks = [self.time, *(source.time for source in sources)]
-        columns = [self.where, *(name for clock in clocks if clock for name in clock.columns())]
-        columns += [name for source in sources for name in source.columns()]
-        vectors = [
-            *self.base.values(),
-            *(x for contact in self.contacts.values() for x in contact.values()),
-        ]
-        columns += [name for vector in vectors for name in vector.columns]
-        columns += [name for vector in vectors if vector.time for name in vector.time.columns()]
-        return {name for name in columns if name is not None}
+        sources = [*chain.from_iterable(x.values() for x in self.joints.values())]
+        tables = [self.base, *self.contacts.values()]
+        vectors = [*chain.from_iterable(x.values() for x in tables)]
+        clocks = [self.time, *(x.time for x in sources), *(x.time for x in vectors)]
+        columns = [x.columns() for x in sources] + [x.columns() for x in clocks if x]
+        used = set() if self.where is None else {self.where}
+        return used.union(*columns, *(x.columns for x in vectors))
 
     def to_dict(self) -> dict[str, Any]:
         """Return the description as mappings of plain data without default values."""
-        content: dict[str, Any] = {"files": list(self.files)} if self.files else {}
-        if self.time is not None:
-            content["time"] = _short(_plain(self.time))
-        if self.where is not None:
-            content["where"] = self.where
-        if self.exclude_s:
-            content["exclude_s"] = [list(interval) for interval in self.exclude_s]
-        content["joints"] = {
-            joint: {name: _short(_plain(source)) for name, source in sources.items()}
-            for joint, sources in self.joints.items()
+        content = {
+            "files": list(self.files),
+            "time": self.time and _short(_plain(self.time)),
+            "where": self.where,
+            "exclude_s": [list(interval) for interval in self.exclude_s],
+            "joints": {
+                joint: {name: _short(_plain(source)) for name, source in sources.items()}
+                for joint, sources in self.joints.items()
+            },
+            "base": _vectors(self.base),
+            "contacts": {link: _vectors(foot) for link, foot in self.contacts.items()},
+            "repair": _plain(self.repair),
         }
-        if self.base:
-            content["base"] = _vectors(self.base)
-        if self.contacts:
-            content["contacts"] = {link: _vectors(foot) for link, foot in self.contacts.items()}
-        if repair := _plain(self.repair):
-            content["repair"] = repair
-        return content
+        return {key: value for key, value in content.items() if value or key == "joints"}
 
     def to_toml(self) -> str:
         """Return the description as the text of a TOML file."""
