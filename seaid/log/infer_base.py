@@ -86,6 +86,11 @@ class BaseGuess:
     contacts: dict[str, dict[str, VectorSource]] = field(default_factory=dict)
     meanings: dict[str, Meaning] = field(default_factory=dict)
 
+    def columns(self) -> list[str]:
+        """Return the columns of the vectors."""
+        vectors = [self.base, *self.contacts.values()]
+        return [name for x in vectors for source in x.values() for name in source.columns]
+
 
 def infer_base(table: Table, inference: Inference, robot: Robot) -> BaseGuess:
     """Return the columns of the base and of contacts of a log; `inference` has all samples."""
@@ -112,8 +117,7 @@ def infer_base(table: Table, inference: Inference, robot: Robot) -> BaseGuess:
         guess.base = {**planar, **guess.base}
     _decide_frames(guess, inference)
     _note_what_is_lacking(guess, inference, robot)
-    used = [*guess.base.values(), *(x for foot in guess.contacts.values() for x in foot.values())]
-    guess.meanings |= {name: _TAKEN for source in used for name in source.columns}
+    guess.meanings |= dict.fromkeys(guess.columns(), _TAKEN)
     return guess
 
 
@@ -127,8 +131,7 @@ def _widths(robot: Robot) -> tuple[int, ...]:
 def _used(guess: BaseGuess, robot: Robot, inference: Inference) -> set[str]:
     """Return the columns that are taken, or have the name of a joint of the robot."""
     of_joints = {x for x, m in inference.meanings.items() if m.joint in robot.joint_names}
-    used = [*guess.base.values(), *(x for foot in guess.contacts.values() for x in foot.values())]
-    return {*guess.meanings, *of_joints, *(x for source in used for x in source.columns)}
+    return {*guess.meanings, *of_joints, *guess.columns()}
 
 
 def _vectors(table: Table, inference: Inference, robot: Robot) -> dict[str, list[str]]:
@@ -246,19 +249,13 @@ def _derivatives(
     vectors: Mapping[str, Sequence[str]], inference: Inference, robot: Robot
 ) -> dict[str, str]:
     """Return {stem: "velocity" or "acceleration"} of arrays whose names say nothing."""
-    n = robot.n
     words = {stem: meaning_of(stem.removesuffix("[")) for stem in vectors}
     arrays = {
-        stem: _samples(names[-n:], inference)
+        stem: _samples(names[-robot.n :], inference)
         for stem, names in vectors.items()
-        if len(names) in (n, *_widths(robot)) and _is_indexed(stem, names)
+        if len(names) in (robot.n, *_widths(robot)) and _is_indexed(stem, names)
     }
-    positions = [
-        stem
-        for stem in arrays
-        if len(vectors[stem]) == n + 7
-        or (len(vectors[stem]) == n and words[stem].quantity == "position" and words[stem].is_raw)
-    ]
+    positions = [x for x in arrays if _are_positions(len(vectors[x]), words[x], robot)]
     if not positions:
         return {}
     derivatives: dict[str, str] = {}
@@ -276,6 +273,12 @@ def _derivatives(
             rate = arrays[best]
             inference.note(best[:-1], f"the {quantity} by its samples")
     return derivatives
+
+
+def _are_positions(width: int, meaning: Meaning, robot: Robot) -> bool:
+    """Return whether an array has the positions of base and joints, or by its name of joints."""
+    is_position = meaning.quantity == "position" and meaning.is_raw
+    return width == robot.n + 7 or (width == robot.n and is_position)
 
 
 def _is_indexed(stem: str, names: Sequence[str]) -> bool:
@@ -325,11 +328,7 @@ def _add_generalised(
 
 
 def _add_vector(
-    guess: BaseGuess,
-    stem: str,
-    names: list[str],
-    inference: Inference,
-    scale: float,
+    guess: BaseGuess, stem: str, names: list[str], inference: Inference, scale: float
 ) -> None:
     """Take a vector for what its name and its samples say; `scale` is that of its unit."""
     text = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", stem).lower().removesuffix("[")
@@ -379,24 +378,16 @@ def _add_wrenches(
     Returns the forces {name: columns} that may be those of other sensors.
     """
     assert robot.floating_base is not None
-    sensors: dict[str, dict[str, list[str]]] = {}
-    for stem, names in vectors.items():
-        match = _WRENCH.fullmatch(stem)
-        if match and len(names) == 3 and not _COMMANDED.search(stem.lower()):
-            quantity = "force" if match[2].lower().startswith("f") else "moment"
-            sensors.setdefault(match[1], {})[quantity] = names
+    sensors = _force_sensors(vectors)
     places = [sensor for sensor, parts in sensors.items() if "force" in parts]
     links = robot.floating_base.contact_links
     others = {}
     common = [[len({*_words(sensor)} & {*_words(link)}) for link in links] for sensor in places]
+    shared = np.array(common)
     for place, sensor in enumerate(places):
-        score = np.array(common[place])
-        best = int(np.argmax(score))
-        rivals = [
-            *np.delete(score, best),
-            *(row[best] for row in common if row is not common[place]),
-        ]
-        if score[best] <= max(rivals, default=0):
+        best = int(np.argmax(shared[place]))
+        rivals = [*np.delete(shared[place], best), *np.delete(shared[:, best], place)]
+        if shared[place, best] <= max(rivals, default=0):
             others[sensor] = sensors[sensor]["force"]
             continue
         parts = sensors[sensor]
@@ -407,6 +398,17 @@ def _add_wrenches(
         text = f"taken for the force of the ground on {links[best]}, in the axes of that link"
         inference.note(sensor, text)
     return others
+
+
+def _force_sensors(vectors: Mapping[str, list[str]]) -> dict[str, dict[str, list[str]]]:
+    """Return {sensor: {"force" or "moment": columns}} of what is no command."""
+    sensors: dict[str, dict[str, list[str]]] = {}
+    for stem, names in vectors.items():
+        match = _WRENCH.fullmatch(stem)
+        if match and len(names) == 3 and not _COMMANDED.search(stem.lower()):
+            quantity = "force" if match[2].lower().startswith("f") else "moment"
+            sensors.setdefault(match[1], {})[quantity] = names
+    return sensors
 
 
 def _add_contacts(
