@@ -290,9 +290,20 @@ def _note_unknown_words(inference: Inference, used: set[str]) -> None:
 def _check_position(
     inference: Inference, source: Mapping[str, Any], joint: str, robot: Robot | None
 ) -> None:
-    """Note a position that its velocities, its limits or the type of its joint contradict."""
+    """Note a position that its velocities or the type of its joint contradict."""
     column, unit = source["column"], source.get("unit")
-    factor = UNIT_FACTORS["rad"].get(unit or "rad", 0.0)
+    _check_velocities(inference, column, joint, UNIT_FACTORS["rad"].get(unit or "rad", 0.0))
+    if robot is None or joint not in robot.joint_names:
+        return
+    is_length = unit in UNIT_FACTORS["m"]
+    if unit not in (None, "counts") and is_length != robot.is_prismatic[robot.index(joint)]:
+        inference.note(column, f"{unit} does not fit the type of {joint}")
+    elif unit in ("deg", "mdeg") and not is_far(inference, column):
+        inference.note(column, f"hardly moves in {unit}: check its unit")
+
+
+def _check_velocities(inference: Inference, column: str, joint: str, factor: float) -> None:
+    """Note the velocities that contradict a position; `factor` to rad is 0 if it is not known."""
     for name, share, scale in _velocities(inference, column, joint):
         rate = _RATES.get(inference.meanings[name].unit or "")
         if share < _UNRELATED:
@@ -302,13 +313,6 @@ def _check_position(
         elif share > _FOLLOWS and rate and factor and abs(scale * factor / rate - 1) > 0.1:
             more = f"moves {scale * factor / rate:.4g} times as far as {name} says"
             inference.note(column, f"{more}: check the units, and whether both are on one side")
-    if robot is None or joint not in robot.joint_names:
-        return
-    is_length = unit in UNIT_FACTORS["m"]
-    if unit not in (None, "counts") and is_length != robot.is_prismatic[robot.index(joint)]:
-        inference.note(column, f"{unit} does not fit the type of {joint}")
-    elif unit in ("deg", "mdeg") and not is_far(inference, column):
-        inference.note(column, f"hardly moves in {unit}: check its unit")
 
 
 def _check_limits(
