@@ -28,6 +28,7 @@ _TURNING = {"gyro", "gyr", "omega", "w", "ang", "angular"}
 _ACCELERATION = {"acc", "accel", "acceleration", "accelerometer", "a", "specific", "force", "f"}
 _NO_MEANING = {"meas", "measured", "raw", "filt", "est", "state", "in", "of", "the", "m", "s", "g"}
 _NO_MEANING |= {"rad", "deg", "degree", "degrees", "per", "mps", "rads", "dps", "2"}
+_VECTORS = {"position": _POSITION, "velocity": _RATE, "specific_force": _ACCELERATION}
 _GLUED = re.compile(r"(root|d{1,2}|[vapwq])?([xyz]|pitch|roll|yaw)(d{1,2}ot|dot|d)?")
 """A coordinate with its rate in one word: "dx", "vx", "xdot", "rootz", "dpitch"."""
 
@@ -85,18 +86,14 @@ def planar_states(base: Sequence[str], quantity: str) -> dict[str, VectorSource]
     if quantity == "position":
         return {"position": VectorSource(tuple(places)), "angle": VectorSource((angle,))}
     if quantity == "velocity":
-        return {
-            "velocity": VectorSource(tuple(places)),
-            "angular_velocity": VectorSource((angle,)),
-        }
+        return {"velocity": VectorSource(tuple(places)), "angular_velocity": VectorSource((angle,))}
     return {}
 
 
 def _meaning(bare: str, normal: str) -> tuple[str, str] | None:
     """Return (quantity, axis) of a name, None if it is not that of a planar base."""
-    words = [*_words(bare)]
-    is_of_base = bool(_BASE & {*words})
-    rest = {word for word in words if word not in _BASE | _NO_MEANING}
+    words = {*_words(bare)}
+    is_of_base, rest = bool(_BASE & words), words - _BASE - _NO_MEANING
     axes, angles = rest & set("xyz"), rest & {*_ANGLES[normal]}
     if is_of_base and not axes:
         angles |= rest & _ANY_ANGLE
@@ -110,14 +107,7 @@ def _meaning(bare: str, normal: str) -> tuple[str, str] | None:
     if len(axes) != 1 or normal in axes:
         return None
     (axis,) = axes
-    for quantity, known in (
-        ("position", _POSITION),
-        ("velocity", _RATE),
-        ("specific_force", _ACCELERATION),
-    ):
-        if rest <= known:
-            return quantity, axis
-    return None
+    return next(((quantity, axis) for quantity, known in _VECTORS.items() if rest <= known), None)
 
 
 def _words(bare: str) -> Iterator[str]:
