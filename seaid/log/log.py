@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from io import BytesIO
+from itertools import chain
 from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
@@ -99,6 +100,12 @@ def unit_of_column(name: str) -> str:
     return "_".join(name.split("_")[end:])
 
 
+def columns_by_joint(system: Robot | Log) -> dict[str, dict[str, str]]:
+    """Return {joint: {column name in a file: field of `Log`}} of a robot or of a log."""
+    names = system.joint_names
+    return dict(zip(names, map(column_names, names, system.is_prismatic), strict=True))
+
+
 def column_name(joint: str, is_prismatic: bool, field: str) -> str:
     """Return the column name in a file of one field of `Log` of one joint."""
     names = column_names(joint, is_prismatic).items()
@@ -109,9 +116,7 @@ def wanted_columns(
     path: Path, table: Table, robot: Robot, columns: Mapping[str, Column]
 ) -> dict[str, tuple[str, float]]:
     """Return {column of seaid: (column of the file, factor to SI)} of the columns in the file."""
-    allowed = ["time_s"]
-    for joint, is_prismatic in zip(robot.joint_names, robot.is_prismatic, strict=True):
-        allowed += column_names(joint, is_prismatic)
+    allowed = ["time_s", *chain.from_iterable(columns_by_joint(robot).values())]
     if robot.floating_base is not None:
         allowed += base_columns(robot.floating_base)
     for name in columns:
@@ -175,10 +180,10 @@ def near_names(missing: list[str], picked: Iterable[str], file_names: Sequence[s
 
 def unread_columns(robot: Robot, file_names: Sequence[str]) -> list[str]:
     """Return what is wrong with names of a file that are nearly those of a joint's columns."""
-    kinds = dict(zip(robot.joint_names, robot.is_prismatic, strict=True))
-    expected = {name for joint, kind in kinds.items() for name in column_names(joint, kind)}
+    columns = columns_by_joint(robot)
+    expected = {*chain.from_iterable(columns.values())}
     expected |= {short_name(name) for name in expected}
-    quantities = {name for kind in (False, True) for name in column_names("", kind)}
+    quantities = {*column_names("", False), *column_names("", True)}
     still = {*robot.standing_joints, *(joint.name for joint in robot.dependent_joints)}
     missing, faults = expected - {*file_names}, []
     for name in file_names[:_COMPARED]:
@@ -186,7 +191,7 @@ def unread_columns(robot: Robot, file_names: Sequence[str]) -> list[str]:
         if not joint or name in expected or joint in still:
             continue
         near = get_close_matches(name, missing, 1, 0.9)
-        is_unknown = joint not in kinds and dot + quantity in quantities
+        is_unknown = joint not in columns and dot + quantity in quantities
         if is_unknown or near:
             why = f", as the robot has no joint '{joint}'" if is_unknown else ""
             hint = f": the nearest name is '{near[0]}'" if near else ""
@@ -347,8 +352,8 @@ class Log(Display):
     def columns(self) -> dict[str, Array]:
         """Return {column name in a file: samples (T,)} of all sensors that the log has."""
         columns = {}
-        for index, joint in enumerate(self.joint_names):
-            for name, field in column_names(joint, self.is_prismatic[index]).items():
+        for index, fields in enumerate(columns_by_joint(self).values()):
+            for name, field in fields.items():
                 values = getattr(self, field)
                 if values is not None and not np.all(np.isnan(values[:, index])):
                     columns[name] = values[:, index]
@@ -359,10 +364,10 @@ class Log(Display):
         if self.description is not None:
             described = self.description["joints"]
             return {joint: dict(described.get(joint, {})) for joint in self.joint_names}
-        logged, names = self.columns(), map(column_names, self.joint_names, self.is_prismatic)
+        logged = self.columns()
         return {
             joint: {field: name for name, field in fields.items() if name in logged}
-            for joint, fields in zip(self.joint_names, names, strict=True)
+            for joint, fields in columns_by_joint(self).items()
         }
 
 
@@ -444,8 +449,8 @@ def description_of(wanted: Mapping[str, tuple[str, float]], robot: Robot) -> dic
     if all(source == (name, 1.0) for name, source in wanted.items()):
         return None
     joints: dict[str, dict[str, Any]] = {}
-    for joint, is_prismatic in zip(robot.joint_names, robot.is_prismatic, strict=True):
-        for name, field in column_names(joint, is_prismatic).items():
+    for joint, names in columns_by_joint(robot).items():
+        for name, field in names.items():
             column, factor = wanted.get(name, ("", 1.0))
             scaled = {"column": column, "sign": 1 if factor > 0 else -1, "scale": abs(factor)}
             if column:
@@ -457,8 +462,7 @@ def sorted_log(picked: dict[str, Array], robot: Robot, file_names: Sequence[str]
     """Return the log of columns {name of seaid: samples (T,)}; `file_names` serve for hints."""
     time = picked["time_s"]
     fields = {field: np.full((len(time), robot.n), np.nan) for field in SENSORS}
-    for index, joint in enumerate(robot.joint_names):
-        names = column_names(joint, robot.is_prismatic[index])
+    for index, (joint, names) in enumerate(columns_by_joint(robot).items()):
         logged = {
             name: field
             for name, field in names.items()
@@ -549,8 +553,7 @@ _WRITERS: dict[str, Callable[[Path, Mapping[str, Array]], None]] = {
     ".csv": write_csv,
     ".npz": _write_npz,
     ".parquet": write_parquet,
-    ".h5": write_hdf5,
-    ".hdf5": write_hdf5,
+    **dict.fromkeys((".h5", ".hdf5"), write_hdf5),
 }
 
 WRITTEN = tuple(_WRITERS)

@@ -25,7 +25,7 @@ from seaid.log.log import (
     WRITTEN,
     Column,
     Log,
-    column_names,
+    columns_by_joint,
     description_of,
     log_of,
     sorted_log,
@@ -124,16 +124,15 @@ def read_log(
         log = _by_names(path, table, robot, columns, repair)
     else:
         described = completed(table, described or LogDescription(), robot)
-        log = _by_description(path, table, robot, described, repair)
+        channels = channels_of(path, table, described, robot)
+        log = _repaired(path, channels, repair or described.repair, robot, table.names, described)
     _warn_of_degrees(path, log, robot)
     _warn_of_columns(path, log, robot, table.names, described or LogDescription(), columns)
     return log
 
 
 def _described_files(
-    paths: list[Path],
-    description: Described | Description | None,
-    columns: Mapping[str, Column],
+    paths: list[Path], description: Described | Description | None, columns: Mapping[str, Column]
 ) -> tuple[LogDescription | None, list[Path]]:
     """Return the description of a log, if it has one, and the files that it names, if any."""
     if isinstance(description, Description):
@@ -145,15 +144,6 @@ def _described_files(
         folder = description if isinstance(description, str | Path) else paths[0]
         paths = [Path(folder).parent / file for file in described.files]
     return described, paths
-
-
-def _by_description(
-    path: Path, table: Table, robot: Robot, described: LogDescription, repair: Repairs | None
-) -> Log:
-    """Return the log of a file with a complete description."""
-    channels = channels_of(path, table, described, robot)
-    log = _repaired(path, channels, repair or described.repair, robot, table.names, described)
-    return replace(log, description=described.to_dict())
 
 
 def _by_names(
@@ -183,13 +173,16 @@ def _repaired(
     """Return the log of channels, each with its own clock, repaired within limits."""
     try:
         time, picked, report = repaired(channels, limits)
+        description = None
         if described is not None:
             delays_s = {channel.name: channel.delay_s for channel in channels if channel.delay_s}
             time, picked, more = _as_described(time, picked, delays_s, described.exclude_s)
             report += more
             picked = in_own_frames(both_sides(picked, robot), robot)
             _check_alive(picked, robot)
-        return replace(sorted_log({"time_s": time, **picked}, robot, file_names), report=report)
+            description = described.to_dict()
+        log = sorted_log({"time_s": time, **picked}, robot, file_names)
+        return replace(log, report=report, description=description)
     except LogError as problem:
         raise LogError(f"'{path}': {problem}", *problem.arguments) from None
 
@@ -221,9 +214,8 @@ def _as_described(
 
 def _check_alive(picked: Mapping[str, Array], robot: Robot) -> None:
     """Raise LogError for a constant position of a joint whose other position moves."""
-    for index, joint in enumerate(robot.joint_names):
-        names = [name for name in column_names(joint, robot.is_prismatic[index]) if name in picked]
-        positions = [name for name in names if "_position_" in name]
+    for names in columns_by_joint(robot).values():
+        positions = [name for name in names if name in picked and "_position_" in name]
         still = [name for name in positions if is_constant(picked[name])]
         if len(positions) == 2 and len(still) == 1:
             value = picked[still[0]][0]
@@ -279,9 +271,9 @@ def _warn_of_columns(
 
 def _columns_of(robot: Robot, names: Set[str], described: LogDescription) -> Iterator[str]:
     """Yield seaid's names of the columns that are named or described, without deflections."""
-    for joint, is_prismatic in zip(robot.joint_names, robot.is_prismatic, strict=True):
+    for joint, fields in columns_by_joint(robot).items():
         sources = described.joints.get(joint, {})
-        for name, field in column_names(joint, is_prismatic).items():
+        for name, field in fields.items():
             if (name in names or field in sources) and field != "deflection":
                 yield name
 
