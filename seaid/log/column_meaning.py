@@ -40,12 +40,10 @@ _WEAK = {"enc", "encoder", "scale"}
 """Words of a position that say nothing next to another quantity: "encoder_velocity"; the scale of a
 linear encoder is none in "torque_scale"."""
 _RANK = {kind: rank for rank, kinds in enumerate(_PRECEDENCE) for kind in kinds.split()}
-_MOTOR = {"m", "motor", "motors", "mot", "rotor", "drive", "winding", "moteur", "motore"}
-_MOTOR |= {"antrieb"}
-_JOINT = {"joint", "link", "load", "out", "output", "l", "arm", "sensor", "external"}
-_JOINT |= {"joints", "links", "j", "spring", "sea"}
-_JOINT |= {"gelenk", "abtrieb", "articulation", "articulacion", "giunto"}
 _ROLES = {
+    "motor": "m motor motors mot rotor drive winding moteur motore antrieb",
+    "joint": "joint link load out output l arm sensor external joints links j spring sea gelenk "
+    "abtrieb articulation articulacion giunto",
     "commanded": "cmd command commands commanded lowcmd goal target des desired ref reference "
     "setpoint set stpt con demand soll action actions ff feedforward",
     "estimated": "est estimate estimated",
@@ -57,8 +55,9 @@ _ROLES = {
     "actuators servo axis electric dof ist feedback low lowstate "
     "present observation",
 }
-"""Words of commands, of what is computed, of what is not at a joint, and words without meaning."""
-_COMMANDED, _ESTIMATED, _DERIVED, _ELSEWHERE, _FILLER = (
+"""Words of the sides of the gear, of commands, of what is computed, of what is not at a joint, and
+words without meaning."""
+_MOTOR, _JOINT, _COMMANDED, _ESTIMATED, _DERIVED, _ELSEWHERE, _FILLER = (
     set(words.split()) for words in _ROLES.values()
 )
 _SAID = {"meas", "measured", "actual", "act", "present", "ist", "feedback"}

@@ -263,12 +263,7 @@ class _Spectrum:
 
 
 def select_cutoff(
-    joint: Array,
-    motor: Array,
-    rate_hz: float,
-    names: Sequence[str],
-    *,
-    of_commands: bool = False,
+    joint: Array, motor: Array, rate_hz: float, names: Sequence[str], *, of_commands: bool = False
 ) -> CutoffSelection:
     """Return the cutoff for positions (T, n) of both sides; columns without an encoder are NaN.
 

@@ -30,13 +30,10 @@ READERS: dict[str, Callable[[Path], Table]] = {
     ".npz": open_npz,
     ".npy": open_npy,
     ".parquet": open_parquet,
-    ".h5": open_hdf5,
-    ".hdf5": open_hdf5,
+    **dict.fromkeys((".h5", ".hdf5"), open_hdf5),
     ".json": open_json,
     ".mat": open_mat,
-    ".db3": open_bag,
-    ".mcap": open_bag,
-    ".bag": open_bag,
+    **dict.fromkeys((".db3", ".mcap", ".bag"), open_bag),
     ".hebilog": open_hebilog,
 }
 """Readers by the suffix of the file; a folder is a ROS bag."""

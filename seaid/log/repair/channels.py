@@ -112,12 +112,7 @@ def _merged(time: Array, values: Array) -> tuple[Array, Array]:
 
 
 def resampled(
-    time: Array,
-    values: Array,
-    grid: Array,
-    rate_hz: float,
-    own_rate_hz: float,
-    how: Interpolation,
+    time: Array, values: Array, grid: Array, rate_hz: float, own_rate_hz: float, how: Interpolation
 ) -> Array:
     """Return a channel on a uniform grid, low-pass filtered if the grid is the coarser one.
 
