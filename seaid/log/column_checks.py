@@ -104,6 +104,11 @@ class Inference:
             or (quantity == "position" and not meaning.quantity and self._leads(name, joint))
         ]
 
+    def named(self, quantity: str, joint: str) -> dict[str, Meaning]:
+        """Return the columns with a quantity of a joint in their names, and their meanings."""
+        meant = (quantity, joint)
+        return {x: m for x, m in self.meanings.items() if (m.quantity, m.joint) == meant}
+
     def _leads(self, name: str, joint: str) -> bool:
         """Return whether a position of a joint follows a column, in the same unit."""
         return any(
@@ -190,11 +195,8 @@ def correlation(first: Array, second: Array) -> float:
 
 def is_state(values: Array) -> bool:
     """Return whether samples are a few whole numbers, as of a mode or a flag."""
-    return (
-        len(values) >= 100
-        and bool(np.all(values == np.round(values)))
-        and len(np.unique(values)) <= _FEW
-    )
+    is_whole = bool(np.all(values == np.round(values)))
+    return len(values) >= 100 and is_whole and len(np.unique(values)) <= _FEW
 
 
 def is_within(
@@ -277,12 +279,9 @@ def check_used(
 def _note_unknown_words(inference: Inference, used: set[str]) -> None:
     """Note words of used columns that no table has, unless most names have them: a prefix."""
     count = Counter(word for m in inference.meanings.values() for word in set(m.unknown))
+    rare = {word for word, times in count.items() if times < 0.5 * len(inference.meanings)}
     for name in sorted(used):
-        words = [
-            word
-            for word in inference.meanings[name].unknown
-            if count[word] < 0.5 * len(inference.meanings)
-        ]
+        words = [word for word in inference.meanings[name].unknown if word in rare]
         if words:
             inference.note(name, f"the meaning of {listed(words)} in the name is not known")
 
@@ -339,9 +338,9 @@ def _check_effort(inference: Inference, column: str) -> None:
 def _check_commands(inference: Inference, column: str, joint: str) -> None:
     """Note a measurement that equals a command of its joint."""
     kind, values = inference.meanings[column].quantity, inference.data[column]
-    for name, meaning in inference.meanings.items():
-        is_other = (meaning.quantity, meaning.joint) == (kind, joint) and not meaning.is_raw
-        command = inference.data.get(name) if is_other and name != column else None
+    for name, meaning in inference.named(kind, joint).items():
+        is_other = not meaning.is_raw and name != column
+        command = inference.data.get(name) if is_other else None
         if command is None or len(command) != len(values):
             continue
         good = np.isfinite(command) & np.isfinite(values)
@@ -385,7 +384,7 @@ def _note_unknown_columns(
     signals = list(_signals(inference, joints))
     like = _matching_signals({name: inference.data[name] for name in names[:1000]}, signals)
     for name in names:
-        if name in like:
+        if like.get(name):
             inference.note(name, f"not understood, and not used; it moves like {like[name]}")
         elif is_lacking and _is_one_per_joint(name, names, len(joints)):
             inference.note(name, "not understood: it may be what a joint lacks")
@@ -413,9 +412,8 @@ def _signals(inference: Inference, joints: Mapping[str, Sources]) -> Iterator[tu
 
 
 def _matching_signals(columns: Block, signals: list[tuple[str, Array]]) -> dict[str, str]:
-    """Return {column: name of the signal} of columns that are proportional to one."""
+    """Return {column: name of the signal to which it is proportional, "" if to none}."""
     return {
-        name: next(what for what, signal in signals if abs(correlation(signal, values)) > _ALIKE)
+        name: next((x for x, signal in signals if abs(correlation(signal, values)) > _ALIKE), "")
         for name, values in columns.items()
-        if any(abs(correlation(signal, values)) > _ALIKE for _, signal in signals)
     }

@@ -231,11 +231,7 @@ def _add_torques(inference: Inference, joint: str, sources: Sources) -> None:
     twists = inference.having("deflection", joint)
     names = inference.having("torque", joint)
     if not names and not inference.having("current", joint):
-        names = [
-            name
-            for name, meaning in inference.meanings.items()
-            if meaning.is_estimate and (meaning.quantity, meaning.joint) == ("torque", joint)
-        ]
+        names = [x for x, m in inference.named("torque", joint).items() if m.is_estimate]
         for name in names:
             inference.note(name, "an estimate of the drive, taken as there is no other torque")
     for name in names:
@@ -266,11 +262,7 @@ def _add_torques(inference: Inference, joint: str, sources: Sources) -> None:
 
 def _no_torque(inference: Inference, joint: str) -> str:
     """Return the note of a joint without torques and commands, with commands of unknown kind."""
-    commands = [
-        name
-        for name, meaning in inference.meanings.items()
-        if meaning.is_command and meaning.joint == joint and not meaning.quantity
-    ]
+    commands = [x for x, m in inference.named("", joint).items() if m.is_command]
     what = (
         f"; {listed(commands)}: a command of what is unknown, as the position does not follow it: "
         "name it position_command, velocity_command or torque_command in a description"
@@ -327,10 +319,9 @@ def _command_sources(
 
 def _note_computed_torques(inference: Inference, joint: str) -> None:
     """Note the computed torques of a joint, which its drive may add to that of its gains."""
-    for name, meaning in inference.meanings.items():
+    for name, meaning in inference.named("torque", joint).items():
         is_computed = not (meaning.is_raw or meaning.is_command or meaning.is_estimate)
-        is_torque = (meaning.quantity, meaning.joint) == ("torque", joint)
-        if is_torque and is_computed and name in inference.data:
+        if is_computed and name in inference.data:
             inference.note(
                 name,
                 "computed, and not used: if the drive adds it to the torque of its gains, describe "
