@@ -189,10 +189,10 @@ def meaning_of(name: str, joints: Sequence[str] = ()) -> Meaning:
     quantity, joint = _quantity_and_joint(parts, joints)
     side = _side_of(parts)
     unit, joint = _unit_and_joint(parts, quantity, side, joint)
-    texts = parts.texts
-    if quantity == "time" and not _is_measured(texts, quantity):  # "T_des" is a torque
+    if quantity == "time" and not _is_measured(parts.texts, quantity):  # "T_des" is a torque
         quantity = "torque"
-    texts += [text for part in parts.topic for text in part.texts]  # "/state/desired/positions[0]"
+    of_topic = (text for part in parts.topic for text in part.texts)  # "/state/desired/q[0]"
+    texts = [*parts.texts, *of_topic]
     is_measured, is_estimated = _is_measured(texts, quantity), not _ESTIMATED.isdisjoint(texts)
     of_unit, spelling = unit or ("", None)
     return Meaning(
@@ -222,22 +222,19 @@ class _Parts:
     """The parts of a name: a topic, the field behind it, and what stands in its brackets.
 
     `words` are those of the field without its rate and its joint, with the quantity for a unit that
-    stands for it; `joint` is that of the brackets, or of the robot.
+    stands for it, and `texts` are the words as written; `joint` is that of the brackets, or of the
+    robot.
     """
 
     topic: list[_TopicPart]
     field: str
     words: list[_Word]
+    texts: list[str]
     quantity: str
     joint: str
     label: str
     unit: _Unit | None
     rate: _Unit | None
-
-    @property
-    def texts(self) -> list[str]:
-        """The texts of the words."""
-        return [word.text for word in self.words]
 
 
 def _parts_of(name: str, joints: Sequence[str]) -> _Parts:
@@ -249,11 +246,12 @@ def _parts_of(name: str, joints: Sequence[str]) -> _Parts:
     joint, words = _joint_of(label, joints), _words(field)
     if not label:
         joint, words = _joint_in(words, joints)
-    quantity = _quantity([word.text for word in words])
+    texts = [word.text for word in words]
+    quantity = _quantity(texts)
     if not quantity and (by_unit := _unit_of(words, "", "", joint) or _counts_of(words)):
         quantity = by_unit[0]
         words = [replace(word, text=quantity) if word.unit == by_unit else word for word in words]
-    return _Parts(topic, field, words, quantity, joint, label, unit, rate)
+    return _Parts(topic, field, words, texts, quantity, joint, label, unit, rate)
 
 
 def _topic_part(text: str, joints: Sequence[str]) -> _TopicPart:
@@ -272,9 +270,8 @@ def _quantity_and_joint(parts: _Parts, joints: Sequence[str]) -> tuple[str, str]
         return parts.quantity, parts.joint
     if joint := _joint_with_length(parts, joints):
         return "position", joint
-    texts = parts.texts
     is_in_words = parts.joint and not parts.label  # "/state/positions/elbow"
-    if not (is_in_words or _FILLER.issuperset(texts) or texts[-1].isdigit()):
+    if not (is_in_words or _FILLER.issuperset(parts.texts) or parts.texts[-1].isdigit()):
         return "", parts.joint
     quantities = (_quantity(part.texts) for part in reversed(parts.topic))
     return next(filter(None, quantities), ""), parts.joint
@@ -292,11 +289,9 @@ def _joint_with_length(parts: _Parts, joints: Sequence[str]) -> str:
 
 def _side_of(parts: _Parts) -> str:
     """Return the side of the gear of a field; that of a numbered drive is not known."""
-    texts = parts.texts
-    is_of_drive = not _OF_DRIVES.isdisjoint(pairwise(texts))
-    return (
-        "" if is_of_drive and any(map(str.isdigit, (parts.label, *texts))) else _side(parts.words)
-    )
+    is_of_drive = not _OF_DRIVES.isdisjoint(pairwise(parts.texts))
+    is_numbered = any(map(str.isdigit, (parts.label, *parts.texts)))
+    return "" if is_of_drive and is_numbered else _side(parts.words)
 
 
 def _unit_and_joint(
