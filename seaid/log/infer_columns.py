@@ -359,7 +359,7 @@ def _add_electric(inference: Inference, joint: str, sources: Sources) -> None:
         inference.choose(name, text, is_usual=inference.meanings[name].side != "motor")
 
 
-_OF_ELECTRONICS = ("controller", "board", "pcb", "fet", "driver", "mcu", "cpu", "ambient")
+_OF_ELECTRONICS = re.compile("controller|board|pcb|fet|driver|mcu|cpu|ambient")
 """Parts of names of temperatures that are not the motor's."""
 
 _KELVIN = 200.0
@@ -368,11 +368,8 @@ _KELVIN = 200.0
 
 def _add_temperature(inference: Inference, joint: str, sources: Sources) -> None:
     """Add the temperature of the motor: one that says so, else the first of the joint."""
-    names = [
-        name
-        for name in inference.having("temperature", joint)
-        if not any(word in name.lower() for word in _OF_ELECTRONICS)
-    ]
+    having = inference.having("temperature", joint)
+    names = [name for name in having if not _OF_ELECTRONICS.search(name.lower())]
     if not names:
         return
     name = next((name for name in names if inference.meanings[name].side == "motor"), names[0])
@@ -1043,15 +1040,17 @@ def _number_in(name: str) -> str:
     return match[1] if match else ""
 
 
-def _in_order(tags: Sequence[str], joints: Sequence[str], inference: Inference) -> dict[str, str]:
-    """Return {label: joint} in the order of the robot: of the labels that are numbers, if any.
+def _by_number(tags: list[str]) -> list[str]:
+    """Return labels that differ in a number, as axis_2 and axis_10, in the order of the numbers."""
+    stems = {tag.rstrip("0123456789") for tag in tags}
+    if len(stems) > 1 or not all(map(_number_in, tags)):
+        return tags
+    return sorted(tags, key=lambda tag: int(_number_in(tag)))
 
-    Labels that differ in a number, as axis_2 and axis_10, are in the order of the numbers.
-    """
-    tags = list(filter(_is_number, tags)) or list(tags)
-    are_numbered = all(map(_number_in, tags))
-    if are_numbered and len({tag.rstrip("0123456789") for tag in tags}) == 1:
-        tags = sorted(tags, key=lambda tag: int(_number_in(tag)))
+
+def _in_order(tags: Sequence[str], joints: Sequence[str], inference: Inference) -> dict[str, str]:
+    """Return {label: joint} in the order of the robot: of the labels that are numbers, if any."""
+    tags = _by_number(list(filter(_is_number, tags)) or list(tags))
     if len(tags) > len(joints):
         inference.note(
             ", ".join(tags), f"{len(tags)} joints in the log, {len(joints)} in the robot"
@@ -1059,7 +1058,7 @@ def _in_order(tags: Sequence[str], joints: Sequence[str], inference: Inference) 
     if tags != [""] or len(joints) > 1:
         about = ", ".join(tag or "columns without a joint" for tag in tags[: len(joints)])
         inference.note(about, "taken for the robot's joints in their order")
-    if not are_numbered and not len(tags) == len(joints) == 1:
+    if not all(map(_number_in, tags)) and not len(tags) == len(joints) == 1:
         for name, meaning in inference.meanings.items():
             if meaning.joint in tags and _is_sensor(meaning):
                 inference.note(name, "its joint is a guess, by the order of the columns")
