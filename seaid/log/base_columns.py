@@ -99,10 +99,10 @@ class VectorSource:
 
 def _short(columns: Sequence[str]) -> Any:
     """Return columns as a slice of an array if they are one, a name if there is only one."""
-    parts = [re.fullmatch(r"(.*)\[(\d+)\]", column) for column in columns]
-    if len(columns) > 1 and all(parts):
-        places = [int(part[2]) for part in parts if part]
-        stems = {part[1] for part in parts if part}
+    parts = [*filter(None, (re.fullmatch(r"(.*)\[(\d+)\]", column) for column in columns))]
+    if len(columns) > 1 and len(parts) == len(columns):
+        places = [int(part[2]) for part in parts]
+        stems = {part[1] for part in parts}
         if len(stems) == 1 and places == list(range(places[0], places[0] + len(places))):
             return f"{stems.pop()}[{places[0]}:{places[-1] + 1}]"
     return columns[0] if len(columns) == 1 else list(columns)
