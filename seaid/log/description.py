@@ -215,7 +215,7 @@ class LogDescription(Display):
             "contacts": {link: _vectors(foot) for link, foot in self.contacts.items()},
             "repair": _plain(self.repair),
         }
-        return {key: value for key, value in content.items() if value or key == "joints"}
+        return {key: x for key, x in content.items() if x not in (None, [], {}) or key == "joints"}
 
     def to_toml(self) -> str:
         """Return the description as the text of a TOML file."""
