@@ -382,8 +382,8 @@ def _add_wrenches(
     places = [sensor for sensor, parts in sensors.items() if "force" in parts]
     links = robot.floating_base.contact_links
     others = {}
-    common = [[len({*_words(sensor)} & {*_words(link)}) for link in links] for sensor in places]
-    shared = np.array(common)
+    words = [{*_words(link)} for link in links]
+    shared = np.array([[len(x & {*_words(sensor)}) for x in words] for sensor in places])
     for place, sensor in enumerate(places):
         best = int(np.argmax(shared[place]))
         rivals = [*np.delete(shared[place], best), *np.delete(shared[:, best], place)]
