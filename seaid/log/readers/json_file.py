@@ -38,7 +38,7 @@ def open_json(path: Path) -> Table:
         raise LogError(
             f"'{path}' has no columns; a JSON log is a list of records, or lists of numbers by name"
         )
-    length = max(len(values) for values in data.values())
+    length = max(map(len, data.values()))
     check_columns(path, len(data) + len(constants))
     check_memory(path, 8.0 * length * len(constants))
     for name, value in constants.items():
