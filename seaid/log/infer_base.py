@@ -381,6 +381,8 @@ def _add_wrenches(
     sensors = _force_sensors(vectors)
     places = [sensor for sensor, parts in sensors.items() if "force" in parts]
     links = robot.floating_base.contact_links
+    if not links:  # a force that is at no contact is that of another sensor
+        return {sensor: sensors[sensor]["force"] for sensor in places}
     others = {}
     words = [{*_words(link)} for link in links]
     shared = np.array([[len(x & {*_words(sensor)}) for x in words] for sensor in places])

@@ -231,7 +231,9 @@ def _add_torques(inference: Inference, joint: str, sources: Sources) -> None:
     twists = inference.having("deflection", joint)
     names = inference.having("torque", joint)
     if not names and not inference.having("current", joint):
-        names = [x for x, m in inference.named("torque", joint).items() if m.is_estimate]
+        estimates = inference.named("torque", joint).items()
+        # a column that never changes is no signal: it is not among the data
+        names = [x for x, m in estimates if m.is_estimate and x in inference.data]
         for name in names:
             inference.note(name, "an estimate of the drive, taken as there is no other torque")
     for name in names:

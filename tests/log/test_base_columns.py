@@ -243,6 +243,10 @@ def test_force_sensors_are_those_of_the_contacts_with_their_words(
     assert said.count("a force sensor whose name") == 1
     log = seaid.read_log(path, go2(), description=guess.description)
     assert np.all(np.isnan(log.motor_torque))
+    flying = seaid.load_robot(example_urdf("go2.urdf"), base="floating")
+    of_flight = seaid.describe_log(path, flying)  # without contacts no sensor is that of one
+    assert of_flight.description.base.keys() == guess.description.base.keys()
+    assert not of_flight.description.contacts
     assert log.base is not None
     assert not log.base.contacts
     for foot, wrench in wrenches.items():

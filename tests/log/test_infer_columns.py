@@ -713,3 +713,12 @@ def test_joints_that_move_are_found_among_all_of_the_file(
         assert sources["motor_torque"].column == of.format("tau", number)
     assert {*guess.description.joints} == {*joints}
     assert not any("deg" in one or "no joint of the robot" in one for one in guess.unsure)
+
+
+def test_an_estimate_that_never_changes_is_no_torque(tmp_path: Path) -> None:
+    time = np.arange(0.0, 5.0, 0.01)
+    table, path = np.column_stack([time, np.sin(time), np.ones_like(time)]), tmp_path / "run.csv"
+    np.savetxt(path, table, delimiter=",", header="t,q_1,torque_est_1", comments="")
+    guess = describe_log(path, chain(tmp_path, "elbow"))
+    assert {*guess.description.joints["elbow"]} == {"joint_position"}
+    assert "elbow: no torque, current or voltage found" in guess.unsure
