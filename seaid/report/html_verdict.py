@@ -29,7 +29,6 @@ from seaid.report.html_tables import (
     side_name,
     term_name,
 )
-from seaid.report.text import mean_replay_errors
 from seaid.robot import THIN, is_physical
 
 if TYPE_CHECKING:
@@ -114,7 +113,7 @@ def _numbers(
 
 def _replay_number(replay: ReplayComparison) -> tuple[str, str, str]:
     """Return the mean error of the replayed positions after and before, in each unit."""
-    means = mean_replay_errors(replay).items()
+    means = replay.mean_errors.items()
     before, after = (
         ", ".join(f"{short(1e3 * mean[place])} {unit}" for unit, mean in means) for place in (0, 1)
     )

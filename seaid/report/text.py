@@ -565,7 +565,7 @@ def replay_table(result: ReplayComparison) -> Text:
         ]
         for index, joint in enumerate(result.joints)
     ]
-    means = mean_replay_errors(result)
+    means = result.mean_errors
     if len(result.joints) > len(means):
         for unit, mean in means.items():
             start, end = ("all joints", "") if len(means) == 1 else (_ALL[unit], unit)
@@ -576,14 +576,6 @@ def replay_table(result: ReplayComparison) -> Text:
 
 
 _ALL = {"mrad": "all revolute joints", "mm": "all prismatic joints"}
-
-
-def mean_replay_errors(result: ReplayComparison) -> dict[str, list[float]]:
-    """Return {unit of thousandths: means over its joints} of both errors before and after."""
-    errors = np.array([*result.mean_absolute_errors, *result.rms_errors])
-    slides = np.asarray(result.is_prismatic, dtype=bool)
-    kinds = {"mrad": errors[:, ~slides], "mm": errors[:, slides]}
-    return {unit: kind.mean(axis=1).tolist() for unit, kind in kinds.items() if kind.size}
 
 
 def comparison_table(result: Comparison) -> Text:

@@ -332,13 +332,27 @@ class ReplayComparison(Result):
         before, after = (np.square(q - self.measured) for q in (self.before, self.after))
         return np.sqrt(before.mean(axis=0)), np.sqrt(after.mean(axis=0))
 
+    @property
+    def mean_errors(self) -> dict[str, list[float]]:
+        """Means over joints {"mrad" or "mm": absolute before, after, rms before, after}, in SI."""
+        errors = np.array([*self.mean_absolute_errors, *self.rms_errors])
+        slides = np.asarray(self.is_prismatic, dtype=bool)
+        kinds = {"mrad": errors[:, ~slides], "mm": errors[:, slides]}
+        return {unit: kind.mean(axis=1).tolist() for unit, kind in kinds.items() if kind.size}
+
     def _in_short(self) -> str:
-        before, after = (1e3 * float(error.mean()) for error in self.mean_absolute_errors)
-        errors = f"mean absolute error {before:.3g} mrad before, {after:.3g} mrad after"
+        before, after = (
+            ", ".join(f"{1e3 * mean[place]:.3g} {unit}" for unit, mean in self.mean_errors.items())
+            for place in (0, 1)
+        )
+        errors = f"mean absolute error {before} before, {after} after"
         return f"{sampled_text(self.time, self.joints)}: {errors}"
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the errors by joint and their means, as plain data."""
+        """Return the errors by joint and their means, as plain data.
+
+        Joints of two units, rad and m, have no mean: it is None.
+        """
         means, rms = self.mean_absolute_errors, self.rms_errors
         by_joint = {
             joint: {
@@ -354,7 +368,9 @@ class ReplayComparison(Result):
             }
             for index, joint in enumerate(self.joints)
         }
-        whole = {when: float(means[place].mean()) for place, when in enumerate(("before", "after"))}
+        means_by_unit = [*self.mean_errors.values()]
+        mean = means_by_unit[0][:2] if len(means_by_unit) == 1 else (None, None)
+        whole = dict(zip(("before", "after"), mean, strict=True))
         return {"joints": by_joint, "mean_absolute_error": whole}
 
 

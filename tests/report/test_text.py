@@ -161,6 +161,8 @@ def test_mean_errors_of_a_replay_are_of_joints_with_one_unit() -> None:
     ]
     assert number_of_replay[1] == "15 mrad, 2 mm"
     assert number_of_replay[2] == "mean absolute error of the joints; 30 mrad, 4 mm before"
+    assert "mean absolute error 30 mrad, 4 mm before, 15 mrad, 2 mm after" in repr(mixed)
+    assert mixed.to_dict()["mean_absolute_error"] == {"before": None, "after": None}
 
 
 @pytest.mark.parametrize(("slides", "unit"), [(False, "mrad"), (True, "mm")])
