@@ -56,7 +56,10 @@ def actuators_of(robot: Robot, *, is_complete: bool = True) -> tuple[JointActuat
 
     Raises RobotError for a value that is unknown if the model has to be complete; else it is zero.
     """
+    # Row i of the transmission C has the joints that drive i moves. One that is not a unit row (a
+    # differential, a belt past the elbow) has no actuator in the coordinate of a single joint.
     plain = (robot.transmission == np.eye(robot.n)).all(axis=1)
+    # Writers exclude infinite numbers, so that infinity is "no limit" in each format.
     limits = np.nan_to_num(robot.velocity_limits, nan=np.inf, posinf=np.inf)
     return tuple(
         _actuator(joint, _known(robot.drives[joint], is_complete), slides, float(limit))
@@ -76,7 +79,9 @@ def _known(drive: Drive, is_complete: bool) -> Drive:
 
 
 def _actuator(joint: str, drive: Drive, slides: bool, velocity_limit: float) -> JointActuator:
+    # `law` has the gains in N m even if those of `controller` are in counts or duty cycles.
     ratio, controller = total_ratio(drive), drive.law
+    # Smooth terms share the parameter F_C with the plain one; simulators have only the plain one.
     is_dry = any(term in drive.friction for term in ("coulomb", *SMOOTH))
     coulomb = value_of(joint, drive, "coulomb_friction") if is_dry else 0.0
     viscous = term_value(joint, drive, "friction", "viscous")
@@ -84,15 +89,19 @@ def _actuator(joint: str, drive: Drive, slides: bool, velocity_limit: float) -> 
         joint=joint,
         slides=slides,
         drive=drive,
+        # theta_M = n q and tau = n tau_M with n = N r_L / r_M: inertia and viscous friction grow by
+        # n^2, dry friction and a constant, whose size does not depend on the speed, by n.
         armature=ratio**2 * value_of(joint, drive, "motor_inertia"),
         viscous=ratio**2 * viscous + term_value(joint, drive, "joint_friction", "viscous"),
         dry=ratio * coulomb + term_value(joint, drive, "joint_friction", "coulomb"),
+        # `offset` brakes and the feed-forward drives, therefore opposite signs.
         offset=ratio * term_value(joint, drive, "friction", "offset")
         - (controller.feedforward_Nm if controller else 0.0),
         position_gain=controller.position_gain_Nm_per_rad if controller else 0.0,
         velocity_gain=controller.velocity_gain_Nms_per_rad if controller else 0.0,
         limit=controller.torque_limit_Nm if controller else math.inf,
         delay_s=drive.command_delay_s or 0.0 if controller else 0.0,
+        # A URDF must have the attribute velocity, and has 0 where no limit is known.
         velocity_limit=velocity_limit if velocity_limit > 0 else math.inf,
     )
 
@@ -124,6 +133,8 @@ def _unit(actuator: JointActuator, effect: Effect) -> str:
 
 def _as_commands(lost: Sequence[JointActuator]) -> str:
     """Return the change of commands that replaces friction offsets exactly."""
+    # -offset is missing in the file: as a torque it is added as it is, to a commanded position as
+    # the du with K_p du = -offset. Beyond the torque limit the controller cuts it off.
     shifts = [
         f"{a.joint} {-a.offset / a.position_gain:+.4g} {'m' if a.slides else 'rad'}"
         if a.position_gain
@@ -184,6 +195,8 @@ def _other_terms(drive: Drive) -> list[str]:
     terms, law = unsupported_terms(drive, _BY_OTHERS), drive.law
     if law is None:
         return terms
+    # The simulators' PD laws are K_p (u - q) + K_d (w - q') with w = 0 or the velocity of the
+    # command: only these two values of K_v can be had from their single velocity gain.
     gain = law.command_velocity_gain_Nms_per_rad
     is_lost = {
         "gain on the velocity of the command": gain not in (0.0, law.velocity_gain_Nms_per_rad),
