@@ -28,7 +28,9 @@ _STEPS_PER_RADIAN = 20.0
 def step_s(robot: Robot) -> tuple[float, str]:
     """Return a time step [s] that resolves the fastest spring and damper, and a note about it."""
     fastest = float(np.max(np.abs(_rates(robot)), initial=0.0))
+    # RK4 is stable up to |lambda| step = 2.8 or so; 1/20 is for the accuracy of the fastest mode.
     wanted = min(_LONGEST_S, 1 / (_STEPS_PER_RADIAN * max(fastest, TINY)))
+    # A frequency that needs less than a microsecond is not resolved; the note has its value.
     step = max(_round_down(wanted), _SHORTEST_S)
     return step, (
         f"integrator RK4 with steps of {step:g} s: springs and dampers are as fast as "
@@ -38,8 +40,11 @@ def step_s(robot: Robot) -> tuple[float, str]:
 
 def _rates(robot: Robot) -> np.ndarray:
     """Return the eigenvalues [1/s] of the linearised robot at zero positions, without gravity."""
+    # Coordinates x = (q, theta_M), 2 n of them: M x'' + D x' + K x = 0, each matrix a sum of
+    # (value) * d d^T over the elements, with d the row by which an element sees x.
     n, C = robot.n, robot.transmission
     model = robot.model.copy()
+    # The rotors are added below, in their own coordinates: as armature they would count twice.
     model.armature = np.zeros(model.nv)
     mass, spring, damping = (np.zeros((2 * n, 2 * n)) for _ in range(3))
     at_zero = robot.to_model(np.zeros(n))
@@ -55,12 +60,14 @@ def _rates(robot: Robot) -> np.ndarray:
             spring += values.get("stiffness", 0.0) * np.outer(deflection, deflection)
             damping += values.get("spring_damping", 0.0) * np.outer(deflection, deflection)
         else:
+            # That row of K and D is zero, so the placeholder has two eigenvalues of zero.
             mass[n + index, n + index] = 1.0  # a placeholder: the motor is no coordinate
             at_motor = drive.ratio * at_joint
         mass += values.get("motor_inertia", 0.0) * np.outer(at_motor, at_motor)
         damping += values.get("viscous_friction", 0.0) * np.outer(at_motor, at_motor)
         spring[index, index] += values.get("parallel_stiffness", 0.0)
         damping[index, index] += values.get("joint_viscous_friction", 0.0)
+    # Links without inertia about a joint, or motors of inertia zero, would make M singular.
     mass += TINY * np.eye(2 * n)
     # x'' = -M^-1 (K x + D x'), as a first-order system in (x, x')
     forces = np.hstack([spring, damping])
@@ -187,7 +194,10 @@ def _add_dependent(robot: Robot, root: Any, step: float, notes: list[str]) -> No
             "joint",
             joint1=joint.name,
             joint2=joint.leader,
+            # joint1 = a_0 + a_1 joint2 + ...: the first coefficient is the offset, about positions
+            # of zero.
             polycoef=spaced((joint.offset, joint.multiplier, 0.0, 0.0, 0.0)),
+            # The time constant must be two steps or more for a stable constraint (MuJoCo, refsafe).
             solref=spaced((2 * step, 1.0)),
             solimp=spaced((0.999, 0.9999, 0.001)),
         )
@@ -201,6 +211,8 @@ def _settings(robot: Robot, root: Any) -> Any:
     """Add the settings of the model; return <option>, still without its time step."""
     from lxml import etree
 
+    # No inertia but that of <inertial>: none of shapes, and no mean of the three moments where
+    # rounding misses the triangle inequality.
     etree.SubElement(
         root, "compiler", angle="radian", inertiafromgeom="false", balanceinertia="false"
     )

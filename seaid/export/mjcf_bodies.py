@@ -23,6 +23,8 @@ def add_bodies(robot: Robot, world: Any, notes: list[str], force: bool) -> dict[
     from lxml import etree
 
     loaded = (robot.parameters + robot.payload_parameters).reshape(-1, 10)
+    # Place 0 of `bodies` is what Pinocchio calls joint 0, the fixed frame of its model: the world,
+    # or the floating base, which seaid's model of the joints takes as fixed.
     bodies, joints = [world], {}
     if robot.floating_base is not None:
         bodies = [_add_base(robot, world, loaded[-1], notes, force)]
@@ -48,6 +50,8 @@ def _add_base(robot: Robot, world: Any, loaded: Array, notes: list[str], force: 
     """Add the floor and the floating base with its free joint, or planar ones; return the base."""
     from lxml import etree
 
+    # MuJoCo lets two shapes touch if contype of one and conaffinity of the other have a bit in
+    # common: floor 1/2 and ball 2/1 do, ball and ball do not.
     floor = {"type": "plane", "size": "0 0 1", "contype": "1", "conaffinity": "2"}
     etree.SubElement(world, "geom", name="floor", **floor)
     link = robot.body_names[-1]
@@ -57,6 +61,8 @@ def _add_base(robot: Robot, world: Any, loaded: Array, notes: list[str], force: 
     if base.normal is None:
         etree.SubElement(body, "freejoint", name=f"{link}_free")
     else:
+        # MuJoCo takes axes of joints in the frame of their body, here turned by `upright`. The
+        # hinge comes last, so that the slides do not turn with it.
         body.set("quat", spaced(base.upright_quaternion))
         for name, axis, free in zip("xyz", np.eye(3), base.free_axes, strict=False):
             if free:
@@ -108,6 +114,7 @@ def _add_joint(body: Any, robot: Robot, position: int, index: int) -> Any:
     joint = robot.model.joints[position]
     data = joint.createData()
     joint.calc(data, np.zeros(1))
+    # The column of motion of a Pinocchio joint is (linear, angular), in the frame of the joint.
     along = np.asarray(data.S).ravel()
     slides = robot.all_prismatic[index]
     element = body.makeelement(
@@ -119,6 +126,7 @@ def _add_joint(body: Any, robot: Robot, position: int, index: int) -> Any:
     lower, upper = -np.inf, np.inf
     if index < robot.n:
         lower, upper = float(robot.lower_limits[index]), float(robot.upper_limits[index])
+    # Active stops would add torques that the equations of the method do not have.
     element.set("limited", "false")
     if np.isfinite(lower) and np.isfinite(upper) and lower < upper:
         element.set("range", spaced((lower, upper)))
@@ -143,6 +151,7 @@ def _add_inertial(body: Any, link: str, parameters: Array, notes: list[str], for
             "kg m^2; negative ones are written as zero"
         )
     moments = np.maximum(moments, TINY)
+    # eigh may return a reflection (determinant -1), which no quaternion can be.
     axes[:, 2] *= np.linalg.det(axes)
     etree.SubElement(
         body,
@@ -150,6 +159,7 @@ def _add_inertial(body: Any, link: str, parameters: Array, notes: list[str], for
         pos=spaced(center),
         quat=spaced(_quaternion(axes)),
         mass=spaced([max(mass, TINY)]),
+        # I_1 = S_2 + S_3: a sum of non-negative moments keeps the triangle inequality of MuJoCo.
         diaginertia=spaced(moments[[1, 2, 0]] + moments[[2, 0, 1]]),
     )
 
@@ -170,5 +180,6 @@ def _check_consistent(link: str, parameters: Array, force: bool) -> None:
 
 def _quaternion(rotation: Array) -> Array:
     """Return a rotation as w, x, y, z."""
+    # Eigen has the scalar last, MuJoCo has it first.
     x, y, z, w = pin.Quaternion(np.asarray(rotation)).normalized().coeffs()
     return np.array([w, x, y, z])
