@@ -180,12 +180,15 @@ def add_drives(
     for index, joint in enumerate(robot.joint_names):
         drive, C = robot.drives[joint], robot.transmission[index]
         note_drive(joint, drive, notes)
+        # The output of drive i turns by C_i q.
         turned = {robot.joint_names[at]: float(C[at]) for at in np.flatnonzero(C)}
         parallel, gear = _parallel(joint, drive), _Coordinate()
         where = {"joint": joint}
         if not drive.is_elastic:
             gear = _behind_gear(joint, drive)
             _check_armature(robot, joint, turned, gear.armature)
+            # Armature, damping and friction act on the length C_i q of a tendon as they would on a
+            # joint.
             if turned != {joint: 1.0}:
                 where = {"tendon": _free(f"{joint}_drive", taken)}
                 _add_tendon(tendons, where["tendon"], turned, gear, step)
@@ -200,6 +203,8 @@ def add_drives(
         if drive.is_elastic:
             where = {"joint": _add_rotor(world, joint, drive, taken, step)}
             lever = {where["joint"]: drive.motor_radius / drive.ratio}
+            # The length of the tendon is d = r_M/N theta_M - r_L C_i q (3). It pulls with
+            # coefficient times force, which is (4a)/N at the motor and (4b) at the joint.
             lever |= {name: -drive.load_radius * factor for name, factor in turned.items()}
             spring = _spring(joint, drive)
             _add_tendon(tendons, _free(f"{joint}_spring", taken), lever, spring, step)
@@ -225,6 +230,7 @@ def _actuator(joint: str, drive: Drive, step: float) -> tuple[str, dict[str, str
     K_p (u - q) - K_d q' - F_0 N, or of velocities, K_v w - K_d q' - F_0 N; at the rotor of a spring
     these are divided by N, at q = theta_M/N.
     """
+    # An elastic drive has its rotor as a joint of its own, with the gear in the spring's tendon.
     gear = 1.0 if drive.is_elastic else drive.ratio
     offset = 0.0
     if "offset" in drive.friction:
@@ -239,6 +245,8 @@ def _actuator(joint: str, drive: Drive, step: float) -> tuple[str, dict[str, str
     late = _delay(drive, step)
     if _is_dc_motor(drive):
         return "dcmotor", _dc_motor(drive, turns) | late
+    # MuJoCo: force = gainprm u + b_0 + b_1 length + b_2 velocity, of the actuator's coordinate. At
+    # the rotor, K_p (u - theta_M/N)/N = K_p/N u - K_p/N^2 theta_M: one N less for the command.
     bias = law.feedforward_Nm / turns - offset * gear
     gains = (law.position_gain_Nm_per_rad, law.velocity_gain_Nms_per_rad)
     stiffness, rate = (gain / turns**2 for gain in gains)
@@ -251,6 +259,8 @@ def _actuator(joint: str, drive: Drive, step: float) -> tuple[str, dict[str, str
     }
     limit = law.torque_limit_Nm / turns
     if np.isfinite(limit):
+        # forcerange cuts off the whole force, friction offset included, which is no torque of the
+        # controller: both limits move with it.
         shifted = [-limit - offset * gear, limit - offset * gear]
         attributes |= {"forcelimited": "true", "forcerange": spaced(shifted)}
     return "general", attributes | late
@@ -261,6 +271,7 @@ def _delay(drive: Drive, step: float) -> dict[str, str]:
     delay = drive.command_delay_s or 0.0
     if delay < _ROUNDED_S:
         return {}
+    # MuJoCo's buffer has one sample per step: a user's shorter steps need more of them.
     samples = int(np.ceil(_SHORTER_STEP * delay / step)) + 1
     return {"delay": spaced([delay]), "nsample": str(samples), "interp": "linear"}
 
@@ -275,6 +286,7 @@ def _is_dc_motor(drive: Drive) -> bool:
         return False
     gains = law.velocity_gain_Nms_per_rad, law.command_velocity_gain_Nms_per_rad
     is_of_position = drive.motor_input == "position_command"
+    # The controller of a dcmotor has one gain on w - q' and no constant.
     return not law.feedforward_Nm and (is_of_position or gains[0] == gains[1])
 
 
@@ -290,8 +302,12 @@ def _dc_motor(drive: Drive, turns: float) -> dict[str, str]:
     is_of_position = drive.motor_input == "position_command"
     gain = law.position_gain_Nm_per_rad if is_of_position else 0.0
     return {
+        # At the rotor q = theta_M/N: a gear of 1/N makes the actuator see q, and act on theta_M
+        # with 1/N.
         "gear": spaced([1 / turns]),
         "input": "pos" if is_of_position else "vel",
+        # Nominal voltage, stall torque and no-load speed: MuJoCo computes K_t and R from these
+        # three.
         "nominal": spaced([volts, limit, law.no_load_speed_rad_per_s]),
         "saturation": spaced([limit, 0, 0]),
         "controller": spaced([gain, 0, law.velocity_gain_Nms_per_rad, 0, 0, volts]),
@@ -306,6 +322,8 @@ def _constant(joint: str, drive: Drive) -> dict[str, str]:
     torque = value_of(joint, drive, "friction_offset") * (1.0 if drive.is_elastic else drive.ratio)
     return {
         "input": "none",
+        # Without a control this constant and the resistance of 1 ohm leave a back-EMF damping of
+        # 1e-18.
         "motorconst": spaced([1e-9, 0]),
         "resistance": "1",
         "cogging": spaced([-torque, 0, np.pi / 2]),
@@ -333,6 +351,7 @@ def _parallel(joint: str, drive: Drive) -> _Coordinate:
             f"joint '{joint}': MuJoCo has no parallel preload without a parallel spring: give "
             "parallel_spring=('linear', 'preload')"
         )
+    # k q + f_p = k (q - rest)
     rest = -preload / stiffness if stiffness else 0.0
     if stiffness < 0:
         raise RobotError(
@@ -363,6 +382,7 @@ def _spring(joint: str, drive: Drive) -> _Coordinate:
     if not (k or k_3):
         raise RobotError(f"joint '{joint}': its spring has no stiffness, found 0")
     zero = drive.values.get("deflection_zero", 0.0)
+    # A springlength of two numbers is a dead band between them in MuJoCo.
     gap = value_of(joint, drive, "dead_zone") if {*DEAD_ZONES} & {*drive.spring} else 0.0
     if gap and f_0:
         raise RobotError(
@@ -371,6 +391,7 @@ def _spring(joint: str, drive: Drive) -> _Coordinate:
         )
     # f_0 + k d + k_3 d^3 = (k + 3 k_3 r^2) x + 3 k_3 r x^2 + k_3 x^3 at x = d - r from its root r
     roots = np.roots([k_3, 0.0, k, f_0])
+    # Of three real roots (a softening spring) the one next to zero is the rest position in use.
     r = float(min(roots[roots.imag == 0].real, key=abs))
     rest = (zero - gap, zero + gap) if gap else (zero + r,)
     stiffness = (k + 3 * k_3 * r**2, 3 * k_3 * r, k_3) if k_3 else (k,)
@@ -460,6 +481,8 @@ def _check_armature(robot: Robot, joint: str, turned: Mapping[str, float], armat
     """Raise RobotError for rotor inertia that couples branches, which MuJoCo would neglect."""
     if not armature:
         return
+    # The rotor adds N^2 I_M C_i^T C_i to the mass matrix. MuJoCo stores only entries of a joint and
+    # its ancestors, so those between two branches would be lost.
     places = [int(robot.model.getJointId(name)) for name in turned]
     supports: dict[int, pin.StdVec_Index] = {at: list(robot.model.supports[at]) for at in places}
     for first in places:
