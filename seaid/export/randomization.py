@@ -149,6 +149,7 @@ def write_randomization(
     _check(path, level, samples, spread)
     cloud = _Cloud(found, level, spread)
     random = np.random.default_rng(seed)
+    # Ranges of bodies are quantiles, and need many draws even if the file has few samples.
     draws = [cloud.draw(random) for _ in range(max(samples, _DRAWS if len(cloud.bodies) else 0))]
     values = np.array(draws).reshape(len(draws), -1)
     made = Randomization(path, cloud.ranges(values), values[:samples])
@@ -247,6 +248,8 @@ class _Cloud:
         self.values = np.array(
             [values[key.joint].get(key.parameter, 0.0) for key in self.drives], dtype=float
         )
+        # The combinations of the robot as exported. With feasible=True they can differ from the
+        # estimate; samples vary about the robot, by the covariance of the estimate.
         self.center = self._combinations(np.zeros(self.count))
 
     def _root(self, body: int) -> Array:
@@ -261,12 +264,15 @@ class _Cloud:
                 "feasible=True",
                 "feasible=True",
             )
+        # A (1 + X) reaches no dimension in which A is flat: each sample would be as thin.
         return np.asarray(vectors * np.sqrt(np.maximum(values, THIN * values[-1])))
 
     def _assemble(self) -> None:
         """Collect names and covariance of what was estimated: p combinations, then drives."""
         result, model = self.result, self.result.model
         side = result.load_side
+        # Drive parameters of stiff joints are estimated with the load, correlated with the
+        # combinations; those of actuator sides are separate regressions, each a block of its own.
         drives = [JointParameter(name, joint) for joint, name, _ in model.drives]
         rows = [side.names.index(name) for name in (*model.expressions, *drives)]
         blocks = [side.covariance[np.ix_(rows, rows)]]
@@ -279,6 +285,8 @@ class _Cloud:
         self.drives, self.p = drives, len(model.expressions)
         covariance = block_diag(*blocks) * np.outer(np.concatenate(wider), np.concatenate(wider))
         self.errors = np.sqrt(np.diag(covariance))
+        # Eigenvalues of the correlation matrix, because kg, kg m^2 and N/m differ by orders of
+        # magnitude and those of the covariance would drown the small ones.
         scale = np.where(self.errors > 0, self.errors, 1.0)
         values, vectors = safely(
             np.linalg.eigh,
@@ -286,6 +294,7 @@ class _Cloud:
             what="the covariance",
             error=RobotError,
         )
+        # C = half half^T, so half times independent normal numbers has the covariance C.
         self.half = scale[:, None] * vectors * np.sqrt(np.maximum(values, _LEAST))
         p = self.p
         C = self.half @ self.half.T
@@ -317,6 +326,8 @@ class _Cloud:
 
     def _body_slopes(self, x: Array) -> Array:
         """Return the slopes (bodies, 10, 10) of standard parameters: A (dX (1 + X)^T + ...) A^T."""
+        # d(F F^T) = dF F^T + (dF F^T)^T with F = A (1 + X) and dF = A dX: `moved` is dF F^T by
+        # coefficient k.
         moved = np.einsum("bij,kjl,bml->bkim", self.roots, _BASIS, self._factors(x))
         return np.asarray(
             ((moved + moved.transpose(0, 1, 3, 2)).reshape(-1, 10, 16) @ _TEN.T).transpose(0, 2, 1)
@@ -333,12 +344,16 @@ class _Cloud:
 
     def _slopes(self, x: Array) -> Array:
         """Return the slopes (p, unknowns) of the combinations."""
+        # (p, 10 N) -> (p, bodies, 10): columns of known bodies have no unknowns.
         grouping = self.result.base.grouping.reshape(self.p, -1, 10)[:, self.bodies]
         bodies = np.einsum("pbi,bik->pbk", grouping, self._body_slopes(x)).reshape(self.p, -1)
+        # d exp(u)/du = exp(u): the slope of a parameter by its logarithm is the parameter itself.
         return np.asarray(np.hstack([bodies, self.absorption[: self.p] * self._absorbed(x)]))
 
     def _step(self, x: Array, combinations: Array, prior: Array) -> Array:
         """Return the step of least squares towards changes of combinations and of the prior."""
+        # min |W (J dx - combinations)|^2 + |dx - prior|^2 / spread^2: unknowns are relative
+        # changes, so the prior's covariance is spread^2 times the unit matrix.
         slopes = np.vstack([self.W @ self._slopes(x), np.eye(self.count) / self.spread])
         wanted = np.concatenate([self.W @ combinations, prior / self.spread])
         return np.asarray(
@@ -358,24 +373,31 @@ class _Cloud:
         free = self.spread * random.normal(size=self.count)
         origin, nothing = np.zeros(self.count), np.zeros(self.count)
         x = self._step(origin, wanted[: self.p], free)
+        # The draw is that of the linear model, and F F^T is quadratic in x: smallest further steps
+        # until the combinations of the bodies are the drawn ones.
         change = self._slopes(origin) @ x
         for _ in range(_STEPS):
             rest = self.center + change - self._combinations(x)
             if np.max(np.abs(self.W @ rest), initial=0.0) < _CLOSE:
                 break
             step = self._step(x, rest, nothing)
+            # At most 100 % per step, which is as far as the slopes can be trusted.
             x = x + step / max(1.0, float(np.max(np.abs(step), initial=0.0)))
+        # The prior moved the combinations from what the log had drawn. Drive parameters follow by
+        # their regression on them: d + C_db C_bb^-1 (change).
         return self._sample(x, wanted[self.p :] + self.following @ (change - wanted[: self.p]))
 
     def _sample(self, x: Array, change: Array) -> Array:
         """Return the values of all parameters of the file, those of drives first."""
         absorbed = self._absorbed(x)
+        # A row of a drive is a combination too: it has the drive's parameter plus absorbed ones.
         shift = self.absorption[self.p :] @ (absorbed - np.exp(self.start))
         values = dict(zip(self.drives, self.values + change - shift, strict=True))
         values |= {
             JointParameter(name, joint): float(value)
             for (joint, name), value in zip(self.absorbed, absorbed, strict=True)
         }
+        # What was neither estimated nor absorbed is known, and the same in each sample.
         drives = [factor * values.get(name, nominal) for name, factor, nominal in self._drive_rows]
         least = [self._least_value(name) for name, _, _ in self._drive_rows]
         theta = self._bodies(x)
@@ -429,6 +451,7 @@ class _Cloud:
         if name in self.drives:
             at = self.drives.index(name)
             error = float(self.errors[self.p + at])
+            # `errors` are widened by t over normal: the normal quantile gives Student's interval.
             half = -float(ndtri(tail)) * error
             least = self._least_value(name)
             low, high = (max(factor * (value + side), least) for side in (-half, half))
@@ -448,6 +471,7 @@ class _Cloud:
         """Deviations of the standard parameters (bodies, 10) over those of the prior."""
         x = np.zeros(self.count)
         whitened = self.W @ self._slopes(x)
+        # C_x = (J^T W^T W J + 1/spread^2)^-1 of the linearised model; the prior's is spread^2.
         information = whitened.T @ whitened + np.eye(self.count) / self.spread**2
         covariance = safely(np.linalg.inv, information, what="the samples", error=RobotError)
         ratios = []
@@ -463,6 +487,7 @@ class _Cloud:
         if self._remaining[place, k] < _DETERMINED:
             return "data", ""
         base, column = self.result.base, 10 * self.bodies[place] + k
+        # A zero column is an unidentifiable parameter; a row with one entry has it individually.
         in_rows = np.flatnonzero(np.abs(base.grouping[:, column]) > 1e-12)
         if not len(in_rows):
             return "prior", f"no torque of this robot depends on {PARAMETERS[k]} of this body"
@@ -474,6 +499,7 @@ class _Cloud:
 
 def _at_center(ten: Iterable[float]) -> Array:
     """Return mass, centre of mass and inertia there of ten standard parameters."""
+    # Pinocchio's order: Iyy before Ixz.
     mass, mx, my, mz, xx, xy, yy, xz, yz, zz = map(float, ten)
     x, y, z = mx / mass, my / mass, mz / mass
     # Steiner: I at the centre of mass = I at the frame - m (c.c 1 - c c^T)
