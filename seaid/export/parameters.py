@@ -108,6 +108,7 @@ def read_parameters(path: str | Path, robot: Robot) -> Robot:
         values = np.array([_body(link, table) for link, table in content["bodies"].items()]).ravel()
         _check_keys("drive_tables", content["drive_tables"], robot.joint_names)
         drives = {
+            # The object itself: other modules ask `is IDEAL_DRIVE`.
             joint: IDEAL_DRIVE if drive == IDEAL_DRIVE else drive
             for joint, drive in drives_from_mapping(content["drive_tables"]).items()
         }
@@ -152,6 +153,7 @@ def _body(link: str, table: Any) -> list[float]:
     largest = max(map(abs, values.values()))
     if largest > _MOST:
         raise RobotError(f"{where}: {largest:g} is not a mass, moment or inertia in SI units")
+    # Pinocchio's Inertia has the centre of mass, first moments over the mass.
     if largest > _FARTHEST_M * abs(values["m"]):
         raise RobotError(
             f"{where}: its mass, {values['m']:g} kg, is too small for its other parameters; "

@@ -163,8 +163,11 @@ def write_model(
     reference = found.robot if isinstance(found, Identification) else found
     robot = reference.at_temperature(at_temperature_degC)
     kind = FORMATS[format or by_suffix(path)]
+    # The TOML has drives with unknown values as they are; every other format needs numbers.
     every = actuators_of(robot, is_complete=kind.holds != _IN_TOML)
     actuators = tuple(actuator for actuator in every if kind.has_slides or not actuator.slides)
+    # The robot at its own temperature, because write_mjcf and write_urdf change it themselves,
+    # while the actuators are already those at the temperature that was asked for.
     request = _Request(reference, actuators, path, time_step_s, force, at_temperature_degC)
     drives, notes = kind.write(request)
     lost = lost_effects(robot, actuators, kind.title, kind.holds)
@@ -241,11 +244,13 @@ def _isaaclab(request: _Request) -> Iterable[str]:
         steps = actuator.steps(request.step_s)
         delay: dict[str, float] = {"min_delay": steps, "max_delay": steps} if steps else {}
         fields: dict[str, str | float] = {
+            # Names are regular expressions in Isaac Lab and in mjlab.
             "joint_names_expr": f"[{re.escape(actuator.joint)!r}]",
             "stiffness": actuator.position_gain,
             "damping": actuator.velocity_gain,
             "armature": actuator.armature,
             "friction": actuator.dry,
+            # Coulomb friction has one level: PhysX's static and dynamic efforts are equal.
             "dynamic_friction": actuator.dry,
             "viscous_friction": actuator.viscous,
             "effort_limit": actuator.limit,
@@ -365,6 +370,7 @@ def _usd(request: _Request) -> Iterable[str]:
             f"float {drive}:stiffness": actuator.position_gain * per_unit,
             f"float {drive}:damping": actuator.velocity_gain * per_unit,
             f"float {drive}:maxForce": actuator.limit,
+            # Only what is per angle depends on its unit; inertia and efforts do not.
             "float physxJoint:armature": actuator.armature,
             f"float {physx}:armature": actuator.armature,
             f"float {physx}:staticFrictionEffort": actuator.dry,
@@ -393,6 +399,7 @@ def _newton(request: _Request) -> Iterable[str]:
             "rel newton:targets": f"</{robot}/joints/{name}>",
             "float newton:kp": actuator.position_gain,
             "float newton:kd": actuator.velocity_gain,
+            # `offset` brakes, constEffort drives.
             "float newton:constEffort": -actuator.offset,
         }
         schemas, steps = ["NewtonPDControlAPI"], actuator.steps(request.step_s)
@@ -414,6 +421,7 @@ def _rigid_dynamics(text: bytes, root: Element, request: _Request) -> list[Edit]
     """Return the edits that write the friction of elastic drives as of rigid ones."""
     joints, edits = root.named("joint"), []
     for actuator in request.actuators:
+        # `write_edited` does so for stiff drives, and edits of one element must not overlap.
         if actuator.drive.is_elastic:
             seen = {"damping": _number(actuator.viscous), "friction": _number(actuator.dry)}
             edits += with_children(text, joints[actuator.joint], {"dynamics": seen})
@@ -427,7 +435,9 @@ def _drake(request: _Request) -> _Written:
         names, edits = {actuator.joint for actuator in request.actuators}, []
         for old in (child for child in root.children if child.tag == "transmission"):
             moved = [_name_of(child) for child in old.children if child.tag == "joint"]
+            # A second transmission of a joint would be a second actuator.
             edits += [without(text, old)] if {*moved} & names else []
+        # expat resolves namespaces and reports no xmlns attributes: only the text has them.
         if "xmlns:drake" not in root.attributes and b"xmlns:drake" not in text[: root.inside]:
             edits.append(with_start(text, root, {"xmlns:drake": "http://drake.mit.edu"}))
         edits += _rigid_dynamics(text, root, request)
