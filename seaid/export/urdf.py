@@ -80,6 +80,7 @@ def parse_positions(text: bytes) -> Element:
 
     def begin(tag: str, attributes: Mapping[str, str]) -> None:
         at = parser.CurrentByteIndex
+        # Not up to the next ">", which may be in a quoted value.
         match = _START_TAG.match(text, at)
         if match is None:
             raise ValueError("its encoding is not one of single bytes or UTF-8")
@@ -89,6 +90,7 @@ def parse_positions(text: bytes) -> Element:
 
     def finish(_: str) -> None:
         element = waiting.pop()
+        # expat reports the end of <a/> behind it, where the next ">" belongs to another tag.
         if not is_empty(text, element):
             element.end = text.index(b">", parser.CurrentByteIndex) + 1
 
@@ -132,6 +134,7 @@ def with_content(text: bytes, parent: Element, elements: Iterable[bytes]) -> Edi
     """Return the edit that inserts elements at the start of another, indented as its children."""
     outer = _indent(text, parent.start)
     if not is_empty(text, parent):
+        # The line end and the indentation of the first child, not of </parent>.
         follows = re.compile(rb"\r?\n[ \t]*(?=<(?!/))").match(text, parent.inside)
         indent = follows.group() if follows is not None else outer and outer + b"  "
         return parent.inside, parent.inside, b"".join(indent + element for element in elements)
@@ -158,6 +161,7 @@ def without(text: bytes, element: Element) -> Edit:
 def edited(text: bytes, edits: Iterable[Edit]) -> bytes:
     """Return a text after edits, which must not overlap."""
     parts, done = [], 0
+    # Insertions have start = end, and come before a replacement that starts there.
     for start, end, new in sorted(edits):
         parts += [text[done:start], new]
         done = end
@@ -270,6 +274,7 @@ def write_edited(
     tree = reread_urdf(source, text)
     _check_links(source, tree, robot)
     notes: list[str] = []
+    # A locked joint is a fixed one at its angle: the links behind it are part of the moving body.
     bodies = _bodies(robot, tree.locked_at(robot.locked), notes, force)
     root = _root(source, text)
     links = root.named("link")
@@ -333,6 +338,7 @@ def _bodies(robot: Robot, tree: UrdfTree, notes: list[str], force: bool) -> dict
     for body, lump in zip(robot.body_names, robot.parameters.reshape(-1, 10), strict=True):
         placements = _fixed_links(tree, body, moving)
         fixed = {link: tree.links[link] for link in placements if np.any(tree.links[link])}
+        # Inertial parameters about one frame add up: those of the link are the sum less the parts.
         rest = _rest(lump, [in_parent_frame(ten, placements[link]) for link, ten in fixed.items()])
         is_consistent = is_physical(rest, THIN) and not _is_massless(rest)
         if fixed and not is_consistent and is_physical(lump, THIN):
@@ -350,6 +356,7 @@ def _rest(lump: Array, parts: Sequence[Array]) -> Array:
     """Return a body without some of its parts, all zero if only rounding errors remain."""
     rest = lump - sum(parts, np.zeros(10))
     kinds = (slice(0, 1), slice(1, 4), slice(4, 10))
+    # Masses, first and second moments have different units: each kind has its own rounding error.
     sizes = [max(float(np.max(np.abs(body[kind]))) for body in (lump, *parts)) for kind in kinds]
     remains = any(
         np.max(np.abs(rest[kind])) > _ROUNDING * size
@@ -411,6 +418,7 @@ def _inertial_edits(text: bytes, element: Element, parameters: Array) -> list[Ed
     inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) - mass * second
     places = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2)}
     children = {
+        # An old rpy would turn the new tensor, which is in the axes of the link.
         "origin": {"xyz": spaced(center), "rpy": "0 0 0"},
         "mass": {"value": spaced([mass])},
         "inertia": {name: spaced([inertia[at]]) for name, at in {**places, "izz": (2, 2)}.items()},
@@ -422,6 +430,7 @@ def _inertial_edits(text: bytes, element: Element, parameters: Array) -> list[Ed
 
 def _dynamics(text: bytes, root: Element, robot: Robot) -> list[Edit]:
     """Return the edits that write damping and friction of stiff drives, reflected to the joint."""
+    # An elastic drive's motor is no coordinate of a URDF: its friction is only in the TOML.
     joints, edits = root.named("joint"), []
     for joint, drive in _stiff_drives(robot, are_coupled=False).items():
         written = {
