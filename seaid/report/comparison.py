@@ -287,6 +287,7 @@ def _difference(joint: str, name: str, old: _Value, new: _Value) -> Difference:
 def _freedom_of(interval: Sequence[float], error: float) -> float:
     """Return the degrees of freedom of Student's t, whose 97.5 % point is half width over error."""
     low, high = interval
+    # A file has no degrees of freedom, only the interval that was made with them: t is inverted.
     freedom = float(stdtridf(0.975, (high - low) / (2 * error))) if error > 0 else nan
     return freedom if isfinite(freedom) and freedom < _NORMAL else inf
 
@@ -366,6 +367,7 @@ def _p_value(change: float, errors: Sequence[float], freedoms: Sequence[float]) 
         return nan if variance != 0 else float(change == 0)
     # Welch and Satterthwaite: (s1^2 + s2^2)^2 / (s1^4 / nu1 + s2^4 / nu2)
     spread = sum((s**2 / variance) ** 2 / nu for s, nu in zip(errors, freedoms, strict=True))
+    # Both are normal if spread is zero, which 1e12 degrees of freedom are to double precision.
     return float(2 * stdtr(1 / spread if spread else 1e12, -abs(change) / sqrt(variance)))
 
 
@@ -378,10 +380,12 @@ def _group_test(old: Estimate, new: Estimate) -> GroupTest:
     """Return d' (C1 + C2)^-1 d of the differences d, with their covariances."""
     change = new.values - old.values
     covariance = old.covariance + new.covariance
+    # A parameter without a variance (unidentifiable, or exactly zero) would decide the test alone.
     usable = np.isfinite(change) & np.isfinite(np.diag(covariance)) & (np.diag(covariance) > 0)
     if not np.any(usable):
         return GroupTest(nan, 0, nan)
     scale = np.sqrt(np.diag(covariance)[usable])
+    # Of the correlation matrix, by its rank: with a singular one the degrees of freedom are fewer.
     solved = scaled_svd(covariance[np.ix_(usable, usable)] / np.outer(scale, scale))
     scores = change[usable] / scale
     chi_square = float(scores @ solved.solve(scores))
@@ -404,6 +408,8 @@ def _is_same_log(first: Motion, second: Motion) -> bool:
     _, i, j = np.intersect1d(first.time, second.time, return_indices=True)
     if not len(i) or first.joint_names != second.joint_names:
         return False
+    # Noise makes measured inputs of two runs differ in each sample; zeros of a motor at rest do
+    # not, and are not compared.
     pairs = [(getattr(first, name), getattr(second, name)) for name in INPUT_FIELDS.values()]
     pairs.append((first.joint_torque, second.joint_torque))
     equal = [

@@ -614,6 +614,7 @@ def _as_json(content: Any) -> Any:
     from markupsafe import Markup
 
     text = json.dumps(plain(content), allow_nan=False, separators=(",", ":"))
+    # "</script>" inside a text would end the script.
     for sign in "<>&":
         text = text.replace(sign, f"\\u{ord(sign):04x}")
     return Markup(text)
