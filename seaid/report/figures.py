@@ -65,6 +65,7 @@ def save_sensitivity_figure(result: CutoffSensitivity, path: str | Path) -> None
     figure = Figure(figsize=(3.0 * _COLUMNS, 0.8 + 1.7 * rows), layout="constrained")
     figure.suptitle("Estimates and 95 % intervals over the cutoff; red: the selected one")
     axes = figure.subplots(rows, _COLUMNS, sharex=True, squeeze=False).ravel()
+    # Refused cutoffs have a row of NaN.
     kept = np.flatnonzero(~np.isnan(result.values[:, 0]))
     proposed = result.cutoffs_hz[result.proposed]
     for place, name in enumerate(result.names):

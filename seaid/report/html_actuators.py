@@ -158,6 +158,8 @@ def _elastic_side(
         return None
     values = np.array([estimate.value(name) for name in regressor.names])
     offset = estimate.value("torque_offset") if "torque_offset" in estimate.names else 0.0
+    # (7): zeta = R theta + residual, so that friction is the residual plus its own columns: samples
+    # scatter about the identified curve by the residual only.
     parts = R * values
     is_motor = bool(regressor.signals & {"tau_M", "i_M", "u_M"})
     residual = zeta - np.sum(parts, axis=1) - (offset if is_motor else 0.0)
@@ -166,6 +168,7 @@ def _elastic_side(
         + np.sum(parts[:, [name in names - _SHAPES for name in regressor.names]], axis=1)
         for kind, names in (("friction", _FRICTION), ("spring", _SPRING))
     }
+    # (7) has the spring as r_M/N F_s, a torque at the motor; a sensor behind the spring has F_s.
     lever = drive.ratio / drive.motor_radius if is_motor else 1.0
     by_name = signals(identification.known, motion, identification.known.index(joint))
     turned = by_name["theta_M"] * drive.motor_radius / drive.ratio
@@ -181,6 +184,7 @@ def _spring_zero(drive: Drive, values: Mapping[str, float]) -> float:
         return values.get("deflection_zero", 0.0)
     if "preload" in drive.spring or not values.get("stiffness"):
         return 0.0
+    # k d + f_0 = 0
     return -values.get("spring_offset", 0.0) / values["stiffness"]
 
 
@@ -204,12 +208,14 @@ def _stiff_sides(result: Identification, motion: Motion) -> dict[str, tuple[Arra
     torque, payload, made = load_torques(
         result.known, motion, model, result.springs, theta[:, None]
     )
+    # The rows of the joints are the last ones, behind those of a floating base.
     residual = (torque - payload - made[:, :, 0])[:, -len(rows) :]
     columns, values = drive_columns(result.known, motion, model), theta[len(model.expressions) :]
     sides = {}
     for row, (joint, places) in enumerate(rows.items()):
         if places:
             friction = residual[:, row] + columns[:, row][:, places] @ values[places]
+            # (8) is at the joint: over N is at the motor.
             friction = in_band(motion, friction) / result.known.drives[joint].ratio
             nothing = np.full_like(friction, np.nan)
             sides[joint] = (friction, nothing, nothing)
@@ -257,6 +263,7 @@ def _range(values: Sequence[Array], room: float = 0.08) -> tuple[float, float]:
 def _spring_figure(joint: str, samples: _Samples, identified: Drive, nominal: Drive) -> Any:
     if not np.any(np.isfinite(samples.force)):
         return None
+    # Two directions of the motor, because hysteresis of spring and gear separates them.
     is_up = samples.speed > 0
     layers = [
         Layer(samples.x[is_up], samples.force[is_up], "sample up"),
@@ -290,6 +297,7 @@ def _spring_force(drive: Drive, x: Array) -> Array | None:
             plain = replace(plain, nominal={**plain.nominal, "deflection_zero": 0.0})
         force = spring_curve(plain).force(x)
         if "dahl" in plain.spring:
+            # The state of Dahl's model depends on the past: the first round leads to the loop.
             z = states(np.tile(x, 2), plain.values["hysteresis_deflection"])[0][len(x) :]
             force = force + plain.values["hysteresis_force"] * z
         return force
@@ -314,6 +322,7 @@ def _response_figure(response: FrequencyResponse, place: int) -> ResponseFigures
     stds = [(response.noise_std, "threshold"), (response.total_std, "nominal")]
     deviations = [(std[:, place, place], name) for std, name in stds]
     sizes = np.concatenate([np.abs(measured), *(curve for curve, _ in deviations)])
+    # A deviation of zero (of noise-free data) has no place on a logarithmic axis.
     sizes = sizes[np.isfinite(sizes) & (sizes > 1e-6 * np.max(np.abs(measured)))]
     low, high = 0.7 * float(np.min(sizes)), 1.4 * float(np.max(np.abs(measured)))
     marks = [
@@ -350,5 +359,7 @@ def _marked(marks: Sequence[tuple[float, str]], low: float, high: float) -> Iter
 
 def _degrees(response: Array) -> Array:
     """Return the phase (F,) from -225 to 135 degrees, interrupted where it jumps."""
+    # A motor angle lags its torque by up to 180 degrees: the cut of the phase is at -225, so that
+    # noise about -180 does not jump.
     phase = (np.degrees(np.angle(response)) + 225.0) % 360.0 - 225.0
     return np.where(np.abs(np.diff(phase, prepend=phase[0])) > 180.0, np.nan, phase)
