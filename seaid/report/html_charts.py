@@ -129,6 +129,7 @@ class _Scale:
         low, high = self.ends
         if self.axis.is_log:
             values, (low, high) = np.log10(np.maximum(values, 1e-300)), np.log10(self.ends)
+        # The inner <svg> cuts off what is outside, but renderers fail at coordinates of 1e9.
         shares = np.clip((values - low) / (high - low), -1.0, 2.0)
         return np.asarray(self.start + shares * (self.stop - self.start))
 
@@ -213,8 +214,10 @@ def _drawn(layer: Layer, across: _Scale, up: _Scale) -> str:
     visible = np.isfinite(x) & np.isfinite(y)
     pairs = [f"{a:.1f} {b:.1f}" for a, b in zip(x[visible], y[visible], strict=True)]
     if layer.kind == "points":
+        # A line of length zero with round caps is a dot: one path for all points.
         path = "".join(f"M{pair}h0" for pair in pairs)
     else:
+        # Where sample numbers of the visible points are not consecutive, NaN lies between.
         starts = np.diff(np.flatnonzero(visible), prepend=-2) > 1
         path = "".join(
             ("M" if new else "L") + pair for new, pair in zip(starts, pairs, strict=True)
@@ -244,6 +247,7 @@ def singular_values(result: Identification) -> SingularValues | None:
     if not result.motions or not result.model.names:
         return None
     motions = fitted_motions(result)
+    # Motions are stacked, then reduced to triangles [R y], whose singular values are those of H.
     qr_factor = qr_factor_of(
         stacked([load_regression(result.known, m, result.model, result.springs) for m in motions])
     )
@@ -295,6 +299,7 @@ def correlation_map(identification: Identification) -> CorrelationMap:
     values = np.full((total, total), np.nan)
     for block, (_, part) in enumerate(estimates):
         values[np.ix_(blocks == block, blocks == block)] = part
+    # Without the ones of the diagonal, and with zero where separate estimates have no correlation.
     others = np.abs(np.nan_to_num(values - np.eye(total)))
     kept = np.arange(total)
     if total > _MOST_PARAMETERS:
@@ -320,6 +325,7 @@ def _estimates(identification: Identification) -> Iterator[tuple[list[str], Arra
     load = identification.load_side
     for joint in identification.known.elastic_joints:
         drive = identification.drives[joint]
+        # What acts behind the spring, such as joint friction, is estimated with the load below.
         kept = [i for i, name in enumerate(drive.names) if f"{name} of {joint}" not in load.names]
         if kept:
             named = [readable(JointParameter(drive.names[i], joint)) for i in kept]
@@ -359,6 +365,7 @@ def packed_correlations(shown: CorrelationMap) -> str:
 
 def singular_chart(singular: SingularValues) -> Any:
     """Return the singular values over their number as a chart with a logarithmic axis."""
+    # Zero has no logarithm; 1e-16 is what rounding leaves of it.
     shares = np.maximum(singular.shares, 1e-16)
     lowest = min(float(shares.min()), POORLY_DETERMINED)
     count = np.arange(1.0, len(shares) + 1.0)

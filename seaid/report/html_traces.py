@@ -148,6 +148,7 @@ def _packed_run(run: Run, room: int, lines: int) -> dict[str, Any]:
     inside = _inside(result)
     step = max(1, int(rate_hz / (_PER_PERIOD * result.cutoff_hz)))
     count = len(range(*inside.indices(len(result.time))))
+    # Two samples of each stretch are kept, therefore ceil(2 count / room) samples long.
     stretch = 0 if -(-count // step) <= room else -(-2 * count // room)
     bands = _bands(count, rate_hz, result.cutoff_hz, lines)
     lags = _lags(count // step, rate_hz / step, result.cutoff_hz)
@@ -156,6 +157,7 @@ def _packed_run(run: Run, room: int, lines: int) -> dict[str, Any]:
         "unseen": run.is_unseen,
         "cutoff": result.cutoff_hz,
         "start": float(axis_time(result.time)[inside][0]),
+        # Smallest and largest sample of a stretch are drawn half a stretch apart.
         "step": (stretch / 2 if stretch else step) / rate_hz,
         "thinned": _thinned_text(step, stretch, rate_hz, result.cutoff_hz),
         "frequencies": [float(f"{hz:.4g}") for hz in bands.frequency],
@@ -192,6 +194,7 @@ def _packed_motion(motions: Sequence[Motion], time: Array, is_thinned: bool) -> 
 
 def _lags(count: int, rate_hz: float, cutoff_hz: float) -> IndexArray:
     """Return the lags of autocorrelations in samples."""
+    # Beyond half of the trace too few products make up a correlation.
     longest = min(_LONGEST_LAG * rate_hz / cutoff_hz, count / 2)
     return np.unique(np.linspace(0, longest, _LAGS).astype(np.intp))
 
@@ -199,6 +202,7 @@ def _lags(count: int, rate_hz: float, cutoff_hz: float) -> IndexArray:
 def autocorrelation(trace: Array, lags: IndexArray) -> Array:
     """Return the autocorrelation of a trace without its mean at lags in samples."""
     centred = np.nan_to_num(trace - np.nanmean(trace))
+    # Padded to twice the length: a shorter transform would add the correlation of the wrapped ends.
     spectrum = np.abs(fft.rfft(centred, fft.next_fast_len(2 * len(centred)))) ** 2
     correlation = fft.irfft(spectrum)[lags]  # Wiener and Khinchin
     return np.asarray(correlation / max(float(centred @ centred), 1e-300))
@@ -206,6 +210,7 @@ def autocorrelation(trace: Array, lags: IndexArray) -> Array:
 
 def _noise_correlation(count: int, rate_hz: float, cutoff_hz: float, lags: IndexArray) -> Array:
     """Return the autocorrelation of white noise behind the low pass of the comparison."""
+    # Filtered white noise has the autocorrelation of the filter's impulse response.
     impulse = np.zeros((count, 1))
     impulse[count // 2] = 1.0
     return autocorrelation(low_pass(impulse, rate_hz, cutoff_hz)[:, 0], lags)
@@ -279,6 +284,7 @@ def packed(trace: Array) -> dict[str, Any]:
     """
     known = trace[np.isfinite(trace)]
     low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 0.0)
+    # From -32767 to 32767; a constant trace has no range, and any scale does.
     scale, offset = (high - low) / 65534 or 1.0, (high + low) / 2
     steps = np.full(len(trace), _MISSING)
     steps[np.isfinite(trace)] = np.round((known - offset) / scale)
@@ -301,6 +307,7 @@ class Bands:
         """Return the largest amplitude per band, of a trace without its mean (Hann window)."""
         centred = np.nan_to_num(trace - np.nanmean(trace))
         window = np.hanning(len(centred))
+        # A sine of amplitude a has |DFT| = a sum(window)/2 at its line.
         lines = 2 * np.abs(np.fft.rfft(window * centred)) / max(float(window.sum()), 1e-300)
         amplitude = np.maximum.reduceat(lines[: self.end], self.start)
         return np.maximum(amplitude, max(_DEEPEST * float(np.max(amplitude)), 1e-300))
@@ -311,6 +318,7 @@ def _bands(count: int, rate_hz: float, cutoff_hz: float, lines: int) -> Bands:
     frequency = np.fft.rfftfreq(count, 1 / rate_hz)
     end = int(np.searchsorted(frequency, _HIGHEST * cutoff_hz, side="right"))
     end = max(min(end, len(frequency)), 2)
+    # From line 1 on: line 0 is the mean, which is subtracted.
     edges = np.unique(np.round(np.geomspace(1, end, lines + 1)).astype(np.intp))
     start, stop = (edges[:-1], edges[1:]) if len(edges) > 1 else (edges, edges + 1)
     return Bands(np.sqrt(frequency[start] * frequency[stop - 1]), start, end)
