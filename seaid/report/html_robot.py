@@ -75,6 +75,7 @@ class Posture:
         for joint in leaves:
             center = center_of_mass(self.robot.parameters[10 * joint : 10 * joint + 10])
             if center is not None and np.linalg.norm(center) > 0:
+                # Where a last link ends is unknown; a uniform rod would at 2 centres of mass.
                 ends[joint] = self.origins[joint] + 1.6 * self.turns[joint] @ center
         return ends
 
@@ -109,6 +110,7 @@ def posture_of(identification: Identification) -> Posture:
     bounded = np.isfinite(lower) & np.isfinite(upper)
     q = np.where(bounded, 0.5 * (np.nan_to_num(lower) + np.nan_to_num(upper)), 0.0)
     data, order = model.createData(), list(robot.model_order)
+    # Columns (linear, angular) in the frame of the base: a prismatic axis is the linear part.
     jacobian = pin.computeJointJacobians(model, data, robot.to_model(q)).reshape(6, -1)
     (origins, axes), turns = np.empty((2, model.nv, 3)), np.empty((model.nv, 3, 3))
     parents = [-1] * model.nv
@@ -150,6 +152,7 @@ def _view(posture: Posture, points: Array, room: float) -> _View:
 
     `room` is what remains free at both sides.
     """
+    # Gram-Schmidt with the unit vector least parallel to `up`: some horizontal direction.
     helper = np.eye(3)[int(np.argmin(np.abs(posture.up)))]
     front = np.cross(posture.up, np.cross(helper, posture.up))
     front = front / np.linalg.norm(front)
@@ -164,6 +167,7 @@ def _view(posture: Posture, points: Array, room: float) -> _View:
         return np.array([right, np.cross(eye, right), eye])
 
     angles = np.radians(np.arange(0.0, 360.0, 15.0))
+    # Rounded, so that of equally good views the first is taken on each machine.
     seen = [float(np.linalg.norm(links @ rows_at(angle)[:2].T)) for angle in angles]
     rows = rows_at(angles[int(np.argmax(np.round(seen, 9)))] + _TURNED)
     flat = points @ rows[:2].T
@@ -319,6 +323,7 @@ def _spread(wanted: Array, step: float = 62.0) -> list[float]:
     """Return heights near the wanted ones, in order, that are at least a label apart."""
     count = len(wanted)
     step = min(step, (_HEIGHT - 50.0) / max(count - 1, 1))
+    # Heights y_k with y_k - y_(k-1) >= step: y_k - k step must not fall, hence the running maximum.
     free = np.clip(wanted - step * np.arange(count), 24.0, None)
     heights = np.maximum.accumulate(free) + step * np.arange(count)
     over = max(float(heights[-1]) - (_HEIGHT - 32.0), 0.0) if count else 0.0
@@ -338,6 +343,7 @@ def bodies_picture(posture: Posture, nominal: Array, identified: Array, title: s
     ]
     points = [posture.points]
     for *_, place, second in drawn:
+        # Semi-axes are sqrt(5 lambda), so that no ellipsoid extends beyond sqrt(5 trace).
         reach = 0.0 if second is None else float(np.sqrt(max(5.0 * np.trace(second), 0.0)))
         points.append(place + reach * np.concatenate([np.eye(3), -np.eye(3)]))
     view = _view(posture, np.concatenate(points), 20.0)
@@ -385,10 +391,13 @@ def _ellipse(view: _View, turn: Array, second: Array, center: tuple[float, float
     S_c / m is the `second` moment; the outline in the picture has the matrix of the ellipsoid
     between the rows of the projection.
     """
+    # The projection P of x^T E^-1 x = 1 has the outline y^T (P E P^T)^-1 y = 1: a, b, c of P E P^T.
     flat = view.rows[:2] @ turn
     (a, b), (_, c) = view.scale**2 * flat @ (5.0 * second) @ flat.T
+    # Eigenvalues middle +- half are the squared radii in pixels, at least one pixel.
     middle, half = 0.5 * (a + c), float(np.hypot(0.5 * (a - c), b))
     radii = np.sqrt(np.maximum([middle + half, middle - half], 1.0))
+    # y points down in an SVG, hence the minus.
     angle = -np.degrees(0.5 * np.arctan2(2 * b, a - c))
     x, y = center
     return (
