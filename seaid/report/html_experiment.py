@@ -105,6 +105,7 @@ def _positions(robot: Robot, motion: Motion) -> str:
     ratio = np.array([robot.drives[name].ratio for name in robot.joint_names])
     turned = at_drives(robot.transmission, motion.joint_position) * ratio
     scale = np.max(np.abs(turned), axis=0, initial=0.0)
+    # A computed motor position is N C q to rounding, a measured one never.
     off = np.max(np.abs(turned - motion.motor_position), axis=0, initial=0.0)
     both = [j for j, far in zip(robot.joint_names, off > _SAME * scale, strict=True) if far]
     if len(both) == robot.n:
@@ -332,6 +333,7 @@ def _delay_rows(identification: Identification, joint: str) -> Iterator[_Row]:
         yield (
             joint,
             "delay of motor torque",
+            # setup.delay_s remains after the correction by the description: the delay is the sum.
             *_texts(1e3 * (corrected + setup.delay_s), 1e3 * setup.delay_error_s),
             short(1e3 * corrected),
             "ms",
@@ -356,10 +358,12 @@ def _offset_rows(identification: Identification, joint: str) -> Iterator[_Row]:
         # without a sensor behind the spring the offset is zero by definition
         if k and estimate.standard_error("spring_offset") > 0:
             both = [estimate.names.index(name) for name in ("spring_offset", "stiffness")]
+            # d_0 = -f/k, var(d_0) = g^T C g with g its slopes (the delta method).
             slope = np.array([-1 / k, f / k**2])  # of -f / k
             error = float(np.sqrt(slope @ estimate.covariance[np.ix_(both, both)] @ slope))
             unit, how = drive.spring_units[1], "force of the spring at deflection zero"
             lower, upper = estimate.interval()[both[0]]
+            # The 95 % quantile of the estimate, normal or Student's t, from its own interval.
             reach = error * (upper - lower) / (2 * estimate.standard_errors[both[0]])
             yield joint, "offset of the deflection", *_texts(-f / k, error, reach), NONE, unit, how
     yield from _estimated(joint, estimate, "deflection_zero", "motor equation")

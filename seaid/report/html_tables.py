@@ -142,6 +142,7 @@ def _last_place(value: float, error: float) -> int:
         return _power(abs(value)) - _WITHOUT_ERROR + 1 if value else 0
     by_error = _power(error) - _ERROR_DIGITS + 1
     by_value = _power(abs(value)) - _VALUE_DIGITS + 1 if value else by_error
+    # A small value with a large error gets digits of its own, but at most two more than the error.
     return max(min(by_error, by_value), by_error - 2)
 
 
@@ -446,6 +447,7 @@ def condition_table(result: Identification) -> Table:
     for side, checks in result.checks.items():
         elastic = side not in ("load", "both")
         estimate = result.drives[side] if elastic else result.load_side
+        # The residual of a load side with a prismatic joint has rows in N.
         unit = "" if not elastic and any(result.robot.is_prismatic) else "N m"
         excluded = sum(result.excluded.values()) if side == "both" else result.excluded.get(side)
         rows.append(
@@ -583,5 +585,6 @@ def _diverging(value: float, largest: float) -> tuple[float, float] | None:
     """Return a bar from the middle of its track to the side of the sign of a value."""
     if not math.isfinite(value) or not largest > 0:
         return None
+    # At least one standard error is the whole length: insignificant differences stay short.
     end = 0.5 + 0.5 * value / max(largest, 1.0)
     return (min(0.5, end), max(0.5, end))

@@ -349,6 +349,7 @@ def nominal_values(result: Identification, robot: Robot) -> Nominal:
         missing |= {("load", joint): NO_BODIES for joint in robot.joint_names}
     count = len(model.drives)
     load = np.concatenate([result.base.project(np.nan_to_num(robot.parameters)), values[:count]])
+    # theta_b = K pi + A x: absorbed drive parameters x are part of combinations and of drives.
     load = load + model.absorption @ values[count:]
     load = np.concatenate([load, np.zeros(len(result.load_side.names) - len(load))])
     zero = {key: f"without {_listed_names(names)}" for key, names in absent.items()}
@@ -381,6 +382,7 @@ def _drive_values(estimate: Estimate, drive: Drive) -> Array:
     fitted: dict[str, float] = dict(zip(estimate.names, estimate.values.tolist(), strict=True))
     kept = {name: fitted[name] for name in _ZEROS[1:] if name in fitted}
     if "spring_offset" in fitted and "preload" not in drive.spring:
+        # f_0 = k d_0: the encoders' offset d_0 stays, with the stiffness of the file.
         zero = fitted["spring_offset"] / fitted["stiffness"] if fitted.get("stiffness") else np.nan
         kept["spring_offset"] = zero * drive.values.get("stiffness", np.nan)
     values = {**drive.values, **kept}

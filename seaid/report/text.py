@@ -209,6 +209,7 @@ def excitation_table(plan: Excitation) -> Text:
 
 def condition_lines(plan: Excitation) -> list[str]:
     """Return the condition numbers and the D-value of a planned motion in three lines."""
+    # Singular values fall: the first over the last is the condition number (16).
     ends = [values[[0, -1]] for values in (plan.start_singular_values, plan.singular_values)]
     first, last = (pair[0] / pair[1] if pair[1] > 0 else np.inf for pair in ends)
     return [
