@@ -82,6 +82,7 @@ class Picture:
         bodies, body_of = [pin.SE3.Identity()] * (len(q) + 1), [0]
         for joint, index in enumerate(robot.model_order, 1):  # parents come before children
             body_of.append(index + 1)
+            # X_joint = X_parent X_placement exp(axis q)
             placement = bodies[body_of[model.parents[joint]]] * model.jointPlacements[joint]
             axis, value = self.axes[index], float(q[index])
             turn = np.eye(3) if robot.all_prismatic[index] else pin.exp3(value * axis)
@@ -107,6 +108,7 @@ class Picture:
         ]
         for shape in self.shapes:
             ends = np.array([shape.vertices.min(axis=0), shape.vertices.max(axis=0)])
+            # (2, 3) ends -> (8, 3) corners of the box
             grid = np.array(np.meshgrid(*ends.T)).reshape(3, -1).T
             outlines[shape.body].append(grid)
         for body, segment in zip(self.segment_bodies, self.segments, strict=True):
@@ -189,6 +191,8 @@ def _axes(robot: Robot) -> Array:
     jacobian = pin.computeJointJacobians(model, data, np.zeros(model.nv)).reshape(6, model.nv)
     axes = np.empty((model.nv, 3))
     for joint, index in enumerate(robot.model_order, 1):
+        # The axes of a Jacobian are in the frame of the base. Each joint has one velocity, so that
+        # joint i has column i - 1.
         rows = slice(0, 3) if robot.all_prismatic[index] else slice(3, 6)
         axes[index] = data.oMi[joint].rotation.T @ jacobian[rows, joint - 1]
     return frozen("axes", axes, (None, 3))

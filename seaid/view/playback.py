@@ -90,6 +90,7 @@ def _about_mean(deflection: Mapping[str, Array]) -> dict[str, Array]:
     aligned: dict[str, Array] = {}
     for source, values in deflection.items():
         first = next(iter(aligned.values()), np.zeros_like(values))
+        # An encoder offset shifts a whole trace: the mean difference to the first one is taken off.
         error = values - first
         known = np.isfinite(error)
         count = np.maximum(np.sum(known, axis=0), 1)
@@ -124,6 +125,7 @@ def logged_traces(
         torque = _measured_torque(valued, motion, indices)[0]
         measured = {MEASURED: torque}, {MEASURED: _sampled(motion.time, [(log.time, deflection)])}
         parts.append(_inside(motion, (motion.time - start, *measured)))
+        # Torques of the models are computed at few samples, since nothing is left above the cutoff.
         rows = slice(None, None, max(1, int(motion.rate_hz / (_PER_PERIOD * motion.cutoff_hz))))
         part, unknown = predicted(
             robot,
@@ -149,6 +151,7 @@ def _inside(motion: Motion, part: Part) -> Part:
     inside = slice(transient, len(time) - transient)
 
     def smooth(values: Array) -> Array:
+        # A channel is logged whole or is NaN throughout; the filter would spread NaN.
         known, smoothed = np.flatnonzero(np.isfinite(values[0])), values.copy()
         smoothed[:, known] = low_pass(values[:, known], 1.0 / step, motion.cutoff_hz)
         return smoothed[inside]
@@ -234,11 +237,13 @@ def _prediction(
     angle = drives.ratio * at_drives(robot.transmission, joint[0]) + drives.lever * deflection
     nothing = np.full(angle.shape, np.nan)
     _, speed, acceleration = (nothing, nothing, nothing) if motor is None else motor
+    # Of a motor without an encoder: theta_M by (3), differentiated.
     speed = np.where(np.isnan(speed), np.gradient(angle, time, axis=0), speed)
     acceleration = np.where(np.isnan(acceleration), np.gradient(speed, time, axis=0), acceleration)
     for index in np.flatnonzero(at_motor).tolist():
         states = speed[:, index], acceleration[:, index], load[:, index]
         torque[:, index] = _motor_torque(robot, index, *states)
+    # (3): the deflection r_M/N theta_M - r_L phi over r_L is an angle at the output of the drive.
     radius = np.array([robot.drives[name].load_radius for name in robot.joint_names])
     return torque, np.where(drives.lever > 0, deflection / radius, np.nan)
 
