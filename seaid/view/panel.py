@@ -357,6 +357,7 @@ def _cursor_data(
     The cursor runs below the plot, where nobody sees it, and across it at the time `now`.
     """
     place = int(np.searchsorted(grid, now))
+    # Three points at one time: below the plot, at its top, below: a vertical line.
     time = np.insert(grid, place, [now] * 3)
     cursor = np.full(len(time), ends[0] - (ends[1] - ends[0]))
     cursor[place + 1] = ends[1]

@@ -77,6 +77,7 @@ def put_on_stage(server: Any, picture: Picture) -> Stage:
 def place(frames: Sequence[Any], placements: Sequence[pin.SE3]) -> None:
     """Move the frames of bodies to their placements."""
     for frame, placement in zip(frames, placements, strict=True):
+        # Eigen has the scalar last, viser first.
         x, y, z, w = pin.Quaternion(placement.rotation).normalized().coeffs()
         frame.position = tuple(placement.translation)
         frame.wxyz = (w, x, y, z)
@@ -154,6 +155,7 @@ def aim(camera: Any, points: Array, middle: Array, up: Array, window_px: tuple[i
         np.abs(x) / (run * (right - left) / 2), np.abs(y) / (rise * (high - low) / 2)
     )
     away = float(np.max(sizes + depth)) or 1.0
+    # Camera and target move together, so that the middle is seen in the middle of the free part.
     shift = run * (left + right) / 2 * aside + rise * (low + high) / 2 * above
     target = middle - away * shift
     camera.position = tuple(target + away * back)
@@ -213,6 +215,7 @@ def _drum_size(picture: Picture, index: int) -> tuple[float, float]:
         if shape.body == index + 1:
             along = shape.vertices @ axis
             distance = np.linalg.norm(shape.vertices - along[:, None] * axis, axis=1)
+            # Only vertices near the axis hide the drum; those of the link's far end do not.
             near = np.abs(along[distance < 3.0 * radius])
             half_length = max(half_length, float(np.max(near, initial=0.0)) + 0.3 * radius)
     return radius, min(half_length, 4.0 * radius)

@@ -80,6 +80,7 @@ class View(Display):
     def url(self) -> str:
         """The address to open in a browser."""
         host = self.server.get_host()
+        # These mean "all interfaces" to a server, and are no addresses to open.
         shown = "localhost" if host in ("0.0.0.0", "::", "") else host
         return f"http://{f'[{shown}]' if ':' in shown else shown}:{self.server.get_port()}"
 
@@ -137,6 +138,7 @@ class View(Display):
         """Close the window and free its port."""
         if not self._ended.is_set():
             self._ended.set()
+            # First, because the clock writes to the server.
             self._clock.join()
             stop_quietly(self.server)
 
