@@ -146,6 +146,7 @@ def _text(shape: tuple[int | None, ...]) -> str:
 def connected_groups(links: BoolArray) -> list[list[int]]:
     """Return the connected components of an undirected graph (n, n), each in rising order."""
     reached = links | links.T | np.eye(len(links), dtype=bool)
+    # A product of boolean matrices doubles the longest path: the closure after log2(n) products.
     while not np.array_equal(further := reached @ reached, reached):
         reached = further
     return [np.flatnonzero(row).tolist() for i, row in enumerate(reached) if not row[:i].any()]
@@ -195,6 +196,8 @@ def resolution(values: Array) -> float:
     """Return the resolution of a channel (T,): its smallest change, 0 for a constant channel."""
     changes = np.abs(np.diff(np.unique(values[np.isfinite(values)])))
     largest = np.max(np.abs(values[np.isfinite(values)]), initial=0.0)
+    # Conversions of units split equal values by rounding; what is left are true steps, of which the
+    # smallest may be an outlier of rounded decimals.
     changes = changes[changes > 1e-9 * largest]
     return float(np.percentile(changes, 5)) if len(changes) else 0.0
 

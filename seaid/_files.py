@@ -75,6 +75,7 @@ def point_latest(target: Path) -> None:
             os.symlink(target.name, temporary)
         except OSError:  # a file system without links
             temporary.write_text(target.name, encoding="utf-8")
+        # A rename is atomic: there is no instant without `latest`.
         os.replace(temporary, link)
 
 
@@ -84,6 +85,7 @@ def owned_folder(parent: Path) -> Iterator[Path]:
 
     This process locks it while it lives. Folders of processes that were killed are removed before.
     """
+    # A lock is gone with its process, also a killed one: what can be locked is abandoned.
     for folder in parent.glob(f"{_TEMPORARY}*/"):
         with suppress(OSError), _locked(folder) as is_abandoned:
             if is_abandoned:
@@ -230,10 +232,13 @@ def _replacing(target: Path, old: os.stat_result | None) -> Iterator[Path]:
     temporary = target.with_name(f"{_TEMPORARY}{secrets.token_hex(8)}{_suffix(target)}")
     flags = os.O_CREAT | os.O_EXCL | os.O_WRONLY
     try:
+        # A new file gets the user's umask. In place of an existing one nobody else may read it
+        # before it has the mode of that one.
         number = os.open(temporary, flags, 0o666 if old is None else 0o600)
         try:
             yield temporary
             os.fsync(number)
+            # In this order: a change of owner clears the set-user-id bits of the mode.
             if old is not None:
                 with suppress(PermissionError):
                     os.fchown(number, old.st_uid, old.st_gid)
@@ -263,6 +268,7 @@ def _opened(path: Path, status: os.stat_result) -> BinaryIO:
     for stream in (sys.stdout, sys.stderr):
         if stream is not None:
             stream.flush()  # earlier output comes first
+    # Closing the copy leaves stdout itself open.
     return os.fdopen(os.dup(number), "wb")
 
 
@@ -397,6 +403,7 @@ def _read(
 
 def _check(where: str, content: Any, error: type[SeaidError]) -> None:
     """Raise `error` naming the first value that is too deep, not finite or not plain data."""
+    # No recursion, so that its depth is no limit before `_MOST_DEPTH` is.
     stack: list[tuple[Any, _Place, int]] = [(content, None, 0)]
     while stack:
         value, place, depth = stack.pop()
@@ -439,6 +446,7 @@ def _text(place: _Place) -> str:
 
 
 def _without_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    # Python's reader would take the last of several equal keys without a word.
     entries = dict(pairs)
     if len(entries) < len(pairs):
         seen: set[str] = set()

@@ -279,6 +279,7 @@ def hints_of(function: Callable[..., Any]) -> dict[str, Any]:
         try:
             return get_type_hints(function, localns=known)
         except NameError as problem:
+            # One unknown name per round, each imported by the module for type checkers only.
             name = str(problem.name)
             known[name] = getattr(sys.modules["seaid"], name, getattr(package, name, Any))
 
