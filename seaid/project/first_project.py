@@ -484,6 +484,7 @@ def _is_held(log: Log, kind: str, joint: str) -> bool:
     that are rounded leave a small part of a step in the next sample.
     """
     steps = np.abs(np.diff(log.sensors()[kind][:, log.joint_names.index(joint)]))
+    # Each step weighted by itself: many zeros of a held command do not lower this mean.
     size = float(steps @ steps) / max(float(np.sum(steps)), np.finfo(float).tiny)
     changes = np.flatnonzero(steps > _PART_OF_STEP * size)
     if len(changes) < _LEAST_STEPS:
@@ -699,6 +700,7 @@ def _drive_of_encoders(
         _ratio(time[half], motor[half], joint[half], None if torque is None else torque[half])[0]
         for half in (slice(middle), slice(middle, None))
     )
+    # Half the difference of both halves shows what the model of the fit lacks, such as drift.
     error = float(np.hypot(error, 0.5 * (first - second)))
     key = _ratio_key(robot, index)
     table: dict[str, object] = {"type": "stiff", key: float(f"{ratio:.5g}"), f"{key}_std": error}
@@ -735,11 +737,14 @@ def _ratio(
     if torque is not None:
         speed = np.gradient(signals[:, 0], time)
         width = _WIDTH * max(float(np.std(speed)), np.finfo(float).tiny)
+        # tanh, because the low pass has rounded the reversals of the torque as well.
         columns += [signals[:, 2], speed, np.tanh(speed / width), np.gradient(speed, time)]
+    # One period of the low pass is its transient at each end.
     end = min(int(rate_hz / _BAND_HZ), len(time) // 4)
     rows, turned = np.column_stack(columns)[end : len(time) - end], signals[end : -end or None, 0]
     fit = safely(np.linalg.lstsq, rows, turned, rcond=None, what="a ratio", error=LogError)[0]
     difference, misfit = turned - fit[0] * rows[:, 0], turned - rows @ fit
+    # Of motor - N joint, what torque and motion explain is a spring's; the rest is neither.
     rest = float(np.var(misfit) / max(float(np.var(difference)), 1e-300))
     return float(fit[0]), 1 - rest, float(np.std(misfit) / max(float(np.std(rows[:, 0])), 1e-300))
 

@@ -374,6 +374,7 @@ def _thinned_validation(validation: Validation) -> Validation:
     lengths = [len(motion.time) for motion in validation.motions]
     if sum(lengths) != len(validation.time):
         return validation
+    # The torques of all motions follow each other, and are thinned as each motion is.
     starts = np.cumsum([0, *lengths])
     kept = np.concatenate(
         [
@@ -478,6 +479,7 @@ class _Joint:
 def _robot(content: Mapping[str, Any]) -> Robot:
     """Return the robot of `_robot_fields`."""
     joints = [_as_annotated(_Joint(**values)) for values in content["model"]["joints"]]
+    # Pinocchio's joint 0 is the base, and joint place + 1 is here: its parent has a lower number.
     if any(not 0 <= joint.parent <= place for place, joint in enumerate(joints)):
         raise ValueError("a joint of the robot comes before its parent")
     own_bodies = len(content["body_names"]) - (content["floating_base"] is not None)
@@ -490,6 +492,7 @@ def _robot(content: Mapping[str, Any]) -> Robot:
         for joint, drive in drives_from_mapping(tables).items()
     }
     robot: Robot = _as_annotated(Robot(**{**content, "model": model, "drives": drives}))
+    # `model_of` makes joints only: this sets the inertias of the model.
     return robot.with_values(robot.parameters, drives)
 
 
