@@ -106,6 +106,8 @@ def with_project(
     _CONTEXT.set(context)
     if context.obj is None and context.command.name not in ("init", "run"):
         project = _project_of(values)
+        # Typer fills in defaults while it parses: the line is parsed again with those of the
+        # project, and this first call ends.
         if project is not None and context.parent is not None:
             _run_again(context, context.parent, project)
             return None

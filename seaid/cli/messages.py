@@ -59,6 +59,7 @@ _CALL.set(_Call())
 
 def begin(command: str, arguments: Sequence[str]) -> None:
     """Note which command runs, so that errors in its arguments can be JSON too."""
+    # Behind "--" all words are arguments, also "--json".
     leading = list(arguments)[: list(arguments).index("--")] if "--" in arguments else arguments
     _CALL.set(_Call(command, "--json" in leading))
 

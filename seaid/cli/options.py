@@ -398,6 +398,7 @@ def with_groups(command: Callable[..., None]) -> Callable[..., None]:
     keyword = Parameter.KEYWORD_ONLY
     optional = [p.replace(default=None) if p.name in required else p for p in parameters]
     first = Parameter("context", Parameter.POSITIONAL_OR_KEYWORD, annotation=typer.Context)
+    # Typer reads the options of a command from its signature.
     run.__signature__ = Signature([first, *(p.replace(kind=keyword) for p in optional)])  # type: ignore[attr-defined]
     return run
 
