@@ -126,6 +126,7 @@ def share(value: float) -> str:
     if abs(per_cent) >= 99.5:
         text = f"{per_cent:.0f}" if abs(per_cent) < 1e4 else "> 10⁴"
     else:
+        # Two digits: a value of 10^p has its second one 1 - p places behind the point.
         decimals = 0 if per_cent == 0 else max(0, 1 - _power(abs(per_cent)))
         text = f"{per_cent:.{min(decimals, 6)}f}"
     return f"{text.replace('-', '−')}\N{NO-BREAK SPACE}%"
@@ -155,6 +156,7 @@ def _fixed(value: float, last: int, shift: int) -> str:
         return NONE
     decimals = max(shift - last, 0)
     text = f"{value / 10.0**shift:.{decimals}f}"
+    # A rounded -0.004 is 0.00, not -0.00.
     text = text.removeprefix("-") if float(text) == 0 else text
     return powers_of_ten(f"{text}e{shift}" if shift else text)
 
@@ -372,6 +374,7 @@ def term_table(identification: Identification) -> Table:
     rows = [
         (
             term_name(side, term),
+            # `growth` is that of the sum of squares, its root that of the residual.
             f"× {math.sqrt(term.growth):.4g}",
             short(term.F),
             probability(term.p_value),

@@ -83,6 +83,7 @@ def page_verdict(
     """Return the verdict on an identification with its numbers."""
     verdict = verdict_with(result, [*(run.result for run in runs), *replays])
     said = verdict.sentence.partition(": ")
+    # The page has the level in large letters already: the sentence goes on without it.
     is_repeated = said[0] in ("good", "usable with care", "do not use this result")
     because = "" if verdict.level == "good" else "because of "
     sentence = because + said[2] if is_repeated else verdict.sentence
@@ -261,6 +262,7 @@ def _autocorrelated(identification: Identification) -> Iterator[str]:
 def _excluded(identification: Identification) -> Iterator[str]:
     instants = sum(len(row_samples(motion)) for motion in identification.motions)
     for side, count in identification.excluded.items():
+        # An instant has one equation (7) per motor; (8) has one per torque and axis of the base.
         rows = instants * (_load_rows(identification) if side == "load" else 1)
         if rows and count > _LARGE_EXCLUDED_SHARE * rows:
             where = "The load side" if side == "load" else f"The actuator side of {side}"

@@ -167,6 +167,7 @@ def frequency_table(found: FrequencyResponse) -> Text:
         for name, value, error, unit in entries(estimate)
     ]
     header = ["parameter", "estimated", "std. error", "unit"]
+    # (F, n, n) -> (F, n): each joint's angle over its own motor torque.
     size = np.abs(np.einsum("fii->fi", found.response))
     parts = [np.einsum("fii->fi", std) / size for std in (found.noise_std, found.total_std)]
     quality = [
