@@ -260,6 +260,7 @@ def write_calibration(found: StaticCalibration, path: str | Path, *, name: str =
         Layer(statics.load[down], residual[down], "sample down"),
         *(
             Layer(statics.load[of], np.full(int(of.sum()), level), "identified", "line")
+            # Load = law + friction sign(direction): what the law leaves is one level per direction.
             for of, level in ((up, friction), (down, -friction))
             if friction and of.any()
         ),
@@ -321,6 +322,7 @@ def runs_of(identification: Identification, results: Sequence[Validation]) -> li
     fits = [compared(identification, motion) for motion in identification.motions]
     runs = [Run(_name("own log", place, fits), fit, False) for place, fit in enumerate(fits)]
     for place, result in enumerate(results):
+        # By the samples and not by names: a log that was identified from is no test.
         seen = any(_is_same_motion(result, fit) for fit in fits)
         name = _name("validation", place, results)
         runs.append(Run(name, result, not seen))
@@ -566,6 +568,7 @@ def _before_and_after(
     identification: Identification, nominal: Nominal, result: Validation
 ) -> list[BeforeAfter]:
     """Return the errors of the nominal and of the identified values on one motion."""
+    # The same equations and motions with other values, so that both errors are of the same samples.
     nominal_result = with_nominal_values(identification, nominal)
     before = compared(nominal_result, *result.motions) if result.motions else None
     return before_and_after(nominal, before, result)
@@ -577,6 +580,7 @@ def _packed_parameters(identification: Identification, results: Sequence[Validat
         return ""
     content = identification.to_dict(results[0] if results else None)
     text = json.dumps(plain(content), indent=2, allow_nan=False)
+    # Without the time of writing, so that equal results are equal pages.
     return base64.b64encode(gzip.compress(text.encode(), mtime=0)).decode("ascii")
 
 

@@ -263,6 +263,7 @@ def singular_values(result: Identification) -> SingularValues | None:
 
 def fitted_motions(identification: Identification) -> list[Motion]:
     """Return the motions used, with the torque through the gears where friction depends on it."""
+    # Friction that depends on the load needs the torque through the gear, which the fit has made.
     if not under_load(identification.known, identification.model.torque_joints):
         return list(identification.motions)
     model, theta = identification.model, identification.load_side.values
@@ -303,6 +304,7 @@ def correlation_map(identification: Identification) -> CorrelationMap:
     others = np.abs(np.nan_to_num(values - np.eye(total)))
     kept = np.arange(total)
     if total > _MOST_PARAMETERS:
+        # Those with the strongest correlation to any other, again in the order of the parameters.
         kept = np.sort(np.argsort(-others.max(axis=0), kind="stable")[:_MOST_PARAMETERS])
     rows, columns = np.triu_indices(total, 1)
     order = np.argsort(-others[rows, columns], kind="stable")[:_STRONGEST]

@@ -245,6 +245,7 @@ def _links(posture: Posture, view: _View, name: str) -> str:
 def _joint(posture: Posture, view: _View, joint: int, center: Array, label: Label) -> str:
     """Return a cylinder along the axis of a revolute joint, a box on a rail of a prismatic one."""
     size, axis = posture.joint_size, posture.axes[joint]
+    # The face towards the eye is drawn over the side.
     axis = axis if float(axis @ view.rows[2]) >= 0 else -axis
     text = f"{posture.robot.all_joint_names[joint]}: {label.value}"
     head = f'<g class="joint {label.colour}"><title>{escape(text)}</title>'
@@ -258,6 +259,7 @@ def _joint(posture: Posture, view: _View, joint: int, center: Array, label: Labe
             f'<path class="box" stroke-width="{width:.1f}" d="{box}"/></g>'
         )
     rim = 0.62 * _circle(axis, 48)
+    # Both faces of the cylinder; in parallel projection its outline is their common convex hull.
     near, far = (view.places(center + size * (rim + k * axis)) for k in (0.75, -0.75))
     body = _hull(np.concatenate([near, far]))
     dot = view.places((center + 0.75 * size * axis)[None])[0]

@@ -76,6 +76,7 @@ def torque_units(robot: Robot, side: str) -> list[str]:
 def _drawn_runs(runs: Sequence[Run]) -> list[Run]:
     """Return the runs whose traces fit in the page, in their order."""
     kept: list[Run] = []
+    # False sorts before True: unseen runs come first.
     for run in sorted(runs, key=lambda run: not run.is_unseen):
         if not kept or sum(map(_count, [*kept, run])) <= _MOST_TRACES:
             kept.append(run)
@@ -273,6 +274,7 @@ def envelope(trace: Array, stretch: int) -> Array:
     known = np.where(np.isfinite(padded), padded, 0.0)
     places = np.sort([np.argmin(known, axis=1), np.argmax(known, axis=1)], axis=0)
     extremes = np.take_along_axis(padded, places.T, axis=1)
+    # Also where one sample only is missing: an extreme among the others could be a false one.
     extremes[~np.all(np.isfinite(padded), axis=1)] = np.nan
     return np.asarray(extremes.ravel())
 
@@ -310,6 +312,7 @@ class Bands:
         # A sine of amplitude a has |DFT| = a sum(window)/2 at its line.
         lines = 2 * np.abs(np.fft.rfft(window * centred)) / max(float(window.sum()), 1e-300)
         amplitude = np.maximum.reduceat(lines[: self.end], self.start)
+        # The page has logarithms of amplitudes, and a constant residual has none.
         return np.maximum(amplitude, max(_DEEPEST * float(np.max(amplitude)), 1e-300))
 
 
