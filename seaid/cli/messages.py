@@ -142,6 +142,7 @@ def _json(content: Any) -> str:
 def error_text(problem: BaseException | None) -> str:
     """Return an error and its context in one line, with options in place of arguments."""
     text = str(problem)
+    # An error that was raised again with more words has the arguments of the first in its context.
     while problem is not None:
         for argument in getattr(problem, "arguments", ()):
             text = text.replace(argument, option_of(argument))
