@@ -132,6 +132,7 @@ def new_element(tag: str, children: Mapping[str, Mapping[str, str]]) -> bytes:
 
 def with_content(text: bytes, parent: Element, elements: Iterable[bytes]) -> Edit:
     """Return the edit that inserts elements at the start of another, indented as its children."""
+    # Empty where the parent does not begin its line: text on one line stays on one line.
     outer = _indent(text, parent.start)
     if not is_empty(text, parent):
         # The line end and the indentation of the first child, not of </parent>.
@@ -340,6 +341,7 @@ def _bodies(robot: Robot, tree: UrdfTree, notes: list[str], force: bool) -> dict
         fixed = {link: tree.links[link] for link in placements if np.any(tree.links[link])}
         # Inertial parameters about one frame add up: those of the link are the sum less the parts.
         rest = _rest(lump, [in_parent_frame(ten, placements[link]) for link, ten in fixed.items()])
+        # The parts are those of the file: if it has them too heavy, the rest has a negative mass.
         is_consistent = is_physical(rest, THIN) and not _is_massless(rest)
         if fixed and not is_consistent and is_physical(lump, THIN):
             notes.append(

@@ -132,6 +132,7 @@ def run_project(
             names += [Path(places[name], each) for each in written]
             notes += refused
         _copy_inputs(project, folder)
+        # A rename is atomic: nobody sees a folder of a run that is half written.
         target = _renamed(folder, project.folder)
     try:
         point_latest(target)
