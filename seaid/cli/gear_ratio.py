@@ -67,6 +67,7 @@ def _ratio(robot: Robot, logs: Sequence[Log], joint: str) -> dict[str, Any]:
         if drive.is_elastic:
             if log.deflection is None or not np.all(np.isfinite(log.deflection[:, place])):
                 return _ratio_of_motor_equation(robot, logs, joint)
+            # d = r_M/(N r_L) theta_M - q by (3), so that r_L/r_M (q + d) = theta_M/N.
             behind = behind + log.deflection[:, place]
         pair = log.motor_position[:, place], lever * behind
         if not all(np.all(np.isfinite(angles)) for angles in pair):
