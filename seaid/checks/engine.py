@@ -96,11 +96,13 @@ class ModelComparison:
     @property
     def is_better(self) -> bool:
         """Whether the criterion and the prediction improve, whatever the part of the residual."""
+        # The quantile of Student's t: 2.36 standard errors of the mean of eight blocks.
         least = float(stdtrit(self.blocks - 1, CONFIDENCE))
         return self.bic > 0 and self.improvement > 0 and self.t > least
 
     def criterion(self, rows: float) -> float:
         """Return the information criterion for a number of independent rows, larger if better."""
+        # BIC with its sign turned: -n log(RSS / RSS_0) - k log n (Schwarz 1978).
         return -rows * math.log(max(1 - self.explained, 1e-300)) - self.parameters * math.log(rows)
 
 
@@ -114,6 +116,7 @@ def best_of(supported: Mapping[Model, ModelComparison]) -> Model | None:
     """
     if not supported:
         return None
+    # Criteria of different numbers of rows are not comparable: each grows with its number.
     rows = min(comparison.independent for comparison in supported.values())
     return max(supported, key=lambda model: supported[model].criterion(rows))
 
@@ -135,18 +138,24 @@ def compare_models(
     # columns: the shared ones, those that some alternative replaces, those of alternatives, y
     parts = [rows.H[:, core], rows.H[:, replaced], *(model.columns for model in alternatives)]
     X = equation.weight[:, None] * np.column_stack([*parts, rows.y])
+    # The factors R_b of the blocks have all sums of squares that follow: R_b^T R_b = X_b^T X_b.
     factors = [triangle(X[block]) for block in time_blocks(rows, segments=SEGMENTS)]
     joint_factor = np.concatenate(factors)
+    # What the core leaves of the other columns and of y has the residuals of the whole model.
     whole = _without_core(joint_factor, len(core))[1]
     blocks = cache(partial(_held_out, factors, len(core)))
     base = list(range(len(replaced)))
+    # Row by row, not as a factor: the autocorrelation of the residual needs the order in time.
     rest = X[:, p:] - X[:, :p] @ _without_core(joint_factor, p)[0]
     comparisons, start = [], p
     for model in alternatives:
         places = list(range(start, start + model.columns.shape[1]))
         start += len(places)
+        # Places in `whole`, which begins with the columns that some alternative replaces.
         kept = [k for k, place in enumerate(replaced) if place not in model.replaced]
         larger = [*kept, *(k - len(core) for k in places)]
+        # RSS_0 / RSS of the smaller and the larger model: below one if columns that replace others
+        # fit worse than these.
         growth = _squares(whole, base) / max(_squares(whole, larger), 1e-300)
         explained, count = 1 - 1 / max(growth, 1e-300), 1.0
         part = equation.squares(np.any(model.columns != 0, axis=1)) / max(
@@ -155,6 +164,7 @@ def compare_models(
         share = explained / max(part, 1e-300)
         if in_full or share > LEAST_EXPLAINED:
             count = _independent_rows(rows, rest[:, [k - p for k in places]], rest[:, -1])
+        # With n independent rows and n' = n - p - k: n' log(RSS_0 / RSS) - k log n - 2 log(asked).
         freedom = max(count - p - model.parameters, 1.0)
         penalty = model.parameters * math.log(count) + 2 * math.log(max(asked, 1))
         bic = freedom * math.log(max(growth, 1e-300)) - penalty  # Chen and Chen 2008
@@ -164,6 +174,7 @@ def compare_models(
                 np.array([np.sum(_left(*block, columns) ** 2) for block in blocks()])
                 for columns in (base, larger)
             )
+        # F = ((RSS_0 - RSS) / k) / (RSS / n')
         F = freedom / model.parameters * max(growth - 1, 0.0)
         numbers = bic, F, explained, *_changes(without, within), count, model.parameters, share
         comparisons.append(ModelComparison(*numbers))
@@ -178,6 +189,7 @@ def _independent_rows(rows: Regression, columns: Array, residual: Array) -> floa
     """
     svd = scaled_svd(columns)
     error = residual - columns @ svd.solve(residual)
+    # The left singular vectors are orthonormal columns with the same span: (H^T H)^-1 is 1.
     scores = long_run_of(svd.left[:, : max(svd.rank(), 1)], error, rows.time, rows.run)
     return len(residual) / max(scores.inflation(np.eye(len(scores.white))), 1.0)
 
@@ -185,7 +197,9 @@ def _independent_rows(rows: Regression, columns: Array, residual: Array) -> floa
 def _changes(without: Array, within: Array) -> tuple[float, float, int, int, float]:
     """Return the `improvement`, its `improvement_std`, `better`, `blocks` and `t`."""
     change, total = without - within, max(float(np.sum(without)), 1e-300)
+    # From -1 to 1 per block: a block with large errors has no more weight than any other.
     relative = change / np.maximum(without + within, 1e-300)
+    # The sum of n changes has sqrt(n) times the standard deviation of one.
     std = math.sqrt(len(change)) * float(np.std(change, ddof=1)) / total
     t = max(_t(change), _t(relative))
     return float(np.sum(change)) / total, std, int(np.sum(change > 0)), len(change), t
@@ -202,6 +216,7 @@ def _without_core(X: Array, p: int) -> tuple[Array, Array]:
     R = triangle(X)
     svd = scaled_svd(R[:, :p])
     kept = slice(svd.rank(ROUNDING))
+    # y - U U^T y: also right where columns of the core depend on each other.
     seen = svd.left[:, kept].T @ R[:, p:]
     scaled = svd.vectors[kept].T @ (seen / svd.sizes[kept, None])
     return scaled / svd.norms[:, None], triangle(R[:, p:] - svd.left[:, kept] @ seen)
@@ -215,6 +230,7 @@ def _held_out(factors: Sequence[Array], core: int) -> list[tuple[Array, Array]]:
     """
     pairs = []
     for place, block in enumerate(factors):
+        # Factors add up by stacking: without block b there is no pass over the rows again.
         others = np.concatenate([*factors[:place], *factors[place + 1 :]])
         coefficients, rest = _without_core(others, core)
         pairs.append((rest, block[:, core:] - block[:, :core] @ coefficients))
@@ -323,6 +339,7 @@ class Equation:
     @cached_property
     def weight(self) -> Array:
         """The weight (R,) of each row."""
+        # (E,) -> (R,): the weights are in the order of the equations that have rows.
         places = np.searchsorted(np.unique(self.rows.joint), self.rows.joint)
         return np.asarray(self.weights[places])
 
@@ -360,6 +377,7 @@ class Equation:
         rows, X = self.rows, self.weight[:, None] * self.rows.H
         svd = scaled_svd(self.factor[:, :-1])
         kept = slice(svd.rank())
+        # root root^T = (X^T X)^+ in the units of the parameters.
         root = (svd.vectors[kept].T / svd.sizes[kept]) / svd.norms[:, None]
         scores = long_run_of(X, self.residual, rows.time, rows.run).for_normal_intervals
         bread = (root @ root.T)[len(root) - count :]  # of the sandwich B S B^T
@@ -384,6 +402,8 @@ class Equation:
         of_joints = [
             rows & (self.rows.joint == joint) for joint in np.unique(self.rows.joint[rows])
         ]
+        # All rows of a joint have one weight: std(y) |w| is the norm of the weighted changes of its
+        # torque, and LEAST_TORQUE is a ratio of rms values.
         torques = [np.std(self.rows.y[x]) * np.linalg.norm(self.weight[x]) for x in of_joints]
         needed = (LEAST_TORQUE * min(torques, default=0.0)) ** 2
         needed = max(LEAST_EXPLAINED * self.squares(rows), needed)
@@ -437,6 +457,7 @@ def compared_candidates(
     compared = compare_models(equation, models, asked, in_full=not only_promising)
     best: dict[Candidate, Trial] = {}
     for (candidate, alternative), comparison in zip(tested, compared, strict=True):
+        # All points of a grid have the same number of parameters: the best one explains most.
         trial = best.get(candidate)
         if trial is None or comparison.explained > trial.comparison.explained:
             best[candidate] = Trial(candidate, comparison, alternative)
@@ -490,6 +511,7 @@ def forward_selection(
     current, remaining = equation, list(candidates)
     with suppress(IdentificationError):  # too few rows
         while len(steps) < MOST_ACCEPTED:
+            # Asked for one test: the 2 log(asked) of the criterion is in `least_bic` already.
             compared = compared_candidates(current, remaining, 1, only_promising=True)
             first = first or compared
             strong = [trial for trial in compared if trial.comparison.bic >= least_bic]
@@ -499,6 +521,7 @@ def forward_selection(
             larger = current.with_alternatives([best.alternative])
             rows = np.any(best.alternative.columns != 0, axis=1)
             whole, before, after = (model.squares(rows) for model in (equation, current, larger))
+            # Over the residual of the fit, not of this step: the shares at the same rows add up.
             share = (before - after) / max(whole, 1e-300)
             steps.append((best, share, _rivals(best, strong, least_gain)))
             current = larger
@@ -538,9 +561,11 @@ def _rivals(best: Trial, supported: Iterable[Trial], least_gain: float) -> list[
 
 def time_blocks(rows: Regression, count: int = BLOCKS, segments: int = 1) -> list[BoolArray]:
     """Return `count` masks of rows: blocks of segments of equal length in time, in turn."""
+    # By log, then by time: all joints of an instant are in one segment, but at its ends.
     order = np.lexsort((rows.time, rows.run))
     place = np.empty(len(order), dtype=np.intp)
     place[order] = np.arange(len(order))
+    # Segment s of count * segments is in block s mod count.
     block = place * count * segments // max(len(order), 1) % count
     masks = [np.asarray(block == place) for place in range(count)]
     if len(order) < count * 2 or len(order) * (count - 1) / count <= rows.H.shape[1]:
