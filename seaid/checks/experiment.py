@@ -47,6 +47,7 @@ _ARRAYS = {"q": ("joint",), "m": ("motor", "direction"), "t": ("torque", "torque
 
 def inertial_parameters(mass: float, moments: Array, J: Array) -> Array:
     """Return ten parameters in the order of Pinocchio: m, m c and the inertia at the joint."""
+    # Ixx, Ixy, Iyy, Ixz, Iyz, Izz
     return np.array([mass, *moments, *J[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]])
 
 
@@ -131,6 +132,7 @@ class Experiment:
     @cached_property
     def apart(self) -> Array:
         """Angles (R, n) of the motors behind the gears less those of the joints."""
+        # The stretch of the spring in (3) over r_L: r_M / (N r_L) theta_M - theta_L.
         return np.asarray(self.motor[0] / self.lever - self.turned[0])
 
     @cached_property
@@ -142,6 +144,7 @@ class Experiment:
     @cached_property
     def target(self) -> Array:
         """Torque on the load (R, n): sensed, or of the motor without that on its rotor."""
+        # (7) into (4b) without friction: tau_L = N r_L / r_M (tau_M - I_M theta_M'').
         of_motor = self.lever * (self.torque - self.inertia * self.motor[2])
         return np.asarray(np.where(np.isnan(self.torque), self.sensed, of_motor))
 
@@ -166,6 +169,7 @@ class Experiment:
     def friction(self) -> Array:
         """Columns (n, R, 3) of viscous friction, Coulomb friction and a constant."""
         ones = np.ones_like(self.direction)
+        # The speed over its largest value, from -1 to 1: as large as the sign, and without a unit.
         scaled = self.motor[1] / np.maximum(np.max(np.abs(self.motor[1]), axis=0), _LEAST)
         return np.stack([scaled, self.direction, ones], axis=-1).swapaxes(0, 1)
 
@@ -177,6 +181,7 @@ class Experiment:
         """
         robot = self.robot
         has_spring = ["linear" in drive.parallel_spring for drive in robot.drives.values()]
+        # tau_phi = C^-T tau: a spring at joint i acts on drive j with (C^-T)_ji of its torque.
         at_drive = torques_at_drives(robot.transmission, np.eye(robot.n))[:, j]
         springs = self.joint[0] * (at_drive * np.array(has_spring))
         return np.hstack([self.friction[j], springs[:, np.any(springs != 0, axis=0)]])
@@ -230,6 +235,7 @@ class Experiment:
         """
         parts = [self.regressor[:, j] for j in joints]
         A = np.hstack([*(block_diag(*each) for each in columns), np.concatenate(parts)])
+        # (R, joints) -> (joints R,): the equations are joint by joint.
         weight = (rows / self._torque_sizes[joints]).T.ravel()
         A *= weight[:, None]
         norms = np.linalg.norm(A, axis=0)
@@ -290,11 +296,14 @@ class Experiment:
             columns = np.column_stack([self.torque_rate[:, j], others, self.apart[:, j]])
             if np.sum(rows) > 3 * columns.shape[1]:
                 x, covariance = fitted(columns[rows], y[rows])
+                # A torque that is late by d is tau - d tau': the coefficient of tau' is -d.
                 delays[j] = -float(x[0]), float(np.sqrt(covariance[0, 0]))
         stiff = [j for j in driven if j not in self._elastic]
         if stiff:
             rates = [self.lever[j] * self.torque_rate[:, [j]] for j in stiff]
             friction = [self._any_friction(j, bool(self._is_open[j])) for j in stiff]
+            # At once, because a late torque spoils the bodies, and with them the other joints.
+            # The rates come first: x[:joints] are minus the delays.
             A, b = self._next_to_bodies(stiff, self._moving[:, stiff], rates, friction)
             x, covariance = fitted(A, b, len(stiff))
             errors = np.sqrt(np.diag(covariance))
@@ -327,7 +336,9 @@ class Experiment:
                 columns = np.column_stack([joint, np.ones(len(joint)), zeros])
                 x = scaled_svd(columns).solve(motor)
                 slope, residual = float(x[0]), motor - columns @ x
+                # Not over the root of the number of rows: errors of a gear do not average out.
                 error = float(np.std(residual)) / max(float(np.std(joint)), _LEAST)
+            # The slope is N r_L / r_M, the gear ratio is N.
             per_ratio = float(self.ratio[j] / self.lever[j])
             ratios[j] = slope * per_ratio, error * abs(per_ratio)
         return ratios
@@ -383,6 +394,7 @@ class Experiment:
             # cables, screws and covers weigh much next to a small body, little next to a large one
             share = np.clip(tol.SLIGHT * total / max(mass, _LEAST), tol.BODY, 1.0)
             length = max(tol.CENTRE_M, tol.BODY * size / max(mass, _LEAST))
+            # All six moments of inertia by the same half of their values: the body keeps its shape.
             inertia = np.where(np.arange(10) < 4, 0.0, tol.MOST * body)
             columns = [share * body, length * moved(mass, body[1:4]), inertia]
             blocks.append(np.column_stack(columns))
@@ -426,6 +438,7 @@ class Experiment:
     def _noise(self) -> Array:
         """Standard deviation (n,) of a torque that is no error of bodies, per independent row."""
         misfit, per_row = self._by_any_bodies
+        # R rows with a noise that is sqrt(r) times as large have the information of R / r rows.
         return np.maximum(misfit, tol.FEW) * np.sqrt(per_row) * self._torque_sizes
 
     @property
@@ -488,6 +501,8 @@ class Experiment:
         U, sizes = self._errors
         y = self.over_noise(self.target - self.regressor @ self.bodies)
         along = U.T @ _whitened(y, *self._of_common)
+        # An effect y is most likely at a scale s < |y| / z: beyond the largest of these all effects
+        # become less likely.
         most = max(1.0, float(np.max(np.abs(along) / sizes, initial=0.0)))
         scales = np.geomspace(tol.POOR, most, _SCALES)
         variance = 1 + (scales[:, None] * sizes) ** 2
@@ -527,6 +542,7 @@ class Experiment:
     def _size(self, j: int, residual: Array, friction: Array, size: float = 0.0) -> float:
         """Return the rms of a residual and of friction that drives, over that of the torque."""
         torque, speed = self.friction[j][:, :2] @ friction, self.motor[1][:, j]
+        # The columns are on the target's side of the gear: a gear that reverses turns their sign.
         power = float(np.mean(torque * speed)) * float(np.sign(self.lever[j]))
         drives = max(-power, 0.0) / max(float(np.std(speed)), _LEAST)
         rms = float(np.hypot(np.std(residual), drives))
@@ -539,6 +555,7 @@ class Experiment:
         """
         # not by `misfits`, which computes all kinds: of most transforms only cheap ones are needed
         name, floor = _KINDS[kind]
+        # n / 2 log(rms^2): the likelihood of Gaussian residuals at their most likely size.
         squares = np.minimum(getattr(self, name), tol.TWICE) ** 2 + floor**2
         return float(np.nansum(rows * np.log(squares))) / 2
 
@@ -548,12 +565,14 @@ def correlated_rows(residual: Array) -> float:
     x = residual - np.mean(residual)
     power, lags = float(x @ x), round(2 * math.sqrt(len(x)))
     sums = [(1 - lag / (lags + 1)) * float(x[lag:] @ x[:-lag]) for lag in range(1, lags + 1)]
+    # 1 + 2 sum_l (1 - l / (L + 1)) rho_l, with the autocorrelation rho_l (Newey and West 1987)
     return 1 + 2 * sum(sums) / power if power > 0 else 1.0
 
 
 def _effects(B: Array) -> tuple[Array, Array]:
     """Return orthonormal effects U (rows, k) of columns (rows, m), and their sizes (k,)."""
     squares, V = safely(np.linalg.eigh, B.T @ B, what="nominal bodies", error=IdentificationError)
+    # The tolerance is on squares: an effect counts down to 3e-4 of the largest one.
     kept = squares > RANK_TOLERANCE * squares[-1]
     sizes = np.sqrt(squares[kept])
     return B @ V[:, kept] / sizes, sizes
@@ -561,6 +580,7 @@ def _effects(B: Array) -> tuple[Array, Array]:
 
 def _whitened(y: Array, U: Array, sizes: Array) -> Array:
     """Return rows (rows, ...) times (1 + B B^T)^(-1/2), with B = U diag(sizes)."""
+    # (1 + U S^2 U^T)^(-1/2) = 1 - U (1 - (1 + S^2)^(-1/2)) U^T
     shrunk = ((1 - 1 / np.hypot(1, sizes)) * U) @ (U.T @ y)
     return np.asarray(y - shrunk)
 
@@ -573,6 +593,7 @@ def fitted(columns: Array, y: Array, count: int = 1) -> tuple[Array, Array]:
     residual = (y - columns @ x).reshape(count, -1)
     rows = np.sum(residual != 0, axis=1)  # others are excluded
     sizes = np.linalg.norm(residual, axis=1) / np.sqrt(np.maximum(rows - rank / count, 1))
+    # (X^T X)^+ = inverse^T inverse, in the units of the parameters.
     inverse = (svd.vectors[:rank] / svd.sizes[:rank, None]) / svd.norms
     # the first parameter of each part belongs to its residuals; all parts are weighed alike
     size = np.full(len(x), float(np.sqrt(np.mean(sizes**2))))
@@ -592,6 +613,7 @@ def _slope(columns: Array, y: Array) -> tuple[float, float]:
     def part(rows: slice) -> tuple[float, float, Array]:
         used = columns[rows][:, np.any(columns[rows] != 0, axis=0)]  # zeros of encoders of its logs
         x, covariance = fitted(used, y[rows])
+        # The gradient of -x_1 / x_0, for the error to first order.
         slopes = np.array([x[1] / x[0] ** 2, -1 / x[0]])
         error = float(np.sqrt(slopes @ covariance[:2, :2] @ slopes))
         return float(-x[1] / x[0]), error, (y[rows] - used @ x) / x[1]
@@ -600,9 +622,12 @@ def _slope(columns: Array, y: Array) -> tuple[float, float]:
     count, joint = len(y), columns[:, 1]
     if count > 6 * columns.shape[1]:
         (first, e, _), (second, f, _) = part(slice(count // 2)), part(slice(count // 2, None))
+        # The error e f / sqrt(e^2 + f^2) of the weighted mean of both halves, times their Birge
+        # ratio |first - second| / sqrt(e^2 + f^2).
         error = max(error, abs(first - second) * e * f / max(e**2 + f**2, _LEAST))
     by_angle = residual[np.argsort(joint)]
     shared = max(float(residual[2:] @ residual[:-2]), float(by_angle[1:] @ by_angle[:-1])) / count
+    # Of white noise a mean of products has the standard deviation sigma^2 / sqrt(count).
     smooth = np.sqrt(max(shared - float(residual @ residual) / count**1.5, 0.0))
     return slope, float(np.hypot(error, slope * smooth / max(float(np.std(joint)), _LEAST)))
 
@@ -656,6 +681,7 @@ def experiment_of(robot: Robot, logs: Sequence[Sequence[Motion]]) -> Experiment:
         robot,
         np.repeat([number for number, _ in windows], [len(part["torque"]) for part in parts]),
         logs[0][0].rate_hz,
+        # A side without an encoder was computed from the other one, and differs by rounding only.
         both=np.ptp(apart, axis=0) > 1e-9 * np.ptp(motor, axis=0),
         ratio=ratio,
         inertia=np.array([drive.values.get("motor_inertia", 0.0) for drive in drives]),
@@ -689,9 +715,11 @@ def _windows(motion: Motion) -> list[Motion]:
 def _sampled(robot: Robot, motion: Motion, most: int) -> dict[str, Any]:
     """Return the signals of an experiment, by name, at not many more than `most` instants."""
     rows = row_samples(motion)
+    # (T,) samples -> at most about `most` rows, evenly over the motion.
     rows = rows[:: max(1, math.ceil(len(rows) / most))]
 
     def filtered(signal: Array, samples: IndexArray = rows) -> Array:
+        # A column is NaN at all samples, without its sensor, or at none (`Log`).
         known = in_band_at(motion, np.nan_to_num(signal), samples)
         return np.where(np.isnan(signal[0]), np.nan, known)
 
@@ -705,6 +733,7 @@ def _sampled(robot: Robot, motion: Motion, most: int) -> dict[str, Any]:
         if not is_torque[j] and channel is not None:
             unscaled[:, j] = channel[:, j]
     of_motors = np.where(is_known, motion.motor_torque, np.nan)
+    # At all samples, because the derivative needs the neighbours of a row.
     torque = filtered(of_motors, np.arange(len(of_motors)))
     motor = motion.motor_position, motion.motor_velocity, motion.motor_acceleration
     return {
@@ -772,5 +801,6 @@ def scaled(experiment: Experiment, factors: Mapping[int, float], channels: str) 
     """Return the experiment with channels (q, m, t) of joints times their factors."""
     factor = np.array([factors.get(j, 1.0) for j in range(experiment.robot.n)])
     changed = experiment.with_channels(channels, lambda values: values * factor)
+    # `with_channels` has multiplied the direction by the whole factor, of which it has the sign.
     direction = experiment.direction * np.sign(factor)
     return replace(changed, direction=direction) if "m" in channels else changed
