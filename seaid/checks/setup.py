@@ -115,6 +115,7 @@ def _trial(before: Experiment, transform: Transform) -> _Trial:
     kinds, rows = [*before.misfits], before.independent_rows
     # misfits (kinds, n), of which nothing is less than a hundredth
     x, y = (np.maximum([*each.misfits.values()], tol.FEW) for each in (before, changed))
+    # n log(rms before / rms after): the gain of Gaussian residuals of unknown size.
     gains, is_less = rows * np.log(x / y), y < tol.MOST * x
     falls = {
         (kinds[kind], j): float(y[kind, j] / x[kind, j])
@@ -125,6 +126,7 @@ def _trial(before: Experiment, transform: Transform) -> _Trial:
     shown = float(np.sum(np.where(counts, gains, 0.0))) if falls or is_value else 0.0
     direct = sum(before.cost(kind, rows) - changed.cost(kind, rows) for kind in _DIRECT)
     losses = np.nansum(np.where(y > tol.POOR, -gains, 0.0), axis=1)
+    # z standard errors are z^2 / 2 of a log likelihood.
     if np.max(losses) >= tol.SURE**2 / 2:
         direct = -math.inf
     bodies_of_file = before.file - changed.file
@@ -143,6 +145,7 @@ def mistakes(experiment: Experiment) -> tuple[list[Finding], Experiment]:
             break
         findings.append(_finding(trials))
         experiment = _described(trials[0].transform.changed, findings[-1].remedy)
+        # The file is contradicted as a whole: nothing else is compared with its bodies.
         if trials[0].transform.code == codes.NOMINAL_VALUES:
             experiment = replace(experiment, bodies=np.full_like(experiment.bodies, np.nan))
     return findings, experiment
@@ -209,6 +212,7 @@ def _finding(trials: Sequence[_Trial]) -> Finding:
             f"is left unexplained falls from {before:.0%} to {after:.0%}"
         )
     else:
+        # The inverse of z^2 / 2, which is positive for a transform that is demanded.
         evidence["standard errors"] = math.sqrt(2 * (best.direct + best.bodies))
         severity = "note" if severity == "note" else "doubtful"
         message += (
@@ -233,6 +237,7 @@ def _rivals(trials: Sequence[_Trial]) -> list[_Trial]:
     best, transform = trials[0], trials[0].transform
     rivals = {
         (trial.transform.code, trial.transform.joint): trial
+        # From the worst to the best: of each code and joint the best one stays in the dictionary.
         for trial in reversed(trials)
         if trial.total > best.total - tol.SURE**2 / 2
         and trial.transform.penalty <= transform.penalty + 1  # the simple one of two that agree
@@ -300,6 +305,7 @@ def _signs(experiment: Experiment) -> Iterator[Transform]:
     for j in experiment.used:
         joint, ratio = experiment.robot.joint_names[j], float(experiment.ratio[j])
         speeds = experiment.motor[1][:, j] * experiment.joint[1][:, j]
+        # A negative gear ratio is no wrong sign: it turns the motor against its joint.
         product = float(np.mean(speeds)) * ratio if experiment.both[j] else 1.0
         for sides, penalty in _SIGNS[product > 0].items():
             words, code, evidence = _words(experiment, j, sides), codes.SIGN, {}
@@ -332,6 +338,7 @@ def _in_units(
         moved = factor * float(np.median(np.ptp(experiment.joint[0][:, joints], axis=0)))
         if channels == "qm" and not tol.POOR < moved < 4 * math.pi:
             continue
+        # The slope is motor over joint: a factor on the joint encoder divides it.
         effect = factor if channels == "m" else 1 / factor
         if slope and abs(math.log(slope * effect)) >= 3 * tol.SLIGHT:
             continue
@@ -381,6 +388,7 @@ def _slopes(experiment: Experiment) -> dict[int, tuple[float, float, float]]:
         y = experiment.lever[j] * experiment.torque[:, j]
         has_rotor = experiment.inertia[j] > 0 and bool(np.all(np.isfinite(y)))
         if has_rotor:
+            # The torque N r_L / r_M I_M theta_M'' of the given rotor: its coefficient is a ratio.
             columns.append(experiment.inertia[j] * experiment.lever[j] * experiment.motor[2][:, j])
         y = experiment.sensed[:, j] if np.all(np.isnan(y)) else y
         x, covariance = fitted(np.column_stack(columns), y)
@@ -460,6 +468,8 @@ def _refinement(experiment: Experiment, j: int) -> float:
     torque = np.where(np.isnan(of_motors), experiment.sensed, of_motors)
     z, x = experiment.weighed(is_own * nominal), experiment.weighed(is_own * torque)
     size = float(z @ x)
+    # z . (u + (f - 1) x) = 0 for a factor f on the torque x, of which u is unexplained now:
+    # f = 1 - z . u / z . x.
     inverse = 1 - float(z @ experiment.unexplained) / size if size else 1.0
     return 1 / inverse if 0.5 < inverse < 2.0 else 1.0
 
@@ -478,6 +488,7 @@ def _all_torque_scales(experiment: Experiment) -> Iterator[Transform]:
     is_driven = np.all(np.isfinite(experiment.torque[:, used])) and np.min(lever) >= tol.FAR
     if is_driven and 1 / tol.TWICE < float(np.median(slopes / lever)) < tol.TWICE:
         yield _behind_gears(experiment, middle)
+    # `bodies` include the payloads, `robot.parameters` do not: these were weighed.
     heavier = experiment.bodies + (middle - 1) * experiment.robot.parameters
     yield Transform(
         codes.NOMINAL_VALUES,
@@ -537,6 +548,7 @@ def _times(experiment: Experiment) -> Iterator[Transform]:
     """Yield clocks that run too fast or too slowly by a round factor."""
     for factor in (0.1, 0.5, 2.0, 10.0):
         times, speeds = ("short", "large") if factor < 1 else ("long", "small")
+        # Position, velocity and acceleration in a time t / factor; the torques stay.
         powers = np.array([1.0, factor, factor**2])[:, None, None]
         rate_hz = experiment.rate_hz * factor
         yield Transform(
