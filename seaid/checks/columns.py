@@ -82,6 +82,7 @@ class Side:
     def unexplained(self, joint: str) -> float:
         """Return the error of the equation of a joint over its torque without the mean."""
         rows = self.equation.rows.joint == self.robot.index(joint)
+        # All rows of a joint have one weight, which cancels in the ratio.
         y = self.equation.weight[rows] * self.equation.rows.y[rows]
         return float(np.sqrt(self.equation.squares(rows) / max(float(np.var(y)) * len(y), 1e-300)))
 
@@ -137,6 +138,7 @@ class Side:
             q, v, a = motion.joint_states
             if not filtered:
                 q, v, a = (in_band_at(motion, state, samples) for state in (q, v, a))
+            # (T, n, 10N) @ (10N, k) in parts: the regressor of a long log is too large in memory.
             parts = [slice(start, start + _AT_ONCE) for start in range(0, len(q), _AT_ONCE)]
             columns = np.concatenate(
                 [regressor_at_drives(robot, q[x] + turn, v[x], a[x]) @ bodies for x in parts]
@@ -144,6 +146,7 @@ class Side:
             if filtered:
                 known = with_known_friction(motion, range(robot.n), columns)
                 columns = in_band_at(motion, known, samples)
+            # (instants, n, k) -> (R, k): of each row its instant and its joint.
             torques[places] = columns[instants, rows.joint[places].astype(int)]
         return torques
 
@@ -168,6 +171,7 @@ def resolved_widths(
         step = float(np.median(steps)) if steps else 0.0
         if np.isfinite(step) and step > 0:
             turns = [_change_at_reversal(motion, index) for motion in motions]
+            # Both widen the reversal independently of each other: their squares add up.
             width = float(np.hypot(step, np.median(turns) if turns else 0.0))
             widths[joint] = max([width, *(still_speed(motion, index) for motion in motions)])
     return widths
@@ -267,6 +271,7 @@ def _is_impossible(found: Accepted) -> bool:
     candidate, searched = found.trial.candidate, found.trial.alternative.values
     names = PARAMETERS_OF[candidate.field][candidate.term]
     linear = [name for name in names if name not in searched]
+    # Not strict: a law that replaces columns has the coefficients of these too.
     values = zip(linear, found.coefficients.tolist(), strict=False)
     return any(PARAMETERS[name].is_positive and value < 0 for name, value in values)
 
@@ -316,6 +321,7 @@ def _matters(side: Side, joint: str, trials: Sequence[Trial], share: float) -> b
     # it resembles gravity, which other mistakes change too: it is the cause of a torque that is not
     # explained if that is explained with it, or if nearly nothing is left with bodies of any mass
     before = side.unexplained(joint)
+    # A share is one of squares, an unexplained part one of rms values.
     after = before * float(np.sqrt(1 - share))
     is_exact = 1 - share < POOR and not side.robot.known_bodies
     return (is_exact or before > MOST) and after < MOST

@@ -66,6 +66,7 @@ def with_term(drive: Drive, field: str, term: str) -> Drive:
     kept = (
         name for name in getattr(drive, field) if not any({name, term} <= some for some in alike)
     )
+    # In two steps: a drive refuses values, and known names, of parameters that it does not have.
     bare = replace(drive, nominal={}, known=(), **{field: (*kept, term)})  # type: ignore[arg-type]
     names = bare.parameter_names
     valued = bare.with_values({n: x for n, x in drive.values.items() if n in names})
@@ -76,6 +77,8 @@ def possible_terms(drive: Drive, asked: Mapping[str, Sequence[str]]) -> Iterator
     """Yield the terms (field, term) among those asked for that a drive lacks and can have."""
     for field, terms in asked.items():
         known = getattr(drive, field) if field in term_fields(drive) else terms
+        # Next to a law that is smooth the other shapes are no further terms, but for a shifted one,
+        # which has its shift more.
         smooth = {"friction": COULOMB[1:], "spring": (*DEAD_ZONES, "dahl")}.get(field, ())
         for term in terms:
             instead = {*smooth, "coulomb"} - {"shifted_coulomb"} if {*smooth} & {*known} else ()
@@ -134,10 +137,12 @@ class DriveRows:
         larger = self.robot.with_drives({self.joint: with_term(drive, field, term)})
         old, new = (self.regressor(robot, self.joint) for robot in (self.robot, larger))
         extra = [name for name in new.names if name not in old.names]
+        # What the fit lacks is zero: the column of a nonlinear parameter is the derivative there.
         values = dict.fromkeys(new.names, 0.0) | dict(self.values)
         if "deflection_zero" in extra:
             if values.get("stiffness", 0.0) <= 0:  # the fit does not have the zero
                 return
+            # k x + f_0 = 0: dead zones and odd laws are about the deflection without a force.
             rest = -values.get("spring_offset", 0.0) / values["stiffness"]
             values["deflection_zero"] = grids.get("deflection_zero", (rest,))[0]
         grid = self._grid(extra, grids)
@@ -145,17 +150,20 @@ class DriveRows:
         added = [name for name in extra if name not in (*grid, "deflection_zero")]
         if not added and not grid:  # no part of this equation
             return
+        # A law that replaces the sign of the speed replaces the columns of the fit that have it.
         places = [
             place
             for place, name in enumerate(self.rows.names)
             if parameter_of(name) in changed and self._has(name)
         ]
+        # The columns of all points (T, points c) are filtered at once.
         points = [dict(zip(grid, values_at, strict=True)) for values_at in product(*grid.values())]
         parts = [
             np.hstack([new.columns(signals, values | at, [*changed, *added]) for at in points])
             for signals in self.signals
         ]
         columns = np.split(self.at_rows(parts), len(points), axis=1)
+        # Columns that replace others are no further parameters, values on a grid are.
         more = len(added) + len(grid)
         zero = {name: values[name] for name in ("deflection_zero",) if name in extra}
         for at, H in zip(points, columns, strict=True):
@@ -200,6 +208,7 @@ class DriveRows:
         for index, factor in self.factors.items():
             for run, (motion, part) in enumerate(zip(self.motions, parts, strict=True)):
                 chosen = (self.rows.joint == index) & (self.rows.run == run)
+                # The times of rows are among those of the samples: this is their index.
                 samples = np.searchsorted(motion.time, self.rows.time[chosen])
                 known = part if is_elastic or in_band else motion.where_known(index, part)
                 placed[chosen] = factor * (
@@ -210,6 +219,7 @@ class DriveRows:
 
 def _dense(starts: Sequence[float]) -> list[float]:
     """Return the starts of a search and their geometric means, without a search after them."""
+    # Sizes that differ by factors: half way is the geometric mean.
     between = np.sqrt(np.array(starts[1:]) * np.array(starts[:-1]))
     return sorted([*starts, *between.tolist()])
 
@@ -231,6 +241,7 @@ def actuator_drive(
 ) -> DriveRows:
     """Return an elastic drive at the rows of its actuator side (10), with its fit `theta`."""
     equations = [actuator_equation(robot, motion, joint) for motion in motions]
+    # The other equation is (4b), with the torque of a sensor.
     is_motor = equations[0][0] == motor_regressor(robot, joint)
     regressor = motor_regressor if is_motor else spring_regressor
     signals = [by_name for _, by_name in equations]
@@ -249,6 +260,8 @@ def load_drive(
 ) -> DriveRows:
     """Return a drive at the rows of the load side (8): a stiff one, or what acts `at_joint`."""
     index = robot.index(joint)
+    # The rows of (8) are torques on the drives' coordinates: N times those of a motor, and those at
+    # a joint by C^-T.
     unit, regressor = np.eye(robot.n)[index], motor_regressor
     shares = unit * robot.drives[joint].ratio
     signals = [input_signals(robot, motion, index) for motion in motions]
