@@ -206,6 +206,7 @@ class RobotFit:
         rows = self.rows
         if rows is None:
             return None
+        # A window has at least one independent row of each joint.
         instants = np.unique(rows.time[rows.run == rows.run[0]])
         window_s = max(tol.WINDOW_S, tol.CORRELATED_ROWS * row_step(instants))
         residual = rows.y - rows.H @ self.fit.estimate.values
@@ -217,6 +218,7 @@ class RobotFit:
             others = _bursts(self.joint_names, rows, deleted, tol.BURST, window_s)
             bursts = others if len(set().union(*others.values())) > 1 else bursts
         windows = sorted(bursts)
+        # One contact has at least half of the windows from its start to its end.
         if not windows or windows[-1] + 1 - windows[0] > 2 * len(windows):
             return None
         joints = sorted(set.union(*bursts.values()), key=self.joint_names.index)
@@ -273,6 +275,8 @@ def _joint_fits(
     motor equations may be those behind the n of the load side.
     """
     of_log, blocks = errors
+    # Equation j < n is the load side of joint j, equation n + j its motor equation in a
+    # simultaneous fit.
     motors = {x: of_log[j] for j, x in enumerate(names, len(names)) if j in of_log} | {**motors}
     fits = {
         x: JointFit(of_log[j], blocks[j], motors.get(x, NAN), *of_bodies.get(x, ()))
@@ -353,6 +357,7 @@ def _blocks(fit: FittedRows) -> _Blocks:
     R = triangle(np.concatenate(factors))
     svd = scaled_svd(R[:, :-1])
     theta, kept = svd.solve(R[:, -1]), svd.rank()
+    # (H^T H)^+ = root root^T: in the coordinates z of theta = root z the columns are orthonormal.
     root = (svd.vectors[:kept] / svd.norms).T / svd.sizes[:kept]
     targets, scores = np.empty(len(rows.y)), []
     for mask, factor in zip(masks, factors, strict=True):
@@ -385,6 +390,7 @@ def _bursts(
             starts, place, counts = np.unique(window, return_inverse=True, return_counts=True)
             size = np.sqrt(np.bincount(place, residual[of_run] ** 2) / counts)
             least = tol.SLIGHT * float(np.std(rows.y[of_run]))
+            # The median, because a contact has few of the windows and would enlarge a mean.
             far = size > max(times * float(np.median(size)), least)
             if len(size) >= 8 and np.sum(far) > 1 and np.mean(far) < tol.RARE:
                 for start in starts[far].astype(int).tolist():
@@ -400,9 +406,12 @@ def _deleted_residual(fit: FittedRows, rows: Regression, apart: BoolArray) -> Ar
     """
     weight = np.asarray(fit.weights)[np.searchsorted(fit.qr_factor.equations, rows.joint)]
     H, p = weight[:, None] * rows.H, rows.H.shape[1]
+    # The rows of all others as their triangular factor: (p + 1) rows in place of R.
     R = triangle(np.column_stack([H, weight * rows.y])[~apart])
     svd = scaled_svd(R[:, :p])
     residual = rows.y - rows.H @ svd.solve(R[:, p], RANK_TOLERANCE)
+    # |reach|^2 = h (H^T H)^-1 h^T. A direction that the other rows lack predicts nothing: its reach
+    # is huge, not infinite.
     sizes = np.maximum(svd.sizes, RANK_TOLERANCE * svd.sizes[0])
     reach = (H[apart] / svd.norms) @ svd.vectors.T / sizes
     residual[apart] /= np.sqrt(1 + tol.CORRELATED_ROWS * np.sum(reach**2, axis=1))
@@ -532,10 +541,12 @@ def prediction_errors(
     robot, count = experiment.robot, experiment.joint.shape[1]
     if robot.floating_base is not None or not base.columns:
         return {}
+    # Other postures with the speeds of the log: the joints' states are shifted in time by k T / n.
     shifts = [place * count // robot.n for place in range(robot.n)]
     states = [np.roll(experiment.joint[:, :, j], shift, axis=1) for j, shift in enumerate(shifts)]
     H = base.reduce(regressor_at_drives(robot, *np.stack(states, axis=2)))
     p = H.shape[2]
+    # The mean of h C h^T over the instants, joint by joint.
     variance = np.einsum("rjp,pq,rjq->j", H, estimate.covariance[:p, :p], H) / count
     sizes = np.std(H @ estimate.values[:p], axis=0)
     moved = np.flatnonzero(sizes > RANK_TOLERANCE * np.max(sizes, initial=0.0)).tolist()
