@@ -63,11 +63,13 @@ def _best_gravity(experiment: Experiment) -> Array | None:
     columns = []
     for axis in np.eye(3):
         robot = _with_gravity(experiment, size * axis).robot
+        # At rest a torque is linear in gravity: one column per axis has its effect exactly.
         regressor = regressor_at_drives(robot, experiment.joint[0], still, still)
         columns.append(experiment.weighed(regressor @ experiment.bodies))
     now = np.array(experiment.robot.model.gravity.linear) / size
     # what the motion does not show stays as it is
     change = scaled_svd(np.column_stack(columns)).solve(experiment.unexplained, tol.SLIGHT)
+    # The length of gravity is known: only the direction of the sum counts.
     norm = float(np.linalg.norm(now + change))
     return np.asarray((now + change) / norm) if norm > 0.3 else None
 
@@ -77,6 +79,7 @@ def _first_order(experiment: Experiment, ahead: Experiment, step: float) -> floa
 
     `ahead` is the experiment after a small `step` of it.
     """
+    # d tau / d value by a difference quotient, times the change that explains most.
     effect = (ahead.regressor - experiment.regressor) @ experiment.bodies / step
     return experiment.multiple(effect)
 
@@ -154,6 +157,7 @@ def _with_zeros(experiment: Experiment, angles: dict[int, float]) -> Experiment:
 def _with_length(experiment: Experiment, joint: str, factor: float) -> Experiment:
     """Return the experiment with another distance of a joint, unless it is below 1 mm."""
     robot, model = experiment.robot, experiment.robot.model.copy()
+    # Joint 0 of Pinocchio is the universe.
     placement = model.jointPlacements[robot.model_order.index(robot.index(joint)) + 1]
     if np.linalg.norm(placement.translation) >= 1e-3:
         placement.translation = factor * placement.translation
@@ -232,6 +236,7 @@ def _point_mass(experiment: Experiment, bodies: Array, body: int, mass: float | 
     R = triangle(np.column_stack([*map(experiment.weighed, (*columns, y))]))
 
     def mass_at(x: Array) -> float:
+        # The log keeps an unknown mass positive, and the bound its exponential finite.
         return float(mass) if mass else math.exp(min(float(x[3]), 50.0))
 
     def point(x: Array) -> Array:
@@ -245,6 +250,7 @@ def _point_mass(experiment: Experiment, bodies: Array, body: int, mass: float | 
     near_body = np.eye(3, 3 if mass else 4) / _FARTHEST_M
 
     def residual(x: Array) -> Array:
+        # Three more residuals, (c - c_0) / 5 m, make a place unique that the torques do not show.
         return np.concatenate([R[:, :10] @ point(x) - R[:, 10], (x[:3] - centre) / _FARTHEST_M])
 
     def jacobian(x: Array) -> Array:
@@ -275,11 +281,14 @@ def _masses(experiment: Experiment) -> tuple[Array, Array, Array] | None:
     excess = y - effects @ scaled_svd(effects).solve(y, RANK_TOLERANCE)
     noise = math.sqrt(max(1.0, float(np.mean(excess**2)) * tol.CORRELATED_ROWS))
     mass = np.maximum(np.abs(bodies[:, 0]), np.finfo(float).tiny)
+    # The rows of the masses, one of ten, over the masses: (N, 5N + 1).
     widths = np.hstack([experiment.widths, experiment.common[:, :1]])[::10] / mass[:, None]
     # with u of variance 1, the relative changes are `widths` u
     svd = scaled_svd(np.vstack([effects @ widths / noise, np.eye(widths.shape[1])]))
+    # The posterior mean of u minimises |E W u - y|^2 / noise^2 + |u|^2.
     change = widths @ svd.solve(np.concatenate([y / noise, np.zeros(widths.shape[1])]))
     roots = widths @ (svd.vectors / svd.sizes[:, None] / svd.norms).T
+    # A torque shows a mass whose standard deviation it halves.
     is_shown = np.linalg.norm(roots, axis=1) < tol.MOST * np.linalg.norm(widths, axis=1)
     misfit = experiment.of_bodies(experiment.bodies + change @ each)
     is_possible = np.nanmedian(misfit) < tol.SEVERE and np.all(change[is_shown] > -1)

@@ -61,6 +61,7 @@ def _orders(side: Side, joint: str) -> Iterator[Candidate]:
 
 def _angles(drive: DriveRows, name: str) -> list[Array]:
     """Return an angle of each motion: of the motor, the joint, or the mesh of their gear."""
+    # The mesh turns by the motor less its output: theta_M - theta_M / N.
     factor = 1 - 1 / drive.robot.drives[drive.joint].ratio if name == "mesh" else 1.0
     signal = "theta_L" if name == "joint" else "theta_M"
     return [factor * signals[signal] for signals in drive.signals]
@@ -71,6 +72,8 @@ def _harmonic(side: Side, joint: str, name: str, order: int) -> Array | None:
     drive = side.drive(joint)
     angles = [order * angle for angle in _angles(drive, name)]
     pair = drive.at_rows([np.column_stack([np.cos(x), np.sin(x)]) for x in angles])
+    # |R_kk| is the norm of what the columns before leave of column k. The weight of a single
+    # equation does not change the basis.
     sizes = np.abs(np.diag(np.linalg.qr(side.equation.residual_of(pair))[1]))
     # the norm of a cosine over its periods is sqrt(R / 2)
     return None if np.min(sizes) < tol.POOR * np.sqrt(0.5 * len(pair)) else pair
@@ -86,6 +89,7 @@ def _periodic(side: Side, joint: str, accepted: Sequence[Accepted], share: float
     evidence = {OF_MOTOR: share}
     if is_error and "stiffness" in estimate.names and estimate.value("stiffness") > 0:
         largest = max(float(np.linalg.norm(x.coefficients)) for x in accepted)
+        # A torque over k r_M / N in (7), or a force over k in (4b), is a deflection.
         error = largest / (_lever(side, joint) * estimate.value("stiffness"))
         evidence["amplitude"] = error
         text += f"; up to {1e3 * error:.2g} m{drive.spring_units[1]} between the encoders"
@@ -204,6 +208,7 @@ def coupled_motors(experiment: Experiment) -> Iterator[Transform]:
         drive = robot.drives[joint]
         if mover in {joint, *drive.transmission} or robot.is_prismatic[i] != robot.is_prismatic[j]:
             continue
+        # theta_M / lever - phi_j = a q_i + c + deflection: the motor turns a times with joint i.
         columns = experiment.joint[0][:, i], with_constant(experiment.deflection(j))
         x, covariance = fitted(np.column_stack(columns), experiment.apart[:, j])
         turns, error = float(x[0]), math.sqrt(covariance[0, 0])
@@ -225,6 +230,8 @@ def coupled_motors(experiment: Experiment) -> Iterator[Transform]:
             penalty=1.0,
         )
         yield coupled
+        # An encoder against another link measures the sum or the difference of two joints: it looks
+        # like a motor that turns once with the other one.
         if abs(abs(turns) - 1) < 3 * tol.SLIGHT:
             angles = experiment.joint.copy()
             angles[:, :, j] += np.sign(turns) * angles[:, :, i]
@@ -254,6 +261,7 @@ def linkages(experiment: Experiment) -> Iterator[Transform]:
         for _ in range(_RATIO_STEPS):  # the torque of a motor on its spring has that factor too
             H = with_constant(q, np.cos(q), np.sin(q), factor[:, None] * deflection)
             x = scaled_svd(H).solve(experiment.apart[:, j])[1:4]
+            # The ratio over N is the derivative of q + e q + c cos q + s sin q.
             factor = 1 + x[0] - x[1] * np.sin(q) + x[2] * np.cos(q)
         low, high = float(np.min(factor)), float(np.max(factor))
         if low <= 0 or high - low < tol.POOR * (high + low) / 2:
@@ -281,10 +289,13 @@ def _with_constant_ratio(experiment: Experiment, j: int, x: Array, factor: Array
     """
     q, v, a = experiment.turned[:, :, j]
     angle = np.column_stack([q, np.cos(q), np.sin(q)]) @ x
+    # g' = -c cos q - s sin q
     curvature = np.column_stack([-np.cos(q), -np.sin(q)]) @ x[1:]
     change = [angle, (factor - 1) * v, (factor - 1) * a + curvature * v**2]
     motor = experiment.motor.copy()
     motor[:, :, j] -= experiment.lever[j] * np.array(change)
     factors = np.where(np.arange(experiment.robot.n) == j, factor[:, None], 1.0)
+    # The same power: tau N g q' = (g tau) N q'. The torque of a sensor is behind the linkage and
+    # stays, which is why it is replaced below: `with_channels` multiplies it too.
     changed = experiment.with_channels("t", lambda torque: torque * factors)
     return replace(changed, motor=motor, sensed=experiment.sensed)
