@@ -100,6 +100,7 @@ class FeetInMotion:
         base, motion = self.base, self.motion
         q, v = (x[some][:, order] for x in (motion.joint_position, motion.joint_velocity))
         up = None if base.up is None else base.up[some]
+        # J_c^T (T, 6 + n, 3k) -> J_c (T, 3k, 3 + n), without the linear velocity of the base, zero.
         J = contact_map(self.robot, q, self.contacts, up).swapaxes(1, 2)[:, :, 3:]
         rates = np.hstack([base.angular_velocity[some], v])
         return np.asarray(np.einsum("tij,tj->ti", J, rates).reshape(len(rates), -1, 3))
@@ -113,6 +114,7 @@ class FeetInMotion:
         """
         if self.base.velocity is not None:
             return velocities + self.base.velocity[some][:, None]
+        # A median, since feet with a wrong flag would move a mean.
         return velocities - _median_of_standing(velocities, flags[:, :, None], 0.0)[:, None]
 
     def mean_squares(self, velocities: Array, flags: BoolArray, some: IndexArray) -> Array:
@@ -211,6 +213,7 @@ def lifted(vertical: Array, standing: BoolArray, rate_hz: float) -> BoolArray:
     """
     rises = standing & (vertical > tol.FOOT_RISES_M_S)
     for start, end in runs(rises):
+        # sum |v_z| / rate is the way up or down.
         if np.sum(vertical[start:end]) < tol.FOOT_LIFTS_M * rate_hz:
             rises[start:end] = False
     return np.asarray(rises)
@@ -331,6 +334,7 @@ def _late(feet: FeetInMotion) -> Iterator[Finding]:
     velocities, count = feet.velocities[some], most // step
     readings = _best_readings(
         _Reading(feet.mean_squares(velocities, flags[some + shift], some), late=shift)
+        # No shift comes first: that reading counts as the log's. A late flag is right at t + late.
         for shift in step * np.array(sorted(range(-count, count + 1), key=abs))
     )
     if not readings or abs(readings[1].late) < 2 * step:
@@ -622,6 +626,7 @@ def _heights(robot: Robot, feet: LoadedFeet) -> tuple[Regression, Array] | None:
     """
     motion, base = feet.motion, feet.motion.base
     assert base is not None
+    # Two feet have a difference in height. A plane goes through any three: it needs a fourth.
     up, fewest = base.up, 2
     if up is None:
         mean, fewest = in_band(motion, base.specific_force), 4
@@ -633,12 +638,15 @@ def _heights(robot: Robot, feet: LoadedFeet) -> tuple[Regression, Array] | None:
     counts, k = feet.counts & np.isfinite(height) & np.isfinite(load), len(feet.links)
     # feet have heights of their own, but for the first one
     offsets = np.broadcast_to(np.eye(k)[:, 1:], (*height.shape, k - 1))
+    # h_k = c_0(t) + offset_k + slope . (x_k, y_k) - c N_k: the column of the compliance c is -N_k.
     values = np.concatenate([np.stack([height, -load, *aside], axis=2), offsets], axis=2)
     hidden = np.stack([np.ones_like(height), *(aside if base.up is None else ())], axis=2)
     about_mean = np.full_like(values, np.nan)
     for pattern in np.unique(counts[np.sum(counts, axis=1) >= fewest], axis=0):
         at = np.ix_(np.flatnonzero(np.all(counts == pattern, axis=1)), np.flatnonzero(pattern))
         inverse = safely(np.linalg.pinv, hidden[at], what="the places of standing feet")
+        # (t, feet, columns) at all instants with the same standing feet: at each one less what the
+        # height of the base, or the plane of the feet, explains.
         about_mean[at] = values[at] - hidden[at] @ inverse @ values[at]
     rows = np.isfinite(about_mean[:, :, 0])
     if not np.any(rows):
@@ -662,6 +670,7 @@ def _heights(robot: Robot, feet: LoadedFeet) -> tuple[Regression, Array] | None:
 
 def _level(up: Array) -> tuple[Array, Array]:
     """Return two level directions (T, 3) in the frame of the base, as near to its x and y."""
+    # y x z = x, and z x x = y
     first = np.cross([0.0, 1.0, 0.0], up)
     first /= np.maximum(np.linalg.norm(first, axis=1, keepdims=True), 1e-9)
     return first, np.cross(up, first)
