@@ -146,6 +146,7 @@ def _repeats(commanded: Commanded) -> Iterator[Finding]:
     """Yield commands of which some are logged twice; held ones, all alike, are no finding."""
     time, command, joint = commanded.log.time, commanded.command, commanded.joint
     period_s = float(time[-1] - time[0]) / (len(time) - 1)
+    # Samples from one change of the command to the next: 1 where each sample has a new one.
     runs = np.diff(np.flatnonzero(np.diff(command) != 0))
     runs = runs[runs * period_s < tol.HELD_S]  # longer ones are rests
     if len(runs) < tol.POOR * len(command) or np.median(runs) > 1:
@@ -258,6 +259,8 @@ def _encoder_noise(position: Array) -> float:
 
     Noise has 924 times its variance in sixth differences, where a motion leaves little of itself.
     """
+    # 1.4826 times the median of |x| is the standard deviation of Gaussian noise; outliers and
+    # reversals have no part in it.
     sixth = 1.4826 * float(np.median(np.abs(np.diff(position, 6)))) / math.sqrt(924)
     repeats = bool(np.any(np.diff(position) == 0))
     return float(max(sixth, resolution(position) / math.sqrt(12) if repeats else 0.0))
@@ -403,6 +406,8 @@ def separation_findings(robot: Robot, motions: Sequence[Motion]) -> Iterator[Fin
     names = [rows.names[place] for place in others]
     for bus in buses_of(robot.drives, rows.names):
         columns = H[:, list(bus.places)]
+        # H_T = H_others s + rest: theta_others + s T is determined, and T itself by the rest alone.
+        # All delays of a bus are one, which has the sum of their columns.
         change = scaled_svd(H[:, others]).solve(columns.sum(axis=1))
         unshared = (columns.sum(axis=1) - H[:, others] @ change)[np.any(columns != 0, axis=1)]
         reach = NORMAL_95 * bus.std_s
@@ -447,6 +452,7 @@ def _separation(
     for joint, (name, parameter) in product(joints, _SUMS.items()):
         slope = slopes.get(JointParameter(parameter, joint))
         if slope is not None:
+            # From the motor to the joint.
             slope *= robot.drives[joint].ratio ** 2
             sums.append(f"{joint} {name} + {slope:.3g} T (+-{abs(slope) * reach:.2g} alone)")
             evidence[f"{name} of {joint} per second of delay"] = slope
@@ -500,6 +506,7 @@ def _sum_with_delay(load_side: Estimate, joint: str) -> tuple[float, float, floa
     places = [load_side.names.index(name) for name in names]
     (variance, shared), (_, of_delay) = load_side.covariance[np.ix_(places, places)]
     inertia, delay = load_side.values[places]
+    # I + s T has the least variance at s = -cov(I, T) / var(T), that of I less s^2 var(T).
     slope = -shared / of_delay  # over N^2, as the rest
     return slope, inertia + slope * delay, math.sqrt(max(variance - slope**2 * of_delay, 0.0))
 
@@ -693,6 +700,7 @@ def _with_poses(experiment: Experiment, poses: Poses) -> Experiment:
         motor[0, :, j] += changed.lever[j] * offset
         experiment = replace(changed, joint=joint, motor=motor)
     inertia, drives = experiment.inertia.copy(), [*experiment.robot.drives.values()]
+    # lever (tau_M - I_M theta_M'') = row of (8) + friction: what the bodies leave of lever tau_M.
     unexplained = experiment.lever * experiment.torque - experiment.regressor @ experiment.bodies
     for j in experiment.used:
         if drives[j].motor_inertia_kg_m2 is None:
@@ -738,6 +746,7 @@ def _turned(experiment: Experiment, others: Poses, j: int, most_cost: float) -> 
         def cost(offset: float, sign: float = sign) -> float:
             return _pose_cost(experiment, others | {j: (sign, offset)})
 
+        # From -180 to 180 degrees: a search by halves alone would end in the nearest minimum.
         grid = [float(x) for x in np.arange(-6, 7) * first if least <= x <= most]
         offset, step = min(grid, key=cost, default=0.0), 0.5 * first
         if not grid or cost(offset) > most_cost + tol.LEAST_GAIN:
