@@ -45,6 +45,8 @@ def _slope(side: Side, joint: str) -> Array:
     """Return -tau' (R, 1) at the rows, without what friction and rotor of another drive explain."""
     slope, alike = _late_columns(side, joint)
     weighted = side.equation.weight[:, None] * np.hstack([slope, alike])
+    # The multiples of `alike` that explain most of the slope next to the columns of the fit (Frisch
+    # and Waugh 1933) are subtracted: the coefficient of the rest is still the delay.
     rest = side.equation.residual_of(weighted)
     return slope - (alike @ scaled_svd(rest[:, 1:]).solve(rest[:, 0]))[:, None]
 
@@ -62,6 +64,7 @@ def _late_columns(side: Side, joint: str) -> tuple[Array, Array]:
 
     def of_drive(motion: Motion) -> Array:
         speed, acceleration = motion.motor_velocity[:, index], motion.motor_acceleration[:, index]
+        # tanh(v / w) is 1 from about 2 w on, as the sign of Coulomb friction.
         gradual = np.tanh(speed / (_WIDTH * fastest))
         columns = [gradual, speed, is_ideal * np.sign(speed), is_open * acceleration]
         return np.column_stack(columns)
@@ -128,9 +131,11 @@ def common_delay(selected: Sequence[tuple[Side, Selection]]) -> Finding | None:
     if len(delays) < 2:
         return None
     values, errors = np.array(list(delays.values())).T
+    # Each delay counts as off by LEAST_DELAY_S more, by filters and friction that a model lacks.
     weights = 1.0 / (errors**2 + LEAST_DELAY_S**2)
     common = float(np.average(values, weights=weights))
     spread = float(np.linalg.norm(weights * errors) / np.sum(weights))
+    # The variance of the values over their number is that of their mean.
     scatter = float(np.sqrt(np.average((values - common) ** 2, weights=weights) / len(values)))
     error = float(np.hypot(spread, scatter))
     if abs(common) < max(SURE_TOGETHER * error, LEAST_DELAY_S):
@@ -194,15 +199,18 @@ def _searched_zero(side: Side, joint: str) -> tuple[float, float]:
     """
     assert side.base is not None
     rows, count = side.equation.rows, len(side.base.grouping)
+    # (10N, p + 1): standard parameters per base parameter, and the known bodies in the last column.
     onto = np.column_stack([side.base.least(np.eye(count)), side.robot.known_parameters])
     turned_by = partial(side.torques_of, onto, joint, filtered=True)
     before, ahead = (turned_by(angle=x) for x in (0.0, _STEP_RAD))
     angle, change, derivative = 0.0, np.zeros_like(before), (ahead - before) / _STEP_RAD
     for _ in range(_MOST_STEPS):
+        # (8) at the angle: (H + dH) theta = y - d tau_known. Columns of drives do not change.
         H, y = rows.H.copy(), rows.y - change[:, count]
         H[:, :count] += change[:, :count]
         turned = replace(rows, H=H, y=y)
         current = Equation(turned, settled_weights(qr_factor_of(turned)))
+        # (R, p + 1) @ (p + 1,): the derivative of the torque of all bodies by the angle.
         slope = derivative @ np.append(current.values[:count], 1.0)
         column = Alternative(slope[:, None], 1)
         (correction,), (error,) = current.with_alternatives([column]).last(1)
