@@ -54,6 +54,7 @@ def _named(where: str) -> str:
 
 def _time_units(logged: Logged) -> Iterator[Finding]:
     """Yield logs whose time is not in seconds; of several units, that of the usual rate."""
+    # The geometric mean: rates differ by factors.
     usual_hz = np.sqrt(tol.SLOWEST_HZ * tol.FASTEST_HZ)
     for _, log in logged.numbered:
         rate = 1 / float(np.median(np.diff(log.time)))  # a gap is not the unit of the clock
@@ -124,6 +125,7 @@ def _wraps(logged: Logged) -> Iterator[Finding]:
 def _offset_of_turn(robot: Robot, channel: Channel, period: float) -> float:
     """Return what to add to a channel that is unwrapped from its first sample on."""
     if channel.quantity in ("motor_torque", "joint_torque"):
+        # A first sample in the upper half of the range is a negative one without its sign.
         return -period * float(channel.values[0] > 0.5 * period)
     if channel.quantity != "joint_position" or abs(period / (2 * np.pi) - 1) >= tol.NEGLIGIBLE:
         return 0.0
@@ -232,12 +234,16 @@ def _lost(positions: Sequence[Array]) -> Array:
     moved = np.diff(positions, axis=1)
     usual, change = 0.5 * (moved[:, :-2] + moved[:, 2:]), moved[:, 2:] - moved[:, :-2]
     apart = np.median(np.abs(moved[:, 1:-1] - usual), axis=1)
+    # An error that is even over a resolution d has the standard deviation d / sqrt(12).
     coarse = [resolution(values) / np.sqrt(12) for values in positions]
     moved, usual, change = (
         x / np.maximum(apart, coarse)[:, None] for x in (moved[:, 1:-1], usual, change)
     )
     size = np.linalg.norm(usual, axis=0)
+    # The multiple of the usual step of all positions by least squares: k + 1 over k lost samples.
     times = np.round(np.sum(moved * usual, axis=0) / np.maximum(size**2, np.finfo(float).tiny))
+    # (2, T - 3), norms over all positions: the steps before and after have to agree, and the one
+    # between has to be a multiple of them.
     differing = np.linalg.norm([change, moved - times * usual], axis=1)
     # of a single encoder that sticks and lets go the others know nothing
     in_each = np.abs(moved - times * usual) < tol.MOST * np.abs(usual)
@@ -372,6 +378,7 @@ def _share_at_limit(values: Array) -> float:
     if len(np.unique(values)) < tol.LEVELS:
         return 0.0
     at_limit = (values == np.max(values)) | (values == np.min(values))
+    # EVENTS samples in a row: noise alone reaches an extreme for a sample.
     return float(np.mean(np.convolve(at_limit, np.ones(tol.EVENTS), mode="same") >= tol.EVENTS))
 
 
@@ -495,6 +502,7 @@ def offset_findings(experiment: Experiment) -> Iterator[Finding]:
     for j in np.flatnonzero(experiment.both).tolist() if len(logs) > 1 else ():
         drive = experiment.robot.drives[experiment.robot.joint_names[j]]
         y = experiment.motor[0][:, j] / experiment.lever[j] - experiment.joint[0][:, j]
+        # One column per log, its offset; the first len(logs) parameters are these offsets.
         H = np.equal.outer(experiment.log, logs).astype(float)
         if drive.is_elastic and j in experiment.used:
             H = np.column_stack([H, experiment.target[:, j], experiment.friction[j][:, :2]])
@@ -591,8 +599,12 @@ def _parts_of_limits(experiment: Experiment, logs: Array, clear: Sequence[int]) 
     limits = experiment.robot.effort_limits / np.where(is_motor, np.abs(experiment.lever), 1.0)
     if not np.all(np.isfinite(limits) & (limits > 0)):
         return {}
+    # A part of a rating is full tau / limit, so that factor times limit is `full` at all joints.
     parts = logs + np.log(limits[clear])
+    # 10^2 for per cent, 10^3 for per mille
     full = 10.0 ** np.rint(np.median(parts) / np.log(10))
+    # A chained comparison: the limits explain three quarters of the variance of the factors, and
+    # the factors differ by more than two.
     is_part = np.std(parts) < tol.MOST * np.std(logs) > tol.MOST * np.log(tol.TWICE)
     # masses that are a hundred times too large look like parts of 1
     is_part = is_part and full >= tol.PER_CENT
@@ -651,6 +663,8 @@ def stop_findings(experiment: Experiment, logs: Sequence[Log]) -> Iterator[Findi
         H = np.column_stack([experiment.regressor[:, j], experiment.load_columns(j), rate])
         svd = scaled_svd(H[~at_limit])
         kept, residual = svd.rank(RANK_TOLERANCE), y - H @ svd.solve(y[~at_limit], RANK_TOLERANCE)
+        # |reach|^2 = h (H^T H)^-1 h^T: a row h that is not in the fit has the prediction variance
+        # sigma^2 (1 + c |reach|^2), c for autocorrelated rows.
         reach = (H[at_limit] / svd.norms) @ svd.vectors[:kept].T / svd.sizes[:kept]
         noise = np.sum(residual[~at_limit] ** 2) / max(np.sum(~at_limit) - kept, 1)
         error = max(noise**0.5, tol.FEW) * np.sqrt(1 + tol.CORRELATED_ROWS * np.sum(reach**2, 1))
@@ -714,6 +728,7 @@ def decided_delays(experiment: Experiment, known: Sequence[Finding]) -> Iterator
         delays = [delay for j, delay in experiment.torque_delays.items() if j in places]
         late = finding.evidence["delay [s]"]
         values, errors = np.array(delays).reshape(-1, 2).T
+        # A well-known delay of one joint does not decide alone: all count as off by `late`.
         weights = 1.0 / (errors**2 + late**2)
         half = tol.MOST * late
         if not delays or float(np.linalg.norm(weights * errors) / np.sum(weights)) > half:
