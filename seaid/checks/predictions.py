@@ -163,6 +163,7 @@ def motor_side_findings(
         elif fall > ndtri(0.99) * error_of_fall:
             yield _flexible(joint, fall, error_of_fall, antiresonances_hz[joint])
         elif 2 in sizes:
+            # Of half of the inertia B is d^2: the upper end of its one-sided 95 % interval as d.
             hidden[joint] = math.sqrt(abs(fall) + ndtri(0.95) * error_of_fall)
     bounds = ", ".join(f"{least:.1%} at {joint}" for joint, least in hidden.items())
     unshown = (
@@ -192,6 +193,7 @@ def _undamped(joint: str, size: float, error: float) -> Finding:
 
 
 def _flexible(joint: str, size: float, error: float, antiresonance_hz: float) -> Finding:
+    # d from B = d^2 (1 - s) / s
     less = [math.sqrt(size * share / (1 - share)) for share in (0.3, 0.5)]
     return codes.MOTOR_SIDE.finding(
         f"the stiffness that the motor of {joint} feels falls with the frequency, by {size:.2%} at "
@@ -273,6 +275,7 @@ def unseen_resonance(
     if error <= RARE:
         return
     factor = min(error / SLIGHT, FAR)
+    # Noise over the response falls with the amplitude, and with the root of the number of periods.
     louder = f"give {factor:.2g} times the amplitude, or {factor**2:.2g} times the periods"
     expected = f"with its nominal values the antiresonance is at {expected_hz:.3g} Hz"
     if expected_hz > min(seen, top):
@@ -324,6 +327,7 @@ def contradicted_rotor(
     rotor, k = free.value("motor_inertia"), free.value("stiffness")
     low, high = free.interval()[free.names.index("motor_inertia")]
     inertia, stiffness = stated["motor_inertia"], stated["stiffness"]
+    # high - low is two half widths of the interval.
     if abs(inertia - rotor) > high - low and abs(stiffness - k) > SLIGHT * k:
         yield codes.ROTOR_INERTIA.finding(
             f"the response of {joint} contradicts its rotor inertia of {inertia:.3g} kg m^2: it "

@@ -78,7 +78,9 @@ def homogeneous(fit: FittedRows, weights: Array, cutoff_hz: float) -> Iterator[F
     """
     factor, theta = fit.qr_factor, fit.estimate.values
     torques = np.linalg.norm(factor.factors[:, :, -1], axis=1)
+    # The model fits these equations worse than zero parameters do.
     zero_fits = factor.residual_norms(theta) > torques
+    # |W H theta|^2 by equation, from the triangular factors: |R theta| = |H theta|.
     power = (weights * np.linalg.norm(factor.factors[:, :, :-1] @ theta, axis=1)) ** 2
     pull = float(np.sum(power[zero_fits]) / max(float(np.sum(power)), 1e-300))
     if pull > tol.PULL and not np.all(zero_fits):
@@ -236,6 +238,7 @@ def _weak(estimate: Estimate, qr_factor: QRFactor | None) -> list[str]:
     names = qr_factor.names
     k, offset, p = names.index("stiffness"), names.index("spring_offset"), len(names)
     others = [place for place in range(p) if place not in (k, offset)]
+    # Deflection and torque come last: R[-2:, -2:] has what all other columns leave of both.
     R = triangle(qr_factor.weighted_factor()[:, [*others, offset, k, p]])[-2:, -2:]
     share = R[0, 1] ** 2 / max(R[0, 1] ** 2 + R[1, 1] ** 2, 1e-300)  # partial R^2
     if share > 1 - tol.POOR:
@@ -246,6 +249,7 @@ def _weak(estimate: Estimate, qr_factor: QRFactor | None) -> list[str]:
     constant = _scattering(estimate)
     name = constant or "stiffness"
     value, unit = estimate.value(name), estimate.units[estimate.names.index(name)]
+    # (7) has k / K: a stiffness that is too small is a motor constant that is too large.
     reverse = value * share if constant else value / share
     return [
         f"direct and reverse regression give {value:.3g} and {reverse:.3g} {unit}",
@@ -398,6 +402,7 @@ def offset_findings(robot: Robot, load: FittedRows) -> Iterator[Finding]:
             continue
         value, error = float(estimate.values[place]), float(estimate.standard_errors[place])
         lower, upper = estimate.interval(tol.NO_CHANCE)[place]
+        # The rms torque on the load, divided by N r_L / r_M: that at the motor.
         size = sizes[qr_factor.equations.index(robot.index(name.joint))]
         torque = float(size / total_ratio(robot.drives[name.joint]))
         if not lower <= 0 <= upper and abs(value) >= tol.FEW * torque:
