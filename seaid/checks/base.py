@@ -105,6 +105,7 @@ def _downwards(force: Array) -> Iterator[Finding]:
 def _out_of_plane(base: FloatingBase, normal: Array, w: Array) -> Iterator[Finding]:
     """Yield a planar base whose angular velocity (T, 3) is about the axes in its plane too."""
     inside = float(np.std(w @ normal))
+    # w without its part about the normal; `turning` projects on that.
     outside = float(np.linalg.norm(np.std(w @ (np.eye(3) - base.turning), 0)))
     # a guide with play and an IMU that is mounted askew have a few hundredths
     if outside > max(tol.RARE * inside, tol.BASE_TURNS_RAD_S):
@@ -120,11 +121,13 @@ def _turning(orientation: Array, w: Array, time: Array) -> Iterator[Finding]:
     """Yield the order, frame or unit that makes the gyroscope the change of the orientation."""
     rate_hz = (len(time) - 1) / float(time[-1] - time[0])
     band_hz = min(tol.FRAMES_HZ, 0.4 * rate_hz)
+    # Both behind one low pass: what it attenuates is no misfit between them.
     w, orientation = (low_pass(x, rate_hz, band_hz) for x in (w, orientation))
     change = quaternion_rates(orientation, time)
     if float(np.std(change)) < tol.BASE_TURNS_RAD_S:
         return
     w_in_base = turned_to_world(orientation, w, back=True)
+    # A quaternion is w, x, y, z in memory: one that was read in the other order is permuted back.
     readings = {
         'angular_velocity is in the frame of the world: frame = "world"': (orientation, w_in_base),
         'the quaternion is x, y, z, w: order = "xyzw"': (orientation[:, [3, 0, 1, 2]], w),

@@ -155,6 +155,7 @@ def zeros_in_description(
     for turned, (joint, drive) in zip(
         robot.transmission @ added, robot.drives.items(), strict=True
     ):
+        # theta_M = N r_L / r_M phi, phi = C q: the zero of a joint moves all motors that turn it.
         moved[joint, "motor_position"] = float(turned) * total_ratio(drive)
     entries: dict[str, dict[str, str]] = {}
     for (joint, quantity), offset in moved.items():

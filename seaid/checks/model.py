@@ -259,6 +259,7 @@ def _selected(side: Side, candidates: Sequence[Candidate], asked: int) -> SideSe
             continue
         finding = check.finding(side, joint, accepted, sum(x.share for x in accepted))
         if finding is None:
+            # What it explained may belong to others that were not accepted next to it: all anew.
             remaining = [x for x in candidates if (x.about, x.joint) != (check, joint)]
             return _selected(side, remaining, asked)
         findings[check, joint] = _with_rivals(side, finding, accepted)
