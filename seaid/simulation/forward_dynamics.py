@@ -47,6 +47,8 @@ def without_sticking(plant: Plant, joint: Array, sticking: IndexArray) -> Array:
     n = len(joint)
     if plant.coupling is not None:
         rows = sticking_rows(plant, sticking)
+        # x - A^+ A x: then the constraints hold up to rounding, and those of single joints exactly
+        # by the line below.
         joint = joint - _safely(np.linalg.pinv, rows) @ (rows @ joint)
         sticking = sticking[sticking >= n]
     joint[plant.places[sticking]] = 0.0
@@ -64,9 +66,12 @@ def sticking_torques(
     if plant.coupling is None:
         places = plant.places[sticking]
         columns = inverse[:, places]
+        # The rows A select joints: A M^-1 A^T is a part of M^-1, positive definite.
         torque = -_solved(columns[places], joint[places])
         return torque, columns @ torque
     rows = sticking_rows(plant, sticking)
+    # Drives and dry joints may constrain one direction together: then A M^-1 A^T is singular, and
+    # their torques are those of least norm.
     torque = np.asarray(-_safely(np.linalg.lstsq, rows @ inverse @ rows.T, rows @ joint)[0])
     return torque, np.asarray(inverse @ rows.T @ torque)
 
@@ -127,6 +132,7 @@ def accelerations(
     and then at the dry joints. Raises SeaidError if load-dependent friction has no solution.
     """
     turned = drive_states(plant, state)
+    # (7) but for the spring and I_M theta'': tau_M - F_v theta' - F_C slip.
     free = torque - plant.viscous * state[SPEED] - plant.coulomb * slip[: len(torque)]
     for index, extra in plant.extras:
         free[index] -= extra(*turned[: JOINT_SPEED + 1, index])
@@ -141,6 +147,8 @@ def accelerations(
     if not of_load:
         return _driven(plant, data, state, free, force, slip)
     last: tuple[Array, Array] | None = None
+    # Friction under load depends on the torque through the gear, which depends on the acceleration:
+    # the fixed point x = N (free - friction(x) - I_M theta''(x)).
     for _ in range(_MOST_ITERATIONS):
         rest = _without_friction(free, of_load, at, slip, gear)
         motor, joint = _driven(plant, data, state, rest, force, slip)
@@ -185,8 +193,10 @@ def _driven(
     plant: Plant, data: pin.Data, state: Array, free: Array, force: Array, slip: Array
 ) -> tuple[Array, Array]:
     """Return motor and joint accelerations under motor torques less friction, and spring forces."""
+    # (4b) at springs, r_L F_s; N times the motor torque at stiff drives, whose rotors are in M.
     load_torque = plant.elastic_lever * force + plant.stiff_ratio * free
     joint = _joint_accelerations(plant, data, state, load_torque, slip)
+    # (7) at springs; zero at stiff drives, which have no mobility of their own.
     motor = (free - plant.motor_lever * force) * plant.motor_mobility
     resting = 0.0 in slip.tolist()
     if resting:
@@ -196,7 +206,9 @@ def _driven(
             joint += sticking_torques(plant, data, state, joint, sticking)[1]
             joint = without_sticking(plant, joint, sticking)
     turning = joint if plant.coupling is None else plant.coupling @ joint
+    # theta_M'' = N phi'' at stiff drives
     motor = motor + plant.stiff_ratio * turning
+    # N phi'' of a stiff motor that sticks is zero up to rounding, by which it would creep.
     if resting and plant.coupling is not None:
         motor[slip[: len(motor)] == 0] = 0.0
     return motor, joint
@@ -214,6 +226,7 @@ def _joint_accelerations(
         torque[plant.dry_joints] -= plant.joint_coulomb * slip[len(torque) :]
     if plant.rotors is None:
         return cast(Array, pin.aba(plant.model, data, position, speed, torque))
+    # `aba` has armature of single joints, but no rotors that several joints turn.
     rest = torque - bias_torques(plant, data, position, speed)
     return np.asarray(
         safely(
@@ -230,6 +243,7 @@ def gear_torques(
     plant: Plant, data: pin.Data, state: Array, acceleration: Array, slip: Array
 ) -> Array:
     """Return the torque (n,) of stiff gears on their loads, without sticking joint friction."""
+    # Behind the rotors: N (tau_M - friction - I_M theta_M''), hence without armature.
     armature, plant.model.armature = plant.model.armature.copy(), np.zeros(plant.model.nv)
     torque = inverse_dynamics(plant, data, (*state[[JOINT_POSITION, JOINT_SPEED]], acceleration))
     plant.model.armature = armature
@@ -255,6 +269,7 @@ def slip_directions(plant: Plant, data: pin.Data, state: Array, torque: Array) -
     """
     n, speed = len(torque), friction_speeds(plant, state)
     slip = np.where(np.abs(speed) > REST_RAD_S, np.sign(speed), 0.0)
+    # Zero would stick. Without a level of friction the direction has no effect.
     slip[~plant.is_dry] = 1.0
     if 0.0 not in slip.tolist():  # on so few numbers a third of the time of `slip.all()`
         return slip
@@ -264,16 +279,21 @@ def slip_directions(plant: Plant, data: pin.Data, state: Array, torque: Array) -
     at = turned.T.tolist()
     for index, drive in plant.functions:
         free[index] -= of_column(drive.friction, at[index])
+    # The motor of a spring slips by (7) alone, that of a stiff drive by the motion of all joints.
     free -= plant.motor_lever * spring_force(plant, turned)
     level = friction_levels(plant, turned, np.zeros_like(free))
     moves = np.flatnonzero(plant.elastic & (slip[:n] == 0) & (np.abs(free) > level[:n]))
     slip[moves] = np.sign(free[moves])
+    # Places are only released: at most n + m passes.
     while (sticking := ((slip == 0) & plant.acts_on_load).nonzero()[0]).size:
         without = slip.copy()
+        # Accelerations as if they were free, and without friction: what would move them.
         without[sticking] = _FRICTIONLESS
         joint = accelerations(plant, data, state, torque, without)[1]
         motors = sticking[sticking < n]
+        # The friction that holds is opposite to what it holds, which is the direction of a slip.
         needed = -sticking_torques(plant, data, state, joint, sticking)[0]
+        # From the drives' coordinates to the motors, where the levels of their friction are.
         needed[: len(motors)] /= plant.ratio[motors]
         if plant.under_load:
             through = np.zeros_like(free)
@@ -362,9 +382,11 @@ def _advance(
                 raise diverged()
             return new
         before = friction_speeds(plant, state) * slip
+        # The speed counts as linear over the step: the time of the stop has an error of its square.
         started = np.maximum(before[crossed], 0.0)  # a released motor may still creep back
         fractions = started / (started - after[crossed])
         first, fraction = crossed[np.argmin(fractions)], float(fractions.min())
+        # A place that would turn round at once is held for the rest of the step: it would chatter.
         if fraction * rest < 1e-12:
             stuck[first] = True
         state = _runge_kutta(plant, data, state, torque, slip, start + done, fraction * rest)
@@ -380,6 +402,7 @@ def _stop(plant: Plant, state: Array, first: int, resting: IndexArray) -> None:
         state[SPEED, first] = 0.0
         if plant.elastic[first]:
             return
+    # No impulse: these speeds are zero but for the error of the time, which the projection removes.
     sticking = np.append(resting[plant.acts_on_load[resting]], first)
     state[JOINT_SPEED] = without_sticking(plant, state[JOINT_SPEED], sticking)
     if plant.coupling is not None:
@@ -401,6 +424,7 @@ def _runge_kutta(
     def rate(at: float, y: Array) -> Array:
         y = with_memory(plant, state, y)
         motor, joint = accelerations(plant, data, y, torque(start + at, y), slip)
+        # Rows of hysteresis have no rate: `with_memory` moves them on with the travel, exactly.
         rates = np.zeros(y.shape)
         rates[POSITION], rates[SPEED] = y[SPEED], motor
         rates[JOINT_POSITION], rates[JOINT_SPEED] = y[JOINT_SPEED], joint
