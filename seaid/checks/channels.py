@@ -699,6 +699,7 @@ def limit_findings(experiment: Experiment) -> Iterator[Finding]:
     """Yield joints that move or pull many times beyond the limits of the robot file."""
     robot = experiment.robot
     ends = np.array([robot.lower_limits, robot.upper_limits])
+    # NaN in place of a range without an end: its comparison below is False.
     ends[:, ~np.all(np.isfinite(ends), axis=0)] = np.nan
     looked_at = (
         ("position", experiment.joint[0] - np.mean(ends, axis=0), 0.5 * np.ptp(ends, axis=0)),
@@ -731,6 +732,7 @@ def decided_delays(experiment: Experiment, known: Sequence[Finding]) -> Iterator
         # A well-known delay of one joint does not decide alone: all count as off by `late`.
         weights = 1.0 / (errors**2 + late**2)
         half = tol.MOST * late
+        # |w e| / sum(w) is the error of the weighted mean: beyond `half` it decides nothing.
         if not delays or float(np.linalg.norm(weights * errors) / np.sum(weights)) > half:
             yield finding
         elif half < np.average(values, weights=weights) < max(late + half, tol.LEAST_DELAY_S):

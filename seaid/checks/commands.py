@@ -149,6 +149,7 @@ def _repeats(commanded: Commanded) -> Iterator[Finding]:
     # Samples from one change of the command to the next: 1 where each sample has a new one.
     runs = np.diff(np.flatnonzero(np.diff(command) != 0))
     runs = runs[runs * period_s < tol.HELD_S]  # longer ones are rests
+    # A median above one: each command is held over several samples, and none is repeated.
     if len(runs) < tol.POOR * len(command) or np.median(runs) > 1:
         return
     share = float(np.sum(runs - 1) / np.sum(runs))
@@ -313,6 +314,7 @@ def _no_measurement(log: Log, channel: Channel, ratio: float, returns: int) -> I
     if not is_magnitude:
         if r < 1 - tol.FEW:
             return
+        # N tau_M = K e at the joint
         gain = ratio * float(np.std(torque) / np.std(error))
         known = f"{gain:.4g}"
         what = f"is {known} times the tracking error (correlation {r:.4f})"
@@ -439,6 +441,7 @@ def _residual_std(rows: Regression) -> Array:
         return np.sqrt(np.maximum(squares, np.finfo(float).tiny))[place]
 
     size = rms(rows.y)
+    # The joints have torques of different sizes: each counts by its own.
     theta = scaled_svd(rows.H / size[:, None]).solve(rows.y / size)
     return rms(rows.y - rows.H @ theta)
 
@@ -570,6 +573,7 @@ def hidden_limits(experiment: Experiment) -> Iterator[Finding]:
         columns, asked = _by_bodies(experiment, j)
         before = _unexplained_share(columns, asked)
         levels = np.quantile(np.abs(asked), np.linspace(0.3, 0.98, 35))
+        # The motion is that of the torque that is cut: at the right level the columns explain it.
         after = {
             float(level): _unexplained_share(columns, np.clip(asked, -level, level))
             for level in levels[levels > 0]
@@ -739,6 +743,7 @@ def _turned(experiment: Experiment, others: Poses, j: int, most_cost: float) -> 
     lower, upper = experiment.robot.position_range(experiment.robot.joint_names[j])
     for sign in (1.0, -1.0):
         moved = sign * experiment.joint[0][:, j]
+        # The moved range has to stay within the limits of the robot file, or within half a turn.
         least = max(lower - float(moved.min()) - tol.BEYOND_RAD, -math.pi)
         most = min(upper - float(moved.max()) + tol.BEYOND_RAD, math.pi)
 
@@ -753,6 +758,7 @@ def _turned(experiment: Experiment, others: Poses, j: int, most_cost: float) -> 
             continue
         while step > 0.5 * last:
             offset, step = min((offset, offset - step, offset + step), key=cost), 0.5 * step
+        # Zeros are often round: a whole degree, if it explains more.
         offset = min(offset, math.radians(round(math.degrees(offset))), key=cost)
         if sign < 0 or abs(offset) >= tol.SURE * last:
             yield others | {j: (sign, offset)}

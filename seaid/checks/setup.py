@@ -95,6 +95,8 @@ class _Trial:
         names = [name for name in (transform.joint, transform.partner) if name]
         of_joints = misfit[[changed.robot.index(name) for name in names]]
         remaining = float(np.nanmin(of_joints)) if np.any(np.isfinite(of_joints)) else middle
+        # The value that chi-square exceeds with this probability: FEW for all transforms together
+        # is FEW / count for each (Bonferroni).
         least = float(chdtri(max(transform.penalty, 1), tol.FEW / count)) / 2
         if self.shown > least:
             return remaining < tol.MOST and self.total > 0
@@ -121,6 +123,7 @@ def _trial(before: Experiment, transform: Transform) -> _Trial:
         (kinds[kind], j): float(y[kind, j] / x[kind, j])
         for kind, j in np.argwhere((x > tol.POOR) & is_less).tolist()
     }
+    # A misfit that a joint does not have is NaN, which compares as False and does not count.
     counts = ((x > tol.SLIGHT) & is_less) | (is_value & (y < tol.SLIGHT))
     counts &= np.array([[kind in _DIRECT] for kind in kinds])
     shown = float(np.sum(np.where(counts, gains, 0.0))) if falls or is_value else 0.0
@@ -444,6 +447,7 @@ def _scale(
     unit = min(_UNITS, key=lambda name: abs(math.log(slope / _UNITS[name])))
     is_unit = abs(math.log(slope)) > math.log(tol.FAR)
     exact = is_unit and abs(math.log(slope / _UNITS[unit])) < math.log(tol.TWICE)
+    # A unit is one of few values and no fitted number: it costs one parameter less.
     factor = 1 / _UNITS[unit] if exact else float(f"{1 / slope:.4g}")
     off = f"{slope:.3g} times too large" if slope > 1 else f"{1 / slope:.3g} times too small"
     return multiplied(
