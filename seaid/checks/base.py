@@ -148,6 +148,7 @@ def _turning(orientation: Array, w: Array, time: Array) -> Iterator[Finding]:
         text = f"contradicts the orientation: {best}"
     elif misfit <= tol.MOST:
         text, remedy = "is in degrees per second", _described("angular_velocity", "0.0174533")
+        # change = s w by least squares has s = pi / 180 for a gyroscope in degrees per second.
         if abs(np.sum(change * w) / np.sum(w * w) / np.radians(1.0) - 1) >= tol.RARE:
             return
     text, evidence = f"the angular velocity {text}", {"correlation": 1 - misfit}

@@ -422,6 +422,7 @@ def _legs(feet: FeetInMotion) -> list[IndexArray]:
     J = contact_map(robot, feet.motion.joint_position[:1], feet.contacts)[0, 6:]
     moved = np.any(J.reshape(robot.n, -1, 3) != 0.0, axis=2)
     sets = np.unique(moved.T, axis=0)
+    # Joints of a torso move the contacts of several legs, and are in none.
     legs = [np.flatnonzero(moving & (sets.sum(axis=0) == 1)) for moving in sets]
     legs = sorted((leg for leg in legs if len(leg)), key=lambda leg: int(leg[0]))
     kinds = {tuple(np.array(robot.is_prismatic)[leg]) for leg in legs}
@@ -573,6 +574,7 @@ def _pushing_feet(fit: LeggedFit) -> Iterator[Finding]:
     lifts = any(not np.all(flag) for base in fit.bases for flag in base.contacts.values())
     if not lifts or not np.isfinite(fit.mass_kg):
         return
+    # The specific force of a base that comes to rest again is about g on average.
     gravity = np.mean([np.linalg.norm(base.specific_force, axis=1).mean() for base in fit.bases])
     least_N = tol.FEW * fit.mass_kg * float(gravity)
     regress = partial(late_flag_rows, fit.robot, model=fit.model, reach_s=tol.FOOT_TOUCHES_S)

@@ -311,6 +311,7 @@ def scale_of(robot: Robot, motions: Sequence[Motion], joint: str) -> Scale:
     if drive.is_elastic:
         signals = [actuator_equation(robot, motion, joint)[1] for motion in motions]
         motor, load = (np.concatenate([x[name] for x in signals]) for name in _ANGLES)
+        # The deflection of (3), r_M / N theta_M - r_L theta_L.
         stretch = drive.motor_radius / drive.ratio * motor - drive.load_radius * load
         low, high = float(np.min(stretch)), float(np.max(stretch))
         middle, reach = 0.5 * (low + high), max(0.5 * (high - low), 1e-12)
