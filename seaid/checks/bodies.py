@@ -175,6 +175,7 @@ def payloads(experiment: Experiment) -> Iterator[Transform]:
         text = f"the payload of {mass:.4g} kg on {name}"
         factor = 1 + experiment.multiple(experiment.regressor @ payload)
         is_off = factor > tol.POOR and abs(factor - 1) > tol.POOR
+        # Round multiples come without a penalty, since only `factor` itself is a fitted number.
         for times in (0.0, *(near(factor) if is_off else ())):
             message = f"{text} has {times * mass:.3g} kg" if times else f"{text} is not there"
             option = f"--payload {name}:{times * mass:.3g}:{com}"

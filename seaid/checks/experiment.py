@@ -250,6 +250,7 @@ class Experiment:
             # a torque that is late is no other mistake
             y, columns = self._spring_torque(j), [self.friction[j], self.torque_rate[:, j]]
             if not np.all(np.isfinite(y)):  # (4b) alone: the torque of the sensor
+                # tau_L / lever = k r_M / N stretch + c, with the zeros of all sensors in c.
                 y, columns = self.sensed[:, j] / self.lever[j], [self.friction[j][:, 2]]
             H = np.column_stack([*columns, self.apart[:, j]])
             misfit[j] = self._misfit(j, y, H, is_spring=True)
@@ -409,6 +410,7 @@ class Experiment:
         each is off by some per cent. Each payload was weighed and measured.
         """
         known = np.where(self.robot.is_known, tol.POOR, 1.0) * self.robot.parameters
+        # (10N,) all masses by one factor, and (10N, N) each body alone in its column.
         columns = [tol.BODY * known, tol.POOR * block_diag(*known.reshape(-1, 10)).T]
         payloads = self.robot.payload_parameters.reshape(-1, 10)
         for body in np.flatnonzero(payloads[:, 0]):
@@ -542,7 +544,7 @@ class Experiment:
     def _size(self, j: int, residual: Array, friction: Array, size: float = 0.0) -> float:
         """Return the rms of a residual and of friction that drives, over that of the torque."""
         torque, speed = self.friction[j][:, :2] @ friction, self.motor[1][:, j]
-        # The columns are on the target's side of the gear: a gear that reverses turns their sign.
+        # A friction torque of the sign of the speed takes power; one that gives power drives.
         power = float(np.mean(torque * speed)) * float(np.sign(self.lever[j]))
         drives = max(-power, 0.0) / max(float(np.std(speed)), _LEAST)
         rms = float(np.hypot(np.std(residual), drives))
@@ -705,6 +707,7 @@ def with_torques_of(experiment: Experiment, joints: Collection[str]) -> Experime
 def _windows(motion: Motion) -> list[Motion]:
     """Return the motion, or windows of it if it is long."""
     count = len(motion.time)
+    # The low pass takes a transient at both ends of a window: two thirds of it remain, or more.
     size = max(_WINDOW_SAMPLES, round(6 * motion.transient_s * motion.rate_hz))
     if count <= _WINDOWS * size:
         return [motion]

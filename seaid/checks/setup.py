@@ -308,7 +308,6 @@ def _signs(experiment: Experiment) -> Iterator[Transform]:
     for j in experiment.used:
         joint, ratio = experiment.robot.joint_names[j], float(experiment.ratio[j])
         speeds = experiment.motor[1][:, j] * experiment.joint[1][:, j]
-        # A negative gear ratio is no wrong sign: it turns the motor against its joint.
         product = float(np.mean(speeds)) * ratio if experiment.both[j] else 1.0
         for sides, penalty in _SIGNS[product > 0].items():
             words, code, evidence = _words(experiment, j, sides), codes.SIGN, {}
@@ -535,6 +534,7 @@ def _rotor_inertias(experiment: Experiment) -> Iterator[Transform]:
         joint, inertias = experiment.robot.joint_names[j], experiment.inertia
         if not (math.isfinite(rotor) and rotor > 0) or abs(rotor - 1) < tol.SLIGHT:
             continue
+        # lever^2 and its inverse: the inertia at the joint was given for that at the motor.
         for factor in near(rotor, experiment.lever[j] ** 2):
             inertia = np.where(np.arange(len(inertias)) == j, inertias * factor, inertias)
             yield Transform(
