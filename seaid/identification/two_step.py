@@ -105,8 +105,12 @@ def check_scale(qr_factor: QRFactor) -> None:
         return
     R, p = qr_factor.weighted_factor(), len(qr_factor.names)
     svd = scaled_svd(R[:p, :p], "the scale of the torques")
+    # |column| theta is the norm of the torque that each column contributes. If the equations are
+    # homogeneous, least squares makes all of them, and so the constant, zero but for rounding.
     torques = svd.norms * svd.solve(R[:p, p], RANK_TOLERANCE)
     least = _ROUNDING * float(np.linalg.norm(R[:, p]))
+    # The rows of `vectors` beyond the rank span the null space: a constant that has a part in one
+    # of them can be changed, together with the bodies or the spring, without changing any torque.
     open_part = np.max(np.abs(svd.vectors[svd.rank(RANK_TOLERANCE) :]), axis=0, initial=0.0)
     for place in places:
         if abs(torques[place]) <= least or open_part[place] > _PART:
@@ -142,6 +146,7 @@ def with_unit_scales(
 ) -> tuple[Found, Mapping[str, Robot], list[str]]:
     """Return identify(robots), the robots with each scale at fault as known, and their joints."""
     joints: list[str] = []
+    # Each round makes one more scale known, which then has no column and cannot raise again.
     while True:
         try:
             return identify(robots), robots, joints
@@ -220,12 +225,15 @@ def estimate_two_step(
         fit_rows = partial(fit_load, robot, springs, estimator, cutoff_hz, free)
         load = fit_rows(_with_columns(rows[LOAD], further), known_errors)
         if encoder_offset_std > 0:
+            # The change of y - H theta by an encoder offset depends on theta, so that a fit without
+            # offsets comes first. Torque offsets, after the columns of the model, do not matter.
             theta, regress = load.estimate.values[: len(model.names)], equations[LOAD]
             shifted = partial(with_offset_columns, robot, model, springs, theta, regress)
             errors = [encoder_offset_std**2 * np.eye(robot.n), *known_errors]
             again = rows_of_equations(datasets, {LOAD: shifted}, stored, executor, progress)
             with again as rows_of_offsets:
                 load = fit_rows(_with_columns(rows_of_offsets[LOAD], further), errors)
+    # (7) gave s = f_0 + b_0 N/r_M in `springs`, the load side b_0: from here on f_0 replaces s.
     drives = with_torque_offsets(robot, load, estimates, springs)
     load_side = load.estimate.part(range(len(model.names)), model.names)
     base, load_drives = split_load_side(model, load_side)
@@ -263,6 +271,8 @@ def _actuator_side(
         except UnknownScaleError as problem:
             if joint not in (*joints, *sensed):
                 raise
+            # With a constant of 1 the input is in y, where its noise does not attenuate anything:
+            # the fit needs no correction for a noisy column.
             unscaled[joint], cutoff_hz = problem, datasets[0].cutoff_hz
             change = with_unit_constant
             actuators[joint] = fit(rows[joint], estimator, change=change, cutoff_hz=cutoff_hz)
@@ -295,6 +305,8 @@ def two_step_equations(
     robot: Robot, model: LoadModel, springs: Sequence[str]
 ) -> dict[str, Regress]:
     """Return the functions for the rows: of each elastic joint, and of the load side ("")."""
+    # Springs of zero have no torque in y, but their columns T of (4b) are in `propagated`: after
+    # the fits of the springs s, y + T s is (8) with their torque, and T C_s T^T its covariance.
     zero = without_torque(robot, springs)
     equations: dict[str, Regress] = {
         joint: partial(actuator_regression, robot, joint=joint) for joint in robot.elastic_joints
@@ -428,6 +440,8 @@ def with_constant_columns(
 
     The propagated columns of `rows` are those of the springs.
     """
+    # y + K T s = H theta with an unknown constant K and T s for a constant of 1: K has the column
+    # -T s, next to those of the bodies.
     ends = np.cumsum([0, *(len(spring.values) for spring in springs.values())])
     y, columns = rows.y, []
     for k, (joint, spring) in enumerate(springs.items()):
@@ -460,6 +474,8 @@ def scaled_with_springs(
     variance, slopes = load.standard_error(name) ** 2, np.zeros(len(unit.names))
     for k, (joint, spring) in enumerate(springs.items()):
         same = JointParameter(name.parameter, joint)
+        # Errors of the own spring are in `unit` too, so that their part of the error is correlated
+        # with it and goes through `slopes`; those of other springs are independent of it.
         slope = (load.value(same) if same in load.names else 1.0) * row[ends[k] : ends[k + 1]]
         if joint == name.joint:
             slopes[[unit.names.index(x) for x in spring.names]] = slope
@@ -499,6 +515,8 @@ def _scaled(
     is_scaled = np.array([x != "command_delay" for x in unit.names])
     factors = np.where(is_scaled, constant, 1.0)
     values = np.append(factors * unit.values, constant)
+    # The values are (K x, K), with dK = by_unit^T dx + an error that is independent of x:
+    # d(K x, K) = (diag(K); 0) dx + (x, 1) dK. A delay [s] does not scale with torque.
     by_constant = np.append(np.where(is_scaled, unit.values, 0.0), 1.0)
     change = np.vstack([np.diag(factors), np.zeros(len(factors))])
     change += np.outer(by_constant, np.broadcast_to(by_unit, len(factors)))
@@ -534,6 +552,7 @@ def fit_load(
     freed = tuple(j for j, spring in springs.items() if free and "spring_offset" in spring.names)
     if freed:
         columns = partial(with_torque_columns, robot, springs, freed)
+        # All offsets are tried at once: a column that gravity nearly explains is dropped again.
         freed = identifiable_offsets(qr_factor_of_rows(rows, columns), freed)
     change = partial(with_torque_columns, robot, springs, freed)
     fitted = fit_inputs(rows, estimator, propagated, change, cutoff_hz)
@@ -561,6 +580,8 @@ def fit_inputs(
     if theta is None:
         return fitted
 
+    # Least squares with the predicted columns c + r / k has the solution and the residual of
+    # `unattenuated`, so that covariance and checks, which come from the rows, are those of it.
     def predicted(part: Regression) -> Regression:
         return with_predicted_columns(part if change is None else change(part), theta, noisy)
 
@@ -626,6 +647,7 @@ def spring_torque_joints(
 
 def _all_measured(robot: Robot, motions: Sequence[Motion], joint: str, signal: str) -> bool:
     index = robot.index(joint)
+    # The torque at a drive is that of all sensors of its coupled joints, C^-T tau.
     used = group_of(robot.transmission, index) if signal == "joint_torque" else [index]
     channels = [getattr(motion, signal) for motion in motions]
     return all(data is not None and bool(np.all(np.isfinite(data[:, used]))) for data in channels)
@@ -637,6 +659,7 @@ def split_load_side(model: LoadModel, load_side: Estimate) -> tuple[Estimate, di
     base = load_side.part(range(p), model.expressions)
     drives = {}
     for joint in dict.fromkeys(joint for joint, _, _ in model.drives):
+        # The columns of `model` are the base parameters, then the parameters of drives.
         places = [i for i, (owner, _, _) in enumerate(model.drives) if owner == joint]
         names = [model.drives[i][1] for i in places]
         drives[joint] = load_side.part([p + i for i in places], names)
