@@ -91,6 +91,7 @@ def simultaneous_regression(
         names=(*names, *load.names),
         units=tuple(unit for rows in actuators.values() for unit in rows.units) + load.units,
         H=np.hstack([_spring_columns(robot, load, zero, names), load.H]),
+        # The springs are parameters of these rows: no error of theirs is propagated.
         propagated=np.empty((len(load.y), 0)),
     )
     motors = [_motor_rows(robot, rows, joint, load) for joint, rows in actuators.items()]
@@ -105,6 +106,7 @@ def _spring_columns(
     columns, start = np.zeros((len(load.y), len(names))), 0
     for joint in springs:
         for name in spring_regressor(robot, joint).names:
+            # y + T s = Y beta, from rows without the torque of the springs: -T is the column of s.
             columns[:, names.index(f"{name} of {joint}")] = -load.propagated[:, start]
             start += 1
     return columns
@@ -129,13 +131,19 @@ def whitened(robot: Robot, rows: Regression, theta: Array) -> Regression:
     H, y, propagated = rows.H.copy(), rows.y.copy(), rows.propagated.copy()
     residual = rows.y - rows.H @ theta
     for stiffness, offset, load, motor, concurrent in _springs(robot, rows):
+        # The column of k is -r_L d. With e = y - H theta it becomes -r_L d + e/k = -r_L d^, with
+        # the deflection d^ that (8) predicts at theta; y + e keeps the residual at theta.
         H[load, stiffness] += residual[load] / theta[stiffness]
         y[load] += residual[load]
         lever = -(rows.H[motor, offset] / rows.H[concurrent, offset])[:, None]  # r_M / (N r_L)
         shared = lever[:, 0] * residual[concurrent]
         power = float(shared @ shared)
+        # e_M = -c lever e_L + rest, by regression: c is 1 if the residuals are noise of d alone, in
+        # which (7) and (8) have opposite signs, and 0 if (7) has none of the noise of (8).
         in_deflection = np.clip(-(residual[motor] @ shared) / power, 0.0, 1.0) if power else 1.0
         for new, old in ((H, rows.H), (y[:, None], rows.y[:, None]), (propagated, rows.propagated)):
+            # (7) + c lever (8), but with the measured d of (7) cancelled by that of the old (8):
+            # the part 1 - c of the spring's torque comes back with the predicted d^ of the new (8).
             spring_free = old[motor] + lever * old[concurrent]
             new[motor] = spring_free - (1 - in_deflection) * lever * new[concurrent]
     return replace(rows, H=H, y=y, propagated=propagated)
@@ -148,6 +156,7 @@ def _springs(
 
     The rows of (8), those of the motor equation, and those of (8) at the instants of the latter.
     """
+    # One complex number per row: numpy sorts by the real part (log) first, then by time.
     springs, instant = [], rows.run + 1j * rows.time
     for joint in robot.elastic_joints:
         names = [f"{name} of {joint}" for name in _SPRING]
@@ -155,6 +164,7 @@ def _springs(
             continue
         stiffness, offset = map(rows.names.index, names)
         index = robot.index(joint)
+        # A joint whose torque on the load was measured has no spring in (8): its column is zero.
         load = np.flatnonzero((rows.joint == index) & (rows.H[:, offset] != 0))
         motor = np.flatnonzero(rows.joint == robot.n + index)
         if len(load):
@@ -203,6 +213,7 @@ def settled(
         moved = np.abs(new.values - theta)
         seen = np.linalg.norm(rows.H @ (new.values - theta))
         negligible = _ROUNDING if iteration < _PATIENCE else _HARMLESS
+        # Without noise the standard errors are rounding, which no step can be small against.
         exact = seen <= negligible * np.linalg.norm(rows.H @ new.values)
         if exact or np.all(moved <= SETTLED * new.standard_errors):
             return new, iteration
@@ -269,6 +280,8 @@ def estimate_simultaneous(
         rows = rows_in_memory(datasets, {"": shifted}, executor)[""]
         zeros = encoder_offset_std**2 * np.eye(robot.n)
         whole, _ = settled(robot, rows, theta, estimation(estimator, zeros))
+    # Weights, drift and checks belong to the whitened rows at the solution: residuals of the plain
+    # ones are correlated between (7) and (8).
     solved = estimator.effective_rows(whitened(robot, rows, whole.values), whole)
     qr_factor = qr_factor_of(solved)
     weights = weights_at(qr_factor, whole.values)
