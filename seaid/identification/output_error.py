@@ -181,6 +181,7 @@ class Layout:
             # an inertia that can be simulated
             consistent = self.identification.base.project(self.identification.robot.parameters)
             values[self.load][: len(consistent)] = consistent
+        # It stands for the zero of the motor's encoder (`layout_of`), whose expectation is zero.
         values[[self.offset(joint) for joint in self.unseen]] = 0.0
         return values
 
@@ -268,6 +269,7 @@ def layout_of(
     precision[zeros] = 1 / encoder_offset_std if encoder_offset_std else 0.0
     for joint in unseen:
         estimate = _actuator_part(start, joint)
+        # F = k r_L dq: the standard deviation of the spring's force by that of the zero dq.
         force = estimate.value("stiffness") * robot.drives[joint].load_radius
         place = drives[joint].start + estimate.names.index("spring_offset")
         precision[place] = 1 / (force * max(encoder_offset_std, _EXACT_RAD))
@@ -312,19 +314,24 @@ def runs_of(layout: Layout, log: Log, number: int = 0, window_s: float = WINDOW_
     band = min(wider * layout.identification.cutoff_hz, rate_hz / 8)
     motion = finer_side(known, reconstruct_motion(known, log, band))
     behind = (*layout.unseen, *layout.followed)
+    # Torque noise < noise of I_M w': a wider band would only add that of the encoder.
     if any(np.less(*_motor_noise(known, joint, log, motion)) for joint in behind):
         motion = finer_side(known, reconstruct_motion(known, log, layout.identification.cutoff_hz))
     if layout.unseen:
         motion = smoothed(motion, [known.index(joint) for joint in layout.unseen])
+        # The angles behind the springs are simulated, so that the samples must resolve the
+        # fastest oscillation in the band, and no more: the cost grows with their number.
         motion = decimated(motion, max(1, int(motion.rate_hz / (SAMPLES * motion.cutoff_hz))))
     block = decimation(motion.rate_hz, motion.cutoff_hz)
     transient = round(motion.transient_s * motion.rate_hz)
     length = len(motion.time) - 2 * transient
     windows = max(1, round(length / motion.rate_hz / window_s))
+    # Windows are whole numbers of blocks, since a row is the mean of a block in one window.
     window = length // windows // block * block
     simulated = [known.index(joint) for joint in layout.simulated]
     compared = (*layout.simulated, *layout.followed)
     still = np.column_stack([_turning(known, motion, joint) for joint in compared])
+    # Response of s joints: (T, s, 1 + p + 2 s), the residual, p parameters, 2 s initial states.
     per_window = window * len(simulated) * (1 + len(layout.names) + 2 * len(simulated))
     most = max(1, _MOST_ENTRIES // max(per_window, 1))
     runs = []
@@ -333,6 +340,7 @@ def runs_of(layout: Layout, log: Log, number: int = 0, window_s: float = WINDOW_
         first = transient + start * window
         part = slice(first, first + count * window)
         reading = motion.joint_position[part, simulated]
+        # The state of a spring's hysteresis depends on the whole past, not on the window alone.
         before = motion.samples(slice(part.stop))
         runs.append(Run(motion.samples(part), reading, still[part], count, block, number, before))
     return runs
@@ -347,6 +355,8 @@ def robot_at(layout: Layout, x: Array) -> Robot:
     """Return the identified robot with the base parameters of x."""
     base, robot = layout.identification.base, layout.identification.robot
     load = x[layout.load][: len(base.columns)]
+    # The standard parameters of least change that have these base parameters (14); a simulation
+    # depends on the base parameters only.
     correction = base.least(load - base.project(robot.parameters))
     return robot.with_values(robot.parameters + correction, robot.drives)
 
@@ -396,7 +406,10 @@ def _measured_near(layout: Layout, motion: Motion, x: Array) -> Residuals:
             rows = offset_sensitivity(known, motion, regress, start[columns])
         for joint in joints:
             of_joint = rows.joint == known.index(joint)
+            # Rows near standstill are missing: others are placed by time, 1e-9 s against rounding.
             places = np.searchsorted(instants, rows.time[of_joint] - 1e-9)
+            # The rows are at twice the Nyquist rate of the filter: every second one counts, so that
+            # white noise below the cutoff is uncorrelated from row to row.
             kept[0, places[places % 2 == 0], channel] = True
             residual[0, places, channel] = rows.y[of_joint]
             jacobian[0, places, channel, columns] = -rows.H[of_joint]
@@ -425,11 +438,14 @@ def linearised(layout: Layout, run: Run, x: Array) -> tuple[Residuals, Pull]:
     frictions, slopes = friction_corrections(known, layout.simulated, motion, places, x)
     load = _load_error(layout, known, run, x)
     for joint, torque in (*springs.items(), *frictions.items()):
+        # A correction of the torque on the joint is in (8) with its sign, and in (7), through the
+        # gear, with the opposite one (below); joint friction is in (8) alone.
         load.columns[:, load.joints.index(joint)] += torque
     pull = _pull(layout, known, run, x, load, slopes)
     response = pull.response(pull.force)
     joints = [known.index(joint) for joint in layout.simulated]
     encoder = -response.position
+    # y - q - z, where q is the present motion plus its Newton correction, the first column.
     encoder[:, :, 0] += run.reading - motion.joint_position[:, joints]
     if layout.has_zeros:
         zeros = [1 + layout.zeros.start + joint for joint in joints]
@@ -441,6 +457,8 @@ def linearised(layout: Layout, run: Run, x: Array) -> tuple[Residuals, Pull]:
         drives[:, layout.simulated.index(joint), : torque.shape[1]] -= torque / ratio
     columns = np.concatenate([encoder, drives, _followed(layout, load, response)], axis=1)
     seen = np.isin(layout.simulated, layout.unseen)
+    # A joint without an encoder has no measured position: its rows never count. Positions of
+    # the others count at standstill too, where only the torques are unknown.
     still = np.hstack([np.broadcast_to(seen, (len(columns), len(joints))), run.still])
     return _blocks(run, columns, still, 2 * len(joints)), pull
 
@@ -489,6 +507,8 @@ def _drive_slopes(layout: Layout, known: Robot, motion: Motion, x: Array) -> tup
             replace(motion, joint_velocity=motion.joint_velocity + _NUDGE),
         )
     ]
+    # A diagonal: the torque of a drive depends on its own joint, so that one nudge of all joints
+    # at once gives all slopes. Coupled drives are refused by `_check_start`.
     by_position, by_velocity = (
         (torques[0] - torque)[:, :, None] / _NUDGE * eye for torque in torques[1:]
     )
@@ -535,6 +555,8 @@ def _load_error(layout: Layout, known: Robot, run: Run, x: Array) -> LoadError:
             [known.index(joint) for joint in names]
             for names in (identification.model.torque_joints, layout.simulated)
         )
+        # q = reading - zero, so that -tau(q) changes by +dtau/dq per unit of the zero. Positions
+        # of simulated joints do not depend on the zero of their encoders, their outputs do.
         by_x[:, :, layout.zeros] = jacobians.position[:, rows]
         by_x[:, :, [layout.zeros.start + joint for joint in joints]] = 0.0
     for column, joint, unit in layout.tests(motion):
@@ -572,9 +594,12 @@ def _drive_error(layout: Layout, known: Robot, run: Run, x: Array, response: Res
         for change, moved in nudged:
             _, zeta, R = _motor_columns(layout, known, moved, joint)
             slope = (zeta - R @ x[columns] - unchanged) / _NUDGE
+            # Chain rule d(7)/dx + d(7)/dq dq/dx + d(7)/dv dv/dx; (7) has no joint acceleration.
+            # The first column is the change by the Newton correction of the joint.
             residuals[:, row] += slope[:, None] * change[:, row]
     for column, joint, unit in layout.tests(motion):
         ratio = total_ratio(known.drives[joint])
+        # A torque on the joint loads its motor, through the gear.
         residuals[:, layout.simulated.index(joint), 1 + column] -= unit / ratio
     return residuals
 
@@ -601,6 +626,7 @@ def _turning(robot: Robot, motion: Motion, joint: str) -> BoolArray:
     speed = motion.motor_velocity[:, robot.index(joint)]
     still = np.abs(speed) < still_speed(motion, robot.index(joint))
     still[1:] |= speed[1:] * speed[:-1] < 0
+    # The low pass of the positions smears a reversal over about one of its periods.
     seen = round(motion.rate_hz / (POSITION_BAND * motion.cutoff_hz))
     return np.asarray(maximum_filter1d(still.astype(np.uint8), 2 * seen + 1) > 0)
 
@@ -725,11 +751,14 @@ def refined_with_logs(
     layout = layout_of(identification, encoder_offset_std, unseen)
     if not (layout.simulated or encoder_offset_std):
         return _with_finding(identification, nothing_to_simulate()), logs
+    # Angles without an encoder come from (7), and the errors of a poor start accumulate over a
+    # window: an iteration in short windows comes first.
     simulated, first = _filled(layout, logs, layout.start), layout.start
     if unseen:
         _, point = _iterated(layout, simulated, first, iterations, progress, SHORT_WINDOW_S)
         simulated, first = _simulated_logs(layout, logs, point), point.x
     start, point = _iterated(layout, simulated, first, iterations, progress)
+    # `not <` also refuses NaN.
     if not _size(point.step) < _CLOSE:
         held = _held(identification, layout, point)
         if held is not None:
@@ -773,6 +802,7 @@ def _held(start: Identification, layout: Layout, point: Point) -> Identification
             for name in motor_regressor(start.known, joint).non_linear
             if name in columns
             and parameter_named(name).is_positive
+            # `not >` also takes NaN as weak.
             and not point.x[columns[name]] > 2 * error[columns[name]]
         ]
         if not weak:
@@ -829,6 +859,7 @@ def first_estimate(identification: Identification, logs: list[Log]) -> FirstEsti
             x[damping] = identification.known.drives[joint].values.get("spring_damping", 0.0)
     filled = _filled(layout, logs, x)
     _, point = _iterated(layout, filled, x, _FIRST_STEPS, False, SHORT_WINDOW_S)
+    # Channels: the s positions of simulated joints, then the torques of their s drives.
     channels = len(layout.simulated) + np.flatnonzero(np.isin(layout.simulated, layout.unseen))
     noise = [
         max(
@@ -921,6 +952,7 @@ def _worse(
         worst = int(np.argmax(np.where(is_worse, new / old, 0.0)))
     if not is_worse[worst]:
         return "", {}
+    # (2 n,): the motor torques, then the load torques.
     side, joint = divmod(worst, before.known.n)
     shares = {"error before": old[worst] / size[worst], "error after": new[worst] / size[worst]}
     return (
@@ -1154,6 +1186,8 @@ def _moved(layout: Layout, run: Run, pull: Pull, change: Array, part: float, ini
     """Return a run with its simulated joints after a part of a step."""
     known, motion = layout.identification.known, run.motion
     joints = [known.index(joint) for joint in layout.simulated]
+    # q + part dq_0 + dq/dx change + part Phi(t) s: the Newton correction dq_0 of (8), the change
+    # of the parameters, and free motions Phi from the changes s of each window's initial state.
     response = pull.response(pull.force @ np.append(part, change)[:, None])
     states = []
     for state, moves in zip(
@@ -1168,6 +1202,7 @@ def _moved(layout: Layout, run: Run, pull: Pull, change: Array, part: float, ini
         states.append(new)
     if layout.has_zeros:
         others = [joint for joint in range(known.n) if joint not in joints]
+        # Joints that are not simulated follow their encoders: q = reading - zero.
         states[0][:, others] -= change[layout.zeros][others]
     q, v, a = states
     moved = replace(motion, joint_position=q, joint_velocity=v, joint_acceleration=a)
@@ -1203,6 +1238,7 @@ def _estimates(layout: Layout, at: Array, step: Step) -> tuple[dict[str, Estimat
     """Return the estimates of elastic drives by joint, and of the load side, at values (p,)."""
     identification = layout.identification
     covariance, x = step.covariance.copy(), at.copy()
+    # Without encoder offsets the prior of `_EXACT_RAD` alone determined these: they are known.
     fixed = [] if layout.has_zeros else [layout.offset(joint) for joint in layout.unseen]
     covariance[fixed], covariance[:, fixed], x[fixed] = 0.0, 0.0, 0.0
     whole = Estimate(
@@ -1218,6 +1254,8 @@ def _estimates(layout: Layout, at: Array, step: Step) -> tuple[dict[str, Estimat
         new = whole.part(range(columns.start, columns.stop), old.names)
         return replace(new, units=old.units, residual_std=std, diagnostics=old.diagnostics)
 
+    # Channels: s positions, s drives, followed joints; then, of what is not simulated, the drives
+    # with a measured spring torque and the joints of (8).
     first, joints = len(layout.simulated), list(layout.simulated)
     others = [joint for joint in layout.drives if joint not in joints]
     end = 2 * first + len(layout.followed)
