@@ -83,6 +83,7 @@ def fix_unidentifiable(
     """
     fixed: list[str] = []
     levels = [level for term, level in LEVEL_OF.items() if term not in COULOMB]
+    # One at a time, since the others may be identifiable once the worst is fixed.
     while True:
         kept = [place for place, name in enumerate(names) if name not in fixed]
         name = _unidentifiable([names[place] for place in kept], H[:, kept], [*nonlinear, *levels])
@@ -100,6 +101,8 @@ def _unidentifiable(names: Sequence[str], H: Array, candidates: Sequence[str]) -
     if not len(names):
         return None
     svd = scaled_svd(H, "the columns of a drive")
+    # The last right singular vector is the worst determined combination of scaled columns. It is
+    # that of a candidate only if the candidate has a real part in it, _PART of the largest.
     share = np.abs(svd.vectors[-1])
     place = int(np.argmax(np.where(may_go, share, 0.0)))
     is_named = may_go[place] and share[place] > _PART * share.max()
@@ -222,6 +225,8 @@ class _Search:
         values = dict(zip(self.nonlinear, nonlinear.tolist(), strict=True))
         places = [self.regressor.linear.index(name) for name in self.linear]
         pairs = [self.regressor.given(by_name, values) for by_name in self.signals]
+        # y has zeta at the drive's values already, so that only its change by the nonlinear ones is
+        # added; on the load side a stiff drive is in (8) with N times (7), the `factor`.
         changes = [zeta - old for (zeta, _), old in zip(pairs, self.zeta, strict=True)]
         y = self.y.copy()
         y[self.rows] += self._banded(changes)
@@ -244,6 +249,7 @@ class _Search:
         values = {**self.regressor.drive.values}
         values |= dict(zip(self.nonlinear, nonlinear.tolist(), strict=True))
         values |= dict(zip(self.linear, linear.tolist(), strict=True))
+        # `evaluate` has derivatives in these columns, d(H theta - zeta)/dv at v and theta.
         places = [self.regressor.names.index(name) for name in self.nonlinear]
         parts = [self.regressor.evaluate(by_name, values)[1][:, places] for by_name in self.signals]
         return self._projected(self._placed(parts))
@@ -257,6 +263,8 @@ class _Search:
         if self.index is not None:
             pairs = zip(self.motions, parts, strict=True)
             parts = [motion.where_known(self.index, part) for motion, part in pairs]
+        # The low pass and the samples are those of the rows: columns are computed at the rate of
+        # the log and then filtered, since sign(w) of a filtered w is another function.
         triples = zip(self.motions, parts, self.samples, strict=True)
         banded = [in_band_at(motion, part, samples) for motion, part, samples in triples]
         return self.factor * np.concatenate(banded)
@@ -264,6 +272,8 @@ class _Search:
     def _projected(self, columns: Array) -> Array:
         if not self.others.shape[1]:
             return columns
+        # (I - Q Q^T) H with an orthonormal basis Q of the other columns: their parameters are at
+        # their best values for each trial, without being computed.
         return np.asarray(columns - self.others @ (self.others.T @ columns))
 
 
@@ -306,6 +316,7 @@ def _linear_start(robot: Robot, motions: Sequence[Motion], joint: str) -> dict[s
     stiffness = values.get("stiffness", 0.0)
     if stiffness == 0:
         raise IdentificationError(f"joint '{joint}': no stiffness to start the search")
+    # k d + f_0 = k (d - d_0) with d_0 = -f_0 / k.
     values["deflection_zero"] = -values.get("spring_offset", 0.0) / stiffness
     return values
 
@@ -364,6 +375,8 @@ def check_reversals(robot: Robot, motions: Sequence[Motion], joints: Sequence[st
                         drive.motor_radius / drive.ratio * x
                         - drive.load_radius * by_name["theta_L"]
                     )
+                # Fall below the running maximum and rise above the running minimum: a motion in one
+                # direction has only one of them, so that the smaller is the return.
                 down = float(np.max(np.maximum.accumulate(x) - x))
                 up = float(np.max(x - np.minimum.accumulate(x)))
                 returns.append(min(up, down))
@@ -438,6 +451,8 @@ def linearised_load(robot: Robot, motions: Sequence[Motion], used: Sequence[str]
         return robot
     scales = {joint: scale_of(robot, motions, joint) for joint in nonlinear}
     nominal, robot = robot.drives, _started(robot, scales)
+    # One joint needs no second sweep, since the parameters of the others are linear and at their
+    # best values for each of its trials.
     for sweep in range(1 if len(nonlinear) == 1 else _SWEEPS):
         for joint in nonlinear:
             grid = [] if sweep else _grid(robot, joint, nominal[joint], scales[joint])
@@ -483,6 +498,8 @@ def _weights(qr_factor: QRFactor) -> Array:
     theta = _least_norm(qr_factor, equal_weights(qr_factor))
     std = qr_factor.residual_norms(theta) / np.sqrt(np.maximum(qr_factor.counts, 1))
     largest = float(np.max(std))
+    # An equation without a torque is homogeneous, and zero fits it without a residual: unbounded
+    # weights would give it everything.
     return largest / np.maximum(std, _FEW * largest) if largest else equal_weights(qr_factor)
 
 
@@ -492,6 +509,7 @@ def _started(robot: Robot, scales: Mapping[str, Scale]) -> Robot:
     for joint, scale in scales.items():
         drive, regressor = drives[joint], motor_regressor(robot, joint)
         values = {
+            # A level of zero would make the columns of the other parameters of its term zero.
             name: 1.0 if name in LEVEL_OF.values() else starts_of(name, drive, {}, scale)[0]
             for name in regressor.names
             if name in PARAMETERS and name not in (*drive.values, "motor_inertia")
@@ -521,7 +539,9 @@ def _load_search(robot: Robot, motions: Sequence[Motion], joint: str, fit: LoadF
     regressor = motor_regressor(robot, joint)
     drive_names = [f"{name} of {joint}" for name in regressor.names]
     weights = _weights(fit.qr_factor)
+    # (E,) per equation -> (R,) per row; `equations` are sorted.
     of_row = weights[np.searchsorted(fit.qr_factor.equations, rows.joint)]
+    # Everything but the drive's columns is projected out: bodies, and all other drives.
     rest = [place for place, name in enumerate(rows.names) if name not in drive_names]
     H = of_row[:, None] * rows.H[:, rest]
     by_motion = [input_signals(robot, motion, index) for motion in motions]
@@ -557,6 +577,7 @@ def with_gear_torques(
         return linearised_load(robot, motions, used), list(motions)
     drives = {joint: _without_load(robot.drives[joint]) for joint in joints}
     plain = robot.with_drives(drives)
+    # The first torques come from the drives without load-dependent friction.
     linear = linearised_load(plain, motions, used)
     known = _with_torques(linear, motions, used)
     for _ in range(_SEARCHES):
