@@ -119,6 +119,7 @@ def shared_rows(rows: Mapping[str, Regression], specific: Sequence[bool]) -> Sha
                 f"condition '{first}' has the parameters {', '.join(names)}; '{condition}' has "
                 f"{', '.join(rows[condition].names)}: conditions need the same sensors and terms"
             )
+    # A specific parameter has one column per condition, with zeros in the rows of the others.
     columns = {name: place for place, name in enumerate(_columns(names, specific, list(rows)))}
     places = {
         condition: tuple(columns[text] for text in _columns(names, specific, [condition]))
@@ -135,6 +136,8 @@ def shared_rows(rows: Mapping[str, Regression], specific: Sequence[bool]) -> Sha
         for condition, regression in rows.items()
     ]
     starts = _first_runs(wide)
+    # Logs are numbered through all conditions: autocorrelation ends with a log, and `is_of` finds
+    # the rows of a condition by these numbers.
     run = np.concatenate([part.run + start for part, start in zip(wide, starts, strict=False)])
     return SharedRows(replace(stacked(wide), run=run), places, names)
 
@@ -207,10 +210,12 @@ class ConditionFit:
                 groups.setdefault(name.rsplit(" [", 1)[0], []).append(place)
         change = np.eye(len(names))
         for columns in groups.values():  # the first column is common, the others are differences
+            # theta_c = theta_1 + delta_c, so that H theta = (H change) (theta_1, delta_2, ...).
             change[columns, columns[0]] = 1.0
         rows = self.shared.rows
         qr_factor = qr_factor_of(replace(rows, H=rows.H @ change))
         independent = independent_rows(self.fit.qr_factor, self.fit.estimate)
+        # Each F test needs degrees of freedom of the residual.
         if independent <= len(names):
             return {}
         weights = settled_weights(qr_factor)
@@ -288,6 +293,7 @@ def estimate_conditions(
                 raise
             unscaled[joint] = problem
             joint_rows = {name: with_unit_constant(part) for name, part in joint_rows.items()}
+            # The spring in units of the input; `_scaled_by_load` finds the unit from (8).
             side = _fitted_actuator(joint_rows, joint, specific, solver)
         actuators[joint] = side.with_fit(with_shared_delays(first.drives, side.fit, joint))
     load_rows = {name: equations[LOAD] for name, equations in rows.items()}
@@ -327,6 +333,7 @@ def _scaled_by_load(
     changed = _with_springs(
         robots, rows, joints, actuators, partial(with_constant_columns, robot, constants=constants)
     )
+    # The constant of a motor is common to all conditions: a known payload in one of them gives it.
     is_specific = _is_specific(models, specific) + [False] * len(constants)
     try:
         fitted = _fitted(changed, is_specific, solver, None).fit
@@ -380,6 +387,8 @@ def _with_springs(
     placed = {}
     for name, robot in robots.items():
         springs = {joint: spring_of(robot, actuators[joint].of(name), joint) for joint in joints}
+        # A parameter of a spring that the conditions share has one column for all of them: its
+        # error moves all their loads together. A specific one has a column per condition.
         places = [
             start + actuators[joint].shared.place(name, parameter)
             for joint, start in zip(joints, starts, strict=False)
@@ -611,6 +620,8 @@ def _identify_conditions(
     sides = fit(datasets, specific=condition_specific)
     if first.has_controllers:
         for name, robot in robots.items():
+            # Reversals that a motor only passes, by the friction of the first fit, count in the
+            # second; the first excludes all of them.
             start = identified_robot(robot, models[name].base, sides.of(name))
             datasets[name] = with_passed_reversals(robot, datasets[name], start)
         sides = fit(datasets, specific=condition_specific)
@@ -673,6 +684,7 @@ def _read(
 
     datasets = read(cutoff_hz)
     bands = {dataset.cutoff_hz for group in datasets.values() for dataset in group}
+    # One cutoff for all: a bias that depends on it would look like a difference of the conditions.
     return robots, datasets if len(bands) == 1 else read(min(bands))
 
 
@@ -684,6 +696,8 @@ def _linearised(
     for place, (name, robot) in enumerate(robots.items()):
         straight, known[name] = linearised_robot(linearised[name], datasets[name], used)
         if place == 0 and straight is not robot:
+            # A value is the only start of a search (`starts_of`): with those of the first condition
+            # all searches end in the same local optimum.
             alike = {x: twin for x, twin in robots.items() if twin.drives == robot.drives}
             linearised |= {x: twin.with_drives(straight.drives) for x, twin in alike.items()}
     return linearised, known
