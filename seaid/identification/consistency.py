@@ -166,6 +166,7 @@ def feasible_parameters(
         units=known.units,
         values=point.values,
         estimate=known.values,
+        # root root^T is the covariance: the norms of its rows are the standard errors.
         distance=(point.values - known.values) / np.linalg.norm(program.root, axis=1),
         chi_square=point.chi_square,
         nearest_chi_square=bound.chi_square,
@@ -302,6 +303,7 @@ def body_limits(robot: Robot, bodies: Array, masses: MassBounds, boxes: Boxes) -
         for sign, corner, side in zip((1, -1), corners, ("lower", "upper"), strict=True):
             for axis, bound in enumerate(corner):
                 row = np.zeros(robot.parameters.size)
+                # c >= b is m c - b m >= 0, linear in the first moment m c and the mass m.
                 row[column + 1 + axis] = sign / size
                 row[column] = -sign * bound / size
                 words = f"centre of mass of {body} is at the {side} bound of its box in "
@@ -316,6 +318,8 @@ def interior_start(robot: Robot, bodies: Array, masses: MassBounds, boxes: Boxes
     for index, body in enumerate(robot.body_names):
         pseudo = pseudo_inertia(bodies[index])
         mass, center = pseudo[3, 3], pseudo[:3, 3] / pseudo[3, 3]
+        # Pseudo-inertia J = [Sigma, m c; m c^T, m] (Wensing et al. 2018), with the spread
+        # S = Sigma / m - c c^T of the mass, which stays: J = m ([c; 1][c^T, 1] + [S, 0; 0, 0]).
         spread = pseudo[:3, :3] / mass - np.outer(center, center)
         mass = _between(mass, *bounds.get(body, (0.0, np.inf)))
         if body in corners:
@@ -413,6 +417,7 @@ def balls(robot: Robot) -> Array:
             for child in range(1, model.njoints)
             if model.parents[child] == position + 1
         ]
+        # Joint frames are at the proximal end of a body: the next joints are its distal ends.
         if ends:
             centers[index] = np.mean(ends, axis=0) / 2
             radii[index] = np.mean(np.linalg.norm(ends, axis=1)) / 2
@@ -421,6 +426,7 @@ def balls(robot: Robot) -> Array:
     radii = np.maximum(radii, _LEAST_RADIUS)
     return np.array(
         [
+            # 2/5 m r^2 of a solid ball.
             from_center_of_mass(BALL_MASS, center, 0.4 * BALL_MASS * radius**2 * np.eye(3))
             for center, radius in zip(centers, radii, strict=True)
         ]
@@ -465,11 +471,13 @@ def prior_bodies(robot: Robot, parameters: Array) -> tuple[Array, tuple[str, ...
 
 def _repaired(body: Array, ball: Array) -> Array | None:
     """Return a nearby consistent body for one without mass in some direction, otherwise None."""
+    # Eigenvalues of L^-1 J L^-T, with the ball L L^T: those of J itself would mix kg, kg m, kg m^2.
     half = _safely(np.linalg.cholesky, pseudo_inertia(ball))
     inverse = _safely(np.linalg.inv, half)
     spread, vectors = _safely(np.linalg.eigh, inverse @ pseudo_inertia(body) @ inverse.T)
     if spread[0] >= _DEGENERATE:
         return None
+    # J' = L V (max(s, 0) + shift) V^T L^T.
     root = half @ vectors * np.sqrt(np.maximum(spread, 0.0) + SHIFT)
     return from_pseudo_inertia(root @ root.T)
 
@@ -494,6 +502,8 @@ def body_program(
     m, absorbed = robot.parameters.size, len(model.absorbed)
     columns, pivots, drive_rows = _columns(model, known, m)
     root = covariance_root(known.covariance, known.values)
+    # An absorbed parameter adds `absorption` times itself to base parameters, as an inertia does:
+    # the largest inertia over this factor is its natural size.
     largest = np.max(np.abs(model.absorption), axis=0, initial=0.0)
     names: list[str] = [JointParameter(name, joint) for joint, name, _ in model.absorbed]
     names += [known.names[row] for row in drive_rows]
@@ -510,6 +520,7 @@ def body_program(
         prior=bodies,
         limits=np.array([limit.row for limit in all_limits]).reshape(-1, columns.shape[1]),
         bounds=np.array([limit.bound for limit in all_limits]),
+        # Strictly inside: an interior-point method cannot start on a bound.
         start=np.append(start, np.where(signed, np.maximum(values, 0.1 * sizes), values)),
     )
     return program, [limit.words for limit in all_limits]
@@ -522,9 +533,12 @@ def _columns(model: LoadModel, known: Estimate, m: int) -> tuple[Array, tuple[in
     rows = [known.names.index(name) for name in model.names]
     drive_rows = [row for row in range(len(known.names)) if row not in base]
     columns = np.zeros((len(known.names), start + len(drive_rows)))
+    # estimate = columns @ unknowns: (14) with the standard parameters, what the absorbed ones add,
+    # and the other drive parameters by themselves.
     columns[base, :m] = model.base.grouping
     columns[rows, m:start] = model.absorption
     columns[drive_rows, range(start, columns.shape[1])] = 1.0
+    # Each estimated value has one unknown with the column of an identity matrix, its pivot.
     pivots = np.empty(len(known.names), dtype=int)
     pivots[base] = model.base.columns
     pivots[drive_rows] = range(start, columns.shape[1])
