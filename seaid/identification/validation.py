@@ -202,6 +202,7 @@ def _base_fit(motions: Sequence[Motion], rows: Sequence[Array]) -> Fit | None:
         base = motion.base
         if base is None:
             return None
+        # A contact with a flag has no measured wrench: its force is unknown while it touches.
         known = base.used & ~np.any([*base.contacts.values(), ~base.used], axis=0)
         still = np.zeros((len(known), 6), dtype=bool)
         raw = np.where(known[:, None, None], forces, np.nan)
@@ -225,12 +226,14 @@ def _actuator(identification: Identification, motion: Motion) -> tuple[Array, Ar
         if not set(regressor.names) <= set(estimate.names):
             continue
         values = np.array([estimate.value(name) for name in regressor.names])
+        # zeta is tau_M less the known terms of (7): tau_M + R theta - zeta is the computed torque.
         error = R @ values - zeta
         if TORQUE_OFFSET in estimate.names:
             error += estimate.value(TORQUE_OFFSET)
         measured[:, index] = _input_torque(identification, motion, joint)
         if np.any(np.isnan(measured[:, index])):
             drive = identification.known.drives[joint]
+            # Then the equation is (4b), in forces of the spring; r_M/N is its lever at the motor.
             lever = drive.motor_radius / drive.ratio
             force = motion.joint_torque[:, index] / drive.load_radius
             measured[:, index], error = lever * force, lever * error
@@ -264,6 +267,8 @@ def _load(identification: Identification, motion: Motion) -> tuple[Array, Array,
     model = identification.model
     theta, constants = identification.load_side.values, np.zeros(len(model.names))
     for place, (_, name, _) in enumerate(model.drives, len(model.expressions)):
+        # H has minus N times the logged input in the column of an unknown constant K: torque - H K
+        # is what counts as measured.
         constants[place] = theta[place] if name in CONSTANTS else 0.0
     torque, payload, parts = load_torques(
         identification.known,
@@ -321,6 +326,7 @@ def _fit(parts: Sequence[_Traces]) -> Fit:
     counted = every & ~whole.still
     count = np.sum(counted, axis=0)
     with np.errstate(divide="ignore", invalid="ignore"):
+        # `where=` and not NaN arithmetic: columns without samples that count become NaN by 0 / 0.
         mean = np.sum(measured, axis=0, where=counted) / count
         return Fit(
             measured=measured,
