@@ -61,6 +61,7 @@ def whole_body(found: Identification) -> tuple[BodyValue, ...]:
     moments = _first_moments(found)
     base = found.robot.body_names[-1]
     alone = np.zeros_like(moments)
+    # The base is the last body; its first four parameters are m, m x, m y, m z in its frame.
     alone[:, -10:-6] = np.eye(4)
     return tuple(
         value
@@ -93,6 +94,7 @@ def _first_moments(identification: Identification) -> Array:
         frames[index] = data.oMi[place]
     for body, frame in enumerate(frames):
         rows[0, 10 * body] = 1.0
+        # m c in the axes of the base: R h + m p, with the body's first moment h in its own frame.
         rows[1:, 10 * body] = frame.translation
         rows[1:, 10 * body + 1 : 10 * body + 4] = frame.rotation
     return rows
@@ -102,6 +104,8 @@ def _mass_and_center(identification: Identification, name: str, rows: Array) -> 
     """Return the values of the functionals (4, 10N) of a mass and its first moments."""
     robot, base = identification.robot, identification.base
     combined = rows[:, list(base.columns)]
+    # c^T theta = c_b^T beta if c = c_b B (14), with the entries c_b at the base columns, where B is
+    # the identity. What is left may be on known bodies, whose values are added below.
     undetermined = (rows - combined @ base.grouping) * ~robot.is_known
     is_known = np.linalg.norm(undetermined, axis=1) <= _DETERMINED * np.linalg.norm(rows, axis=1)
     known = rows @ (robot.payload_parameters + np.where(robot.is_known, robot.parameters, 0.0))
@@ -128,6 +132,7 @@ def bodies_of_fit(identification: Identification) -> tuple[Array, bool]:
     is_whole = bool(np.all(np.isfinite(known.parameters)))
     bodies = bodies if is_whole else np.zeros_like(bodies)
     values = identification.load_side.values[: len(base.columns)]
+    # B has the identity at the base columns, so that adding the difference there satisfies (14).
     bodies[list(base.columns)] += values - base.grouping @ bodies
     return bodies + known.known_parameters, is_whole
 
@@ -238,14 +243,18 @@ def sensor_bias(
     if estimate is None:  # the base does not tilt, or no error counts
         return None
     k = len(axes.places)
+    # The errors are the last k columns of the fit.
     value, covariance = estimate.values[-k:], estimate.covariance[-k:, -k:]
     hidden = axes.hidden(covariance)
     axes = axes.at(_significant(axes, value, covariance, _freedom(estimate)))
     if len(axes.places) < k:
         k = len(axes.places)
+        # Without any axis kept the fit is None, and so is the result.
         estimate = with_further_columns(fit, axes.columns, lambda _: k > 0)
     if estimate is None:
         return None
+    # Errors that are later taken as normal: the covariance is widened by the square of the ratio of
+    # the t quantile to that of a covariance that is as good as known.
     normal = (stdtrit(_freedom(estimate), 0.975) / stdtrit(_MOST_FREEDOM, 0.975)) ** 2
     return SensorBias(
         places=tuple(axes.places),
@@ -267,6 +276,7 @@ def _acting_axes(
     equations: dict[str, Regress] = {}
     if ("", 0) in limits:
         equations["imu"] = partial(accelerometer_rows, robot, model=model)
+    # The first three limits are those of the accelerometer, if it has some.
     if len(limits) > 3 * len(equations):
         equations["force sensors"] = partial(wrench_rows, robot, model=model)
     columns = [rows.H for rows in rows_in_memory(datasets, equations).values()]
@@ -291,6 +301,7 @@ def _limits(bases: Sequence[BaseMotion]) -> dict[tuple[str, int], tuple[float, f
             continue  # always loaded: without accelerations its zero is that of the mass
         for axis in range(width):
             part = values[:, axis // 3 * 3 : axis // 3 * 3 + 3]
+            # Forces and moments have sizes of their own: axes 0 to 2, and 3 to 5.
             size = float(np.quantile(np.linalg.norm(part, axis=1), 0.99))
             limits[link, axis] = (_LEAST_ZERO * size, _NO_ZERO * size)
     return limits
@@ -317,6 +328,7 @@ def _significant(axes: _Axes, value: Array, covariance: Array, freedom: float) -
         b, C = np.zeros_like(value), np.zeros_like(covariance)
         b[kept] = value[kept] - value[removed] @ share
         C[np.ix_(kept, kept)] = covariance[np.ix_(kept, kept)]
+        # Covariance of the fit in which the removed errors d are zero: C_bb - C_bd C_dd^-1 C_db.
         C[np.ix_(kept, kept)] -= covariance[np.ix_(kept, removed)] @ share
         chances = [
             _chance(axes.at(kind.tolist()), b[kind], C[np.ix_(kind, kind)], freedom)

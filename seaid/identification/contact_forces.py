@@ -225,10 +225,14 @@ def force_instants(
     always = np.ones(len(q), dtype=bool)
     touching = {contact.link: base.contacts.get(contact.link, always) for contact in contacts}
     A, inverse = contact_equations(robot, q, contacts, touching, joints, unknown, base.up)
+    # Forces times a length and moments have one unit, in which least squares is meaningful.
     rows = rows * row_scale(robot, rows.shape[1])[:, 0]
+    # At standstill the friction of a drive is unknown: its row determines nothing, as in A.
     rows[:, 6:] *= ~unknown
     forces = np.einsum("tkr,tr->tk", inverse, rows)
     residual = rows - np.einsum("trk,tk->tr", A, forces)
+    # f^ = A^+ rows, A^+ A f = f for what the rows determine: a diagonal of A^+ A below 1 is a force
+    # that is shared with the null space. Its trace is the rank.
     projector = inverse @ A
     first = np.cumsum([0, *(6 if contact.is_flat else 3 for contact in contacts)])[:-1]
     places = np.add.outer(first, np.arange(3))  # the three forces of each contact
@@ -242,6 +246,7 @@ def force_instants(
         if contact.link in base.wrenches:
             measured[:, k] = np.einsum("tij,tj->ti", R[:, k], base.wrenches[contact.link][:, :3])
     up = _verticals(base.up, base.specific_force, contacts, R, counts)
+    # Normal force u^T f = (u^T A^+) rows: its variance is |u^T A^+|^2 for rows of variance 1.
     spread = np.einsum("tki,tkir->tkr", up, inverse[:, places])
     free = np.append(robot.floating_base.free_axes, np.ones(len(joints), dtype=bool))  # type: ignore[union-attr]
     free = np.broadcast_to(free, rows.shape).copy()
@@ -255,6 +260,7 @@ def force_instants(
         counts=counts,
         spread=np.sum(spread**2, axis=2),
         squares=np.sum(residual**2, axis=1),
+        # Rows with an equation less the forces that they determine.
         freedom=free.sum(axis=1) - rank,
         used=base.used & inside_transients(motion),
         stands=stands,
@@ -282,6 +288,8 @@ def _verticals(
     for k, contact in enumerate(contacts):
         if contact.is_flat and np.any(counts[:, k]):
             mean = np.einsum("tji,tj->ti", R[:, k], specific_force)[counts[:, k]].mean(axis=0)
+            # The mean specific force in the axes of a foot that stands is that of gravity, if the
+            # accelerations of the base cancel over the stances.
             vertical[:, k] = R[:, k] @ (mean / np.linalg.norm(mean))
     return vertical
 
@@ -315,6 +323,8 @@ def _basis(
     F = inverse @ (row_scale(robot, columns.shape[1]) * columns)
     bodies = robot.parameters.size
     identified = [*model.base.columns, *range(bodies, bodies + len(model.drives))]
+    # f = F theta is a function of the base parameters B theta (14) if F = F_b B, with the columns
+    # F_b of those parameters; the same test as for a mass in `base_estimates`.
     undetermined = F - F[:, :, identified] @ grouping
     basis, start = [], 0
     for k, contact in enumerate(contacts):
@@ -327,6 +337,7 @@ def _basis(
         is_identified = np.linalg.norm(undetermined[counts, axes]) <= _DETERMINED * size
         basis.append("identified" if is_identified else "robot file" if is_whole else "none")
         normal = np.einsum("ti,tim->tm", whole.up[steps[counts], k], F[counts, axes])[:, identified]
+        # u^T F_b C F_b^T u.
         variances = np.einsum("tm,mn,tn->t", normal, estimate.covariance, normal)
         variance[k] = np.median(variances)
     return tuple(basis), variance
@@ -351,6 +362,7 @@ def _summary(
     is_redundant = freedom > _LITTLE * used.sum()
     noise = float(np.sum(whole.squares[used])) / freedom if is_redundant else np.nan
     normal = np.einsum("tki,tki->tk", whole.up, forces)
+    # |f_t| with f_t = f - (u^T f) u.
     along = np.linalg.norm(forces - normal[:, :, None] * whole.up, axis=2)
     robot, mass = identification.robot, whole_body(identification)[0].value
     if np.isnan(mass) and np.all(np.isfinite(identification.known.parameters)):
@@ -361,6 +373,7 @@ def _summary(
         known = np.isfinite(normal[:, k])
         if np.any(known):
             f_n, f_t = normal[known, k], along[known, k]
+            # Independent parts: noise of the rows, and errors of the parameters.
             error = np.sqrt(noise * np.median(whole.spread[known, k]) + variance[k])
             loaded = f_n > LOADED * weight
             used_friction = (
