@@ -174,6 +174,7 @@ def frequency_response(
     posture = at_joints(robot.transmission, np.mean([x.posture for x in records], axis=0))
     harmonics = None
     if multisine is not None:
+        # The constant of the series is its mean position, about which the robot is linearised.
         posture, harmonics = multisine.coefficients[0], multisine.harmonics
     nominal = linearised(robot, posture, picked)
     drives = [robot.drives[robot.joint_names[index]] for index in picked]
@@ -186,11 +187,13 @@ def frequency_response(
     alike = _with_dry_friction(fit.joints, fit.dry, spectra, spectra.hz)
     measured = approximation_of(spectra, records, picked, alike)
     names = tuple(robot.joint_names[index] for index in picked)
+    # Spectra are at the joints, theta_M/N_i by N_j tau_M: N_i N_j times that is theta_M by tau_M.
     ratio = ratio[picked]
     scale = ratio[:, None] * ratio
     known = None
     if identification is not None:
         linear = linearised(identification.robot, posture, picked)
+        # Friction levels of motors at the joints, as all of the linear robot.
         levels = ratio * _dry_friction(identification.robot, names)
         known = scale * _with_dry_friction(linear, levels, spectra, measured.hz)
     result = FrequencyResponse(
@@ -305,6 +308,7 @@ class _Multisine:
     @property
     def harmonics(self) -> Array:
         """The numbers of the harmonics that are excited."""
+        # Coefficients: the constant, H sines, H cosines, per joint.
         sizes = np.abs(self.coefficients[1:]).reshape(2, self.basis.harmonics, -1)
         total = sizes.sum(axis=(0, 2))
         return np.asarray(1 + np.flatnonzero(total > 1e-9 * total.max()))
@@ -347,6 +351,7 @@ def _with_dry_friction(joints: LinearJoints, level: Array, spectra: Spectra, hz:
     """
     speed = 2j * np.pi * spectra.hz[:, None] * spectra.motor
     power = np.sum(np.abs(speed) ** 2, axis=(0, 1, 2))
+    # Projection of sign(w) on w, by Parseval: Re <w, sign(w)> / <w, w> over logs, periods, lines.
     gain = np.sum(np.real(np.conj(speed) * spectra.sign), axis=(0, 1, 2)) / power
     n = len(level)
     alike = replace(joints, friction=joints.friction + level * gain)

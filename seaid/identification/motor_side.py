@@ -101,6 +101,8 @@ def with_motor_side_findings(
     for joint, orders in terms.items():
         drive = refined.known.drives[joint]
         k = refined.drive_side[joint].value("stiffness") * drive.load_radius**2
+        # x w_a^n / (k r_L^2): a torque x d^(n)/dt^n of the deflection over that of the spring, at
+        # w_a = sqrt(k r_L^2 / J).
         rate = float(np.sqrt(abs(k) / inertia[refined.known.index(joint)]))
         scaled = {order: pair * rate**order / k for order, pair in orders.items()}
         tests[joint] = {order: (float(x), float(error)) for order, (x, error) in scaled.items()}
@@ -190,6 +192,7 @@ class MotorSide:
     def moved(self, compliance: Array, friction: Array) -> Motion:
         """Return the motion with the joint positions of (7) and (4b), below twice the cutoff."""
         motion, q = self.motion, self.motion.joint_position.copy()
+        # (4b): q = theta_M / N - c tau_L with c = 1 / (k r_L^2), from rigid angles theta_M / N.
         q[:, self.joints] -= compliance * (self.torque - self.friction @ friction)
         q = low_pass(q, motion.rate_hz, 2 * motion.cutoff_hz)
         states = spline_derivatives(motion.time, q[:, self.joints])
@@ -203,6 +206,8 @@ def _motor_side(robot: Robot, motion: Motion, joints: Sequence[str]) -> MotorSid
         regressor, zeta, R = actuator_columns(robot, motion, joint)
         without_spring = [name not in _OF_SPRING for name in regressor.names]
         ratio = total_ratio(robot.drives[joint])
+        # N r_L / r_M times (7) without its spring: the torque on the load by the motor, from which
+        # friction, with unknown parameters, is still to be subtracted.
         torques.append(ratio * zeta)
         columns.append(ratio * R[:, without_spring])
     ends = np.cumsum([0, *(part.shape[1] for part in columns)])
@@ -236,6 +241,8 @@ class MotorRegression:
         """Return the compliances (joints,) of least misfit, from antiresonances about a band."""
         torque = np.concatenate([side.torque for side in self.sides])
         motion = [side.motion.joint_acceleration[:, side.joints] for side in self.sides]
+        # The apparent inertia J is rms torque over rms acceleration; the antiresonance is
+        # w_a = sqrt(1 / (c J)), so that c = 1 / (J w_a^2).
         inertia = np.sqrt(np.mean(torque**2, axis=0) / np.mean(np.concatenate(motion) ** 2, axis=0))
         tried = [1 / (inertia * (2 * np.pi * band_hz * part) ** 2) for part in _TRIED_HZ]
         best: Array = min(tried, key=lambda compliance: self.fit(compliance)[0])
@@ -253,6 +260,7 @@ class MotorRegression:
         for _ in range(_SWEEPS):
             rows = np.concatenate([self._rows(side, compliance, friction) for side in self.sides])
             misfit, x = _weighted_fit(rows)
+            # Not x[-f:], which is all of x for f = 0.
             friction = x[len(x) - len(friction) :]
         return misfit, friction
 
@@ -282,6 +290,7 @@ def _weighted_fit(rows: Array) -> tuple[float, Array]:
         x = scaled_svd(scaled[:, :-1]).solve(scaled[:, -1], RANK_TOLERANCE)
         residual = y - rows[:, :, :-1] @ x
         error = np.maximum(np.sqrt(np.mean(residual**2, axis=0)), LEAST_STD)
+    # As in the likelihood of joints with noise levels of their own: all joints count alike.
     return float(np.mean(np.log(error / size))), x
 
 
@@ -343,6 +352,7 @@ def inertia_about(robot: Robot, motion: Motion) -> Array:
     few = motion.samples(slice(None, None, max(1, len(motion.time) // 50)))
     jacobians = torque_jacobians(robot, *few.joint_states)
     inertia = np.mean(np.diagonal(jacobians.acceleration, axis1=1, axis2=2), axis=0)
+    # An estimated inertia may be negative; its size is still that of the oscillation.
     return np.asarray(np.abs(inertia))
 
 
