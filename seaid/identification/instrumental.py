@@ -76,6 +76,7 @@ def instrument_motion(robot: Robot, motion: Motion, fitted: FittedModel) -> Moti
     smooth = low_pass(motion.joint_position, motion.rate_hz, band)
     q, v, a = spline_derivatives(motion.time, smooth)
     turned = at_drives(robot.transmission, q)
+    # A motor of a spring outside of the model follows its own encoder, smoothed.
     angle = low_pass(motion.motor_position, motion.rate_hz, band)
     for index, joint in enumerate(robot.joint_names):
         if joint not in robot.elastic_joints:
@@ -92,6 +93,7 @@ def instrument_motion(robot: Robot, motion: Motion, fitted: FittedModel) -> Moti
             spring = linear_spring(robot, joint, fitted.springs[joint])
             force = torque[:, row] / drive.load_radius - spring.offset
             deflection = force / spring.stiffness  # (4b); an instrument may lack its damping
+            # r_M/N theta_M = d + r_L theta_L.
             travel = deflection + drive.load_radius * turned[:, index]
             angle[:, index] = drive.ratio / drive.motor_radius * travel
     return _with_motors(reference, angle)
@@ -120,6 +122,8 @@ def actuator_with_instruments(
     """Return `actuator_regression` with the instruments as further columns."""
     rows = actuator_regression(robot, motion, joint)
     made = instrument_motion(robot, motion, fitted)
+    # Instruments pass the filter of the rows, and are taken at their instants: column by column
+    # they stand for the same quantity, without its noise.
     Z = in_band(made, actuator_columns(robot, made, joint)[2])
     return with_instruments(rows, Z[np.searchsorted(motion.time, rows.time)])
 
@@ -137,6 +141,7 @@ def load_with_instruments(
     made = make(robot, motion, fitted)
     joints = [robot.index(joint) for joint in model.torque_joints]
     Z = load_columns(robot, made, model, springs)[2]
+    # Where friction is known is decided by the measured motion, for instruments as for the rows.
     Z = in_band(made, with_known_friction(motion, joints, Z))
     check_held(
         robot,
@@ -286,6 +291,7 @@ def _moved(before: RobotEstimate, after: RobotEstimate) -> dict[str, float]:
     ]
     for where, old, new in pairs:
         steps = np.abs(new.values - old.values) / np.maximum(new.standard_errors, 1e-300)
+        # Without noise the standard errors vanish too, and rounding would be many of them.
         steps[np.abs(new.values - old.values) <= 1e-9 * np.abs(new.values)] = 0.0
         moved |= {f"{name} of {where}": float(s) for name, s in zip(new.names, steps, strict=True)}
     return moved
