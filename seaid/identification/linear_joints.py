@@ -54,6 +54,7 @@ class LinearJoints:
         The first n coordinates are those of the motor encoders, the others the elastic loads.
         """
         n, e = len(self.elastic), np.flatnonzero(self.elastic)
+        # A stiff joint has one coordinate, which is both its motor's and its load's.
         load = np.arange(n)
         load[e] = n + np.arange(len(e))
         size = n + len(e)
@@ -96,6 +97,7 @@ class LinearJoints:
         m, c, k = (matrix[np.ix_(kept, kept)] for matrix in (m, c, k))
         size = len(kept)
         inverse = safely(np.linalg.inv, m, what=_WHAT)
+        # First-order form of M q'' + C q' + K q = 0 with the state (q, q').
         state = np.block([[np.zeros((size, size)), np.eye(size)], [-inverse @ k, -inverse @ c]])
         values, vectors = safely(np.linalg.eig, state, what=_WHAT)
         # one of each complex pair; an overdamped mode has two real values, of which none is one
@@ -109,6 +111,7 @@ class LinearJoints:
             np.sum(np.abs(vectors[:size, upper]) ** 2 * np.diag(m)[:, None], 0), 1e-300
         )
         modes = np.full(len(e), np.nan, dtype=complex)
+        # One mode per joint, so that the sum of the energies in the joints' springs is largest.
         rows, columns = linear_sum_assignment(-energy)
         modes[rows] = values[upper[columns]]
         return modes
@@ -125,6 +128,8 @@ def linearised(robot: Robot, posture: Array, joints: Sequence[int]) -> LinearJoi
     C = safely(np.linalg.inv, robot.transmission, what="a transmission")
     gravity = _gravity_slope(robot, posture)
     picked = np.ix_(joints, joints)
+    # The slope of gravity is symmetric, that of a potential, but for rounding. The other joints
+    # are held: their rows and columns are dropped, not eliminated.
     mass, gravity = ((C.T @ matrix @ C)[picked] for matrix in (mass, 0.5 * (gravity + gravity.T)))
     drives = [robot.drives[robot.joint_names[index]] for index in joints]
     elastic = np.array([drive.is_elastic for drive in drives])
@@ -159,6 +164,7 @@ def _gravity_slope(robot: Robot, posture: Array) -> Array:
 
     steps = _STEP_RAD * np.eye(robot.n)
     slopes = [(torques(posture + h) - torques(posture - h)) / (2 * _STEP_RAD) for h in steps]
+    # slopes[j] = d tau / d q_j.
     return np.array(slopes).T
 
 
@@ -185,6 +191,7 @@ class _Parameters:
     def vector(self, joints: LinearJoints, dry: Array) -> Array:
         """Return the vector of some joints."""
         upper, e = np.triu_indices(len(dry)), self.start.elastic
+        # Logarithms keep k and I positive and make steps of a search relative.
         parts = [np.log(joints.stiffness[e]), np.log(joints.inertia[self.rotors])]
         parts += [joints.damping[e], joints.friction, joints.drag[self.drags]]
         parts += [joints.mass[upper], joints.gravity[upper], dry[self.dry]]
@@ -197,6 +204,7 @@ class _Parameters:
         upper = np.triu_indices(n)
         inertia, drag, dry = self.start.inertia.copy(), self.start.drag.copy(), np.zeros(n)
         stiffness, damping = np.zeros((2, n))
+        # Clipped, so that a far trial step of the search does not overflow.
         stiffness[e], damping[e] = np.exp(np.clip(k, -60, 60)), c
         inertia[self.rotors], drag[self.drags] = np.exp(np.clip(rotor, -60, 60)), D
         dry[self.dry] = level
@@ -378,6 +386,7 @@ def sticking_sign(record: Record, picked: Sequence[int], fit: Fit) -> Record:
     U, Y, S = (signal[..., picked].reshape(-1, n) for signal in fields)
     s = 2j * np.pi * np.fft.rfftfreq(len(U), record.step_s)
     force = np.fft.rfft(U - dry * S, axis=0)
+    # A robot without gravity has no compliance at s = 0, where A(0) is singular.
     x = np.einsum("fij,fj->fi", joints.compliance(s[1:])[:, :, :n], force[1:])
     spring = np.zeros_like(force)
     spring[0] = force[0]  # the motor does not accelerate on average
@@ -492,6 +501,7 @@ def _by_fractions(
     """
     U, Y, S = (signal.mean(1) for signal in (spectra.torque, spectra.motor, spectra.sign))
     logs, lines, n = U.shape
+    # In units of the middle of the band, the powers of s up to 4 have similar sizes.
     unit = 2 * np.pi * math.sqrt(spectra.hz[0] * spectra.hz[-1])
     s = (2j * np.pi / unit * spectra.hz)[:, None]
     known, free = np.nan_to_num(rotor) * unit**2, elastic & np.isnan(rotor)
@@ -500,12 +510,14 @@ def _by_fractions(
     exist = np.array([elastic, elastic, *3 * [np.full(n, True)], elastic, free])
     signals = np.stack([-s * T, -(s**2) * T, *(s**power * Y for power in range(5))], axis=2)
     ends = np.kron(np.eye(logs), np.hstack([s**power for power in _ENDS]))
+    # T = -(D_1 s + D_2 s^2) T + (N_0 + ... + N_4 s^4) Y + F_C S + ends, with D_0 = 1.
     columns = np.concatenate([signals[..., exist], S[..., dry]], axis=2)
     columns = np.hstack([columns.reshape(logs * lines, -1), ends])
     weights = np.tile(1 / np.sqrt(1 + np.abs(s) ** 4), n)
     coefficients, estimates = np.zeros((7, n, n)), []
     for count in range(_FRACTION_ROUNDS):
         for row in range(n):
+            # Each row of the matrices is a fit of its own, and has all signals as columns.
             weight = np.tile(weights[:, row], logs)
             rows, goal = weight[:, None] * columns, weight * T[..., row].ravel()
             decomposition = scaled_svd(np.vstack([rows.real, rows.imag]), _WHAT)
@@ -523,6 +535,7 @@ def _by_fractions(
 def _fraction_weight(error: Array, D: Array, N: Array) -> Array:
     """Return the weights (L,) of a row with errors (E, L), by noise of torques and of angles."""
     by_torque, by_angle = (np.sum(np.abs(polynomial) ** 2, axis=1) for polynomial in (D, N))
+    # error = D (noise of the torque) - N (noise of the angle): power a |D|^2 + b |N|^2.
     power = np.maximum(np.mean(np.abs(error) ** 2, axis=0), np.finfo(float).tiny)
     noise = _noise(power / by_torque, by_angle / by_torque)
     return np.asarray(1 / np.sqrt(noise[0] * by_torque + noise[1] * by_angle))
@@ -552,7 +565,9 @@ def _rigid(U: Array, Y: Array, s: Any) -> tuple[Array, Array, Array]:
     t = np.tile(s[low], len(Y))[:, None]
     solutions = []
     for joint in range(n):
+        # M s^2 Y + F s Y + G Y = U, with viscous friction of the joint's motor alone.
         columns = np.hstack([t**2 * y, t * y[:, [joint]], y])
+        # Relative errors: otherwise the lines of the largest torque have all the weight.
         weight = 1 / np.maximum(np.abs(u[:, [joint]]), 1e-300)
         rows, target = weight * columns, weight[:, 0] * u[:, joint]
         stacked = np.vstack([rows.real, rows.imag])
@@ -683,6 +698,8 @@ class _Problem:
         noise = self.noise(x)
         H, weights = self.whitened(x, noise)
         by_torque = np.einsum("lij,ljk->lik", weights, H[:, :, : H.shape[1]])
+        # weights H has the diagonal 1 / sqrt(power), and weighted residuals have size 1 by these
+        # weights: what remains of -2 log-likelihood is the sum of log power.
         return x, -2 * float(np.sum(np.log(np.abs(np.einsum("lii->li", by_torque)))))
 
     def lack_of_fit(self, x: Array) -> float:
@@ -705,6 +722,7 @@ class _Problem:
             before, after = (
                 np.sum(np.abs(error) ** 2, 0) for error in (goal, goal - Q @ (Q.conj().T @ goal))
             )
+            # Degrees of freedom of the local fit with 2 n columns.
             share = len(goal) / (len(goal) - 2 * n)
             ratios.append(np.log(np.maximum(before, 1e-300) / np.maximum(share * after, 1e-300)))
         return float(np.exp(0.5 * np.mean(ratios))) if ratios else 1.0

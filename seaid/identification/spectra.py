@@ -188,6 +188,7 @@ def moving_joints(records: Sequence[Record], top_hz: float) -> list[int]:
 def _transform(values: Array, step_s: float) -> tuple[Array, Array]:
     """Return the amplitudes (P, L, n) of each period, and the frequencies (L,) [Hz]."""
     count = values.shape[1]
+    # The factor 2 / T makes a line the amplitude of its sine.
     lines: Array = 2 * np.fft.rfft(values, axis=1) / count
     return lines, np.asarray(np.fft.rfftfreq(count, step_s), dtype=np.float64)
 
@@ -205,6 +206,7 @@ def spectra_of(
     count = min(record.torque.shape[1] for record in records)
     signals = []
     for name in ("torque", "motor", "joint", "sign"):
+        # The last periods, since the first ones of a longer record may have its transient.
         parts = [getattr(record, name)[-periods:, :count][..., picked] for record in records]
         signals.append(np.stack([_transform(part, records[0].step_s)[0] for part in parts]))
     fields = np.stack(signals)
@@ -277,6 +279,8 @@ def approximation_of(
     U, Y = spectra.torque.mean(axis=1), spectra.motor.mean(axis=1)
     few = n > E
     base = fitted if few else np.zeros_like(fitted)
+    # With few logs what the fitted robot does not explain is taken as smooth over the lines: the
+    # response itself is not, near resonances.
     motor, gram = _responses(U, Y - np.einsum("fij,efj->efi", base, U), few)
     motor = base + motor
     measured = bool(np.all(np.isfinite(spectra.joint)))
@@ -308,6 +312,8 @@ def _responses(U: Array, Y: Array, few: bool) -> tuple[Array, Array]:
     for line in range(L):
         first = min(max(line - half, 0), max(L - 2 * half - 1, 0))
         near = slice(first, first + 2 * half + 1)
+        # G^T = U^+ Y over logs (and near lines); the variance of G_ij is that of Y_i times
+        # [(U^H U)^-1]_jj, which is the row sum of |U^+|^2.
         inverse = _safely(np.linalg.pinv, U[:, near].reshape(-1, n))
         G[line] = (inverse @ Y[:, near].reshape(-1, n)).T
         gram[line] = np.sum(np.abs(inverse) ** 2, axis=1)
@@ -336,6 +342,7 @@ def _total(spectra: Spectra, motor: Array, residual: Array, spare: int) -> Array
         ]
     ).reshape(2, n, n, -1)
     G = np.moveaxis(between[0] + 1j * between[1], -1, 0)
+    # Distortion is what the torque at these lines does not cause linearly.
     power = np.mean(np.abs(Y - np.einsum("fij,efj->efi", G, U)) ** 2, axis=0)
     smooth = uniform_filter1d(power, 2 * NEAR, axis=0)
     columns = [np.interp(spectra.hz, spectra.unexcited_hz, smooth[:, i]) for i in range(n)]
@@ -350,6 +357,7 @@ def _by_segments(
     for record in records:
         fields = [getattr(record, name)[0][:, picked] for name in ("torque", "motor", "joint")]
         signals = np.nan_to_num(np.concatenate(fields, axis=1).T)
+        # _SEGMENTS segments that overlap by half.
         length = 2 * signals.shape[1] // (_SEGMENTS + 1)
         hz, cross = csd(
             signals[:, None], signals[None], 1 / record.step_s, nperseg=length, detrend="linear"
