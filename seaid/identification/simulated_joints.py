@@ -99,6 +99,7 @@ def _derivatives(robot: Robot, q: Array, v: Array, a: Array) -> Array:
     for t, (q_t, v_t, a_t) in enumerate(zip(*states, strict=True)):
         compute(model, data, q_t, v_t, a_t)
         derivatives[0, t], derivatives[1, t], derivatives[2, t] = data.dtau_dq, data.dtau_dv, data.M
+    # Pinocchio fills the upper triangle of M alone.
     upper = np.triu(derivatives[2])
     derivatives[2] = upper + np.swapaxes(np.triu(derivatives[2], 1), 1, 2)
     return derivatives
@@ -126,13 +127,16 @@ def response_to(jacobians: TorqueJacobians, force: Array, step: float, windows: 
     force = np.concatenate([force, np.zeros((*force.shape[:3], free))], axis=3)
     # Newmark 1959 with gamma = 1/2: beta = 1/12 is stable for step^2 K / M < 6, beta = 1/4 (the
     # trapezoidal rule) always
+    # The norm of M^-1 K is a bound of the squared angular frequencies.
     rates = safely(np.linalg.solve, M, K, what="a simulated motion")
     fastest = step**2 * float(np.max(np.linalg.norm(rates, axis=(2, 3)), initial=0.0))
     beta = 1 / 12 if fastest < _RESOLVED else 1 / 4
+    # (M + h/2 C + beta h^2 K) a_t = f_t - C v~ - K q~, with v~ and q~ by the state before.
     matrix = M + step / 2 * C + beta * step**2 * K
     inverse = safely(np.linalg.inv, matrix, what="a simulated motion")
     count = force.shape[1]
     q, v, a = (np.zeros((count, windows, joints, columns + free)) for _ in range(3))
+    # The last columns have no force, and start from a unit of position or of velocity.
     q[0, :, :, columns : columns + joints] = np.eye(joints)
     v[0, :, :, columns + joints :] = np.eye(joints)
     a[0] = safely(
@@ -187,6 +191,7 @@ def driven_motion(
     joints = list(map(robot.index, names))
     rows = list(map(model.torque_joints.index, names))
     fitted = fitted_robot(robot, model, load_side)
+    # k r_L^2 and c r_L^2 at the joint, (4b).
     lever = np.array([robot.drives[joint].load_radius ** 2 for joint in names])
     linear = [linear_spring(robot, joint, springs[joint]) for joint in names]
     rate, damping = lever * np.transpose([(x.stiffness, x.damping) for x in linear])
@@ -203,6 +208,7 @@ def driven_motion(
             residual = (torque - payload - H @ load_side)[:, rows]
             jacobians = torque_jacobians(fitted, *moved.joint_states).plus(*parallel)
             inside = jacobians.at_drives(robot.transmission).part(joints, joints)
+            # The motors are given: a spring, with its damping, pulls as one to a fixed point.
             inside = inside.plus(np.diag(rate), np.diag(damping))
             response = _response(inside, residual, 1 / motion.rate_hz, windows)
         simulated = _moved(simulated, joints, response, reading, windows)
@@ -218,6 +224,7 @@ def finer_side(robot: Robot, motion: Motion) -> Motion:
             continue
         if np.std(motion.motor_acceleration[:, index]) < drive.ratio * np.std(a[:, index]):
             turned = motion.motor_position[:, index] / drive.ratio
+            # The encoder of the joint gives the mean, that of the motor the motion.
             q[:, index] = turned + np.mean(q[:, index] - turned)
             v[:, index] = motion.motor_velocity[:, index] / drive.ratio
             a[:, index] = motion.motor_acceleration[:, index] / drive.ratio
@@ -279,6 +286,7 @@ def _moved(
         raise IdentificationError(_DIVERGED, "estimator='wls'")
     spread = np.std(reading, axis=0)
     scale = 1 / np.where(spread > 0, spread, 1.0)
+    # reading = q + dq + Phi s: the initial states s of each window, by least squares.
     residual = scale * (reading - motion.joint_position[:, joints] - response.position[:, :, 0])
     free = scale[:, None] * response.position[:, :, 1:]
     length = -(-len(reading) // windows)
@@ -371,6 +379,8 @@ def friction_corrections(
             continue
         index = robot.index(joint)
         speed = motion.joint_velocity[:, index]
+        # v goes from v - s to v + s about a sample: the mean of sign(v), clip(v / s, -1, 1), takes
+        # the place of the sign(v) in the columns of (8).
         swept = 0.5 * np.abs(motion.joint_acceleration[:, index]) / motion.rate_hz
         swept = np.maximum(swept, _LEAST_RAD_S)
         change = np.sign(speed) - np.clip(speed / swept, -1.0, 1.0)
