@@ -54,6 +54,7 @@ def with_shared_delays(
     wanted: list[float] = []
     for bus in buses:
         for first, second in zip(bus.places, bus.places[1:], strict=False):
+            # Constraint: two delays of one bus are equal.
             rows.append(np.eye(p)[first] - np.eye(p)[second])
             wanted.append(0.0)
     shared = _constrained(fitted.estimate, white, rows, wanted, {})
@@ -105,6 +106,7 @@ def with_fixed_delays(
     kept = _projection(white, rows)[0]
     covariance, across = estimate.covariance, estimate.covariance[:, stated]
     if stated:
+        # C - C_xs C_ss^-1 C_sx, the covariance of the others if the stated delays s are exact.
         inner = safely(np.linalg.pinv, across[stated], what="the delays of the commands")
         covariance = covariance - across @ inner @ across.T
     return replace(estimate, covariance=covariance), kept @ white @ kept.T + _FREE * white
@@ -129,6 +131,7 @@ def with_merged_delays(
             y -= bus.nominal_s * H[:, list(bus.places)].sum(axis=1)
             gone.append(first)
         else:
+            # One delay for all: the column of their common value is the sum.
             H[:, first] = H[:, list(bus.places)].sum(axis=1)
         gone += others
     kept = np.setdiff1d(np.arange(len(rows.names)), gone)

@@ -156,6 +156,7 @@ def _task(result: Identification, logs: Sequence[Log]) -> _Task:
     stated, gone = [], set()
     for bus in buses_of(drives, side.names):
         first, *others = bus.places
+        # The direction of a bus changes all of its delays alike.
         free[others, first] = 1.0
         gone |= set(others)
         if is_stated(side.standard_errors[first], bus.std_s):
@@ -227,6 +228,7 @@ def _residuals(
     step_s = float(log.time[1] - log.time[0])
     sensitivity = _sensitivity(task, robot, _moved(robot, motion, moved), log, x)
     error = (log.joint_position - moved.joint_position)[..., None]
+    # The residual is measured less simulated: its derivatives are minus the sensitivities.
     columns = np.concatenate([error, -sensitivity @ task.free], axis=2)
     stated = [sensitivity[..., list(bus.places)].sum(axis=2) for bus in task.stated]
     columns = np.concatenate([columns, *(-slope[..., None] for slope in stated)], axis=2)
@@ -290,6 +292,7 @@ def _sensitivity(task: _Task, robot: Robot, motion: Motion, log: Log, x: Array) 
             name: getattr(motion, name) + _NUDGE * (1.0 if is_joint else ratio)
             for name, is_joint in moves.items()
         }
+        # Torques of drives depend on their own joint: one nudge of all gives the diagonal slopes.
         slopes.append((unchanged - of_drives(replace(motion, **changes))) / _NUDGE)
     jacobians = torque_jacobians(robot, *motion.joint_states).part(order, order)
     gains = _gains(robot, names, motion, log)
@@ -298,10 +301,13 @@ def _sensitivity(task: _Task, robot: Robot, motion: Motion, log: Log, x: Array) 
     fastest = np.max(np.abs(motion.joint_velocity[:, order]), axis=0)
     rests = np.abs(motion.joint_velocity[:, order]) < _REST * fastest
     inertia = np.einsum("tii->ti", M)
+    # A joint that sticks does not respond: no force on it, and a damping of `_HOLD` times the
+    # inertia over the step, which stops it within a sample.
     held = np.where(rests, _HOLD * inertia * motion.rate_hz, slopes[1] * ~rests)
     C = jacobians.velocity + (held + gains[1])[..., None] * diagonal
     K = jacobians.position + (slopes[0] + gains[0])[..., None] * diagonal
     inside = replace(jacobians, position=K, velocity=C, acceleration=M)
+    # M dq'' + C dq' + K dq = -H dx: the torque that a parameter takes is not there for the motion.
     force = np.where(rests[..., None], 0.0, -H)
     response = response_to(inside, force, 1 / motion.rate_hz, 1).position[:, :, : H.shape[2]]
     whole = np.zeros((len(response), robot.n, H.shape[2]))
@@ -347,6 +353,7 @@ def _step(task: _Task, point: Rollouts) -> tuple[Step, Array]:
         step = gauss_newton_step(parts, names, np.zeros(size), np.zeros(size))
         change = np.zeros(len(free))
         change[free] = step.change
+        # Active set: what would cross its bound is held there, and the step is computed again.
         across = free & positive & (values <= 0) & (change < 0)
         if not np.any(across):
             return step, task.free[:, free]
@@ -386,6 +393,7 @@ def _refined(task: _Task, point: Rollouts) -> Identification:
     rows = np.concatenate([part.reshape(-1, part.shape[3]) for part in jacobians])
     size = free.shape[1]
     for column, bus in enumerate(task.stated, size):
+        # J dx + j ds = 0 in weighted rows: an error ds of a stated delay moves x by -J^+ j ds.
         others = safely(
             np.linalg.lstsq, rows[:, :size], rows[:, column], what="the output error", rcond=None
         )[0]

@@ -264,6 +264,7 @@ def _of_torques(robot: Robot, motion: Motion) -> Iterator[_Relation]:
                 columns, against = np.column_stack([columns, bodies]), "the motion"
             columns = np.column_stack([columns, friction])
             rest = regressor.evaluate(by_name | {"tau_M": nothing})[0]
+            # zeta = tau_M + rest, with rest at tau_M = 0: the torque alone is the channel.
             yield _Relation(joint, "motor_torque", against, zeta - rest, rest, columns, moving)
         if np.all(np.isfinite(force)):
             if drive.is_elastic:
@@ -317,6 +318,8 @@ class _Shifted:
         shifted, rates = self.spline(self.time - delay), self.spline(self.time - delay, 1)
         svd = scaled_svd(shifted[:, 1:], _WHAT, LogError)
         target = self.channel + shifted[:, 0]
+        # r = channel + rest(t - delay) - columns(t - delay) theta, so that
+        # dr/d delay = (I - Q Q^T)(columns' theta - rest'), theta at its best value (Kaufman 1975).
         slope = _residual(basis, rates[:, 1:] @ svd.solve(target) - rates[:, 0])
         curvature, power = float(slope @ slope), float(np.sum((target - np.mean(target)) ** 2))
         free = 1.0 - basis.shape[1] / (_INDEPENDENT * len(target))
@@ -324,6 +327,7 @@ class _Shifted:
         unexplained = float(residual @ residual) / max(power, 1e-300)
         if curvature <= 0 or free <= 0 or fall <= 0 or unexplained > 1 - _LEAST_EXPLAINED:
             return math.inf
+        # Scores of the delay; the part that a change of the delay explains is removed.
         terms = slope * (residual - slope * float(slope @ residual) / curvature)
         scores = newey_west(terms[:, None], self.time, np.zeros(len(self.time)))
         # sums over B blocks have together that variance, if they are independent (Birge 1932)
@@ -360,6 +364,7 @@ def _fitted(motion: Motion, relation: _Relation, largest_s: float) -> Delay:
     trials = np.linspace(-largest_s, largest_s, _TRIALS)
     best = int(np.argmin([shifted.cost(trial) for trial in trials]))
     unknown = Delay(relation.joint, relation.channel, relation.against, 0.0, math.inf)
+    # A minimum at the end of the search is no minimum: the delay may be anywhere beyond.
     if best in (0, _TRIALS - 1):
         return unknown
     ends = (trials[best - 1], trials[best + 1])
