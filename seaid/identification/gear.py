@@ -109,6 +109,7 @@ def _gear(
     scale = np.array([-stiffness / compliance, 1.0, 1.0])  # d k_G / d c
     covariance = estimate.covariance * np.outer(scale, scale)
     if "stiffness" in spring.names and spring.value("stiffness"):
+        # c = wind-up over F with F = k d: a relative error of k is one of c, and so of k_G.
         share = spring.standard_error("stiffness") / spring.value("stiffness")
         covariance[0, 0] += (share * stiffness) ** 2
     white = estimate.white_standard_errors
@@ -203,6 +204,7 @@ def _between(result: Identification, joint: str, names: Sequence[str], values: A
         softer["deflection_zero"] += offset
     elif "spring_offset" in named:
         k = named.get("stiffness", result.known.drives[joint].values.get("stiffness", 0.0))
+        # F = (k (d - o) + f_0) / (1 + c k).
         share = 1.0 / (1.0 + result.robot.drives[joint].gear_compliance * k)
         softer["spring_offset"] = share * (named["spring_offset"] - k * offset)
     return np.array([softer[name] for name in names])

@@ -92,6 +92,7 @@ def fit_of(rows: Regression, weights: Array, qr_factor: QRFactor | None = None) 
     solution = solve(qr_factor, weights)
     squares = weights[np.searchsorted(qr_factor.equations, rows.joint)] ** 2
     residual = squares * (rows.y - rows.H @ solution.values)
+    # d theta / ds = (H^T W H)^-1 H^T W T for targets y + T s.
     moments = np.einsum("e,eps->ps", weights**2, qr_factor.propagated)
     inverse = solution.inverse
     return Fit(rows, solution.values, residual, inverse, inverse @ moments)
@@ -106,6 +107,8 @@ def difference(fits: Sequence[Fit], propagated: Array | None) -> tuple[Array, Ar
     first, second = fits
     runs = np.unique(np.concatenate([fit.rows.run for fit in fits]))
     summed = [_influences(fits, run) for run in runs]
+    # Both fits have the same noise: the variance of their difference is that of the difference of
+    # the influences, not the sum of two variances.
     covariance = long_run([[scores] for scores in summed], sum(map(len, summed)))
     total = covariance.for_normal_intervals
     if propagated is not None:
@@ -149,6 +152,7 @@ def _scores(fits: Sequence[Fit], estimate: Estimate, propagated: Array | None) -
     by_name = dict(zip(estimate.names, estimate.standard_errors, strict=True))
     stated = np.array([by_name[name] for name in fits[0].rows.names])
     H, y = fits[0].rows.H, fits[0].rows.y
+    # Norm of the torque in the rows that a parameter acts on.
     torque = np.linalg.norm(y[:, None] * (H != 0), axis=0)
     matters = np.abs(change) > _MATERIAL * stated
     matters &= np.abs(change) * np.linalg.norm(H, axis=0) > _NEGLIGIBLE * torque
@@ -455,6 +459,7 @@ def with_known_std(
     """Return the estimates with the uncertainty of the constants in their covariances."""
     for constant in constants:
         changed = estimate(constant.robot, constant.datasets)
+        # Steps are relative, as the standard deviations are; for a delay both are parts of its std.
         size = constant.std / _STEP
         sides = replace(
             sides,
@@ -475,5 +480,6 @@ def with_known_std(
 
 def _propagated(estimate: Estimate, changed: Array, size: float) -> Estimate:
     """Return the estimate with the covariance of a change to `changed` values, times `size`."""
+    # (std / step) (theta(c + step) - theta(c)) = std d theta / dc: one independent error each.
     change = size * (changed - estimate.values)
     return replace(estimate, covariance=estimate.covariance + np.outer(change, change))

@@ -170,6 +170,7 @@ def calibrate_statics(statics: Statics, *, law: Law = "linear") -> StaticCalibra
         intervals=fit.theta[:, None] + fit.quantile * fit.errors[:, None] * np.array([-1.0, 1.0]),
         rms=float(np.sqrt(fit.residual @ fit.residual / (len(fit.residual) - len(fit.theta)))),
         linearity=float(np.max(np.abs(curve)) / spread),
+        # Between rising and falling loads there is twice the friction.
         hysteresis=float(2 * abs(friction) / spread),
         cubic_p_value=p_value,
         warnings=tuple(findings),
@@ -202,6 +203,7 @@ def _direction(load: Array) -> Array:
     """Return whether the loads (T,) rise (1) or fall (-1); a repeated load as the one before."""
     step = np.sign(np.diff(load))
     known = np.flatnonzero(step)
+    # The last change before a sample that repeats its load, or the first one of all.
     before = known[np.clip(np.searchsorted(known, np.arange(len(step)), "right") - 1, 0, None)]
     direction = step[before]
     return np.concatenate([direction[:1], direction])
@@ -256,6 +258,7 @@ class _Fit:
         load, reading, direction = statics.load, statics.reading, np.asarray(statics.direction)
         has_friction = min(np.sum(direction > 0), np.sum(direction < 0)) >= 3
         start = np.polyfit(reading, load, 1)
+        # load = a reading + b = k (reading - zero): k = a, zero = -b / a.
         theta = np.array([start[0], -start[1] / start[0]])
         if law == "cubic":
             theta = np.insert(theta, 1, 0.0)
@@ -281,6 +284,7 @@ class _Fit:
         residual = load - predicted
         inverse = safely(np.linalg.inv, Z.T @ J, what="the law")
         variance = residual @ residual / max(len(load) - len(theta), 1)
+        # s^2 (Z^T J)^-1 Z^T Z (Z^T J)^-T of instrumental variables.
         covariance = variance * inverse @ (Z.T @ Z) @ inverse.T
         errors = np.sqrt(np.diag(covariance) * _correlation_factor(residual))
         return cls(statics, law, theta, errors, residual, bool(has_friction))
