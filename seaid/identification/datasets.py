@@ -70,6 +70,7 @@ def datasets_by_log(
     groups = _mapped(partial(_datasets, robot, cutoff_hz), sources, executor, progress, _FILTER)
     common = min(group[0].cutoff_hz for group in groups)
     if cutoff_hz is None:
+        # The lowest cutoff of one log may be below what another one, a shorter log, allows.
         common = max([common, *(1.001 * _lowest_hz(group) for group in groups)])
     others = [place for place, group in enumerate(groups) if group[0].cutoff_hz != common]
     again = [sources[place] for place in others]

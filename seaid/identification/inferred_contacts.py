@@ -137,6 +137,8 @@ def _loads(robot: Robot, log: Log) -> Array:
     A = contact_map(robot, motion.joint_position, points, base.up)
     guided = ~robot.floating_base.free_axes
     rows[:, :6][:, guided] = A[:, :6][:, guided] = 0.0
+    # All feet count as on the ground. Forces between two feet along their line act on nothing: the
+    # small ridge makes them zero.
     normal = A.swapaxes(1, 2) @ A + 1e-9 * np.eye(A.shape[2])
     right = np.einsum("trk,tr->tk", A, rows)[:, :, None]
     forces = safely(
@@ -156,6 +158,7 @@ def _standing(load: Array) -> BoolArray:
     """Return whether a foot with this part (T,) of the weight stands, with hysteresis."""
     sure = np.where(load > LOADED, 1, np.where(load < FREE, 0, -1))
     last = np.maximum.accumulate(np.where(sure >= 0, np.arange(len(sure)), 0))
+    # Between the limits a foot stays what it was; before the first clear sample it is in the air.
     return np.asarray(sure[last] == 1)
 
 

@@ -319,6 +319,7 @@ def _with_backlash(
         sharp = model.robot.with_drives({joint: with_term(drive, *terms[0])})
         finer += map(first_motion, datasets_of(sharp, sources_of(logs), None, None, False))
     added: list[TermComparison] = []
+    # The finer cutoff is for the corners of the zone alone: other terms stay at that of the motion.
     again = _Model.of(model.robot, finer, model.used)
     again = _extended(again, joint, fields, count + len(terms), added)
     comparisons += [replace(term, cutoff_hz=finer[0].cutoff_hz) for term in added]

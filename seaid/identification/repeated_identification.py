@@ -124,6 +124,7 @@ def _base_contradictions(identification: Identification, result: Validation) -> 
     fits = [compared(identification, motion).base for motion in identification.motions]
     for kind, rows, least in (("force", slice(3), weight), ("moment", slice(3, 6), weight * lever)):
         measured = result.base.measured[:, rows]
+        # Without the mean, which is the weight: it would hide any error.
         size = float(np.linalg.norm(np.nanstd(measured, axis=0)))
         rms = float(np.linalg.norm(result.base.rms_error[rows]))
         error = rms / max(size, _LEAST_OF_WEIGHT * least)
