@@ -160,6 +160,7 @@ def _constrained(
     """Return an estimate with rows @ x = wanted, some of which have a standard deviation."""
     P, G = _projection(white, rows)
     covariance = P @ estimate.covariance @ P.T
+    # Errors of the data under the constraints; what a stated value adds comes below.
     variances = np.diag(covariance).copy()
     for row, std in stds.items():
         covariance = covariance + std**2 * np.outer(G[:, row], G[:, row])

@@ -562,6 +562,8 @@ def identify_conditions(
     declared = {name: robot for name, (robot, _) in conditions.items()}
     result, robots, unscaled = with_unit_scales(declared, with_scales)
     first = result.identifications
+    # The column of a delay is a derivative at the delay of the drive: the fit is repeated about
+    # each estimate.
     for _ in range(MOST_DELAY_ROUNDS):
         later = {
             name: with_estimated_delays(robot, result.identifications[name].robot)

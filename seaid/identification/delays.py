@@ -239,6 +239,7 @@ def _of_positions(robot: Robot, motion: Motion) -> Iterator[_Relation]:
             bodies = regressor_at_drives(robot, *motion.joint_states)[:, index]
             columns, against = np.column_stack([ones, bodies]), "the load on its spring"
         values = drive.motor_radius / drive.ratio * motor
+        # r_M/N theta_M - r_L theta_L is the deflection d = F / k, linear in the torque on the load.
         rest = -drive.load_radius * position
         yield _Relation(joint, "motor_position", against, values, rest, columns, rows)
 
@@ -268,6 +269,7 @@ def _of_torques(robot: Robot, motion: Motion) -> Iterator[_Relation]:
             yield _Relation(joint, "motor_torque", against, zeta - rest, rest, columns, moving)
         if np.all(np.isfinite(force)):
             if drive.is_elastic:
+                # (4b): a constant and k times the deflection.
                 stretch = drive.motor_radius / drive.ratio * motion.motor_position[:, index]
                 stretch = stretch - drive.load_radius * by_name["theta_L"]
                 columns, against = np.column_stack([nothing + 1, stretch]), "its deflection"

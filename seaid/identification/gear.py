@@ -157,6 +157,7 @@ def _own_estimate(drive: Drive, estimate: Estimate) -> Estimate:
         values.setdefault("stiffness", drive.values["stiffness"])
     spring_values = of_spring(values, drive.gear_compliance)
     slopes = spring_slopes(values, drive.gear_compliance)
+    # Delta method, d (own values) / d (values between the encoders).
     J = np.array([[slopes[row].get(column, 0.0) for column in names] for row in names])
     white = estimate.white_standard_errors
     return replace(

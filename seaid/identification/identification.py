@@ -360,6 +360,8 @@ def identify(
         {"": robot}, lambda robots: _identify(robots[""], logs, options)
     )
     robot, nominal = fixed[""], result.nominal
+    # The column of a delay is a derivative at the delay of the drive: the fit is repeated about
+    # each estimate.
     for _ in range(MOST_DELAY_ROUNDS):
         later = with_estimated_delays(robot, result.robot)
         if later is robot:
@@ -581,6 +583,7 @@ def _solved(problem: _Problem, findings: list[Finding]) -> _Problem:
     """
     if problem.robot.has_controllers:
         passed = with_passed_reversals(problem.robot, problem.datasets, problem.identified)
+        # A new problem, whose cached estimates are computed again from these datasets.
         problem = replace(problem, datasets=passed)
     if problem.robot.floating_base is not None:
         datasets, fit = problem.datasets, problem.two_step.fit
@@ -607,6 +610,7 @@ def _concluded(problem: _Problem, findings: list[Finding]) -> Identification:
     findings += consequences(findings, model_findings(lacking, findings))
     if not is_wrong(findings):
         findings += sensitivity_findings(robot, datasets, model, estimate, options.estimator)
+    # Only now, since the findings above compare estimates by the noise of the logs alone.
     constants = constants_of(robot, datasets, options.known_std)
     estimate = with_known_std(estimate, constants, problem.estimate_of)
     searched = with_searched_values(estimate.drives, problem.nominal, robot)
@@ -868,6 +872,8 @@ def identified_robot(robot: Robot, base: BaseParameters, sides: RobotEstimate) -
     prior = np.nan_to_num(prior)
     correction = base.least(sides.load.values - base.project(prior))
     bodies = np.abs((prior + correction).reshape(-1, 10))
+    # A body with mass m, first moment h and inertia I has |h| / m and sqrt(I / m) of its size: far
+    # beyond `_FAR_M` it has no mass but rounding, from which Pinocchio cannot make a body.
     least_kg = np.maximum(np.max(bodies[:, 1:4], axis=1) / _FAR_M, bodies[:, 4:].max(1) / _FAR_M**2)
     if np.any(bodies[:, 0] < least_kg):
         prior[::10][prior[::10] == 0] = 1.0

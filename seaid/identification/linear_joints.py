@@ -751,6 +751,7 @@ class _Problem:
             (self._real(x + dx, noise) - self._real(x - dx, noise)) / (2 * step)
             for dx, step in zip(np.diag(steps), steps, strict=True)
         ]
+        # The weights, by `noise` at x, are held: they are no part of the derivative.
         J = np.array(slopes).T
         scale = self._scale(x)
         inverse = scale[:, None] * safely(np.linalg.pinv, J * scale, what=_WHAT)

@@ -493,6 +493,7 @@ def with_default_terms(
     drives: dict[str, Drive] = {}
     notes = []
     for joint, trials in of_joint.items():
+        # BIC with a penalty for the number of terms tried: the best of many is better by chance.
         compared = [
             replace(trial, comparison=replace(trial.comparison, bic=trial.comparison.bic - penalty))
             for trial in trials

@@ -179,6 +179,7 @@ def cross_validate(
             f"cross-validation needs two logs or parts at least, found {len(pieces)}"
         )
     if options.get("cutoff_hz") is None:
+        # With cutoffs of their own, the errors of the parts would not be comparable.
         options["cutoff_hz"] = identify(robot, logs, **options).cutoff_hz
     return tuple(
         validate(identify(robot, [*pieces[:place], *pieces[place + 1 :]], **options), pieces[place])
@@ -193,6 +194,7 @@ def _cut(log: Log, parts: int) -> list[Log]:
             f"parts must be a whole number of at least 2, found {parts}", "parts"
         )
     edges = np.linspace(log.time[0], log.time[-1], int(parts) + 1)
+    # `between` excludes its end: the last sample belongs to the last part.
     edges[-1] = np.inf
     return [log.between(start, end) for start, end in pairwise(edges)]
 
@@ -249,6 +251,7 @@ class CutoffSensitivity(Result):
         Over cutoffs within a factor of two of the proposed one.
         """
         ratio = self.cutoffs_hz / self.cutoffs_hz[self.proposed]
+        # Cutoffs that failed are NaN.
         near = (ratio <= NEAR * 1.001) & (ratio >= 0.999 / NEAR) & ~np.isnan(self.values[:, 0])
         off = np.abs(self.values[near] - self.values[self.proposed])
         return np.asarray(np.max(off, axis=0) / self.standard_errors[self.proposed])
@@ -308,6 +311,7 @@ def cutoff_sensitivity(
     if cutoffs_hz is None:
         asked = np.multiply(_FACTORS, base.cutoff_hz).tolist()
     cutoffs = sorted({*asked, base.cutoff_hz})
+    # The terms that drives got by themselves stay the same, so that the estimates are comparable.
     robot = with_closed_terms(robot, base.known)
     names, units = _names(base)
     values, errors = np.full((2, len(cutoffs), len(names)), np.nan)

@@ -225,6 +225,8 @@ def _cutoff_findings(
     motions = [first_motion(dataset) for dataset in datasets]
     few = [_decimated(motion) for motion in motions]
     cutoff_hz = few[0].cutoff_hz
+    # The positions are filtered at a multiple of the narrow cutoff and stay as they are: the wider
+    # one is that of regressor and torque.
     wider = [replace(motion, cutoff_hz=WIDER * cutoff_hz) for motion in few]
     ways = (f"a cutoff of {cutoff_hz:.3g} Hz", f"a cutoff of {WIDER * cutoff_hz:.3g} Hz")
     equations = _compared_equations(robot, motions, model, sides, load)

@@ -289,6 +289,7 @@ def _moved(
     # reading = q + dq + Phi s: the initial states s of each window, by least squares.
     residual = scale * (reading - motion.joint_position[:, joints] - response.position[:, :, 0])
     free = scale[:, None] * response.position[:, :, 1:]
+    # Rounded up, as `_response` pads the last window.
     length = -(-len(reading) // windows)
     coefficients = np.empty((len(reading), 1 + free.shape[2]))
     coefficients[:, 0] = 1.0

@@ -309,6 +309,7 @@ def _correlation_factor(residual: Array) -> float:
     A ramp has many samples that are not independent; a table of weights is not corrected for a
     correlation that chance explains.
     """
+    # A first-order process has r^|k| at lag k, whose sum over all k is (1 + r) / (1 - r).
     centred = residual - np.mean(residual)
     r = float(centred[1:] @ centred[:-1] / max(float(centred @ centred), 1e-300))
     return (1 + r) / (1 - min(r, 0.999)) if r > 2 / np.sqrt(len(centred)) else 1.0
@@ -488,6 +489,7 @@ def _sensed(drive: Drive, log: Log, place: int, sensor: str) -> Array:
 def _rests(time: Array, position: Array) -> list[slice]:
     """Return the spans in which all positions (T, n) rest."""
     window = max(1, round(_SMOOTH_S * (len(time) - 1) / float(time[-1] - time[0])))
+    # Change over a window, by which noise and steps of an encoder weigh less than in a speed.
     moved = np.abs(position[window:] - position[:-window])
     allowed = _MOVES * np.maximum(np.ptp(position, axis=0), 1e-9)
     still = np.concatenate([np.all(moved <= allowed, axis=1), np.zeros(window, dtype=bool)])
