@@ -91,6 +91,7 @@ def negative_inertias(robot: Robot, drives: Mapping[str, Estimate]) -> dict[str,
         if estimate is None or "motor_inertia" not in estimate.names:
             continue
         value, error = estimate.value("motor_inertia"), estimate.standard_error("motor_inertia")
+        # The inertia of bodies and rotor at the joint, M + N^2 I, must be positive.
         at_joint = value * robot.drives[joint].ratio ** 2
         if value < -SURE * error or at_joint < min(-mass[index, index], 0.0):
             reasons[joint] = f"its rotor inertia was estimated as {value:.3g} kg m^2, and no drive "
@@ -127,6 +128,7 @@ def _spectra(robot: Robot, motion: Motion, joint: str) -> float:
     )
     frequency, power = periodogram(both, fs=motion.rate_hz, window="hann", axis=0)
     seen = (frequency > _BAND[0] * motion.cutoff_hz) & (frequency < _BAND[1] * motion.cutoff_hz)
+    # The median over the lines, which the few peaks of vibration do not move.
     torque_noise, deflection_noise = np.median(power[seen], axis=0) if np.any(seen) else (0.0, 0.0)
     return float(torque_noise / deflection_noise) if deflection_noise > 0 else float("inf")
 
@@ -153,12 +155,14 @@ def with_torque_columns(
 ) -> Regression:
     """Return the rows with the torque of the springs and columns of the torque offsets."""
     rows = with_spring_torque(list(springs.values()), rows)
+    # `propagated` has the columns of the parameters of each spring in turn.
     places, start = {}, 0
     for joint, spring in springs.items():
         if "spring_offset" in spring.names:
             places[joint] = start + spring.names.index("spring_offset")
         start += len(spring.names)
     lever = [offset_lever(robot, joint) for joint in joints]
+    # r_L (k d + s) = Y beta + r_L N/r_M b_0: the column of s is r_L.
     columns = rows.propagated[:, [places[joint] for joint in joints]] * lever
     return replace(
         rows,
@@ -180,6 +184,7 @@ def identifiable_offsets(qr_factor: QRFactor, joints: Sequence[str]) -> tuple[st
     kept = list(range(p - len(joints)))
     identifiable: list[str] = []
     for joint, place in zip(joints, range(len(kept), p), strict=True):
+        # The last entry of the triangle is the norm of the column without the part in the others.
         remainder = abs(triangle(R[:, [*kept, place]])[-1, -1])
         if remainder > LEAST_SHARE * np.linalg.norm(R[:, place]):
             kept, identifiable = [*kept, place], [*identifiable, joint]
@@ -211,6 +216,7 @@ def _separated(
     spring, place, slopes = offset
     side, q = load.estimate, len(drive.names)
     columns = [drive.names.index(name) for name in spring.names]
+    # b_0 = slopes^T x + noise of (8), with the values x of the spring: cov(x, b_0) = C slopes.
     shared = drive.covariance[:, columns] @ slopes
     joined = np.vstack(
         [
@@ -218,6 +224,7 @@ def _separated(
             np.append(shared, side.covariance[place, place]),
         ]
     )
+    # (x, b_0) -> (x with f_0 = s - b_0 N/r_M, b_0).
     change = np.eye(q + 1)
     change[drive.names.index("spring_offset"), q] = -offset_lever(robot, joint)
     covariance = change @ joined @ change.T
