@@ -308,6 +308,7 @@ def without_standing(
             f"{listed(stopped)}: the drive stands still in all logs, and no other joint has a "
             "torque, so that no friction and no inertia is identifiable: move this joint"
         )
+    # Joints that move while their motors stand have no place.
     places = {joint: place for joint, place in standing.items() if np.isfinite(place)}
     robot = robot.with_drives(dict.fromkeys(elastic, IDEAL_DRIVE))
     robot = replace(robot, at_rest=FrozenMapping(places, "joint"))

@@ -186,6 +186,7 @@ class ConditionFit:
     def is_of(self, condition: str) -> BoolArray:
         """Return which rows (R,) of the fit are those of a condition."""
         assert self.fit.rows is not None
+        # The number of the first log of a condition, and that of the next condition.
         starts, place = _first_runs(self.rows.values()), list(self.rows).index(condition)
         run = self.fit.rows.run
         return np.asarray((starts[place] <= run) & (run < starts[place + 1]))

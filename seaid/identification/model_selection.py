@@ -165,6 +165,7 @@ def compare_terms(
     if terms is None and duration_s(motions) >= LEAST_WARM_UP_S:
         plain = {**plain, "friction": (*plain["friction"], *WARM_UP)}
     asked = {joint: _with_temperature(robot, motions, joint, plain, terms) for joint in compared}
+    # The comparisons of all joints: the criterion allows for the best of so many by chance.
     count = sum(len(list(possible_terms(robot.drives[joint], asked[joint]))) for joint in compared)
     for joint in track(compared, "terms", progress):
         model = _extended(model, joint, asked[joint], count, comparisons)

@@ -508,7 +508,7 @@ def _drive_slopes(layout: Layout, known: Robot, motion: Motion, x: Array) -> tup
         )
     ]
     # A diagonal: the torque of a drive depends on its own joint, so that one nudge of all joints
-    # at once gives all slopes. Coupled drives are refused by `_check_start`.
+    # at once gives all slopes. `refine` refuses coupled drives, for which this is not so.
     by_position, by_velocity = (
         (torques[0] - torque)[:, :, None] / _NUDGE * eye for torque in torques[1:]
     )

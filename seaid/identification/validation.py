@@ -207,6 +207,7 @@ def _base_fit(motions: Sequence[Motion], rows: Sequence[Array]) -> Fit | None:
         still = np.zeros((len(known), 6), dtype=bool)
         raw = np.where(known[:, None, None], forces, np.nan)
         smooth = smoothed_where(motion, forces.swapaxes(1, 2), np.column_stack([known] * 2))
+        # `smoothed_where` has NaN in transients, and where few samples under the filter count.
         inside = np.isfinite(smooth[:, 0, 0])
         parts.append(_Traces(raw[:, :, 0], raw[:, :, 1], smooth[:, 0], smooth[:, 1], still, inside))
     return _fit(parts) if any(np.any(part.inside) for part in parts) else None
