@@ -85,6 +85,7 @@ def _add_contacts(robot: Robot, world: Any, bodies: list[Any]) -> None:
     base = robot.floating_base
     assert base is not None
     data, lowest = robot.model.createData(), 0.0
+    upright = np.eye(3) if base.upright is None else base.upright
     pin.forwardKinematics(robot.model, data, robot.to_model(np.zeros(robot.n)))
     for contact in base.contacts:
         index, rotation, position = base.frame(contact.link)
@@ -92,7 +93,8 @@ def _add_contacts(robot: Robot, world: Any, bodies: list[Any]) -> None:
         radius = contact.radius_m or _SMALL_M
         if index >= 0:
             joint = 1 + robot.model_order.index(index)
-            lowest = min(lowest, float(data.oMi[joint].act(place)[2]) - radius)
+        height = float((upright @ data.oMi[joint].act(place))[2])  # above the base, in the world
+        lowest = min(lowest, height - radius)
         shape = {"type": "sphere", "size": spaced([radius]), "pos": spaced(place)}
         touches = {"contype": "2", "conaffinity": "1", "mass": "0"}
         etree.SubElement(bodies[joint], "geom", name=f"{contact.link}_contact", **shape, **touches)

@@ -300,7 +300,7 @@ def _bam(request: _Request) -> Iterable[str]:
 
 
 def _bam_joint(actuator: JointActuator) -> dict[str, Any]:
-    values, ratio = actuator.drive.values, actuator.drive.ratio
+    values, ratio = actuator.drive.values, total_ratio(actuator.drive)  # as the armature has it
     parameters: dict[str, Any] = {"armature": actuator.armature, "friction_base": actuator.dry}
     parameters["friction_viscous"], model = actuator.viscous, "m1"
     if "stribeck" in actuator.drive.friction:  # F_S exp(-|w / w_S|^alpha) with alpha = 2

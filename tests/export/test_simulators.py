@@ -250,6 +250,24 @@ def test_bam_has_the_keys_that_it_reads(tmp_path: Path) -> None:
     )
 
 
+def test_bam_has_the_pulleys_of_a_spring_in_all_that_a_motor_does(tmp_path: Path) -> None:
+    """A torque of the motor is r_L/r_M times as large at the joint as behind the gear."""
+    drive = SeriesElasticDrive(
+        gear_ratio=10.0,
+        motor_pulley_radius_m=0.02,
+        load_pulley_radius_m=0.04,
+        motor_inertia_kg_m2=1e-5,
+        viscous_friction_Nms_per_rad=0.0,
+        coulomb_friction_Nm=0.0,
+        stiffness_N_per_m=1e6,
+        motor_input="current",
+        nominal={"torque_constant": 0.05},
+    )
+    found = json.loads(written(robot_with(tmp_path, drive), tmp_path, "bam").path.read_text())
+    assert found["kt"] == pytest.approx(20.0 * 0.05)
+    assert found["armature"] == pytest.approx(20.0**2 * 1e-5)
+
+
 PUBLISHED = Path(__file__).parents[3] / "shared/data/xl330_pendulum/published/published_m1.json"
 VOLTAGE = StiffDrive(
     motor_inertia_kg_m2=0.0016,

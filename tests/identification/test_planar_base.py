@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -344,3 +345,25 @@ def test_what_a_planar_base_lacks_or_contradicts_is_noted(folder: Path) -> None:
     assert "gyro_y: minus the derivative of the angle: one of them needs scale = -1" in notes
     assert "without gravity or in another unit: not used" in notes
     assert "specific_force" not in guess.description.base
+
+
+@pytest.mark.parametrize(
+    ("name", "base"),
+    [("hopper.urdf", "floating"), ("hopper.urdf", "planar_xz"), ("boom.urdf", "planar")],
+)
+@pytest.mark.parametrize("belly_m", [0.1, 0.7])
+def test_the_lowest_contact_of_a_written_model_touches_the_floor(
+    folder: Path, tmp_path: Path, name: str, base: Any, belly_m: float
+) -> None:
+    """A ball at the base itself counts as those of its legs do."""
+    belly = Contact("trunk", position_m=(0.0, 0.0, -belly_m), radius_m=0.03)
+    contacts = [belly, *(Contact(foot, radius_m=0.02) for foot in FEET)]
+    robot = seaid.load_robot(folder / name, base=base, contacts=contacts)
+    seaid.write_mjcf(robot, tmp_path / "model.xml")
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "model.xml"))
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    balls = [model.geom(f"{contact.link}_contact").id for contact in contacts]
+    lowest = data.geom_xpos[balls, 2] - model.geom_size[balls, 0]
+    assert np.min(lowest) == pytest.approx(0.0, abs=1e-6)
+    assert (np.argmin(lowest) == 0) == (belly_m > 0.5)
