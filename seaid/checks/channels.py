@@ -501,7 +501,7 @@ def offset_findings(experiment: Experiment) -> Iterator[Finding]:
     logs = np.unique(experiment.log).tolist()
     for j in np.flatnonzero(experiment.both).tolist() if len(logs) > 1 else ():
         drive = experiment.robot.drives[experiment.robot.joint_names[j]]
-        y = experiment.motor[0][:, j] / experiment.lever[j] - experiment.joint[0][:, j]
+        y = experiment.apart[:, j]
         # One column per log, its offset; the first len(logs) parameters are these offsets.
         H = np.equal.outer(experiment.log, logs).astype(float)
         if drive.is_elastic and j in experiment.used:

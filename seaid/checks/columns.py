@@ -268,12 +268,13 @@ def _is_impossible(found: Accepted) -> bool:
     A torque that is late by d has the slope of the spring's torque with -d, which is a damping of
     -k d: something else looks like the term.
     """
-    candidate, searched = found.trial.candidate, found.trial.alternative.values
-    names = PARAMETERS_OF[candidate.field][candidate.term]
-    linear = [name for name in names if name not in searched]
-    # Not strict: a law that replaces columns has the coefficients of these too.
-    values = zip(linear, found.coefficients.tolist(), strict=False)
-    return any(PARAMETERS[name].is_positive and value < 0 for name, value in values)
+    candidate = found.trial.candidate
+    positive = {
+        x for x in PARAMETERS_OF[candidate.field][candidate.term] if PARAMETERS[x].is_positive
+    }
+    # A law that replaces columns has the coefficients of these too, which are not of the term.
+    values = zip(found.trial.alternative.names, found.coefficients.tolist(), strict=True)
+    return any(name in positive and value < 0 for name, value in values)
 
 
 def _missing_terms(

@@ -299,15 +299,15 @@ def no_measurements(robot: Robot, log: Log) -> Iterator[Finding]:
         for channel, count in zip(channels, returns, strict=True):
             drive = robot.drives.get(channel.joint)
             if drive is not None and drive.controller is None:
-                yield from _no_measurement(log, channel, drive.ratio, count)
+                yield from _no_measurement(log, channel, drive, count)
 
 
-def _no_measurement(log: Log, channel: Channel, ratio: float, returns: int) -> Iterator[Finding]:
+def _no_measurement(log: Log, channel: Channel, drive: Drive, returns: int) -> Iterator[Finding]:
     """Yield a torque or current that is a magnitude, or computed from the tracking error."""
     j, torque = log.joint_names.index(channel.joint), channel.values
     error = np.full(len(torque), np.nan)
     if log.position_command is not None:
-        error = log.position_command[:, j] - _controlled_position(log, j, ratio)
+        error = log.position_command[:, j] - _controlled_position(log, j, drive.ratio)
     r, known = abs(_correlation(error, torque)), "20.0  # write the gain of your controller"
     is_magnitude = returns >= tol.EVENTS or _is_folded(error, torque)
     what = "has no sign: it is a magnitude and returns to zero without crossing it"
@@ -315,10 +315,16 @@ def _no_measurement(log: Log, channel: Channel, ratio: float, returns: int) -> I
         if r < 1 - tol.FEW:
             return
         # N tau_M = K e at the joint
-        gain = ratio * float(np.std(torque) / np.std(error))
-        known = f"{gain:.4g}"
-        what = f"is {known} times the tracking error (correlation {r:.4f})"
-    drive = f'type = "stiff"\ngear_ratio = {ratio:.6g}\nmotor_input = "position_command"'
+        times = float(np.std(torque) / np.std(error))
+        # K_p acts at the joint, N K_t i = N tau_M = K_p e: a current needs K_t for it
+        to_joint = {
+            "joint_torque": 1.0,
+            "motor_torque": drive.ratio,
+            "motor_current": drive.ratio * drive.values.get("torque_constant", math.nan),
+        }[channel.quantity]
+        known = f"{to_joint * times:.4g}" if math.isfinite(to_joint) else known
+        what = f"is {times:.4g} times the tracking error (correlation {r:.4f})"
+    table = f'type = "stiff"\ngear_ratio = {drive.ratio:.6g}\nmotor_input = "position_command"'
     law = f"position_gain_Nm_per_rad = {known}"
     yield codes.NO_MEASUREMENT.finding(
         f"the {channel.quantity.replace('_', ' ')} of {channel.joint} {what}, so that it measures "
@@ -326,7 +332,7 @@ def _no_measurement(log: Log, channel: Channel, ratio: float, returns: int) -> I
         channel.joint,
         "wrong" if is_magnitude else "doubtful",
         {"correlation with the tracking error": r},
-        in_drives({(channel.joint,): drive, (channel.joint, "controller"): law}),
+        in_drives({(channel.joint,): table, (channel.joint, "controller"): law}),
     )
 
 

@@ -49,13 +49,15 @@ class Alternative:
     """A larger model: the columns (R, c) in addition to, or in place of, those of the rows.
 
     `replaced` are the places of the columns that it lacks, `parameters` the number of parameters
-    that it has in addition: nonlinear ones, at whose `values` the columns are, included.
+    that it has in addition: nonlinear ones, at whose `values` the columns are, included. `names`
+    are the parameters of the columns, if they are those of a term.
     """
 
     columns: Array
     parameters: int
     replaced: tuple[int, ...] = ()
     values: Mapping[str, float] = FrozenMapping({})
+    names: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

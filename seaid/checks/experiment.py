@@ -219,8 +219,10 @@ class Experiment:
         x = scaled_svd(factor[:, :-1]).solve(factor[:, -1], RANK_TOLERANCE)
         residual, start = (b - A @ x).reshape(len(self.used), -1), 0
         for j, columns, rows in zip(self.used, loads, residual, strict=True):
-            size, rows = self._torque_sizes[j], rows[self.counted[:, j]]
-            misfit[j] = self._size(j, size * rows, size * x[start : start + 2])
+            rows = rows[self.counted[:, j]]
+            # A and b are over the size of the torque, so that x, and not b, is in N m.
+            friction = x[start : start + 2]
+            misfit[j] = self._size(j, self._torque_sizes[j] * rows, friction)
             per_row[j] = max(tol.CORRELATED_ROWS, correlated_rows(rows))
             start += columns.shape[1]
         return misfit, per_row

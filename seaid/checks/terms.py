@@ -156,10 +156,11 @@ class DriveRows:
             for place, name in enumerate(self.rows.names)
             if parameter_of(name) in changed and self._has(name)
         ]
+        names = *changed, *added
         # The columns of all points (T, points c) are filtered at once.
         points = [dict(zip(grid, values_at, strict=True)) for values_at in product(*grid.values())]
         parts = [
-            np.hstack([new.columns(signals, values | at, [*changed, *added]) for at in points])
+            np.hstack([new.columns(signals, values | at, names) for at in points])
             for signals in self.signals
         ]
         columns = np.split(self.at_rows(parts), len(points), axis=1)
@@ -167,7 +168,7 @@ class DriveRows:
         more = len(added) + len(grid)
         zero = {name: values[name] for name in ("deflection_zero",) if name in extra}
         for at, H in zip(points, columns, strict=True):
-            yield Alternative(H, more, tuple(places), FrozenMapping(at | zero))
+            yield Alternative(H, more, tuple(places), FrozenMapping(at | zero), names)
 
     def _grid(
         self, names: Sequence[str], grids: Mapping[str, Sequence[float]]

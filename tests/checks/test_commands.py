@@ -376,6 +376,31 @@ def test_torques_without_sign_and_outputs_of_a_controller_are_named() -> None:
     assert named(np.maximum(torque, 0) - np.maximum(-torque, 0) * 0.01) == []
 
 
+@pytest.mark.parametrize(
+    ("quantity", "constants", "gain"),
+    [
+        ("motor_torque", {}, 200.0),
+        ("joint_torque", {}, 20.0),
+        ("motor_current", {"torque_constant": 0.1}, 20.0),
+        ("motor_current", {}, None),
+    ],
+)
+def test_the_gain_of_a_torque_that_is_computed_acts_at_the_joint(
+    quantity: str, constants: dict[str, float], gain: float | None
+) -> None:
+    """Each is 20 times the tracking error; the gear ratio is 10."""
+    _, position, error = _tracked()
+    robot, log = _servo_log(np.full(len(error), np.nan), position + error)
+    log = replace(log, **{quantity: 20 * error[:, None]})  # type: ignore[arg-type]
+    is_known = {"motor_input": "current"} if constants else {}
+    drive = seaid.StiffDrive(gear_ratio=10.0, nominal=constants, **is_known)  # type: ignore[arg-type]
+    (finding,) = no_measurements(robot.with_drives({"pendulum": drive}), log)
+    assert "is 20 times the tracking error" in finding.message
+    is_placeholder = "position_gain_Nm_per_rad = 20.0  # write the gain" in finding.remedy
+    assert is_placeholder == (gain is None)
+    assert gain is None or f"position_gain_Nm_per_rad = {gain:g}" in finding.remedy
+
+
 def test_a_load_that_vanishes_once_is_no_magnitude() -> None:
     """A foot that is hardly loaded for a second, with noise: eight returns to zero before."""
     time = _tracked()[0]

@@ -279,7 +279,8 @@ def test_a_width_that_the_sampling_explains_is_noted_only() -> None:
         t=9.0, independent=200.0, parameters=1,
     )  # fmt: skip
     candidate = Candidate("hip_roll", "friction", "smooth_coulomb", tuple)
-    smooth = Alternative(np.ones((1, 1)), 1, (), FrozenMapping({"coulomb_width": 8.0}))
+    values = FrozenMapping({"coulomb_width": 8.0})
+    smooth = Alternative(np.ones((1, 1)), 1, (), values, ("coulomb_friction",))
     width = Trial(candidate, support, smooth)
     accepted = [Accepted(width, np.ones(1), np.ones(1))]
     check = next(check for check in DRIVE_CHECKS if check.code is MISSING_TERM)
@@ -520,21 +521,25 @@ def test_a_spring_parallel_to_a_joint_with_a_spring_is_named_and_no_tilt() -> No
 
 
 @pytest.mark.parametrize(
-    ("term", "coefficients", "searched", "is_impossible"),
+    ("term", "coefficients", "is_impossible"),
     [
-        ("damping", [-0.3], {}, True),
-        ("damping", [0.3], {}, False),
-        ("dahl", [-0.3], {"hysteresis_deflection": 0.1}, True),
-        ("cubic", [-0.3], {}, False),
+        ("damping", {"spring_damping": -0.3}, True),
+        ("damping", {"spring_damping": 0.3}, False),
+        ("dahl", {"hysteresis_force": -0.3}, True),
+        ("dahl", {"stiffness": -0.3, "hysteresis_force": 0.3}, False),
+        ("cubic", {"cubic_stiffness": -0.3}, False),
     ],
 )
 def test_a_damping_that_is_negative_is_something_else(
-    term: str, coefficients: list[float], searched: dict[str, float], is_impossible: bool
+    term: str, coefficients: dict[str, float], is_impossible: bool
 ) -> None:
-    """A torque that is late by d looks like a damping of -k d; a softening spring is possible."""
+    """A torque that is late by d looks like a damping of -k d; a softening spring is possible.
+
+    A law that replaces columns has their coefficients first, which are not of the term.
+    """
     trial = SimpleNamespace(
         candidate=SimpleNamespace(field="spring", term=term),
-        alternative=SimpleNamespace(values=searched),
+        alternative=SimpleNamespace(names=tuple(coefficients)),
     )
-    found: Any = SimpleNamespace(trial=trial, coefficients=np.array(coefficients))
+    found: Any = SimpleNamespace(trial=trial, coefficients=np.array([*coefficients.values()]))
     assert _is_impossible(found) == is_impossible

@@ -121,3 +121,18 @@ def test_a_cause_that_rests_on_the_robot_file_spares_the_findings_of_other_joint
     assert after == ["note", "doubtful", "note"]
     sure = replace(wrong, certainty="certain")
     assert {finding.severity for finding in consequences([sure], findings)} == {"note"}
+
+
+@pytest.mark.parametrize("factor", [0.01, 100.0])
+def test_misfits_do_not_depend_on_the_unit_of_torques(factor: float) -> None:
+    """Reversed torques need friction that drives, which counts as much as what is unexplained."""
+
+    def free(unit: float) -> np.ndarray:
+        drives = {
+            joint: replace(drive, motor_inertia_kg_m2=unit * (drive.motor_inertia_kg_m2 or 0.0))
+            for joint, drive in arm().drives.items()
+        }
+        log = replace(arm_log(), motor_torque=-unit * arm_log().motor_torque)
+        return experiment(arm().with_drives(drives), log).free
+
+    np.testing.assert_allclose(free(factor), free(1.0), rtol=1e-6)

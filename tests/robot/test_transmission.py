@@ -21,6 +21,9 @@ from hypothesis import strategies as st
 
 from scripts.example_robots import example_urdfs
 from seaid._arrays import Array
+from seaid.checks import experiment_of
+from seaid.checks.channels import offset_findings
+from seaid.drives import total_ratio
 from seaid.drives.drives import Drive, SeriesElasticDrive, StiffDrive
 from seaid.errors import (
     ExcitationError,
@@ -38,7 +41,7 @@ from seaid.identification.output_error import refine
 from seaid.identification.repeated_identification import validate
 from seaid.identification.simulated_joints import driven_motion
 from seaid.log.custom_columns import both_sides
-from seaid.log.motion import Motion, reconstruct_motion
+from seaid.log.motion import Motion, reconstruct_motion, reconstruct_motions
 from seaid.log.reading import Log
 from seaid.regressor.base import base_parameters
 from seaid.regressor.exact.equations import base_parameters as exact_base_parameters
@@ -297,6 +300,21 @@ def log_of(motion: Motion, *, torque: float = 0.0, angle: float = 0.0, seed: int
 
 def true_load(case: Case, found: Identification) -> Array:
     return found.base.project(case.robot.parameters)
+
+
+def test_encoders_of_coupled_joints_agree_in_every_pose() -> None:
+    """The angle between them is that of phi = C q, and not that of one joint."""
+    case, pose = mixed_differential(), np.array([0.0, 2.0, -1.0])
+    robot = case.robot
+    lever = np.array([total_ratio(drive) for drive in robot.drives.values()])
+    first, second = (log_of(true_motion(case, seed), torque=0.003) for seed in (0, 1))
+    second = replace(
+        second,
+        joint_position=second.joint_position + pose,
+        motor_position=second.motor_position + lever * (robot.transmission @ pose),
+    )
+    motions = [reconstruct_motions(robot, log) for log in (first, second)]
+    assert list(offset_findings(experiment_of(robot, motions))) == []
 
 
 # Laws of the matrix.
