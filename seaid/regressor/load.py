@@ -238,7 +238,8 @@ def _random_rows(
         columns, drives = drive_parameters(robot, torque_joints, signals_of)
         columns = below_base(columns) if floats else columns
         rows = reduced(np.concatenate([base.reduce(Y), columns], axis=2))
-        parts.append(rows.reshape(-1, rows.shape[2]))
+        # not reshape(-1, ...): where all bodies are known there may be no column
+        parts.append(rows.reshape(rows.shape[0] * rows.shape[1], rows.shape[2]))
     return np.concatenate(parts), drives
 
 
