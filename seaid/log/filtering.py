@@ -46,6 +46,8 @@ def low_pass(signals: Array, rate_hz: float, cutoff_hz: float) -> Array:
 
     sections, start = _sections(float(rate_hz), float(cutoff_hz))
     count, width = signals.shape
+    # The transient decays with exp(-2 pi f t / sqrt 2), by 0.012 per period of the cutoff f: three
+    # periods of padding reduce a wrong state at the start to 2e-6.
     pad = min(count - 1, round(3 * rate_hz / cutoff_hz))
     whole = np.zeros((count, width + width % 2)) if width > 1 else np.empty((count, width))
     whole[:, :width] = signals
@@ -54,6 +56,8 @@ def low_pass(signals: Array, rate_hz: float, cutoff_hz: float) -> Array:
     x = np.ascontiguousarray(x.T)
     before, after = 2 * x[:, :1] - x[:, pad:0:-1], 2 * x[:, -1:] - x[:, -2 : -pad - 2 : -1]
     x = np.concatenate([before, x, after], axis=1)  # odd: a line stays a line
+    # Order 2 in both directions has the gain 1 / (1 + (f' / f)^4) and no phase: one half at the
+    # cutoff, not 1 / sqrt 2. `start` is the state after a constant signal.
     for _ in range(2):  # forward, then backward
         x = sosfilt(sections, x, zi=start * x[:, :1])[0][:, ::-1]
     return np.ascontiguousarray(x[:, pad : pad + count].T).view(float)[:, :width]
@@ -73,11 +77,13 @@ def _sections(rate_hz: float, cutoff_hz: float) -> tuple[Array, Array]:
 
 def decimation(rate_hz: float, cutoff_hz: float) -> int:
     """Return the number of samples per row of the filtered regression."""
+    # Rounded down, for at least ROWS_PER_PERIOD rows; a quotient of 25 less a rounding error is 25.
     return max(1, int(rate_hz / (ROWS_PER_PERIOD * cutoff_hz) * (1 + _ROUNDING)))
 
 
 def filter_overlap(rate_hz: float, cutoff_hz: float) -> int:
     """Return the samples, whole rows, in which the transient of the filter decays to 1e-11."""
+    # Whole rows, so that the rows of a piece are at the same samples as those of the whole motion.
     step = decimation(rate_hz, cutoff_hz)
     return step * math.ceil(_FORGOTTEN * rate_hz / cutoff_hz / step)
 
@@ -91,6 +97,7 @@ def spline_derivatives(time: Array, signals: Array) -> tuple[Array, Array, Array
 
     values, first, second = (np.full_like(signals, np.nan) for _ in range(3))
     known = np.flatnonzero(np.isfinite(signals[0]))
+    # The second derivative of a quintic spline is a cubic one; that of a cubic spline has corners.
     spline = make_interp_spline(time, signals[:, known], k=5)
     values[:, known] = signals[:, known]
     first[:, known], second[:, known] = spline(time, 1), spline(time, 2)
@@ -126,6 +133,8 @@ def mean_directions(velocity: Array, rate_hz: float, band_hz: float, dry: float)
     slope = _slopes(velocity, rate_hz)
     passes = (slope > _PASSES * dry) & (band_hz < _UNFILTERED * rate_hz)
     late_s = np.zeros(len(velocity))
+    # w = -s t + g |t| about a reversal at t = 0. The low-passed w(0) is g E|tau| and its slope -s,
+    # so that its zero is g E|tau| / s late: 0.94 ms for g = 5, s = 30 rad/s^2 and 20 Hz.
     late_s[passes] = dry / (2 * np.sqrt(2) * np.pi * band_hz) / slope[passes]
     directions = _mean_signs(velocity, rate_hz, late_s)
     return low_pass(directions[:, None], rate_hz, band_hz)[:, 0]  # as torques and accelerations are
@@ -149,6 +158,7 @@ def is_friction_known(
     turns = np.append(np.diff(np.sign(velocity)) != 0, False)
     passes = turns & (_slopes(velocity, rate_hz) > _PASSES * dry)
     rest = np.abs(velocity) < max(STANDSTILL * fastest, REST_RAD_S)
+    # Both samples of a change of sign, since a fast reversal passes zero between two samples.
     rest |= turns | np.roll(turns, 1)
     edges = np.flatnonzero(np.diff(rest, prepend=False, append=False))
     for first, end in zip(edges[::2], edges[1::2], strict=True):
@@ -172,9 +182,12 @@ def _mean_signs(velocity: Array, rate_hz: float, early_s: Array) -> Array:
     passed = velocity[before] / (velocity[before] - velocity[before + 1])
     changes = before + passed - rate_hz * early_s[before]  # [samples]
     edges = np.arange(len(velocity) + 1) - 0.5
+    # Two reversals that are shifted by different times may change places, and `interp` needs order.
     inside = np.maximum.accumulate(np.clip(changes, edges[0], edges[-1]))
     knots = np.concatenate([edges[:1], inside, edges[-1:]])
     levels = sign[np.concatenate([[0], before + 1])]
+    # The integral of the sign is linear between its changes, so that its differences over the
+    # intervals are the exact means, also of those with several changes.
     travelled = np.concatenate([[0.0], np.cumsum(levels * np.diff(knots))])
     return np.diff(np.interp(edges, knots, travelled))
 
@@ -326,6 +339,7 @@ def _moving_spectra(
         for index, name in enumerate(names):
             samples = positions[:, index]
             if np.isfinite(samples[0]) and np.ptp(samples) > 0:
+                # Without an encoder at the joint, the accelerations of (8) are the motor's.
                 order = 1 if side == "motor" and np.isfinite(joint[0, index]) else 2
                 spectra[f"{side} side of {name}"] = _spectrum(samples, rate_hz, order, of_commands)
     return {name: spectrum for name, spectrum in spectra.items() if spectrum.moves}
@@ -338,9 +352,12 @@ def _spectrum(samples: Array, rate_hz: float, order: int, of_commands: bool) -> 
     frequency, power = _periodogram(placed - (placed @ ramp) / (ramp @ ramp) * ramp, rate_hz)
     # periodogram ordinates of white noise are chi^2_2: the median is log 2 times the mean
     white = float(np.median(power[frequency > 0.25 * rate_hz])) / np.log(2)
+    # The median above a quarter of the rate hardly sees the quantisation noise of a slow joint.
     of_steps, rounding = _noise_of_steps(samples, rate_hz)
     floor, variance = max(white, of_steps), max(white * rate_hz / 2, rounding)
     smooth = np.convolve(power, np.ones(_SMOOTHED_BINS) / _SMOOTHED_BINS, mode="same")
+    # Single ordinates of white noise exceed three times their mean in e^-3 = 5 % of the bins, means
+    # of nine in 0.1 %.
     seen = (smooth >= _OUTSTANDING * floor) & (frequency <= rate_hz / _RATES)
     signal = np.where(seen, np.maximum(power - floor, 0.0), 0.0)
     # a sweep moves too, so the power of the position keeps the linear trend
@@ -349,6 +366,7 @@ def _spectrum(samples: Array, rate_hz: float, order: int, of_commands: bool) -> 
     # white noise of density S, differentiated k times: int_0^f S nu^2k dnu = S f^(2k+1) / (2k+1)
     exponent = 2 * order
     noise = floor * frequency ** (exponent + 1) / (exponent + 1)
+    # The factor (2 pi)^2k of the k-th derivative is in neither noise nor motion: it cancels.
     moved = np.cumsum(signal * frequency**exponent) * frequency[1]
     speed_hz = _edge(frequency, signal * frequency**2, _VELOCITY_SHARE)
     limit = coloured = _limit(frequency, noise, moved, allowed)
@@ -370,12 +388,14 @@ def _periodogram(samples: Array, rate_hz: float) -> tuple[Array, Array]:
     count = len(samples)
     window = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(count) / count)
     power = np.abs(np.fft.rfft(window * samples)) ** 2 / (rate_hz * (window @ window))
+    # S = 2 |X|^2 / (rate sum w^2): its integral up to half of the rate is the variance.
     power[1 : (count + 1) // 2] *= 2  # both signs, of all but the mean and half of the rate
     return np.asarray(np.fft.rfftfreq(count, 1 / rate_hz)), power
 
 
 def _limit(frequency: Array, noise: Array, moved: Array, allowed: float) -> float:
     """Return the highest frequency below which the power of noise is small against the motion's."""
+    # Both are powers up to each frequency; `allowed` is a ratio of rms values, hence its square.
     clean = np.flatnonzero((noise <= allowed**2 * moved) & (moved > 0))
     return float(frequency[clean[-1]]) if len(clean) else 0.0
 
@@ -406,6 +426,8 @@ def _coloured_noise(frequency: Array, power: Array, rate_hz: float) -> Array:
     p = max(0.0, -float(np.polyfit(x, y, 1)[0]))
     if p > _STEEPEST:
         return np.zeros_like(frequency)
+    # S0 for the exponent p after clipping at zero; the constant of the fit belongs to its own
+    # slope.
     start = float(np.exp(np.mean(y + p * x)))
     return np.asarray(start * middle[first] ** p * frequency ** (5 - p) / (5 - p))
 
@@ -481,6 +503,7 @@ def row_samples(motion: Motion) -> IndexArray:
     rows = np.arange(transient, len(motion.time) - transient, step)
     if motion.bridged is None:
         return rows
+    # The low pass of a mask of 0 and 1 is the share of the filter's weight on the gaps.
     return rows[in_band_at(motion, motion.bridged.astype(float), rows) <= BRIDGED_SHARE]
 
 
@@ -497,6 +520,8 @@ def pieces(motion: Motion, samples: int = PIECE_SAMPLES) -> Iterator[tuple[Motio
     count, overlap = len(motion.time), filter_overlap(motion.rate_hz, motion.cutoff_hz)
     step = decimation(motion.rate_hz, motion.cutoff_hz)
     length = step * -(-samples // step)  # whole rows
+    # Standstill is a share of the largest speed: with that of a piece, other rows would be
+    # excluded.
     motion = replace(motion, fastest=motion.largest_speeds)  # once, not by every piece
     for start in range(0, count, length):
         end, part = start + length, slice(max(start - overlap, 0), start + length + overlap)
