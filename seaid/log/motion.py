@@ -228,6 +228,8 @@ class Motion(Display):
 
 def decimated(motion: Motion, factor: int) -> Motion:
     """Return every `factor`-th sample of a motion, of its signals behind a low pass."""
+    # Four fifths of the new Nyquist frequency. Speeds of the log stay, since standstill refers to
+    # them and the low pass would lower them.
     highest_hz = 0.4 * motion.rate_hz / factor
     signals: dict[str, Any] = {}
     for field in fields(motion):
@@ -278,6 +280,7 @@ def reconstruct_motion(robot: Robot, log: Log, cutoff_hz: float | None = None) -
     >>> motion = seaid.reconstruct_motion(robot, log, cutoff_hz=8.0)
     >>> motion.joint_acceleration.shape
     """
+    # Without a given cutoff the shortest log is not known yet, so that all of the rest may be cut.
     motion = motion_of(robot, usable(log, _shortest_s(cutoff_hz)), cutoff_hz)
     return replace(motion, start_s=float(log.time[0]))
 
@@ -309,11 +312,15 @@ def reconstruct_motions(
         return (replace(motion_of(robot, log, cutoff_hz), start_s=start_s),)
     longest = max(stretches(log), key=lambda part: float(part.time[-1] - part.time[0]))
     if cutoff_hz is None:
+        # `_sampled` of the whole log interpolates its holes linearly, see `interpolated`.
         choices = [_selected_cutoff(robot, *_sampled(robot, part)) for part in (log, longest)]
         cutoff = min(choices, key=lambda choice: choice.cutoff_hz)
     else:
         cutoff = _fixed_cutoff(cutoff_hz)
+        # The mean rate of a log with holes would be too low for this check.
         check_cutoff(cutoff_hz, 1.0 / typical_step(log.time))
+    # The factor 1.001 outweighs rounding: each stretch passes the check of its duration in
+    # `_motion`.
     parts = stretches(log, 1.001 * SHORTEST_STRETCH / cutoff.cutoff_hz)
     _check_duration(cutoff.cutoff_hz, sum(float(part.time[-1] - part.time[0]) for part in parts))
     motions = [_motion(robot, part, cutoff, fewest=SHORTEST_STRETCH) for part in parts]
@@ -351,6 +358,7 @@ def _selected_cutoff(robot: Robot, time: Array, signals: dict[str, Array]) -> Cu
     sharp = [joint for joint, drive in elastic if corners & {*drive.spring, *drive.friction}]
     if not sharp:
         return selection
+    # A corner of the torque against the deflection has power far above the bandwidth of the motion.
     cutoff_hz = min(_CORNERS * selection.cutoff_hz, selection.rate_limit_hz)
     times = cutoff_hz / selection.cutoff_hz
     reason = f"{times:.2g} times that of the motion, for the corners in the drive of {sharp[0]}"
@@ -368,6 +376,8 @@ def _motion(
     cutoff_hz = cutoff.cutoff_hz
     check_cutoff(cutoff_hz, rate_hz)
     _check_duration(cutoff_hz, float(time[-1] - time[0]), fewest)
+    # One filter for both sides: the deflection r_M theta_M / N - r_L theta_L of (3) is a small
+    # difference of them, to which unequal filters would add a part of the motion itself.
     measured = low_pass(np.hstack([joint, motor]), rate_hz, POSITION_BAND * cutoff_hz)
     position, velocity, acceleration = (
         _both_sides(robot, signal) for signal in spline_derivatives(time, measured)
@@ -375,6 +385,8 @@ def _motion(
     n, springs = robot.n, signals.get("deflection")
     if springs is not None:
         springs = low_pass(springs, rate_hz, POSITION_BAND * cutoff_hz)
+    # Measured torques stay unfiltered; those of commands depend on the positions, and get their
+    # filter.
     torque, slope = commanded_torque(robot, time, signals, POSITION_BAND * cutoff_hz)
     delays = [robot.drives[joint].command_delay_s or 0.0 for joint in robot.joint_names]
     warmth = signals.get("motor_temperature")
@@ -395,6 +407,7 @@ def _motion(
         motor_velocity=velocity[:, n:],
         motor_acceleration=acceleration[:, n:],
         motor_torque=torque,
+        # A regression passes torque and regressor through the same low pass, which then cancels.
         joint_torque=signals.get("joint_torque", np.full_like(joint, np.nan)),
         motor_current=signals.get("motor_current"),
         motor_voltage=signals.get("motor_voltage"),
@@ -435,6 +448,7 @@ def with_directions(robot: Robot, motion: Motion, dry: Mapping[str, float]) -> M
         drive, velocity = robot.drives[joint], motion.motor_velocity[:, index]
         if not is_commanded(drive):
             continue
+        # inf: no reversal is steep enough to be passed; 0: all are passed, and none is late.
         acceleration = dry.get(joint, np.inf) if is_dry(drive) else 0.0
         direction[:, index] = mean_directions(velocity, motion.rate_hz, band_hz, acceleration)
         if not drive.is_elastic and robot.floating_base is None:
@@ -476,12 +490,16 @@ def _uniform(log: Log, columns: list[int]) -> tuple[Array, dict[str, Array]]:
     if is_regular(log.time):
         return log.time, signals
     steps = np.diff(log.time)
+    # Steps over holes do not count, so that a hole does not lower the rate of the grid.
     step = float(np.mean(steps[steps <= longest_bridge(log.time)]))
     count = math.floor((log.time[-1] - log.time[0]) / step + 1e-9) + 1
+    # The last stamp may exceed the log's by rounding, and a spline would extrapolate there.
     time = np.minimum(log.time[0] + step * np.arange(count), log.time[-1])
     resampled = {field: np.full((count, len(columns)), np.nan) for field in signals}
     for field, values in signals.items():
         for place in np.flatnonzero(np.isfinite(values[0])):
+            # The deflection rate multiplies the damping of the spring: the deflection is
+            # differentiated too.
             how = "spline" if field == "deflection" else interpolation_of(field)
             resampled[field][:, place] = interpolated(log.time, values[:, place], time, how)
     return time, resampled
@@ -545,6 +563,8 @@ def _both_sides(robot: Robot, signal: Array) -> Array:
     joint, motor = both[:, :n], both[:, n:]
     ratio = np.array([robot.drives[name].ratio for name in robot.joint_names])
     unseen, blind = np.isnan(joint[0]), np.isnan(motor[0])
+    # q = C^-1 theta_M / N and theta_M / N = C q, with C = 1 but for coupled drives. NaN of a group
+    # stays within it, and `_check_coupled` has excluded groups that this does not determine.
     joint[:, unseen] = at_joints(robot.transmission, motor / ratio)[:, unseen]
     motor[:, blind] = (at_drives(robot.transmission, joint) * ratio)[:, blind]
     return both
@@ -577,6 +597,8 @@ def inside_transients(motion: Motion) -> BoolArray:
 
 def smoothed_where(motion: Motion, values: Array, counts: BoolArray) -> Array:
     """Return the low-passed values (T, k, 3) over the samples that count, NaN at the others."""
+    # Normalised convolution (Knutsson and Westin 1993): the low pass of the counted samples over
+    # that of their mask, so that the values at a boundary are not drawn to zero.
     weight = in_band(motion, counts.astype(float))[:, :, None]
     counted = np.where(counts[:, :, None] & np.isfinite(values), values, 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
