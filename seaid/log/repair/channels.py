@@ -58,6 +58,7 @@ def interpolated(time: Array, values: Array, wanted: Array, how: Interpolation) 
         samples = np.interp(wanted, time, values)
         after = np.clip(np.searchsorted(time, wanted), 1, len(time) - 1)
         nearest = np.where(wanted - time[after - 1] < time[after] - wanted, after - 1, after)
+        # A rounded stamp would give a mean of two commands where a command steps.
         is_there = np.abs(time[nearest] - wanted) < _ROUNDED * typical_step(time)
         return np.asarray(np.where(is_there, values[nearest], samples))
     origin = time[0]
@@ -66,6 +67,7 @@ def interpolated(time: Array, values: Array, wanted: Array, how: Interpolation) 
         samples, longest = CubicSpline(time, values)(wanted - origin), longest_bridge(time)
     else:
         akima = Akima1DInterpolator(time, values, method="makima")
+        # Positions are bridged over gaps by the spline, since they are smooth; torques are not.
         samples, longest = akima(wanted - origin), longest_step(time)
     straight = in_gap(time, wanted - origin, longest)
     samples[straight] = np.interp(wanted[straight] - origin, time, values)
@@ -81,6 +83,7 @@ def on_time(
     """
     late, early = max([0.0, *delays_s.values()]), min([0.0, *delays_s.values()])
     kept = (time >= time[0] - early) & (time <= time[-1] - late)
+    # A late sample shows the state `delay` before its stamp: that at t has the stamp t + delay.
     return kept, {
         name: interpolated(time, channels[name], time[kept] + delay, interpolation_of(name))
         for name, delay in delays_s.items()
@@ -107,6 +110,8 @@ def _merged(time: Array, values: Array) -> tuple[Array, Array]:
     counts = np.diff([*starts, len(time)])
     merged_time = np.add.reduceat(time, starts) / counts
     merged = np.add.reduceat(values, starts) / counts
+    # The means of the first and last burst would shorten the range of the channel, and what is
+    # wanted at its ends would be extrapolated.
     merged_time[[0, -1]] = time[[0, -1]]
     return merged_time, merged
 
@@ -121,6 +126,8 @@ def resampled(
     if how == "linear" and own_rate_hz < _RARELY * rate_hz:
         last = np.searchsorted(time, grid + 1e-6 / rate_hz, side="right") - 1
         return np.asarray(values[np.maximum(last, 0)])
+    # A whole multiple of the grid, so that the low pass is followed by plain decimation; up to 10 %
+    # above the grid's rate there is next to nothing to alias.
     finer = math.ceil(own_rate_hz / rate_hz - 0.1)
     if finer <= 1:
         return interpolated(time, values, grid, how)
@@ -152,6 +159,7 @@ def gap_error(
     window = np.searchsorted(starts, time, side="right") - 1
     lengths = np.resize(gaps, count)[window]
     taken = (window >= 0) & (time < starts[np.maximum(window, 0)] + lengths)
+    # The ends stay, because the spline must not extrapolate.
     taken[[0, 1, -2, -1]] = False
     if not np.any(taken):
         return 0.0
@@ -159,6 +167,8 @@ def gap_error(
     noise = white_noise(values, robust=True)
     error = float(np.sqrt(np.mean((bridged - values[taken]) ** 2)))
     share = float(np.sum(gaps)) / duration
+    # The error exists in the gaps only, a share s of the time: over the whole log its rms is
+    # sqrt(s) times that of the gaps.
     return max(error - _NOISES * noise, 0.0) / spread * math.sqrt(share)
 
 
@@ -200,10 +210,13 @@ def wrap_period(time: Array, values: Array) -> float | None:
     # noise at the end of a turn wraps a position forth and back, from one end of it to the other
     size = float(np.median(np.abs(steps[jumps])))
     is_whole = bool(_turn(size, values)) and np.ptp(np.abs(steps[jumps])) < _ALIKE * size
+    # The neighbours of a wrap may be wraps themselves, back and forth: their steps modulo the
+    # period.
     near = steps - size * np.rint(steps / size) if is_whole else steps
     rates = near / np.diff(time)
     before, after = rates[inner - 1], rates[inner + 1]
     usual = np.maximum(np.abs(before), np.abs(after)) * np.diff(time)[inner]
+    # At a gap the step is that of several samples, so the neighbouring speeds do not predict it.
     clear = np.diff(time)[inner] < _GAP * np.median(np.diff(time))
     if not np.any(clear):
         return None
@@ -212,10 +225,12 @@ def wrap_period(time: Array, values: Array) -> float | None:
     if np.mean(np.abs(steps[inner]) < _FARTHER * usual) > _STRAY:
         return None
     expected = 0.5 * (before + after) * np.diff(time)[inner]
+    # The jump is the period plus the motion during that step, which the speeds about it give.
     periods = np.abs(steps[inner] - expected)
     period = float(np.median(periods))
     period = _turn(period, values) or period
     alike = np.abs(periods - period) <= _ALIKE * period + 0.5 * usual
+    # A position in [0, period) never covers more than a period; multi-turn positions do.
     if np.mean(~alike) > _STRAY or np.ptp(values) > _FULL * period:
         return None
     # a wrap jumps against the motion; a position that jumps forth and back is a glitch
@@ -233,6 +248,8 @@ def unwrapped(name: str, time: Array, values: Array, period: float) -> tuple[Arr
     """
     steps = np.diff(values)
     nearest = steps - period * np.round(steps / period)
+    # Below a quarter of the period per sample the nearest step is the true one, and extrapolation
+    # with its noise is not needed.
     if np.max(np.abs(nearest), initial=0.0) > period / 4:
         nearest = _predicted_steps(name, time, nearest, period)
     turns = np.round((nearest - steps) / period)
@@ -253,6 +270,8 @@ def _predicted_steps(name: str, time: Array, nearest: Array, period: float) -> A
             before = sum(steps[max(0, place - _MEAN) : place])
             before /= time[place] - time[max(0, place - _MEAN)]
             follows = _speed_after(steps, durations, place + 1, before, period)
+            # The trapezoidal rule over the gap; the speeds before and after bound what is
+            # uncertain.
             expected, doubt = 0.5 * (before + follows) * duration, 0.5 * abs(follows - before)
         steps[place] += period * round((expected - steps[place]) / period)
         off = max(abs(steps[place] - expected), doubt * duration)
@@ -340,8 +359,11 @@ def held_dropouts(values: Array, fewest: int = 2) -> BoolArray:
     large = np.abs(changes[1:-1]) > _FAR * step
     fast = np.minimum(np.abs(changes[:-2]), np.abs(changes[2:])) > 2 * step
     held = lengths[1 : len(changes) - 1] >= fewest
+    # Runs of equal values; `rates` are changes over the lengths of the runs before them, so that a
+    # value held too long has the usual rate, and one that rests has a far smaller one.
     stale = 1 + np.flatnonzero(held & alike[0] & alike[1] & large & fast)
     if np.sum(lengths[stale] - 1) > SLOWER * len(values):
+        # All repeats of a slow sensor, also those at which the signal turns and no test holds.
         stale = np.flatnonzero(lengths <= np.max(lengths[stale]))
     for run in stale:
         dropouts[starts[run] + 1 : starts[run] + lengths[run]] = True
@@ -363,6 +385,7 @@ def held_over(time: Array, values: Array) -> int:
     samples = np.cumsum(np.rint(steps / np.median(steps))).astype(np.intp)  # gaps have theirs
     changes = samples[np.diff(values) != 0.0]
     count = int(np.gcd.reduce(np.diff(changes))) if len(changes) > 1 else 1
+    # log of n^(1 - C), because the power itself underflows for long logs.
     by_chance = (1 - len(changes)) * math.log(max(count, 1)) > math.log(_CHANCE)
     return 1 if by_chance else count
 
@@ -390,6 +413,7 @@ def saturated(values: Array) -> BoolArray:
     levels, counts = np.unique(values, return_counts=True)
     for place, others in ((0, counts[1:6]), (-1, counts[-6:-1])):
         piled = counts[place] >= max(_PILED * np.max(others), _STUCK)
+        # A torque that never has the other sign rests at zero: that is no saturation.
         if piled and levels[place] != 0.0:
             stuck |= values == levels[place]
     return stuck
@@ -422,10 +446,12 @@ def repaired_channel(
         return time, values
     if len(values) >= FEWEST:
         values = _without_wraps(channel, time, values, repairs)
+    # A noisy torque repeats a value now and then; two equal ones in a row are no fault.
     held = held_dropouts(values, 2 if is_position(channel.name) else 3)
     slower = float(np.mean(held)) > SLOWER if len(held) else False
     kind: Fault = "values of a slower sensor" if slower else "held values"
     time, values, lost = _without(channel, time, values, held, kind, repairs)
+    # A slow sensor lacks nothing: its samples are simply fewer than those of its log.
     missing += 0 if slower else lost
     if missing > limits.most_missing * total:
         raise LogError(

@@ -74,6 +74,7 @@ class ClockLine:
 
     def to_reference(self, time: Array) -> Array:
         """Return stamps (T,) of this clock converted to the reference clock."""
+        # clock - middle = offset + (1 + drift) (reference - middle), solved for the reference.
         since = np.asarray(time) - self.offset_s - self.middle_s
         return np.asarray(self.middle_s + since / (1.0 + self.drift))
 
@@ -87,6 +88,7 @@ def typical_step(time: Array) -> float:
     steps = steps[steps > 0]
     if not len(steps):
         return 0.0
+    # The mean has more digits than the median if stamps are rounded, as the median is one of them.
     alike = np.abs(steps / np.median(steps) - 1.0) < _ALIKE
     if np.mean(alike) > _MOST:
         return float(np.mean(steps[alike]))
@@ -128,6 +130,7 @@ def repaired_clock(name: str, time: Array, values: Array, longest_gap_s: float) 
             run = _late_run(stamps, place, step)
             if run:
                 late.append(np.arange(place, place + run))
+                # Sorted up to the run only, since the clock may be set back later on.
                 stamps, values, rows = _sorted(stamps, values, rows, place + run)
                 place += run
                 continue
@@ -137,9 +140,12 @@ def repaired_clock(name: str, time: Array, values: Array, longest_gap_s: float) 
                     f"{stamps[place - 1]:.9g} s to {stamps[place]:.9g} s) and the values are "
                     "discontinuous there: two recordings in one? Split the log at this place"
                 )
+        # Over a true gap a joint moves on. If it would have moved and the values still continue,
+        # the clock was set forward, and no sample is missing.
         forward = jump > longest_gap_s and _would_move(values, place, jump / max(step, 1e-12))
         if jump < 0 or (forward and _is_continuous(values, place)):
             jumps.append((int(rows[place]), float(jump - step)))
+            # All later stamps, so that a typical step is between both samples.
             stamps[place:] -= jump - step
         place = _next_break(stamps, place + 1, longest_gap_s)
     return RepairedClock(
@@ -165,6 +171,8 @@ def _late_run(stamps: Array, place: int, step: float) -> int:
     if run > _LATE_RUN:
         return 0
     before = stamps[max(0, place - 50) : place]
+    # Late samples fall between the earlier stamps, into their gap; stamps of a clock that was set
+    # back repeat earlier ones.
     distance = np.min(np.abs(stamps[place : place + run, None] - before), axis=1)
     return run if np.all(distance > _HOLE * step) else 0
 
@@ -188,6 +196,7 @@ def _is_continuous(values: Array, place: int) -> bool:
 def _usual_changes(values: Array, place: int) -> Array:
     """Return the largest change (any,) between samples around a place, excluding that at it."""
     around = np.abs(np.diff(values[max(0, place - _NEIGHBOURS) : place + _NEIGHBOURS], axis=0))
+    # The change at `place` is number min(place, _NEIGHBOURS) - 1 of the window.
     around = np.delete(around, min(place, _NEIGHBOURS) - 1, axis=0)
     known = np.where(np.isfinite(around), around, -1.0)
     largest = np.max(known, axis=0, initial=-1.0)
@@ -204,6 +213,7 @@ def _would_move(values: Array, place: int, steps: float) -> bool:
     speed_after = (after[-1] - after[0]) / (len(after) - 1)
     slower = np.minimum(np.abs(speed_before), np.abs(speed_after))
     alike = 2 * slower > np.maximum(np.abs(speed_before), np.abs(speed_after))
+    # Three times the change that counts as continuous, which no true gap with this motion passes.
     moved = steps * slower > 3 * _TOLERANCE * _usual_changes(values, place)
     return bool(np.any(moved & alike & (speed_before * speed_after > 0)))
 
@@ -227,6 +237,7 @@ def clock_line(clock: Array, reference: Array) -> ClockLine:
     slope, _, low, high = theilslopes(apart, at)
     middle = float(np.median(reference))
     detrended = difference - slope * (reference - middle)
+    # At the middle of the log, where the errors of offset and slope are nearly uncorrelated.
     offset = float(np.median(detrended))
     jitter = float(np.median(np.abs(detrended - offset)))
     return ClockLine(offset, float(slope), float(high - low) / 2, middle, jitter)
@@ -249,6 +260,7 @@ def with_regular_clock(
     if not np.all(np.isfinite(time)):
         return list(group)
     repeats = np.diff(time) == 0
+    # Only the first sample of each stamp is near the time that it states.
     changes = np.flatnonzero(~repeats) + 1
     is_coarse = np.sum(repeats) > limits.most_disordered * len(time) and np.all(np.diff(time) >= 0)
     if not is_coarse or len(changes) < _FEWEST_CHANGES:
@@ -303,6 +315,8 @@ def _line(
     if line is None or not is_paired(line, step):
         return None
     span = float(np.nanmax(reference) - np.nanmin(reference))
+    # Both tests: a drift of less than a sample over the log does not matter, and one within its
+    # confidence interval may be none.
     drifts = abs(line.drift) * span > step and abs(line.drift) > line.drift_error
     shifted = abs(line.offset_s) > step
     line = replace(line, drift=line.drift * drifts, offset_s=line.offset_s * shifted)
@@ -344,6 +358,8 @@ def repaired_group(
     clock = repaired_clock(name, raw, values, limits.longest_gap_s or longest_step(finite))
     repeats = np.concatenate([[False], np.diff(clock.time) <= 0])
     _report_disorder(name, raw, clock, repeats, repairs)
+    # Repeated stamps with equal values are copies; those with other values are samples at a time
+    # that is not known, and only these count for the limit.
     changes = np.diff(values[clock.rows], axis=0, prepend=np.nan)  # NaN differs from any value
     _check_disorder(name, raw, clock, repeats & ~np.all(changes == 0, axis=1), limits)
     _report_steps(name, clock.time[~repeats], limits, repairs)
