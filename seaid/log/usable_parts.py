@@ -74,15 +74,19 @@ def _without_rest(log: Log, shortest_s: float) -> Log:
             least = max(_STEPS * resolution(values), least)
         rest = _rest_s(time, values, least, count)
         before = min(before, rest)
+        # Reversed in time with negative stamps: these increase, and the rest at the end is at the
+        # start.
         after = min(after, _rest_s(-time[::-1], values[::-1], least, count))
         moves |= is_position(name) and np.isfinite(rest)
     if not moves:
         return log
     rests = (length if np.isfinite(length) else 0.0 for length in (before, after))
     cut = np.array([length - REST_S if length > _FULL_REST_S else 0.0 for length in rests])
+    # Both cuts shrink alike until `shortest_s` remains.
     cut *= min(1.0, max(float(time[-1] - time[0]) - shortest_s, 0.0) / max(np.sum(cut), REST_S))
     if not np.any(cut):
         return log
+    # `between` excludes its end: the next float above it includes the sample at the end itself.
     part = log.between(time[0] + cut[0], np.nextafter(time[-1] - cut[1], np.inf))
     action = f"{cut[0]:.3g} s before and {cut[1]:.3g} s after the motion are excluded"
     count = len(time) - len(part.time)
@@ -105,6 +109,7 @@ def _moving_mean(values: Array, count: int) -> Array:
     """Return the means of `count` samples about each of a channel (T,), of fewer at its ends."""
     first = np.maximum(np.arange(len(values)) - count // 2, 0)
     last = np.minimum(first + count, len(values))
+    # Less the first value, since a large mean would cost the sums their digits.
     sums = np.concatenate([[0.0], np.cumsum(values - values[0])])
     return np.asarray(values[0] + (sums[last] - sums[first]) / (last - first))
 
@@ -141,6 +146,7 @@ def without_frozen(log: Log) -> Log:
 def _long_repeats(time: Array, values: Array) -> BoolArray:
     """Return the mask (T,) of samples that repeat a value for longer than gaps are bridged."""
     repeats = np.zeros(len(values), dtype=bool)
+    # A run begins at the second of equal values; the first is a measurement, hence `start` - 1.
     spans = runs(np.concatenate([[False], np.diff(values) == 0.0]))
     long = time[spans[:, 1] - 1] - time[spans[:, 0] - 1] > longest_bridge(time)
     for start, end in spans[long]:
@@ -159,6 +165,8 @@ def _frozen_positions(values: Array, repeated: BoolArray) -> BoolArray:
     frozen = repeated.copy()
     for start, end in runs(repeated):
         before = values[max(start - 1 - _BEFORE, 0) : start]
+        # At the end of a log there is no jump: a position is frozen there if it stops from full
+        # speed.
         stops = len(before) > _BEFORE and abs(before[-1] - before[0]) > _BEFORE * usual
         jumps = end < len(values) and abs(values[end] - values[end - 1]) > _JUMP * large
         frozen[start:end] = jumps or (end == len(values) and stops)
@@ -175,6 +183,7 @@ def _frozen_torques(values: Array, repeated: BoolArray, positions: list[Array]) 
     Zero and the extremes may be repeated: the motor is off, or saturated.
     """
     changes = np.diff(values[~repeated])
+    # A coarse torque repeats values anyway, so that a repetition is no sign of a frozen channel.
     if np.mean(repeated) > MOST_EXCLUDED or np.sum(changes == 0.0) >= _REPEATS * len(changes):
         return np.zeros_like(repeated)
     frozen = repeated & ~np.isin(values, [0.0, np.min(values), np.max(values)])
@@ -230,6 +239,7 @@ def stretches(log: Log, shortest_s: float = 0.0) -> list[Log]:
     gaps = holes(log.time)
     if not gaps:
         return [log]
+    # The first sample behind a hole is at its end, and starts the next stretch.
     edges = [-np.inf, *(hole.end_s for hole in gaps), np.inf]
     places = np.searchsorted(log.time, edges)
     spans = [slice(*edge) for edge in pairwise(places)]
