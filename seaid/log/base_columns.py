@@ -118,6 +118,7 @@ def vector_source(where: str, quantity: str, value: Any, clock: Clock | None) ->
         if key not in allowed:
             raise LogError(f"{where}: {unknown_name('key', str(key), allowed)}")
     columns, width = _expanded(where, table.get("columns")), _WIDTHS[quantity]
+    # How many of them a planar base needs is known with the robot: `_names` checks that.
     if len(columns) != width and not (quantity in _PLANAR and len(columns) < width):
         raise LogError(f"{where}: needs {width} columns, found {len(columns)}")
     _check_entries(where, quantity, table)
@@ -249,6 +250,8 @@ def vector_channels(vector: DescribedVector, data: Block, time: Array) -> list[C
     if vector.quantity == "orientation":
         if source.order == "xyzw":
             values = values[:, [3, 0, 1, 2]]
+        # Before gaps and other clocks are interpolated: between p and -p an interpolation passes
+        # zero.
         values = continuous(values)
     if vector.quantity == "contact":
         limit = 0.5 if source.above is None else source.above
@@ -280,11 +283,14 @@ def in_own_frames(picked: Mapping[str, Array], robot: Robot) -> dict[str, Array]
         if quantity == "velocity":
             values = np.einsum("tij,tj->ti", R, values)
         elif frame == "world":
+            # f = R^T (a - g): `tji` transposes R, and `@ imu` is imu^T, into the axes of the IMU.
             down = gravity if quantity == "acceleration" else 0.0
             values = np.einsum("tji,tj->ti", R, values - down) @ imu
         else:
+            # a - R^T g: gravity as a row times R is R^T g, in the axes of the base.
             values = (values - gravity @ R) @ imu
         channel = "specific_force" if quantity == "acceleration" else quantity
+        # What was logged in its own frame has precedence over what was turned to it.
         if CHANNELS[channel][0] not in samples:
             samples.update(zip(CHANNELS[channel], values.T, strict=True))
     return samples

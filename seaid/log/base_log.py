@@ -170,6 +170,7 @@ def _changed(data: BaseLog | BaseMotion, change: Callable[[Any], Any]) -> dict[s
 
 def continuous(orientation: Array) -> Array:
     """Return quaternions (T, 4) without changes of sign: p and -p are one rotation."""
+    # Each change of sign negates all quaternions behind it, hence the parity of their number.
     turned = np.sum(orientation[1:] * orientation[:-1], axis=1) < 0
     return np.asarray(np.where(np.cumsum([False, *turned]) % 2, -1.0, 1.0)[:, None] * orientation)
 
@@ -213,6 +214,7 @@ def with_guided(picked: Mapping[str, Array], robot: Robot) -> dict[str, Array]:
     if ANGLE in columns:
         names = CHANNELS["orientation"]
         columns.update(zip(names, _quaternions(base, columns.pop(ANGLE)).T, strict=True))
+    # A guide holds the base along its normal n against gravity: f = -(g n) n, in the IMU's axes.
     held = -float(robot.model.gravity.linear @ base.normal_in_world)
     values = {"specific_force": held * np.array(base.normal) @ base.imu_placement[0]}
     for name, names in CHANNELS.items():
@@ -356,7 +358,9 @@ def base_motion(
     imu = imu_motion(robot, *joints)
     gravity = robot.model.gravity.linear
     R, w = _turning(smooth, time, imu)
+    # A planar base cannot turn about the axes in its plane: rates about them are noise of the IMU.
     w = w @ base.turning
+    # The derivative of the components in the base's axes is that of the vector, since w x w = 0.
     e = spline_derivatives(time, w)[1]
     if smooth.specific_force is not None:
         f = _turned(imu.rotation, smooth.specific_force)
@@ -368,6 +372,7 @@ def base_motion(
         f = _specific_force_of_pose(smooth, time, R, gravity)
     _check_contacts(log, base)
     flags = {x: log.contacts[x][:, 0] > 0.5 for x in log.contacts if x not in log.wrenches}
+    # Period of the low pass in samples.
     period = rate_hz / cutoff_hz
     feet = {f"wrench of {link}": loaded(x) for link, x in log.wrenches.items()}
     used = _between_changes({**flags, **feet, "": jumped}, len(time), _PERIODS * period)
@@ -382,12 +387,14 @@ def base_motion(
         imu=base.imu_placement[0]
         if smooth.specific_force is not None and base.imu_is_fixed
         else None,
+        # A row times R (T, 3, 3) is R^T times the column: gravity in the axes of the base.
         up=None if R is None else np.asarray(-gravity / np.linalg.norm(gravity) @ R),
     )
 
 
 def _specific_force_of_pose(log: BaseLog, time: Array, R: Array | None, gravity: Array) -> Array:
     """Return the specific force f = R^T (a - g) by the derivative of the velocity or position."""
+    # The velocity first: one derivative has less noise than two.
     for order, values in ((1, log.velocity), (2, log.position)):
         if R is not None and values is not None:
             acceleration = spline_derivatives(time, values)[order]
@@ -448,6 +455,8 @@ def _jumps(name: str, values: Array) -> tuple[BoolArray, Array]:
     """Return the samples (T,) that a jump ends, and how far each of the steps (T, k) is off."""
     steps = np.diff(values, axis=0)
     off = np.zeros_like(values)
+    # Row i is the step to sample i less the mean of its neighbours. A jump by J gives -J/2, J,
+    # -J/2, hence the largest of three below.
     off[2:-1] = steps[1:-1] - 0.5 * (steps[:-2] + steps[2:])
     size = np.linalg.norm(off, axis=1)
     is_jump = size > max(_JUMPS[name], _RARE * float(np.median(size)))
@@ -473,7 +482,10 @@ def _without_jumps(log: BaseLog) -> tuple[BaseLog, BoolArray]:
     for name in _differentiated(log):
         is_jump, off = _jumps(name, arrays[name])
         if np.any(is_jump):
+            # The parity of the number of jumps changes at each of them, as a contact flag does at
+            # touchdown, so that `_between_changes` excludes the samples about it.
             flag ^= np.cumsum(is_jump) % 2 == 1
+            # Rotations do not add, so that their jumps are only excluded.
             if name != "orientation":
                 arrays[name] = arrays[name] - np.cumsum(off * is_jump[:, None], axis=0)
     return (BaseLog(**arrays) if np.any(flag) else log), flag
@@ -511,6 +523,7 @@ def _turning(log: BaseLog, time: Array, imu: ImuMotion) -> tuple[Array | None, A
             "the log has no rotation of the base: give the angular velocity of an IMU "
             f"({CHANNELS['angular_velocity'][0]} ...), or its orientation"
         )
+    # w_IMU = w_base + w of the IMU against the base, by the joints between them.
     return R, _turned(imu.rotation, log.angular_velocity) - imu.angular_velocity
 
 
@@ -535,6 +548,7 @@ _MOST, _ABOUT_ONE = (0.1, 0.5, 0.9), 0.3
 def _check_gravity(force: Array) -> None:
     size = np.linalg.norm(force, axis=1)
     typical = float(np.median(size))
+    # Three quantiles, because the median alone of an acceleration without gravity may be near one.
     if np.all(np.abs(np.quantile(size, _MOST) - 1) < _ABOUT_ONE):
         raise LogError(
             f"the specific force of the base has a median of {typical:.2g}, that of a robot on the "
@@ -565,6 +579,7 @@ _LOADED = 0.03
 def loaded(wrench: Array) -> BoolArray:
     """Return whether a foot with a measured wrench (T, 3 or 6) touches the ground."""
     force = np.linalg.norm(wrench[:, :3], axis=1)
+    # The quantile and not the maximum, which is that of an impact or an outlier.
     return np.asarray(force > _LOADED * np.quantile(force, 0.99))
 
 
