@@ -66,11 +66,14 @@ def commanded_torque(
         late = time - (drive.command_delay_s or 0.0)
         if law.is_held:  # a command that is held for a period is half a period late on average
             late = late - 0.5 / rate_hz
+        # Before its first sample a command is taken for that sample; its spline must not
+        # extrapolate.
         late = np.clip(late, time[0], time[-1])
         if cutoff_hz is None:
             command = np.interp(late, time, commands)
         else:
             command = _below_nyquist(time, commands, 24 if law.is_held else 12)(late)
+        # The slope is a derivative, which needs the low pass; the torque gets its own below.
         smooth = command[:, None]
         if cutoff_hz is not None:
             smooth = low_pass(smooth, rate_hz, cutoff_hz)
@@ -80,6 +83,7 @@ def commanded_torque(
         torque[:, index] = wanted_torque / drive.ratio
         if cutoff_hz is not None:  # that of the accelerations, also where rests are excluded
             torque[:, index] = low_pass(torque[:, index : index + 1], rate_hz, cutoff_hz)[:, 0]
+        # -d tau / dT = c' / N; at the limit the torque does not depend on the command.
         slope[:, index] = np.where(is_limited, 0.0, law.gain_factor(supply) * rate / drive.ratio)
     return torque, slope
 

@@ -161,6 +161,7 @@ def open_long_log(
     rate_hz = (len(first.time) - 1) / (first.time[-1] - first.time[0])
     check_cutoff(cutoff_hz, rate_hz)
     step, period = decimation(rate_hz, cutoff_hz), rate_hz / cutoff_hz
+    # Whole rows, and long enough for the check of a motion's duration.
     chunk = step * math.ceil(max(chunk_samples, _SHORTEST_RECORD * period) / step)
     long_log = LongLog(
         path=path,
@@ -236,12 +237,14 @@ def _overlapping(blocks: Blocks, overlap: int) -> Iterator[tuple[Block, int, int
     before = _cut(block, slice(0))
     for following in chain(blocks, [None]):
         if following is not None and _length(following) < MINIMUM_SAMPLES:
+            # A last block below the least length of a log becomes part of the one before.
             block, after = _joined([block, following]), _cut(block, slice(0))
         else:
             after = _cut(block, slice(0)) if following is None else _cut(following, slice(overlap))
         yield _joined([before, block, after]), _length(before), _length(block)
         if following is None or _length(following) < MINIMUM_SAMPLES:
             return
+        # Not slice(-overlap): that is the whole block if the overlap is zero.
         before = _cut(block, slice(_length(block) - overlap, None))
         block = following
 
@@ -282,6 +285,7 @@ def _extremes(long_log: LongLog) -> tuple[Array, Array | None]:
     """Return the largest speeds (2, n) of motors and joints, and the range of temperatures."""
     fastest, ends = np.zeros((2, long_log.robot.n)), []
     for motion, part in long_log.motions():
+        # Without the overlap, in which the filter's transient may exceed the true speeds.
         first, last = np.searchsorted(motion.time, [part.start_s, part.end_s])
         piece = motion.samples(slice(first, last))
         fastest = np.maximum(fastest, piece.largest_speeds)
