@@ -163,15 +163,19 @@ def follows(position: Array, command: Array) -> bool:
         return False
     used = np.isfinite(position) & np.isfinite(command)
     q, u = position[used], command[used]
+    # The position alone explains half of the variance of the command; an offset does not count.
     if np.var(q - u) < (1 - _UNRELATED) * np.var(u):
         return True
     if len(q) < _LEAST_LOOP or np.ptp(q) == 0 or np.ptp(u) == 0:
         return False
     smooth = np.ones(_SMOOTH) / _SMOOTH
+    # Two moving averages, because two derivatives amplify the noise; q and u alike, so that the sum
+    # u = a q + b q' + c q'' + d still holds.
     q, u = (np.convolve(np.convolve(x, smooth, "valid"), smooth, "valid") for x in (q, u))
     rate = np.gradient(q)
     columns = np.column_stack([q, rate, np.gradient(rate), np.ones(len(q))])
     sizes = np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
+    # q'' per sample squared is smaller than q by orders of magnitude: unit norms keep its rank.
     columns = columns / sizes
     fit = safely(np.linalg.lstsq, columns, u, rcond=None, what="a command", error=LogError)[0]
     is_sum = np.var(u - columns @ fit) < (1 - _FOLLOWS) * np.var(u)
@@ -222,6 +226,7 @@ def unit_by_velocity(inference: Inference, column: str, joint: str) -> str | Non
         if rate is None or share < _FOLLOWS:
             continue
         for unit in ("rad", "deg", "turn", "mrad"):
+            # q = scale x integral, in the numbers of the file: in SI units the scale is 1.
             if abs(abs(scale) * UNIT_FACTORS["rad"][unit] / rate - 1) < _UNIT_SPREAD:
                 return unit
     return None
@@ -245,11 +250,15 @@ def _velocities(
         if np.sum(good) < 20 or np.ptp(speed[good]) == 0:
             continue
         t, v, q = time[good] - time[good][0], speed[good], position[good]
+        # The integral and not the derivative is compared: it averages noise, the derivative
+        # amplifies it.
         path = np.concatenate([[0.0], np.cumsum(np.diff(t) * (v[1:] + v[:-1]) / 2)])
         t -= np.mean(t)
+        # Without mean and line in time, which an unknown start and an offset of the velocity add.
         path, q = (signal - np.mean(signal) - t * (t @ signal) / (t @ t) for signal in (path, q))
         power = float(path @ path)
         if power > 0 and np.var(q) > 0:
+            # Squared correlation, and the slope of q over the path.
             yield name, float((path @ q) ** 2 / (power * (q @ q))), float(path @ q) / power
 
 
@@ -279,6 +288,7 @@ def check_used(
 def _note_unknown_words(inference: Inference, used: set[str]) -> None:
     """Note words of used columns that no table has, unless most names have them: a prefix."""
     count = Counter(word for m in inference.meanings.values() for word in set(m.unknown))
+    # The prefix of a program or a robot is in most names and distinguishes none of them.
     rare = {word for word, times in count.items() if times < 0.5 * len(inference.meanings)}
     for name in sorted(used):
         words = [word for word in inference.meanings[name].unknown if word in rare]

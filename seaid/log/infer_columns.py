@@ -73,6 +73,7 @@ def quantities_of(inference: Inference, joint: str, robot: Robot | None) -> Sour
     if has_both:
         _turn_motor_side(inference, joint, sources)
     drives = [name for name in sources if name.endswith(("torque", "current", "voltage"))]
+    # Efforts that are never negative are magnitudes or limits: no joint is driven one way only.
     is_signed = any(np.any(inference.finite(sources[name]["column"]) < 0) for name in drives)
     may_be_commanded = not drives or bool(inference.commands(joint))
     if may_be_commanded and not is_signed and "motor_position" not in sources:
@@ -100,6 +101,7 @@ def _sides_by_range(inference: Inference, names: list[str]) -> tuple[list[str], 
     ranges = {name: float(np.ptp(inference.finite(name))) for name in names}
     small, large = min(names, key=ranges.__getitem__), max(names, key=ranges.__getitem__)
     unnamed = [name for name in names if not inference.meanings[name].side]
+    # Gears of robots reduce, so that the motor moves farther than the joint, in the same unit.
     if len(names) == 2 and ranges[large] > 5 * ranges[small] and large in unnamed:
         inference.note(large, f"moves much farther than {small}: taken for the motor side")
         return [large], [small]
@@ -131,14 +133,20 @@ def _turn_motor_side(inference: Inference, joint: str, sources: Sources) -> None
         inference.data[name] * _POSITION_FACTORS.get(inference.meanings[name].unit or "rad", np.nan)
         for name in inference.having("deflection", joint)
     ]
+    # theta_M / N = q + d with the deflection d, whose sign is not known yet: without it the
+    # positions of a soft spring are not proportional.
     sides = [load] + [load + sign * twist for twist in twists for sign in (1.0, -1.0)]
     best = max(sides, key=lambda side: correlation(motor, side) ** 2)
     if not correlation(motor, best) ** 2 > _STIFF:
         return
     good = np.isfinite(motor) & np.isfinite(best)
+    # Least squares of the motor's position over the joint's: the slope is N, and is negative for
+    # encoders that count against each other.
     ratio = np.cov(motor[good], best[good])[0, 1] / np.var(best[good], ddof=1)
     inference.note(joint, f"the motor turns {ratio:.5g} times as far: check the gear ratio")
     if ratio < 0:
+        # Position and effort of the motor turn together, so that their power keeps its sign; a
+        # torque that was converted to the joint has the joint's sign already.
         turned = [x for x in sources if x in _MOTOR_SIDE and sources[x].get("side") != "joint"]
         for quantity in turned:
             sources[quantity]["sign"] = -int(sources[quantity].get("sign", 1))
@@ -163,6 +171,8 @@ def _position_unit(
     values, unit = inference.finite(column), inference.meanings[column].unit
     is_whole = np.ptp(values) > 100 and np.all(values == np.round(values))
     if unit == "counts" or (unit is None and is_whole):
+        # Encoders have 2^k counts per turn: the least power above all counts, if they reach a whole
+        # turn.
         power = 2 ** math.ceil(math.log2(max(float(np.max(np.abs(values))), 2.0)))
         inference.note(column, f"in counts: {power} per turn is a guess")
         return {"unit": "counts", "counts_per_turn": float(power)}
@@ -182,6 +192,7 @@ def _unit_by_range(
     farthest, moves = _farthest_rad(joint, robot), float(np.ptp(inference.finite(column)))
     if farthest is None:
         return None
+    # In degrees the same motion is 57 times as large a number, beyond any range in rad.
     unit = "deg" if moves > farthest else "rad"
     fits = is_within(inference, column, UNIT_FACTORS["rad"][unit], joint, robot)
     if fits and is_far(inference, column) and not inference.is_of_a_drive:
@@ -217,6 +228,7 @@ def _add_deflection(inference: Inference, joint: str, sources: Sources) -> None:
     elif sources:
         drives = inference.having("torque", joint) or inference.having("current", joint)
         twist = inference.data[names[0]]
+        # By (4a) the torque of the spring grows with its deflection, motor side less joint side.
         pulls = sum(correlation(inference.data[name], twist) for name in drives[:1])
         sources["deflection"] = {"column": names[0], "sign": -1 if pulls < 0 else 1}
         if unit := inference.meanings[names[0]].unit:
@@ -337,6 +349,7 @@ def _unit(meaning: Meaning, usual: str) -> dict[str, str]:
 
 
 def _add_electric(inference: Inference, joint: str, sources: Sources) -> None:
+    # A w stands for the winding, as in HEBI's "motor_winding_current": that gives the torque.
     currents = sorted(inference.having("current", joint), key=lambda name: "w" not in name.lower())
     if currents:
         unit = _unit(inference.meanings[currents[0]], "A")
@@ -346,6 +359,8 @@ def _add_electric(inference: Inference, joint: str, sources: Sources) -> None:
     duties = inference.having("duty", joint)
     for name in inference.having("voltage", joint):
         values = inference.finite(name)
+        # The voltage of a motor needs both signs; a supply has one, and its duty cycle the other
+        # part.
         if np.min(values) < 0 < np.max(values):
             sources["motor_voltage"] = {"column": name, **_unit(inference.meanings[name], "V")}
             if inference.meanings[name].side != "motor":
@@ -766,6 +781,8 @@ def _file_of(path: Path, robot: Robot) -> _File:
 
 def _all_samples(table: Table, inference: Inference) -> Block:
     """Return all readable columns of numbers, found by bisection, from the start of long files."""
+    # A read of all columns is fast, but one bad column refuses it: halves find that in
+    # log2(columns) reads.
     waiting = [[name for name, count in Counter(table.names).items() if count == 1]]
     samples: Block = {}
     first, refused = "", 0
@@ -844,6 +861,7 @@ def _clocks(inference: Inference) -> dict[str, Clock]:
         return {"": split}
     for name, values in inference.data.items():
         meaning, steps = inference.meanings[name], np.diff(values[np.isfinite(values)])
+        # Not all steps: stamps may come late or be repeated, which a repair corrects afterwards.
         grows = len(steps) > 0 and np.mean(steps >= 0) > 0.95 and np.median(steps) > 0
         if meaning.quantity != "time" or not grows:
             continue
@@ -853,6 +871,7 @@ def _clocks(inference: Inference) -> dict[str, Clock]:
             inference.note(name, f"may be the time instead of {clocks[tag].column}")
             continue
         clocks[tag] = Clock(name, _time_unit(name, meaning, steps, inference))
+    # The names decide first, because a position in slow motion may increase evenly, too.
     return clocks or _nameless_clock(inference)
 
 
@@ -866,9 +885,12 @@ def _clock_of_two_columns(inference: Inference) -> Clock | None:
     for seconds, rest in permutations(named, 2):
         s, ns = inference.data[seconds], inference.data[rest]
         is_split = np.all(s == np.round(s)) and np.all((ns >= 0) & (ns < _WHOLE))
+        # Nanoseconds of a split clock fall back to zero within the log, after half a second at
+        # least.
         if not is_split or not np.any(np.diff(ns) < 0) or np.max(ns) < _WHOLE / 2:
             continue
         steps = np.diff(s) + np.diff(ns) / _WHOLE
+        # Columns of different clocks are a second apart wherever only one of them turns over.
         if np.all(steps >= 0) and np.max(steps) < 1.0 + np.median(steps):
             return Clock(seconds, nanoseconds=rest)
     return None
@@ -890,6 +912,7 @@ def _time_unit(name: str, meaning: Meaning, steps: Array, inference: Inference) 
     if meaning.unit in _STEPS_S:
         return str(meaning.unit)
     step = float(np.median(steps))
+    # Steps of 20 kHz to 20 Hz: 50 us to 50 ms. In s, ms, us and ns these ranges do not overlap.
     unit = next((unit for unit, least in _STEPS_S.items() if least <= step < 1000 * least), "s")
     if unit != "s" or step > 0.05:
         inference.note(name, f"has steps of {step:.4g}: taken for {unit}")
@@ -1024,6 +1047,7 @@ def _matches(labels: Sequence[str], robot: Robot, inference: Inference) -> dict[
     others = [tag for tag in labels if tag not in matches]
     joints = robot.joint_names if len(others) <= robot.n else every
     matches |= _numbered(others, [joint for joint in joints if joint not in matches])
+    # By order only if no name matches, since a mixture of both could exchange joints.
     return matches or _in_order(labels, joints, inference)
 
 
