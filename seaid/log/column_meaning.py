@@ -248,6 +248,7 @@ def _parts_of(name: str, joints: Sequence[str]) -> _Parts:
         joint, words = _joint_in(words, joints)
     texts = [word.text for word in words]
     quantity = _quantity(texts)
+    # The unit becomes the word of its quantity, so that it does not count for the joint's label.
     if not quantity and (by_unit := _unit_of(words, "", "", joint) or _counts_of(words)):
         quantity = by_unit[0]
         words = [replace(word, text=quantity) if word.unit == by_unit else word for word in words]
@@ -268,6 +269,7 @@ def _quantity_and_joint(parts: _Parts, joints: Sequence[str]) -> tuple[str, str]
     """Return the quantity of a field, else of its topic: "/effort_controller/commands/data[0]"."""
     if parts.quantity:
         return parts.quantity, parts.joint
+    # A length alone names a position of a prismatic joint; a slide is "x_axis", in mm.
     if joint := _joint_with_length(parts, joints):
         return "position", joint
     is_in_words = parts.joint and not parts.label  # "/state/positions/elbow"
@@ -302,6 +304,7 @@ def _unit_and_joint(
     unit = parts.rate if is_rate else parts.unit
     if unit is None or not _fits(unit, quantity):
         label = unit[1] if unit else ""
+        # Brackets with a unit that the quantity cannot have are the label of a joint: "tau[m]".
         unit, joint = _unit_of(parts.words, quantity, side, joint), joint or label
     joint = joint or _label(parts.words, unit)
     return unit, joint or _joint_of_topic(parts.topic)
@@ -356,6 +359,7 @@ def is_of_another_part(name: str) -> bool:
 
 def _is_measured(texts: Sequence[str], quantity: str) -> bool:
     """Return False for a command and for what is not measured at a joint."""
+    # External torques are estimates of a contact, while an external encoder measures the joint.
     is_outside = quantity == "torque" and not _OUTSIDE.isdisjoint(texts)
     return _COMPUTED.isdisjoint(texts) and not is_outside
 
@@ -368,6 +372,7 @@ def _without_brackets(name: str) -> tuple[str, str, _Unit | None]:
         known = _known_unit(_in_latin(inside).strip())
         if known is not None:
             name, unit = head, known
+        # Square brackets index, round ones explain: words in these are words of the name.
         elif bracket == "[" or inside.isdigit():
             name, label = head, inside
         else:
@@ -420,6 +425,8 @@ def _without_unit(run: str) -> tuple[str, str]:
         return "", run
     for start in range(1, len(run) - 1):
         before = (_SPLIT.findall(run[:start]) or [""])[-1].lower()
+        # Behind a number or a quantity only, and in the unit's spelling: the m of "arm" is no
+        # metre.
         if run[start:] in _UNITS and (before.isdigit() or before in _WORDS):
             return run[:start], run[start:]
     return run, ""
@@ -429,6 +436,7 @@ def _split(word: str) -> list[str]:
     """Split a word into known words: "mpos" into m and pos, "wcur" into w and cur."""
     if word in _WORDS or word in _UNITS_SMALL or len(word) < 2:
         return [word]
+    # m, l, w and j for motor, link, winding and joint: "mpos", "lq", "wcur", "jpos".
     if word[0] in "mlwj" and (word[1:] in _WORDS or word[1:] == "d"):
         return [word[0], word[1:]]
     if word[-1] in "ml" and word[:-1] in _WORDS:
@@ -450,6 +458,7 @@ def _quantity(texts: Sequence[str]) -> str:
         for word, following in pairwise([*texts, ""])
         if word in _WORDS and not (word == "current" and _WORDS.get(following, word) != word)
     ]
+    # `min` returns the first of equal rank: "position" before "torque" in the name is a position.
     kinds = [_WORDS[word] for word in said if word not in _WEAK] or [_WORDS[word] for word in said]
     return min(kinds, key=_RANK.__getitem__, default="")
 
@@ -467,6 +476,8 @@ def _unit_of(words: Sequence[_Word], quantity: str, side: str, joint: str) -> _U
     """Return the unit: the last word that is one. One of a single letter is the very last word."""
     named = [word for word in words if not word.text.isdigit()]
     for place, word in enumerate(reversed(named)):
+        # A single letter is a unit at the end only, as in "joint_pos_m", else a side or a label:
+        # "m_pos".
         is_last = place == 0 and (len(named) > 1 or joint != "")
         if word.unit is None or not (is_last or (quantity and len(word.text) > 1)):
             continue
@@ -539,6 +550,7 @@ def _joint_in(words: list[_Word], joints: Sequence[str]) -> tuple[str, list[_Wor
             others = texts[:start] + texts[end:]
             if texts[start:end] != known or not others:
                 continue
+            # A joint named "position" or "q" must not take the only word for a quantity.
             if _WORDS.keys().isdisjoint(known) or not _WORDS.keys().isdisjoint(others):
                 return joint, words[:start] + words[end:]
     return "", words
@@ -552,9 +564,11 @@ def _known(joints: tuple[str, ...]) -> list[tuple[tuple[str, ...], str]]:
         texts = tuple(word.text for word in _words(_in_latin(joint)))
         short = tuple(text for text in texts if text not in _ANY_JOINT)
         is_name = any(not text.isdigit() and len(text) > 1 for text in short) or len(short) > 1
+        # "elbow" for elbow_joint, but not "1" for joint_1, which would be any number.
         if is_name and short not in names:
             names[short] = joint
         names[texts] = joint
+    # The longest first: "left_knee" before "knee".
     return sorted(names.items(), key=lambda item: -len(item[0]))
 
 
