@@ -112,6 +112,7 @@ def infer_base(table: Table, inference: Inference, robot: Robot) -> BaseGuess:
     _add_contacts(guess, table, vectors, inference, robot)
     _add_loads(guess, inference, robot)
     if robot.floating_base.normal is not None:
+        # What arrays and vectors were taken for has precedence over single columns.
         free = {x: table.bare(x) for x in inference.data if x not in _used(guess, robot, inference)}
         planar = infer_planar(free, inference, robot.floating_base)
         guess.base = {**planar, **guess.base}
@@ -217,6 +218,7 @@ def _in_one_table(table: Table, inference: Inference, robot: Robot) -> dict[str,
     if table.files or not all(map(str.isdecimal, names)):
         return {}
     n, feet = robot.n, len(robot.floating_base.contacts)
+    # From the fourth column on, behind three coordinates, and with n joints behind the quaternion.
     windows = ((place, names[place : place + 4]) for place in range(3, len(names) - n - 3))
     place = next((x for x, four in windows if _is_quaternion(_samples(four, inference))), None)
     if place is None:
@@ -261,6 +263,8 @@ def _derivatives(
     derivatives: dict[str, str] = {}
     rate = arrays[max(positions, key=lambda stem: len(vectors[stem]))]
     for quantity in ("velocity", "acceleration"):
+        # The acceleration is compared with the derivative of the velocity that was found, if any:
+        # one derivative has less noise than two.
         rate = np.diff(rate, axis=0)
         others = {
             stem: _cosine(rate, values[: len(rate)])
@@ -351,6 +355,7 @@ def _add_vector(
     if kind == "specific_force":
         values = scale * values
         typical = float(np.median(np.linalg.norm(values, axis=1)))
+        # The length of the median, not the median of the lengths, to which vibrations always add.
         if abs(float(np.linalg.norm(np.median(values, axis=0))) - 1.0) < _IN_G:
             scale *= 9.80665
             inference.note(stem.removesuffix("["), "points up with 1 at rest: taken for g")
@@ -388,6 +393,8 @@ def _add_wrenches(
     shared = np.array([[len(x & {*_words(sensor)}) for x in words] for sensor in places])
     for place, sensor in enumerate(places):
         best = int(np.argmax(shared[place]))
+        # More words than with any other contact, and than any other sensor shares with this
+        # contact.
         rivals = [*np.delete(shared[place], best), *np.delete(shared[:, best], place)]
         if shared[place, best] <= max(rivals, default=0):
             others[sensor] = sensors[sensor]["force"]
@@ -458,9 +465,11 @@ def _add_contact(guess: BaseGuess, link: str, name: str, inference: Inference) -
     above = None
     kinds, scale = set(np.unique(values)), 1.0
     if kinds <= {0.0, 1.0, 2.0} and 2.0 in kinds:
+        # `above` is a lower limit, so that the codes are negated: -1 is above -1.5, and -2 is not.
         above, scale = -1.5, -1.0
         inference.note(name, "codes: 1 is taken for contact, 2 for its loss, as Spot has them")
     elif not kinds <= {0.0, 1.0}:
+        # Quantiles, because impacts exceed the force on a standing foot by far.
         low, high = np.quantile(values, [0.05, 0.95])
         above = float(f"{low + 0.2 * (high - low):.3g}")
         inference.note(name, f"a force: above {above:g} it is taken for contact")
@@ -534,8 +543,11 @@ def _order(
             scores[order, "world"] = _cosine(world, w[:-1])
         elif "specific_force" in guess.base:
             f = _samples(guess.base["specific_force"].columns, inference)
+            # R f = a - g, whose mean is 9.81 upwards in the right order: a base does not accelerate
+            # for long.
             scores[order, None] = float(np.mean(np.einsum("tij,tj->ti", R, f)[:, 2])) / 9.81
         else:
+            # The z axis of a base is about upright: R_zz is near 1 in the right order.
             scores[order, None] = float(np.mean(R[:, 2, 2]))
     (order, frame), best = max(scores.items(), key=lambda item: item[1])
     others = [score for (rival, _), score in scores.items() if rival != order]
@@ -560,6 +572,7 @@ _SMOOTHED = 15
 
 
 def _smoothed(values: Array) -> Array:
+    # The moving sum in place of the mean: a cosine does not have its factor.
     total = np.cumsum(values, axis=0)
     return np.asarray(total[_SMOOTHED:] - total[:-_SMOOTHED])
 
@@ -573,6 +586,8 @@ def _velocity_frame(
         return "base"
     v = _samples(velocity.columns, inference)
     rate = np.diff(_samples(guess.base["position"].columns, inference), axis=0)
+    # p' = v in the world, or R v of one in the base's axes; they are equal while the base hardly
+    # turns.
     in_world, in_base = _cosine(rate, v[:-1]), _cosine(rate, np.einsum("tij,tj->ti", R, v)[:-1])
     if abs(in_world - in_base) < _CLEARER / 5:
         inference.note("velocity", "its frame is a guess: the base hardly turns")

@@ -97,6 +97,7 @@ def _meaning(bare: str, normal: str) -> tuple[str, str] | None:
     axes, angles = rest & set("xyz"), rest & {*_ANGLES[normal]}
     if is_of_base and not axes:
         angles |= rest & _ANY_ANGLE
+    # What remains must be words of one quantity only: an unknown word makes it another column.
     rest -= axes | angles
     if angles and not axes:
         if rest <= _POSITION:
@@ -150,6 +151,7 @@ def _check_signs(vectors: Mapping[str, VectorSource], inference: Inference) -> N
         inference.data[vectors[x].columns[0]] * vectors[x].scale
         for x in ("angle", "angular_velocity")
     )
+    # Steps over rates: a constant step of time is in both norms and does not change the cosine.
     turned, meant = _averaged(np.diff(angle)), _averaged(rate[:-1])
     both = np.isfinite(turned) & np.isfinite(meant)
     size = float(np.linalg.norm(turned[both]) * np.linalg.norm(meant[both]))
@@ -168,6 +170,7 @@ def _with_gravity(
 ) -> dict[str, VectorSource]:
     """Return the vectors without an acceleration that feels no gravity, where the plane does."""
     force = vectors.get("specific_force")
+    # If the normal points up, gravity is along it, and no component in the plane feels it.
     if force is None or abs(float(base.normal_in_world[2])) > 0.5:
         return vectors
     values = np.column_stack([inference.data[column] for column in force.columns])
