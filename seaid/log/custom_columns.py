@@ -115,6 +115,7 @@ def _sources_by_name(
         field: Source(column)
         for name, field in names.items()
         for column in (short_name(name), name)
+        # The long name comes last and replaces the short one, if a file has both.
         if column in table.names and (column == name or column not in used)
     }
     if "deflection" in logged:  # as a motion of the joint; a described one is that of the spring
@@ -144,6 +145,7 @@ def both_sides(picked: Mapping[str, Array], robot: Robot) -> dict[str, Array]:
         if {motor, load} <= set(samples):
             samples[name_of("deflection")] = deflection / drive.load_radius
         elif load in samples:
+            # d = (r_M / N) theta_M - r_L theta_L, solved for theta_M, and below for theta_L.
             samples[motor] = (deflection + drive.load_radius * samples[load]) / behind_gear
         elif motor in samples:
             samples[load] = (behind_gear * samples[motor] - deflection) / drive.load_radius
@@ -194,6 +196,8 @@ def _channel(data: Block, robot: Robot, spec: _Described) -> Channel:
         else:
             if unit == "degC":
                 degree, zero = TEMPERATURES[source.unit or unit]
+                # sign scale (degree T + zero) + offset: the zero of the unit is scaled too, the
+                # offset is not.
                 factor, offset = factor * degree, offset + factor * zero
             else:
                 factor *= _unit_factor(robot, spec, unit)
@@ -243,6 +247,7 @@ def _gear_factor(robot: Robot, spec: _Described) -> float:
     _check_own_drive(robot, spec.joint, f"its {spec.source.side} side does not determine the other")
     drive = robot.drives[spec.joint]
     ratio = total_ratio(drive)
+    # The motor moves N times as far, and the joint has N times the torque.
     grows = spec.quantity in ("motor_position", "joint_torque")  # with the ratio
     return ratio if grows else 1.0 / ratio
 
@@ -278,5 +283,6 @@ def _selected(where: str, channel: Channel, kept: Array | None, sparse: bool) ->
         if not np.any(use):
             raise LogError(f"{where}: the column of 'where' is zero at all samples")
     if sparse and not np.all(np.isnan(channel.values)):
+        # A message may lack what another sender of its topic has, so that NaN is no fault in a bag.
         use &= ~np.isnan(channel.values)
     return replace(channel, time=channel.time[use], values=channel.values[use])

@@ -117,6 +117,7 @@ def read_log(
             "description=",
         )
     described, paths = _described_files(paths, description, columns)
+    # For messages only; it names all files of the log.
     path, table = Path(" + ".join(map(str, paths))), held or open_tables(paths)
     if columns and table.files:
         raise LogError("columns= is for a log of one file: give a description=", "description=")
@@ -194,6 +195,7 @@ def _as_described(
     intervals: Sequence[tuple[float, float]],
 ) -> tuple[Array, dict[str, Array], tuple[Repair, ...]]:
     """Return time, samples and repairs without the described delays and excluded intervals."""
+    # Delays before everything that combines channels: deflections and rotations need one instant.
     covered, moved = on_time(time, picked, delays_s)
     picked = {name: values[covered] for name, values in picked.items()} | moved
     report = [
@@ -230,6 +232,7 @@ def _warn_of_degrees(path: Path, log: Log, robot: Robot) -> None:
     for index, joint in enumerate(robot.joint_names):
         lower, upper = robot.position_range(joint)
         values = log.joint_position[:, index]
+        # A joint without limits has an infinite range, and one that turns several times a long one.
         if log.is_prismatic[index] or not upper - lower < 20.0 or np.all(np.isnan(values)):
             continue
         outside = max(float(np.max(values)) - upper, lower - float(np.min(values)))
@@ -301,6 +304,7 @@ def repaired(
         channels = with_regular_clock(channels, limits, repairs)
         clocks = [channels]
     usable = _repaired_channels(clocks, limits, repairs)
+    # Bit by bit as logged: a resampling that nothing needs would still round.
     if len(clocks) == 1 and limits.rate_hz is None and not _changed(channels, usable):
         time, values_of = channels[0].time, {channel.name: channel.values for channel in channels}
         return time, values_of, tuple(repairs)
@@ -361,6 +365,7 @@ def _on_grid(
     rates = {name: 1.0 / typical_step(time) for name, (time, _) in usable.items()}
     rate_hz = limits.rate_hz or max(rates.values())
     grid = start + np.arange(math.floor((end - start) * rate_hz + 1e-6) + 1) / rate_hz
+    # Rounding may put the last instant behind `end`, where a spline would extrapolate.
     grid = np.minimum(grid, end)
     sampled = {
         name: resampled(time, values, grid, rate_hz, rates[name], interpolation_of(name))
@@ -368,5 +373,7 @@ def _on_grid(
     }
     in_hole = np.zeros(len(grid), dtype=bool)
     for name in measured:
+        # By the stamps of the channel itself: what is a hole for a fast sensor is a step of a slow
+        # one.
         in_hole |= in_gap(usable[name][0], grid, bridged_s(usable[name][0], limits))
     return grid[~in_hole], {name: values[~in_hole] for name, values in sampled.items()}
