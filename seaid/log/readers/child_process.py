@@ -84,7 +84,9 @@ def doing(text: str) -> None:
 
 def _started(folder: Path, seconds: float) -> str:
     """Run the child of a folder to its end; return the reason if it died, else an empty text."""
+    # -P: `import json` of the child must not find a json.py in the user's working folder.
     command = [sys.executable, "-P", "-W", "ignore", "-c", _START, str(folder)]
+    # Threads of BLAS and arenas of malloc reserve address space, which RLIMIT_AS counts.
     one_thread = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
     try:
         code = subprocess.run(
@@ -112,6 +114,7 @@ def _started(folder: Path, seconds: float) -> str:
 def _answer(folder: Path, died: str) -> Answer:
     """Return the answer in a child's folder. Raises its error, or ChildError if it died."""
     with suppress(OSError, ValueError):
+        # A reason was written before the child ended, so that it counts more than its exit code.
         kind, reason = json.loads((folder / "reason.json").read_text(encoding="utf-8"))
         raise getattr(errors, kind, ChildError)(reason)
     if died:
@@ -154,6 +157,7 @@ def _limit(seconds: float, memory: int) -> None:
     with suppress(ImportError):
         import resource  # not on Windows
 
+        # RLIMIT_CPU is in whole seconds, hence rounded up; beyond it the kernel sends SIGXCPU.
         wanted = {
             resource.RLIMIT_CPU: int(seconds) + 1,
             resource.RLIMIT_AS: memory,

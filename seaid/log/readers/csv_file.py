@@ -166,6 +166,7 @@ def _opened(path: Path) -> Iterator[TextIO]:
         if start.startswith(mark):
             raise LogError(f"'{path}' is not a text file in UTF-8 but {what}")
     try:
+        # Spreadsheets write a byte order mark in front of the first name.
         with path.open(encoding="utf-8-sig") as file:
             yield file
     except UnicodeDecodeError as problem:
@@ -236,6 +237,7 @@ def _head(path: Path, lines: Iterator[str]) -> tuple[list[str], list[str], int]:
     """Return comments, the first two other lines, and the number of lines before these."""
     comments, others, skipped = list[str](), list[str](), 0
     for line in islice(lines, _MOST_HEAD):
+        # UTF-16 has a zero byte next to each letter.
         if "\0" in line and not others:
             raise LogError(
                 f"'{path}' is not a text file in UTF-8 (it has zero bytes); save it as such"
@@ -265,6 +267,7 @@ class _Format(NamedTuple):
 
 def _format_of(line: str) -> _Format | None:
     """Return the format of a line of numbers, None for another line."""
+    # The order decides: between semicolons or tabs, commas are decimal signs.
     for delimiter in ";\t, ":
         cells = line.split() if delimiter == " " else line.split(delimiter)
         for decimal in "." if delimiter == "," else ".,":
@@ -278,6 +281,7 @@ def _format_of(line: str) -> _Format | None:
 def _is_number(cell: str) -> bool:
     """Return whether a cell is a number or blank."""
     try:
+        # `float` raises for text; any number that it returns is a number, zero too.
         return not cell.strip() or float(cell) is not None
     except ValueError:
         return False
@@ -359,6 +363,8 @@ def _columns(header: _Header, lines: list[str], wanted: list[str], first: int) -
         return {}
     places, delimiter = header.places_of(wanted), header.delimiter
     lines = header.cleaned(lines)
+    # NumPy parses far faster than cell by cell, but its errors have no column and line: whatever it
+    # refuses is parsed again below.
     if not header.items and all(line.count(delimiter) == header.width - 1 for line in lines):
         with suppress(ValueError):
             values = np.loadtxt(

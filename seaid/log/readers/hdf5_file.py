@@ -124,6 +124,7 @@ class _Column:
         kind, shape = self.data.dtype, self.data.shape
         if self.field is not None:
             kind = kind[self.field]
+        # A field of numbers has no dimensions of its own; a column of a matrix needs two.
         flat = 1 if self.index is None else 2
         if shape is None or len(shape) != flat or kind.shape or not is_number(kind):
             raise no_numbers(self.path, self.name, kind, shape)
@@ -131,6 +132,7 @@ class _Column:
 
     def size(self, rows: int) -> float:
         """Return the largest number of bytes in memory while reading this many samples."""
+        # HDF5 decompresses whole chunks, also for a single sample.
         chunk = math.prod(self.data.chunks or (1,)) * self.data.dtype.itemsize
         return float(max(rows * self.width, chunk))
 

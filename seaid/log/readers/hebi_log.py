@@ -74,6 +74,7 @@ def read_fields(path: str) -> Answer:
     data = {field: bytearray() for field in kinds}
     for feedback in _samples(log):
         for field, kind in kinds.items():
+            # Copied at once, because the arrays of the object change with the next sample.
             data[field] += np.asarray(getattr(feedback, field)).astype(kind).tobytes()
     modules = int(log.number_of_modules)
     return modules, {
@@ -103,6 +104,8 @@ def _column(fields: Any, name: str) -> Any:
     if base not in _CLOCKS:
         return fields[base][:, module]
     values = fields[_CLOCKS[base]]
+    # The computer's clock is common to all modules, so that their offsets stay; each module has a
+    # clock of its own, whose zero means nothing.
     first = values[0].min() if base == "time" else values[0, module]
     return (values[:, module] - first) * 1e-6
 
@@ -119,9 +122,12 @@ def _check_end(path: Path) -> None:
         while (record := _RECORD.search(data, place)) is not None:
             skipped, fixed, each = _LENGTHS[record[0][-1]]
             head = data[record.end() : record.end() + skipped + 4]
+            # Not record.end(): the length counts from the magic number on.
             place = record.start() + fixed + each * _number(head[skipped:])
             if place > size:
                 raise _cut_off(path, record.start(), place, size)
+        # A beginning of the magic number at the end: the next record was cut within its first
+        # bytes.
         if place < size and _MAGIC.startswith(data[place:]):
             raise _cut_off(path, place, place + len(_MAGIC) + 1, size)
 

@@ -32,6 +32,7 @@ def open_json(path: Path) -> Table:
     content = _content(path)
     values = content if isinstance(content, Mapping) else {}
     constants = {name: as_float(x) for name, x in values.items() if isinstance(x, Real)}
+    # With two lists of records it is not known which is the log, and the object is read by names.
     lists = [entry for entry in (content, *values.values()) if _are_records(entry)]
     data = _record_columns(path, lists[0]) if len(lists) == 1 else _lists_by_name(path, values, 0)
     if not data:
@@ -42,6 +43,7 @@ def open_json(path: Path) -> Table:
     check_columns(path, len(data) + len(constants))
     check_memory(path, 8.0 * length * len(constants))
     for name, value in constants.items():
+        # A column of the records has precedence over a constant of its name.
         data.setdefault(name, [value] * length)
 
     def load(wanted: list[str]) -> Block:

@@ -56,6 +56,7 @@ def mat_columns(path: str) -> Answer:
     longest = max((max(array.shape) for array in arrays.values()), default=0)
     columns: Block = {}
     for name, values in arrays.items():
+        # Samples are along the longest side of all arrays; a square matrix of it stays, as columns.
         rows = values.T if values.shape[1] == longest != values.shape[0] else values
         many = rows.shape[1] > 1
         check_columns(Path(path), len(columns) + rows.shape[1])
@@ -68,6 +69,7 @@ def _group_arrays(group: Any, depth: int) -> dict[str, Any]:
     """Return the arrays of a group of HDF5, which has the dimensions in reverse, and its groups."""
     arrays: dict[str, Any] = {}
     for name, item in group.items():
+        # "#refs#" and "#subsystem#" hold what cells and objects refer to.
         if name.startswith("#") or depth > _DEEPEST:
             continue
         is_array = hasattr(item, "shape")

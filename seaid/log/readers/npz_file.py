@@ -72,6 +72,7 @@ def open_npy(path: Path) -> Table:
     def load(wanted: list[str]) -> Block:
         with damaged(path, "a NumPy array (.npy)"), path.open("rb") as file:
             header = _header(file)
+            # As stored, or as float64: a file of bytes grows by a factor of eight.
             check_memory(path, max(header.size, 8.0 * math.prod(header.shape)))
             values = np.frombuffer(_exactly(file, header.size), dtype=header.kind)
             values = values.reshape(header.shape, order="F" if header.by_columns else "C")
@@ -181,6 +182,7 @@ def _member(path: Path, archive: zipfile.ZipFile, name: str) -> Iterator[tuple[I
 def _header(file: IO[bytes]) -> _Header:
     version = np.lib.format.read_magic(file)
     reader = np.lib.format.read_array_header_1_0
+    # Version 2 has a longer header, and version 3 names in UTF-8, which only records have.
     if version != (1, 0):
         reader = np.lib.format.read_array_header_2_0
     with warnings.catch_warnings():  # of headers that Python 2 wrote
@@ -189,6 +191,7 @@ def _header(file: IO[bytes]) -> _Header:
     if any(length < 0 for length in shape):
         raise ValueError(f"its shape is {shape}")
     if has_samples_in_columns(shape):
+        # The transpose of a matrix in C order is one in Fortran order: no number moves.
         return _Header(kind, shape[::-1], not by_columns)
     return _Header(kind, shape, by_columns)
 

@@ -49,6 +49,7 @@ def open_parquet(path: Path) -> Table:
             batch = None
             for batch in file.iter_batches(size, columns=wanted):
                 yield {name: _samples(path, name, batch[name], starts) for name in wanted}
+            # A file without rows has no batch, and a reader in pieces needs the names of one.
             if batch is None:
                 yield {name: np.zeros(0) for name in wanted}
 
@@ -87,6 +88,7 @@ def _samples(path: Path, name: str, column: Any, starts: dict[str, Any]) -> Arra
         column = column.cast("float64")
     values = column.to_numpy(zero_copy_only=False)
     if values.dtype.kind == "M":
+        # Since the first of all pieces, in integers: float64 has no nanoseconds since 1970.
         since: Array = (values - starts.setdefault(name, values[:1])) / np.timedelta64(1, "s")
         return since
     return samples(path, name, values)

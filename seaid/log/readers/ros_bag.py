@@ -73,6 +73,8 @@ def bag_columns(path: str) -> Answer:
                 continue
             if not numbers:
                 continue
+            # A stamp that was never set is 0, and since the start of the bag it is minus that
+            # start.
             stamped = numbers.get("header.stamp", 0.0) not in (0.0, -bag.start_time * 1e-9)
             clock = f"{topic}/{'header.stamp' if stamped else 'bag_time'}"
             columns = [f"{topic}/{name}" for name in ("bag_time", *numbers)]
@@ -105,6 +107,7 @@ def _values(message: Any, start_ns: int, name: str = "") -> Iterator[tuple[str, 
     if isinstance(message, Real):
         yield name, float(message)
     elif hasattr(message, "sec") and hasattr(message, "nanosec"):
+        # In integers up to the difference: float64 has 0.2 us left of seconds since 1970.
         yield name, (message.sec * 10**9 + message.nanosec - start_ns) * 1e-9
     elif is_dataclass(message):
         candidates = (_labels(getattr(message, key, None)) for key in _NAMES)
@@ -113,6 +116,7 @@ def _values(message: Any, start_ns: int, name: str = "") -> Iterator[tuple[str, 
             value, path = getattr(message, field.name), f"{name}.{field.name}".removeprefix(".")
             if isinstance(value, list | np.ndarray) and 0 < len(value) <= _LONGEST_ARRAY:
                 yield from _array(value, start_ns, path, labels)
+            # Empty and very long arrays, and texts, have no columns.
             elif not isinstance(value, str | list | np.ndarray):
                 yield from _values(value, start_ns, path)
 

@@ -24,6 +24,7 @@ def free_memory() -> float:
     It is the smallest of the free memory of the machine, of the process's address space, and of
     the control group of a container.
     """
+    # A container or a batch system kills a process long before the machine's memory is full.
     return min(_machine_memory(), _process_memory(), _group_memory())
 
 
@@ -72,6 +73,7 @@ MOST_BYTES, MOST_GROWTH = 1e9, 20.0
 def check_memory(path: Path, size: float, pieces: bool = False) -> None:
     """Raise LogError, with advice, if `size` bytes of samples read at once are too many."""
     stored, free = size_of(path), max(free_memory(), 0.0)
+    # A few bytes of a damaged or malicious header may declare any number of samples.
     allowed = max(MOST_BYTES, MOST_GROWTH * stored)
     if size <= min(MEMORY_SHARE * free, allowed):
         return
