@@ -276,6 +276,7 @@ def changed_source(
     if abs(factor) != 1:
         table["scale"] = _rounded(abs(factor) * table.get("scale", 1.0))
     old = table.get("offset", 0.0)
+    # factor (sign scale x + old) + offset: the old offset takes the factor too.
     if factor * old + offset != old:
         table["offset"] = _rounded(factor * old + offset)
     if delay_s:

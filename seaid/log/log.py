@@ -125,6 +125,7 @@ def wanted_columns(
     wanted: dict[str, tuple[str, float]] = {}
     for name in allowed:
         custom, factor = _custom(name, columns.get(name, name))
+        # The long name first: a file with both has the joint's own under it.
         if name not in columns and custom not in table.names:
             custom = short_name(name)
         if custom in table.names:
@@ -163,6 +164,7 @@ _COMPARED = 1_000
 def near_names(missing: list[str], picked: Iterable[str], file_names: Sequence[str]) -> str:
     """Return a hint on columns of the file whose names are similar to missing names."""
     free = [name for name in file_names if name not in picked][:_COMPARED]
+    # Reversed, so that of names that differ in capitals only the first one stays.
     small = {name.lower(): name for name in reversed(free)}
     pairs = [
         (name, small[near])
@@ -499,7 +501,9 @@ def _check_sensors(
     """Raise LogError if {column: field} of a joint are too few for its drive."""
     elastic = robot.drives[joint].is_elastic
     positions = sum(field.endswith("position") for field in logged.values())
+    # The six equations of a floating base have no motor torque, so that motion alone is of use.
     is_enough = robot.floating_base is not None or bool(set(logged.values()) - _NO_TORQUES)
+    # An elastic joint without its own encoder is identified from the motor's side alone.
     motor_side = {"motor_position", "motor_torque"} <= set(logged.values())
     if positions < (2 if elastic and not motor_side else 1) or not is_enough:
         names = column_names(joint, robot.is_prismatic[robot.index(joint)])
