@@ -362,6 +362,7 @@ def _spectrum(samples: Array, rate_hz: float, order: int, of_commands: bool) -> 
     signal = np.where(seen, np.maximum(power - floor, 0.0), 0.0)
     # a sweep moves too, so the power of the position keeps the linear trend
     moving = _periodogram(placed, rate_hz)[1]
+    # `seen` is that of the samples without the trend, whose power the Hann window has in bins 1, 2.
     place = np.where(seen | (frequency <= frequency[2]), np.maximum(moving - floor, 0.0), 0.0)
     # white noise of density S, differentiated k times: int_0^f S nu^2k dnu = S f^(2k+1) / (2k+1)
     exponent = 2 * order

@@ -637,6 +637,8 @@ def _gain_columns(names: Iterable[str], command: str) -> Iterator[tuple[str, str
     for name in names:
         if word := _GAIN.search(name):
             head, tail = name[: word.start()], name[word.end() :]
+            # Of "motor_cmd[0].kp" and the command "motor_cmd[0].q" the middle is "q": any word may
+            # be there.
             middle = command.removeprefix(head).removesuffix(tail)
             if head + middle + tail == command and middle.replace("_", "").isalpha():
                 yield name, word[1].lower()
@@ -955,6 +957,8 @@ def _assign_motor(inference: Inference, tags: list[str]) -> list[str]:
     """Return the labels of joints; a motor without a label is that of the only one with a label."""
     nameless = {x: m for x, m in inference.meanings.items() if not m.joint and _is_sensor(m)}
     sides = {m.side for m in nameless.values() if m.quantity == "position"}
+    # Exactly one label, and columns without one that are all of a motor: "mpos" next to
+    # "elbow_pos".
     if len(tags) != 2 or "" not in tags or not sides <= {"motor"}:
         return tags
     label = next(filter(None, tags))

@@ -320,6 +320,7 @@ def _named(path: Path, header: str, sample: str, skipped: int, is_comment: bool 
 
 def _delimiter(header: str, sample: str, is_comment: bool) -> str:
     """Return the most frequent delimiter of a header, first of those as often in the sample."""
+    # The sample decides between delimiters, since a name may have a comma: "F (x, y);t".
     ranked = sorted(",;\t", key=header.count, reverse=True)
     ranked = [delimiter for delimiter in ranked if delimiter in header]
     fitting = (mark for mark in ranked if sample.count(mark) == header.count(mark))
