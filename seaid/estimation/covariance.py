@@ -58,17 +58,20 @@ class LongRun:
 
         It is the number of correlated rows per independent row. `inverse` (p, p) is (H^T W^2 H)^-1.
         """
+        # tr((H^T W^2 H)^-1 S): a mean over the parameters that does not depend on their units.
         white = float(np.sum(inverse * self.white))
         return float(np.sum(inverse * self.covariance)) / white if white > 0 else 1.0
 
     @property
     def bandwidth(self) -> float:
         """Bandwidth as a part of the log, b."""
+        # The Bartlett weights 1 - |l| / (lags + 1) reach zero at the lag lags + 1.
         return min((self.lags + 1) / max(self.instants, 1), 1.0)
 
     @property
     def for_normal_intervals(self) -> Array:
         """The covariance (p, p) by which normal 95 % intervals are right."""
+        # A normal interval is 1.96 standard errors wide on either side; fixed b needs more of them.
         return np.asarray((fixed_b(self.bandwidth) / _NORMAL) ** 2 * self.covariance)
 
     @property
@@ -90,6 +93,7 @@ def newey_west(scores: Array, time: Array, run: Array) -> Array:
     instants count as zero.
     """
     long_run = long_run_of(scores, np.ones(len(scores)), time, run)
+    # Scores of mean zero have lost the variance of their mean; for white noise this restores it.
     return np.asarray(long_run.covariance / left_of_mean(long_run.bandwidth))
 
 
@@ -118,6 +122,8 @@ def left_by_fit(x: Array, Q: Array, time: Array, run: Array) -> Array:
     lags = automatic_lags(sum(int(np.max(slot)) + 1 for _, slot in logs))
     for rows, slot in logs:
         influence, fitted = (_by_slot(values[rows], slot) for values in (x, Q))
+        # With cov(r) = 1 - Q Q^T, E sum_w (x_w^T r_w)^2 = sum_w (|x_w|^2 - |x_w^T Q_w|^2) over all
+        # windows w of lags + 1 instants, in which each instant is lags + 1 times.
         lost += _window_squares(influence, fitted, lags) / (lags + 1)
     whole = np.sum(x**2, axis=0)
     return np.asarray(np.maximum(1 - lost / np.where(whole > 0, whole, 1.0), _LEAST_LEFT))
@@ -130,6 +136,7 @@ _NUMBERS = 100_000
 def _by_slot(values: Array, slot: IndexArray) -> Array:
     """Return rows (R, p) by their instant (T, most rows of one, p), zero where there is none."""
     order, counts = np.argsort(slot, kind="stable"), np.bincount(slot)
+    # (R,) the place of each row among those of its instant, which several joints share.
     place = np.arange(len(slot)) - np.repeat(np.cumsum(counts) - counts, counts)
     table = np.zeros((len(counts), int(np.max(counts)), values.shape[1]))
     table[slot[order], place] = values[order]
@@ -140,6 +147,7 @@ def _window_squares(x: Array, Q: Array, lags: int) -> Array:
     """Return the squares (p,) of the products of x (T, r, p) with Q (T, r, m), summed over r, m,
     each window of lags + 1 instants, and all windows.
     """
+    # Windows that reach beyond the ends of the log count too: each instant is in lags + 1 of them.
     count, squares = len(x) + lags, np.zeros(x.shape[2])
     step = max(_NUMBERS // max(x.shape[2] * Q.shape[2], 1), 1)
     x, Q = (np.pad(values, ((lags + 1, lags), (0, 0), (0, 0))) for values in (x, Q))
@@ -150,6 +158,8 @@ def _window_squares(x: Array, Q: Array, lags: int) -> Array:
             x[span].swapaxes(1, 2) @ Q[span]
             for span in (slice(start, end), slice(start + lags + 1, end + lags + 1))
         )
+        # Window i is window i - 1 with the instant that enters and without that which leaves, so
+        # that the cost does not grow with the lags.
         windows = window + np.cumsum(enters - leaves, axis=0)
         squares += np.einsum("tpm,tpm->p", windows, windows)
         window = windows[-1]
@@ -175,6 +185,7 @@ def _instants(time: Array, run: Array) -> list[tuple[BoolArray | slice, IndexArr
 def row_step(instants: Array) -> float:
     """Return the time [s] between rows, from the instants (I,) that are present."""
     steps = np.diff(instants)
+    # Gaps of excluded rows are two steps or more: the mean is over the single steps alone.
     return float(np.mean(steps[steps < 1.5 * np.min(steps)])) if len(steps) else 1.0
 
 
@@ -190,6 +201,7 @@ def at_slots(H: Array, factor: Array, slot: IndexArray) -> Array:
 
 def _gather(factor: Array, slot: IndexArray) -> sparse.csc_array:
     """Return the matrix (T, R) that sums rows, times `factor` (R,), per slot."""
+    # In column format, row r of H is column r, which has one entry: `arange` points to it.
     shape = (int(np.max(slot)) + 1, len(slot))
     return sparse.csc_array((factor, slot, np.arange(len(slot) + 1)), shape=shape)
 
@@ -214,6 +226,8 @@ def fixed_b(b: float) -> float:
 @cache
 def fixed_b_freedom(b: float) -> float:
     """Return the degrees of freedom whose quantile is that of fixed b for an unbiased variance."""
+    # The quantile is that of a value over its biased sum; the unbiased variance is larger by 1 /
+    # left, and the value over it smaller by the root.
     quantile = fixed_b(b) * math.sqrt(left_of_mean(b))
     if quantile < stdtrit(_MOST_FREEDOM, 0.975):
         return _MOST_FREEDOM
@@ -231,11 +245,13 @@ def bartlett(chunks: Iterable[Array], lags: int) -> tuple[Array, Array]:
     first = next(chunks)
     tail = np.zeros((lags, first.shape[1]))
     weighted = white = np.zeros((first.shape[1], first.shape[1]))
+    # A last chunk of zeros moves the windows out of the log, as the zeros before it move them in.
     for chunk in chain([first], chunks, [np.zeros_like(tail)]):
         padded = np.concatenate([tail, chunk])
         sums = np.cumsum(np.pad(padded, ((1, 0), (0, 0))), axis=0)
         windows = sums[lags + 1 :] - sums[: -lags - 1]
         weighted = weighted + windows.T @ windows
         white = white + chunk.T @ chunk
+        # Not padded[-lags:], which is everything for lags = 0.
         tail = padded[len(padded) - lags :]
     return weighted / (lags + 1), white

@@ -97,6 +97,8 @@ def drifts_of(
         drift, influence = _drift(rows, bands[best], corner_hz, ratio, levels[best], weights[best])
         if ratio < _SIGNIFICANT or drift.share < _LEAST_SHARE:
             break
+        # A drift that large is a defect of the model: it stays in the residual, and only the search
+        # for the drifts of other equations allows for it.
         if drift.share < _LARGEST_SHARE:
             drifts.append((drift, influence))
         rest.remove(best)
@@ -113,11 +115,14 @@ def _band(rows: Regression, equation: int, weight: float, highest_hz: float) -> 
             continue
         part = rows.at(mask)
         start, step = float(np.min(part.time)), row_step(np.unique(part.time))
+        # (rows, p + s + 1) -> (T, p + s + 1) at every instant of the log, zero without a row.
         columns = np.column_stack([part.H, part.propagated, part.y])
         signal = at_slots(columns, np.full(len(columns), weight), slots(part.time, start, step))
+        # The cosine of order k over T instants has the frequency k / (2 T step).
         count = min(len(signal), math.ceil(2 * len(signal) * step * highest_hz - _ROUNDING))
         order = np.maximum(np.arange(count), 0.5)  # the mean is half a step from the first cosine
         frequency.append(order / (2 * len(signal) * step))
+        # Orthonormal: the coefficients of white noise have its standard deviation.
         coefficients.append(dct(signal, axis=0, norm="ortho")[:count])
     return _Band(equation, np.concatenate(frequency), np.concatenate(coefficients))
 
@@ -130,6 +135,7 @@ def _independent(bands: Sequence[_Band]) -> list[_Band]:
     every = np.concatenate([band.rows for band in bands])
     norms = np.linalg.norm(every, axis=0)
     norms[norms == 0] = norms[-1] = 1.0
+    # |R_ii| is the distance of a unit column from the span of those before it.
     diagonal = np.abs(np.diag(triangle(every / norms)))
     kept = [*np.flatnonzero(diagonal[:-1] > _DEPENDENT), every.shape[1] - 1]
     return [replace(band, rows=(band.rows / norms)[:, kept]) for band in bands]
@@ -146,6 +152,7 @@ def _levels(bands: Sequence[_Band], highest_hz: float) -> Array:
     for start, end in itertools.pairwise(ends):
         span = slice(start, end)
         squares = float(np.sum(residual[span][noise[span]] ** 2))
+        # s^2 = |r|^2 / tr(1 - Q Q^T) over the cosines above the highest corner, unbiased.
         levels.append(math.sqrt(squares / max(float(np.sum(kept[span][noise[span]])), 1.0)))
     return np.array(levels)
 
@@ -174,6 +181,8 @@ class _Likelihood:
 
     def best(self, others: Array, count: int) -> tuple[int, float]:
         """Return the most likely corner and its ratio, with the moments of `others` (c, c)."""
+        # The triangle of the moments of [H y] has the root of |H^T V^-1 H| in the product of its
+        # first diagonal entries, and that of r^T V^-1 r in its last one.
         lower = safely(np.linalg.cholesky, others + self.moments, what="a drift")
         diagonal = np.log(np.diagonal(lower, axis1=1, axis2=2))
         # -2 log of the restricted likelihood: log|V| + log|H^T V^-1 H| + m log(r^T V^-1 r)
@@ -195,11 +204,14 @@ def _drift(
     rows: Regression, band: _Band, corner_hz: float, ratio: float, level: float, weight: float
 ) -> tuple[Drift, Array]:
     """Return the drift of an equation, and its effect, from its weighted rows and their noise."""
+    # The root of the drift's part s^2 (f_c / f)^2 of the spectrum at each cosine.
     std = level * corner_hz / band.frequency_hz
     y = rows.y[rows.joint == band.equation]
     changing = std[band.frequency_hz > np.min(band.frequency_hz)]  # without the mean
+    # By Parseval the sum over cosines is that over instants; the weight is taken out: [N m].
     rms = float(np.linalg.norm(changing)) / math.sqrt(len(y)) / weight
     share = rms / max(float(np.std(y)), 1e-300)
+    # H^T W^2 d of a drift d whose cosines are independent, with these standard deviations.
     influence = band.rows[:, : len(rows.names)].T * std
     names = rows.joint_names
     joint = names[band.equation % len(names)] if names else ""
@@ -290,8 +302,11 @@ def agreement(
     inverse, p = root @ root.T, len(root)
     sums, removed = [], []
     for _, R in blocks:
+        # (H^T W^2 H)^-1 H_b^T W^2 r_b: what the residual of the block b contributes to the
+        # estimate. Over all blocks it adds up to zero.
         influence = inverse @ R[:, :p].T
         sums.append(influence @ (R @ np.append(-values, 1.0)))
+        # As in `left_by_fit`, x_b^T Q_b with x = H (H^T W^2 H)^-1 and Q = H root.
         removed.append(influence @ (R[:, :p] @ root))
     logs = np.array([log for log, _ in blocks])
     ratios, count = np.ones(p), len(blocks)
@@ -299,6 +314,7 @@ def agreement(
         groups = [np.flatnonzero(parts == part) for part in np.unique(parts)]
         between = sum(np.sum([sums[i] for i in group], axis=0) ** 2 for group in groups)
         lost = sum(np.sum(sum(removed[i] for i in group) ** 2, axis=1) for group in groups)
+        # Over all rows the sum of x^2 is the diagonal of (H^T W^2 H)^-1.
         remaining = 1 - lost / np.diag(inverse)
         candidate = _ratios(between, remaining, variance, len(groups) - 1, freedom)
         if np.max(candidate, initial=1.0) > np.max(ratios, initial=1.0):
@@ -316,6 +332,7 @@ def _ratios(
     seen_ratios = between[seen] / (remaining[seen] * variance[seen])
     # parameters share noise: degrees of freedom of their mean grow with the root of their number
     root_count = math.sqrt(np.sum(seen))
+    # Both are quantiles of F; that of the largest ratio is at (1 - level) / number (Bonferroni).
     least_mean = fdtri(between_freedom * root_count, freedom * root_count, _LEVEL)
     least_single = fdtri(between_freedom, freedom, 1 - (1 - _LEVEL) / np.sum(seen))
     if np.mean(seen_ratios) > least_mean or np.max(seen_ratios) > least_single:
