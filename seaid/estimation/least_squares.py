@@ -73,6 +73,8 @@ class Orthonormal:
         """
         if np.max(weights) > _MOST_UNEQUAL * np.min(weights):
             return None
+        # sum w_e^2 C_e^T C_e z = sum w_e^2 C_e^T r_e. assume_a="pos" reads the upper triangle only,
+        # which is all that dsyrk has written.
         z = safely(
             linalg.solve,
             self._normal(weights),
@@ -91,6 +93,7 @@ def orthonormal(qr_factor: QRFactor, theta: Array) -> Orthonormal:
     R = qr_factor.weighted_factor()[:p, :p]
     residuals = factors @ np.append(-theta, 1.0)
     stacked = factors[:, :, :p].reshape(-1, p)
+    # C = H R^-1 by R^T C^T = H^T.
     columns = safely(
         linalg.solve_triangular, R, stacked.T, what="the equations", trans="T", check_finite=False
     ).T
@@ -198,11 +201,13 @@ def _settled(
     root_counts = np.sqrt(np.maximum(qr_factor.counts, 1))
     target = np.linalg.norm(qr_factor.factors[:, :, -1]) / np.sqrt(max(qr_factor.count, 1))
     for _ in range(_MOST_REWEIGHTINGS):
+        # The weights are too unequal for the normal equations: the QR factor of all rows is solved.
         if norms is None:
             norms = qr_factor.residual_norms(solve(qr_factor, weights).values)
         residual_norms = norms
         std = np.maximum(norms, least) / root_counts
         largest = float(np.max(std))
+        # Without noise the residuals are rounding, and so would be the weights.
         if largest <= _ROUNDING * target:
             break
         new = largest / np.maximum(std, _ROUNDING * target)
@@ -242,6 +247,8 @@ def solve(qr_factor: QRFactor, weights: Array) -> Solution:
     worst = float(combinations.shares[-1]) if p else 1.0
     if worst < RANK_TOLERANCE:
         raise ExcitationError(_unidentifiable(qr_factor, combinations), "torque_joints=")
+    # R = U S V^T N with the norms N of the columns: half = N^-1 V S^-1 is a root of (R^T R)^-1, and
+    # theta = half U^T y.
     half = (combinations.svd.vectors.T / combinations.svd.sizes) / combinations.svd.norms[:, None]
     return Solution(half @ (combinations.svd.left.T @ R[:p, p]), half, 1 / worst)
 
@@ -263,6 +270,7 @@ def estimate_of(
     """
     solution = solve(qr_factor, weights) if solution is None else solution
     inverse, theta = solution.inverse, solution.values
+    # The sandwich (H^T W^2 H)^-1 S (H^T W^2 H)^-1 with S the covariance of the sum of scores.
     white = inverse @ _white(qr_factor, weights, theta) @ inverse
     white *= _freedom(qr_factor.count, len(theta))
     covariance, freedom, independent = white, np.inf, np.inf
@@ -270,8 +278,10 @@ def estimate_of(
         freedom = scores.degrees_of_freedom
         independent = qr_factor.count / max(scores.inflation(inverse), 1.0)
         if left is None:
+            # Alike for all: what Bartlett sums about a mean lose, and the fit of p parameters.
             part = left_of_mean(scores.bandwidth) / _freedom(independent, len(theta))
             left = np.full(len(theta), part)
+        # Divided in rows and in columns: correlations stay, and the matrix remains positive.
         covariance = inverse @ scores.covariance @ inverse / np.sqrt(np.outer(left, left))
     squares = float(np.sum(qr_factor.residual_norms(theta) ** 2))
     estimate = Estimate(
@@ -298,6 +308,7 @@ def _white(qr_factor: QRFactor, weights: Array, theta: Array) -> Array:
     """Return the covariance (p, p) of the sum of scores for white noise in each equation."""
     p = len(qr_factor.names)
     std = qr_factor.residual_norms(theta) / np.sqrt(np.maximum(qr_factor.counts, 1))
+    # S = sum over equations of w^4 s^2 H_e^T H_e, and H_e^T H_e = R_e^T R_e.
     stack = np.concatenate((weights**2 * std)[:, None, None] * qr_factor.factors[:, :, :p])
     return np.asarray(stack.T @ stack)
 
@@ -319,6 +330,8 @@ def estimate_of_rows(
     With the `cutoff_hz` of the rows their drift is in its covariance.
     """
     solution = solve(qr_factor, weights)
+    # Scores are of the noise alone: the errors of the propagated parameters are the same in all
+    # rows, and their covariance is added at the end.
     wide = with_propagated(rows, propagated)
     blocks = block_factors([wide], spans_of(wide))
     noise = residual_fit(combined(block for _, block in blocks), weights, solution)
@@ -326,6 +339,7 @@ def estimate_of_rows(
     scores = long_run_of(rows.H, factors, rows.time, rows.run)
     short = scores.instants <= MOST_INSTANTS
     remaining = left_of(rows, weights, qr_factor, solution) if short else None
+    # `propagated` comes after the enlargement by blocks, which all have its errors in common.
     initial = estimate_of(qr_factor, weights, scores, None, solution, remaining)
     enlarged = with_blocks(qr_factor, weights, (solution, noise), initial, blocks, propagated)
     return with_drifts_of(rows, weights, solution, enlarged, cutoff_hz) if short else enlarged
@@ -358,6 +372,7 @@ def with_blocks(
     `fits` are the solution and that of `residual_fit`.
     """
     solution, noise = fits
+    # A block need not have rows of every equation.
     factors = [
         (log, block.weighted_factor(weights[np.searchsorted(qr_factor.equations, block.equations)]))
         for log, block in blocks
@@ -367,6 +382,7 @@ def with_blocks(
     variance = np.diag(estimate.covariance)
     scatter = agreement(factors, noise, solution.root, variance, freedom)
     scale = np.sqrt(scatter.factors)
+    # An enlarged variance is that between the blocks, and has their degrees of freedom.
     fewer = np.where(scale > 1, float(scatter.blocks - 1), np.inf)
     worst = float(np.max(scatter.ratios, initial=1.0))
     enlarged = replace(
@@ -388,6 +404,7 @@ def _with_targets(
     """Return the estimate with the covariance `propagated` from its targets, if any."""
     if propagated is None or not qr_factor.propagated.shape[2]:
         return estimate
+    # d theta = (H^T W^2 H)^-1 H^T W^2 C d for an error d of the propagated parameters.
     moments = np.einsum("e,eps->ps", weights**2, qr_factor.propagated)
     sensitivity = solution.inverse @ moments
     from_targets = sensitivity @ propagated @ sensitivity.T
@@ -407,6 +424,7 @@ def with_propagated(rows: Regression, propagated: Array | None) -> Regression:
     """
     if propagated is None:
         return rows
+    # By eigenvalues and not by Cholesky: the covariance may be singular.
     sizes, vectors = safely(np.linalg.eigh, propagated, what="the propagated covariance")
     root = vectors * np.sqrt(np.maximum(sizes, 0.0))
     s = root.shape[1]
@@ -436,6 +454,7 @@ def residual_fit(qr_factor: QRFactor, weights: Array, solution: Solution) -> Arr
     variance = float(y @ y) / qr_factor.count
     if p == q or variance == 0:
         return np.append(solution.values, np.zeros(q - p))
+    # The normal equations of |y - C L u|^2 / s^2 + |u|^2, times s^2.
     moments = columns.T @ columns + variance * np.eye(q - p)
     u = safely(np.linalg.solve, moments, columns.T @ y, what="the residual")
     u = np.clip(u, -_MOST_DEVIATIONS, _MOST_DEVIATIONS)
@@ -445,6 +464,7 @@ def residual_fit(qr_factor: QRFactor, weights: Array, solution: Solution) -> Arr
 
 def left_of(rows: Regression, weights: Array, qr_factor: QRFactor, solution: Solution) -> Array:
     """Return `left_by_fit` of rows with a solution."""
+    # Of weighted rows: H (H^T W^2 H)^-1 is their influence, and H root is orthonormal.
     H = weights[np.searchsorted(qr_factor.equations, rows.joint)][:, None] * rows.H
     return left_by_fit(H @ solution.inverse, H @ solution.root, rows.time, rows.run)
 

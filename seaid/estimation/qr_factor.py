@@ -100,6 +100,8 @@ def qr_factor_of(rows: Regression) -> QRFactor:
     p, s = len(rows.names), rows.propagated.shape[1]
     triangles, propagated = [], np.zeros((len(equations), p, s))
     for place, indices in enumerate(of_equation):
+        # Triangles of blocks, then the triangle of these (TSQR, Demmel et al. 2012): orthogonal
+        # throughout, where H^T H would square the condition number.
         blocks = (indices[start : start + _BLOCK] for start in range(0, len(indices), _BLOCK))
         triangles.append(
             triangle(np.concatenate([triangle(_columns(rows, block)) for block in blocks]))
@@ -135,6 +137,7 @@ def triangle(columns: Array) -> Array:
     count, width = columns.shape
     if not count:
         return np.empty((0, width))
+    # "raw" returns the Householder vectors first, and does not form Q.
     R = linalg.qr(columns, mode="raw", overwrite_a=True, check_finite=False)[1]
     return np.asarray(R[: min(count, width)])
 
@@ -233,6 +236,7 @@ def determining_joints(qr_factor: QRFactor, columns: list[int]) -> list[str]:
     for column in columns:
         seeing = np.flatnonzero(sees[:, column])
         if len(seeing):
+            # The further out a joint, the fewer columns act on its torque; the last of equals.
             fewest = np.sum(sees[seeing], axis=1)
             place = seeing[np.flatnonzero(fewest == fewest.min())[-1]]
             joints.append(qr_factor.equations[place])
@@ -326,6 +330,7 @@ class Directions:
     def text(self, direction: int) -> str:
         """Return a combination as text, 'A - 0.97 B', in the units of the parameters."""
         terms = self.terms(direction)
+        # A scaled parameter is theta times the norm of its column: v^T N theta.
         coefficients = self.svd.vectors[direction] * self.svd.norms
         text = first_term(self.names[terms[0]])
         for place in terms[1:_MOST_TERMS]:
