@@ -297,14 +297,17 @@ def term_test(
     dropped = {place for place, name in enumerate(qr_factor.names) if name in terms}
     first = min(dropped)
     below = sorted({*range(first, p + 1)} - dropped)  # columns before stay triangular
+    # R[-1, -1] is the norm of the residual of y on all columns before it.
     full, fewer = R[-1, -1] ** 2, triangle(R[first:, below])[-1, -1] ** 2
     growth = float(fewer / full) if full > 0 else float("inf")
+    # F = ((SSR_0 - SSR) / q) / (SSR / (n - p)), with n the number of independent rows.
     F = (rows - p) / q * (growth - 1)
     return TermTest(
         terms=tuple(terms),
         growth=growth,
         F=F,
         p_value=float(f_distribution.sf(F, q, rows - p)),
+        # Schwarz 1978: BIC = n log(SSR / n) + p log n, without the terms minus with them.
         bic=float(rows * np.log(growth) - q * np.log(rows)),
         independent=rows,
     )
@@ -317,6 +320,7 @@ def whiteness(rows: Regression, theta: Array) -> dict[int, Whiteness]:
     for joint in np.unique(rows.joint):
         mask = rows.joint == joint
         count = int(np.sum(mask))
+        # (rows,) -> per log (T, 1) at every instant, zero without a row: lags are steps of time.
         runs = by_instant(np.ones((count, 1)), residual[mask], rows.time[mask], rows.run[mask])
         lagged = [
             sum(float(np.sum(run[lag:] * run[: max(len(run) - lag, 0)])) for run in runs)

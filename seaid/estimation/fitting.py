@@ -79,6 +79,8 @@ def huber(rows: Regression, propagated: Array | None = None) -> Estimate:
 def tukey(rows: Regression, propagated: Array | None = None) -> Estimate:
     """Return Tukey's bisquare M-estimate (zero weight above 4.685 scales), from Huber's."""
     start, scales = _huber(rows)
+    # The scale stays Huber's (MM-estimate, Yohai 1987): Tukey's psi falls to zero again, so that
+    # estimate and scale together would have several solutions.
     theta, _ = _iterated(rows, start, lambda _: scales, tukey_weights)
     return _estimate(rows, theta, scales, tukey_weights, propagated)
 
@@ -116,8 +118,10 @@ def _iterated(
         scales = scales_of(residual)
         qr_factor = qr_factor_of(_scaled(rows, np.sqrt(weigh(residual / scales)) / scales))
         new = solve(qr_factor, equal_weights(qr_factor)).values
+        # The fitted torques converge; parameters differ in unit and may be badly conditioned.
         moved = np.abs(rows.H @ (new - theta))
         theta = new
+        # Without noise the scale is rounding, and the torque's size decides.
         if np.all(moved <= np.maximum(_SETTLED * scales, _EXACT * size)):
             return theta, scales
     worst = int(np.argmax(moved / scales))
@@ -141,6 +145,7 @@ def _estimate(
     residual = rows.y - rows.H @ theta
     u = residual / scales
     weights, step = weigh(u), 1e-6
+    # A central difference of psi(u) = u w(u).
     derivative = (weigh(u + step) * (u + step) - weigh(u - step) * (u - step)) / (2 * step)  # psi'
     slope = np.empty_like(u)
     for equation in _equations(rows):  # positive: half of the rows are within 0.67 scales
@@ -151,6 +156,7 @@ def _estimate(
     qr_factor = qr_factor_of(linear)
     ones = equal_weights(qr_factor)
     estimate = estimate_of_rows(linear, qr_factor, ones, propagated)
+    # The same fit with the scores taken as independent, for the standard errors of white noise.
     independent = replace(scores, covariance=scores.white, lags=0)
     white = estimate_of(qr_factor, ones, independent, propagated)
     return replace(
@@ -169,6 +175,7 @@ def _scaled(rows: Regression, factor: Array) -> Regression:
 def _scales(rows: Regression, residual: Array) -> Array:
     """Return the scale (R,) of each row's equation: a standard deviation for Gaussian noise."""
     scales = np.empty_like(residual)
+    # Scales are divided by: they are at least rounding, and 1 if all torques are zero.
     smallest = 1e-9 * float(np.sqrt(np.mean(rows.y**2))) or 1.0
     for equation in _equations(rows):
         scales[equation] = max(_GAUSSIAN * float(np.median(np.abs(residual[equation]))), smallest)
@@ -255,6 +262,7 @@ class StoredRows:
 
     def pieces(self, change: Change | None) -> Iterator[tuple[int, Regression]]:
         """Yield the number of the log and the rows of every piece after `change`, if any."""
+        # The file has one position: a pass over the pieces ends before the next one begins.
         self.file.seek(0)
         for log, part in self.parts:
             arrays = {name: np.load(self.file, allow_pickle=False) for name in part.arrays}
@@ -313,6 +321,7 @@ def stored_estimate(
     qr_factor = combined(qr_factor_of(rows) for _, rows in stored.pieces(change))
     weights = weigh(qr_factor)
     solution = solve(qr_factor, weights)
+    # A second pass with the propagated columns; the scores need their fit, hence a third one.
     numbered = (
         replace(with_propagated(rows, propagated), run=np.full(len(rows.y), log))
         for log, rows in stored.pieces(change)
@@ -355,6 +364,7 @@ def _scores(
     """Yield the scores (T, p) of the pieces of a log, by instant."""
     done = 0
     for rows in pieces:
+        # Slot 0 follows the last piece; instants excluded before its rows are rows of zeros.
         summed = at_slots(rows.H, factors(rows), slots(rows.time, start_s, step_s) - done)
         done += len(summed)
         yield summed
@@ -388,6 +398,7 @@ class FittedRows:
     def sensitivity(self) -> Array:
         """The derivative (p, s) of the values by the propagated parameters."""
         weights = equal_weights(self.qr_factor) if self.equal else self.weights
+        # theta = (H^T W^2 H)^-1 H^T W^2 (y + C d) for errors d of the propagated parameters.
         moments = np.einsum("e,eps->ps", weights**2, self.qr_factor.propagated)
         return np.asarray(solve(self.qr_factor, weights).inverse @ moments)
 
@@ -413,6 +424,7 @@ def with_further_columns(
     """
     assert fit.rows is not None
     k = columns.shape[1]
+    # y + columns k = H theta: on the side of theta the columns are negative.
     rows = replace(
         fit.rows,
         names=(*fit.rows.names, *(f"further {place}" for place in range(k))),
@@ -465,6 +477,7 @@ def fit(
         weights = checked(qr_factor)
         if weigh is None:
             estimate = estimator.solve(in_memory, propagated)
+            # The checks are of the rows as the M-estimate weights them, without its outliers.
             in_memory = estimator.effective_rows(in_memory, estimate)
             qr_factor = qr_factor_of(in_memory)
         else:
