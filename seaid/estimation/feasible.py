@@ -121,8 +121,10 @@ def with_selected_weight(
     tried = _falling_fits(program, least, resolved)
     best = min(tried, key=attrgetter("risk"))
     if best.weight < _OF_ONE:
+        # Chi-square over p values has the variance 2 p.
         highest = best.risk + math.sqrt(2 * len(program.estimate))
         likely = [fit for fit in tried if fit.risk <= highest]
+        # Weights from 1 up count alike; of these `max` takes the first, which is the largest.
         return max(likely, key=lambda point: min(point.weight, _OF_ONE))
     around = best.weight * 10**0.5, best.weight / 10**0.5
     inner = [weight for weight in around if resolved[-1] < weight < resolved[0]]
@@ -135,6 +137,7 @@ def _falling_fits(program: Program, least: float, weights: Sequence[float]) -> l
     fits = [regularised(program, weights[0])]
     for weight in weights[1:]:
         fits.append(regularised(program, weight))
+        # |u|^2 is at least that of `nearest`, and the freedom grows as the weight falls.
         bound = least + 2 * fits[-1].freedom - len(program.estimate)  # of the risk of the others
         if bound > min(fit.risk for fit in fits):
             break

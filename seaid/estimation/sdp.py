@@ -73,6 +73,7 @@ class Program:
         """
         p, f = self.columns.shape
         offset, matrix = np.zeros(f), np.zeros((f, f))
+        # columns[:, pivots] = 1, so that x_pivots = estimate + root u - columns[:, free] x_free.
         pivots, free = list(self.pivots), list(self.free)
         offset[pivots] = self.estimate
         matrix[pivots, :p] = self.root
@@ -93,6 +94,7 @@ class Program:
         basis = np.array([pseudo_inertia(unit) for unit in np.eye(10)])
         first, blocks = [], []
         for body, half in enumerate(np.linalg.inv(self.prior_roots)):
+            # Q = L^-1 P L^-T is linear in the parameters of P; L L^T is P of the prior.
             units = half @ basis @ half.T
             span = slice(10 * body, 10 * body + 10)
             first.append(np.tensordot(offset[span], units, 1))
@@ -133,6 +135,7 @@ def covariance_root(covariance: Array, values: Array) -> Array:
     covariance = finite("covariance", covariance, (len(values),) * 2, IdentificationError)
     errors = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     scale = np.maximum(errors, 1e-10 * np.abs(values) + 1e-13)
+    # Eigenvalues of the correlation, since parameters differ in unit and size.
     spread, vectors = safely(
         np.linalg.eigh, covariance / np.outer(scale, scale), what="the covariance"
     )
@@ -305,6 +308,7 @@ def _search(
     used, before, late = np.inf, np.inf, 0
     for _ in range(_MOST_STEPS):
         least = resolved * point.chi_square
+        # The weight in use only falls, with chi-square, and ends at the one asked for if it can.
         used = max(weight, min(used, least))
         final = used, max(BARRIER, least, relative * used)
         system = _system(program, point)
@@ -316,6 +320,7 @@ def _search(
         late += last
         is_stuck, is_stalled = length < _STUCK or late > _LATE, decrement > 0.1 * before
         if last and decrement < _sufficient(used, point.chi_square, is_stuck, is_stalled):
+            # tr(du/dd) where |u - d|^2 + ... is least: J^T J is the Hessian, 2 I its part by |u|^2.
             freedom = 2 * float(np.sum(system.variances()[: point.p]))
             return Minimum(moved or point, used, freedom)
         if moved is None:
@@ -347,6 +352,7 @@ def _start(program: Program, weight: float) -> Point:
             "their units"
         )
     half = np.linalg.inv(root)
+    # Z Q = gap I: the start is centred, whatever the bodies are.
     Z = gap * half.transpose(0, 2, 1) @ half
     # R' R = half' half as of Cholesky, but QR cannot fail if Q is nearly singular
     triangle = np.linalg.qr(half, mode="r")
@@ -368,7 +374,10 @@ def _inside(program: Program, x: Array) -> tuple[Array, Array]:
 def _system(program: Program, point: Point) -> _System:
     blocks, matrix = program.cones[1], program.slack[1]
     f, (half, _), (_, dual) = len(point.x), point.halves, point.roots
+    # J^T J has tr(A_i Z A_j Q^-1) = <F_i, F_j> (HKM) with F_i = R^-1 A_i D, Q = R R^T, Z = D D^T:
+    # no product is inverted.
     flat = (half[:, None] @ blocks @ dual[:, None]).transpose(0, 2, 3, 1).reshape(-1, f)
+    # Of the inequalities: multiplier / slack times a_i a_j.
     steep = np.sqrt(point.multipliers / point.slack)[:, None] * matrix
     J = np.concatenate([flat, steep, np.sqrt(2.0) * np.eye(point.p, f)])
     scale = 1 / np.linalg.norm(J, axis=0)
@@ -394,17 +403,20 @@ def _direction(
     `predictor` is a step of which `part` of the second-order terms is compensated (Mehrotra 1992).
     """
     blocks, matrix = program.cones[1], program.slack[1]
+    # Here `dual` is the inverse of the root of Z; in `_system` it is the root itself.
     (root, _), (half, dual) = point.roots, point.halves
     second_order, product = np.zeros_like(point.Q), np.zeros_like(point.slack)
     if predictor is not None:
         second_order = part * predictor.Z @ predictor.Q @ point.inverse
         product = part * predictor.slack * predictor.multipliers
     upper = root.transpose(0, 2, 1)
+    # <F_i, pull> = tr A_i (weight I - target Q^-1 + second order): the slope of the merit.
     pull = (weight * upper - targets[0] * half + upper @ second_order) @ dual.transpose(0, 2, 1)
     push = (product - targets[1]) / np.sqrt(point.multipliers * point.slack)
     rest = np.concatenate([pull.ravel(), push, np.sqrt(2.0) * point.x[: point.p]])
     x, decrement = system.solved(rest)
     Q, slack = np.tensordot(x, blocks, (0, 1)), matrix @ x
+    # Z Q = target I, linearised for Z and made symmetric (HKM).
     product_change = second_order + point.Z @ Q @ point.inverse
     Z = (
         targets[0] * point.inverse
@@ -454,6 +466,7 @@ def _moved(program: Program, point: Point, step: _Step) -> tuple[Point | None, f
         if root is None:  # the sum over x may be all rounding: add the exact change instead
             Q = point.Q + length * step.Q
             root = _root(Q)
+        # For small slacks the sum over x is rounding too, where the change is exact.
         ahead = point.slack + length * step.slack
         slack = np.where(slack > 0.5 * ahead, slack, ahead)
         if root is not None and np.min(slack, initial=1.0) > 0:
@@ -468,6 +481,7 @@ def _balanced(
     x: Array, Q: Array, slack: Array, Z: Array, multipliers: Array, root: Array, p: int
 ) -> Point:
     """Return the point with its complementary products limited to a range about their mean."""
+    # Those of R^T Z R are the eigenvalues of Z Q, the complementary products.
     products, vectors = np.linalg.eigh(root.transpose(0, 2, 1) @ Z @ root)
     near = np.mean(products)
     products = np.clip(products, near / _APART, near * _APART)
@@ -489,6 +503,7 @@ def _root(matrices: Array) -> Array | None:
 def _length(point: Point, step: _Step) -> float:
     """Return the part of a step that keeps matrices positive definite and slacks positive."""
     steepest = 0.0
+    # Q + s dQ stays positive definite for s below -1 over the least eigenvalue of R^-1 dQ R^-T.
     for half, change in zip(point.halves, (step.Q, step.Z), strict=True):
         ratios = np.linalg.eigvalsh(half @ change @ half.transpose(0, 2, 1))
         steepest = max(steepest, -float(np.min(ratios)))
