@@ -89,6 +89,7 @@ def unattenuated(
     R, p = qr_factor.factors, len(qr_factor.names)
     theta = first = solve(qr_factor, weights).values
     for _ in range(_MOST_ROUNDS):
+        # The equations have products of columns only, which the rows of R give as all rows do.
         Z = predicted_columns(R[:, :, :p], R @ np.append(-theta, 1.0), theta, noisy)
         stacked = [
             (weights[:, None, None] * part).reshape(-1, part.shape[2])
@@ -96,10 +97,13 @@ def unattenuated(
         ]
         scale = np.maximum(np.linalg.norm(stacked[1], axis=0), np.finfo(float).tiny)
         Q = _safely(np.linalg.qr, stacked[0] / scale)[0]
+        # With Z = Q R, Q^T H theta = Q^T y has the solution of Z^T H theta = Z^T y, better
+        # conditioned.
         inner, right = Q.T @ (stacked[1] / scale), (Q.T @ stacked[2])[:, 0]
         if _safely(np.linalg.cond, inner) > 1 / RANK_TOLERANCE:
             return None
         before, theta = theta, _safely(np.linalg.solve, inner, right) / scale
+        # c + r / k has a pole at k = 0: beyond it the iteration is at another solution.
         if not np.all(theta[list(noisy)] * first[list(noisy)] > 0):
             return None
         weights = weights_at(qr_factor, theta) if reweigh else weights
@@ -126,6 +130,7 @@ def with_predicted_columns(rows: Regression, theta: Array, noisy: Sequence[int])
     for equation in np.unique(rows.joint):
         part = np.flatnonzero(rows.joint == equation)
         H[part] = predicted_columns(rows.H[part][None], residual[part][None], theta, noisy)[0]
+    # y' - H' theta = y - H theta: the residual stays that of the measured columns.
     return replace(rows, H=H, y=rows.y + (H - rows.H) @ theta)
 
 
@@ -135,6 +140,7 @@ def errors_in_variables(rows: Regression, ratio: float) -> Estimate:
     `ratio` is the noise variance of the torque over that of the deflection. It is least squares
     with the deflection estimated from both measurements as the instrument of the measured one.
     """
+    # What the offset explains is projected out of both: `deming` needs values without a mean.
     column = rows.names.index("stiffness")
     others = np.delete(rows.H, column, axis=1)
     d, tau = (
@@ -145,6 +151,7 @@ def errors_in_variables(rows: Regression, ratio: float) -> Estimate:
     )
     stiffness = deming(d, tau, ratio)
     instruments = rows.H.copy()
+    # With an infinite ratio the deflection has no noise, and is its own instrument.
     if np.isfinite(ratio):
         # the best estimate of the true deflection from both measurements (Deming 1943)
         deflection = (ratio * d + stiffness * tau) / (ratio + stiffness**2)
@@ -162,6 +169,7 @@ def deming(x: Array, y: Array, ratio: float) -> float:
         return 0.0
     if not np.isfinite(ratio):
         return xy / xx
+    # The numerator is positive, so that the slope has the sign of xy; the other root fits worst.
     half = 0.5 * (yy - ratio * xx)
     return float((half + np.sqrt(half**2 + ratio * xy**2)) / xy)
 
@@ -184,6 +192,7 @@ def _checked(rows: Regression, instruments: Array) -> Array:
 def _first_stage(Z: Array, H: Array, names: tuple[str, ...]) -> Array:
     """Return the coefficients (p, p) of the regression of the columns of H on those of Z."""
     p, norms = len(names), np.linalg.norm(Z, axis=0)
+    # The triangle of [Z H] has the same regression of H on Z, in p rows.
     R = triangle(np.hstack([Z / norms, H]))
     coefficients, _, rank, _ = safely(
         linalg.lstsq, R[:p, :p], R[:p, p:], what="the instruments", cond=ROUNDING

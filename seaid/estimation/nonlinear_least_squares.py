@@ -101,9 +101,11 @@ def gauss_newton_step(
     merit += float(np.sum((precision * distance) ** 2)) / 2
     stds = _settled(logs, distance, precision, frozen=False)
     J, r = _projected(logs, stds)
+    # The prior is p more residuals: precision times (distance + change).
     solution, inverse, condition = _solve(
         np.vstack([J, np.diag(precision)]), np.append(r, precision * distance), names
     )
+    # The sandwich over the rows; the prior's residuals are independent, of variance 1.
     covariance = _autocorrelated_covariance(logs, J @ inverse, r + J @ solution)
     covariance += (inverse * precision) @ (inverse * precision).T
     kept = sum(int(np.sum(log.kept)) for log in logs)
@@ -138,6 +140,7 @@ def _autocorrelated_covariance(logs: list[Residuals], influence: Array, residual
         start += size
         step = float(np.median(np.diff(log.time.ravel())))
         for channel in range(channels):
+            # The noise of weighted rows has unit variance: lag zero has the weight 1.
             effect = rows[:, channel]
             total += effect.T @ effect
             for lag, weight in enumerate(_autocorrelation(white[:, channel], LAG_S / step), 1):
@@ -155,6 +158,7 @@ def _at_least(part: float, covariance: Array, white: Array) -> Array:
     scale[scale == 0] = 1.0  # known by the prior alone
     sizes, axes = safely(np.linalg.eigh, white / np.outer(scale, scale), what="the output error")
     sizes = np.sqrt(np.maximum(sizes, ROUNDING))
+    # white = root root^T is the identity in these coordinates; `ratios` are covariance over white.
     root, inverse = scale[:, None] * axes * sizes, axes.T / sizes[:, None] / scale
     ratios, turned = safely(
         np.linalg.eigh, inverse @ covariance @ inverse.T, what="the output error"
@@ -172,6 +176,7 @@ def _autocorrelation(residual: Array, most: float) -> Array:
     outstanding = np.flatnonzero(np.abs(correlation) > _STANDS_OUT / np.sqrt(count))
     bandwidth = min(2 * (int(outstanding[-1]) + 1), lags) if outstanding.size else 0
     lag = np.arange(1, bandwidth + 1)
+    # Flat top (Politis 2003): 1 up to half of the bandwidth, then a straight line to zero.
     return np.asarray(correlation[:bandwidth] * np.minimum(2 - 2 * lag / (bandwidth + 1), 1.0))
 
 
@@ -209,10 +214,12 @@ def without_information(step: Step, noise: Array) -> Step:
     """
     scale = np.sqrt(np.diag(step.white_covariance))
     both = np.outer(scale, scale)
+    # Scaled to a unit diagonal, since parameters differ in size by many powers of ten.
     sizes, axes = safely(np.linalg.eigh, step.white_covariance / both, what="the output error")
     sizes = np.sqrt(np.maximum(sizes, ROUNDING))
     root = axes * sizes
     parts, turned = safely(np.linalg.eigh, root.T @ (noise * both) @ root, what="the output error")
+    # In the coordinates of `root` the information is the identity, and without noise 1 - parts.
     kept = 1 - np.clip(parts, 0.0, _MOST_NOISE)
     inverse = turned.T @ (axes / sizes).T
     larger = scale[:, None] * (root @ turned / kept @ inverse) / scale
@@ -269,6 +276,7 @@ def _projected(logs: list[Residuals], stds: Array) -> tuple[Array, Array]:
         J = (log.jacobian * weights[..., None]).reshape(windows, weights[0].size, p)
         r = (log.residual * weights).reshape(windows, -1)
         Q = _basis(log, weights)
+        # What the nuisance parameters of a window explain is no information on the others.
         J = J - Q @ (np.swapaxes(Q, 1, 2) @ J)
         r = r - np.einsum("wms,ws->wm", Q, np.einsum("wms,wm->ws", Q, r))
         Js.append(J.reshape(-1, p))
@@ -294,6 +302,7 @@ def _nuisance(log: Residuals, stds: Array, change: Array) -> Array:
     columns = (log.nuisance * weights[..., None]).reshape(windows, weights[0].size, s)
     norms = np.linalg.norm(columns, axis=1, keepdims=True)
     norms[norms == 0] = 1.0
+    # A pseudo-inverse: a state that does not move the rows of its window stays as it is.
     inverse = safely(np.linalg.pinv, columns / norms, what="the output error", rcond=_LEAST_STATE)
     return np.asarray(-np.einsum("wsm,wm->ws", inverse, after) / norms[:, 0])
 
@@ -313,6 +322,7 @@ def _solve(J: Array, r: Array, names: tuple[str, ...]) -> tuple[Array, Array, fl
             f"the combination of {', '.join(lost)} is unidentifiable by this motion (scaled "
             f"singular value {s[-1] / s[0]:.1e}, needed {ROUNDING:.0e})"
         )
+    # J = U S V^T N with the norms N of the columns: half = N^-1 V S^-1, (J^T J)^-1 = half half^T.
     half = (svd.vectors.T / s) / norms[:, None]
     return -half @ (svd.left.T @ r), half @ half.T, float(s[0] / s[-1])
 
@@ -370,6 +380,7 @@ def _search(
     last: list[tuple[Array, tuple[Array, Array, Array]]] = []
 
     def at(v: Array) -> tuple[Array, Array, Array]:
+        # `least_squares` asks for residual and Jacobian at the same v in turn: one SVD for both.
         if not last or not np.array_equal(last[0][0], v):
             last[:] = [(v.copy(), _residual(columns, v))]
         return last[0][1]
@@ -401,6 +412,7 @@ def _search(
 def _residual(columns: Columns, v: Array) -> tuple[Array, Array, Array]:
     """Return y - H theta at v, theta, and an orthonormal basis (R, rank) of the range of H."""
     y, H = columns(v)
+    # A rank below p is no error here: on the way of the search columns may coincide.
     svd = scaled_svd(H)
     Q = svd.span()
     return y - Q @ (Q.T @ y), svd.solve(y), Q
