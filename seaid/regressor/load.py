@@ -89,12 +89,15 @@ def drive_parameters(
         index, drive = robot.index(joint), robot.drives[joint]
         parts = []
         if not drive.is_elastic and index in known:
+            # N times (7) without a spring: friction and rotor inertia as torques on the load.
             parts.append((motor_regressor(robot, joint), drive.ratio, np.eye(robot.n)[index]))
         if drive.parallel_spring or drive.joint_friction:
+            # C^-T e_j: a torque on one joint is shared by all drives that move it.
             at_drive = torques_at_drives(robot.transmission, np.eye(robot.n)[index])
             parts.append((joint_regressor(robot, joint), 1.0, at_drive))
         for regressor, factor, share in parts:
             by_name = signals_of(index)
+            # Parallel spring and joint friction act at the joint itself.
             if regressor is not motor_regressor(robot, joint):
                 by_name = {**by_name, **{name: by_name[f"own_{name}"] for name in _JOINT}}
             R = factor * regressor.evaluate(by_name)[1]
@@ -205,6 +208,7 @@ def load_model(
     absorbed = sorted({*range(p, H.shape[1])}.difference(identifiable))
     expressions = []
     for row in range(p):
+        # The row of a base parameter: itself and the drive parameters that it absorbs.
         wanted = np.zeros(H.shape[1])
         wanted[[row, *absorbed]] = grouping[row, [row, *absorbed]]
         expressions.append(grouped_text(wanted, names))
@@ -280,6 +284,7 @@ def load_columns(
     known = [robot.index(joint) for joint in model.torque_joints]
     Y = regressor_at_drives(robot, *motion.joint_states)
     flat = Y.swapaxes(1, 2).reshape(len(Y), -1)  # a view: the memory layout of the regressor
+    # (k, p) places in a flat sample: ten parameters of each body, and n joints per parameter.
     places = np.add.outer(known, Y.shape[1] * np.array(model.base.columns, dtype=np.intp))
     base = np.take(flat, places.ravel(), axis=1).reshape(len(Y), *places.shape)
     H = base
@@ -339,6 +344,7 @@ def _floating_columns(
     known, p = [robot.index(joint) for joint in joints], len(model.base.columns)
     known_columns = np.flatnonzero(robot.known_parameters)
     torque, propagated = _load_targets(robot, motion, joints, springs)
+    # M v' + h = S^T tau + sum J_c^T w: the base has no motor, so that its rows begin with zeros.
     torque = below_base(torque) + measured_wrenches(robot, q, base.wrenches, known, base.up)
     unknown = unknown_frictions(robot, motion, joints)
     drives, propagated = drive_columns(robot, motion, model), below_base(propagated)
@@ -350,6 +356,7 @@ def _floating_columns(
     for start in range(0, len(q), step):
         part = slice(start, start + step)
         piece = base.samples(part)
+        # Rows of zeros are no equations: `_load_rows` removes them.
         if not np.any(piece.used):
             continue
         states = (q[part], motion.joint_velocity[part], motion.joint_acceleration[part])
@@ -360,6 +367,7 @@ def _floating_columns(
             H = np.concatenate([Y[:, :, :p], drives[part]], axis=2)
         else:
             H = Y[:, :, :p] @ thetas[:p] + drives[part]
+        # The projection is linear and the same for both sides of the equations.
         rows = np.concatenate([H, *(x[:, :, None] for x in sides), propagated[part]], axis=2)
         rows = without_contact_forces(
             robot, states[0], piece.contacts, known, rows, unknown[part], piece.up
@@ -480,6 +488,7 @@ def _base_stances(base: BaseMotion | None, flat: Sequence[str]) -> list[tuple[st
     touching = {**base.contacts, **{link: loaded(base.wrenches[link]) for link in flat}}
     if not touching:
         return [()]
+    # (samples, contacts) of the samples that are used; each different row is a stance.
     patterns = np.array([flags[base.used] for flags in touching.values()]).T
     return [tuple(compress(touching, pattern)) for pattern in np.unique(patterns, axis=0)]
 
@@ -495,6 +504,8 @@ def _without_stance(motions: Sequence[Motion]) -> LogError:
         changes = np.flatnonzero(np.any(np.diff(flags.astype(int)), axis=0)) + 1
         samples = np.diff(changes, prepend=0, append=len(motion.time))
         longest_s = max(longest_s, float(np.max(samples)) / motion.rate_hz)
+    # The low pass spreads a change over LEAST_LIFT / (POSITION_BAND cutoff), which must fit into
+    # the longest time without a change.
     needed_hz = LEAST_LIFT / (POSITION_BAND * longest_s)
     return LogError(
         f"no sample of the logs is used: between two changes of a contact, or jumps of the base, "
@@ -576,6 +587,7 @@ def late_flag_rows(robot: Robot, motion: Motion, model: LoadModel, reach_s: floa
         feet = [contact for contact in contacts if contact.link in base.contacts]
         fades = np.array([_fading(base.contacts[x.link], reach_s * piece.rate_hz) for x in feet])
         A = contact_map(robot, piece.joint_position, feet, base.up)
+        # (T, 6 + n, 3 k) -> (T, 6 + n, k): the columns of vertical forces of 1 N.
         vertical = A.reshape(*A.shape[:2], len(feet), 3) @ base.up[:, None, :, None]
         return np.asarray(np.einsum("trk,kit->tri", vertical[..., 0], fades))
 
@@ -619,6 +631,7 @@ def radius_rows(
         rows = rows * row_scale(robot, rows.shape[1])[:, 0]
         rows[:, 6:] *= ~unknown
         _, inverse = contact_equations(robot, q, contacts, base.contacts, joints, unknown, base.up)
+        # The map is linear in the radius: its derivative is that at 1 m less that at 0.
         lower, centre = (
             contact_map(robot, q, [replace(contact, radius_m=x) for contact in contacts], base.up)
             for x in (1.0, 0.0)
@@ -699,6 +712,7 @@ def _load_rows(
     names = robot.joint_names
     if robot.floating_base is not None and motion.base is not None:
         names = (*names, *BASE_ROWS)
+        # The base's rows come first in the columns; their indices follow those of the n joints.
         joints = [*range(robot.n, robot.n + 6), *joints]
         free = np.repeat(robot.floating_base.free_axes[:, None], len(rows), axis=1)
         usable = np.concatenate([free, usable])
@@ -706,6 +720,7 @@ def _load_rows(
     excluded = usable.size - int(usable.sum())
     if robot.floating_base is not None:  # rows without an equation, as of a base that is held
         usable &= (np.any(H, axis=2) | (y != 0)).T
+    # (k, S) -> (R,) rows, equation by equation.
     which, kept = np.nonzero(usable)
     column_names, units = called or (model.names, model.units)
     return Regression(
@@ -734,6 +749,7 @@ def with_gear_torque(
         for place, (joint, name, _) in enumerate(model.drives, len(model.expressions))
         if joint not in robot.elastic_joints and name in motor_regressor(robot, joint).names
     ]
+    # A gear passes on the load behind it, without the motor's own friction and inertia.
     behind = [place for place in range(H.shape[2]) if place not in drives]
     torque = np.full_like(motion.joint_position, np.nan)
     torque[:, [robot.index(joint) for joint in model.torque_joints]] = (
@@ -812,12 +828,14 @@ def _load_targets(
                 continue
             zeta, R = spring_regressor(robot, joint).evaluate(signals(robot, motion, index))
             R = drive.load_radius * R
+            # r_L F = R k - zeta, (4b) with a load torque of zero; its derivative by k is R.
             targets[:, row] = R @ springs[joint] - drive.load_radius * zeta  # (4b)
             propagated[:, row, start : start + R.shape[1]] = R
             start += R.shape[1]
         else:
             by_name = input_signals(robot, motion, index)
             targets[:, row] = drive.ratio * motor_regressor(robot, joint).evaluate(by_name)[0]
+            # Of an unknown torque constant the input is in R alone, and zeta is finite without it.
             targets[np.isnan(by_name[INPUTS[drive.motor_input]]), row] = np.nan
     missing = [joint for row, joint in enumerate(rows) if np.any(np.isnan(targets[:, row]))]
     if missing:
@@ -854,6 +872,7 @@ def offset_sensitivity(robot: Robot, motion: Motion, regress: Regress, theta: Ar
     reference, changes = regress(motion), []
     for index in range(robot.n):
         shifted = regress(shifted_encoder(robot, motion, index))
+        # The encoder moves H as well as y: what counts is the residual at fixed parameters.
         change = (shifted.y - shifted.H @ theta) - (reference.y - reference.H @ theta)
         changes.append(change / OFFSET_STEP)
     return replace(reference, propagated=np.column_stack(changes))

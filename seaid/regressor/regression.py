@@ -150,6 +150,7 @@ def _without_delay(motion: Motion, index: int) -> Array:
     torque = motion.motor_torque[:, index]
     if motion.command_slope is None:
         return torque
+    # u(t) = u(t - T) + T u'(t - T): the commands before the delay T of the drive.
     return np.asarray(torque + motion.command_delay_s[index] * motion.command_slope[:, index])
 
 
@@ -299,6 +300,7 @@ def gear_regression(robot: Robot, motion: Motion, joint: str, spring: Array) -> 
     measured = signals(robot, motion, index)
     between = at_drives(robot.transmission, motion.joint_position)[:, index]
     y = drive.load_radius * (measured["theta_L"] - between)
+    # At a load torque of zero, zeta is minus the part of the force by known parameters.
     zeta, R = spring_regressor(robot, joint).evaluate(measured)
     force, sensed = R @ spring - zeta, sensed_torque(robot, motion, index)
     if np.all(np.isfinite(sensed)):
@@ -330,6 +332,7 @@ def actuator_rows(
     The spring equation (4b) has no derivatives, so that its rows reach the ends of the log.
     """
     if not _has_motor(regressor):
+        # Without derivatives there are no filter transients of speed and acceleration at the ends.
         return row_samples(replace(motion, transient_s=0.0)), 0
     rows = row_samples(motion)
     kept = rows[~unknown_actuator_friction(robot, motion, joint, regressor)[rows]]
@@ -402,6 +405,7 @@ def rows_by_pieces(motion: Motion, regress: Regress, samples: int = PIECE_SAMPLE
         return regress(motion)
     parts = pieces(motion, samples)
     rows = stacked([_rows_within(regress(piece), piece, start, end) for piece, start, end in parts])
+    # The pieces are one log, in which noise is autocorrelated from piece to piece.
     return replace(rows, run=np.zeros(len(rows.y)))
 
 
@@ -409,6 +413,8 @@ def _rows_within(rows: Regression, motion: Motion, start_s: float, end_s: float)
     """Return the rows whose instants are in [start_s, end_s), without those of the overlaps."""
     instants = motion.time[row_samples(motion)]
     count = int(np.sum((instants >= start_s) & (instants < end_s)))
+    # (rows + excluded) / instants is the number of equations; of these times `count` in the span,
+    # what is no row was excluded.
     equations = (len(rows.y) + rows.excluded) // max(len(instants), 1)
     kept = (rows.time >= start_s) & (rows.time < end_s)
     return replace(rows.at(kept), excluded=equations * count - int(np.sum(kept)))

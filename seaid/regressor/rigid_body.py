@@ -47,6 +47,7 @@ def rigid_body_regressor(robot: Robot, q: Array, v: Array, a: Array) -> Array:
     if not len(q) == len(v) == len(a):
         raise SeaidError(f"q, v and a must have as many rows, found {len(q)}, {len(v)}, {len(a)}")
     states, N = [robot.to_model(state, k) for k, state in enumerate((q, v, a))], model.nv
+    # `flat` is a view of the memory that every call fills, and exists after the first call.
     pin.computeJointTorqueRegressor(model, data, *np.zeros((3, N)))
     # Pinocchio's matrix is column-major: its transposed view is copied as one block.
     flat = data.jointTorqueRegressor.T.reshape(-1)
@@ -54,10 +55,13 @@ def rigid_body_regressor(robot: Robot, q: Array, v: Array, a: Array) -> Array:
     for t, (q_t, v_t, a_t) in enumerate(zip(*states, strict=True)):
         compute(model, data, q_t, v_t, a_t)
         stacked[t] = flat
+    # (T, 10N N) -> (T, 10N, N) as Pinocchio's columns lie in memory -> (T, N, 10N).
     Y = stacked.reshape(-1, 10 * N, N).swapaxes(1, 2)
     order = robot.model_order
     if list(order) == sorted(order) and not robot.dependent_joints:
         return Y
+    # Columns from the model's order of bodies to the robot's; the rows follow in `from_model`,
+    # which adds those of mimic joints to their leaders'.
     by_body = Y.reshape(len(q), N, N, 10)[:, :, np.argsort(order)].reshape(len(q), N, 10 * N)
     return np.moveaxis(robot.from_model(np.moveaxis(by_body, 1, -1)), -1, 1)
 
