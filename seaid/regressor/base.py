@@ -235,6 +235,8 @@ def random_states(
     rng = np.random.default_rng(seed_of(seed))
     known = robot.n if torques is None else torques
     bodies = len(robot.body_names)
+    # Three rows per parameter, of which an instant gives at most six: a body acts on the rest of
+    # the robot by a force and a moment.
     enough = 0 if known == bodies else -(-30 * bodies // min(known, 6))
     shape = (max(_FEWEST_STATES, enough), robot.n)
     reach = np.where(robot.is_prismatic, 1.0, np.pi)
@@ -281,6 +283,7 @@ def left_to_right(H: Array, zero: BoolArray | None = None) -> tuple[list[int], A
         else:
             rejected = max(rejected, residual)
     basis = basis[:, : len(columns)]
+    # R = R_b G: Q^T R_b is triangular up to rounding, and G = (Q^T R_b)^-1 Q^T R.
     grouping = safely(
         np.linalg.solve,
         np.triu(basis.T @ R[:, columns]),
@@ -289,6 +292,7 @@ def left_to_right(H: Array, zero: BoolArray | None = None) -> tuple[list[int], A
         error=RobotError,
     )
     grouping[np.abs(grouping) < _ROUNDING] = 0.0
+    # Unit columns H / s have G_s; for H itself G = s_b^-1 G_s s.
     grouping *= scale[None, :] / scale[columns][:, None]
     grouping[:, zero] = 0.0
     for row, base in enumerate(columns):  # entries known exactly: up to the base column, and in it
@@ -303,6 +307,7 @@ def grouped_text(coefficients: Array, names: Sequence[str]) -> str:
     text = ""
     for index in map(int, np.flatnonzero(coefficients)):
         value = coefficients[index]
+        # A tie at the fifth digit is rounded up, whatever rounding errors have made of it.
         size = "" if abs(abs(value) - 1) < 1e-9 else f"{abs(value) * (1 + 1e-9):.4g} "
         sign = ("-" if value < 0 else "") if not text else (" - " if value < 0 else " + ")
         text += f"{sign}{size}{names[index]}"
@@ -386,6 +391,7 @@ def cross_check(numeric: BaseParameters, exact: BaseParameters) -> CrossCheck:
     same = numeric.columns == exact.columns
     difference = float("inf")
     if same:
+        # Differences count by the largest coefficient of the row or of the column: units differ.
         rows, columns = (np.max(np.abs(exact.grouping), axis=k, initial=1.0) for k in (1, 0))
         largest = np.maximum(rows[:, None], columns)
         apart = np.abs(numeric.grouping - exact.grouping) / largest
