@@ -53,6 +53,7 @@ def floating_regressor(
     states = zip(*_states(robot, q, v, a, base), strict=True)
     for t, (q_t, v_t, a_t) in enumerate(states):
         whole = pin.computeJointTorqueRegressor(model, data, q_t, v_t, a_t).T
+        # With mode="clip" `take` writes into `out` directly; by default it would need a buffer.
         np.take(whole, places, axis=0, out=stacked[t], mode="clip")
     joints = robot.from_model(stacked[:, :, 6:])
     return np.concatenate([stacked[:, :, :6], joints], axis=2).swapaxes(1, 2)
@@ -67,6 +68,7 @@ def accelerated_base(robot: Robot, q: Array) -> Array:
     data, still = model.createData(), np.zeros((len(q), robot.n))
     mass = np.empty((len(q), 3, model.nv))
     for t, q_t in enumerate(_states(robot, q, still, still, nothing)[0]):
+        # crba fills the upper triangle only; the rows of the base, which is first, are in it whole.
         mass[t] = np.triu(pin.crba(model, data, q_t))[:3]
     return np.concatenate([mass[:, :, :6], robot.from_model(mass[:, :, 6:])], axis=2).swapaxes(1, 2)
 
@@ -91,6 +93,7 @@ def contact_map(
         pin.computeJointJacobians(model, data, q_t)
         start = 0
         for contact, frame, width in zip(contacts, frames, widths, strict=True):
+            # The base is at the origin (`_states`): the axes of the world are those of the base.
             whole = pin.getFrameJacobian(model, data, frame, pin.LOCAL_WORLD_ALIGNED)
             if contact.radius_m and up is not None:
                 # v at the lowest point: v_c + w x (-r up) = v_c + r up x w
@@ -132,6 +135,7 @@ def without_contact_forces(
             part = scale * rows[now]
             residual = part - Q @ (Q.swapaxes(1, 2) @ part)
             # orthonormal columns: the sum of squares is the rank
+            # Forces that reach all rows with an equation leave nothing of these but rounding.
             hidden = np.sum(Q**2, axis=(1, 2)) > np.any(part, axis=2).sum(axis=1) - 0.5
             rows[now] = np.where(hidden[:, None, None], 0.0, residual / scale)
     return rows
@@ -219,6 +223,7 @@ def _range(A: Array) -> Array:
     Q, R = safely(np.linalg.qr, A, what="the contact forces", error=LogError)
     size = np.abs(np.diagonal(R, axis1=1, axis2=2))
     lacking = size.min(axis=1) <= _DEPENDENT * size.max(axis=1)
+    # With more forces than rows Q has too few columns: the SVD decides at all instants.
     if A.shape[2] > A.shape[1]:
         lacking[:] = True
         Q = np.zeros_like(A)
@@ -289,6 +294,7 @@ def stance_rows(
     if links == HANGING:
         states = stance_states(robot, (), seed, count)[0]
         still = np.zeros((count, 3))
+        # An accelerometer on a base at rest measures -g.
         base = (still, still, still - robot.model.gravity.linear)
         Y = floating_rows(robot, floating_regressor(robot, *states, base), joints)
         return states, Y, lambda rows: np.asarray(rows * (np.arange(rows.shape[1]) >= 6)[:, None])
@@ -331,6 +337,7 @@ def stance_states(
     up /= np.linalg.norm(up, axis=1, keepdims=True)
     if base.normal is not None:
         R, down = base.rotations(rng.uniform(-np.pi, np.pi, count)), robot.model.gravity.linear
+        # A row vector times R is R^T times the vector: the vertical in the axes of the base.
         up = -down / (np.linalg.norm(down) or 1.0) @ R
         v[:, :6] *= base.free_axes
         a[:, :6] *= base.free_axes
@@ -345,6 +352,7 @@ def stance_states(
 
         v = within(v, np.zeros(J.shape[:2]))
         a = within(a, -_drift(robot, q, v, contacts))
+    # Specific force: a - g, which is a + 9.81 m/s^2 upward.
     return (q, v[:, 6:], a[:, 6:]), (v[:, 3:6], a[:, 3:6], a[:, :3] + _G * up)
 
 
@@ -391,6 +399,7 @@ def standing_motion(
     twist = np.einsum("tji,tj->ti", R, speeds[:, :3])
     spin = np.einsum("tij,tj->ti", E, speeds[:, 3:6])
     v = np.hstack([twist, spin, robot.to_model(speeds[:, 6:], 1)])
+    # At constant rates, the twist v = (R^T p', E rates) changes by (-w x R^T p', E' rates).
     a = np.zeros_like(v)
     a[:, :3] = -np.cross(spin, twist)
     a[:, 3:6] = np.einsum("tij,tj->ti", E_dot, speeds[:, 3:6])
@@ -403,11 +412,13 @@ def standing_motion(
             top = turn @ (anchor.rotation.T @ up)
             rolled = contact.radius_m * level
             away = away - top @ rolled
+            # d/dt top = w x top = -[top]x w.
             jacobian[:, :3] += rolled @ _skew(top) @ jacobian[:, 3:]
             w = np.einsum("tij,tj->ti", jacobian[:, 3:], v)
             turning = np.cross(acceleration[:, 3:], top) + np.cross(w, np.cross(w, top))
             acceleration[:, :3] -= turning @ rolled
         if width == 6:
+            # The rotation vector of R_c R_0^T, in the axes of the world: zero at the anchor.
             turned = [pin.log3(rotation @ anchor.rotation.T) for rotation in turn]
             away = np.hstack([away, np.reshape(turned, (-1, 3))])
         errors.append(away)
@@ -415,6 +426,7 @@ def standing_motion(
         bias.append(acceleration[:, :width])
     J = np.concatenate(jacobians, axis=1)
     K = np.concatenate([J[:, :, :6], robot.from_model(J[:, :, 6:])], axis=2)
+    # From the twist of the base to the rates of its coordinates: v = R^T p', w = E rates.
     K[:, :, :3] = J[:, :, :3] @ R.swapaxes(1, 2)
     K[:, :, 3:6] = J[:, :, 3:6] @ E
     return np.hstack(errors), K, np.hstack(bias)
@@ -444,6 +456,7 @@ def _frame_motions(
     for k, frame in enumerate(axes):
         places[k] += rotations[k] @ frame.placement.translation
         rotations[k] = rotations[k] @ frame.placement.rotation
+        # Pinocchio's Jacobian has all joints; only those between base and frame move the frame.
         moving = np.zeros(model.nv)
         for joint in list(model.supports[frame.parentJoint])[1:]:
             start = model.joints[joint].idx_v
@@ -456,6 +469,7 @@ def _frame_motions(
             continue
         A = np.einsum("tij,tj->ti", J, a) + np.einsum("tij,tj->ti", change * moving, v)
         speed = np.einsum("tij,tj->ti", jacobians[k], v)
+        # Classical acceleration of the point: a_0 + e x p + w x v.
         A[:, :3] += np.cross(A[:, 3:], places[k]) + np.cross(speed[:, 3:], speed[:, :3])
         accelerations.append(A)
     return places, rotations, jacobians, np.array(accelerations)
@@ -527,6 +541,7 @@ def _typical_lever(robot: Robot) -> float:
         return 1.0
     turned = np.random.default_rng(0).uniform(-1, 1, (_POSTURES, robot.n)) * _TURNED_RAD
     A = contact_map(robot, turned * ~np.array(robot.is_prismatic), robot.floating_base.contacts)
+    # The columns are unit forces: rms of the moments over that of the forces.
     return float(np.linalg.norm(A[:, 3:6]) / np.linalg.norm(A[:, :3]))
 
 
@@ -539,6 +554,7 @@ def with_contact_frames(
     model, frames = pin.Model(_model(robot)), []
     for place, contact in enumerate(contacts):
         body, rotation, position = robot.floating_base.frame(contact.link)
+        # Joint 0 of the model is the universe, joint 1 the base.
         joint = 1 if body < 0 else 2 + robot.model_order.index(body)
         placement = pin.SE3(rotation, position + rotation @ np.array(contact.position_m))
         frame = pin.Frame(f"contact {place}", joint, 0, placement, pin.FrameType.OP_FRAME)
@@ -557,6 +573,7 @@ def _states(
 ) -> tuple[Array, Array, Array]:
     """Return the states of the model: the base at rest in the origin, accelerated as measured."""
     w, e, f = base
+    # Pinocchio's quaternion is (x, y, z, w).
     at_origin = np.tile([0.0, 0, 0, 0, 0, 0, 1], (len(q), 1))
     joints = [robot.to_model(state, order) for order, state in enumerate((q, v, a))]
     position = np.column_stack([at_origin, joints[0]])
