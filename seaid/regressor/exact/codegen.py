@@ -101,6 +101,7 @@ def _named(program: Program, value: Value) -> Value:
     existing = program.known.get(frozenset(value.items()))
     if existing is not None:
         return name(existing)
+    # The same value with the other sign shares the name: cross products give many of these.
     opposite = program.known.get(frozenset(scaled(-1, value).items()))
     if opposite is not None:
         return scaled(-1, name(opposite))
@@ -113,6 +114,7 @@ def _named(program: Program, value: Value) -> Value:
 def needed(program: Program, values: Iterable[Value]) -> set[str]:
     """Return the names that the values need, directly or through others."""
     names = {factor for value in values for factors in value for factor in factors}
+    # A step needs earlier ones only: backwards, all that need a step have been seen before it.
     for text in reversed(program.steps):
         if text in names:
             names.update(factor for factors in program.steps[text] for factor in factors)
@@ -370,6 +372,7 @@ def _c_inverse_dynamics(prefix: str, form: RigidBodyForm, values: Sequence[float
     return [
         f"void {prefix}_inverse_dynamics({inputs}, double tau[{n}])",
         "{",
+        # Without these a compiler warns of inputs that no entry needs.
         "    (void)q, (void)v, (void)a;",
         *_inputs(form.program, form.base_entries, n, "    const double {0}{1} = {0}[{1}];"),
         *(f"    {line};" for line in lines),

@@ -160,6 +160,7 @@ def exact_number(value: float) -> fmpq:
     It is the shortest decimal of that double or, if that is long because of arithmetic, the
     shortest one within float noise.
     """
+    # repr is the shortest decimal that gives this double: 0.1 is 1/10.
     value = float(value)
     exact = Fraction(repr(value))
     if len(str(exact.numerator)) > _FILE_DIGITS or abs(value) < _LENGTH_NOISE:
@@ -206,6 +207,7 @@ def as_floats(matrix: fmpq_mat) -> Array:
 
 def number(value: fmpq) -> float:
     """Return the double nearest to a rational."""
+    # The division of two integers is rounded once, however long they are.
     return int(value.p) / int(value.q)
 
 
@@ -260,6 +262,7 @@ def _cosine_and_sine(angle: float) -> tuple[fmpq, fmpq]:
 def _simplest(value: float) -> fmpq:
     """Return the rational of smallest denominator within 1e-16 of a double (continued fraction)."""
     exact, error = Fraction(value), Fraction(_HALF_TANGENT_ERROR)
+    # The error of the nearest fraction falls with the largest denominator: bisection.
     low, high = 1, 10**18
     while low < high:
         middle = (low + high) // 2
@@ -300,12 +303,15 @@ class JointKind:
 
 
 def _turning() -> JointKind:
+    # A vector in the axes behind the joint is (still + cosine cos q + sine sin q) times it.
     still, cosine, sine = (
         ((0, 0, 0), (0, 0, 0), (0, 0, 1)),
         ((1, 0, 0), (0, 1, 0), (0, 0, 0)),
         ((0, 1, 0), (-1, 0, 0), (0, 0, 0)),
     )
     parts = {_ONE: _block_diag(still), _C: _block_diag(cosine), _S: _block_diag(sine)}
+    # X w X^T = sum of A_a w A_b^T; by sin^2 = 1 - cos^2 the part A_s w A_s^T is in the constant
+    # and, with a minus, in cos^2.
     square = {
         _ONE: ((_ONE, _ONE, 1), (_S, _S, 1)),
         _C: ((_ONE, _C, 1), (_C, _ONE, 1)),
@@ -324,6 +330,7 @@ def _turning() -> JointKind:
 def _sliding() -> JointKind:
     same = [[int(i == j) for j in range(6)] for i in range(6)]
     along = [[0] * 6 for _ in range(6)]
+    # v + w x z q = v + q (w_y, -w_x, 0).
     along[0][4], along[1][3] = 1, -1
     parts = {_ONE: same, _C: along}
     square = {
@@ -362,6 +369,7 @@ def _squared(parts: Mapping[Powers, _Square], terms: Sequence[tuple[Powers, Powe
 
 TURNING, SLIDING = _turning(), _sliding()
 
+# 2 K = m v^T v + 2 h^T (v x w) + w^T I w.
 TWICE_KINETIC: Sum = (
     *((0, PAIR[i, i], 1) for i in range(3)),
     *((1, PAIR[1, 5], 2), (1, PAIR[2, 4], -2)),
@@ -393,6 +401,7 @@ def with_axis(kind: JointKind, velocity: Sequence[Any], zero: Any) -> list[Any]:
 def twist_transform(rotation: fmpq_mat, translation: fmpq_mat) -> fmpq_mat:
     """Return the map (6, 6) from the parent's velocity to that of a frame placed in it."""
     x, y, z = translation.entries()
+    # v + w x r = v - [r]x w, in the axes of the frame.
     cross = fmpq_mat([[0, z, -y], [-z, 0, x], [y, -x, 0]])
     turned, moved = rotation.transpose(), rotation.transpose() * cross
     rows = [[*turned.tolist()[i], *moved.tolist()[i]] for i in range(3)]
@@ -421,6 +430,7 @@ def _unit_pseudo(place: int) -> fmpq_mat:
         J[row, column] = J[column, row] = 1
         return J
     row, column = INERTIA[place - 4]
+    # The pseudo-inertia has the second moments tr(I) / 2 - I in its upper block.
     J[row, column] = J[column, row] = -1
     if row == column:
         for axis in range(3):
@@ -433,5 +443,6 @@ _PSEUDO = tuple(_unit_pseudo(place) for place in range(10))
 
 def _from_pseudo(J: fmpq_mat) -> list[Any]:
     trace = J[0, 0] + J[1, 1] + J[2, 2]
+    # The inverse: I = tr(S) - S with the second moments S.
     second = [(trace if i == j else 0) - J[i, j] for i, j in INERTIA]
     return [J[3, 3], J[0, 3], J[1, 3], J[2, 3], *second]

@@ -80,6 +80,7 @@ def lagrangian_table(
         count += sum(map(len, columns)) + sum(map(len, state.square))
         for column, polynomial in enumerate(columns, first):
             for monomial, value in polynomial.terms():
+                # A constant energy acts on no joint.
                 if monomial != still:
                     table.setdefault(monomial, {})[column] = value
     return table
@@ -129,11 +130,14 @@ def _moved(
 
     propagated = through(kind.velocity, above.velocity)
     square = through(kind.square, above.square)
+    # X v + phi q' has the square X w X^T + q' (phi u^T + u phi^T) + q'^2 phi phi^T with u = X v,
+    # which `propagated` is until phi q' is added below.
     for i, x in enumerate(with_axis(kind, propagated, zero)):
         square[i] = square[i] + speed * x
     axis = PAIR[kind.axis, kind.axis]
     square[axis] = square[axis] + speed * speed
     propagated[kind.axis] = propagated[kind.axis] + speed
+    # Of a prismatic joint the first generator is q itself.
     height = above.height + (cosine * above.gravity[2] if joint.is_prismatic else zero)
     return _State(propagated, square, through(kind.gravity, above.gravity), height)
 
@@ -142,6 +146,7 @@ def _columns(state: _State, joint: ExactJoint, zero: fmpq_mpoly) -> list[fmpq_mp
     """Return L of a body for each of its ten parameters in its own frame."""
     half = fmpq(1, 2)
     columns = [half * x for x in applied(TWICE_KINETIC, state.square, 10, zero)]
+    # -U = m g^T p + h^T g, with g in the axes of the body.
     for i, x in enumerate((state.height, *state.gravity)):
         columns[i] = columns[i] + x
     to_aligned = inertia_transform(joint.alignment.transpose())
@@ -188,6 +193,7 @@ def torque_rows(
     for monomial, row in track(list(table.items()), "Torques", progress):
         base = bases.setdefault(tuple(sorted(row.items())), len(bases))
         for k, function, factor in _euler_lagrange(monomial, n, slopes, wanted):
+            # Function and joint as one number: the row of B.
             terms = rows.setdefault(function * n + k, {})
             terms[base] = terms.get(base, 0) + factor
         if len(rows) > max_terms:

@@ -52,6 +52,7 @@ class _Motion:
 def regressor_program(tree: ExactTree) -> tuple[Program, Entries]:
     """Return the program (inputs q0 .., v0 .., a0 ..) and the nonzero elements by joint."""
     program, entries = Program(), Entries()
+    # A base accelerated by -g gives every body its weight.
     gravity = [constant(-x) for x in tree.gravity.entries()]
     base = _Motion(gravity, _NOTHING, _NOTHING, {})
     motions: list[_Motion] = []
@@ -70,6 +71,7 @@ def _placed(program: Program, joint: ExactJoint, above: _Motion) -> _Motion:
     """Return the parent's motion at the joint's frame at zero position."""
     turned = joint.rotation.transpose().tolist()
     offset = [constant(x) for x in joint.translation.entries()]
+    # Acceleration of the point at `offset`: a + B offset, B = [e]x + [w]x [w]x.
     shape = _shape(program, above.angular, above.turning)
     moved = [_times(x, column) for x, column in zip(offset, shape, strict=True)]
     partial = {
@@ -89,6 +91,7 @@ def _turned(program: Program, place: int, body: int, placed: _Motion) -> _Motion
     """Return the motion behind a joint that rotates about z."""
     c, s, speed, rate = (f"{x}{body}" for x in "csva")
     program.circular[c], program.circular[s] = ("cos", f"q{body}"), ("sin", f"q{body}")
+    # e = R^T e_0 + (R^T w_0) x z q' + z q''.
     propagated = named(program, _about_axis(c, s, placed.angular))
     swept = _times(name(speed), cross(propagated, _AXIS))
     partial = {
@@ -105,6 +108,7 @@ def _turned(program: Program, place: int, body: int, placed: _Motion) -> _Motion
 def _slid(program: Program, place: int, body: int, placed: _Motion) -> _Motion:
     """Return the motion behind a joint that slides along z."""
     q, speed, rate = (name(f"{x}{body}") for x in "qva")
+    # a = a_0 + B z q + 2 w x z q' + z q''.
     coriolis = [scaled(2, x) for x in _times(speed, cross(placed.angular, _AXIS))]
     along = _times(q, _shape(program, placed.angular, placed.turning)[2])
     partial = {
@@ -180,10 +184,13 @@ def _columns(program: Program, joint: ExactJoint, motion: _Motion) -> dict[tuple
     inertial = [named(program, moment) for moment in _inertia_moments(program, motion)]
     to_aligned = inertia_transform(joint.alignment.transpose()).transpose().tolist()
     columns = {}
+    # tau_k = v_k . f + w_k . n with the unit parameters' (f, n): (a, 0) of m, (B e_i, e_i x a) of
+    # h_i, and (0, moment) of inertias.
     for k, (linear, angular) in motion.partial.items():
         torques = [dot(linear, force) for force in forces]
         torques[1:] = _added(torques[1:], [dot(angular, moment) for moment in moments])
         torques += [dot(angular, moment) for moment in inertial]
+        # Y theta = Y_aligned T theta: the rows of Y_aligned times T, computed as T^T times columns.
         aligned = named(program, combined(to_aligned, named(program, torques)))
         columns.update({(k, column): value for column, value in enumerate(aligned) if value})
     return columns
