@@ -386,6 +386,7 @@ def _at_drives(
     """Return the drives' coordinates C q and the torques on them, C^-T tau."""
     if not coupled_groups(robot.transmission):
         return joints, loads
+    # The shortest decimal of a factor, as the file has it, and not its binary fraction.
     factors = sp.Matrix(
         [[sp.Rational(repr(factor)) for factor in row] for row in robot.transmission.tolist()]
     )

@@ -90,6 +90,8 @@ def from_null_space(nulls: Iterable[SparseRow], width: int) -> list[SparseRow]:
     """
     dependent: dict[int, SparseRow] = {}
     for null in nulls:
+        # The last column is the pivot: a parameter depends on those before it, so that the base
+        # columns are the leftmost ones, as in B_E of (13).
         row = dict(null)
         for column in row.keys() & dependent.keys():
             _subtract(row, row[column], dependent[column])
@@ -99,6 +101,7 @@ def from_null_space(nulls: Iterable[SparseRow], width: int) -> list[SparseRow]:
             if last in earlier:
                 _subtract(earlier, earlier[last], row)
         dependent[last] = row
+    # H null = 0 with 1 in `column`: H_column = -sum x_j H_j over the columns j before it.
     echelon = {j: {j: fmpq(1)} for j in range(width)}
     for column, row in dependent.items():
         del echelon[column], row[column]
@@ -119,6 +122,7 @@ def _subtract(row: SparseRow, factor: fmpq, pivot_row: SparseRow) -> None:
 
 def from_rows(rows: Iterable[SparseRow], width: int) -> tuple[list[SparseRow], int]:
     """Return the echelon form of rows of B, and how many differ by more than a factor."""
+    # Most rows of B are multiples of each other: few are left for the elimination (13).
     different = {tuple(_primitive(row).items()) for row in rows if row}
     if not different:
         return [], 0

@@ -159,6 +159,7 @@ def _joint_conditions(kind: JointKind, above: Spans) -> tuple[list[Vector], Span
     velocity = [
         applied(part, v, 6, _ZERO) for v in above.velocity for part in kind.velocity.values()
     ]
+    # The parts of v_i v_i^T that depend on q or q': with q', with q'^2, with powers of q.
     moving = [with_axis(kind, v, _ZERO) for v in (*velocity, along)]
     still: list[Vector] = []
     for w in above.square:
@@ -178,11 +179,13 @@ def _potential(kind: JointKind, above: list[Vector]) -> tuple[list[Vector], list
     conditions, gravity = [], []
     for z in above:
         if kind is SLIDING:
+            # The height of a sliding body grows by q: m g^T z must not.
             conditions.append([z[2], *[_ZERO] * 9])
         for powers, part in kind.gravity.items():
             turned = applied(part, z, 3, _ZERO)
             gravity.append(turned)
             if any(powers):
+                # h^T g depends on q where gravity turns about the joint.
                 conditions.append([_ZERO, *turned, *[_ZERO] * 6])
     return conditions, gravity
 
@@ -295,6 +298,7 @@ def _independent(rows: list[Vector]) -> list[Vector]:
     These are independent as rationals too; the elimination of rationals is then made only once.
     """
     residues = [[int(x.p) * pow(int(x.q), -1, _PRIME) % _PRIME for x in row] for row in rows]
+    # The pivots of the transpose are the first independent rows.
     turned = [list(column) for column in zip(*residues, strict=True)]
     echelon, rank = nmod_mat(turned, _PRIME).rref()
     table = echelon.tolist()[:rank]
@@ -333,6 +337,7 @@ def _poses(
         X = twist_transform(rotation, translation)
         rates = {leader: X * column for leader, column in before.rates.items()}
         axis = fmpq_mat(6, 1)
+        # v_i = X (v + B x') + phi mu x', with the multiplier mu of the joint.
         axis[2 if joint.is_prismatic else 5, 0] = tree.multipliers[place]
         leader = tree.leaders[place]
         rates[leader] = rates[leader] + axis if leader in rates else axis
@@ -377,6 +382,7 @@ def _circle_points(
         }
         common = lcm(*(ratio.denominator for ratio in similar.values()))
         turns = {joint: int(ratio * common) for joint, ratio in similar.items()}
+        # The random angle is the largest of which all of them are whole multiples.
         shared = gcd(*turns.values())
         t = _random_number(random)
         circle = (1 - t * t) / (1 + t * t), 2 * t / (1 + t * t)
@@ -430,6 +436,7 @@ def _energies(pose: _Pose, still: _Pose, above: Spans, leaders: list[int]) -> li
     moving += [_transformed(A, w, at_zero) for w in above.square]
     rows = [applied(TWICE_KINETIC, w, 10, _ZERO) for w in moving]
     for z in map(_column, above.gravity):
+        # -U less that at zero: m g^T (p - p_0) + h^T (R - R_0)^T g.
         weight = (z.transpose() * (pose.translation - still.translation))[0, 0]
         turned = (pose.rotation - still.rotation).transpose() * z
         rows.append([weight, *turned.entries(), *[_ZERO] * 6])
