@@ -107,6 +107,7 @@ class RealNumbers:
 
     def torques(self, q: Array, turned: object, v: Array, a: Array, bodies: Array) -> Array:
         """Return `regressor` @ bodies, (T, n)."""
+        # The robot adds its payloads itself.
         parameters = bodies - self.robot.payload_parameters
         return joint_torques(self.robot.with_values(parameters, self.robot.drives), q, v, a)
 
@@ -174,6 +175,7 @@ class ResidueNumbers:
         """
         n, leaders = self.robot.n, np.array(self._leaders)
         first, second = (self.of_bodies(*self.states(1)) for _ in range(2))
+        # Row 0 has the first motion throughout; in row 1 + k joint k has the second one.
         changed = np.vstack([np.zeros(len(leaders), dtype=bool), np.arange(n)[:, None] == leaders])
         states = [np.where(changed, new, old) for old, new in zip(first, second, strict=True)]
         bodies = self.random(10 * len(leaders)).astype(np.uint64)
@@ -220,6 +222,7 @@ class ResidueNumbers:
         turned = np.zeros((2, count, len(self._leaders)), dtype=object)
         for body, leader in enumerate(self._leaders):
             pairs = zip(self._leaders, self._multipliers, strict=True)
+            # The random angle is that of the leader over the common denominator of its multipliers.
             common = lcm(*(x.denominator for i, x in pairs if i == leader))
             turns = int(self._multipliers[body] * common)
             turned[:, :, body] = _turned(cosine[:, leader], sine[:, leader], turns)
@@ -261,6 +264,7 @@ class ResidueNumbers:
 
     def product(self, A: Residues, B: Residues) -> Residues:
         """Return A @ B."""
+        # Python's integers do not overflow: one reduction after the sum of products.
         return np.asarray((A @ B) % PRIME)
 
     def solve(self, matrix: Residues, right: Residues) -> Residues:
@@ -324,6 +328,8 @@ def echelon(H: Residues) -> tuple[list[int], Residues]:
     width = H.shape[1]
     alone, rest = np.zeros(width, dtype=bool), []
     for columns, rows in _by_columns(H):
+        # With no more rows than columns they cannot determine all columns, and are not worth a
+        # reduction of their own.
         pivots, reduced = _dense(H[rows][:, columns]) if len(rows) > len(columns) else ([], 0)
         if len(pivots) == len(columns):
             alone[columns] = True

@@ -31,6 +31,7 @@ _29, _32, _61, _3 = (np.uint64(x) for x in (29, 32, 61, 3))
 
 def times(x: Words, y: Words) -> Words:
     """Return x * y, with 2^64 = 8, 2^61 = 1 modulo the prime, in halves of 32 bits."""
+    # x y = a c 2^64 + (a d + b c) 2^32 + b d with a, c < 2^29: no sum reaches 2^64.
     a, b, c, d = x >> _32, x & _LOW, y >> _32, y & _LOW
     middle, low = a * d + b * c, b * d
     total = (a * c << _3) + (middle >> _29) + ((middle & _HALF) << _32)
@@ -39,6 +40,7 @@ def times(x: Words, y: Words) -> Words:
 
 def folded(total: Words) -> Words:
     """Return sums below 2^64 modulo the prime."""
+    # 2^61 = 1: the bits above count as ones; the rest is below 2 PRIME.
     total = (total & _P) + (total >> _61)
     return total - _P * (total >= _P)
 
@@ -165,6 +167,7 @@ class ModularDynamics:
         f, n = ([zero + unit[i] for i in part] for part in (range(3), range(3, 6)))
         place = self.bodies.index(body) if body >= 0 else -1
         at = _apply(self.joints[place].to_aligned, list(point)) if body >= 0 else list(point)
+        # Moment about the origin of the body: n + r x f.
         n = _add(n, _cross([x + zero for x in at], f))
         rows = np.zeros((count, 6 + width, 6), dtype=np.uint64)
         while place >= 0:

@@ -106,9 +106,11 @@ def _rows(
     A = np.concatenate([np.zeros((count, 6 + n, 0), dtype=object), *forces], axis=2)
     if contacts:
         changing = A * np.array([*free, *[1] * n], dtype=object)[:, None]
+        # J v = 0, by changing only velocities that the guide of the base and the joints leave free.
         moved = _changed(changing, np.hstack([linear, w, v]), 0 * A[:, 0])
         w, v = moved[:, 3:6], moved[:, 6:]
         states = numbers.of_bodies(q, turned, v, 0 * v)
+        # J' v: accelerations of the contacts with all accelerations of base and joints zero.
         still = _motion(0 * w, w, 0 * w)
         drift = [
             dynamics.acceleration_at(states, still, *place, contact.is_flat).astype(object)
@@ -196,6 +198,7 @@ def _changed(A: Residues, x: Residues, wanted: Residues) -> Residues:
     changed = x.copy()
     for t, (A_t, b) in enumerate(zip(A, wanted, strict=True)):
         J = A_t.T
+        # J dx = b - J x; with dx zero outside the pivots the last column is dx.
         right = (b - J @ x[t]) % PRIME
         reduced, rank = _matrix(np.column_stack([J, right])).rref()
         for row in reduced.tolist()[:rank]:
@@ -208,6 +211,7 @@ def _unreached_rows(A: Residues, Y: Residues) -> Residues:
     """Return the combinations of the rows Y (r, m) that the forces A (r, k) do not reach."""
     if not A.shape[1]:
         return Y
+    # In [A 1], rows of the echelon form that are zero in A span the left null space of A.
     reduced, rank = _matrix(np.hstack([A, np.eye(len(A), dtype=object)])).rref()
     table = np.array([[int(x) for x in row] for row in reduced.tolist()], dtype=object)
     k = A.shape[1]
