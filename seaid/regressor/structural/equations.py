@@ -219,6 +219,7 @@ def _rewrite_by_stretch(expression: sp.Expr) -> sp.Expr:
     for suffix, stretch in (("", STRETCH), ("_dot", STRETCH_DOT)):
         motor, load = _REAL[f"theta_M{suffix}"], _REAL[f"theta_L{suffix}"]
         if load in rewritten.free_symbols and motor in rewritten.free_symbols:
+            # (3): theta_M = N / r_M (d + r_L theta_L) with the deflection d.
             through = sp.expand(rewritten.xreplace({motor: N / r_M * (stretch + r_L * load)}))
             if load not in through.free_symbols:
                 rewritten = through
@@ -294,6 +295,7 @@ def _load_rows(
     C = exact_transmission(robot)
     for j, joint in enumerate(robot.joint_names):
         torques = {("load", i): C[i, j] for i in range(robot.n) if C[i, j] != 0}
+        # (8): sum over drives of C_ij (tau_i - joint terms of i) = torque of the rigid bodies.
         parts = tuple((i, -x, terms[i].joint) for (_, i), x in torques.items())
         missing = _unknown_joints(robot, depends[j], seen)
         for i, _, expression in parts:
@@ -339,6 +341,7 @@ def eliminations(equations: Sequence[Equation]) -> NDArray[np.object_]:
     They are the rows of the echelon form of [torques, 1] that are zero in all torques.
     """
     torques = sorted(set(chain(*(equation.torques for equation in equations))))
+    # Each row brings its own unit vector, in which the elimination records the combination.
     rows = [
         [equation.torques.get(t, 0) for t in torques] + [int(x is equation) for x in equations]
         for equation in equations

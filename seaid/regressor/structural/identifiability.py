@@ -347,6 +347,7 @@ def _base_of(H: Array, names: Sequence[str]) -> BaseParameters:
     norms = np.linalg.norm(H, axis=0)
     columns, grouping, gap = left_to_right(H, norms < _ZERO)
     norms[norms < _ZERO] = 1.0
+    # Coefficients of unit columns are compared, since parameters differ in unit and size.
     small = np.abs(grouping) * norms[columns][:, None] / norms < _ROUNDED
     grouping = np.where(small, 0.0, grouping)
     return BaseParameters(
@@ -402,6 +403,7 @@ def _instant(robot: Robot, rng: np.random.Generator) -> _Instant:
     powers = np.vander(_POINTS.astype(float), increasing=True)
     weights = safely(np.linalg.inv, powers, what="the samples about an instant")[:_ORDERS]
     factorials = np.cumprod([1.0, *range(1, _ORDERS)])
+    # The k-th derivative of a polynomial at 0 is k! times its coefficient of t^k.
     scale = factorials / _STEP_S ** np.arange(_ORDERS)
     now: Array = np.zeros(1)
     position = np.array([moved(now, order)[0] for order in range(_ORDERS)])
@@ -428,6 +430,7 @@ def _rows(
         drive, k = robot.drives[joint], stiffness[index]
         is_alone = is_motor_only(drive, sensors[joint])
         reach, lever = drive.load_radius, drive.ratio / drive.motor_radius
+        # (4b) and (3): d = tau / (r_L k), theta_M = N / r_M (r_L q + d), and so their derivatives.
         d = at.torque[:, index] / (reach * k)
         columns = _columns(drive, lever * (reach * at.position[:, index] + d))
         if is_alone or not drive.is_elastic:  # r_L f = r_L N / r_M (tau_M - c phi)
@@ -436,6 +439,7 @@ def _rows(
             load = {"stiffness": reach * d[0], "spring_offset": reach}
             further.append(np.zeros(len(places)))
             motor = {name: column[0] for name, column in columns.items()}
+            # (7): r_M / N (k d + f_0) at the motor.
             motor |= {"stiffness": d[0] / lever, "spring_offset": 1.0 / lever}
             _add(further[-1], places, joint, motor)
         if is_alone:  # q = (r_M / N theta_M - d) / r_L
@@ -443,6 +447,7 @@ def _rows(
             changes |= {"stiffness": -d[:3] / k, "spring_offset": np.array([-1.0 / k, 0.0, 0.0])}
             felt = _felt(robot, at.position[:3], index)
             torques = {name: felt @ change / reach for name, change in changes.items()}
+            # The angle of this joint is in the torques of all joints: by the chain rule.
             _add(rows.T, places, joint, torques)
         _add(rows[index], places, joint, load)
     return np.vstack([rows, *further])

@@ -94,6 +94,7 @@ def columns_at_instants(
         equation = system.equations[e]
         slopes = np.zeros((count, starts[-1]), dtype=Y.dtype)
         if equation.kind == "load":
+            # In (8) the rigid bodies' torque has a minus; known bodies have no column.
             slopes[:, :bodies] = -Y[:, equation.index] * ~robot.is_known
         for i, factor, expression in equation.parts:
             for place, symbol in enumerate(terms[i].unknowns, starts[i]):
@@ -202,10 +203,12 @@ def _balanced(
     stepped = np.concatenate([a, *(a + C_inv[:, i] for i in elastic)])
     repeated, *turns, speeds = (np.tile(x, (1 + len(elastic), 1)) for x in (q, *turned, v))
     torques = numbers.torques(repeated, tuple(turns), speeds, numbers.reduced(stepped), bodies)
+    # ((1 + e) T, n) -> (1 + e, T, e): without a step, then one step per elastic drive.
     loads = numbers.product(torques, C_inv)[:, elastic].reshape(-1, *q[:, elastic].shape)
     inertia = numbers.reduced(loads[1:] - loads[0]).transpose(1, 2, 0)
     wanted = -loads[0]
     for place, i in enumerate(elastic):
+        # (8) of elastic drives: r_L F - joint terms = torque of the bodies.
         force = numbers.value(terms[i].spring, drives[i]) * drives[i][r_L]
         wanted[:, place] += force - numbers.value(terms[i].joint, drives[i])
     change = numbers.solve(inertia, numbers.reduced(wanted))
@@ -274,6 +277,7 @@ def _free_echelon(system: System, exact: ResidueNumbers) -> tuple[list[int], Res
         new = columns_at_instants(exact, system, truth, width // sums + _MORE_INSTANTS)
         # a random combination of rows is in a row space if they all are
         mixed = exact.product(exact.random(len(new)), new)
+        # In the reduced echelon form the entries at the pivots are the coefficients of the rows.
         if np.array_equal(mixed, exact.product(mixed[columns], rows)):
             return columns, rows
         columns, rows = echelon(np.vstack([rows, new]))
@@ -317,6 +321,7 @@ def _groups(on_motion: tuple[list[int], Residues] | None, p: int) -> tuple[tuple
         return ()
     pivots, rows = on_motion
     links = np.zeros((p, p), dtype=bool)
+    # A column that is no pivot on true motions is coupled to the pivots it depends on.
     for free in (place for place in range(p) if place not in pivots):
         links[free, [pivot for pivot, row in zip(pivots, rows, strict=True) if row[free]]] = True
         links[free, free] = True
