@@ -188,6 +188,7 @@ def _multiples(angle: sp.Expr, of_sine: int, of_cosine: int) -> dict[sp.Expr, fm
         factor, m = fmpq(comb(of_cosine, j), 2**of_cosine), of_cosine - 2 * j
         terms = [(_multiple(sp.cos, abs(m), angle), factor)]
         if of_sine:
+            # sin(-n x) = -sin(n x), and sin(0 x) is no function.
             signs = ((m + 1, factor / 2), (m - 1, -factor / 2))
             terms = [
                 (_multiple(sp.sin, abs(n), angle), part if n > 0 else -part)
@@ -259,6 +260,7 @@ def normalised(ring: Ring, row: Row) -> Row:
     scale, pivot = _scale(ring, row)
     above = ratio(ring, *reversed(scale))
     opposite = Ratio(-above.numerator, above.denominator)
+    # The pivot's coefficient becomes +1 on its side of zeta = R theta; the other side changes sign.
     return {
         monomial: Entry(
             _times(ring, entry.terms, above if any(monomial) == any(pivot) else opposite),

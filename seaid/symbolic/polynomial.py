@@ -92,6 +92,7 @@ def ratio(ring: Ring, numerator: fmpq_mpoly, denominator: fmpq_mpoly) -> Ratio:
     """Return numerator / denominator in lowest terms, without square roots in the denominator."""
     if not denominator.is_constant():
         numerator, denominator = _rationalised(ring, numerator, denominator)
+    # Only now: a denominator is zero exactly if it has no terms once it is reduced.
     if denominator.is_zero():
         raise SymbolicError("a denominator is identically zero; check the equation for x/(a - a)")
     if not denominator.is_constant():
@@ -131,6 +132,7 @@ def _freeing_factor(
     x, zero = ring.context.gen(place), ring.constant(0)
     parts = collect(ring, denominator, place)
     powers = collect(ring, polynomial, place)
+    # Of a pure root x^d = c, x^(d - n) frees a single power x^n.
     if len(parts) == 1 and powers.keys() == {0, degree}:
         return x ** (degree - max(parts))
     if degree == 2 and (one_moves or place not in ring.motion):
@@ -151,6 +153,7 @@ def _inverse(
         for side in (parts, relation)
     )
     x = ring.context.gen(place)
+    # s value + t modulus = 1: s is the inverse in the field of the number.
     factors = value.xgcd(modulus)[1].coeffs()
     return sum((factor * x**n for n, factor in enumerate(factors)), ring.constant(0))
 
@@ -200,6 +203,7 @@ def reduced(ring: Ring, polynomial: fmpq_mpoly) -> fmpq_mpoly:
     degrees = polynomial.degrees()
     for place, degree, relation in ring.relations:
         if degrees[place] >= degree:
+            # In the lexicographic order the leading term of a relation is generator^degree.
             polynomial = divmod(polynomial, relation)[1]
             degrees = polynomial.degrees()
     return polynomial

@@ -88,6 +88,7 @@ def _primitive(ring: Ring, row: PolynomialRow) -> PolynomialRow:
         common = common.gcd(value)
         if common.is_one():
             break
+    # Divided by it, the first entry has the leading coefficient 1: multiples become equal.
     common *= row[min(row)].leading_coefficient() / common.leading_coefficient()
     return {column: value / common for column, value in row.items()}
 
@@ -120,6 +121,7 @@ def _triangular(ring: Ring, rows: list[PolynomialRow], width: int) -> list[Polyn
         holders = [row for row in rows if column in row]
         if not holders:
             continue
+        # The shortest row, since polynomials grow with each combination; ties by text.
         pivot = min(holders, key=lambda row: (sum(map(len, row.values())), str(row)))
         done.append(pivot)
         rest = [row for row in rows if column not in row]
@@ -140,6 +142,7 @@ def _back_substituted(ring: Ring, rows: list[PolynomialRow]) -> list[PolynomialR
 
 def _combined(ring: Ring, row: PolynomialRow, pivot: PolynomialRow, column: int) -> PolynomialRow:
     """Eliminate one column of a row by the pivot row, without fractions."""
+    # pivot[c]/g row - row[c]/g pivot with the gcd g: without fractions, and with the least growth.
     common = row[column].gcd(pivot[column])
     by, off, zero = pivot[column] / common, row[column] / common, ring.constant(0)
     return _primitive(
@@ -266,14 +269,17 @@ def reduce(form: RegressorForm) -> BaseForm:
     if not isinstance(form, RegressorForm):
         raise SymbolicError(f"reduce takes the result of separate, found {type(form).__name__}")
     ring = form.ring
+    # (11): every element of R is f^T b; a table has the b of one equation by function.
     tables = [_table(ring, row, form.monomials) for row in form.rows]
     functions = {motion for _, motion in chain(*tables)}
     replaced, relations = independent_functions(ring, functions)
     tables = [_replaced(ring, table, replaced) for table in tables]
     order = sorted(set(chain(*tables)), key=_function_key)
+    # (12): the row of B of equation i and function f, empty where f is not in the equation.
     rows = tuple(tuple(table.get(f, {}) for f in order) for table in tables)
     width = len(form.monomials)
     echelon, pivots, different = eliminate(ring, chain(*rows), width)
+    # In a closed loop functions that are independent in themselves depend on each other.
     if form.closures:
         echelon, pivots = base_columns(ring, order, rows, form.closures, width)
     if not pivots:
@@ -281,6 +287,7 @@ def reduce(form: RegressorForm) -> BaseForm:
             "no parameter is identifiable: the regressor is zero in every column, of "
             f"{', '.join(map(str, form.parameters))}; check equations and unknowns"
         )
+    # (14): theta_0 = B_Eu theta.
     closed = sp.ImmutableMatrix(_matrix(ring, echelon, width))
     parameters = closed * form.parameters
     if not form.closures:
@@ -312,6 +319,7 @@ def _warn_of_cancelled(
     with mp.workdps(_DIGITS):
         table = [[_at(row[j], known) if j in row else mpf(0) for j in pivots] for row in rows]
     H = np.array([[x / max(map(abs, row)) for x in row] for row in table if any(row)], dtype=float)
+    # |R_ii| of unit columns: the part of a pivot column outside the span of those before it.
     remaining = np.abs(np.diag(np.linalg.qr(H / np.linalg.norm(H, axis=0), mode="r")))
     for place in np.flatnonzero(remaining < _CANCELLED):
         warnings.warn(

@@ -156,6 +156,7 @@ def separate(
     for number, (equation, expression) in track(pairs, "equations grouped", progress):
         with located(f"equation {number}"):
             rows.append(_grouped(ring, equation, expression, symbols))
+    # A closed loop is solved for sines and cosines of the angles themselves, not of multiples.
     if not closures:
         ring, rows = with_multiples(ring, rows)
     rows = [normalised(ring, row) for row in rows]
@@ -189,6 +190,7 @@ def _grouped(
     ring: Ring, equation: Ratio, expression: sp.Expr, unknowns: Sequence[sp.Expr]
 ) -> dict[Exponents, Entry]:
     """Group an equation by its products of unknowns, such as k and k/N; the row keeps its scale."""
+    # Products of unknowns in the denominator become negative exponents: k and k/N differ.
     quotients, sums, motion_part = _denominators(ring, equation.denominator)
     groups = grouped(ring, equation.numerator)
     shift = quotients
@@ -213,6 +215,7 @@ def _denominators(ring: Ring, denominator: fmpq_mpoly) -> tuple[Exponents, fmpq_
     if not denominator.is_constant():
         for factor, times in denominator.factor()[1]:
             degrees = factor.degrees()
+            # A factor of one term is a power of an unknown, for its exponent; sums must be cleared.
             unknown = [k for k, i in enumerate(ring.unknown) if degrees[i]]
             if unknown and len(factor) == 1:
                 product[unknown[0]] += int(times)
