@@ -120,6 +120,8 @@ def base_columns(
     loops = _loops(ring, table, tuple(closures), width)
     base = loops.known()
     pivots, entries = loops.echelon(base, loops.check_one_motion(base))
+    # A factor depends on a known symbol exactly if it changes when this symbol alone is drawn
+    # again; algebraic numbers always count, since the new value may be the same conjugate.
     groups = loops.known_groups()
     changes = [(group, loops.echelon(loops.known(base, group))[1]) for group in groups]
     unity = from_polynomial(ring, ring.constant(1))
@@ -183,6 +185,7 @@ class _Loops:
     def levels(self) -> list[list[fmpz_mod_mpoly]]:
         """The polynomials that are zero, by the order of the derivatives that they contain."""
         generators = self.ring.generators
+        # Signs are drawn in `_with_rates` and known symbols in `known`: neither is solved for.
         free = {i for i, x in enumerate(generators) if isinstance(x, sp.sign)}
         known = set(self.ring.known)
         relations = [r.polynomial for r in self.ring.relations if r.generator not in free | known]
@@ -222,6 +225,7 @@ class _Loops:
         raise SymbolicError(f"with a closed loop, {names} cannot be kept; give it as a symbol")
 
     def random(self) -> int:
+        # Not zero, which is a special place and has no inverse.
         return self.draw.randrange(1, self.prime)
 
     def places_of_motion(self, known: Values, first: Sequence[int] = ()) -> Iterator[list[Values]]:
@@ -355,6 +359,7 @@ def _solutions(loops: _Loops, polynomials: Sequence[fmpz_mod_mpoly]) -> list[Val
     if linear is not None:
         return _with_linear(loops, system, *linear)
     free = sorted(set(chain(*map(occurring, system))))
+    # More variables than equations: one of them moves freely, and is drawn.
     if len(system) < len(free):
         return _completed_solutions(loops, system, [_drawn(loops, system, free)])
     return _with_resultants(loops, system, free)
@@ -399,6 +404,7 @@ def _with_linear(
     loops: _Loops, system: list[fmpz_mod_mpoly], p: fmpz_mod_mpoly, place: int, slope: int
 ) -> list[Values]:
     gens = list(loops.context.gens())
+    # p = slope x + rest, so that x - p / slope is -rest / slope, without x.
     value = gens[place] - p * pow(slope, -1, loops.prime)
     rule = [*gens[:place], value, *gens[place + 1 :]]
     others = [q.compose(*rule) if place in occurring(q) else q for q in system if q is not p]
@@ -417,6 +423,8 @@ def _drawn(loops: _Loops, system: list[fmpz_mod_mpoly], free: Sequence[int]) -> 
         x = generators[place]
         cosine = loops.ring.index[sp.cos(x.args[0])] if isinstance(x, sp.sin) else -1
         if cosine in free and any(set(occurring(p)) == {place, cosine} for p in system):
+            # (2 t, 1 - t^2) / (1 + t^2): of a random cosine, the sine is in the field half of the
+            # time.
             t = loops.random()
             below = pow(1 + t * t, -1, loops.prime)
             pair = 2 * t * below, (1 - t * t) * below
@@ -434,6 +442,7 @@ def _with_resultants(loops: _Loops, system: list[fmpz_mod_mpoly], free: list[int
     first, rest = holders[0], [p for p in system if p.degrees()[place] == 0]
     for holder in holders[1:]:
         common = first.gcd(holder)
+        # A common factor makes the resultant zero: either it is zero, or both cofactors are.
         if not common.is_constant():
             apart = [p for p in system if p is not first and p is not holder]
             split = [first / common, holder / common, *apart]
@@ -444,6 +453,7 @@ def _with_resultants(loops: _Loops, system: list[fmpz_mod_mpoly], free: list[int
 
 def _elimination_cost(system: list[fmpz_mod_mpoly], place: int) -> tuple[int, int]:
     degrees = [int(p.degrees()[place]) for p in system]
+    # A variable in one polynomial only cannot be eliminated by a resultant.
     return (sum(degrees), len(degrees)) if sum(map(bool, degrees)) > 1 else (10**6, 0)
 
 
@@ -488,6 +498,7 @@ def _quotient(
     rows = []
     for known, value in samples:
         powers = [loops.power(m, known) for m in above]
+        # numerator - value * denominator = 0, linear in the coefficients of both.
         rows.append([*powers, *(-value * loops.power(m, known) % loops.prime for m in below)])
     factors = _dependence(loops, rows, len(above) + len(below))
     if factors is None:
