@@ -115,6 +115,7 @@ def _part(
 
     match node:
         case ast.Constant(value=int() | float()) if not isinstance(node.value, bool):
+            # From the text: the parsed double of 0.1 is not 1/10.
             return _number(Fraction(text[node.col_offset : node.end_col_offset]))
         case ast.Name():
             expression = symbol(node.id)
@@ -141,6 +142,7 @@ def _sum(first: _Part, second: _Part) -> _Part:
     value = None
     if first.number is not None and second.number is not None:
         value = first.number + second.number
+    # a/b + c/d = (a d + c b) / (b d), counted in terms.
     below = first.below * second.below
     above = first.above * second.below + second.above * first.below
     degree = max(first.degree, second.degree)
@@ -175,6 +177,7 @@ def _power(base: _Part, power: _Part) -> _Part:
         if base.expression == 0 and exponent < 0:
             raise SymbolicError("is not an expression: it divides by zero")
         value = _double(lambda: complex(base.number) ** float(exponent))  # type: ignore[arg-type]
+    # A sum of n terms to the power s has binomial(n + s - 1, s) terms.
     above, below = (math.comb(terms + size - 1, size) for terms in (base.above, base.below))
     if exponent < 0:
         above, below = below, above

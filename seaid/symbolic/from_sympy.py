@@ -160,9 +160,11 @@ def _solved(
 ) -> tuple[sp.Expr, dict[sp.Expr, sp.Expr]] | None:
     """Return the relation and {signal: its value}, for the last signal that it determines."""
     for signal in reversed(signals):
+        # A relation of rates, as of a rolling wheel, does not give the position.
         if any(derivative.expr == signal for derivative in relation.atoms(sp.Derivative)):
             continue
         x = sp.Dummy("x")
+        # Linear with a constant slope: signal = -rest / slope.
         inside = relation.xreplace({signal: x})
         slope = sp.expand(inside.diff(x))
         if slope != 0 and not slope.has(x, AppliedUndef, *signals):
@@ -450,6 +452,7 @@ def _integer_relation(ring: Ring, terms: Sequence[Exponents]) -> list[int] | Non
     digits = 100 + _DIGITS_PER_TERM * len(terms)
     with mp.workdps(2 * digits + 50):
         values = [_value(ring, term) for term in terms]
+        # A short vector of the lattice (1, value 10^digits) is an integer relation of values.
         lattice = [
             [*(int(i == j) for j in range(len(terms))), int(mp.nint(value * mpf(10) ** digits))]
             for i, value in enumerate(values)

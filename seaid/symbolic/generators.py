@@ -233,6 +233,7 @@ def _note_units(
     """
     for part, factor in factors:
         if part.is_number or least:
+            # 1 / unit is the gcd of the factors: they are whole multiples of it.
             units[part] = 1 / sp.gcd(1 / units[part] if part in units else 0, factor)
         else:
             units[part] = sp.Integer(lcm(int(units.get(part, 1)), int(factor.q)))

@@ -376,6 +376,7 @@ def _eliminated(table: list[_Balls]) -> dict[int, dict[int, arb]]:
     dependent: dict[int, dict[int, arb]] = {}
     for column in range(len(rows[0])):
         top = len(pivots)
+        # Scaled partial pivoting: a pivot that is small in its row would widen the intervals.
         shares = [_share(row[column:]) for row in rows[top:]]
         largest = max(shares, default=-inf)
         if largest == -inf:

@@ -76,6 +76,7 @@ def equations_of_motion(
     loss = prepared(scalar("the dissipation", 0 if dissipation is None else dissipation))
     _check_functions({"the Lagrangian": energy, "the dissipation": loss}, signals, known)
     _check_derivatives(signals, (energy, loss, *applied))
+    # d/dt is the derivation t -> 1, q -> q', q' -> q'' ...
     in_time: _Rule = {time: sp.Integer(1)}
     rates = _parts(energy, sp.Derivative)
     highest = max((int(x.derivative_count) for x in rates), default=0)
@@ -109,6 +110,7 @@ def _derived_part(part: sp.Expr, rule: _Rule, memory: dict[sp.Expr, sp.Expr]) ->
     """Differentiate an expression whose operands have been differentiated."""
     if part in rule:
         return rule[part]
+    # q and q' are independent variables of L: each is a constant for the other.
     if not part.args or _is_rate(part):
         return sp.Integer(0)
     slopes = [memory[operand] for operand in operands(part)]
