@@ -143,6 +143,7 @@ class Controller:
         if math.isinf(self.torque_limit_Nm):
             return wanted, np.zeros(np.shape(wanted), dtype=bool)
         speed = velocity / self.no_load_speed_rad_per_s
+        # A motor that brakes has the limit at rest and not more: hence the upper end of the clip.
         high, low = (
             self.torque_limit_Nm * np.clip(supply - x, 0.0, supply) for x in (speed, -speed)
         )
@@ -216,6 +217,7 @@ def delay_sums(joint: str, drives: Sequence[Drive]) -> str:
     for drive in drives:
         laws = drive.law
         assert laws is not None
+        # F_v of the motor is F_v N^2 at the joint.
         friction = drive.values.get("viscous_friction", 0.0) * drive.ratio**2
         pair = laws.velocity_gain_Nms_per_rad + friction, laws.position_gain_Nm_per_rad
         pairs += [pair] * (pair not in pairs)

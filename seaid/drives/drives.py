@@ -462,6 +462,7 @@ class _Parameters(Display):
         changes: dict[str, Any] = {}
         nominal = dict(self.nominal)
         if self.gear_compliance or self.harmonics:
+            # New values are between the encoders, as in the equations; fields are of the spring.
             values = of_spring({**self.values, **values}, self.gear_compliance)
             changes |= _with_amplitudes(self, values)
         for name, value in values.items():
@@ -681,6 +682,7 @@ class SeriesElasticDrive(_Parameters):
     def gear_compliance(self) -> float:
         """Deflection between the encoders by the gear, per force of the spring; 0 if rigid."""
         stiffness = self.gear_stiffness_Nm_per_rad
+        # Under the force F the gear winds up by r_M F / k_G, which is r_M times that as deflection.
         return 0.0 if stiffness is None else self.motor_radius**2 / stiffness
 
     @property

@@ -149,6 +149,7 @@ def spring_curve(drive: Drive) -> SpringCurve:
         drive, spring_force(drive), needed=undamped
     )  # z_F = 0 below: mid of a loop
     zero = {sp.Symbol(name): 0 for name in _STATE}
+    # With theta_L = 0 the deflection is r_M/N theta_M.
     turned = stretch * drive.ratio / drive.motor_radius
     curve = force.subs({**zero, sp.Symbol("theta_M"): turned})
     slope = curve.diff(stretch)
@@ -312,6 +313,7 @@ def _with_input(entry: sp.Expr, drive: Drive) -> sp.Expr:
     inputs = [symbol for symbol in entry.free_symbols if str(symbol) in constants]
     if not inputs:
         return entry
+    # (7) without its input is the torque that current or voltage must give.
     torque = flat_names(motor_equation(drive).expression)
     nothing = dict.fromkeys(map(sp.Symbol, constants), 0)
     torque = torque.subs({**nothing, sp.Symbol("tau_L"): sp.Symbol("tau_G")})
@@ -376,6 +378,7 @@ class NonlinearSpring:
     def stretch(self, force: Array) -> tuple[Array, Array]:
         """Return the deflection from the spring's zero under a force (any shape), and its slope."""
         pull = np.abs(force - self.preload)
+        # Nowhere is the curve softer than _SOFTEST k: the deflection is below this.
         low, high = np.zeros_like(pull), pull / (_SOFTEST * self.coefficients[0])
         for _ in range(_HALVINGS):
             middle = 0.5 * (low + high)
@@ -452,6 +455,7 @@ def missing_value(joint: str, name: str) -> ExcitationError:
 
 def _friction(drive: Drive) -> tuple[sp.Expr, tuple[str, str]]:
     """Return the friction as that of a stiff drive, with the load torque as the spring's torque."""
+    # Friction under load has tau_G / N: behind pulleys N r_L / r_M is in place of N.
     lever = total_ratio(drive)
     stiff = StiffDrive(friction=drive.at_temperature().friction)
     turning = dry_friction(stiff) * sp.sign(theta_M.diff(time_symbol))

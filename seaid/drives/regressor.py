@@ -125,6 +125,7 @@ def _derived(
     has_memory = equation.expression.has(Dahl)
     if (nonlinear or has_memory) and drive_symbols >= set(nonlinear):
         row = tuple(_slope(equation.expression, symbol) for symbol in equation.unknowns)
+        # zeta is minus the equation without the parameters in which it is linear.
         linear = {symbol: 0 for symbol in equation.unknowns if symbol not in nonlinear}
         zeta = -flat_names(equation.expression).subs(linear)
         return zeta, equation.unknowns, row, nonlinear
@@ -165,6 +166,7 @@ def non_linear(equation: DriveEquation) -> tuple[sp.Symbol, ...]:
 def _slope(expression: sp.Expr, symbol: sp.Symbol) -> sp.Expr:
     """Return the derivative by a parameter, for real signals; the derivative of a step is 0."""
     flat = flat_names(expression)
+    # Of symbols that may be complex, sympy derives |x| by real and imaginary parts.
     real = {sp.Symbol(name): sp.Symbol(name, real=True) for name in _ARGUMENTS.values()}
     return flat.xreplace(real).diff(symbol).replace(sp.DiracDelta, lambda *_: sp.Integer(0))
 
@@ -194,6 +196,7 @@ def _factor(
     if not pairs:
         return sp.Integer(1)
     parameter, entry = min(pairs, key=lambda pair: pair[1].count_ops())
+    # de/dp over the entry of one p: the factor is the same for all of a row.
     slope = expression.diff(parameter)
     return sp.cancel(flat_names(slope) / flat_names(entry))
 

@@ -132,6 +132,7 @@ def known_values(drive: Drive) -> dict[sp.Symbol, float]:
 
 def _dahl(z: Any, sign: Any, u: Any) -> tuple[Any, Any, Any]:
     """Return z after a travel u >= 0 in units of the width, and its slopes by z and u."""
+    # dz/du = s - z with s = sign(x') and u = |travel| / width: z = s + (z_0 - s) exp(-u).
     decay = np.exp(-u)
     return sign + (z - sign) * decay, decay, (sign - z) * decay
 
@@ -153,8 +154,10 @@ def states(x: Array, width: float) -> tuple[Array, Array]:
     z = slope = 0.0
     for first, last in zip([0, *turns], [*turns, len(step)], strict=True):
         stroke = slice(first + 1, last + 1)
+        # A stroke may begin with samples that stand still: the first that moves decides.
         toward = float(sign[moves[np.searchsorted(moves, first)]])
         u = np.abs(x[stroke] - x[first]) / width
+        # By the chain rule: the state at the start of the stroke depends on the width, too.
         history[0, stroke], by_z, by_u = _dahl(z, toward, u)
         history[1, stroke] = by_z * slope - by_u * u / width  # du/dwidth = -u/width
         z, slope = history[:, last].tolist()

@@ -99,6 +99,7 @@ def _drive_of_table(kind: type[Drive], others: dict[str, Any]) -> Drive:
         raise RobotError(
             "key 'gear_ratio' is missing; give the motor turns per turn behind the gear"
         )
+    # The units, and with them the keys, depend on ratio and radii: first a drive of these alone.
     bare = kind(**{**values, "known": ()})
     named = {key_of(name, unit_of(bare, name)): name for name in _possible_parameters(kind)}
     in_other_units = _STIFFNESS - named.keys()
