@@ -150,6 +150,7 @@ class FloatingBase(Display):
         n = np.array(self.normal)
         K = np.array([[0, -n[2], n[1]], [n[2], 0, -n[0]], [-n[1], n[0], 0]])
         s, c = np.sin(angle_rad)[:, None, None], np.cos(angle_rad)[:, None, None]
+        # Rodrigues: exp(angle [n]x) = 1 + sin [n]x + (1 - cos) [n]x^2.
         return np.asarray(self._upright @ (np.eye(3) + s * K + (1 - c) * K @ K))
 
     @property

@@ -123,6 +123,7 @@ def inconsistency(parameters: Array) -> str | None:
     if mass == 0:
         return "inertia without mass" if np.any(parameters) else None
     pseudo = pseudo_inertia(parameters)
+    # S_c = S - h h^T / m: second moments about the centre of mass.
     second = pseudo[:3, :3] - np.outer(pseudo[:3, 3], pseudo[:3, 3]) / mass
     moments = _eigenvalues(np.trace(second) * np.eye(3) - second)
     allowed = _FILE_DIGITS * float(np.max(np.abs(moments))) + _ROUNDING * scale

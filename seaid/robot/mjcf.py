@@ -84,6 +84,8 @@ def _add_body(root: Any, model: Any, index: int, anchors: list[Array]) -> Array:
 
     body, parent = model.body(index), int(model.body_parentid[index])
     above, anchor = _name(model.body(parent)), np.zeros(3)
+    # A URDF has a joint at the origin of its child link, MuJoCo anywhere in the body: the frame of
+    # a link is at the anchor of its last joint.
     placement = pin.SE3(_rotation(body.quat), body.pos - anchors[parent])
     first, count = int(model.body_jntadr[index]), int(model.body_jntnum[index])
     for j in range(first, first + count):
@@ -123,6 +125,8 @@ def _add_joint(
     kind = _KINDS[int(joint.type[0])]
     axis = np.array(joint.axis)
     if kind in ("prismatic", "revolute"):
+        # The placement in the file is that at q = qpos0, in a URDF at q = 0: it is turned back by
+        # qpos0.
         reference = float(model.qpos0[int(joint.qposadr[0])])
         back = (
             pin.SE3(np.eye(3), -reference * axis)

@@ -274,6 +274,7 @@ def assemble(
             order.append(places[name])
             placement = pin.SE3.Identity()
         frames[joint.child] = (parent, placement)
+        # Joint k of the model is that of order[k - 1]; what no joint moves belongs to the base.
         bodies[order[parent - 1] if parent else -1] += in_parent_frame(
             tree.links[joint.child], placement
         )
@@ -303,6 +304,7 @@ def joints_of(model: pin.Model) -> tuple[dict[str, Any], ...]:
             "placement": model.jointPlacements[place].homogeneous.copy(),
             "type": "prismatic" if "JointModelP" in joint.shortname() else "revolute",
             "axis": _axis(joint),
+            # Joints of one coordinate: joint k has the coordinate k - 1.
             **{key: float(getattr(model, name)[place - 1]) for key, name in _LIMITS.items()},
         }
         for place, joint in enumerate(model.joints)
@@ -339,6 +341,7 @@ def with_free_joint(name: str, joints: Sequence[Mapping[str, Any]]) -> pin.Model
     """Return a model of joints, see `joints_of`, on a free joint, without inertias and gravity."""
     model = pin.Model()
     model.name = name
+    # Gravity is in the specific force of the base, which is the acceleration of the model.
     model.gravity.linear = np.zeros(3)
     taken = {joint["name"] for joint in joints}
     free = "base" if "base" not in taken else "floating base of seaid"

@@ -208,12 +208,14 @@ class Robot(Display):
         A dependent joint acts on its leader: tau = E^T tau_all and M = E^T M_all E, by the
         principle of power.
         """
+        # (..., N) in the model's order -> in that of `all_joint_names`.
         back = np.argsort(self.model_order)
         if self._expansion is None and list(self.model_order) == back.tolist() == sorted(back):
             return torques
         for axis in range(-axes, 0):
             torques = np.take(torques, back, axis=axis)
             if self._expansion is not None:
+                # Row vectors: tau^T E is (E^T tau)^T.
                 moved = np.moveaxis(torques, axis, -1) @ self._expansion[0]
                 torques = np.moveaxis(moved, -1, axis)
         return torques
@@ -473,6 +475,7 @@ def _within_followers(
         if mimic.leader != joint.name:
             continue
         moved = tree.joints[mimic.name]
+        # Sorted, because a negative multiplier swaps the limits.
         ends = sorted((x - mimic.offset) / mimic.multiplier for x in (moved.lower, moved.upper))
         lower, upper = max(joint.lower, ends[0]), min(joint.upper, ends[1])
         if lower < upper:

@@ -54,6 +54,7 @@ def check_transmission(
     for group in coupled_groups(matrix):
         block = matrix[np.ix_(group, group)]
         sizes = np.linalg.norm(block, axis=1, keepdims=True)
+        # The rank does not depend on the units of rows and columns, the singular values do.
         scaled = block / np.where(sizes > 0, sizes, 1.0)
         scaled /= np.maximum(np.max(np.abs(scaled), axis=0), _SINGULAR)
         sizes = safely(
@@ -137,5 +138,6 @@ def _mapped(matrix: Array, values: Array, factor: Callable[[Array], Array]) -> A
         return values
     mapped = np.array(values)
     for group in groups:
+        # Row vectors: values @ A is A^T times each of them.
         mapped[..., group] = values[..., group] @ factor(matrix[np.ix_(group, group)])
     return mapped

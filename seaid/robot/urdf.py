@@ -230,6 +230,7 @@ def _meant_angle(text: str, tolerance: float) -> float | None:
     exact = round(value / (math.pi / 2)) * (math.pi / 2)
     last_digit = 10.0 ** int(exponent) if exact else 0.0
     allowed = min(tolerance, max(FLOAT_NOISE_RAD, 2 * last_digit))
+    # An angle that is exact already up to rounding is not reported as snapped.
     return exact if 4e-16 * max(1.0, abs(exact)) < abs(value - exact) <= allowed else None
 
 
