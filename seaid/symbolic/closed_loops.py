@@ -220,6 +220,7 @@ class _Loops:
             solutions = _solutions(self, polynomials)
             if solutions:
                 drawn = {i: self.random() for i in self.ring.known}
+                # What solves the relations replaces what was drawn for the same generators.
                 return drawn | fixed | self.draw.choice(solutions)
         names = ", ".join(str(self.ring.generators[r.generator]) for r in relations)
         raise SymbolicError(f"with a closed loop, {names} cannot be kept; give it as a symbol")
@@ -243,6 +244,7 @@ class _Loops:
 
         Of a parallelogram, one motion keeps the coupler's angle: only others show it, as the first.
         """
+        # Relations such as sin^2 + cos^2 = 1 pair the generators of one signal.
         angles = [r.polynomial for r in self.ring.relations if r.generator in self.ring.motion]
         result = []
         moving = set(chain(*map(occurring, self.levels[0]))) - set(self.ring.known)
@@ -312,6 +314,7 @@ class _Loops:
             for i in self.ring.motion
             if isinstance(self.ring.generators[i], sp.sign)
         }
+        # Generators in no closure, such as free rates, are random.
         return {i: self.random() for i in self.ring.motion} | signs | point
 
     def _value(self, quotient: Ratio, known: Values) -> int:
@@ -423,8 +426,7 @@ def _drawn(loops: _Loops, system: list[fmpz_mod_mpoly], free: Sequence[int]) -> 
         x = generators[place]
         cosine = loops.ring.index[sp.cos(x.args[0])] if isinstance(x, sp.sin) else -1
         if cosine in free and any(set(occurring(p)) == {place, cosine} for p in system):
-            # (2 t, 1 - t^2) / (1 + t^2): of a random cosine, the sine is in the field half of the
-            # time.
+            # (2 t, 1 - t^2) / (1 + t^2): of a random cosine, every second sine is not in the field.
             t = loops.random()
             below = pow(1 + t * t, -1, loops.prime)
             pair = 2 * t * below, (1 - t * t) * below
@@ -466,6 +468,7 @@ def _interpolated(loops: _Loops, places: Sequence[int], key: tuple[int, int]) ->
             count = sum(map(len, sides))
             if count > _MOST_TERMS:
                 break
+            # More samples than coefficients: those beyond confirm the quotient.
             quotient = _quotient(loops, *sides, loops.factors(key, count + _MORE_ROWS))
             if quotient is not None:
                 return quotient

@@ -284,6 +284,7 @@ def _scale(ring: Ring, row: Row) -> tuple[Ratio, Exponents]:
         for monomial, entry in sorted(row.items(), key=lambda item: column_key(item[0]))
         for motion, value in sorted(entry.terms.items(), reverse=True)
     ]
+    # The rule of `separate`: the coefficient of an input, else that which leaves the simplest row.
     candidates = _inputs(ring, row, terms) or terms
     if len(candidates) > 1:
         counts = Counter(_text(value) for _, _, value in terms)

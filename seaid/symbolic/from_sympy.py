@@ -311,6 +311,7 @@ def _read_function(ring: Ring, function: sp.Expr, memory: Memory) -> Ratio:
         return _powers(ring, [(sp.exp(x / units[x]), times * units[x]) for x, times in factors])
     if isinstance(function, sp.Abs | sp.sign):
         turned, argument = signed(function.args[0])
+        # |x| = sign(x) x; sign(x) is that of x over a positive number, or of its negative.
         sign = from_polynomial(ring, turned * ring.generator(sp.sign(argument)))
         if isinstance(function, sp.sign):
             return sign
@@ -427,6 +428,7 @@ def _relation(
         terms.append(_exponents(ring, (place,), (degree,)))
         factors = _integer_relation(ring, terms)
         if factors is not None:
+            # Divided by the factor of the highest power: that is the leading term.
             whole = {term: fmpq(x, factors[-1]) for term, x in zip(terms, factors, strict=True)}
             return Relation(place, degree, ring.context.from_dict(whole))
     return None

@@ -100,6 +100,7 @@ def _rewritten(
     for function, factor in combination.items():
         old = _part(function, group)
         for part, times in dependences.get(old, {old: fmpq(1)}).items():
+            # Within the product, the exponents o of the group become p.
             new = tuple(f - o + p for f, o, p in zip(function, old, part, strict=True))
             result[new] = result.get(new, fmpq(0)) + factor * times
     return {function: factor for function, factor in result.items() if factor != 0}
@@ -114,6 +115,7 @@ def _dependences(
     ring: Ring, group: tuple[int, ...], functions: Collection[Exponents]
 ) -> dict[Exponents, Combination]:
     """Return {function: combination of those before it} within a `group`, at random points."""
+    # Simple functions first, since a dependent one is replaced by those before it.
     parts = sorted({_part(f, group) for f in functions}, key=lambda e: (sum(e), e[::-1]))
     names = ", ".join(str(ring.generators[i]) for i in group)
     points = _Points(ring, group, parts)
@@ -380,6 +382,7 @@ def _eliminated(table: list[_Balls]) -> dict[int, dict[int, arb]]:
         shares = [_share(row[column:]) for row in rows[top:]]
         largest = max(shares, default=-inf)
         if largest == -inf:
+            # A factor that may be zero counts as zero, which the fresh points confirm or refute.
             values = {pivot: rows[i][column] for i, pivot in enumerate(pivots)}
             dependent[column] = {pivot: x for pivot, x in values.items() if not x.contains(0)}
             continue

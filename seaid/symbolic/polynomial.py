@@ -201,6 +201,7 @@ def _too_large(ring: Ring, what: str) -> SymbolicError:
 def reduced(ring: Ring, polynomial: fmpq_mpoly) -> fmpq_mpoly:
     """Return the polynomial with every relation applied: sin^2 becomes 1 - cos^2."""
     degrees = polynomial.degrees()
+    # In the order of the generators: a relation may bring in those after its own, reduced later.
     for place, degree, relation in ring.relations:
         if degrees[place] >= degree:
             # In the lexicographic order the leading term of a relation is generator^degree.

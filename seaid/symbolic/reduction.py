@@ -59,6 +59,7 @@ def eliminate(
     else:
         echelon = _back_substituted(ring, _triangular(ring, different, width))
     pivots = tuple(min(row) for row in echelon)
+    # The pivots of (13) are 1.
     scaled = [
         {column: ratio(ring, value, row[pivot]) for column, value in row.items()}
         for row, pivot in zip(echelon, pivots, strict=True)
@@ -131,6 +132,7 @@ def _triangular(ring: Ring, rows: list[PolynomialRow], width: int) -> list[Polyn
 
 
 def _back_substituted(ring: Ring, rows: list[PolynomialRow]) -> list[PolynomialRow]:
+    # From the last pivot upward: no other row has its column then, as in (13).
     rows = list(rows)
     for place in reversed(range(len(rows))):
         column = min(rows[place])

@@ -152,6 +152,7 @@ def separate(
     check_closures(ring, closures, loops)
     symbols = _with_phases(ring, symbols)
     rows: list[Row] = []
+    # The ratios of closures are the last ones, and no equations.
     pairs = list(enumerate(zip(ratios, expressions, strict=False), 1))
     for number, (equation, expression) in track(pairs, "equations grouped", progress):
         with located(f"equation {number}"):
