@@ -241,6 +241,7 @@ def friction_level(drive: Drive) -> sp.Expr:
     """Return the factor of sign(w) in the motor's friction: Coulomb, load and other terms."""
     terms = _LEVELS
     if "load" in drive.friction:
+        # (4a) over N: the torque of the spring at the motor.
         behind_gear = r_M / N * spring_force(drive) if drive.is_elastic else tau_G / N
         terms = {**terms, "load": F_L * sp.Abs(behind_gear)}
     return sum((terms[term] for term in drive.friction if term in terms), sp.Integer(0))

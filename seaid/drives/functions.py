@@ -114,6 +114,7 @@ def drive_functions(drive: Drive) -> DriveFunctions:
     friction = _with_values(drive, smooth_friction(drive))
     force = _with_values(drive, spring_force(drive))
     joint = _with_values(drive, joint_equation(drive).expression + tau_L)
+    # Without dry friction, whose level is the coefficient of sign(q').
     smooth = joint.replace(sp.sign, lambda _: sp.Integer(0))
     position, speed = sp.symbols("theta_L theta_L_dot")
     return DriveFunctions(
@@ -216,12 +217,14 @@ def _function(expression: sp.Expr) -> OfState:
     covariates = [name for name in _COVARIATES if sp.Symbol(name) in expression.free_symbols]
     arguments += map(sp.Symbol, covariates)
     function = sp.lambdify(arguments, expression, modules="math", cse=True)
+    # The last arguments may be omitted: states of hysteresis and covariates, which are zero.
     function.__defaults__ = (0.0,) * (2 + len(covariates))
     return partial(function, **dict.fromkeys(covariates, 0.0)) if covariates else function
 
 
 def _vectorised(argument: sp.Symbol, expression: sp.Expr) -> Callable[[Array], Array]:
     plain = sp.lambdify(argument, expression, modules="numpy")
+    # A constant expression gives one number and not an array.
     return lambda values: np.broadcast_to(plain(values), np.shape(values)).astype(float)
 
 

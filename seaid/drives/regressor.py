@@ -219,6 +219,7 @@ def _evaluate(
         raise _without_value(regressor.joint, missing[0])
     table = np.empty((1 + len(wanted), len(next(iter(signals.values())))))
     arguments = [inputs[name] for name in names]
+    # An entry may be one number, which is repeated over the samples.
     for line, entry in zip(table, function(*arguments), strict=True):
         line[:] = entry
     return table[0], np.ascontiguousarray(table[1:].T)

@@ -91,6 +91,7 @@ def _add_body(root: Any, model: Any, index: int, anchors: list[Array]) -> Array:
     for j in range(first, first + count):
         joint = model.joint(j)
         last = j == first + count - 1
+        # Several joints of a body are a chain of links without mass.
         child = _name(body) if last else f"{_name(body)}_{_joint_name(joint)}"
         if not last:
             etree.SubElement(root, "link", name=child)
@@ -125,8 +126,7 @@ def _add_joint(
     kind = _KINDS[int(joint.type[0])]
     axis = np.array(joint.axis)
     if kind in ("prismatic", "revolute"):
-        # The placement in the file is that at q = qpos0, in a URDF at q = 0: it is turned back by
-        # qpos0.
+        # The placement in the file is that at q = qpos0, in a URDF that at q = 0.
         reference = float(model.qpos0[int(joint.qposadr[0])])
         back = (
             pin.SE3(np.eye(3), -reference * axis)
