@@ -68,8 +68,7 @@ def accelerated_base(robot: Robot, q: Array) -> Array:
     data, still = model.createData(), np.zeros((len(q), robot.n))
     mass = np.empty((len(q), 3, model.nv))
     for t, q_t in enumerate(_states(robot, q, still, still, nothing)[0]):
-        # The base is first: its rows are whole in the upper triangle, which crba fills in any
-        # version.
+        # The base is first: its rows are whole in the upper triangle, which crba always fills.
         mass[t] = np.triu(pin.crba(model, data, q_t))[:3]
     return np.concatenate([mass[:, :, :6], robot.from_model(mass[:, :, 6:])], axis=2).swapaxes(1, 2)
 

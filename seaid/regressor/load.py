@@ -742,6 +742,7 @@ def with_gear_torque(
 ) -> Motion:
     """Return the motion with the torque through the gears by a fit `theta` of the load side."""
     check_held(robot, "load-dependent friction", IdentificationError)
+    # Friction under load needs a gear torque, but is not among the columns behind the gear.
     unloaded = replace(motion, gear_torque=np.zeros_like(motion.joint_position))
     _, payload, H, _ = load_columns(robot, unloaded, model, springs)
     drives = [

@@ -299,12 +299,14 @@ def gear_regression(robot: Robot, motion: Motion, joint: str, spring: Array) -> 
     index, drive = robot.index(joint), robot.drives[joint]
     measured = signals(robot, motion, index)
     between = at_drives(robot.transmission, motion.joint_position)[:, index]
+    # r_L (theta_L - q) = (r_M/N theta_M - r_L q) - d: between the encoders, less the spring's.
     y = drive.load_radius * (measured["theta_L"] - between)
     # At a load torque of zero, zeta is minus the part of the force by known parameters.
     zeta, R = spring_regressor(robot, joint).evaluate(measured)
     force, sensed = R @ spring - zeta, sensed_torque(robot, motion, index)
     if np.all(np.isfinite(sensed)):
         force = sensed / drive.load_radius
+    # With an infinite share only the speed of the sample itself counts, not its neighbourhood.
     moving = ~standstill(motion, index, share=np.inf)
     direction = np.where(moving, np.sign(measured["theta_M_dot"]), 0.0)
     H = np.column_stack([force, direction, np.ones_like(y)])

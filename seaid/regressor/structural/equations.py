@@ -62,6 +62,7 @@ def known_positions(robot: Robot, sensors: Mapping[str, frozenset[str]]) -> Know
         np.array([[exact_number(getattr(drive, name))] for drive in drives])
         for name in ("ratio", "motor_radius", "load_radius")
     )
+    # (3): r_M/N theta_M - r_L theta_L.
     stretches = in_ / ratio * motors - out * driven
     encoders = ("motor_position", "joint_position", "deflection")
     seen = np.array([[name in sensors[joint] for joint in robot.joint_names] for name in encoders])

@@ -333,6 +333,7 @@ def base_by_derivatives(
     stiffness = rng.uniform(50.0, 200.0, robot.n)
     for index, joint in enumerate(joints):
         stiffness[index] = robot.drives[joint].values.get("stiffness", stiffness[index])
+    # A stiff drive has no deflection: tau / (r_L k) is zero.
     stiffness[~np.isin(joints, robot.elastic_joints)] = np.inf
     places = {name: place for place, name in enumerate(names)}
     count = max(20, -(-_INSTANTS_PER_PARAMETER * len(names) // robot.n))

@@ -177,6 +177,7 @@ def _turn_motor(numbers: Numbers, drive: DriveTerms, known: Known, count: int) -
             continue
         known[motor] = numbers.signal(count)
         if suffix == "":
+            # (3): the deflection is drawn, and theta_M = N / r_M (d + r_L theta_L) follows.
             known[STRETCH] = numbers.signal(count)
             into = numbers.over(known[N], known[r_M])
             stretched = numbers.reduced(known[STRETCH] + known[r_L] * load)
