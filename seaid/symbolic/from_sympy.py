@@ -346,6 +346,7 @@ def _read_circular(ring: Ring, function: sp.Expr, memory: Memory) -> Ratio:
         pair = _turned(ring, pair, (cosine, sine))
     for part, factor in parts(function.args[0]):
         unit = ring.units["angle"][part]
+        # The generators are those of part / unit, of which the angle is a whole multiple.
         times = int(factor * unit)
         cosine, sine = (ring.generator(f(part / unit)) for f in (sp.cos, sp.sin))
         step = (cosine, sine if times > 0 else -sine)

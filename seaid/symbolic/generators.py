@@ -109,6 +109,7 @@ is 0.0784 and not 0.07840000000000001. By chance that is so for one number in a 
 
 def _decimal(number: sp.Float) -> sp.Rational:
     """Return the decimal that a float represents: a short one within noise, or the shortest."""
+    # A float of more digits than a double was written with them: all of them count.
     if number._prec > _DOUBLE_BITS:
         return sp.Rational(str(number))
     near = Decimal(f"{float(number):.15g}")
@@ -197,6 +198,7 @@ def _visit_function(scan: _Scan, function: sp.Expr) -> None:
         )
     if isinstance(function, CIRCULAR):
         _note_units(scan.units["angle"], parts(function.args[0]), least=False)
+        # Sines and cosines of these are square roots in sympy, whose bases are recorded.
         for turn in turns(function.args[0]):
             _visit(scan, sp.cos(turn))
             _visit(scan, sp.sin(turn))
@@ -208,6 +210,7 @@ def _visit_function(scan: _Scan, function: sp.Expr) -> None:
         _visit(scan, argument)
     elif function.is_Pow and function.exp.is_Rational:
         for base in root_bases(function.base):
+            # The common root: a^(1/2) and a^(1/3) are powers of a^(1/6).
             unit = int(scan.units["root"].get(base, 1))
             scan.units["root"][base] = sp.Integer(lcm(unit, int(function.exp.q)))
             _visit(scan, base)

@@ -78,6 +78,7 @@ def equations_of_motion(
     _check_derivatives(signals, (energy, loss, *applied))
     # d/dt is the derivation t -> 1, q -> q', q' -> q'' ...
     in_time: _Rule = {time: sp.Integer(1)}
+    # Inputs may have derivatives of any order: d/dt needs the next one of each.
     rates = _parts(energy, sp.Derivative)
     highest = max((int(x.derivative_count) for x in rates), default=0)
     for signal in (*signals, *known):
@@ -132,6 +133,7 @@ def _is_rate(expression: sp.Expr) -> bool:
 def _derived_function(function: sp.Expr, rule: _Rule) -> sp.Expr:
     """Differentiate one function by sympy's chain rule, with real variables and symbols."""
     parts = subexpressions(function)
+    # Real dummies: of real symbols sympy derives |x| and sign(x) without complex parts.
     variables = {x: sp.Dummy("x", real=True) for x in rule if x in parts}
     symbols = {x for x in parts if x.is_Symbol and x.is_real is None and x not in variables}
     real = variables | {x: sp.Dummy(x.name, real=True) for x in symbols}
