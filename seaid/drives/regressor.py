@@ -123,6 +123,8 @@ def _derived(
     drive_symbols = PARAMETER_NAMES.keys() | set(map(symbol_of, parameter_names))
     nonlinear = () if _hides_a_parameter(equation, drive_symbols) else non_linear(equation)
     has_memory = equation.expression.has(Dahl)
+    # Nonlinear unknowns of extra terms are for Algorithm 1: it lumps products, and refuses the
+    # rest.
     if (nonlinear or has_memory) and drive_symbols >= set(nonlinear):
         row = tuple(_slope(equation.expression, symbol) for symbol in equation.unknowns)
         # zeta is minus the equation without the parameters in which it is linear.
