@@ -270,10 +270,12 @@ def left_to_right(H: Array, zero: BoolArray | None = None) -> tuple[list[int], A
     R = np.asarray(np.linalg.qr(H / scale, mode="r"))
     basis = np.zeros((R.shape[0], min(R.shape)))
     columns: list[int] = []
+    # If no column is rejected, the gap is that to rounding.
     accepted, rejected = 1.0, float(np.finfo(float).eps)
     for column in np.flatnonzero(~zero):
         Q = basis[:, : len(columns)]
         new = R[:, column] - Q @ (Q.T @ R[:, column])
+        # Twice is enough (Parlett 1980): what rounding has left of the earlier columns goes here.
         new -= Q @ (Q.T @ new)
         residual = float(np.linalg.norm(new))
         if residual > RANK_TOLERANCE and len(columns) < basis.shape[1]:

@@ -204,6 +204,7 @@ def _stance_maps(
     if unknown is not None:
         A[:, 6:] *= ~unknown[:, :, None]
     A *= row_scale(robot, A.shape[1])
+    # (m,) the contact of each column of A.
     owner = np.repeat(np.arange(len(contacts)), force_counts(contacts))
     for pattern in np.unique(patterns, axis=0):
         now = np.flatnonzero(np.all(patterns == pattern, axis=1))
@@ -220,6 +221,7 @@ def _range(A: Array) -> Array:
 
     Several points of one foot, and legs that move in a plane, have dependent contact forces.
     """
+    # QR gives a basis of independent columns, the usual case; the others need the SVD.
     Q, R = safely(np.linalg.qr, A, what="the contact forces", error=LogError)
     size = np.abs(np.diagonal(R, axis1=1, axis2=2))
     lacking = size.min(axis=1) <= _DEPENDENT * size.max(axis=1)

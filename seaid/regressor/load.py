@@ -628,6 +628,7 @@ def radius_rows(
         assert base is not None
         contacts = [contact for contact in places if contact.link in base.contacts]
         rows, unknown = contact_force_rows(robot, piece, model, springs, theta, bodies)
+        # `contact_equations` are of scaled rows, in which unknown ones are zero.
         rows = rows * row_scale(robot, rows.shape[1])[:, 0]
         rows[:, 6:] *= ~unknown
         _, inverse = contact_equations(robot, q, contacts, base.contacts, joints, unknown, base.up)

@@ -165,6 +165,7 @@ def _terms(value: Value) -> _Terms:
 
 
 def _sum_of(terms: _Terms, known: Mapping[str, Any]) -> Any:
+    # In the order of the exported text, with which doubles agree bit by bit.
     total: Any = 0.0
     for x, factors in terms:
         product: Any = x

@@ -63,6 +63,7 @@ def random_truth(numbers: Numbers, system: System) -> Truth:
         known: Known = {symbol: numbers.number(x) for symbol, x in drive.known.items()}
         for symbol, name in zip(drive.unknowns, drive.names, strict=True):
             value = numbers.random(1)[0]
+            # Of the size of motor speeds, so that tanh(w / w_C) and exp(-(w / w_S)^2) change.
             is_speed = name in PARAMETERS and PARAMETERS[name].unit == "rad/s"
             known[symbol] = (
                 numbers.reduced(value * numbers.number(_speed(drive))) if is_speed else value
@@ -145,6 +146,7 @@ def _instants(
         a = _balanced(numbers, terms, drives, (q, turned, v, a), C_inv, bodies)
         for i, drive in enumerate(terms):
             drives[i][plain("theta_L_ddot")] = numbers.product(a, C[i])
+            # Stiff drives' motors follow the new accelerations; behind springs they stay as drawn.
             if drive.spring is None:
                 _turn_motor(numbers, drive, drives[i], count)
         Y = numbers.regressor(q, turned, v, a)
