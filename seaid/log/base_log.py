@@ -170,9 +170,12 @@ def _changed(data: BaseLog | BaseMotion, change: Callable[[Any], Any]) -> dict[s
 
 def continuous(orientation: Array) -> Array:
     """Return quaternions (T, 4) without changes of sign: p and -p are one rotation."""
+    known = np.all(np.isfinite(orientation), axis=1)  # the sign may change where some are unknown
+    whole, seen = orientation.copy(), orientation[known]
     # Each change of sign negates all quaternions behind it, hence the parity of their number.
-    turned = np.sum(orientation[1:] * orientation[:-1], axis=1) < 0
-    return np.asarray(np.where(np.cumsum([False, *turned]) % 2, -1.0, 1.0)[:, None] * orientation)
+    turned = np.sum(seen[1:] * seen[:-1], axis=1) < 0
+    whole[known] *= np.where(np.cumsum([False, *turned])[: len(seen)] % 2, -1.0, 1.0)[:, None]
+    return np.asarray(whole)
 
 
 def base_columns(base: FloatingBase) -> tuple[str, ...]:
@@ -478,17 +481,16 @@ def base_jumps(log: BaseLog, time: Array) -> dict[str, tuple[int, float, float]]
 def _without_jumps(log: BaseLog) -> tuple[BaseLog, BoolArray]:
     """Return the samples without jumps, and a flag (T,) that changes where they were."""
     arrays = _changed(log, lambda values: values)
-    flag = np.zeros(len(next(iter(log.columns().values()))), dtype=bool)
+    jumps = np.zeros(len(next(iter(log.columns().values()))), dtype=bool)
     for name in _differentiated(log):
         is_jump, off = _jumps(name, arrays[name])
-        if np.any(is_jump):
-            # The parity of the number of jumps changes at each of them, as a contact flag does at
-            # touchdown, so that `_between_changes` excludes the samples about it.
-            flag ^= np.cumsum(is_jump) % 2 == 1
-            # Rotations do not add, so that their jumps are only excluded.
-            if name != "orientation":
-                arrays[name] = arrays[name] - np.cumsum(off * is_jump[:, None], axis=0)
-    return (BaseLog(**arrays) if np.any(flag) else log), flag
+        jumps |= is_jump
+        # Rotations do not add, so that their jumps are only excluded.
+        if np.any(is_jump) and name != "orientation":
+            arrays[name] = arrays[name] - np.cumsum(off * is_jump[:, None], axis=0)
+    # The parity of the number of jumps changes at each of them, as a contact flag does at
+    # touchdown, so that `_between_changes` excludes the samples about it.
+    return (BaseLog(**arrays) if np.any(jumps) else log), np.cumsum(jumps) % 2 == 1
 
 
 def turned_to_world(orientation: Array, vectors: Array, *, back: bool = False) -> Array:

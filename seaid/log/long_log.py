@@ -233,20 +233,29 @@ def _check_count(name: str, value: Any, least: int) -> None:
 
 def _overlapping(blocks: Blocks, overlap: int) -> Iterator[tuple[Block, int, int]]:
     """Yield blocks with `overlap` samples of neighbours, place and number of own samples."""
-    block = next(blocks)
+    whole = _whole_blocks(blocks)
+    block = next(whole)
     before = _cut(block, slice(0))
-    for following in chain(blocks, [None]):
-        if following is not None and _length(following) < MINIMUM_SAMPLES:
-            # A last block below the least length of a log becomes part of the one before.
-            block, after = _joined([block, following]), _cut(block, slice(0))
-        else:
-            after = _cut(block, slice(0)) if following is None else _cut(following, slice(overlap))
+    for following in chain(whole, [None]):
+        after = _cut(block, slice(0)) if following is None else _cut(following, slice(overlap))
         yield _joined([before, block, after]), _length(before), _length(block)
-        if following is None or _length(following) < MINIMUM_SAMPLES:
+        if following is None:
             return
         # Not slice(-overlap): that is the whole block if the overlap is zero.
         before = _cut(block, slice(_length(block) - overlap, None))
         block = following
+
+
+def _whole_blocks(blocks: Blocks) -> Iterator[Block]:
+    """Yield blocks; those below the least length of a log become part of the one before."""
+    block = next(blocks)
+    for following in blocks:
+        if min(_length(block), _length(following)) < MINIMUM_SAMPLES:
+            block = _joined([block, following])
+        else:
+            yield block
+            block = following
+    yield block
 
 
 def _length(block: Block) -> int:

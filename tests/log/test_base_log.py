@@ -16,6 +16,7 @@ from scripts.example_robots import example_urdf
 from seaid._arrays import Array
 from seaid.errors import LogError
 from seaid.log import BaseLog, BaseMotion, reconstruct_motion
+from seaid.log.base_log import _without_jumps, base_jumps, continuous
 from seaid.robot import Contact, Robot, floating_model
 
 FEET = ("FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT")
@@ -245,3 +246,27 @@ def test_message_of_a_ball_without_orientation() -> None:
     base = BaseLog(**IMU, contacts={FEET[0]: np.ones(len(TIME))})
     with pytest.raises(LogError, match="whose lowest point depends on the orientation"):
         seaid.identify(robot, log_with(base, robot))
+
+
+def test_jumps_of_position_and_orientation_at_one_sample_do_not_cancel() -> None:
+    """An estimator that finds its pose anew moves both at once."""
+    time = np.arange(0.0, 4.0, 0.01)
+    jumped = time >= 2.0
+    position = np.column_stack([0.1 * np.sin(time), 0.1 * np.cos(time), 0.3 + 0 * time])
+    angle = 0.1 * np.sin(2 * time) + 0.4 * jumped
+    orientation = np.column_stack([np.cos(angle / 2), 0 * time, 0 * time, np.sin(angle / 2)])
+    log = BaseLog(position=position + 0.2 * jumped[:, None], orientation=orientation)
+    assert {*base_jumps(log, time)} == {"position", "orientation"}
+    without, flag = _without_jumps(log)
+    assert np.count_nonzero(np.diff(flag)) == 1
+    assert without.position is not None
+    assert np.max(np.abs(np.diff(without.position, axis=0))) < 2e-3
+
+
+def test_a_sign_of_a_quaternion_that_changes_at_an_unknown_sample_is_seen() -> None:
+    angle = np.linspace(0.0, 1.0, 200)
+    orientation = np.column_stack([np.cos(angle), np.sin(angle), 0 * angle, 0 * angle])
+    flipped = np.where(angle < 0.5, 1.0, -1.0)[:, None] * orientation
+    flipped[np.searchsorted(angle, 0.5)] = np.nan
+    known = np.all(np.isfinite(flipped), axis=1)
+    np.testing.assert_array_equal(continuous(flipped)[known], orientation[known])

@@ -17,7 +17,7 @@ from seaid._arrays import Array
 from seaid.errors import LogError, SeaidError, SeaidWarning
 from seaid.log.infer_columns import describe_log
 from seaid.log.log import LARGEST, MINIMUM_SAMPLES, column_names
-from seaid.log.readers.opening import READERS
+from seaid.log.readers.opening import READERS, _plain_numbers
 from seaid.log.reading import Log, read_log, write_log
 from seaid.robot.robot import Robot
 from tests.one_joint import one_joint
@@ -572,6 +572,8 @@ def test_columns_in_memory_are_read_as_a_file(arm: Robot, write_csv: Callable[..
         assert np.array_equal(log.motor_torque, expected.motor_torque)
     stamps = frame.assign(time_s=pd.to_datetime(1.7e9 + TIME, unit="s"))
     assert read_log(stamps, arm).time == pytest.approx(1.7e9 + TIME)
+    unknown = pd.Series(pd.to_datetime([1.7e9, None, 1.7e9 + 1], unit="s"))
+    np.testing.assert_array_equal(_plain_numbers(unknown), [1.7e9, np.nan, 1.7e9 + 1])
     custom = {"t": TIME, "q": VALUES[:, [1]], "tau": VALUES[:, 3]}
     names = {"time_s": "t", NAMES[1]: "q[0]", NAMES[3]: "tau"}
     assert read_log(custom, arm, columns=names).motor_position[:, 0] == pytest.approx(VALUES[:, 1])

@@ -11,9 +11,11 @@ from hypothesis import strategies as st
 
 from seaid._arrays import Array
 from seaid.errors import LogError
+from seaid.log.log import MINIMUM_SAMPLES
+from seaid.log.long_log import _overlapping
 from seaid.log.reading import repaired as repaired_channels
 from seaid.log.repair import Channel, Repair, Repairs
-from seaid.log.repair.channels import interpolated
+from seaid.log.repair.channels import interpolated, on_time
 
 RATE = 500.0
 ENCODER = 2 * np.pi / 2**14
@@ -533,3 +535,32 @@ def test_stamps_that_are_not_finite_are_left_out() -> None:
     grid, values, found = repaired_channels([Channel(POSITION, torn, angle(time))])
     assert kinds(found) == {"stamps that are not finite": 3, "irregular steps": 2}
     assert off(grid, values[POSITION]) < 0.01
+
+
+def test_a_channel_that_was_not_measured_stays_unknown_when_it_is_late() -> None:
+    time = np.arange(0.0, 1.0, 0.01)
+    late = {"a.motor_torque_Nm": np.full_like(time, np.nan)}
+    kept, values = on_time(time, late, {"a.motor_torque_Nm": 0.05})
+    assert np.all(np.isnan(values["a.motor_torque_Nm"]))
+    assert len(values["a.motor_torque_Nm"]) == np.sum(kept)
+
+
+@pytest.mark.parametrize("lengths", [(100, 30, 100), (20, 100, 30), (100, 10, 10, 80, 5)])
+@pytest.mark.parametrize("overlap", [0, 10])
+def test_no_sample_of_a_short_piece_is_lost(lengths: tuple[int, ...], overlap: int) -> None:
+    ends = np.cumsum(lengths)
+    blocks = [{"t": np.arange(end - n, end)} for n, end in zip(lengths, ends, strict=True)]
+    seen = [
+        block["t"][before : before + length]
+        for block, before, length in _overlapping(iter(blocks), overlap)
+    ]
+    np.testing.assert_array_equal(np.concatenate(seen), np.arange(ends[-1]))
+    assert min(map(len, seen)) >= MINIMUM_SAMPLES
+
+
+def test_an_orientation_that_rests_is_not_saturated() -> None:
+    time = np.arange(0.0, 4.0, 0.01)
+    values = np.minimum(1.0, 1.3 - 0.4 * np.sin(time) ** 2)
+    with pytest.raises(LogError, match="is saturated"):
+        repaired_channels([Channel("a.motor_torque_Nm", time, values)])
+    repaired_channels([Channel("base.orientation_w", time, values)])

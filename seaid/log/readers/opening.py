@@ -91,7 +91,8 @@ def _plain_numbers(values: Any) -> Any:
     with suppress(TypeError, ValueError):
         if array.dtype.kind in "mM":
             # Instants of pandas may be in s, ms, us or ns; a duration is in seconds, too.
-            return array.astype(f"{array.dtype.kind}8[ns]").astype(np.int64) * 1e-9
+            seconds = array.astype(f"{array.dtype.kind}8[ns]").astype(np.int64) * 1e-9
+            return np.where(np.isnat(array), np.nan, seconds)
         return array.astype(np.float64) if array.dtype.kind == "O" else array
     return array
 

@@ -54,6 +54,8 @@ def interpolated(time: Array, values: Array, wanted: Array, how: Interpolation) 
     """
     from scipy.interpolate import Akima1DInterpolator, CubicSpline
 
+    if not np.any(np.isfinite(values)):
+        return np.full(len(wanted), np.nan)  # a channel that was not measured
     if how == "linear":
         samples = np.interp(wanted, time, values)
         after = np.clip(np.searchsorted(time, wanted), 1, len(time) - 1)
@@ -491,11 +493,18 @@ def _without_wraps(channel: Channel, time: Array, values: Array, repairs: list[R
     return whole
 
 
+_COMPUTED = ("base.orientation_", "base.velocity_", "base.angle_")
+"""Channels of a base that an estimator computes: at rest they repeat, and no sensor is at its end.
+"""
+
+
 def _check_saturation(
     channel: Channel, time: Array, values: Array, limits: Repairs, repairs: list[Repair]
 ) -> None:
     """Report saturation of a torque, current or voltage. Raises LogError for too much of it."""
-    stuck = np.zeros(1, dtype=bool) if is_position(channel.name) else saturated(values)
+    if is_position(channel.name) or channel.name.startswith(_COMPUTED):
+        return
+    stuck = saturated(values)
     if not np.any(stuck):
         return
     count, at = int(stuck.sum()), float(time[np.argmax(stuck)])
