@@ -238,7 +238,7 @@ def sensor_bias(
     limits = _limits(bases)
     if not limits:
         return None
-    axes = _acting_axes(robot, datasets, model, limits)
+    axes = _acting_axes(robot, datasets, model, limits, bases[0].wrenches)
     estimate = with_further_columns(fit, axes.columns, axes.counts)
     if estimate is None:  # the base does not tilt, or no error counts
         return None
@@ -271,19 +271,28 @@ def _acting_axes(
     datasets: Sequence[Dataset],
     model: LoadModel,
     limits: Mapping[tuple[str, int], tuple[float, float]],
+    wrenches: Mapping[str, Array],
 ) -> _Axes:
-    """Return those axes with limits whose errors change the rows."""
-    equations: dict[str, Regress] = {}
-    if ("", 0) in limits:
-        equations["imu"] = partial(accelerometer_rows, robot, model=model)
-    # The first three limits are those of the accelerometer, if it has some.
-    if len(limits) > 3 * len(equations):
-        equations["force sensors"] = partial(wrench_rows, robot, model=model)
-    columns = [rows.H for rows in rows_in_memory(datasets, equations).values()]
-    norms = [np.linalg.norm(H, axis=0) for H in columns]
-    acts = np.concatenate([norm > _NOTHING * np.max(norm) for norm in norms])
-    sizes = np.array([*limits.values()])[acts]
-    return _Axes([*compress(limits, acts)], np.hstack(columns)[:, acts], *sizes.T)
+    """Return those axes with limits whose errors change the rows.
+
+    The rows have columns of all sensors of `wrenches`, in their order, with and without limits.
+    """
+    imu = [("", axis) for axis in range(3)]
+    forces = [(link, axis) for link, x in wrenches.items() for axis in range(x.shape[1])]
+    equations: dict[str, tuple[list[tuple[str, int]], Regress]] = {
+        "imu": (imu, partial(accelerometer_rows, robot, model=model)),
+        "force sensors": (forces, partial(wrench_rows, robot, model=model)),
+    }
+    asked = {name: regress for name, (axes, regress) in equations.items() if {*axes} & {*limits}}
+    places, columns = list[tuple[str, int]](), list[Array]()
+    for name, rows in rows_in_memory(datasets, asked).items():
+        norms = np.linalg.norm(rows.H, axis=0)
+        acts = norms > _NOTHING * np.max(norms)
+        kept = [k for k, axis in enumerate(equations[name][0]) if acts[k] and axis in limits]
+        places += [equations[name][0][k] for k in kept]
+        columns.append(rows.H[:, kept])
+    sizes = np.array([limits[place] for place in places]).reshape(-1, 2)
+    return _Axes(places, np.hstack(columns), *sizes.T)
 
 
 def _limits(bases: Sequence[BaseMotion]) -> dict[tuple[str, int], tuple[float, float]]:

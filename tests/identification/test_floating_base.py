@@ -460,6 +460,21 @@ def test_bodies_of_a_quadruped_that_lifts_its_feet() -> None:
         assert abs(found.load.values[row] - truth[row]) / truth[mass] < allowed_m
 
 
+@pytest.mark.slow  # 8 s of MuJoCo with contacts
+def test_a_force_sensor_that_is_always_loaded_stands_next_to_others() -> None:
+    """Its zero is that of the mass, so that it is not estimated, and those of the others are."""
+    log = noisy(simulate(go2(), plant(go2(), 0.001), 8.0, 5, has_forces=True), 2)
+    assert log.base is not None
+    wrenches = {link: x.copy() for link, x in log.base.wrenches.items()}
+    wrenches["FL_foot"][:, 2] += 1000.0
+    wrenches["FR_foot"][:, 2] += 8.0
+    log = replace(log, base=replace(log.base, wrenches=wrenches))
+    found = seaid.identify(go2().without_nominal(), log)
+    zeros = " ".join(str(x) for x in found.warnings if x.code == "sensor-zero")
+    assert "force z of FR_foot" in zeros
+    assert "FL_foot" not in zeros
+
+
 @pytest.mark.slow  # 36 s of MuJoCo with contacts, and 94 parameters of 18 equations
 def test_forces_of_feet_are_those_of_the_simulator(tmp_path: Path) -> None:
     found = seaid.identify(go2().without_nominal(), noisy(walked(), 1))
