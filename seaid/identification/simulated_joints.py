@@ -24,7 +24,14 @@ from seaid.errors import IdentificationError
 from seaid.identification.datasets import Dataset, first_motion
 from seaid.log import POSITION_BAND, Log, Motion, low_pass, spline_derivatives, with_directions
 from seaid.regressor import LoadModel, load_columns, motor_regressor, spring_regressor
-from seaid.robot import Robot, at_drives, at_joints, rows_at_drives, torques_at_drives
+from seaid.robot import (
+    Robot,
+    at_drives,
+    at_joints,
+    group_of,
+    rows_at_drives,
+    torques_at_drives,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -549,6 +556,8 @@ def _not_refinable(robot: Robot, joint: str, drive: Drive) -> str:
 
 
 def _not_unseen(robot: Robot, joint: str, drive: Drive) -> str:
+    if len(group_of(robot.transmission, robot.index(joint))) > 1:
+        return "whose motor turns several joints, and no sensor is behind its spring"
     if drive.parallel_spring or drive.joint_friction:
         return "which has a parallel spring or joint friction and no sensor behind its spring"
     if motor_regressor(robot, joint).non_linear or "load" in drive.friction:

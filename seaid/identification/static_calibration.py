@@ -25,7 +25,7 @@ from seaid.drives import Drive, total_ratio
 from seaid.errors import Finding, IdentificationError, checked, listed
 from seaid.log import Log
 from seaid.regressor import joint_torques
-from seaid.robot import Robot
+from seaid.robot import Robot, at_drives, torques_at_drives
 
 Law = Literal["linear", "cubic"]
 
@@ -451,7 +451,8 @@ def held_poses(
     drive = robot.drives[joint]
     order = list(map(log.joint_names.index, robot.joint_names))
     position = log.joint_position[:, order]
-    values = _sensed(robot.drives[joint], log, log.joint_names.index(joint), sensor)
+    turned = at_drives(robot.transmission, position)[:, robot.index(joint)]
+    values = _sensed(drive, log, log.joint_names.index(joint), sensor, turned)
     if np.isnan(values[0]) or np.any(np.isnan(position[0])):
         wanted = "a sensor"
         if sensor == "spring":
@@ -468,22 +469,27 @@ def held_poses(
     poses = np.array([position[span].mean(axis=0) for span in spans])
     reading = np.array([values[span].mean() for span in spans])
     nothing = np.zeros_like(poses)
-    load = joint_torques(robot, poses, nothing, nothing)[:, robot.index(joint)]
+    torques = joint_torques(robot, poses, nothing, nothing)
     if sensor == "torque":
+        load = torques[:, robot.index(joint)]
         return Statics(load, reading, drive.joint_units[0], drive.joint_units[0])
+    # The spring of a drive that moves several joints has the torque on phi = C q.
+    load = torques_at_drives(robot.transmission, torques)[:, robot.index(joint)]
     return Statics(load / drive.load_radius, reading, *drive.spring_units)
 
 
-def _sensed(drive: Drive, log: Log, place: int, sensor: str) -> Array:
-    """Return the torque sensor (T,) of a joint, or the deflection of its spring; NaN without."""
+def _sensed(drive: Drive, log: Log, place: int, sensor: str, turned: Array) -> Array:
+    """Return the torque sensor (T,) of a joint, or the deflection of its spring; NaN without.
+
+    The load side of the spring has the angle `turned` (T,).
+    """
     if sensor == "torque" and log.joint_torque is not None:
         return log.joint_torque[:, place]
     if sensor == "torque" or not drive.is_elastic:
         return np.full(len(log.time), np.nan)
-    deflection = log.deflection
-    if deflection is None or np.isnan(deflection[0, place]):
-        deflection = 1.0 / total_ratio(drive) * log.motor_position - log.joint_position
-    return drive.load_radius * deflection[:, place]
+    if log.deflection is not None and not np.isnan(log.deflection[0, place]):
+        return drive.load_radius * log.deflection[:, place]
+    return drive.load_radius * (log.motor_position[:, place] / total_ratio(drive) - turned)
 
 
 def _rests(time: Array, position: Array) -> list[slice]:

@@ -40,9 +40,11 @@ from seaid.identification.identification import Identification, identify
 from seaid.identification.output_error import refine
 from seaid.identification.repeated_identification import validate
 from seaid.identification.simulated_joints import driven_motion
+from seaid.identification.static_calibration import calibrate_statics, held_poses
 from seaid.log.custom_columns import both_sides
 from seaid.log.motion import Motion, reconstruct_motion, reconstruct_motions
 from seaid.log.reading import Log
+from seaid.regressor import joint_torques
 from seaid.regressor.base import base_parameters
 from seaid.regressor.exact.equations import base_parameters as exact_base_parameters
 from seaid.regressor.exact.equations import complete_model
@@ -844,3 +846,28 @@ def test_a_deflection_does_not_tell_the_position_of_a_coupled_joint() -> None:
         both_sides(picked, robot)
     plain = {"elbow.deflection_rad": np.zeros(3), "elbow.motor_position_rad": np.ones(3)}
     assert both_sides(plain, robot)["elbow.joint_position_rad"] == pytest.approx(1 / 80)
+
+
+def test_held_poses_calibrate_the_springs_of_coupled_joints() -> None:
+    """Stretch and torque of a spring are those of phi = C q, exact without noise."""
+    robot, rng = elastic_differential().robot, np.random.default_rng(4)
+    rest = np.repeat(rng.uniform(-0.8, 0.8, (9, robot.n)), 100, axis=0)
+    nothing = np.zeros_like(rest)
+    torques = torques_at_drives(robot.transmission, joint_torques(robot, rest, nothing, nothing))
+    turned, motor = at_drives(robot.transmission, rest), np.empty_like(rest)
+    for index, drive in enumerate(robot.drives.values()):
+        stretch = torques[:, index] / drive.load_radius / drive.values["stiffness"]
+        motor[:, index] = total_ratio(drive) * (turned[:, index] + stretch / drive.load_radius)
+    log = Log(0.01 * np.arange(len(rest)), robot.joint_names, motor, rest)
+    for joint, drive in robot.drives.items():
+        found = calibrate_statics(held_poses(robot, log, joint))
+        assert found.value("stiffness") == pytest.approx(drive.values["stiffness"], rel=1e-6)
+
+
+def test_springs_of_coupled_joints_without_encoders_are_refused() -> None:
+    case = elastic_differential()
+    log = log_of(true_motion(case, duration=4.0))
+    unseen = np.where(np.arange(3) > 0, np.nan, log.joint_position)
+    message = "whose motor turns several joints, and no sensor is behind its spring"
+    with pytest.raises(IdentificationError, match=message):
+        identify(case.robot.without_nominal(), replace(log, joint_position=unseen))
