@@ -858,7 +858,7 @@ def test_held_poses_calibrate_the_springs_of_coupled_joints() -> None:
     for index, drive in enumerate(robot.drives.values()):
         stretch = torques[:, index] / drive.load_radius / drive.values["stiffness"]
         motor[:, index] = total_ratio(drive) * (turned[:, index] + stretch / drive.load_radius)
-    log = Log(0.01 * np.arange(len(rest)), robot.joint_names, motor, rest)
+    log = Log(np.linspace(0.0, 9.0, len(rest)), robot.joint_names, motor, rest)
     for joint, drive in robot.drives.items():
         found = calibrate_statics(held_poses(robot, log, joint))
         assert found.value("stiffness") == pytest.approx(drive.values["stiffness"], rel=1e-6)
