@@ -21,6 +21,7 @@ from seaid.regressor import (
     actuator_columns,
     load_torques,
     measured_contact_torques,
+    sensed_torque,
     signals,
     under_load,
     unknown_actuator_friction,
@@ -236,7 +237,7 @@ def _actuator(identification: Identification, motion: Motion) -> tuple[Array, Ar
             drive = identification.known.drives[joint]
             # Then the equation is (4b), in forces of the spring; r_M/N is its lever at the motor.
             lever = drive.motor_radius / drive.ratio
-            force = motion.joint_torque[:, index] / drive.load_radius
+            force = sensed_torque(identification.known, motion, index) / drive.load_radius
             measured[:, index], error = lever * force, lever * error
         computed[:, index] = measured[:, index] + error
         still[:, index] = unknown_actuator_friction(identification.known, motion, joint, regressor)

@@ -41,6 +41,7 @@ from seaid.identification.output_error import refine
 from seaid.identification.repeated_identification import validate
 from seaid.identification.simulated_joints import driven_motion
 from seaid.identification.static_calibration import calibrate_statics, held_poses
+from seaid.identification.validation import _actuator
 from seaid.log.custom_columns import both_sides
 from seaid.log.motion import Motion, reconstruct_motion, reconstruct_motions
 from seaid.log.reading import Log
@@ -629,6 +630,13 @@ def test_sensors_at_all_joints_of_a_group_stand_for_its_motors(name: str) -> Non
     assert np.max(np.abs(found.load.values - true)) < 0.01 * np.max(np.abs(true))
     terms = [term for term in ("stiffness",) if case.robot.elastic_joints]
     assert all(abs(error) < 0.01 for error in drive_errors(found, case.robot, *terms).values())
+    (seen,), measured = found.motions, _actuator(found, found.motions[0])[0]
+    for joint in case.robot.elastic_joints:  # the force of a spring is that on phi = C q
+        index, drive = case.robot.index(joint), case.robot.drives[joint]
+        turned = at_drives(case.C, seen.joint_position)[:, index]
+        stretch = seen.motor_position[:, index] / total_ratio(drive) - turned
+        torque = drive.values["stiffness"] * drive.load_radius**2 * stretch / total_ratio(drive)
+        np.testing.assert_allclose(measured[:, index], torque, atol=0.02 * np.ptp(torque))
 
 
 def test_a_sensor_at_one_joint_of_a_group_is_not_enough() -> None:
