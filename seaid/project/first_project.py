@@ -26,12 +26,9 @@ from seaid.drives import (
     write_drives,
 )
 from seaid.errors import LogError, SeaidError, abridged, checked, listed
-from seaid.identification import (
-    JointCheck,
-    check,
-    with_leg_order,
-)
+from seaid.identification import JointCheck, check, with_leg_order
 from seaid.log import (
+    Description,
     Log,
     LogDescription,
     describe_log,
@@ -45,7 +42,7 @@ from seaid.robot import BaseKind, Contact, FloatingBase, Payload, Robot, load_ro
 _OWN_PART = 0.7
 """Part of a single log that is used to identify; the rest validates."""
 
-_SHORTEST_S, _SHORTEST_COMMANDED_S = 40.0, 10.0
+_SHORTEST_S = {False: 40.0, True: 10.0}
 """Duration from which a single log is divided: its first part then has about half a minute. With
 position commands and known bodies few parameters are unknown, and the replay needs another part."""
 
@@ -141,19 +138,9 @@ def write_first_project(
     """
     folder = Path(folder)
     file = folder / PROJECT_FILE
-    if file.exists():
-        raise SeaidError(
-            f"'{file}' is there already: change it and run it, with `seaid run` or "
-            "seaid.run_project(folder), or remove it first"
-        )
-    logs = [logs] if isinstance(logs, str | Path) else logs
-    if not logs:
-        raise SeaidError("a project needs a log: give the URDF and at least one log")
+    _check_request(file, logs, drives, controllers)
+    paths = [Path(path) for path in ([logs] if isinstance(logs, str | Path) else logs)]
     doubts: list[str] = []
-    if drives is not None and controllers:
-        raise SeaidError(
-            f"'{drives}' has the controllers of its drives: write the gains there, or leave it out"
-        )
     known = _known_drives(urdf, drives, doubts, bool(controllers))
     load = partial(
         load_robot,
@@ -166,58 +153,49 @@ def write_first_project(
         contacts=contacts,
         imu_link=imu_link,
     )
-    paths = [Path(path) for path in logs]
     robot, joints = _load_named_joints(load, joints, paths, doubts)
-    grouped, of_files = (
-        logs_of_files(paths, robot) if rate_hz is None else (_logs_without_time(paths), ())
-    )
-    read: list[_ReadLog] = []
-    for files in grouped:
-        read.append(_read(files, robot, folder, rate_hz, known is None, read))
-    robot = _with_springs(robot, {joint for entry in read for joint in entry.springs})
-    doubts += [*of_files, *(doubt for entry in read for doubt in entry.doubts)]
+    read, robot = _read_all(paths, robot, folder, rate_hz, known is None, doubts)
     texts = {x.description_file: x.text for x in read if x.description_file and x.text}
-    untrue = [finding for entry in read for finding in no_measurements(robot, entry.log)]
-    doubts += dict.fromkeys(f"{finding.joint}: {finding.message}" for finding in untrue)
     logs_read = [entry.log for entry in read]
+    without = _joints_without_torque(robot, logs_read, doubts)
     doubts += _lock_hints(robot, logs_read)
-    without = {x.joint for x in untrue}
-    without |= {joint for joint in robot.joint_names if without and _is_unsigned(logs_read, joint)}
-    commanded = _commanded(robot, logs_read, without) if known is None else ()
-    tables: dict[str, dict[str, object]] = {}
+    tables: dict[str, _Table] = {}
     if known is None:
-        tables, unsure = inferred_drives(robot, logs_read, commanded)
-        gains = {**_logged_gains(read, doubts), **(controllers or {})}
-        tables |= {joint: _controlled(robot, joint, logs_read, gains) for joint in commanded}
-        asked = [x for x in commanded if str(_UNKNOWN_GAIN) in str(tables[x]["controller"])]
-        unsure += [f"{listed(asked)}: {_GAINS}"] * bool(asked) + [_DELAY] * bool(commanded)
-        fast = [x for x in commanded if all(_has(log, "velocity_command", x) for log in logs_read)]
-        unsure += [f"{listed(fast)}: {_VELOCITY_COMMANDS}"] * bool(fast)
-        laws = {joint: tables[joint]["controller"] for joint in commanded}
-        held = [x for x, law in laws.items() if isinstance(law, Controller) and law.is_held]
-        unsure += [f"{listed(held)}: {_HELD}"] * bool(held)
+        tables, unsure = _all_drives(robot, read, without, controllers, doubts)
         doubts += unsure
         if tables:
             known = folder / f"{Path(urdf).stem}_drives.toml"
-            if known.exists():
-                raise SeaidError(f"'{known}' is there already: give it as drives")
-            write_drives(drives_from_mapping(tables), known)
-            texts[known] = _as_comments(unsure) + _with_gaps(known.read_text(encoding="utf-8"))
-    head = _robot_lines(_relative(urdf, folder), robot, joints)
+            texts[known] = _drives_text(tables, unsure, known)
+    is_commanded = any("controller" in table for table in tables.values())
     unscaled = _unscaled(robot, logs_read, tables)
-    bodies = _known_bodies(robot) if commanded or unscaled else ()
-    head += bodies
-    if known is not None:
-        head.insert(1, f"drives = {_quoted(_relative(known, folder))}")
-    shortest_s = _SHORTEST_COMMANDED_S if commanded else _SHORTEST_S
-    unflagged = [_unflagged(robot, entry.log) for entry in read]
-    doubts += dict.fromkeys(f"{listed(links)}: {_UNFLAGGED}" for links in unflagged if links)
-    lines = [*_payload_lines(payloads), *_log_lines(robot, read, folder, shortest_s)]
-    stds = _KNOWN_STD["bodies" if bodies and unscaled else ""]
-    text = "\n".join([*head, *lines, _OPTIONS.format(known_std=stds)])
-    for path, content in {**texts, file: f"{_as_comments(doubts)}{text}\n"}.items():
+    bodies = _known_bodies(robot) if is_commanded or unscaled else ()
+    doubts += _flag_doubts(robot, logs_read)
+    lines = [
+        *_robot_lines(urdf, known, folder, robot, joints),
+        *bodies,
+        *_payload_lines(payloads),
+        *_log_lines(robot, read, folder, _SHORTEST_S[is_commanded]),
+        _OPTIONS.format(known_std=_KNOWN_STD["bodies" if bodies and unscaled else ""]),
+    ]
+    text = _as_comments(doubts) + "\n".join(lines) + "\n"
+    for path, content in {**texts, file: text}.items():
         write_whole(path, content)
     return FirstProject((file, *texts), tuple(doubts))
+
+
+def _check_request(file: Path, logs: object, drives: object, controllers: object) -> None:
+    """Raise SeaidError for a project that exists, or arguments that do not go together."""
+    if file.exists():
+        raise SeaidError(
+            f"'{file}' is there already: change it and run it, with `seaid run` or "
+            "seaid.run_project(folder), or remove it first"
+        )
+    if not logs:
+        raise SeaidError("a project needs a log: give the URDF and at least one log")
+    if drives is not None and controllers:
+        raise SeaidError(
+            f"'{drives}' has the controllers of its drives: write the gains there, or leave it out"
+        )
 
 
 _UNNAMED = "no column of the logs has such a name: locked at zero; joints = names those that move"
@@ -242,17 +220,54 @@ def _load_named_joints(
     return load(joints=named), named
 
 
+def _read_all(
+    paths: Sequence[Path],
+    robot: Robot,
+    folder: Path,
+    rate_hz: float | None,
+    infers: bool,
+    doubts: list[str],
+) -> tuple[list[_ReadLog], Robot]:
+    """Return the logs of files, and the robot with springs in joints whose deflection they have."""
+    grouped, of_files = (
+        logs_of_files(paths, robot) if rate_hz is None else (_logs_without_time(paths), ())
+    )
+    read: list[_ReadLog] = []
+    for files in grouped:
+        read.append(_read(files, robot, folder, rate_hz, infers, read))
+    doubts += [*of_files, *(doubt for entry in read for doubt in entry.doubts)]
+    return read, _with_springs(robot, {joint for entry in read for joint in entry.springs})
+
+
+def _joints_without_torque(robot: Robot, logs: Sequence[Log], doubts: list[str]) -> set[str]:
+    """Return the joints whose torques are no measurements, each finding as a doubt."""
+    untrue = [finding for log in logs for finding in no_measurements(robot, log)]
+    doubts += dict.fromkeys(f"{finding.joint}: {finding.message}" for finding in untrue)
+    unsigned = {joint for joint in robot.joint_names if untrue and _is_unsigned(logs, joint)}
+    return unsigned | {finding.joint for finding in untrue}
+
+
+def _about(joints: Sequence[str], doubt: str) -> list[str]:
+    """Return a doubt about joints or links, none without them."""
+    return [f"{listed(joints)}: {doubt}"] if joints else []
+
+
 def _lock_hints(robot: Robot, logs: Sequence[Log]) -> Iterator[str]:
     """Yield how to lock the joints that stand still in all logs, if others move."""
+    positions = np.concatenate([log.joint_position for log in logs])
+    motors = np.concatenate([log.motor_position for log in logs])
     places = {}
     for index, joint in enumerate(robot.joint_names):
-        sides = [(log.joint_position[:, index], log.motor_position[:, index]) for log in logs]
-        known = [np.concatenate([pair[k] for pair in sides]) for k in range(2)]
-        if all(np.all(np.isnan(q)) or np.nanmax(q) - np.nanmin(q) < _STILL for q in known):
-            places[joint] = float(np.nanmean(known[0]))
+        if _is_still(positions[:, index]) and _is_still(motors[:, index]):
+            places[joint] = float(np.nanmean(positions[:, index]))
     if 0 < len(places) < robot.n and all(map(np.isfinite, places.values())):
         option = ",".join(f"{joint}={place:.4g}" for joint, place in places.items())
         yield f"{listed(places)}: no motion in any log; lock what stands still: --locked {option}"
+
+
+def _is_still(position: Array) -> bool:
+    """Return whether a position is not logged, or hardly changes."""
+    return bool(np.all(np.isnan(position)) or np.nanmax(position) - np.nanmin(position) < _STILL)
 
 
 _STILL = 1e-3
@@ -334,11 +349,7 @@ def _read(
     except LogError as problem:
         if path.with_suffix(".toml").is_file() or not path.exists():
             raise
-        plain = problem
-    try:
-        guess = describe_log(files, robot, rate_hz=rate_hz)
-    except LogError as problem:
-        raise plain if _has_own_names(files) else problem from None
+        guess = _guess(files, robot, rate_hz, problem)
     joints = guess.description.joints
     springs = tuple(x for x in joints if infers and "deflection" in joints[x])
     robot = _with_springs(robot, springs)
@@ -347,11 +358,41 @@ def _read(
     if target.exists():
         log = read_log(files, robot, description=target)
         return _ReadLog(files, log, target, springs=springs, columns=columns, description=target)
+    alike = _read_alike(files, robot, columns, others)
+    if alike is not None:
+        return replace(alike, gains=guess.gains)
+    guess, log = _read_guessed(files, robot, guess)
+    doubts = tuple(f"{path.name}: {doubt}" for doubt in guess.unsure)
+    of_file = target, guess.to_toml(), doubts, guess.gains, springs, columns, guess.description
+    return _ReadLog(files, log, *of_file)
+
+
+def _guess(
+    files: Sequence[Path], robot: Robot, rate_hz: float | None, plain: LogError
+) -> Description:
+    """Return what columns may mean; without an answer raise `plain` for seaid's own names."""
+    try:
+        return describe_log(files, robot, rate_hz=rate_hz)
+    except LogError as problem:
+        raise plain if _has_own_names(files) else problem from None
+
+
+def _read_alike(
+    files: tuple[Path, ...], robot: Robot, columns: Set[str], others: Sequence[_ReadLog]
+) -> _ReadLog | None:
+    """Read a file by the description of a log with the same columns, None if that fails."""
     match = next((entry for entry in others if len(files) == 1 and entry.columns == columns), None)
     if match is not None and match.description is not None:
         with suppress(LogError):
             log = read_log(files, robot, description=match.description)
-            return replace(match, files=files, log=log, text="", doubts=(), gains=guess.gains)
+            return replace(match, files=files, log=log, text="", doubts=())
+    return None
+
+
+def _read_guessed(
+    files: Sequence[Path], robot: Robot, guess: Description
+) -> tuple[Description, Log]:
+    """Return a log by its inferred description, and that with the order of legs that fits it."""
     try:
         log = read_log(files, robot, description=guess.description)
     except LogError as problem:
@@ -359,11 +400,9 @@ def _read(
         about.append("joints that stand still, or that no column has, are locked with locked=")
         raise LogError("; ".join([str(problem), *about]), "locked=") from None
     ordered = with_leg_order(guess, robot, log)
-    if ordered is not guess:
-        guess, log = ordered, read_log(files, robot, description=ordered.description)
-    doubts = tuple(f"{path.name}: {doubt}" for doubt in guess.unsure)
-    of_file = target, guess.to_toml(), doubts, guess.gains, springs, columns, guess.description
-    return _ReadLog(files, log, *of_file)
+    if ordered is guess:
+        return guess, log
+    return ordered, read_log(files, robot, description=ordered.description)
 
 
 def _has_own_names(files: Sequence[Path]) -> bool:
@@ -407,16 +446,14 @@ def _commanded(robot: Robot, logs: Sequence[Log], untrue: Set[str]) -> tuple[str
 
     The torques and currents of the joints `untrue` are no measurements.
     """
-    torques = ("motor_torque", "joint_torque", "motor_current", "motor_voltage")
     joints = []
     for index, joint in enumerate(robot.joint_names):
         logged = [
             {name for name, x in log.sensors().items() if np.all(np.isfinite(x[:, index]))}
             for log in logs
         ]
-        measured = set() if joint in untrue else {*torques}
-        is_sent = any(all(kind in names for names in logged) for kind in COMMANDS)
-        if is_sent and not any(names & measured for names in logged):
+        measured = set.union(*logged) & {*_TORQUES}
+        if set.intersection(*logged) & {*COMMANDS} and (joint in untrue or not measured):
             joints.append(joint)
     return tuple(joints)
 
@@ -431,6 +468,11 @@ def _logged_gains(read: Sequence[_ReadLog], doubts: list[str]) -> dict[str, Cont
         if log.gains != first
     ]
     return dict(first)
+
+
+def _sent(logs: Sequence[Log], joint: str) -> list[str]:
+    """Return the kinds of command that all logs have of a joint."""
+    return [kind for kind in COMMANDS if all(_has(log, kind, joint) for log in logs)]
 
 
 def _has(log: Log, field: str, joint: str) -> bool:
@@ -452,29 +494,62 @@ def _controlled(
     A controller without a position gain takes velocities alone. Gains that do not go with the
     commands of the logs count as unknown.
     """
-    has = {kind: all(_has(log, kind, joint) for log in logs) for kind in COMMANDS}
-    law = controllers.get(joint)
+    sent, law = _sent(logs, joint), controllers.get(joint)
     if law is not None and not law.position_gain_Nm_per_rad:
-        has["position_command"] &= not (has["velocity_command"] and law.velocity_gain_Nms_per_rad)
-        law = None if has["position_command"] else law
-    if law is None:
-        law = Controller(
-            position_gain_Nm_per_rad=_UNKNOWN_GAIN if has["position_command"] else 0.0,
-            velocity_gain_Nms_per_rad=_UNKNOWN_GAIN if has["velocity_command"] else 0.0,
-        )
-    kind = next(kind for kind in COMMANDS if has[kind])
-    law = replace(law, is_held=law.is_held or all(_is_held(log, kind, joint) for log in logs))
-    if has["velocity_command"]:
+        if law.velocity_gain_Nms_per_rad and "velocity_command" in sent:
+            sent = ["velocity_command"]
+        elif "position_command" in sent:
+            law = None
+    law = law or Controller(
+        position_gain_Nm_per_rad=_UNKNOWN_GAIN * ("position_command" in sent),
+        velocity_gain_Nms_per_rad=_UNKNOWN_GAIN * ("velocity_command" in sent),
+    )
+    is_held = law.is_held or all(_is_held(log, sent[0], joint) for log in logs)
+    law = replace(law, is_held=is_held)
+    if "velocity_command" in sent:
         law = replace(law, command_velocity_gain_Nms_per_rad=law.velocity_gain_Nms_per_rad)
     return {
         "type": "stiff",
         _ratio_key(robot, robot.index(joint)): 1.0,
         "friction": ["viscous", "coulomb", "offset"],
-        "motor_input": kind,
+        "motor_input": sent[0],
         "controller": law,
         "command_delay_s": 0.0,
         "command_delay_s_std": 0.005,
     }
+
+
+def _all_drives(
+    robot: Robot,
+    read: Sequence[_ReadLog],
+    without: Set[str],
+    controllers: Mapping[str, Controller] | None,
+    doubts: list[str],
+) -> tuple[dict[str, _Table], list[str]]:
+    """Return the inferred drives, those of position commands with their controllers.
+
+    The torques of the joints `without` are no measurements. Gains that change are a doubt.
+    """
+    logs = [entry.log for entry in read]
+    commanded = _commanded(robot, logs, without)
+    tables, unsure = inferred_drives(robot, logs, commanded)
+    gains = {**_logged_gains(read, doubts), **(controllers or {})}
+    tables |= {joint: _controlled(robot, joint, logs, gains) for joint in commanded}
+    laws = {joint: str(tables[joint]["controller"]) for joint in commanded}
+    unsure += _about([joint for joint in laws if str(_UNKNOWN_GAIN) in laws[joint]], _GAINS)
+    unsure += [_DELAY] * bool(commanded)
+    fast = [joint for joint in commanded if "velocity_command" in _sent(logs, joint)]
+    unsure += _about(fast, _VELOCITY_COMMANDS)
+    unsure += _about([joint for joint in laws if "is_held=True" in laws[joint]], _HELD)
+    return tables, unsure
+
+
+def _drives_text(tables: Mapping[str, _Table], doubts: Sequence[str], file: Path) -> str:
+    """Return the text of a new file of drives with doubts and gaps."""
+    if file.exists():
+        raise SeaidError(f"'{file}' is there already: give it as drives")
+    write_drives(drives_from_mapping(tables), file)
+    return _as_comments(doubts) + _with_gaps(file.read_text(encoding="utf-8"))
 
 
 def _is_held(log: Log, kind: str, joint: str) -> bool:
@@ -528,11 +603,13 @@ _UNSCALED = (
 _INPUTS: tuple[MotorInput, ...] = ("torque", "current", "voltage")
 """Kinds of a motor's input, the most direct one first."""
 
+_TORQUES = ("joint_torque", *(f"motor_{kind}" for kind in _INPUTS))
+"""Sensors of a torque, or of what is proportional to it, the most direct one first."""
 
-def _input(sensors: Sequence[Mapping[str, Array]]) -> MotorInput | Literal[""]:
+
+def _input(sensors: Set[str]) -> MotorInput | Literal[""]:
     """Return by what a motor is logged, the most direct one; "" by nothing."""
-    names = {name for signals in sensors for name in signals}
-    return next((kind for kind in _INPUTS if f"motor_{kind}" in names), "")
+    return next((kind for kind in _INPUTS if f"motor_{kind}" in sensors), "")
 
 
 _OF_DEFLECTION = (
@@ -570,6 +647,11 @@ def _unscaled(
     ]
 
 
+_Table = dict[str, object]
+_Drive = tuple[_Table | None, str]
+"""Table of a drive, None if its torque counts as known at the joint, and the doubt about it."""
+
+
 def _ratio_key(robot: Robot, index: int) -> str:
     """Return the key of the gear ratio in the table of a joint that turns or slides."""
     return "gear_ratio_rad_per_m" if robot.is_prismatic[index] else "gear_ratio"
@@ -577,100 +659,115 @@ def _ratio_key(robot: Robot, index: int) -> str:
 
 def inferred_drives(
     robot: Robot, logs: Sequence[Log], without: Sequence[str] = ()
-) -> tuple[dict[str, dict[str, object]], list[str]]:
+) -> tuple[dict[str, _Table], list[str]]:
     """Return drive tables of joints with a motor's torque, and what is doubtful about them.
 
     Nothing is said of the joints `without`.
     """
-    tables: dict[str, dict[str, object]] = {}
-    doubts, alone, sensed = list[str](), list[str](), list[str]()
-    for index, joint in enumerate(robot.joint_names):
-        if joint in without:
-            continue
-        sensors = [_sensors(log, index) for log in logs]
-        places = [place for place, channels in enumerate(sensors) if "motor_position" in channels]
-        kind, is_sensed = _input(sensors), any("joint_torque" in channels for channels in sensors)
-        fed: dict[str, object] = {"motor_input": kind} if kind not in ("", "torque") else {}
-        first = sensors[places[0]] if places else {}
-        if places and _has_locked_output(logs[places[0]], index):
-            key = _ratio_key(robot, index)
-            tables[joint] = {"type": "series_elastic", key: 1.0, **fed}
-            doubts.append(f"{joint}: {_LOCKED.format(key=key)}")
-            continue
-        if robot.drives[joint].is_elastic and "deflection" not in first:
-            key = "motor_pulley_radius_m" if robot.is_prismatic[index] else "gear_ratio"
-            tables[joint] = {"type": "series_elastic", "gear_ratio": 1.0, key: 1.0, **fed}
-            doubts.append(f"{joint}: {_OF_DEFLECTION.format(key=key)}")
-            continue
-        if places and "joint_position" in first:
-            table, doubt = _drive_of_encoders(robot, index, logs[places[0]].time, first)
-            doubts.append(f"{joint}: {doubt}")
-            if table is not None:
-                tables[joint] = {**table, **fed}
-            continue
-        if is_sensed and kind != "torque":  # has a scale, and neither friction nor a rotor
-            sensed.append(joint)
-            continue
-        key = _ratio_key(robot, index)
-        if places:
-            doubts.append(f"{joint}: {key} = 1.0 is a placeholder: no joint encoder shows it")
-        elif kind:
-            alone.append(joint)
+    drives = {
+        joint: _inferred_drive(robot, index, logs)
+        for index, joint in enumerate(robot.joint_names)
+        if joint not in without
+    }
+    tables = {joint: table for joint, (table, _) in drives.items() if table is not None}
+    _add_standard_errors(robot, logs, tables)
+    shared: dict[str, list[str]] = {_NO_ENCODER: [], _NO_MOTOR: []}
+    doubts = []
+    for joint, (table, doubt) in drives.items():
+        if doubt in shared:
+            shared[doubt].append(joint)
         else:
-            sensed.append(joint)
-            continue
-        tables[joint] = {"type": "stiff", key: 1.0, **fed}
-    doubts += [f"{listed(alone)}: {_NO_ENCODER}"] if alone else []
-    known = "no motor encoder or torque in the logs: torques at the joints count as known"
-    doubts += [f"{listed(sensed)}: {known}"] if sensed else []
-    unscaled = _unscaled(robot, logs, tables)
-    doubts += [f"{listed(unscaled)}: {_UNSCALED}"] if unscaled else []
-    return _with_standard_errors(robot, logs, tables, doubts)
+            doubts.append(f"{joint}: {_size(table or {})}{doubt}")
+    shared[_UNSCALED] = _unscaled(robot, logs, tables)
+    return tables, doubts + [text for doubt in shared for text in _about(shared[doubt], doubt)]
 
 
-def _with_standard_errors(
-    robot: Robot, logs: Sequence[Log], tables: dict[str, dict[str, object]], doubts: list[str]
-) -> tuple[dict[str, dict[str, object]], list[str]]:
-    """Return drive tables with the ratios and standard errors of `check`, from all logs.
+def _inferred_drive(robot: Robot, index: int, logs: Sequence[Log]) -> _Drive:
+    """Return the drive of a joint, None if its torque counts as known, and the doubt about it."""
+    sensors = [_sensors(log, index) for log in logs]
+    names, encoded = set[str]().union(*sensors), zip(logs, sensors, strict=True)
+    log, channels = next((pair for pair in encoded if "motor_position" in pair[1]), (None, {}))
+    drive = _spring_without_gear(robot, index, log, channels)
+    if drive is None and log is not None and "joint_position" in channels:
+        drive = _drive_of_encoders(robot, index, log.time, channels)
+    table, doubt = drive or _drive_without_encoder(names, _ratio_key(robot, index))
+    kind = _input(names)
+    if table is not None and kind not in ("", "torque"):
+        table["motor_input"] = kind
+    return table, doubt
+
+
+def _spring_without_gear(
+    robot: Robot, index: int, log: Log | None, channels: Mapping[str, Array]
+) -> _Drive | None:
+    """Return a spring whose gear ratio no encoder shows, None if there is no sign of one."""
+    key = _ratio_key(robot, index)
+    if log is not None and _has_locked_output(log, index):
+        return {"type": "series_elastic", key: 1.0}, _LOCKED.format(key=key)
+    if robot.drives[robot.joint_names[index]].is_elastic and "deflection" not in channels:
+        key = "motor_pulley_radius_m" if robot.is_prismatic[index] else "gear_ratio"
+        table: _Table = {"type": "series_elastic", "gear_ratio": 1.0, key: 1.0}
+        return table, _OF_DEFLECTION.format(key=key)
+    return None
+
+
+def _drive_without_encoder(sensors: Set[str], key: str) -> _Drive:
+    """Return the stiff drive of a joint by its sensors, of which one encoder at most is logged."""
+    kind = _input(sensors)
+    if "joint_torque" in sensors and kind != "torque":  # has a scale, and no friction nor rotor
+        return None, _NO_MOTOR
+    if "motor_position" in sensors:
+        doubt = f"{key} = 1.0 is a placeholder: no joint encoder shows it"
+        return {"type": "stiff", key: 1.0}, doubt
+    return ({"type": "stiff", key: 1.0}, _NO_ENCODER) if kind else (None, _NO_MOTOR)
+
+
+_NO_MOTOR = "no motor encoder or torque in the logs: torques at the joints count as known"
+
+
+def _add_standard_errors(robot: Robot, logs: Sequence[Log], tables: Mapping[str, _Table]) -> None:
+    """Replace ratios and standard errors in drive tables by those of `check`, from all logs.
 
     It knows the springs of these drives, and takes (7) where the motor moves. The standard errors
-    go into those of the estimates (`gear_ratio_std`). A ratio that `check` does not confirm keeps
-    its value, and its error is at least the difference.
+    go into those of the estimates (`gear_ratio_std`).
     """
-    keys = {joint: _inferred_key(table) for joint, table in tables.items()}
-    if not any(keys.values()):
-        return tables, doubts
+    keys = {joint: key for joint, table in tables.items() if (key := _inferred_key(table))}
     joints: Mapping[str, JointCheck] = {}
     with suppress(SeaidError):  # logs that fit no drive: run names what is wrong
-        joints = check(robot.with_drives(drives_from_mapping(tables)), logs).joints
+        joints = check(robot.with_drives(drives_from_mapping(tables)), logs).joints if keys else {}
     for joint, key in keys.items():
-        if not key:
-            continue
         table = tables[joint]
         value, error = (float(str(table[name])) for name in (key, f"{key}_std"))
-        fit = joints.get(joint)
-        if fit is not None and fit.gear_ratio_error > 0:
-            # of a screw, whose gear ratio is 1, the radius goes with its inverse
-            factor = fit.gear_ratio / (1.0 if "pulley" in key else value)
-            better = value / factor if "pulley" in key else value * factor
-            if abs(factor - 1) < _SAME_RATIO:
-                value, error = better, abs(better) * fit.gear_ratio_error / abs(fit.gear_ratio)
-            else:
-                error = max(error, abs(better - value))
+        value, error = _confirmed(value, error, joints.get(joint), "pulley" in key)
         table[key], table[f"{key}_std"] = float(f"{value:.7g}"), float(f"{error:.2g}")
-        text = f"{joint}: {key} = {value:.7g} +- {error:.2g} from both encoders,"
-        doubts = [
-            f"{text}{doubt.split('from both encoders,')[1]}"
-            if doubt.startswith(f"{joint}: {key} = ") and "from both encoders," in doubt
-            else doubt
-            for doubt in doubts
-        ]
-    return tables, doubts
+
+
+def _confirmed(
+    value: float, error: float, fit: JointCheck | None, is_radius: bool
+) -> tuple[float, float]:
+    """Return a gear ratio or radius, and its standard error, by the ratio that `check` finds.
+
+    A value that it does not confirm stays, and its error is at least the difference.
+    """
+    if fit is None or not fit.gear_ratio_error > 0:
+        return value, error
+    # of a screw, whose gear ratio is 1, the radius goes with its inverse
+    factor = fit.gear_ratio / (1.0 if is_radius else value)
+    better = value / factor if is_radius else value * factor
+    if abs(factor - 1) < _SAME_RATIO:
+        return better, abs(better) * fit.gear_ratio_error / abs(fit.gear_ratio)
+    return value, max(error, abs(better - value))
 
 
 def _inferred_key(table: Mapping[str, object]) -> str:
     """Return the key of what both encoders say of a gear, "" if its value is a placeholder."""
     return next((key.removesuffix("_std") for key in table if key.endswith("_std")), "")
+
+
+def _size(table: Mapping[str, object]) -> str:
+    """Return what both encoders say of a gear as text, "" if its value is a placeholder."""
+    key = _inferred_key(table)
+    return f"{key} = {table[key]:.7g} +- {table[f'{key}_std']:.2g} " if key else ""
 
 
 _SAME_RATIO = 0.03
@@ -685,56 +782,57 @@ def _sensors(log: Log, index: int) -> dict[str, Array]:
 
 def _drive_of_encoders(
     robot: Robot, index: int, time: Array, sensors: Mapping[str, Array]
-) -> tuple[dict[str, object] | None, str]:
+) -> _Drive:
     """Return the drive of a joint with two encoders, and the doubt about it."""
     motor, joint = sensors["motor_position"], sensors["joint_position"]
-    inputs = [f"motor_{kind}" for kind in _INPUTS if f"motor_{kind}" in sensors]
-    torque = sensors.get("joint_torque", sensors[inputs[0]] if inputs else None)
+    unit, least = ("m", _MOVES_M) if robot.is_prismatic[index] else ("rad", _MOVES_RAD)
     if np.array_equal(motor, joint):
         return None, "both encoders have the same values: its torque counts as known"
-    if np.ptp(joint) < (_MOVES_M if robot.is_prismatic[index] else _MOVES_RAD):
+    if np.ptp(joint) < least:
         return None, "it hardly moves: its torque counts as known at the joint"
-    ratio, explained, error = _ratio(time, motor, joint, torque)
-    middle = len(time) // 2
-    first, second = (
-        _ratio(time[half], motor[half], joint[half], None if torque is None else torque[half])[0]
-        for half in (slice(middle), slice(middle, None))
-    )
-    # Half the difference of both halves shows what the model of the fit lacks, such as drift.
-    error = float(np.hypot(error, 0.5 * (first - second)))
+    ratio, explained, error = _ratio_with_drift(time, sensors)
     key = _ratio_key(robot, index)
-    table: dict[str, object] = {"type": "stiff", key: float(f"{ratio:.5g}"), f"{key}_std": error}
+    table: _Table = {"type": "stiff", key: float(f"{ratio:.5g}"), f"{key}_std": error}
     spread = float(np.std(motor / ratio - joint))
-    unit = "m" if robot.is_prismatic[index] else "rad"
     explains = explained > _SPRING or "deflection" in sensors
     if explains and robot.is_prismatic[index]:  # behind a screw, as behind a pulley
         key, radius = "motor_pulley_radius_m", float(f"{1 / ratio:.5g}")
         table = {"gear_ratio": 1.0, key: radius, f"{key}_std": radius * error / abs(ratio)}
-    size = f"{table[key]} +- {table[f'{key}_std']:.2g}"
-    text = f"{key} = {size} from both encoders, which differ by {spread:.2g} {unit} (rms)"
-    if not explains and "joint_torque" in sensors and "motor_torque" not in sensors:
-        return None, f"{text}; taken for stiff: its torque sensor counts as known at the joint"
-    if not explains:
-        return table, f"{text}; taken for stiff: compare with the data sheet"
-    more = f"{explained:.0%} of that follows the torque: taken for a spring"
-    return {**table, "type": "series_elastic"}, f"{text}; {more}; compare with the data sheet"
+    text = f"from both encoders, which differ by {spread:.2g} {unit} (rms)"
+    if explains:
+        more = f"{explained:.0%} of that follows the torque: taken for a spring"
+        return {**table, "type": "series_elastic"}, f"{text}; {more}; compare with the data sheet"
+    if "joint_torque" in sensors and "motor_torque" not in sensors:
+        text = f"{key} = {table[key]} +- {error:.2g} {text}; taken for stiff: its torque sensor"
+        return None, f"{text} counts as known at the joint"
+    return table, f"{text}; taken for stiff: compare with the data sheet"
 
 
-def _ratio(
-    time: Array, motor: Array, joint: Array, torque: Array | None
-) -> tuple[float, float, float]:
-    """Return the gear ratio from both encoders, the part of their difference that is a spring's,
-    and the standard error of the ratio: that of one sample of the residual, as in `gear_ratio`.
+def _ratio_with_drift(time: Array, sensors: Mapping[str, Array]) -> tuple[float, float, float]:
+    """Return what `_ratio` does, with half of the change between both halves in the error."""
+    torques = [name for name in _TORQUES if name in sensors]
+    names = ["motor_position", "joint_position", *torques[:1]]
+    signals = np.column_stack([sensors[name] for name in names])
+    ratio, explained, error = _ratio(time, signals)
+    middle = len(time) // 2
+    halves = (slice(middle), slice(middle, None))
+    first, second = (_ratio(time[half], signals[half])[0] for half in halves)
+    return ratio, explained, float(np.hypot(error, 0.5 * (first - second)))
+
+
+def _ratio(time: Array, logged: Array) -> tuple[float, float, float]:
+    """Return the gear ratio from motor, joint and torque, the part of their difference that is a
+    spring's, and the standard error of the ratio: that of one sample of the residual, as in
+    `gear_ratio`.
 
     motor / N - joint is the torque on the spring over its stiffness, and that is the torque of the
     motor less its inertia and friction, (7): motor = N joint + c_1 torque + c_2 w + c_3 sign(w) +
     c_4 w' + c_5. A current or voltage does as well, since c_1 is free.
     """
     rate_hz = (len(time) - 1) / float(time[-1] - time[0])
-    logged = [motor, joint, *([] if torque is None else [torque])]
-    signals = low_pass(np.column_stack(logged), rate_hz, _BAND_HZ)
+    signals = low_pass(logged, rate_hz, _BAND_HZ)
     columns = [signals[:, 1], np.ones(len(time))]
-    if torque is not None:
+    if logged.shape[1] > 2:
         speed = np.gradient(signals[:, 0], time)
         width = _WIDTH * max(float(np.std(speed)), np.finfo(float).tiny)
         # tanh, because the low pass has rounded the reversals of the torque as well.
@@ -754,19 +852,26 @@ def _as_comments(doubts: Sequence[str]) -> str:
     return "".join(lines) + "\n" * bool(doubts)
 
 
-def _robot_lines(urdf: str, robot: Robot, joints: Sequence[str] | None) -> list[str]:
-    lines = [f"urdf = {_quoted(urdf)}"]
+def _robot_lines(
+    urdf: str | Path,
+    drives: str | Path | None,
+    folder: Path,
+    robot: Robot,
+    joints: Sequence[str] | None,
+) -> Iterator[str]:
+    yield f"urdf = {_quoted(_relative(urdf, folder))}"
+    if drives is not None:
+        yield f"drives = {_quoted(_relative(drives, folder))}"
     gravity = robot.model.gravity.linear.tolist()
     if gravity != [0.0, 0.0, -9.81]:
-        lines.append(f"gravity = {gravity}  # [m/s^2] in the base frame")
+        yield f"gravity = {gravity}  # [m/s^2] in the base frame"
     if robot.floating_base is not None:
-        lines += _base_lines(robot.floating_base)
+        yield from _base_lines(robot.floating_base)
     if robot.locked:
         positions = ", ".join(f"{toml_key(joint)} = {at!r}" for joint, at in robot.locked.items())
-        lines.append(f"locked = {{ {positions} }}")
+        yield f"locked = {{ {positions} }}"
     if joints is not None:
-        lines.append(f"joints = [{', '.join(map(_quoted, joints))}]")
-    return lines
+        yield f"joints = [{', '.join(map(_quoted, joints))}]"
 
 
 def _base_lines(base: FloatingBase) -> Iterator[str]:
@@ -854,6 +959,12 @@ _UNFLAGGED = (
     "no column says when they touch the ground: found from torques and motion, with the bodies of "
     "the robot file; a flag of each is better"
 )
+
+
+def _flag_doubts(robot: Robot, logs: Sequence[Log]) -> dict[str, None]:
+    """Return the doubts about contacts without a flag, each once, in order."""
+    by_log = [_about(_unflagged(robot, log), _UNFLAGGED) for log in logs]
+    return dict.fromkeys(doubt for doubts in by_log for doubt in doubts)
 
 
 def _unflagged(robot: Robot, log: Log) -> tuple[str, ...]:

@@ -61,16 +61,8 @@ _CLASSES = {
     for kind in (
         *(Identification, Estimate, BaseParameters, LoadModel, ModelChecks, TermTest, Whiteness),
         *(Diagnostics, Drift),
-        *(
-            FeasibleParameters,
-            JointCheck,
-            JointFit,
-            Finding,
-            Processing,
-            CutoffSelection,
-            Repair,
-            Motion,
-        ),
+        *(FeasibleParameters, JointCheck, JointFit, Finding),
+        *(Processing, CutoffSelection, Repair, Motion),
         *(Validation, Fit, ContactForces, Robot, DependentJoint, ReplayComparison),
         *(FloatingBase, Contact, BaseMotion),
     )
@@ -215,21 +207,26 @@ def load_run(path: str | Path) -> Run:
         identification = _with_copies(run.identification, file.parent / "inputs")
         return replace(run, identification=identification)
     except FileNotFoundError:
-        if conditions := sorted(saved.parent.name for saved in path.glob(f"*/{FILE}")):
-            raise SeaidError(
-                f"'{path}' is a run of several conditions: name the folder of one, as "
-                f"{path / conditions[0]}; they are {listed(conditions)}"
-            ) from None
-        raise SeaidError(
-            f"no saved run at '{path}': name a folder of `seaid run`, such as runs/latest, or a "
-            "file of save_run"
-        ) from None
+        raise _without_run(path) from None
     except SeaidError as problem:
         raise SeaidError(f"'{file}' cannot be loaded: {problem}") from None
     except Exception as problem:  # a damaged file raises any exception of its readers
         raise SeaidError(
             f"'{file}' is no saved run, or damaged: {reason_of(problem)}; repeat the run"
         ) from None
+
+
+def _without_run(path: Path) -> SeaidError:
+    """Return the error for a path without a saved run."""
+    if conditions := sorted(saved.parent.name for saved in path.glob(f"*/{FILE}")):
+        return SeaidError(
+            f"'{path}' is a run of several conditions: name the folder of one, as "
+            f"{path / conditions[0]}; they are {listed(conditions)}"
+        )
+    return SeaidError(
+        f"no saved run at '{path}': name a folder of `seaid run`, such as runs/latest, or a "
+        "file of save_run"
+    )
 
 
 def _arrays(file: Path) -> dict[str, NDArray[Any]]:
@@ -274,10 +271,9 @@ def _as_annotated(value: Any) -> Any:
     """
     kind: Any = type(value)
     lengths: dict[str, float] = {}
-    for name in (attribute.name for attribute in fields(kind)):
-        content, hint = getattr(value, name), _hints_of(kind)[name]
+    for name, content in _fields_of(value).items():
         place = f"{kind.__name__}.{name}"
-        if not _matches(content, hint):
+        if not _matches(content, _hints_of(kind)[name]):
             raise TypeError(f"{place} is {shortened(content)}")
         symbols = _documented_shapes(kind).get(name, ())
         if not symbols or content is None:
@@ -291,6 +287,11 @@ def _as_annotated(value: Any) -> Any:
             if unit != (lengths.setdefault(letter, unit) if letter else 1.0):
                 raise ValueError(f"{place} has the shape {shape}, which others contradict")
     return value
+
+
+def _fields_of(value: Any) -> dict[str, Any]:
+    """Return the fields of an object of a dataclass."""
+    return {attribute.name: getattr(value, attribute.name) for attribute in fields(value)}
 
 
 _LENGTH = re.compile(r"(\d*)([A-Za-z]?)")
@@ -320,15 +321,24 @@ def _matches(value: Any, hint: Any) -> bool:
         return any(_matches(value, alternative) for alternative in inner)
     if origin is Literal:
         return isinstance(value, str) and value in inner
-    if origin is np.ndarray:
-        kinds = {"f": "iuf", "i": "iu", "b": "b"}[np.dtype(get_args(inner[1])[0]).kind]
-        return isinstance(value, np.ndarray) and value.dtype.kind in kinds
-    if origin is float:
-        return isinstance(value, float | int) and not isinstance(value, bool)
-    if origin is Any:
-        return True
-    if not isinstance(value, origin) or (origin is int and isinstance(value, bool)):
+    if isinstance(value, bool) and origin in (int, float):
         return False
+    if not isinstance(value, _TYPES.get(origin, origin)):
+        return False
+    if origin is np.ndarray:
+        return (
+            value.dtype.kind
+            in {"f": "iuf", "i": "iu", "b": "b"}[np.dtype(get_args(inner[1])[0]).kind]
+        )
+    return _contains(value, inner)
+
+
+_TYPES: dict[Any, Any] = {float: (float, int), Any: object}
+"""Types of the values of annotations that are no type of their own, or allow another one."""
+
+
+def _contains(value: Any, inner: tuple[Any, ...]) -> bool:
+    """Return whether the content of a mapping or tuple is what its annotation says, if anything."""
     if isinstance(value, Mapping) and inner:
         return all(_matches(key, inner[0]) and _matches(x, inner[1]) for key, x in value.items())
     if isinstance(value, tuple) and inner:
@@ -410,10 +420,8 @@ def _plain(value: Any, arrays: dict[str, Array]) -> Any:
         name = f"a{len(arrays)}"
         arrays[name] = value
         return {"is": "array", "name": name}
-    if isinstance(value, Robot):
-        return {"is": "Robot", "fields": plain(_robot_fields(value))}
     if type(value).__name__ in _CLASSES:
-        content = {attribute.name: getattr(value, attribute.name) for attribute in fields(value)}
+        content = _robot_fields(value) if isinstance(value, Robot) else _fields_of(value)
         return {"is": type(value).__name__, "fields": plain(content)}
     if isinstance(value, JointParameter):
         return {"is": "JointParameter", "parameter": value.parameter, "joint": value.joint}
@@ -422,7 +430,7 @@ def _plain(value: Any, arrays: dict[str, Array]) -> Any:
     if isinstance(value, Mapping):
         return {"is": "mapping", "items": [[key, plain(entry)] for key, entry in value.items()]}
     if isinstance(value, Sequence) and not isinstance(value, str):
-        return [plain(element) for element in value]
+        return list(map(plain, value))
     return value.item() if isinstance(value, np.generic) else value
 
 
@@ -448,11 +456,10 @@ def _restored(value: Any, arrays: Mapping[str, Array]) -> Any:
 
 def _robot_fields(robot: Robot) -> dict[str, Any]:
     """Return the fields of a robot, its model as joints and its drives as tables."""
-    content = {attribute.name: getattr(robot, attribute.name) for attribute in fields(robot)}
     model = {"gravity": robot.model.gravity.linear.copy(), "joints": joints_of(robot.model)}
     tables = {joint: drive_table(drive) for joint, drive in robot.drives.items()}
     urdf = None if robot.urdf is None else robot.urdf.absolute()
-    return {**content, "model": model, "drives": tables, "urdf": urdf}
+    return {**_fields_of(robot), "model": model, "drives": tables, "urdf": urdf}
 
 
 @dataclass(frozen=True)
