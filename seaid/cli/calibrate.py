@@ -51,8 +51,7 @@ def calibrate(
         checked_suffix(output, ".html", ".htm")
     if (is_typed("urdf") and joint is None) or (joint is not None and urdf is None):
         raise typer.BadParameter("a log needs both", param_hint="--urdf, --joint")
-    is_log = joint is not None and urdf is not None
-    result.check(output, read=(table, *((urdf, drives) if is_log else ())))
+    result.check(output, read=(table, *((urdf, drives) if joint is not None else ())))
     if urdf is None or joint is None:
         statics = read_statics(table)
     else:
@@ -76,4 +75,4 @@ def calibrate(
         **{key: getattr(fit, key) for key in ("rms", "linearity", "hysteresis")},
         "warnings": fit.warnings,
     }
-    result.show(fit.summary(), content, output, robot=name if is_log else None)
+    result.show(fit.summary(), content, output, robot=joint)

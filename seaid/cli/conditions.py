@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
+from itertools import chain
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from typer import Option
@@ -14,6 +15,9 @@ from seaid.cli.messages import is_terminal, written
 from seaid.cli.mistakes import check_log_files
 from seaid.cli.options import LogOptions, ResultOptions, names
 from seaid.errors import by_severity
+
+if TYPE_CHECKING:
+    from seaid.robot import Robot
 
 
 def conditions(
@@ -64,22 +68,12 @@ def conditions(
             "--condition warm=run.csv",
             param_hint="--condition",
         )
-    payloads = _by_condition(condition_payload or (), "LINK:MASS:X,Y,Z", "--condition-payload")
-    if unknown := [name for name in payloads if name not in paths]:
-        raise typer.BadParameter(
-            f"'{unknown[0]}' is no condition: they are {', '.join(paths)}",
-            param_hint="--condition-payload",
-        )
-    logs = {name: [Path(text) for text in texts] for name, texts in paths.items()}
-    every = [path for files in logs.values() for path in files]
+    payloads = _payloads(condition_payload or (), paths)
+    logs = {name: [*map(Path, texts)] for name, texts in paths.items()}
+    every = [*chain(*logs.values())]
     check_log_files(every, options.description)
     result.check(output, read=(*options.files, *every))
-    robots = {
-        name: replace(options, payload=[*(options.payload or ()), *payloads.get(name, ())]).robot(
-            options.known_body or ()
-        )
-        for name in paths
-    }
+    robots = {name: _robot(options, payloads.get(name, ())) for name in paths}
     fits = identify_conditions(
         {name: (robot, options.logs(logs[name], robot)) for name, robot in robots.items()},
         condition_specific=CONDITION_SPECIFIC if specific is None else names(specific) or (),
@@ -97,11 +91,25 @@ def conditions(
     if output is not None:
         with written(output, ".json") as file:
             write_json(file, content)
-    warnings = by_severity(
-        {finding: None for fit in fits.identifications.values() for finding in fit.warnings}
-    )
-    name = next(iter(robots.values())).name
-    result.show(fits.summary(), content, output, robot=name, warnings=warnings)
+    findings = chain(*(fit.warnings for fit in fits.identifications.values()))
+    robot, warnings = next(iter(robots.values())).name, by_severity(dict.fromkeys(findings))
+    result.show(fits.summary(), content, output, robot=robot, warnings=warnings)
+
+
+def _robot(options: LogOptions, payloads: Sequence[str]) -> Robot:
+    """Return the robot of the line with further payloads."""
+    every = [*(options.payload or ()), *payloads]
+    return replace(options, payload=every).robot(options.known_body or ())
+
+
+def _payloads(texts: Sequence[str], conditions: Mapping[str, object]) -> dict[str, list[str]]:
+    """Return {condition: its payloads}; raise BadParameter for one that has no log."""
+    payloads = _by_condition(texts, "LINK:MASS:X,Y,Z", "--condition-payload")
+    for name in payloads:
+        if name not in conditions:
+            message = f"'{name}' is no condition: they are {', '.join(conditions)}"
+            raise typer.BadParameter(message, param_hint="--condition-payload")
+    return payloads
 
 
 def _by_condition(texts: Sequence[str], form: str, option: str) -> dict[str, list[str]]:

@@ -104,31 +104,34 @@ def with_project(
     is no robot moves on by one place. `seaid check FOLDER` has a project in that place.
     """
     _CONTEXT.set(context)
-    if context.obj is None and context.command.name not in ("init", "run"):
-        project = _project_of(values)
-        # Typer fills in defaults while it parses: the line is parsed again with those of the
-        # project, and this first call ends.
-        if project is not None and context.parent is not None:
-            _run_again(context, context.parent, project)
-            return None
+    if context.obj is None and _ran_with_project(context, values):
+        return None
     if context.obj is not None and "urdf" in positional:
         _note_of_project(context, context.obj)
     first = values.get("urdf")
-    if context.obj is not None and is_typed("urdf") and _project_file(first):
+    if first is None or not is_typed("urdf"):
+        return values
+    if context.obj is not None and _project_file(first):
         return {**values, "urdf": Path(context.obj.urdf)}
-    moves = is_typed("urdf") and first is not None and len(positional) > 1 and not _is_robot(first)
+    moves = len(positional) > 1 and not _is_robot(first)
     if moves and (context.obj or values.get("run")):
         return _moved(values, positional[1], context.obj)
     return values
 
 
-def _run_again(context: typer.Context, parent: Any, project: Project) -> None:
-    """Run the command with the values of a project as defaults."""
+def _ran_with_project(context: typer.Context, values: Mapping[str, Any]) -> bool:
+    """Run the command with the values of its project as defaults; return False without one."""
+    if context.command.name in ("init", "run"):
+        return False
+    project, parent = _project_of(values), context.parent
+    if project is None or parent is None:
+        return False
     name = str(context.info_name)
     parent.obj = project
     parent.default_map = {name: _of_command(name, project, _defaults(project))}
     with context.command.make_context(name, [*parent.meta[ARGUMENTS]], parent=parent) as again:
         context.command.invoke(again)
+    return True
 
 
 ARGUMENTS = "seaid.arguments"

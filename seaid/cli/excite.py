@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from typer import Option
@@ -220,7 +220,8 @@ def excite(
     asked, rate_hz = limits.limits(), motion.rate_hz
     if not rate_hz > 0:
         raise typer.BadParameter(f"{rate_hz:g} is not more than zero", param_hint="--rate-hz")
-    read = (options.urdf, options.drives, search.description, *(search.previous_logs or ()))
+    previous = search.previous_logs or []
+    read = (options.urdf, options.drives, search.description, *previous)
     result.check(output, set_points, of_base, joint_trajectory, read=read)
     robot = options.robot()
     plan = design_excitation(
@@ -234,7 +235,7 @@ def excite(
         criterion=search.criterion,  # type: ignore[arg-type]
         drive_parameters=search.drive_parameters,
         stance=standing.shape(values("--posture", multisine.posture), robot),
-        previous_logs=logs_of(search.previous_logs or [], robot, search.description),
+        previous_logs=logs_of(previous, robot, search.description),
         starts=search.starts,
         iterations=search.iterations,
         seed=search.seed,
@@ -251,9 +252,16 @@ def excite(
         plan.stance.base.save_set_points(of_base, rate_hz)
     if joint_trajectory is not None:
         planned.save_joint_trajectory(joint_trajectory)
+    text = _plan_text(robot.name, plan, planned)
+    content = _content(plan, planned)
+    result.show(text, content, output, set_points, of_base, joint_trajectory, robot=robot.name)
+
+
+def _content(plan: Excitation, motion: Trajectory) -> dict[str, Any]:
+    """Return a plan and its motion as the content of JSON."""
     content = {
-        "duration_s": planned.duration,
-        "main_interval_s": planned.main_interval,
+        "duration_s": motion.duration,
+        "main_interval_s": motion.main_interval,
         "condition_number": plan.condition_number,
         "measures": asdict(plan.measures),
         "criterion": plan.criterion,
@@ -264,12 +272,9 @@ def excite(
         ],
     }
     if plan.stance is not None:
-        content["stance"] = {
-            "friction_used": plan.stance.friction_used,
-            "least_normal_force": plan.stance.least_normal_force,
-        }
-    text = _plan_text(robot.name, plan, planned)
-    result.show(text, content, output, set_points, of_base, joint_trajectory, robot=robot.name)
+        keys = ("friction_used", "least_normal_force")
+        content["stance"] = {key: getattr(plan.stance, key) for key in keys}
+    return content
 
 
 def _plan_text(name: str, plan: Excitation, motion: Trajectory) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast
 
@@ -21,7 +22,8 @@ from seaid.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from seaid.export import FormatName
+    from seaid.export import FormatName, Randomization
+    from seaid.robot import Robot
 
 
 def export(
@@ -77,7 +79,7 @@ def export(
     seaid export --run runs/latest --format isaaclab -o actuators.py
     seaid export --run runs/latest -o found.xml --randomization ranges.json
     """
-    from seaid.errors import by_severity, listed
+    from seaid.errors import by_severity
     from seaid.export import FORMATS, by_suffix, write_model, write_randomization
     from seaid.report import warning_lines
 
@@ -88,6 +90,7 @@ def export(
         raise typer.BadParameter("give one of them", param_hint="--from, --run, --parameters")
     toml = output.with_suffix(".toml") if suffix == ".urdf" else None
     result.check(output, toml, randomization, read=(*options.files, parameters))
+    ranges = None
     if parameters is not None:
         if randomization is not None:
             raise typer.BadParameter("needs --from or --run", param_hint="--randomization")
@@ -116,12 +119,20 @@ def export(
         tables = None
         note("stdout has the URDF without its drives: --output writes both")
     facts["warnings"] = by_severity([*facts.get("warnings", ()), *model.warnings])
-    lines = [f"{robot.name}: {robot.n} bodies and their drives written"]
-    if not FORMATS[kind].has_bodies:
-        lines = [f"{robot.name}: {robot.n} actuators written for {FORMATS[kind].title}"]
-    if randomization is not None:
-        free = listed(f"{parameter.name} of {parameter.of}" for parameter in ranges.unidentified)
-        lines.append(f"not determined by the log, and as wide as the prior: {free or 'none'}")
-    lines += warning_lines(facts["warnings"])
+    lines = [*_lines(robot, kind, ranges), *warning_lines(facts["warnings"])]
     content = {"bodies": robot.body_names, "drives": [*robot.drives]}
     result.show("\n".join(lines), content, output, tables, randomization, **facts)
+
+
+def _lines(robot: Robot, kind: FormatName, ranges: Randomization | None) -> Iterator[str]:
+    """Yield what was written, and what of the `ranges` is not determined."""
+    from seaid.errors import listed
+    from seaid.export import FORMATS
+
+    if FORMATS[kind].has_bodies:
+        yield f"{robot.name}: {robot.n} bodies and their drives written"
+    else:
+        yield f"{robot.name}: {robot.n} actuators written for {FORMATS[kind].title}"
+    if ranges is not None:
+        free = listed(f"{parameter.name} of {parameter.of}" for parameter in ranges.unidentified)
+        yield f"not determined by the log, and as wide as the prior: {free or 'none'}"

@@ -32,21 +32,20 @@ def gear_ratio(options: LogOptions, logs: Logs, *, as_json: AsJson = False) -> N
     fits = {joint: _ratio(robot, read, joint) for joint in robot.joint_names}
     header = ["joint", "ratio", "std. error", "by the drives", "misfit", "unit"]
     keys = ("ratio", "standard_error", "of_drives", "misfit")
+    ratios = {joint: fit for joint, fit in fits.items() if "ratio" in fit}
     rows = [
         [joint, *("-" if fit[key] is None else f"{fit[key]:.6g}" for key in keys), fit["unit"]]
-        for joint, fit in fits.items()
-        if "ratio" in fit
+        for joint, fit in ratios.items()
     ]
     reasons = [f"{joint}: {fit['reason']}" for joint, fit in fits.items() if "reason" in fit]
     if not rows:
         raise LogError(f"no gear ratio is determined: {'; '.join(reasons)}")
     text = [table("Motor motion per motion behind the gear", header, rows), *reasons]
     text.append("\nin the drives file:")
-    for joint, fit in fits.items():
-        if "ratio" in fit:
-            key = "gear_ratio" if fit["unit"] == "rad/rad" else "gear_ratio_rad_per_m"
-            text.append(f"{toml_table(joint)}\n{key} = {fit['ratio']:.7g}")
-            text.append(f"{key}_std = {fit['standard_error']:.2g}")
+    for joint, fit in ratios.items():
+        key = "gear_ratio" if fit["unit"] == "rad/rad" else "gear_ratio_rad_per_m"
+        text.append(f"{toml_table(joint)}\n{key} = {fit['ratio']:.7g}")
+        text.append(f"{key}_std = {fit['standard_error']:.2g}")
     show("\n".join(text), {"joints": fits}, as_json, robot=robot.name)
 
 

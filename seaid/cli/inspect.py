@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -107,25 +107,19 @@ def _stance_content(robot: Robot, texts: list[str] | None) -> tuple[dict[str, An
     assert robot.floating_base is not None
     links = robot.floating_base.contact_links
     usual = ["air", *links, ",".join(links)] if links else ["air"]
-    stances = {
-        text: HANGING if text == HANGING else [] if text == "air" else names(text) or []
-        for text in texts or usual
-    }
+    by_word: dict[str, Sequence[str]] = {HANGING: HANGING, "air": []}
+    stances = {text: by_word.get(text, names(text) or []) for text in texts or usual}
     asked = [*stances.values()] if texts else [stances[",".join(links) or "air"]]
     cases = {text: identifiability(robot, stances=[stance]) for text, stance in stances.items()}
     together = identifiability(robot, stances=asked)
     if len(asked) > 1:
         cases["together"] = together
     header = ["stance", "base", "individually", "in combination", "unidentifiable", "exact"]
-    rows = [
-        [
-            name,
-            *(str(len(x)) for x in (case.base.columns, case.identifiable, case.combinations)),
-            str(len(case.unidentifiable)),
-            "agrees" if case.agree else "does NOT agree",
-        ]
-        for name, case in cases.items()
-    ]
+    rows = []
+    for name, case in cases.items():
+        parts = (case.base.columns, case.identifiable, case.combinations, case.unidentifiable)
+        agrees = "agrees" if case.agree else "does NOT agree"
+        rows.append([name, *(str(len(part)) for part in parts), agrees])
     content = {"stances": {name: _identifiable(case) for name, case in cases.items()}}
     content["base_parameters"] = list(together.base.expressions)  # type: ignore[assignment]
     title = "\nIdentifiable from joint torques and the motion of the base, by stance"

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from inspect import Parameter, Signature, signature
 from pathlib import Path
@@ -387,10 +387,7 @@ def with_groups(command: Callable[..., None]) -> Callable[..., None]:
         if arguments is None:
             return
         values = arguments
-        for name, metavar in required.items():
-            if not values[name] and not (name == "urdf" and values.get("run")):
-                hint = ", or have a seaid.toml here (seaid init)" * (metavar in ("URDF", "LOG"))
-                raise typer.BadParameter(f"it is missing: name it{hint}", param_hint=metavar)
+        _check_required(values, required)
         for name, group in groups.items():
             values[name] = annotations[name](**{field: values.pop(field) for field in group})
         command(**values)
@@ -401,6 +398,14 @@ def with_groups(command: Callable[..., None]) -> Callable[..., None]:
     # Typer reads the options of a command from its signature.
     run.__signature__ = Signature([first, *(p.replace(kind=keyword) for p in optional)])  # type: ignore[attr-defined]
     return run
+
+
+def _check_required(values: Mapping[str, Any], required: Mapping[str, str]) -> None:
+    """Raise BadParameter for a missing one of the `required` arguments {name: metavar}."""
+    for name, metavar in required.items():
+        if not values[name] and not (name == "urdf" and values.get("run")):
+            hint = ", or have a seaid.toml here (seaid init)" * (metavar in ("URDF", "LOG"))
+            raise typer.BadParameter(f"it is missing: name it{hint}", param_hint=metavar)
 
 
 def _argument(parameter: Parameter) -> Any:

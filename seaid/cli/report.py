@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from typer import Option
@@ -18,6 +19,10 @@ from seaid.cli.options import (
     checked_suffix,
     facts_of,
 )
+
+if TYPE_CHECKING:
+    from seaid.identification import FrequencyResponse, Identification, Validation
+    from seaid.simulation import ReplayComparison
 
 
 def report(
@@ -52,13 +57,9 @@ def report(
     seaid report --run runs/latest --validate third.csv
     seaid report --run runs/latest --multisine sine.csv --plan sine.json
     """
-    from seaid.excitation import load_trajectory
-    from seaid.identification import frequency_response
-    from seaid.identification import validate as validated
     from seaid.project import facts_of as origin_facts
     from seaid.project import provenance_of
     from seaid.report import warning_lines, write_report
-    from seaid.simulation import compare_replays
 
     checked_suffix(output, ".html", ".htm")
     unseen = validation or []
@@ -69,23 +70,12 @@ def report(
     run = options.result(feasible=feasible)
     fit = run.identification
     facts = origin_facts(run.provenance)
-    results = {} if is_typed("validation") else dict(run.validations)
-    replays = list(run.replays.values()) if results else []
-    if not results:
+    results, replays = dict(run.validations), list(run.replays.values())
+    if is_typed("validation") or not results:
         read = origin_facts({"inputs": provenance_of(unseen, {}, ())["inputs"]})
         facts |= {name.replace("Input", "Validated on"): text for name, text in read.items()}
-        logs = options.logs(unseen, fit.known)
-        pairs = zip(unseen, logs, strict=True)
-        results = {path.name: validated(fit, log) for path, log in pairs}
-        if fit.robot.has_controllers:
-            replays = [
-                compare_replays(fit.known, fit.robot, log, fit.unusable_joints) for log in logs
-            ]
-    response = None
-    if multisine:
-        sines = options.logs(multisine, fit.known)
-        motion = None if plan is None else load_trajectory(plan)
-        response = frequency_response(fit.known, sines, plan=motion, identification=fit)
+        results, replays = _tested(options, fit, unseen)
+    response = _response(options, fit, multisine, plan) if multisine else None
     every = list(results.values())
     with written(output, ".html") as file:
         notes = () if is_typed("validation") else run.provenance.get("notes", ())
@@ -96,3 +86,30 @@ def report(
     judged = facts_of(fit, *results.values(), *replays)
     text = [f"{fit.robot.name}: {judged['verdict'].sentence}", *warning_lines(judged["warnings"])]
     result.show("\n".join(text), content, output, **judged)
+
+
+def _tested(
+    options: IdentifiedOptions, fit: Identification, paths: Sequence[Path]
+) -> tuple[dict[str, Validation], list[ReplayComparison]]:
+    """Return the validations by log, and the replays of a robot with position commands."""
+    from seaid.identification import validate
+    from seaid.simulation import compare_replays
+
+    logs = options.logs(paths, fit.known)
+    validations = {path.name: validate(fit, log) for path, log in zip(paths, logs, strict=True)}
+    if not fit.robot.has_controllers:
+        return validations, []
+    held = fit.unusable_joints
+    return validations, [compare_replays(fit.known, fit.robot, log, held) for log in logs]
+
+
+def _response(
+    options: IdentifiedOptions, fit: Identification, paths: Sequence[Path], plan: Path | None
+) -> FrequencyResponse:
+    """Return measured and computed frequency responses of logs of a multisine."""
+    from seaid.excitation import load_trajectory
+    from seaid.identification import frequency_response
+
+    logs = options.logs(paths, fit.known)
+    motion = None if plan is None else load_trajectory(plan)
+    return frequency_response(fit.known, logs, plan=motion, identification=fit)
