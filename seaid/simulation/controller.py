@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -276,27 +276,24 @@ def position_controllers(robot: Robot, log: Log) -> PositionControllers | None:
     Raises LogError naming a column that the log does not have.
     """
     drives = [robot.drives[joint] for joint in robot.joint_names]
-    controlled = [index for index, drive in enumerate(drives) if drive.controller is not None]
-    if not controlled:
+    laws = {index: law for index, drive in enumerate(drives) if (law := drive.law) is not None}
+    if not laws:
         return None
     # signals in the order of the robot, which need not be that of the log
     columns = [log.joint_names.index(joint) for joint in robot.joint_names]
     signals = {field: values[:, columns] for field, values in log.sensors().items()}
-    parts = [commanded_part(robot, log.time, signals, k, is_scaled=True) for k in controlled]
-    chosen = [drives[k] for k in controlled]
-    laws = [drive.law for drive in chosen if drive.law is not None]
-
-    def of_all(values: Iterable[float]) -> Array:
-        return np.array(list(values), dtype=float)
-
+    parts = [commanded_part(robot, log.time, signals, k, is_scaled=True) for k in laws]
+    delays = [drives[k].command_delay_s or 0.0 for k in laws]
+    gains = [(law.position_gain_Nm_per_rad, law.velocity_gain_Nms_per_rad) for law in laws.values()]
+    position_gain, velocity_gain = np.array(gains, dtype=float).T.copy()
     return PositionControllers(
-        index=np.array(controlled),
+        index=np.array([*laws]),
         time=log.time,
         commanded=np.column_stack(parts),
-        supply=np.column_stack([relative_supply(robot, log.time, signals, k) for k in controlled]),
-        delay_s=of_all(drive.command_delay_s or 0.0 for drive in chosen),
-        ratio=of_all(drive.ratio for drive in chosen),
-        position_gain=of_all(law.position_gain_Nm_per_rad for law in laws),
-        velocity_gain=of_all(law.velocity_gain_Nms_per_rad for law in laws),
-        laws=laws,
+        supply=np.column_stack([relative_supply(robot, log.time, signals, k) for k in laws]),
+        delay_s=np.array(delays, dtype=float),
+        ratio=np.array([drives[k].ratio for k in laws], dtype=float),
+        position_gain=position_gain,
+        velocity_gain=velocity_gain,
+        laws=[*laws.values()],
     )

@@ -434,14 +434,19 @@ def compare_replays(
         noise=_noise(measured),
         is_prismatic=tuple(after.is_prismatic[index] for index in indices),
     )
-    closes = [after.drives[joint].controller is not None for joint in joints]
+    return replace(comparison, warnings=(*_worse(comparison, after), *notes))
+
+
+def _worse(comparison: ReplayComparison, after: Robot) -> Iterator[Finding]:
+    """Yield the findings about joints that the second model replays worse than the first one."""
+    joints = comparison.joints
+    closes = all(after.drives[joint].controller is not None for joint in joints)
     # noise is part of both, so that two replays within the noise count as equally good
-    errors = (np.hypot(rms, comparison.noise) for rms in comparison.rms_errors)
-    old, new = (dict(zip(joints, error.tolist(), strict=True)) for error in errors)
+    errors = (np.hypot(rms, comparison.noise).tolist() for rms in comparison.rms_errors)
+    old, new = (dict(zip(joints, error, strict=True)) for error in errors)
     ratios = {joint: new[joint] / max(old[joint], np.finfo(float).tiny) for joint in joints}
     units = ["mm" if slides else "mrad" for slides in comparison.is_prismatic]
-    worse = replay_worse(new, ratios, units, all(closes))
-    return replace(comparison, warnings=(*worse, *notes))
+    return replay_worse(new, ratios, units, closes)
 
 
 _FOLLOWING = replace(IDEAL_DRIVE, motor_inertia_kg_m2=1e6)
