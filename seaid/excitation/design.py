@@ -336,25 +336,22 @@ def design_excitation(
     if stance is None:
         check_held(robot, "design_excitation", ExcitationError)
     seed = seed_of(seed, ExcitationError)
+    limits = limits or Limits()
     bounds = joint_limits(robot, limits)
     if basis == "multisine" and stance is None:
-        shape = multisine or Multisine()
-        drives = drive_limits(robot, limits or Limits(), bounds.velocity)
-        motion = multisine_motion(robot, duration, shape, bounds, drives, seed)
+        drives = drive_limits(robot, limits, bounds.velocity)
+        motion = multisine_motion(robot, duration, multisine or Multisine(), bounds, drives, seed)
         return _multisine_excitation(robot, motion, torque_joints, torque_std, bounds)
     if multisine is not None:
         raise ExcitationError("multisine= needs basis='multisine'", "basis='multisine'")
     measure = CRITERIA[criterion]
-    for name, count in (("starts", starts), ("iterations", iterations)):
-        if count < 1:
-            raise ExcitationError(f"{name} must be at least 1, found {count}", name)
+    _check_counts(starts=starts, iterations=iterations)
     functions = partial(_functions, basis, duration, coefficients)
     # a plan does not know how warm the motors will be
     cold = robot.at_temperature()
     if stance is None:
-        function, others = functions(robot.n), EndState() if rest_to_rest else IN_MOTION
-        ends = start or others, end or others
-        space = motion_space(function, robot.joint_names, bounds, *ends)
+        function, free = functions(robot.n), EndState() if rest_to_rest else IN_MOTION
+        space = motion_space(function, robot.joint_names, bounds, start or free, end or free)
         if not rest_to_rest:
             space = with_run_in(space, robot.joint_names, bounds)
         base = pivoted_base(cold, torque_joints)
@@ -363,7 +360,7 @@ def design_excitation(
             if drive_parameters
             else load_target(cold, torque_joints, base)
         )
-        drives = drive_limits(robot, limits or Limits(), bounds.velocity)
+        drives = drive_limits(robot, limits, bounds.velocity)
         instants = _samples(target, function.size, samples)
         problem = make_problem(target, criterion, space, instants, bounds, drives, scene)
         problem = with_feasible_start(problem, seed)
@@ -393,6 +390,13 @@ def design_excitation(
     outcome, first = search(problem, starts, iterations, seed, executor=executor, progress=progress)
     _warn_if_early(outcome, measure.meaning)
     return _excitation(robot, problem, outcome, first, base, bounds)
+
+
+def _check_counts(**counts: int) -> None:
+    """Raise ExcitationError for a count below one."""
+    for name, count in counts.items():
+        if count < 1:
+            raise ExcitationError(f"{name} must be at least 1, found {count}", name)
 
 
 def _excitation(
