@@ -193,7 +193,7 @@ def plain(value: Any) -> Any:
     if isinstance(value, np.ndarray | np.generic):
         return plain(value.tolist())
     if isinstance(value, list | tuple):
-        return [plain(entry) for entry in value]
+        return list(map(plain, value))
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return str(value) if isinstance(value, Path) else value
@@ -411,7 +411,7 @@ def _check(where: str, content: Any, error: type[SeaidError]) -> None:
         if problem is not None:
             raise error(f"{where}: {_text(place) or 'it'} {problem}")
         if isinstance(value, dict):
-            broken = [key for key in value if _SURROGATE.search(key)]
+            broken = list(filter(_SURROGATE.search, value))
             if broken:
                 raise error(f"{where}: {shown(broken[0])} is not Unicode: an unpaired surrogate")
             stack += [(entry, (place, key), depth + 1) for key, entry in value.items()]

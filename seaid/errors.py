@@ -14,7 +14,7 @@ import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, wraps
-from itertools import islice
+from itertools import chain, islice
 from types import NoneType, UnionType
 from typing import (
     Any,
@@ -292,16 +292,16 @@ def _wrong_call(
     hints: Mapping[str, Any],
 ) -> str:
     """Return the message for arguments that are missing, unknown or too many."""
-    unknown = [name for name in named if name not in signature.parameters]
-    if unknown:
-        return f"{function}: {unknown_name('argument', unknown[0], signature.parameters)}"
+    for name in named:
+        if name not in signature.parameters:
+            return f"{function}: {unknown_name('argument', name, signature.parameters)}"
     ordered = [p for p in signature.parameters.values() if p.kind is p.POSITIONAL_OR_KEYWORD]
     needed = [p.name for p in ordered if p.default is p.empty]
     call = f"{function}({', '.join(needed)})"
-    missing = [name for name in needed[len(values) :] if name not in named]
-    if missing:
-        maker = _maker(_parts(hints[missing[0]]))
-        return f"{missing[0]} is missing: write {call}{maker and f'; make it with {maker}'}"
+    for name in needed[len(values) :]:
+        if name not in named:
+            maker = _maker(_parts(hints[name]))
+            return f"{name} is missing: write {call}{maker and f'; make it with {maker}'}"
     most = f"at most {len(ordered)} arguments without a name, found {len(values)}"
     return f"{call} takes {most}: write the others as name=value, each once"
 
@@ -320,7 +320,7 @@ def _parts(hint: Any) -> tuple[Any, ...]:
 def _mismatch(function: str, name: str, values: Mapping[str, Any], hints: Mapping[str, Any]) -> str:
     """Return the message for a value of a wrong type: what is expected, found, and to do."""
     value, parts = values[name], _parts(hints[name])
-    names = [choice for part in parts if get_origin(part) is Literal for choice in get_args(part)]
+    names = [*chain(*(get_args(part) for part in parts if get_origin(part) is Literal))]
     if names and isinstance(value, str):
         return f"{name}=: {unknown_name(name, value, names)}"
     description = _described_value(value, _wrong_elements(value, parts))
