@@ -291,8 +291,7 @@ def plant_of(robot: Robot) -> Plant:
         rotors=None if is_square else C.T @ np.diag(armature) @ C,
         expansion=(E, e) if robot.dependent_joints else None,
     )
-    effective = effective_inertia(plant) if functions else np.ones(robot.n)
-    return replace(plant, longest_step=_longest_step(names, drives, functions, effective))
+    return replace(plant, longest_step=_longest_step(names, plant))
 
 
 def _numbers(joint: str, drive: Drive) -> tuple[float, ...]:
@@ -344,40 +343,12 @@ def _drive_functions(
     return tuple(functions)
 
 
-def _longest_step(
-    names: list[str],
-    drives: list[Drive],
-    functions: tuple[tuple[int, DriveFunctions], ...],
-    effective: Array,
-) -> float:
+def _longest_step(names: Sequence[str], plant: Plant) -> float:
     """Return the longest step [s] that the damping of the joints allows."""
     longest = np.inf
-    for index, _ in functions:
-        # rate [1/s] of the damping: each coefficient over the inertia that it brakes
-        drive = drives[index]
-        values = drive.values
-        damping = values.get("spring_damping", 0.0)
-        at_joint = values.get("joint_viscous_friction", 0.0)
-        rate = (at_joint + damping * drive.load_radius**2) / effective[index]
-        at_motor = values.get("viscous_friction", 0.0)
-        at_motor += _COLDEST_K * abs(values.get("viscous_temperature_slope", 0.0))
-        at_motor += max(values.get("cold_viscous_friction", 0.0), 0.0)
-        if "coulomb_width" in values:
-            level = values.get("coulomb_friction", 0.0) + abs(values.get("stribeck_friction", 0))
-            at_motor += level / max(values["coulomb_width"], 1e-300)  # slope of F tanh(w / w_C)
-        if "presliding_angle" in values:  # resonance of the motor on its bristles, not a damping
-            inertia = drive.motor_inertia_kg_m2 if drive.is_elastic else effective[index]
-            lever = 1.0 if drive.is_elastic else drive.ratio**2
-            stiffness = values.get("coulomb_friction", 0.0) / max(
-                values["presliding_angle"], 1e-300
-            )
-            rate += math.sqrt(lever * stiffness / float(inertia or 1.0))
-        if drive.is_elastic:
-            inertia = float(drive.motor_inertia_kg_m2 or 0.0)
-            # damping of the spring acts on the deflection, by the lever r_M / N at the motor
-            rate += (at_motor + damping * (drive.motor_radius / drive.ratio) ** 2) / inertia
-        else:
-            rate += at_motor * drive.ratio**2 / effective[index]
+    effective = effective_inertia(plant) if plant.functions else np.ones(0)
+    for index, _ in plant.functions:
+        rate = _damping_rate(plant.drives[index], float(effective[index]))
         # the fourth-order Runge-Kutta method is stable up to 2.78 time constants
         step = _STEP_PER_TIME_CONSTANT / rate if rate > 0 else np.inf
         if step < _SHORTEST_STEP_S:
@@ -388,3 +359,27 @@ def _longest_step(
             )
         longest = min(longest, step)
     return longest
+
+
+def _damping_rate(drive: Drive, effective: float) -> float:
+    """Return the rate [1/s] of the damping: each coefficient over the inertia that it brakes."""
+    values = drive.values
+    damping = values.get("spring_damping", 0.0)
+    at_joint = values.get("joint_viscous_friction", 0.0)
+    rate = (at_joint + damping * drive.load_radius**2) / effective
+    at_motor = values.get("viscous_friction", 0.0)
+    at_motor += _COLDEST_K * abs(values.get("viscous_temperature_slope", 0.0))
+    at_motor += max(values.get("cold_viscous_friction", 0.0), 0.0)
+    if "coulomb_width" in values:
+        level = values.get("coulomb_friction", 0.0) + abs(values.get("stribeck_friction", 0))
+        at_motor += level / max(values["coulomb_width"], 1e-300)  # slope of F tanh(w / w_C)
+    if "presliding_angle" in values:  # resonance of the motor on its bristles, not a damping
+        inertia = drive.motor_inertia_kg_m2 if drive.is_elastic else effective
+        lever = 1.0 if drive.is_elastic else drive.ratio**2
+        stiffness = values.get("coulomb_friction", 0.0) / max(values["presliding_angle"], 1e-300)
+        rate += math.sqrt(lever * stiffness / float(inertia or 1.0))
+    if drive.is_elastic:
+        inertia = float(drive.motor_inertia_kg_m2 or 0.0)
+        # damping of the spring acts on the deflection, by the lever r_M / N at the motor
+        return rate + (at_motor + damping * (drive.motor_radius / drive.ratio) ** 2) / inertia
+    return rate + at_motor * drive.ratio**2 / effective
