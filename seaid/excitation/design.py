@@ -383,13 +383,12 @@ def design_excitation(
         instants = _samples(target, space.basis.size, samples)
         free_limits = model.free_limits
         problem = make_problem(target, criterion, space, instants, free_limits, None, None, model)
-    robot = cold
-    target = scaled_target(problem, robot, base, torque_std, measure.needs_nominal)
-    target = replace(target, known=previous_logs_factor(target, robot, previous_logs))
+    target = scaled_target(problem, cold, base, torque_std, measure.needs_nominal)
+    target = replace(target, known=previous_logs_factor(target, cold, previous_logs))
     problem = replace(problem, target=target)
     outcome, first = search(problem, starts, iterations, seed, executor=executor, progress=progress)
     _warn_if_early(outcome, measure.meaning)
-    return _excitation(robot, problem, outcome, first, base, bounds)
+    return _excitation(cold, problem, outcome, first, base, bounds)
 
 
 def _check_counts(**counts: int) -> None:

@@ -327,7 +327,11 @@ def _check_numbers(stance: Stance, contacts: Sequence[Contact]) -> None:
                 f"found {shown(value)}",
                 name,
             )
-    flat = [contact.link for contact in contacts if contact.is_flat]
+    _check_soles(stance, [contact.link for contact in contacts if contact.is_flat])
+
+
+def _check_soles(stance: Stance, flat: Sequence[str]) -> None:
+    """Raise ExcitationError unless there is a size for the contacts that are `flat`."""
     if flat and stance.sole_m is None:
         raise ExcitationError(
             f"the contact at '{flat[0]}' is a flat foot: give Stance(sole_m=(length, width)), in "
