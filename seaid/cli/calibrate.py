@@ -47,8 +47,7 @@ def calibrate(
     from seaid.identification import calibrate_statics, held_poses, read_statics
     from seaid.report import write_calibration
 
-    if output is not None:
-        checked_suffix(output, ".html", ".htm")
+    checked_suffix(output, ".html", ".htm")
     if (is_typed("urdf") and joint is None) or (joint is not None and urdf is None):
         raise typer.BadParameter("a log needs both", param_hint="--urdf, --joint")
     result.check(output, read=(table, *((urdf, drives) if joint is not None else ())))

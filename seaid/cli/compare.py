@@ -38,8 +38,7 @@ def compare(
     """
     from seaid._files import followed
 
-    if output is not None:
-        checked_suffix(output, ".html", ".htm")
+    checked_suffix(output, ".html", ".htm")
     result.check(output, read=())
     names = (first.stem, second.stem) if first.is_file() else (first.name, second.name)
     if names[0] == names[1]:

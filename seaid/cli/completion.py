@@ -111,7 +111,7 @@ def files(text: str, suffixes: tuple[str, ...]) -> list[str]:
     except OSError:
         return []
     matches = [
-        os.path.join(folder, entry.name) + ("/" if entry.is_dir() else "")
+        os.path.join(folder, entry.name) + "/" * entry.is_dir()
         for entry in entries
         if entry.name.startswith(start) and (start or not entry.name.startswith("."))
         if entry.is_dir() or Path(entry.name).suffix.lower() in suffixes

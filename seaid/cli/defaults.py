@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Mapping, Sequence
 from contextvars import ContextVar
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import typer
 
@@ -54,11 +54,10 @@ def _defaults(project: Project) -> dict[str, Any]:
         "known_std": ",".join(f"{name}={std:.17g}" for name, std in options.known_std.items()),
         "feasible": options.feasible,
         "fail_on": project.fail_on,
-        "validation": [str(log.path) for log in project.logs_for("validate")],
+        "validation": _logs(project, "validate"),
     }
     if len(project.conditions) == 1:  # logs of several conditions are for seaid run
-        logs = [str(log.path) for log in project.logs_for("identify")]
-        defaults |= {"logs": logs, "from_logs": logs}
+        defaults |= dict.fromkeys(("logs", "from_logs"), _logs(project, "identify"))
     latest = project.folder / LATEST
     if (followed(latest) / FILE).exists():
         defaults["run"] = str(latest)
@@ -66,8 +65,13 @@ def _defaults(project: Project) -> dict[str, Any]:
 
 
 def _of_command(name: str, project: Project, values: Mapping[str, Any]) -> dict[str, Any]:
-    unseen = project.logs_for("validate")
-    return {**values, "log": str(unseen[0].path)} if name == "validate" and unseen else dict(values)
+    unseen = _logs(project, "validate")
+    return {**values, "log": unseen[0]} if name == "validate" and unseen else dict(values)
+
+
+def _logs(project: Project, use: Literal["identify", "validate"]) -> list[str]:
+    """Return the paths of the logs of a use."""
+    return [str(log.path) for log in project.logs_for(use)]
 
 
 def _text(value: object) -> str | None:

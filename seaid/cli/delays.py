@@ -33,8 +33,7 @@ def delays(
     from seaid.identification import correct_delays, estimate_delays
     from seaid.log import WRITTEN, write_log
 
-    if output is not None:
-        checked_suffix(output, *WRITTEN)
+    checked_suffix(output, *WRITTEN)
     result.check(output, read=(*options.files, log))
     robot = options.robot(options.known_body or ())
     (read,) = options.logs([log], robot)

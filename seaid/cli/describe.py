@@ -64,12 +64,8 @@ def describe(
             guess = with_leg_order(
                 guess, robot, read_log(logs, robot, description=guess.description)
             )
-    content = {
-        "description": guess.description.to_dict(),
-        "unsure": guess.unsure,
-        "assumed": guess.assumed,
-        "unused": guess.unused,
-    }
+    lists = {key: getattr(guess, key) for key in ("unsure", "assumed", "unused")}
+    content = {"description": guess.description.to_dict(), **lists}
     if output is not None and not is_stdout(output):
         write_whole(output, guess.to_toml())
         result.show(str(guess), content, output)

@@ -80,7 +80,7 @@ def export(
     seaid export --run runs/latest -o found.xml --randomization ranges.json
     """
     from seaid.errors import by_severity
-    from seaid.export import FORMATS, by_suffix, write_model, write_randomization
+    from seaid.export import FORMATS, by_suffix, read_parameters, write_model, write_randomization
     from seaid.report import warning_lines
 
     kind = cast("FormatName", format) or by_suffix(output)
@@ -94,8 +94,6 @@ def export(
     if parameters is not None:
         if randomization is not None:
             raise typer.BadParameter("needs --from or --run", param_hint="--randomization")
-        from seaid.export import read_parameters
-
         robot = read_parameters(parameters, options.robot(options.known_body or ()))
         facts: dict[str, Any] = {"robot": robot.name}
     else:

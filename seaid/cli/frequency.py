@@ -58,8 +58,7 @@ def frequency(
     from seaid.report import save_frequency_figure
 
     check_fail_on(fail_on)
-    if figure is not None:
-        checked_suffix(figure, ".png")
+    checked_suffix(figure, ".png")
     result.check(figure, read=(*options.files, *logs, plan))
     saved = None if run is None else options.saved(run, "logs")
     robot = options.robot(options.known_body or ()) if saved is None else saved.identification.known

@@ -77,13 +77,12 @@ def _ratio(robot: Robot, logs: Sequence[Log], joint: str) -> dict[str, Any]:
         ratio = ratio_of(motor, output)
     except LogError as problem:
         return {"reason": str(problem).removeprefix("gear_ratio: ")}
-    units = ("rad/m", "m") if robot.is_prismatic[robot.index(joint)] else ("rad/rad", "rad")
     return {
         "ratio": ratio.value,
         "standard_error": ratio.standard_error,
         "of_drives": drive.ratio,
         "misfit": ratio.misfit_rad,
-        "unit": units[0],
+        "unit": "rad/m" if robot.is_prismatic[robot.index(joint)] else "rad/rad",
     }
 
 

@@ -60,56 +60,63 @@ def inspect(
     seaid inspect leg.urdf --drives leg.toml --plan plan.json --plan other.json
     seaid inspect solo12 --base floating --contact FL_FOOT,FR_FOOT,HL_FOOT,HR_FOOT
     """
-    from seaid.regressor import base_parameters, identifiability
     from seaid.robot import reread_urdf
 
     robot = options.robot()
     tree = reread_urdf(robot.urdf or options.urdf).locked_at(robot.locked)
     inconsistent = _inconsistent_links(tree)
+    facts = {"joints": _joint_facts(robot), "inconsistent_links": inconsistent}
     if robot.floating_base is not None:
-        content, text = _stance_content(robot, stance)
-        content = {"joints": _joint_facts(robot), "inconsistent_links": inconsistent, **content}
-        text = [*_tree_lines(robot, tree, tree.root), *_link_lines(inconsistent), *text]
-        show("\n".join(text), content, as_json, robot=robot.name)
-        return
+        content, text = _stance_content(robot, robot.floating_base.contact_links, stance)
+    else:
+        content, text = _sensor_content(robot, sensors, plans)
+    text = [*_tree_lines(robot, tree, tree.root), *_link_lines(inconsistent), *text]
+    show("\n".join(text), {**facts, **content}, as_json, robot=robot.name)
+
+
+def _sensor_content(
+    robot: Robot, sensors: str | None, plans: list[Path] | None
+) -> tuple[dict[str, Any], list[str]]:
+    """Return base parameters, identifiability by sensors, and measures of plans, and as lines."""
+    from seaid.regressor import base_parameters, identifiability
+
     base = base_parameters(robot)
     choices: tuple[tuple[str, ...], ...] = (
         _CHOICES if sensors is None else (tuple(names(sensors) or ()),)
     )
     cases = {", ".join(choice): identifiability(robot, choice) for choice in choices}  # type: ignore[arg-type]
     content = {
-        "joints": _joint_facts(robot),
-        "inconsistent_links": inconsistent,
         "base_parameters": list(base.expressions),
         "singular_value_gap": base.gap,
         "sensors": {name: _identifiable(case) for name, case in cases.items()},
     }
-    text = [*_tree_lines(robot, tree, tree.root), *_link_lines(inconsistent), *_base_lines(base)]
-    details = [str(case) for case in cases.values()]
-    text += details if sensors is not None else [_identifiability_table(cases)]
+    details = map(str, cases.values()) if sensors is not None else [_identifiability_table(cases)]
+    text = [*_base_lines(base), *details]
     delays = next(iter(cases.values())).commands
     if delays:
         content["commands"] = list(delays)
-    if delays and sensors is None:
-        text += ["\nPosition commands:", *(f"  {delay}" for delay in delays)]
+        text += ["\nPosition commands:", *(f"  {x}" for x in delays)] if sensors is None else []
     if plans:
         content["plans"], lines = _measured(robot, plans)
-        text += ["\nExcitation by planned motions:", *(f"  {line}" for line in lines)]
-    show("\n".join(text), content, as_json, robot=robot.name)
+        text += ["\nExcitation by planned motions:", *lines]
+    return content, text
 
 
-def _stance_content(robot: Robot, texts: list[str] | None) -> tuple[dict[str, Any], list[str]]:
+_AGREES = {True: "agrees", False: "does NOT agree"}
+
+
+def _stance_content(
+    robot: Robot, links: Sequence[str], texts: list[str] | None
+) -> tuple[dict[str, Any], list[str]]:
     """Return what stances of a floating base determine, alone and together, and as lines."""
     from seaid.regressor import identifiability
     from seaid.report import table
     from seaid.robot import HANGING
 
-    assert robot.floating_base is not None
-    links = robot.floating_base.contact_links
     usual = ["air", *links, ",".join(links)] if links else ["air"]
     by_word: dict[str, Sequence[str]] = {HANGING: HANGING, "air": []}
     stances = {text: by_word.get(text, names(text) or []) for text in texts or usual}
-    asked = [*stances.values()] if texts else [stances[",".join(links) or "air"]]
+    asked = [*stances.values()] if texts else [stances[usual[-1]]]
     cases = {text: identifiability(robot, stances=[stance]) for text, stance in stances.items()}
     together = identifiability(robot, stances=asked)
     if len(asked) > 1:
@@ -118,8 +125,7 @@ def _stance_content(robot: Robot, texts: list[str] | None) -> tuple[dict[str, An
     rows = []
     for name, case in cases.items():
         parts = (case.base.columns, case.identifiable, case.combinations, case.unidentifiable)
-        agrees = "agrees" if case.agree else "does NOT agree"
-        rows.append([name, *(str(len(part)) for part in parts), agrees])
+        rows.append([name, *map(str, map(len, parts)), _AGREES[case.agree]])
     content = {"stances": {name: _identifiable(case) for name, case in cases.items()}}
     content["base_parameters"] = list(together.base.expressions)  # type: ignore[assignment]
     title = "\nIdentifiable from joint torques and the motion of the base, by stance"
@@ -136,7 +142,7 @@ def _measured(robot: Robot, plans: list[Path]) -> tuple[dict[str, Any], list[str
         str(path): {**asdict(measures), "d_efficiency": every[0].d_efficiency(measures)}
         for path, measures in zip(plans, every, strict=True)
     }
-    return content, measure_lines([str(path) for path in plans], every)
+    return content, [f"  {line}" for line in measure_lines([*map(str, plans)], every)]
 
 
 def _joint_facts(robot: Robot) -> list[dict[str, Any]]:

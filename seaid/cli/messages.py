@@ -210,7 +210,9 @@ def check_outputs(*paths: Path | None, force: bool, read: Iterable[Path | None])
     from seaid._files import is_replaced, real_path, result_folder
 
     sources = {real_path(path) for path in filter(None, read)}
-    for path in (output for output in paths if output is not None and not is_stdout(output)):
+    for path in filter(None, paths):
+        if is_stdout(path):
+            continue
         target = real_path(path)
         if target in sources:
             raise SeaidError(f"'{path}' is read by this command: name another file for the results")

@@ -271,8 +271,7 @@ class IdentifyOptions(LogOptions):
         """Identify a robot from logs."""
         from seaid.identification import identify
 
-        options = self.keywords()
-        return identify(robot, logs, feasible=feasible, progress=is_terminal(), **options)
+        return identify(robot, logs, feasible=feasible, progress=is_terminal(), **self.keywords())
 
     def keywords(self) -> dict[str, Any]:
         """Return the keyword arguments of `seaid.identify`."""
@@ -386,11 +385,11 @@ def with_groups(command: Callable[..., None]) -> Callable[..., None]:
         arguments = with_project(context, values, positional)
         if arguments is None:
             return
-        values = arguments
-        _check_required(values, required)
+        _check_required(arguments, required)
         for name, group in groups.items():
-            values[name] = annotations[name](**{field: values.pop(field) for field in group})
-        command(**values)
+            chosen = {field: arguments.pop(field) for field in group}
+            arguments[name] = annotations[name](**chosen)
+        command(**arguments)
 
     keyword = Parameter.KEYWORD_ONLY
     optional = [p.replace(default=None) if p.name in required else p for p in parameters]
@@ -584,10 +583,9 @@ def facts_of(fit: Identification, *results: Validation | ReplayComparison) -> di
     return {"robot": fit.robot.name, "verdict": verdict, "warnings": by_severity(every)}
 
 
-def checked_suffix(path: Path, *allowed: str) -> Path:
-    """Return the path if its suffix is allowed, or stdout. Raises BadParameter otherwise."""
-    if path.suffix.lower() not in allowed and not is_stdout(path):
+def checked_suffix(path: Path | None, *allowed: str) -> None:
+    """Raise BadParameter unless the suffix of a result is allowed, or it goes to stdout."""
+    if path is not None and path.suffix.lower() not in allowed and not is_stdout(path):
         raise typer.BadParameter(
             f"'{path}' must end in {' or '.join(allowed)}", param_hint="--output"
         )
-    return path

@@ -51,8 +51,7 @@ def replay(
     from seaid.simulation import compare_replays
 
     check_fail_on(fail_on)
-    if output is not None:
-        checked_suffix(output, ".html", ".htm")
+    checked_suffix(output, ".html", ".htm")
     result.check(output, read=(*options.files, log, nominal))
     run = options.result()
     fit = run.identification

@@ -49,8 +49,8 @@ def run(
     loaded = load_project(project)
     done = run_project(loaded, command=command_line(), progress=is_terminal())
     logs = (log for run in done.runs.values() for log in run.identification.processing)
-    repairs = [repair for log in logs for repair in log.repairs]
-    for text in [*done.notes, *(str(repair) for repair in repairs if repair.kind == FOUND_CONTACT)]:
+    texts = [str(x) for log in logs for x in log.repairs if x.kind == FOUND_CONTACT]
+    for text in [*done.notes, *texts]:
         note(text)
     show(_text(done, verbose), _content(done), as_json, done.folder, **_facts(done))
     report = done.folder / "report.html"
