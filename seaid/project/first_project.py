@@ -8,7 +8,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -42,7 +42,7 @@ from seaid.robot import BaseKind, Contact, FloatingBase, Payload, Robot, load_ro
 _OWN_PART = 0.7
 """Part of a single log that is used to identify; the rest validates."""
 
-_SHORTEST_S = {False: 40.0, True: 10.0}
+_SHORTEST_S = (40.0, 10.0)
 """Duration from which a single log is divided: its first part then has about half a minute. With
 position commands and known bodies few parameters are unknown, and the replay needs another part."""
 
@@ -161,7 +161,8 @@ def write_first_project(
     doubts += _lock_hints(robot, logs_read)
     tables: dict[str, _Table] = {}
     if known is None:
-        tables, unsure = _all_drives(robot, read, without, controllers, doubts)
+        gains = {**_logged_gains(read, doubts), **(controllers or {})}
+        tables, unsure = _all_drives(robot, logs_read, without, gains)
         doubts += unsure
         if tables:
             known = folder / f"{Path(urdf).stem}_drives.toml"
@@ -175,7 +176,7 @@ def write_first_project(
         *bodies,
         *_payload_lines(payloads),
         *_log_lines(robot, read, folder, _SHORTEST_S[is_commanded]),
-        _OPTIONS.format(known_std=_KNOWN_STD["bodies" if bodies and unscaled else ""]),
+        _OPTIONS.format(known_std=_KNOWN_STD[bool(bodies) and bool(unscaled)]),
     ]
     text = _as_comments(doubts) + "\n".join(lines) + "\n"
     for path, content in {**texts, file: text}.items():
@@ -349,7 +350,8 @@ def _read(
     except LogError as problem:
         if path.with_suffix(".toml").is_file() or not path.exists():
             raise
-        guess = _guess(files, robot, rate_hz, problem)
+        plain = problem
+    guess = _guess(files, robot, rate_hz, plain)
     joints = guess.description.joints
     springs = tuple(x for x in joints if infers and "deflection" in joints[x])
     robot = _with_springs(robot, springs)
@@ -520,28 +522,22 @@ def _controlled(
 
 
 def _all_drives(
-    robot: Robot,
-    read: Sequence[_ReadLog],
-    without: Set[str],
-    controllers: Mapping[str, Controller] | None,
-    doubts: list[str],
+    robot: Robot, logs: Sequence[Log], without: Set[str], gains: Mapping[str, Controller]
 ) -> tuple[dict[str, _Table], list[str]]:
-    """Return the inferred drives, those of position commands with their controllers.
+    """Return the inferred drives, those of position commands with their controllers, and doubts.
 
-    The torques of the joints `without` are no measurements. Gains that change are a doubt.
+    The torques of the joints `without` are no measurements.
     """
-    logs = [entry.log for entry in read]
     commanded = _commanded(robot, logs, without)
-    tables, unsure = inferred_drives(robot, logs, commanded)
-    gains = {**_logged_gains(read, doubts), **(controllers or {})}
+    tables, doubts = inferred_drives(robot, logs, commanded)
     tables |= {joint: _controlled(robot, joint, logs, gains) for joint in commanded}
-    laws = {joint: str(tables[joint]["controller"]) for joint in commanded}
-    unsure += _about([joint for joint in laws if str(_UNKNOWN_GAIN) in laws[joint]], _GAINS)
-    unsure += [_DELAY] * bool(commanded)
+    laws: dict[str, Any] = {joint: tables[joint]["controller"] for joint in commanded}
+    doubts += _about([joint for joint in laws if str(_UNKNOWN_GAIN) in str(laws[joint])], _GAINS)
+    doubts += [_DELAY] * bool(commanded)
     fast = [joint for joint in commanded if "velocity_command" in _sent(logs, joint)]
-    unsure += _about(fast, _VELOCITY_COMMANDS)
-    unsure += _about([joint for joint in laws if "is_held=True" in laws[joint]], _HELD)
-    return tables, unsure
+    doubts += _about(fast, _VELOCITY_COMMANDS)
+    doubts += _about([joint for joint in laws if laws[joint].is_held], _HELD)
+    return tables, doubts
 
 
 def _drives_text(tables: Mapping[str, _Table], doubts: Sequence[str], file: Path) -> str:
@@ -900,11 +896,11 @@ def _payload_lines(payloads: Sequence[Payload]) -> Iterator[str]:
         yield '# condition = "loaded"  # and in the logs with the mass; others have another\n'
 
 
-_KNOWN_STD = {
-    "": "# known_std = { torque = 0.03, payload = 0.01 }  # how well the given constants are known",
-    "bodies": "known_std = { bodies = 0.05 }  # how well the URDF's masses are known, relative",
-}
-"""Lines of the relative standard deviations, where known bodies give the scale or do not."""
+_KNOWN_STD = (
+    "# known_std = { torque = 0.03, payload = 0.01 }  # how well the given constants are known",
+    "known_std = { bodies = 0.05 }  # how well the URDF's masses are known, relative",
+)
+"""Lines of the relative standard deviations, and those where known bodies give the scale."""
 
 _OPTIONS = """\
 [identify]

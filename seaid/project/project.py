@@ -422,11 +422,9 @@ def _payloads(
         if condition and condition not in conditions:
             name = unknown_name("condition of a log", condition, sorted(conditions))
             raise SeaidError(f"{table.where}: {name}")
-        com = table.numbers("com_m", 3) or (0.0, 0.0, 0.0)
-        payloads[condition] = (
-            *payloads.get(condition, ()),
-            Payload(link, mass, (com[0], com[1], com[2]), _inertia(table)),
-        )
+        x, y, z = table.numbers("com_m", 3) or (0.0, 0.0, 0.0)
+        payload = Payload(link, mass, (x, y, z), _inertia(table))
+        payloads[condition] = (*payloads.get(condition, ()), payload)
     return payloads
 
 

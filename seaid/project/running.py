@@ -122,7 +122,8 @@ def run_project(
         runs: dict[str, Run] = {}
         for name, fit in fits.items():
             refusals: list[str] = []
-            validations = _validated(project, fit, name, refusals)
+            test = partial(validate, fit)
+            validations = _unseen_results(project, name, test, "validated", refusals)
             replays = _replayed(project, fit, name, refusals)
             origin = {**provenance, "notes": refusals}
             runs[name] = Run(fit, validations, origin, None, replays)
@@ -227,18 +228,8 @@ def _identified(
         return dict(together.identifications), together
     ((name, (robot, logs)),) = read.items()
     offset = options.encoder_offset_std
-    fit = identify(
-        robot,
-        logs,
-        torque_joints=options.torque_joints,
-        method=options.method,
-        estimator=options.estimator,
-        feasible=options.feasible,
-        cutoff_hz=options.cutoff_hz,
-        encoder_offset_std=offset,
-        known_std=options.known_std,
-        progress=progress,
-    )
+    keywords = _keywords(options) | {"method": options.method, "known_std": options.known_std}
+    fit = identify(robot, logs, encoder_offset_std=offset, progress=progress, **keywords)
     if options.refine:
         from seaid.identification import refine
 
@@ -259,22 +250,16 @@ def _identify_together(
             )
     if options.estimator == "iv":
         raise SeaidError(f"'{project.file}' [identify]: estimator \"iv\" is for one condition")
+    specific = options.condition_specific or CONDITION_SPECIFIC
     return identify_conditions(
-        read,
-        condition_specific=options.condition_specific or CONDITION_SPECIFIC,
-        torque_joints=options.torque_joints,
-        estimator=options.estimator,
-        feasible=options.feasible,
-        cutoff_hz=options.cutoff_hz,
-        progress=progress,
+        read, condition_specific=specific, progress=progress, **_keywords(options)
     )
 
 
-def _validated(
-    project: Project, fit: Identification, condition: str, notes: list[str]
-) -> dict[str, Validation]:
-    """Return {log: validation} of the logs of a condition, and of those without any."""
-    return _unseen_results(project, condition, partial(validate, fit), "validated", notes)
+def _keywords(options: Options) -> dict[str, Any]:
+    """Return the options that one condition and several have, as keyword arguments."""
+    names = ("torque_joints", "estimator", "feasible", "cutoff_hz")
+    return {name: getattr(options, name) for name in names}
 
 
 def _replayed(
@@ -347,14 +332,8 @@ def _write(project: Project, run: Run, folder: Path) -> tuple[list[str], list[st
     if "report" in project.write:
         facts = {**project.experiment, **facts_of(run.provenance)}
         moved, results = list(run.replays.values()), list(run.validations.values())
-        write_report(
-            fit,
-            folder / "report.html",
-            results,
-            facts=facts,
-            replays=moved,
-            notes=run.provenance["notes"],
-        )
+        page, unread = folder / "report.html", run.provenance["notes"]
+        write_report(fit, page, results, facts=facts, replays=moved, notes=unread)
         names.append("report.html")
     stem = _folder_name(robot.name)
     for kind, name in (("urdf", f"{stem}.urdf"), ("mjcf", f"{stem}.xml")):

@@ -16,6 +16,7 @@ import platform
 import re
 import zipfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
 from datetime import UTC, datetime
 from functools import cache, partial
@@ -138,13 +139,12 @@ def save_run(
     if path.suffix != ".npz":
         raise SeaidError(f"'{path}': a saved run must end in .npz")
     thinned = tuple(map(_thinned, identification.motions))
+    tests = {name: _thinned_validation(test) for name, test in (validations or {}).items()}
     arrays: dict[str, Array] = {}
     content = {
         "format": _FORMAT,
         "identification": _plain(replace(identification, motions=thinned), arrays),
-        "validations": _plain(
-            {name: _thinned_validation(test) for name, test in (validations or {}).items()}, arrays
-        ),
+        "validations": _plain(tests, arrays),
         "provenance": _plain(dict(provenance or {}), arrays),
         "replays": _plain(dict(replays or {}), arrays),
     }
@@ -523,10 +523,8 @@ def provenance_of(
 
     versions = {"seaid": __version__, "python": platform.python_version()}
     for name in _PACKAGES:
-        try:
+        with suppress(PackageNotFoundError):
             versions[name] = version(name)
-        except PackageNotFoundError:
-            continue
     return {
         "time_utc": datetime.now(UTC).strftime("%Y-%m-%d %H:%M:%S"),
         "command": list(command),
