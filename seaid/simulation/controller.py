@@ -279,9 +279,7 @@ def position_controllers(robot: Robot, log: Log) -> PositionControllers | None:
     laws = {index: law for index, drive in enumerate(drives) if (law := drive.law) is not None}
     if not laws:
         return None
-    # signals in the order of the robot, which need not be that of the log
-    columns = [log.joint_names.index(joint) for joint in robot.joint_names]
-    signals = {field: values[:, columns] for field, values in log.sensors().items()}
+    signals = _signals(robot, log)
     parts = [commanded_part(robot, log.time, signals, k, is_scaled=True) for k in laws]
     delays = [drives[k].command_delay_s or 0.0 for k in laws]
     gains = [(law.position_gain_Nm_per_rad, law.velocity_gain_Nms_per_rad) for law in laws.values()]
@@ -297,3 +295,9 @@ def position_controllers(robot: Robot, log: Log) -> PositionControllers | None:
         velocity_gain=velocity_gain,
         laws=[*laws.values()],
     )
+
+
+def _signals(robot: Robot, log: Log) -> dict[str, Array]:
+    """Return the sensors (T, n) in the order of the robot, which need not be that of the log."""
+    columns = [log.joint_names.index(joint) for joint in robot.joint_names]
+    return {field: values[:, columns] for field, values in log.sensors().items()}
