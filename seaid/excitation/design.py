@@ -355,11 +355,10 @@ def design_excitation(
         if not rest_to_rest:
             space = with_run_in(space, robot.joint_names, bounds)
         base = pivoted_base(cold, torque_joints)
-        target = (
-            drive_target(cold, torque_joints, base, bounds.velocity)
-            if drive_parameters
-            else load_target(cold, torque_joints, base)
-        )
+        if drive_parameters:
+            target = drive_target(cold, torque_joints, base, bounds.velocity)
+        else:
+            target = load_target(cold, torque_joints, base)
         drives = drive_limits(robot, limits, bounds.velocity)
         instants = _samples(target, function.size, samples)
         problem = make_problem(target, criterion, space, instants, bounds, drives, scene)
@@ -420,14 +419,13 @@ def _excitation(
         trajectory, plan = stance_plan(problem.stance, basis, coefficients, time)
         plain = replace(plain, row_weights=np.ones(6 + len(known)))
     H = observation_matrix(replace(problem, target=plain), time, states)
-    kappa = _safely(np.linalg.cond, H)
     R, R_first = factor_of(problem, x), factor_of(problem, first)
     target = problem.target
     # covariance (H^T H)^-1 = R^-1 R^-T: the standard errors are the norms of the rows of R^-1
     inverse = _safely(np.linalg.inv, R) if has_full_rank(R) else np.full_like(R, np.inf)
     return Excitation(
         trajectory=trajectory,
-        condition_number=float(kappa),
+        condition_number=float(_safely(np.linalg.cond, H)),
         base=base,
         margins=all_margins(problem, x, trajectory, bounds),
         limits=bounds,

@@ -156,8 +156,8 @@ def multisine(
     return trajectory
 
 
-def _frequencies(shape: Multisine, duration: float, seed: int) -> tuple[FourierBasis, Array]:
-    """Return the basis, and the numbers of the excited harmonics."""
+def _period(shape: Multisine, duration: float) -> tuple[float, int]:
+    """Return the period [s], and the number of periods."""
     period = number("period_s", shape.period_s or duration / 2, ExcitationError)
     if not (math.isfinite(period) and 0 < period <= duration):
         text = f"period_s must be more than zero and at most the duration, {duration:g} s"
@@ -169,12 +169,17 @@ def _frequencies(shape: Multisine, duration: float, seed: int) -> tuple[FourierB
             f"{max(periods, 1) * period:g} s",
             "duration",
         )
+    return period, periods
+
+
+def _frequencies(shape: Multisine, duration: float, seed: int) -> tuple[FourierBasis, Array]:
+    """Return the basis, and the numbers of the excited harmonics."""
+    period, periods = _period(shape, duration)
     low, high = shape.band_hz or (1 / period, _HIGHEST_HZ)
     low, high = finite("band_hz", (low, high), (2,), ExcitationError).tolist()
     # rounding must not exclude a harmonic at an end of the band
-    harmonics = np.arange(
-        max(1, math.ceil(low * period - 1e-9)), math.floor(high * period + 1e-9) + 1
-    )
+    lowest, highest = math.ceil(low * period - 1e-9), math.floor(high * period + 1e-9)
+    harmonics = np.arange(max(1, lowest), highest + 1)
     if shape.odd:
         harmonics = harmonics[harmonics % 2 == 1]
     if len(harmonics) < 2 or not 0 <= low < high:
