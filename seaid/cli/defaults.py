@@ -108,18 +108,18 @@ def with_project(
     is no robot moves on by one place. `seaid check FOLDER` has a project in that place.
     """
     _CONTEXT.set(context)
-    if context.obj is None and _ran_with_project(context, values):
+    project = context.obj
+    if project is not None and "urdf" in positional:
+        _note_of_project(context, project)
+    elif project is None and _ran_with_project(context, values):
         return None
-    if context.obj is not None and "urdf" in positional:
-        _note_of_project(context, context.obj)
     first = values.get("urdf")
     if first is None or not is_typed("urdf"):
         return values
-    if context.obj is not None and _project_file(first):
-        return {**values, "urdf": Path(context.obj.urdf)}
-    moves = len(positional) > 1 and not _is_robot(first)
-    if moves and (context.obj or values.get("run")):
-        return _moved(values, positional[1], context.obj)
+    if project is not None and _project_file(first):
+        return {**values, "urdf": Path(project.urdf)}
+    if len(positional) > 1 and not _is_robot(first) and (project or values.get("run")):
+        return _moved(values, positional[1], project)
     return values
 
 

@@ -262,9 +262,7 @@ def load_project(path: str | Path = FILE_NAME) -> Project:
         else tuple(run.one_of("write", output, OUTPUTS) for output in write),
         folder=run.path("folder") or file.parent / "runs",
         fail_on=run.choice("fail_on", SEVERITIES),
-        experiment=FrozenMapping(
-            {name: str(value) for name, value in table.table("experiment").content.items()}
-        ),
+        experiment=table.table("experiment").named_texts(),
     )
 
 
@@ -333,6 +331,9 @@ class _Table:
 
     def named_numbers(self) -> FrozenMapping[float]:
         return FrozenMapping({name: self.number(name) or 0.0 for name in self.content})
+
+    def named_texts(self) -> FrozenMapping[str]:
+        return FrozenMapping({name: str(value) for name, value in self.content.items()})
 
     def number(self, key: str) -> float | None:
         value = self.content.get(key)
