@@ -48,7 +48,8 @@ def calibrate(
     from seaid.report import write_calibration
 
     checked_suffix(output, ".html", ".htm")
-    if (is_typed("urdf") and joint is None) or (joint is not None and urdf is None):
+    is_half = is_typed("urdf") if joint is None else urdf is None
+    if is_half:
         raise typer.BadParameter("a log needs both", param_hint="--urdf, --joint")
     result.check(output, read=(table, *((urdf, drives) if joint is not None else ())))
     if urdf is None or joint is None:

@@ -21,7 +21,7 @@ def check(
     from seaid.identification import check as checked
 
     check_fail_on(fail_on)
-    robot = options.robot(options.known_body or ())
+    robot = options.robot(options.known_body)
     setup_check = checked(robot, options.logs(logs, robot), cutoff_hz=options.cutoff_hz)
     facts = {"robot": robot.name, "warnings": setup_check.warnings}
     show(setup_check.summary(), {"joints": setup_check.joints}, as_json, **facts)

@@ -80,9 +80,7 @@ def _content(comparison: Comparison) -> dict[str, Any]:
     return {
         "names": comparison.names,
         "differences": [{key: getattr(row, key) for key in keys} for row in comparison.differences],
-        "only": comparison.only,
-        "groups": comparison.groups,
-        "dependence": comparison.dependence,
+        **{key: getattr(comparison, key) for key in ("only", "groups", "dependence")},
         "measures": [asdict(measure) for measure in comparison.measures or ()],
         "d_efficiency": comparison.efficiency,
     }

@@ -68,7 +68,7 @@ def conditions(
             "--condition warm=run.csv",
             param_hint="--condition",
         )
-    payloads = _payloads(condition_payload or (), paths)
+    payloads = _payloads(condition_payload, paths)
     logs = {name: [*map(Path, texts)] for name, texts in paths.items()}
     every = [*chain(*logs.values())]
     check_log_files(every, options.description)
@@ -99,12 +99,14 @@ def conditions(
 def _robot(options: LogOptions, payloads: Sequence[str]) -> Robot:
     """Return the robot of the line with further payloads."""
     every = [*(options.payload or ()), *payloads]
-    return replace(options, payload=every).robot(options.known_body or ())
+    return replace(options, payload=every).robot(options.known_body)
 
 
-def _payloads(texts: Sequence[str], conditions: Mapping[str, object]) -> dict[str, list[str]]:
+def _payloads(
+    texts: Sequence[str] | None, conditions: Mapping[str, object]
+) -> dict[str, list[str]]:
     """Return {condition: its payloads}; raise BadParameter for one that has no log."""
-    payloads = _by_condition(texts, "LINK:MASS:X,Y,Z", "--condition-payload")
+    payloads = _by_condition(texts or (), "LINK:MASS:X,Y,Z", "--condition-payload")
     for name in payloads:
         if name not in conditions:
             message = f"'{name}' is no condition: they are {', '.join(conditions)}"

@@ -24,7 +24,7 @@ def cross_validate(
     """
     from seaid.identification import cross_validate as validated
 
-    robot = options.robot(options.known_body or ())
+    robot = options.robot(options.known_body)
     read = options.logs(logs, robot)
     folds = validated(robot, read, parts=parts, progress=is_terminal(), **options.keywords())
     alone = [f"part {number + 1} of {logs[0]}" for number in range(len(folds))]

@@ -35,7 +35,7 @@ def delays(
 
     checked_suffix(output, *WRITTEN)
     result.check(output, read=(*options.files, log))
-    robot = options.robot(options.known_body or ())
+    robot = options.robot(options.known_body)
     (read,) = options.logs([log], robot)
     delays = estimate_delays(robot, read, largest_s=largest_s, cutoff_hz=options.cutoff_hz)
     if output is not None:

@@ -94,7 +94,7 @@ def export(
     if parameters is not None:
         if randomization is not None:
             raise typer.BadParameter("needs --from or --run", param_hint="--randomization")
-        robot = read_parameters(parameters, options.robot(options.known_body or ()))
+        robot = read_parameters(parameters, options.robot(options.known_body))
         facts: dict[str, Any] = {"robot": robot.name}
     else:
         fit = options.result(feasible=feasible).identification

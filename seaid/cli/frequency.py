@@ -61,7 +61,7 @@ def frequency(
     checked_suffix(figure, ".png")
     result.check(figure, read=(*options.files, *logs, plan))
     saved = None if run is None else options.saved(run, "logs")
-    robot = options.robot(options.known_body or ()) if saved is None else saved.identification.known
+    robot = options.robot(options.known_body) if saved is None else saved.identification.known
     check_joints("--of", names(of), robot)
     response = frequency_response(
         robot,

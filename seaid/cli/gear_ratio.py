@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 from seaid._files import toml_table
@@ -27,7 +27,7 @@ def gear_ratio(options: LogOptions, logs: Logs, *, as_json: AsJson = False) -> N
     """
     from seaid.report import table
 
-    robot = options.robot(options.known_body or ())
+    robot = options.robot(options.known_body)
     read = options.logs(logs, robot)
     fits = {joint: _ratio(robot, read, joint) for joint in robot.joint_names}
     header = ["joint", "ratio", "std. error", "by the drives", "misfit", "unit"]
@@ -40,13 +40,17 @@ def gear_ratio(options: LogOptions, logs: Logs, *, as_json: AsJson = False) -> N
     reasons = [f"{joint}: {fit['reason']}" for joint, fit in fits.items() if "reason" in fit]
     if not rows:
         raise LogError(f"no gear ratio is determined: {'; '.join(reasons)}")
-    text = [table("Motor motion per motion behind the gear", header, rows), *reasons]
-    text.append("\nin the drives file:")
+    title = "Motor motion per motion behind the gear"
+    text = [table(title, header, rows), *reasons, "\nin the drives file:", *_drives_lines(ratios)]
+    show("\n".join(text), {"joints": fits}, as_json, robot=robot.name)
+
+
+def _drives_lines(ratios: dict[str, dict[str, Any]]) -> Iterator[str]:
+    """Yield the lines of a drives file that have the ratios."""
     for joint, fit in ratios.items():
         key = "gear_ratio" if fit["unit"] == "rad/rad" else "gear_ratio_rad_per_m"
-        text.append(f"{toml_table(joint)}\n{key} = {fit['ratio']:.7g}")
-        text.append(f"{key}_std = {fit['standard_error']:.2g}")
-    show("\n".join(text), {"joints": fits}, as_json, robot=robot.name)
+        yield f"{toml_table(joint)}\n{key} = {fit['ratio']:.7g}"
+        yield f"{key}_std = {fit['standard_error']:.2g}"
 
 
 def _ratio(robot: Robot, logs: Sequence[Log], joint: str) -> dict[str, Any]:

@@ -54,7 +54,7 @@ def identify(
         )
     check_fail_on(fail_on)
     result.check(output, read=(*options.files, *logs))
-    robot = options.robot(options.known_body or ())
+    robot = options.robot(options.known_body)
     known = logs if in_pieces else options.logs(logs, robot)
     fit = options.identify(robot, known, feasible=feasible)
     recorded = {"in_pieces": in_pieces, "feasible": feasible}

@@ -158,7 +158,7 @@ class RobotOptions:
         """The files of these options, which a command reads."""
         return self.urdf, self.drives
 
-    def robot(self, known_bodies: Sequence[str] = ()) -> Robot:
+    def robot(self, known_bodies: Sequence[str] | None = None) -> Robot:
         """Load the robot."""
         from seaid.robot import load_robot
 
@@ -169,7 +169,7 @@ class RobotOptions:
             joints=names(self.joints),
             locked=positions("--locked", self.locked),
             payloads=[payload_of(text) for text in self.payload or ()],
-            known_bodies=known_bodies,
+            known_bodies=known_bodies or (),
             gravity=vector("--gravity", self.gravity),
             independent_mimics=self.independent_mimics,
             base=self.base,  # type: ignore[arg-type]
@@ -313,7 +313,7 @@ class IdentifiedOptions(IdentifyOptions):
         options = {option.name: getattr(self, option.name) for option in fields(IdentifyOptions)}
         if not self.from_logs:
             raise typer.BadParameter("give one of the two", param_hint="--from, --run")
-        robot = self.robot(self.known_body or ())
+        robot = self.robot(self.known_body)
         identification = self.identify(robot, self.logs(self.from_logs, robot), feasible=feasible)
         options = {name: value for name, value in options.items() if value not in (None, False)}
         origin = provenance_of(filter(None, self.files), options, command_line())
@@ -563,11 +563,11 @@ def logs_of(
     return [(known.get(path) or log_at(path)).read(robot, description, repair) for path in paths]
 
 
-def check_validation_logs(unseen: Sequence[Path], from_logs: Sequence[Path]) -> None:
+def check_validation_logs(unseen: Sequence[Path], from_logs: Sequence[Path] | None) -> None:
     """Raise SeaidError for a validation log that is also used for the identification."""
     from seaid._files import real_path
 
-    known = {real_path(path) for path in from_logs}
+    known = {real_path(path) for path in from_logs or ()}
     for log in unseen:
         if real_path(log) in known:
             raise SeaidError(f"'{log}' is used for the identification: validate on another log")

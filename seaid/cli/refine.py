@@ -46,7 +46,7 @@ def refine(
     check_fail_on(fail_on)
     result.check(output, read=(*options.files, *logs))
     saved = options.saved(run, "logs")
-    robot = options.robot(options.known_body or ()) if saved is None else saved.identification.known
+    robot = options.robot(options.known_body) if saved is None else saved.identification.known
     read = options.logs(logs, robot)
     fit = refined(
         options.identify(robot, read) if saved is None else saved.identification,

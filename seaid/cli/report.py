@@ -63,7 +63,7 @@ def report(
 
     checked_suffix(output, ".html", ".htm")
     unseen = validation or []
-    check_validation_logs(unseen, options.from_logs or ())
+    check_validation_logs(unseen, options.from_logs)
     if plan is not None and not multisine:
         raise typer.BadParameter("a plan needs its --multisine", param_hint="--plan")
     result.check(output, read=(*options.files, *unseen, *(multisine or ()), plan))

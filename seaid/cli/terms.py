@@ -36,7 +36,7 @@ def terms(
     from seaid.identification import compare_terms
 
     result.check(output, read=(*options.files, *logs))
-    robot = options.robot(options.known_body or ())
+    robot = options.robot(options.known_body)
     check_joints("--of", names(of), robot)
     selection = compare_terms(
         robot,

@@ -34,7 +34,7 @@ def validate(
     from seaid.identification import validate as validated
     from seaid.report import warning_lines
 
-    check_validation_logs([log], options.from_logs or ())
+    check_validation_logs([log], options.from_logs)
     result.check(output, read=(*options.files, log))
     fit = options.result().identification
     (unseen,) = options.logs([log], fit.known)
