@@ -86,7 +86,8 @@ def _ratio(robot: Robot, logs: Sequence[Log], joint: str) -> dict[str, Any]:
         "standard_error": ratio.standard_error,
         "of_drives": drive.ratio,
         "misfit": ratio.misfit_rad,
-        "unit": "rad/m" if robot.is_prismatic[robot.index(joint)] else "rad/rad",
+        # Behind a spring the angle at the pulley is meant, also where the joint slides.
+        "unit": "rad/m" if robot.is_prismatic[index] and not drive.is_elastic else "rad/rad",
     }
 
 

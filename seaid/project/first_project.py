@@ -697,12 +697,12 @@ def _spring_without_gear(
     robot: Robot, index: int, log: Log | None, channels: Mapping[str, Array]
 ) -> _Drive | None:
     """Return a spring whose gear ratio no encoder shows, None if there is no sign of one."""
-    key = _ratio_key(robot, index)
+    # The spring of a joint that slides is behind a pulley or a screw, whose radius is its ratio.
+    key = "motor_pulley_radius_m" if robot.is_prismatic[index] else "gear_ratio"
+    table: _Table = {"type": "series_elastic", "gear_ratio": 1.0, key: 1.0}
     if log is not None and _has_locked_output(log, index):
-        return {"type": "series_elastic", key: 1.0}, _LOCKED.format(key=key)
+        return table, _LOCKED.format(key=key)
     if robot.drives[robot.joint_names[index]].is_elastic and "deflection" not in channels:
-        key = "motor_pulley_radius_m" if robot.is_prismatic[index] else "gear_ratio"
-        table: _Table = {"type": "series_elastic", "gear_ratio": 1.0, key: 1.0}
         return table, _OF_DEFLECTION.format(key=key)
     return None
 

@@ -121,3 +121,11 @@ def test_a_first_project_asks_for_the_gear_ratio_of_a_locked_output(tmp_path: Pa
     tables, (doubt,) = inferred_drives(robot, [bench_log()])
     assert tables == {"elbow": {"type": "series_elastic", "gear_ratio": 1.0}}
     assert "gear_ratio = 1.0 is a placeholder: write that of the data sheet" in doubt
+
+
+def test_a_locked_output_that_slides_gets_a_drive_that_can_be_read(tmp_path: Path) -> None:
+    (tmp_path / "bench.urdf").write_text(URDF.replace('"revolute"', '"prismatic"'))
+    robot = load_robot(tmp_path / "bench.urdf")
+    tables, (doubt,) = inferred_drives(robot, [replace(bench_log(), is_prismatic=(True,))])
+    assert "motor_pulley_radius_m = 1.0 is a placeholder" in doubt
+    assert load_robot(tmp_path / "bench.urdf", tables).drives["elbow"].is_elastic
