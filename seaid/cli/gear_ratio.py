@@ -81,13 +81,14 @@ def _ratio(robot: Robot, logs: Sequence[Log], joint: str) -> dict[str, Any]:
         ratio = ratio_of(motor, output)
     except LogError as problem:
         return {"reason": str(problem).removeprefix("gear_ratio: ")}
+    # The ratio of a spring is to the angle of its pulley, also where the joint slides.
+    is_linear = robot.is_prismatic[robot.index(joint)] and not drive.is_elastic
     return {
         "ratio": ratio.value,
         "standard_error": ratio.standard_error,
         "of_drives": drive.ratio,
         "misfit": ratio.misfit_rad,
-        # Behind a spring the angle at the pulley is meant, also where the joint slides.
-        "unit": "rad/m" if robot.is_prismatic[index] and not drive.is_elastic else "rad/rad",
+        "unit": "rad/m" if is_linear else "rad/rad",
     }
 
 
