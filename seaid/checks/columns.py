@@ -293,10 +293,6 @@ def _missing_terms(
     is_spring = field == "spring"
     what = f"the spring of {joint} is not linear" if is_spring else f"{joint} lacks a term"
     what = _FOLLOWS.get(terms[0], what).format(joint)
-    remedy = f"in the drives file:\n{toml_of(joint, drive, field, terms, values)}"
-    if "coulomb_position" in terms and not drive.reference_position_rad:
-        middle = reference_position(side.motions, side.robot.index(joint))
-        remedy += f"\nreference_position_rad = {middle:g}"
     return (NONLINEAR_SPRING if is_spring else MISSING_TERM).finding(
         f"{what}: {names} in its {field} would explain {share:.0%} of the squared residual of its "
         f"{'motor' if side.is_motor else 'torque'} equation and improve the prediction of excluded "
@@ -304,8 +300,20 @@ def _missing_terms(
         joint,
         "doubtful" if is_spring or _matters(side, joint, trials, share) else "note",
         evidence_of(comparison, values) | {"explained": share},
-        remedy,
+        _lines_of_terms(side, joint, field, terms, values),
     )
+
+
+def _lines_of_terms(
+    side: Side, joint: str, field: str, terms: Sequence[str], values: Mapping[str, float]
+) -> str:
+    """Return the remedy that adds terms to a drive, with the starts of what is searched."""
+    drive = side.robot.drives[joint]
+    remedy = f"in the drives file:\n{toml_of(joint, drive, field, terms, values)}"
+    if "coulomb_position" in terms and not drive.reference_position_rad:
+        middle = reference_position(side.motions, side.robot.index(joint))
+        remedy += f"\nreference_position_rad = {middle:g}"
+    return remedy
 
 
 def _matters(side: Side, joint: str, trials: Sequence[Trial], share: float) -> bool:

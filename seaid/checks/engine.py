@@ -15,10 +15,10 @@ alternative costs a least-squares problem of a few columns.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cache, cached_property, partial
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
@@ -133,8 +133,18 @@ def compare_models(
     the criterion supports too; others count as unchanged. Raises IdentificationError for too few
     rows.
     """
-    rows = equation.rows
-    p = len(rows.names)
+    shared = _shared_model(equation, alternatives)
+    comparisons, start = [], 0
+    for model in alternatives:
+        places = range(start, start + model.columns.shape[1])
+        comparisons.append(shared.compared(model, places, asked, in_full))
+        start = places.stop
+    return comparisons
+
+
+def _shared_model(equation: Equation, alternatives: Sequence[Alternative]) -> _SharedModel:
+    """Return what the comparisons of an equation with alternatives share."""
+    rows, p = equation.rows, len(equation.rows.names)
     replaced = sorted({place for model in alternatives for place in model.replaced})
     core = [place for place in range(p) if place not in replaced]
     # columns: the shared ones, those that some alternative replaces, those of alternatives, y
@@ -145,42 +155,64 @@ def compare_models(
     joint_factor = np.concatenate(factors)
     # What the core leaves of the other columns and of y has the residuals of the whole model.
     whole = _without_core(joint_factor, len(core))[1]
-    blocks = cache(partial(_held_out, factors, len(core)))
-    base = list(range(len(replaced)))
     # Row by row, not as a factor: the autocorrelation of the residual needs the order in time.
     rest = X[:, p:] - X[:, :p] @ _without_core(joint_factor, p)[0]
-    comparisons, start = [], p
-    for model in alternatives:
-        places = list(range(start, start + model.columns.shape[1]))
-        start += len(places)
+    return _SharedModel(equation, replaced, len(core), factors, whole, rest)
+
+
+@dataclass(frozen=True, eq=False)
+class _SharedModel:
+    """The smaller model of comparisons, and what it leaves of the columns of alternatives.
+
+    `replaced` are the places of columns that some alternative replaces, `core` is the number of all
+    others. `factors` are those of the blocks; `whole` is that of the columns that are replaced,
+    those of alternatives and y without the core, and `rest` (R, c) the rows of the latter two
+    without all columns of the model.
+    """
+
+    equation: Equation
+    replaced: Sequence[int]
+    core: int
+    factors: Sequence[Array]
+    whole: Array
+    rest: Array
+
+    @cached_property
+    def blocks(self) -> list[tuple[Array, Array]]:
+        """The factor of the other blocks and the rows of each one."""
+        return _held_out(self.factors, self.core)
+
+    def compared(
+        self, model: Alternative, places: Sequence[int], asked: int, in_full: bool
+    ) -> ModelComparison:
+        """Compare the model with a larger one, whose columns are at `places` of all of them."""
+        equation, base = self.equation, list(range(len(self.replaced)))
         # Places in `whole`, which begins with the columns that some alternative replaces.
-        kept = [k for k, place in enumerate(replaced) if place not in model.replaced]
-        larger = [*kept, *(k - len(core) for k in places)]
+        kept = [k for k, place in enumerate(self.replaced) if place not in model.replaced]
+        larger = [*kept, *(len(base) + k for k in places)]
         # RSS_0 / RSS of the smaller and the larger model: below one if columns that replace others
         # fit worse than these.
-        growth = _squares(whole, base) / max(_squares(whole, larger), 1e-300)
+        growth = _squares(self.whole, base) / max(_squares(self.whole, larger), 1e-300)
         explained, count = 1 - 1 / max(growth, 1e-300), 1.0
-        part = equation.squares(np.any(model.columns != 0, axis=1)) / max(
-            equation.squares(), 1e-300
-        )
+        acts = np.any(model.columns != 0, axis=1)
+        part = equation.squares(acts) / max(equation.squares(), 1e-300)
         share = explained / max(part, 1e-300)
         if in_full or share > LEAST_EXPLAINED:
-            count = _independent_rows(rows, rest[:, [k - p for k in places]], rest[:, -1])
+            count = _independent_rows(equation.rows, self.rest[:, [*places]], self.rest[:, -1])
         # With n independent rows and n' = n - p - k: n' log(RSS_0 / RSS) - k log n - 2 log(asked).
-        freedom = max(count - p - model.parameters, 1.0)
+        freedom = max(count - len(equation.rows.names) - model.parameters, 1.0)
         penalty = model.parameters * math.log(count) + 2 * math.log(max(asked, 1))
         bic = freedom * math.log(max(growth, 1e-300)) - penalty  # Chen and Chen 2008
-        without = within = np.zeros(len(factors))
+        without = within = np.zeros(len(self.factors))
         if in_full or (bic > 0 and share > LEAST_EXPLAINED):
             without, within = (
-                np.array([np.sum(_left(*block, columns) ** 2) for block in blocks()])
+                np.array([np.sum(_left(*block, columns) ** 2) for block in self.blocks])
                 for columns in (base, larger)
             )
         # F = ((RSS_0 - RSS) / k) / (RSS / n')
         F = freedom / model.parameters * max(growth - 1, 0.0)
         numbers = bic, F, explained, *_changes(without, within), count, model.parameters, share
-        comparisons.append(ModelComparison(*numbers))
-    return comparisons
+        return ModelComparison(*numbers)
 
 
 def _independent_rows(rows: Regression, columns: Array, residual: Array) -> float:
@@ -528,22 +560,21 @@ def forward_selection(
             steps.append((best, share, _rivals(best, strong, least_gain)))
             current = larger
             remaining = [candidate for candidate in remaining if candidate is not best.candidate]
+    return Selection(tuple(_accepted(steps, current)), current, tuple(first))
+
+
+def _accepted(
+    steps: Sequence[tuple[Trial, float, list[Trial]]], after: Equation
+) -> Iterator[Accepted]:
+    """Yield the candidates of steps with their coefficients in the equation with all of them."""
     if not steps:
-        return Selection((), equation, tuple(first))
+        return
     counts = [best.alternative.columns.shape[1] for best, *_ in steps]
-    parts = (np.split(numbers, np.cumsum(counts)[:-1]) for numbers in current.last(sum(counts)))
+    parts = (np.split(numbers, np.cumsum(counts)[:-1]) for numbers in after.last(sum(counts)))
     names = {best.candidate.name for best, *_ in steps}
-    accepted = tuple(
-        Accepted(
-            best,
-            values,
-            errors,
-            share,
-            tuple(rival for rival in rivals if rival.candidate.name not in names),
-        )
-        for (best, share, rivals), values, errors in zip(steps, *parts, strict=True)
-    )
-    return Selection(accepted, current, tuple(first))
+    for (best, share, rivals), values, errors in zip(steps, *parts, strict=True):
+        others = tuple(rival for rival in rivals if rival.candidate.name not in names)
+        yield Accepted(best, values, errors, share, others)
 
 
 def _rivals(best: Trial, supported: Iterable[Trial], least_gain: float) -> list[Trial]:

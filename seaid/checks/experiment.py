@@ -8,9 +8,10 @@ well the encoders of both sides agree. Friction that would drive the joint count
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -668,19 +669,13 @@ changes before the motion does, like an early torque."""
 
 def experiment_of(robot: Robot, logs: Sequence[Sequence[Motion]]) -> Experiment:
     """Return the experiment at `INSTANTS` instants of the motions of each log."""
-    windows = [
-        (number, window)
-        for number, motions in enumerate(logs)
-        for motion in motions
-        for window in _windows(motion)
-    ]
+    windows = [*_numbered_windows(logs)]
     parts = [_sampled(robot, window, max(1, INSTANTS // len(windows))) for _, window in windows]
     signals = {name: np.concatenate([x[name] for x in parts], axis=-2) for name in parts[0]}
     drives, motor = robot.drives.values(), signals["motor"][0]
     ratio = np.array([drive.ratio for drive in drives])
     apart = motor - ratio * at_drives(robot.transmission, signals["joint"][0])
     bodies = robot.parameters + robot.payload_parameters
-    processed = [motions[0].processing for motions in logs]
     return Experiment(
         robot,
         np.repeat([number for number, _ in windows], [len(part["torque"]) for part in parts]),
@@ -691,11 +686,24 @@ def experiment_of(robot: Robot, logs: Sequence[Sequence[Motion]]) -> Experiment:
         inertia=np.array([drive.values.get("motor_inertia", 0.0) for drive in drives]),
         # a robot file may have no inertias
         bodies=bodies if np.any(robot.parameters) else np.full_like(bodies, np.nan),
-        sources=tuple((each and each.sources) or {} for each in processed),
+        sources=tuple(map(_sources, logs)),
         counted=np.ones(signals["torque"].shape, dtype=bool),
-        has_wrenches=any(x.base and x.base.wrenches for motions in logs for x in motions),
+        has_wrenches=any(x.base and x.base.wrenches for x in chain.from_iterable(logs)),
         **signals,
     )
+
+
+def _sources(motions: Sequence[Motion]) -> Mapping[str, Mapping[str, Any]]:
+    """Return the sources of the channels of a log {joint: {quantity: source}}."""
+    processing = motions[0].processing
+    return {} if processing is None else processing.sources or {}
+
+
+def _numbered_windows(logs: Sequence[Sequence[Motion]]) -> Iterator[tuple[int, Motion]]:
+    """Yield the number of each log with each of its windows."""
+    for number, motions in enumerate(logs):
+        for motion in motions:
+            yield from ((number, window) for window in _windows(motion))
 
 
 def with_torques_of(experiment: Experiment, joints: Collection[str]) -> Experiment:

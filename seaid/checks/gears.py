@@ -94,17 +94,21 @@ def _periodic(side: Side, joint: str, accepted: Sequence[Accepted], share: float
         evidence["amplitude"] = error
         text += f"; up to {1e3 * error:.2g} m{drive.spring_units[1]} between the encoders"
     known = [(x.angle, x.order) for x in drive.harmonics if x.field == field]
-    table = ", ".join(
-        f"{name} = {sorted(order for angle, order in [*known, *orders] if angle == name)}"
-        for name in dict.fromkeys(angle for angle, _ in [*known, *orders])
-    )
     return codes.TRANSMISSION_ERROR.finding(
         f"{share:.0%} of the residual of (10) of {joint} is periodic ({text}): an error of the "
         "gear or its encoders, or ripple of the motor",
         joint,
         "doubtful" if share >= tol.PERIODIC else "note",
         evidence,
-        in_drives({(joint,): f"{field} = {{ {table} }}"}),
+        in_drives({(joint,): f"{field} = {{ {_orders_by_angle([*known, *orders])} }}"}),
+    )
+
+
+def _orders_by_angle(orders: Sequence[tuple[str, int]]) -> str:
+    """Return the orders of errors (angle, order) as the entries of a table in TOML."""
+    return ", ".join(
+        f"{name} = {sorted(order for angle, order in orders if angle == name)}"
+        for name in dict.fromkeys(angle for angle, _ in orders)
     )
 
 

@@ -277,17 +277,30 @@ def model_findings(
     """
     findings = [finding for side in selected for finding in side.findings.values()]
     mistakes = [finding for finding in known if finding.severity != "note"]
-    spoiling = [finding for finding in mistakes if CODES[finding.code].spoils]
-    joints = joints_of(spoiling)
-    is_whole = any(not x.joint and not x.joints and x.certainty == "certain" for x in spoiling)
-    findings = [as_note(x) if is_whole or x.joint in joints else x for x in findings]
-    is_known = any(finding.code == DELAY.name for finding in mistakes)
-    common = common_delay([(side.side, side.selection) for side in selected])
-    if common is not None or is_known:
-        delays = [] if is_known or common is None else [common]
-        findings = [*delays, *(finding for finding in findings if finding.code != DELAY.name)]
+    findings = _with_spoiled_notes(findings, mistakes)
+    findings = _with_common_delay(findings, selected, mistakes)
     if any(not finding.joint for finding in mistakes):
         # a mistake about the whole robot, such as a tilt, looks like the zero of a joint
         zero = ENCODER_OFFSET.name
         findings = [replace(x, severity="note") if x.code == zero else x for x in findings]
     return findings
+
+
+def _with_spoiled_notes(findings: Sequence[Finding], mistakes: Sequence[Finding]) -> list[Finding]:
+    """Return findings: notes at joints whose channels are wrong, all where a whole log is."""
+    spoiling = [finding for finding in mistakes if CODES[finding.code].spoils]
+    joints = joints_of(spoiling)
+    is_whole = any(not x.joint and not x.joints and x.certainty == "certain" for x in spoiling)
+    return [as_note(x) if is_whole or x.joint in joints else x for x in findings]
+
+
+def _with_common_delay(
+    findings: list[Finding], selected: Sequence[SideSelection], mistakes: Sequence[Finding]
+) -> list[Finding]:
+    """Return findings with one delay in place of those of all joints, and none if it is known."""
+    is_known = any(finding.code == DELAY.name for finding in mistakes)
+    common = common_delay([(side.side, side.selection) for side in selected])
+    if common is None and not is_known:
+        return findings
+    others = [finding for finding in findings if finding.code != DELAY.name]
+    return others if is_known or common is None else [common, *others]

@@ -139,23 +139,17 @@ class DriveRows:
         extra = [name for name in new.names if name not in old.names]
         # What the fit lacks is zero: the column of a nonlinear parameter is the derivative there.
         values = dict.fromkeys(new.names, 0.0) | dict(self.values)
-        if "deflection_zero" in extra:
-            if values.get("stiffness", 0.0) <= 0:  # the fit does not have the zero
-                return
-            # k x + f_0 = 0: dead zones and odd laws are about the deflection without a force.
-            rest = -values.get("spring_offset", 0.0) / values["stiffness"]
-            values["deflection_zero"] = grids.get("deflection_zero", (rest,))[0]
+        zero = _deflection_zero(values, grids) if "deflection_zero" in extra else {}
+        if zero is None:
+            return
+        values |= zero
         grid = self._grid(extra, grids)
         changed = _changed(term, old, new, extra)
         added = [name for name in extra if name not in (*grid, "deflection_zero")]
         if not added and not grid:  # no part of this equation
             return
         # A law that replaces the sign of the speed replaces the columns of the fit that have it.
-        places = [
-            place
-            for place, name in enumerate(self.rows.names)
-            if parameter_of(name) in changed and self._has(name)
-        ]
+        places = tuple(self._places(changed))
         names = *changed, *added
         # The columns of all points (T, points c) are filtered at once.
         points = [dict(zip(grid, values_at, strict=True)) for values_at in product(*grid.values())]
@@ -166,9 +160,14 @@ class DriveRows:
         columns = np.split(self.at_rows(parts), len(points), axis=1)
         # Columns that replace others are no further parameters, values on a grid are.
         more = len(added) + len(grid)
-        zero = {name: values[name] for name in ("deflection_zero",) if name in extra}
         for at, H in zip(points, columns, strict=True):
-            yield Alternative(H, more, tuple(places), FrozenMapping(at | zero), names)
+            yield Alternative(H, more, places, FrozenMapping(at | zero), names)
+
+    def _places(self, names: Sequence[str]) -> Iterator[int]:
+        """Yield the places of parameters of the drive among those of the rows."""
+        for place, name in enumerate(self.rows.names):
+            if parameter_of(name) in names and self._has(name):
+                yield place
 
     def _grid(
         self, names: Sequence[str], grids: Mapping[str, Sequence[float]]
@@ -216,6 +215,17 @@ class DriveRows:
                     known[samples] if in_band else in_band_at(motion, known, samples)
                 )
         return placed
+
+
+def _deflection_zero(
+    values: Mapping[str, float], grids: Mapping[str, Sequence[float]]
+) -> dict[str, float] | None:
+    """Return the zero about which the law of a spring is, None where the fit does not have it."""
+    if values.get("stiffness", 0.0) <= 0:
+        return None
+    # k x + f_0 = 0: dead zones and odd laws are about the deflection without a force.
+    rest = -values.get("spring_offset", 0.0) / values["stiffness"]
+    return {"deflection_zero": grids.get("deflection_zero", (rest,))[0]}
 
 
 def _dense(starts: Sequence[float]) -> list[float]:
