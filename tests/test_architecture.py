@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from scripts.benchmarks.house import faces, import_graph, longest_chain
+from scripts.benchmarks.house import complexities, faces, import_graph, longest_chain
 from tests.sources import import_statements, inner_statements, tree_of
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -167,6 +167,12 @@ def test_modules_with_one_importer_have_a_reason() -> None:
 def test_no_chain_of_imports_is_long() -> None:
     assert longest_chain(graph_of_imports()) <= 15
     assert len([name for name in SOURCES if not name.startswith(ONE_PER_FORMAT)]) <= 186
+
+
+def test_no_function_has_more_than_fifteen_branches() -> None:
+    """HOUSE.md: none above 15, by McCabe's count."""
+    counts = complexities((ROOT / "seaid").rglob("*.py"))
+    assert {name: count for name, count in counts.items() if count > 15} == {}
 
 
 def test_every_name_of_a_face_is_there_and_none_is_hidden_by_a_module() -> None:
