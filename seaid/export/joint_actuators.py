@@ -81,6 +81,9 @@ def _known(drive: Drive, is_complete: bool) -> Drive:
 def _actuator(joint: str, drive: Drive, slides: bool, velocity_limit: float) -> JointActuator:
     # `law` has the gains in N m even if those of `controller` are in counts or duty cycles.
     ratio, controller = total_ratio(drive), drive.law
+    # The law acts at theta_M/N = (r_L/r_M) q: its torques at the joint are r_L/r_M times as large,
+    # and its gains by the square of that.
+    pulleys = ratio / drive.ratio
     # Smooth terms share the parameter F_C with the plain one; simulators have only the plain one.
     is_dry = any(term in drive.friction for term in ("coulomb", *SMOOTH))
     coulomb = value_of(joint, drive, "coulomb_friction") if is_dry else 0.0
@@ -96,10 +99,10 @@ def _actuator(joint: str, drive: Drive, slides: bool, velocity_limit: float) -> 
         dry=ratio * coulomb + term_value(joint, drive, "joint_friction", "coulomb"),
         # `offset` brakes and the feed-forward drives, therefore opposite signs.
         offset=ratio * term_value(joint, drive, "friction", "offset")
-        - (controller.feedforward_Nm if controller else 0.0),
-        position_gain=controller.position_gain_Nm_per_rad if controller else 0.0,
-        velocity_gain=controller.velocity_gain_Nms_per_rad if controller else 0.0,
-        limit=controller.torque_limit_Nm if controller else math.inf,
+        - (pulleys * controller.feedforward_Nm if controller else 0.0),
+        position_gain=pulleys**2 * controller.position_gain_Nm_per_rad if controller else 0.0,
+        velocity_gain=pulleys**2 * controller.velocity_gain_Nms_per_rad if controller else 0.0,
+        limit=pulleys * controller.torque_limit_Nm if controller else math.inf,
         delay_s=drive.command_delay_s or 0.0 if controller else 0.0,
         # A URDF must have the attribute velocity, and has 0 where no limit is known.
         velocity_limit=velocity_limit if velocity_limit > 0 else math.inf,

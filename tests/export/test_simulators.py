@@ -25,7 +25,7 @@ import seaid
 from seaid.drives import Controller, SeriesElasticDrive, StiffDrive
 from seaid.errors import RobotError
 from seaid.export import FORMATS, WrittenModel
-from seaid.export.joint_actuators import EFFECTS
+from seaid.export.joint_actuators import EFFECTS, actuators_of
 from seaid.robot import Robot
 from tests.experiments import leg
 from tests.one_joint import BODY, one_joint
@@ -266,6 +266,29 @@ def test_bam_has_the_pulleys_of_a_spring_in_all_that_a_motor_does(tmp_path: Path
     found = json.loads(written(robot_with(tmp_path, drive), tmp_path, "bam").path.read_text())
     assert found["kt"] == pytest.approx(20.0 * 0.05)
     assert found["armature"] == pytest.approx(20.0**2 * 1e-5)
+
+
+def test_the_law_of_a_spring_with_pulleys_is_that_at_the_joint(tmp_path: Path) -> None:
+    """It acts at theta_M/N = (r_L/r_M) q, here at twice the angle, with twice its torque."""
+    law = Controller(
+        position_gain_Nm_per_rad=30.0,
+        velocity_gain_Nms_per_rad=2.0,
+        torque_limit_Nm=5.0,
+        feedforward_Nm=3.0,
+    )
+    drive = SeriesElasticDrive(
+        gear_ratio=10.0,
+        motor_pulley_radius_m=0.02,
+        load_pulley_radius_m=0.04,
+        motor_inertia_kg_m2=1e-5,
+        friction=(),
+        stiffness_N_per_m=1e6,
+        motor_input="position_command",
+        controller=law,
+    )
+    (actuator,) = actuators_of(robot_with(tmp_path, drive))
+    assert (actuator.position_gain, actuator.velocity_gain) == (120.0, 8.0)
+    assert (actuator.limit, actuator.offset) == (10.0, -6.0)
 
 
 PUBLISHED = Path(__file__).parents[3] / "shared/data/xl330_pendulum/published/published_m1.json"
