@@ -430,9 +430,10 @@ def _of_friction_alone(experiment: Experiment) -> Iterator[Finding]:
 
 
 def _torque_scales(experiment: Experiment) -> Iterator[Transform]:
-    """Yield factors on the torque of a joint."""
+    """Yield factors on the torque of a joint; those of another unit may have another sign too."""
     for j, (slope, error, _) in _slopes(experiment).items():
-        if slope > tol.SURE * error:
+        is_reversed_only = slope < 0 and abs(math.log(-slope)) <= math.log(tol.FAR)
+        if abs(slope) > tol.SURE * error and not is_reversed_only:
             slope *= _refinement(scaled(experiment, {j: 1 / slope}, "t"), j)
             if abs(slope - 1) > tol.SLIGHT:
                 words = f"the torque of {experiment.robot.joint_names[j]} is"
@@ -443,18 +444,20 @@ def _scale(
     experiment: Experiment, joints: Sequence[int], slope: float, words: str, penalty: float = 0.0
 ) -> Transform:
     """Return the transform of torques that are `slope` times too large, or in another unit."""
-    unit = min(_UNITS, key=lambda name: abs(math.log(slope / _UNITS[name])))
-    is_unit = abs(math.log(slope)) > math.log(tol.FAR)
-    exact = is_unit and abs(math.log(slope / _UNITS[unit])) < math.log(tol.TWICE)
+    size, sign = abs(slope), math.copysign(1.0, slope)
+    unit = min(_UNITS, key=lambda name: abs(math.log(size / _UNITS[name])))
+    is_unit = abs(math.log(size)) > math.log(tol.FAR)
+    exact = is_unit and abs(math.log(size / _UNITS[unit])) < math.log(tol.TWICE)
     # A unit is one of few values and no fitted number: it costs one parameter less.
-    factor = 1 / _UNITS[unit] if exact else float(f"{1 / slope:.4g}")
-    off = f"{slope:.3g} times too large" if slope > 1 else f"{1 / slope:.3g} times too small"
+    factor = sign / _UNITS[unit] if exact else float(f"{1 / slope:.4g}")
+    off = f"{size:.3g} times too large" if size > 1 else f"{1 / size:.3g} times too small"
+    off = (f"in {unit}" if exact else off) + ", with the opposite sign" * (sign < 0)
     return multiplied(
         codes.UNIT if is_unit else codes.TORQUE_SCALE,
         experiment,
         dict.fromkeys(joints, factor),
         "t",
-        f"{words} {f'in {unit}' if exact else off}",
+        f"{words} {off}",
         severity="wrong" if is_unit else "doubtful",
         evidence={"factor": slope},
         penalty=penalty if exact else 1.0 + penalty,
