@@ -325,7 +325,8 @@ UNSEEN_MOTION = Code(
     "a torque or a force that the model does not predict in another motion",
     "Another payload, mounting or encoder zero than in the own logs, exchanged columns of one "
     "log, or too short an own log.",
-    "Make both logs alike. If they are, identify from both, and validate on a third.",
+    "Check that payload, mounting, zeros of the sensors and columns of both logs are the same, and "
+    "that nothing else touched the robot. If so, identify from both, and validate on a third.",
 )
 CONTACT_FORCES = Code(
     "contact-forces",
@@ -409,7 +410,8 @@ BLOCKS_DISAGREE = Symptom(
     "blocks-disagree",
     "estimates from parts of the data that differ by more than their errors",
     "Something changed between or during the logs: offsets, payload, temperature.",
-    "Identify the logs one by one, and compare the results with `seaid compare`.",
+    "Look for what changed between or during the logs: encoder offsets, payload, temperature, a "
+    "drifting sensor. Identify the logs one by one, and compare the results with `seaid compare`.",
 )
 CUTOFF_SENSITIVE = Symptom(
     "cutoff-sensitive",
