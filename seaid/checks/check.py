@@ -76,17 +76,10 @@ class Code:
         """Return a `finding` by which the result is not to be used."""
         return self.finding(message, joint, "wrong", **details)
 
-    def note(
-        self,
-        message: str,
-        joint: str = "",
-        evidence: Mapping[str, float] = FrozenMapping({}),
-        remedy: str = "",
-        certainty: Certainty = "certain",
-        joints: tuple[str, ...] = (),
-    ) -> Finding:
+    def note(self, message: str, joint: str = "", **details: Unpack[_Details]) -> Finding:
         """Return a `finding` for information: by default what is certain and no mistake."""
-        return self.finding(message, joint, "note", evidence, remedy, certainty, joints)
+        details.setdefault("certainty", "certain")
+        return self.finding(message, joint, "note", **details)
 
 
 class Symptom(Code):

@@ -217,7 +217,7 @@ def _limited(commanded: Commanded) -> Iterator[Finding]:
         )
     elif is_stated:
         message = f"{asks}: the limit counts as its torque there"
-        yield codes.SATURATION.note(message, joint, evidence)
+        yield codes.SATURATION.note(message, joint, evidence=evidence)
     else:
         yield codes.SATURATION.finding(
             f"the controller of {joint} asks for up to {float(np.max(asked)):.3g} N m, in "

@@ -89,7 +89,7 @@ def least_inertias(title: str, inertias: Mapping[str, float], least_s: float) ->
         f"stops it within {1e3 * least_s:g} ms: it was replayed with these rotor inertias at the "
         "joint [kg m^2 or kg]",
         only_joint([*inertias]),
-        inertias,
+        evidence=inertias,
     )
 
 
@@ -177,7 +177,7 @@ def motor_side_findings(
         "series, and the joint angle that of the motor over the gear ratio at a spring without "
         f"force{unshown if hidden else ''}",
         only_joint([*tests]),
-        {f"hidden part of the stiffness of {joint}": least for joint, least in hidden.items()},
+        evidence={f"hidden part of the stiffness of {x}": least for x, least in hidden.items()},
     )
 
 
