@@ -132,10 +132,11 @@ def rollout(
         step = (log.time[tick + 1] - at) / steps
         for part in range(steps):
             start = at + part * step
-            now = gains * motor_input(start, state[JOINT_POSITION, back])
+            positions = state[JOINT_POSITION, back]
+            now = gains * motor_input(start, positions)
             later = now  # a command is held over a step, as a digital controller does it
             if command is None:  # a logged input is linear between its samples
-                later = gains * motor_input(start + step, now)
+                later = gains * motor_input(start + step, positions)
             feedback = None if feedbacks is None else feedbacks[part]
             rate = (later - now)[order] / step
             state = advance(warm_plant, data, state, now[order], rate, step, feedback)
