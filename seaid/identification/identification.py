@@ -65,6 +65,7 @@ from seaid.errors import (
     LogError,
     by_severity,
     checked,
+    listed,
 )
 from seaid.estimation import (
     Estimate,
@@ -312,7 +313,8 @@ def identify(
         springs.
     estimator : {"wls", "ols", "huber", "tukey", "iv"}
         Least squares weighted per joint or ordinary, robust estimators, or instrumental variables
-        from the fitted model against the bias by noise in the regressor (two-step only).
+        from the fitted model against the bias by noise in the regressor (two-step only). Neither
+        they nor "simultaneous" are for logs without the joint position of a spring.
     feasible : bool
         Make `Identification.robot` physically consistent; see `feasible_parameters`.
     cutoff_hz : float, optional
@@ -405,6 +407,19 @@ class _Options:
             )
         check_offset_std(self.encoder_offset_std)
         check_known_std(self.known_std)
+
+    def check_without_encoders(self, joints: Sequence[str]) -> None:
+        """Raise IdentificationError for options that do nothing if `joints` have no encoder."""
+        refused = f'method="{self.method}"' if self.method != "two-step" else ""
+        refused = 'estimator="iv"' if self.estimator == "iv" else refused
+        if refused:
+            raise IdentificationError(
+                f"{refused} needs the joint position of each spring, and the logs have none of "
+                f"{listed(joints)}: these springs are found by a refinement that simulates the "
+                f"motors, whatever the first estimate is; leave out {refused}, or log the joint "
+                "position",
+                refused,
+            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -715,11 +730,12 @@ def _from_motors(
     the proposed one if none of them shows the springs: a fit of noise may end there too.
     """
     check_refinable(robot, joints)
+    options.check_without_encoders(joints)
     fit = partial(
         identify,
         robot,
         torque_joints=options.torque_joints,
-        estimator="wls" if options.estimator == "iv" else options.estimator,
+        estimator=options.estimator,
         encoder_offset_std=options.encoder_offset_std,
         known_std=options.known_std,
         executor=options.executor,
