@@ -130,7 +130,8 @@ def _band(rows: Regression, equation: int, weight: float, highest_hz: float) -> 
         frequency.append(np.maximum(order, 0.5) / (2 * len(signal) * step))
         # Orthonormal: the coefficients of white noise have its standard deviation.
         coefficients.append(dct(signal, axis=0, norm="ortho")[:count])
-    return _Band(equation, *map(np.concatenate, (frequency, changes, coefficients)))
+    masks = np.concatenate(changes)
+    return _Band(equation, np.concatenate(frequency), masks, np.concatenate(coefficients))
 
 
 def _independent(bands: Sequence[_Band]) -> list[_Band]:
