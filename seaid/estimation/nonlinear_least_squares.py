@@ -109,7 +109,9 @@ def gauss_newton_step(
     covariance = _autocorrelated_covariance(logs, J @ inverse, r + J @ solution)
     covariance += (inverse * precision) @ (inverse * precision).T
     kept = sum(int(np.sum(log.kept)) for log in logs)
-    spent = p + sum(log.nuisance.shape[0] * log.nuisance.shape[3] for log in logs)
+    # The trace of Q Q^T is the number of nuisance parameters that move the rows of their window.
+    bases = [_basis(log, log.kept / stds[log.channels]) for log in logs]
+    spent = p + sum(round(float(np.sum(basis**2))) for basis in bases)
     freedom = kept / max(kept - spent, 1)  # degrees of freedom of the residuals
     return Step(
         change=solution,
@@ -219,7 +221,9 @@ def without_information(step: Step, noise: Array) -> Step:
     sizes = np.sqrt(np.maximum(sizes, ROUNDING))
     root = axes * sizes
     parts, turned = safely(np.linalg.eigh, root.T @ (noise * both) @ root, what="the output error")
-    # In the coordinates of `root` the information is the identity, and without noise 1 - parts.
+    # In the coordinates of `root` the information is the identity, and without noise 1 - parts. The
+    # factor n / (n - p) in `white_covariance` is needed here: the random states of `noise` have the
+    # standard deviations of the maximum likelihood, whose squares are too small by this factor.
     kept = 1 - np.clip(parts, 0.0, _MOST_NOISE)
     inverse = turned.T @ (axes / sizes).T
     larger = scale[:, None] * (root @ turned / kept @ inverse) / scale
@@ -285,13 +289,21 @@ def _projected(logs: list[Residuals], stds: Array) -> tuple[Array, Array]:
 
 
 def _basis(log: Residuals, weights: Array) -> Array:
-    """Return an orthonormal basis of each window's weighted nuisance columns."""
+    """Return an orthonormal basis of each window's weighted nuisance columns.
+
+    Its columns are zero where a nuisance parameter does not move the rows of the window.
+    """
     windows, s = len(log.residual), log.nuisance.shape[3]
     columns = (log.nuisance * weights[..., None]).reshape(windows, weights[0].size, s)
     if not s:
         return columns
     norms = np.linalg.norm(columns, axis=1, keepdims=True)
-    return np.asarray(np.linalg.qr(columns / np.where(norms > 0, norms, 1.0))[0])
+    Q, R = np.linalg.qr(columns / np.where(norms > 0, norms, 1.0))
+    # Of dependent columns Q has a direction that is not in their span, and is information on the
+    # others: the span is that of the left singular vectors, with the tolerance of `_nuisance`.
+    left, sizes, _ = safely(np.linalg.svd, R, what="the output error")
+    in_span = sizes > _LEAST_STATE * sizes[:, :1]
+    return np.asarray(Q @ (left[:, :, : sizes.shape[1]] * in_span[:, None]))
 
 
 def _nuisance(log: Residuals, stds: Array, change: Array) -> Array:

@@ -99,6 +99,19 @@ def test_rows_that_do_not_count_do_not_matter() -> None:
     assert not np.array_equal(one.change, gauss_newton_step([log], NAMES, NOTHING, NOTHING).change)
 
 
+@pytest.mark.parametrize("factor", [0.0, 1.0])
+def test_a_nuisance_column_that_adds_nothing_takes_no_information(factor: float) -> None:
+    """The QR factor of a column of zeros, or of a copy, once projected out some direction."""
+    log = problem(blocks=5)
+    wider = np.concatenate([log.nuisance, factor * log.nuisance[..., :1]], axis=3)
+    wider = replace(log, nuisance=wider)
+    bounds = [fisher_covariance([x], NAMES, STDS, NOTHING) for x in (log, wider)]
+    np.testing.assert_allclose(bounds[1], bounds[0], rtol=1e-9)
+    steps = [gauss_newton_step([x], NAMES, NOTHING, NOTHING) for x in (log, wider)]
+    np.testing.assert_allclose(steps[1].change, steps[0].change, rtol=1e-6)
+    np.testing.assert_allclose(steps[1].white_covariance, steps[0].white_covariance, rtol=1e-6)
+
+
 def test_two_logs_know_more_than_one() -> None:
     logs = [problem(0), problem(1)]
     both = gauss_newton_step(logs, NAMES, NOTHING, NOTHING)
