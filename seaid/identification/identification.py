@@ -647,7 +647,9 @@ def _with_fit(
     fit, actuators = problem.estimate.fit, problem.estimate.actuators
     bodies = result.robot.parameters + robot.payload_parameters
     shown = robot.joint_names, fit, actuators, experiment, bodies
-    explains = robot_fit(*shown, locked=run.locked, weak=weak)
+    numbers = chain(*([number] * len(group) for number, group in enumerate(run.moved, 1)))
+    logs = dict(enumerate(numbers))
+    explains = robot_fit(*shown, locked=run.locked, weak=weak, logs=logs)
     predicted = prediction_errors(experiment, problem.model.base, result.load)
     explains = replace(explains, predicted=predicted)
     findings += consequences(findings, fit_findings(explains))
