@@ -12,7 +12,7 @@ import pytest
 
 import seaid
 from seaid.errors import SeaidError
-from seaid.project.first_project import inferred_drives, write_first_project
+from seaid.project.first_project import _lock_hints, inferred_drives, write_first_project
 from seaid.project.project import load_project
 from seaid.project.running import run_project
 from tests import experiments
@@ -219,6 +219,18 @@ def test_joints_that_no_column_names_are_locked_and_said(tmp_path: Path) -> None
     made = write_first_project(tmp_path / "robot.urdf", [tmp_path / "run.npz"], folder=tmp_path)
     assert made.doubts[0].startswith("torso, grip: no column of the logs has such a name: locked")
     assert load_project(tmp_path).robot().joint_names == ("elbow",)
+
+
+def test_a_motor_that_stands_without_a_joint_encoder_has_no_place_to_lock_it() -> None:
+    """The mean of its positions, of which there are none, once gave a RuntimeWarning."""
+    robot, log = experiments.leg(), experiments.leg_log()
+    position, motor = log.joint_position.copy(), log.motor_position.copy()
+    position[:, 0] = 0.25
+    motor[:, :2] = 3.0
+    hints = [*_lock_hints(robot, [replace(log, joint_position=position, motor_position=motor)])]
+    assert hints == ["hip_yaw: no motion in any log; lock what stands still: --locked hip_yaw=0.25"]
+    position[:, 1] = np.nan
+    assert not [*_lock_hints(robot, [replace(log, joint_position=position, motor_position=motor)])]
 
 
 def test_a_deflection_is_that_of_a_spring_in_its_unit(tmp_path: Path) -> None:
