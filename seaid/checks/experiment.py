@@ -138,7 +138,7 @@ class Experiment:
 
     @cached_property
     def lever(self) -> Array:
-        """N r_L / r_M (n,): the torque on the load per torque of the motor."""
+        """N r_L / r_M (n,), positive: the torque on the load per torque of the motor."""
         drives = self.robot.drives.values()
         return np.asarray(self.ratio * [drive.load_radius / drive.motor_radius for drive in drives])
 
@@ -539,7 +539,7 @@ class Experiment:
         if not is_spring:
             return self._size(j, residual, x[:2])
         # a spring of negative stiffness explains nothing
-        wrong = float(np.std(columns[:, -1] * x[-1])) if x[-1] * self.lever[j] < 0 else 0.0
+        wrong = float(np.std(columns[:, -1] * x[-1])) if x[-1] < 0 else 0.0
         size = max(float(np.std(y)), _LEAST)
         friction = x[:2] if len(x) > 2 else np.zeros(2)
         return float(np.hypot(self._size(j, residual, friction, size), wrong / size))
@@ -548,7 +548,7 @@ class Experiment:
         """Return the rms of a residual and of friction that drives, over that of the torque."""
         torque, speed = self.friction[j][:, :2] @ friction, self.motor[1][:, j]
         # A friction torque of the sign of the speed takes power; one that gives power drives.
-        power = float(np.mean(torque * speed)) * float(np.sign(self.lever[j]))
+        power = float(np.mean(torque * speed))
         drives = max(-power, 0.0) / max(float(np.std(speed)), _LEAST)
         rms = float(np.hypot(np.std(residual), drives))
         return rms / max(size or self._torque_sizes[j], _LEAST)
