@@ -105,9 +105,7 @@ def gauss_newton_step(
     solution, inverse, condition = _solve(
         np.vstack([J, np.diag(precision)]), np.append(r, precision * distance), names
     )
-    # The sandwich over the rows; the prior's residuals are independent, of variance 1.
     covariance = _autocorrelated_covariance(logs, J @ inverse, r + J @ solution)
-    covariance += (inverse * precision) @ (inverse * precision).T
     kept = sum(int(np.sum(log.kept)) for log in logs)
     # The trace of Q Q^T is the number of nuisance parameters that move the rows of their window.
     bases = [_basis(log, log.kept / stds[log.channels]) for log in logs]
@@ -118,7 +116,8 @@ def gauss_newton_step(
         nuisance=tuple(_nuisance(log, stds, solution) for log in logs),
         own=tuple(_nuisance(log, unmoved, np.zeros(p)) for log in logs),
         stds=stds,
-        covariance=freedom * covariance,
+        # The sandwich over the rows; the prior's residuals are independent, of variance 1.
+        covariance=freedom * covariance + (inverse * precision**2) @ inverse,
         white_covariance=freedom * inverse,
         merit=merit,
         condition_number=condition,
@@ -171,11 +170,14 @@ def _at_least(part: float, covariance: Array, white: Array) -> Array:
 
 def _autocorrelation(residual: Array, most: float) -> Array:
     """Return the weighted autocorrelation at lags from 1 to twice the last significant one."""
-    lags = min(int(most), len(residual) - 1)
-    power = max(float(residual @ residual), 1e-300)
-    correlation = np.array([residual[lag:] @ residual[:-lag] for lag in range(1, lags + 1)]) / power
-    count = max(int(np.count_nonzero(residual)), 1)
-    outstanding = np.flatnonzero(np.abs(correlation) > _STANDS_OUT / np.sqrt(count))
+    lags, present = min(int(most), len(residual) - 1), residual != 0
+    power = max(float(residual @ residual), 1e-300) / max(int(np.sum(present)), 1)
+    later = [slice(lag, None) for lag in range(1, lags + 1)]
+    products = np.array([residual[x] @ residual[: -x.start] for x in later])
+    # Rows that do not count are zero: a mean over all pairs would be too small.
+    pairs = np.array([np.sum(present[x] & present[: -x.start]) for x in later])
+    correlation = products / np.maximum(pairs, 1) / power
+    outstanding = np.flatnonzero(np.abs(correlation) * np.sqrt(pairs) > _STANDS_OUT)
     bandwidth = min(2 * (int(outstanding[-1]) + 1), lags) if outstanding.size else 0
     lag = np.arange(1, bandwidth + 1)
     # Flat top (Politis 2003): 1 up to half of the bandwidth, then a straight line to zero.
