@@ -416,7 +416,7 @@ class _Options:
             raise IdentificationError(
                 f"{refused} needs the joint position of each spring, and the logs have none of "
                 f"{listed(joints)}: these springs are found by a refinement that simulates the "
-                f"motors, whatever the first estimate is; leave out {refused}, or log the joint "
+                f"motors, whatever the first estimate is; remove {refused}, or log the joint "
                 "position",
                 refused,
             )

@@ -248,7 +248,7 @@ def test_options_that_a_refinement_does_not_use_are_refused(
     robot: Robot, options: dict[str, Any], name: str
 ) -> None:
     """They once gave the result of two steps and of "wls" without a word."""
-    with pytest.raises(IdentificationError, match="leave out " + name):
+    with pytest.raises(IdentificationError, match="remove " + name):
         identify(robot, log_of(ANYDRIVE), **options)
 
 
