@@ -410,7 +410,7 @@ class _Options:
 
     def check_without_encoders(self, joints: Sequence[str]) -> None:
         """Raise IdentificationError for options that do nothing if `joints` have no encoder."""
-        refused = f'method="{self.method}"' if self.method != "two-step" else ""
+        refused = 'method="simultaneous"' if self.method == "simultaneous" else ""
         refused = 'estimator="iv"' if self.estimator == "iv" else refused
         if refused:
             raise IdentificationError(
