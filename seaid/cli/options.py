@@ -229,8 +229,8 @@ class IdentifyOptions(LogOptions):
         str,
         one_of(
             "method",
-            "two-step: springs, then bodies; simultaneous: both in one regression; auto: the latter "
-            "where the data support it.",
+            "two-step: springs, then bodies; simultaneous: both in one regression; auto: the "
+            "latter where the data support it.",
             lambda: seaid.identification.Method,
         ),
     ] = "auto"

@@ -654,7 +654,8 @@ def _with_fit(
     The springs of `weak` joints look so, and may have backlash.
     """
     robot, run, experiment = problem.robot, problem.run, problem.experiment
-    fit, actuators = problem.estimate.fit, problem.estimate.actuators
+    # Rows of both sides at once have no torque of a spring as a target, of which errors are a part.
+    fit, actuators = problem.two_step.fit, problem.two_step.actuators
     bodies = result.robot.parameters + robot.payload_parameters
     shown = robot.joint_names, fit, actuators, experiment, bodies
     explains = robot_fit(*shown, locked=run.locked, weak=weak)

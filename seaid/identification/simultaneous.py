@@ -24,9 +24,9 @@ from functools import partial
 import numpy as np
 
 from seaid._arrays import Array, IndexArray
-from seaid.checks import SURE
+from seaid.checks import SURE, noise_findings
 from seaid.drives import JointParameter, readable
-from seaid.errors import IdentificationError
+from seaid.errors import ExcitationError, IdentificationError, listed
 from seaid.estimation import (
     Estimate,
     Estimator,
@@ -296,10 +296,10 @@ def estimate_supported(
         try:
             steps = start, estimator, encoder_offset_std, executor
             both = estimate_simultaneous(robot, datasets, model, *steps)
-        except IdentificationError:
-            reason = "an estimate of both sides at once did not converge"
+        except (IdentificationError, ExcitationError):
+            reason = "no estimate of both sides at once was found"
         else:
-            reason = _contradiction(start, both)
+            reason = _contradiction(start, both) or _noise(start, both)
             if not reason:
                 return both
     return replace(start, not_shared=reason)
@@ -319,13 +319,25 @@ def _contradiction(first: RobotEstimate, both: RobotEstimate) -> str:
     return f"the load side contradicts the motor equations ({what} by {z:.2g} standard errors)"
 
 
+def _noise(first: RobotEstimate, both: RobotEstimate) -> str:
+    """Return what the residual of both sides at once shows and that of two steps does not."""
+    before = [first.load, *(side.estimate for side in first.actuators.values())]
+    known = {(x.code, x.joint) for estimate in before for x in noise_findings(estimate)}
+    new = [
+        finding
+        for finding in noise_findings(both.load)
+        if finding.severity != "note" and (finding.code, finding.joint) not in known
+    ]
+    where = listed(dict.fromkeys(finding.joint for finding in new if finding.joint))
+    codes = listed(dict.fromkeys(finding.code for finding in new))
+    return f"the residual of both sides at once shows {codes} at {where}" if new else ""
+
+
 def _moved(first: Estimate, both: Estimate) -> list[tuple[str, float]]:
     """Return by how many standard errors of the first estimate the second differs from it."""
     return [
         (name, abs(both.value(name) - value) / error)
-        for name, value, error in zip(
-            first.names, first.values, first.standard_errors, strict=True
-        )
+        for name, value, error in zip(first.names, first.values, first.standard_errors, strict=True)
         if name in both.names and error > 0
     ]
 

@@ -199,7 +199,7 @@ SLIDING, TURNING = (
         ("bodies", None, "bodies must be an object, found None"),
         ("joints", None, "is of another robot"),
         ("joints", list(KNOWN.joint_names)[::-1], "is of another robot"),
-        ("format", "seaid parameters 4", "'format' is 'seaid parameters 4'"),
+        ("format", "seaid parameters 3", "'format' is 'seaid parameters 3'"),
         ("model", 1, "no key is named 'model'"),
     ],
 )
