@@ -365,8 +365,9 @@ def estimate_simultaneous(
     )
     check_simultaneous(robot, springs)
     offsets = [joint for joint in springs if TORQUE_OFFSET in start.drives[joint].names]
-    columns = {"model": model, "springs": springs, "offsets": offsets}
-    regress: Regress = partial(simultaneous_regression, robot, **columns)
+    regress: Regress = partial(
+        simultaneous_regression, robot, model=model, springs=springs, offsets=offsets
+    )
     rows = rows_in_memory(datasets, {"": regress}, executor)[""]
     whole, _ = settled(robot, rows, _values(rows, start), estimation(estimator))
     zeros: Array | None = None

@@ -497,7 +497,9 @@ def test_an_incomplete_model_is_identified_in_turn(
 
 def test_springs_that_cannot_be_shared_are_identified_in_turn() -> None:
     known = leg(TEST_MASS).without_nominal()
-    knee = replace(known.drives["knee_pitch"], spring=("linear", "cubic"))
+    drive = known.drives["knee_pitch"]
+    assert isinstance(drive, SeriesElasticDrive)
+    knee = replace(drive, spring=("linear", "cubic"))
     by_data = identify(known.with_drives({"knee_pitch": knee}), leg_log())
     assert by_data.method == "two-step"
     assert "the spring of knee_pitch has cubic" in by_data.not_shared
