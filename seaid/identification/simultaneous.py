@@ -280,7 +280,7 @@ def estimate_supported(
     """Estimate both sides at once where the data support it, else return the two-step estimate.
 
     Both at once is the more accurate one, and the first to be wrong where (7) or (8) lacks a term:
-    each side then bends the spring that it shares with the other. It is not used if the equations
+    it then biases the spring that both share. It is not used if the equations
     are `lacking` something, and not if its values are outside the intervals of two steps, whose
     motor equation alone determines the springs (Hausman 1978). `not_shared` of the result says why.
     """
