@@ -1,0 +1,384 @@
+"""The default of `identify` on MuJoCo plants that nobody tuned it on, next to plain least squares.
+
+Every plant of `scripts.unseen_robots` is simulated once. Each seed has its own sensor noise,
+encoder offsets and wrong bodies in the robot file. Three ways of `identify` read the files as a
+user does; the fourth estimate is least squares written here, with the true structure.
+
+A figure is a parameter of a drive, or a base parameter that makes more than 3 % of a joint's
+torque. It is within if its error is at most 1.5 times that of the reference, or the reference's
+standard error where that is larger (its error may be near zero by luck), or 0.5 %:
+
+    python -m scripts.benchmarks.unseen_plants --seeds 2 --output OUT
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+import time
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from scipy.signal import butter, sosfiltfilt
+
+import seaid
+from scripts.short_form import add_quick, few, is_quick
+from scripts.unseen_robots import Plant, Run, plants, simulated, write_files
+from seaid._arrays import Array
+from seaid.report.text import percent, table
+
+WAYS: Mapping[str, Mapping[str, Any]] = {
+    "default": {},
+    "simultaneous": {"method": "simultaneous"},
+    "simultaneous 6 Hz": {"method": "simultaneous", "cutoff_hz": 6.0},
+}
+REFERENCE = "reference"
+FACTOR, SMALL, SHARE = 1.5, 0.005, 0.03
+"""Allowed ratio of errors; error that is always within; least share of a base parameter."""
+CUTOFFS_HZ, JUDGED_HZ = (3.0, 5.0, 8.0, 12.0, 20.0), 8.0
+"""Cutoffs that the reference tries, and that at which excluded blocks judge them."""
+FOLDS, BLOCK_S = 8, 1.0
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A parameter with its true value and the scale of its relative error."""
+
+    name: str
+    truth: float
+    scale: float
+
+
+Estimates = dict[str, tuple[float, float, tuple[float, float]]]
+"""{name: (value, standard error, 95 % interval)}."""
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Filtered rows of all equations: {equation: (H (r, p), y (r,), time (r,))}."""
+
+    names: tuple[str, ...]
+    equations: Mapping[str, tuple[Array, Array]]
+    time: Array
+
+    def part(self, kept: Array) -> Rows:
+        """Return the rows of some instants."""
+        some = {name: (H[kept], y[kept]) for name, (H, y) in self.equations.items()}
+        return replace(self, equations=some, time=self.time[kept])
+
+
+def low_pass(values: Array, cutoff_hz: float, rate_hz: float) -> Array:
+    """Return values (T, ...) through a Butterworth filter of order four, there and back."""
+    sections = butter(4, cutoff_hz, fs=rate_hz, output="sos")
+    return np.asarray(sosfiltfilt(sections, values, axis=0))
+
+
+def rows_of(plant: Plant, robot: seaid.Robot, log: seaid.Log, base: Any, cutoff_hz: float) -> Rows:
+    """Return (7) and (8) of all joints, both sides filtered in parallel and decimated."""
+    rate_hz = plant.rate_hz
+    smooth_hz = min(4 * cutoff_hz, 0.4 * rate_hz)
+    q, angle = (low_pass(x, smooth_hz, rate_hz) for x in (log.joint_position, log.motor_position))
+    v, w = (np.gradient(x, 1 / rate_hz, axis=0) for x in (q, angle))
+    a, dw = (np.gradient(x, 1 / rate_hz, axis=0) for x in (v, w))
+    model, data = robot.model, robot.model.createData()
+    states = zip(q, v, a, strict=True)
+    Y = np.array([pin.computeJointTorqueRegressor(model, data, *x).copy() for x in states])
+    names, blocks = _names(plant, base), {}
+    for index, joint in enumerate(plant.joints):
+        drive, load = joint.drive, np.zeros((len(q), len(names)))
+        load[:, -len(base.names) :] = -base.reduce(Y[:, index])
+        motor = np.zeros_like(load)
+
+        def put(block: Array, name: str, column: Array, joint_name: str = joint.name) -> None:
+            block[:, names.index(f"{name} of {joint_name}")] = column
+
+        target = log.motor_torque[:, index].copy()
+        if drive.motor_inertia_known:
+            target -= drive.motor_inertia * dw[:, index]
+        else:
+            put(motor, "motor_inertia", dw[:, index])
+        put(motor, "viscous_friction", w[:, index])
+        put(motor, "coulomb_friction", np.sign(w[:, index]))
+        if drive.stiffness:
+            d = drive.lever * angle[:, index] - drive.load_radius * q[:, index]
+            for name, column in _spring(drive.cubic != 0, d).items():
+                put(motor, name, drive.lever * column)
+                put(load, name, drive.load_radius * column)
+            blocks[f"motor {joint.name}"] = motor, target
+            blocks[f"load {joint.name}"] = load, np.zeros(len(q))
+        else:  # N (tau_M - I_M w' - friction) = Y theta
+            blocks[f"load {joint.name}"] = drive.ratio * motor - load, drive.ratio * target
+    step, edge = max(1, int(rate_hz / (4 * cutoff_hz))), int(rate_hz)
+    kept = slice(edge, -edge, step)
+    filtered = {
+        name: tuple(low_pass(x, cutoff_hz, rate_hz)[kept] for x in block)
+        for name, block in blocks.items()
+    }
+    return Rows(names, filtered, log.time[kept])  # type: ignore[arg-type]
+
+
+def _names(plant: Plant, base: Any) -> tuple[str, ...]:
+    """Return the names of the columns of all equations."""
+    names: list[str] = []
+    for joint in plant.joints:
+        terms = ["viscous_friction", "coulomb_friction"]
+        terms += [] if joint.drive.motor_inertia_known else ["motor_inertia"]
+        if joint.drive.stiffness:
+            terms += _spring(joint.drive.cubic != 0, np.zeros(1))
+        names += [f"{term} of {joint.name}" for term in terms]
+    return (*names, *base.names)
+
+
+def _spring(is_cubic: bool, d: Array) -> dict[str, Array]:
+    """Return the columns of a spring; k_3 (d - d_0)^3 is a polynomial of d."""
+    columns = {"spring_offset": np.ones_like(d), "stiffness": d}
+    return columns | ({"square": d**2, "cubic_stiffness": d**3} if is_cubic else {})
+
+
+def fit(rows: Rows) -> tuple[Array, Array]:
+    """Return values and covariance: two steps for the weights, then all equations at once.
+
+    The covariance is that of clusters of `BLOCK_S`, which allows for autocorrelation.
+    """
+    motor = [name for name in rows.equations if name.startswith("motor")]
+    first = _least_squares(rows, dict.fromkeys(motor, 1.0), np.zeros(len(rows.names)))
+    # the load side, with the springs of the first step in its target
+    second = _least_squares(rows, dict.fromkeys(set(rows.equations) - set(motor), 1.0), first)
+    sigma = {name: np.std(y - H @ second) for name, (H, y) in rows.equations.items()}
+    weights = {name: 1.0 / float(value) for name, value in sigma.items()}
+    values = _least_squares(rows, weights, np.zeros(len(rows.names)))
+    H = np.vstack([weights[name] * H for name, (H, _) in rows.equations.items()])
+    y = np.concatenate([weights[name] * y for name, (_, y) in rows.equations.items()])
+    size = np.linalg.norm(H, axis=0)
+    score = (H / size) * (y - H @ values)[:, None]
+    cluster = np.tile((rows.time // BLOCK_S).astype(int), len(weights))
+    sums = np.array([score[cluster == number].sum(axis=0) for number in np.unique(cluster)])
+    inverse = np.linalg.pinv((H / size).T @ (H / size))
+    return values, inverse @ sums.T @ sums @ inverse / np.outer(size, size)
+
+
+def _least_squares(rows: Rows, weights: Mapping[str, float], fixed: Array) -> Array:
+    """Return the values of weighted least squares; those not zero in `fixed` are kept."""
+    free = fixed == 0
+    H = np.vstack([w * rows.equations[name][0] for name, w in weights.items()])
+    y = np.concatenate([w * rows.equations[name][1] for name, w in weights.items()])
+    size = np.linalg.norm(H, axis=0)
+    free &= size > 0
+    values = fixed.copy()
+    solution = np.linalg.lstsq(H[:, free] / size[free], y - H @ fixed, rcond=None)[0]
+    values[free] = solution / size[free]
+    return values
+
+
+def predicted_error(train: Rows, judge: Rows) -> float:
+    """Return the error of excluded blocks: of each (7), of (8) with (7) in place of the spring."""
+    total = 0.0
+    lower, upper = judge.time[0], judge.time[-1]
+    edges = np.linspace(lower, upper + 1e-9, FOLDS + 1)
+    for begin, end in pairwise(edges):
+        values, _ = fit(train.part((train.time < begin) | (train.time >= end)))
+        excluded = judge.part((judge.time >= begin) & (judge.time < end))
+        residual = {name: y - H @ values for name, (H, y) in excluded.equations.items()}
+        for name, error in residual.items():
+            joint = name.split()[1]
+            motor = f"motor {joint}"
+            y = judge.equations[motor if motor in judge.equations else name][1]
+            if motor in residual and name != motor:
+                column = train.names.index(f"spring_offset of {joint}")
+                # r_M/N over r_L, from the columns of the constant of the spring
+                lever = excluded.equations[motor][0][0, column]
+                error = residual[motor] + lever / excluded.equations[name][0][0, column] * error
+            total += float(np.mean(error**2) / np.mean(y**2))
+    return total
+
+
+def reference(plant: Plant, robot: seaid.Robot, log: seaid.Log, base: Any) -> Estimates:
+    """Return the estimates of plain least squares at the cutoff that predicts best."""
+    judge = rows_of(plant, robot, log, base, JUDGED_HZ)
+    tried = [rows_of(plant, robot, log, base, cutoff_hz) for cutoff_hz in few(CUTOFFS_HZ, 2)]
+    rows = min(tried, key=lambda each: predicted_error(each, judge))
+    values, covariance = fit(rows)
+    errors = np.sqrt(np.diag(covariance))
+    for joint in plant.joints:
+        if (
+            joint.drive.cubic
+        ):  # c_1 d + c_2 d^2 + c_3 d^3: d_0 = -c_2 / 3 c_3, k = c_1 - c_2^2 / 3 c_3
+            terms = ("stiffness", "square", "cubic_stiffness")
+            places = [rows.names.index(f"{term} of {joint.name}") for term in terms]
+            _, c2, c3 = values[places]
+            slope = np.array([1.0, -2 * c2 / (3 * c3), c2**2 / (3 * c3**2)])
+            values[places[0]] -= c2**2 / (3 * c3)
+            errors[places[0]] = np.sqrt(slope @ covariance[np.ix_(places, places)] @ slope)
+    limits = zip(rows.names, values, errors, strict=True)
+    return {name: (x, s, (x - 1.96 * s, x + 1.96 * s)) for name, x, s in limits}
+
+
+def estimates_of(result: seaid.Identification) -> Estimates:
+    """Return the drive parameters as "name of joint", and the base parameters."""
+    tables = {f" of {joint}": x for joint, x in result.drives.items()}
+    names = {suffix: x.names for suffix, x in tables.items()} | {"": result.base.names}
+    tables[""] = result.load
+    return {
+        f"{name}{suffix}": (float(value), float(error), (float(limits[0]), float(limits[1])))
+        for suffix, x in tables.items()
+        for name, value, error, limits in zip(
+            names[suffix], x.values, x.standard_errors, x.interval(), strict=True
+        )
+    }
+
+
+def figures_of(
+    plant: Plant, run: Run, offsets: Array, truth: seaid.Robot, base: Any
+) -> list[Figure]:
+    """Return the true parameters of the drives, and the base parameters that matter."""
+    figures = []
+    for index, joint in enumerate(plant.joints):
+        drive = joint.drive
+        values = {"viscous_friction": drive.viscous, "coulomb_friction": drive.coulomb}
+        if not drive.motor_inertia_known:
+            values["motor_inertia"] = drive.motor_inertia
+        if drive.stiffness:
+            values["stiffness"] = drive.stiffness
+        if drive.cubic:
+            values["cubic_stiffness"] = drive.cubic
+        figures += [Figure(f"{x} of {joint.name}", v, abs(v)) for x, v in values.items()]
+        if drive.stiffness and not drive.cubic:
+            stretch = drive.lever * run.motor_position[:, index]
+            stretch -= drive.load_radius * run.joint_position[:, index]
+            force = drive.stiffness * float(np.sqrt(np.mean(stretch**2)))
+            offset = -drive.stiffness * drive.lever * float(offsets[index])
+            figures.append(Figure(f"spring_offset of {joint.name}", offset, force))
+    true = base.project(truth.parameters)
+    q = run.joint_position[::10]
+    v = np.gradient(q, 10 / plant.rate_hz, axis=0)
+    a = np.gradient(v, 10 / plant.rate_hz, axis=0)
+    data = truth.model.createData()
+    states = zip(q, v, a, strict=True)
+    Y = np.array([pin.computeJointTorqueRegressor(truth.model, data, *x).copy() for x in states])
+    torque = np.sqrt(np.mean((Y @ truth.parameters) ** 2, axis=0))
+    part = np.sqrt(np.mean((base.reduce(Y) * true) ** 2, axis=0))
+    share = np.max(part / torque[:, None], axis=0)
+    bodies = zip(base.names, true, share, strict=True)
+    return figures + [Figure(name, x, abs(x)) for name, x, much in bodies if much > SHARE]
+
+
+@dataclass(frozen=True)
+class Score:
+    """One figure by one way: plant, relative error, standard errors, and whether it is within."""
+
+    plant: str
+    figure: str
+    way: str
+    error: float
+    deviations: float
+    within: bool
+    covered: bool
+
+
+def scores(title: str, figures: Sequence[Figure], ways: Mapping[str, Estimates]) -> list[Score]:
+    """Return the figures by all ways; what a way does not estimate is beyond."""
+    rows = []
+    for figure in figures:
+        value, error, _ = ways[REFERENCE][figure.name]
+        allowed = max(FACTOR * max(abs(value - figure.truth), error), SMALL * figure.scale)
+        for way, estimates in ways.items():
+            missing = (np.inf, 1.0, (np.inf, np.inf))
+            value, error, (lower, upper) = estimates.get(figure.name, missing)
+            off = value - figure.truth
+            rows.append(
+                Score(title, figure.name, way, off / figure.scale, off / max(error, 1e-300),
+                      abs(off) <= allowed, lower <= figure.truth <= upper)
+            )  # fmt: skip
+    return rows
+
+
+def plant_table(rows: Sequence[Score], titles: Sequence[str]) -> str:
+    """Return the errors of a plant's figures; a star marks those beyond what is allowed."""
+    by_figure: dict[str, list[str]] = {}
+    for row in rows:
+        cell = f"{100 * row.error:+.2f} % ({row.deviations:+.1f}){' ' if row.within else '*'}"
+        by_figure.setdefault(row.figure, [row.figure]).append(cell)
+    header = ["figure: error (in standard errors)", *titles]
+    return str(table(rows[0].plant, header, list(by_figure.values())))
+
+
+def summary(rows: Sequence[Score], alarms: Mapping[str, list[str]], seconds: float) -> str:
+    """Return shares within, coverage, median errors and false alarms of each way."""
+    lines = []
+    for way in (*WAYS, REFERENCE):
+        some = [row for row in rows if row.way == way]
+        drives = [row.covered for row in some if " of " in row.figure]
+        bodies = [row.covered for row in some if " of " not in row.figure]
+        median = float(np.median([abs(row.error) for row in some]))
+        shares = (np.mean([row.within for row in some]), np.mean(drives), np.mean(bodies), median)
+        beyond = sum(not row.within for row in some)
+        cells = [*map(percent, map(float, shares)), str(len(alarms.get(way, [])))]
+        lines.append([way, str(len(some)), str(beyond), *cells])
+    header = ["way", "figures", "beyond", "within", "coverage of drives", "of base parameters",
+              "median error", "false alarms"]  # fmt: skip
+    title = f"All plants, {seconds:.0f} s"
+    return str(table(title, header, lines))
+
+
+def examined(
+    plant: Plant, run: Run, title: str, seed: int, folder: Path, alarms: dict[str, list[str]]
+) -> Iterator[Score]:
+    """Yield the scores of a plant with the noise of a seed, and print their table."""
+    offsets = write_files(plant, run, seed, folder)
+    robot = seaid.load_robot(folder / "robot.urdf", folder / "drives.toml")
+    truth = seaid.load_robot(folder / "truth.urdf", folder / "drives.toml")
+    log = seaid.read_log(folder / "run.csv", robot)
+    base = seaid.base_parameters(robot)
+    ways: dict[str, Estimates] = {}
+    notes = []
+    for way, options in WAYS.items():
+        try:
+            result = seaid.identify(robot, log, **options)
+        except seaid.SeaidError as refusal:
+            ways[way] = {}
+            alarms.setdefault(way, []).append(f"{title}: refused, {refusal}")
+            continue
+        ways[way] = estimates_of(result)
+        notes.append(f"{way} {result.cutoff_hz:.1f} Hz")
+        alarms.setdefault(way, []).extend(
+            f"{title}: {x.severity} {x.code} {x.joint}: {x.message}"
+            for x in result.warnings
+            if x.severity != "note"
+        )
+    ways[REFERENCE] = reference(plant, robot, log, base)
+    rows = scores(title, figures_of(plant, run, offsets, truth, base), ways)
+    print(plant_table(rows, list(ways)), "\n", "; ".join(notes), "\n", flush=True)
+    yield from rows
+
+
+def main(seeds: int, only: str, folder: Path) -> None:
+    """Print the tables of all plants, the findings on these right set-ups, and the summary."""
+    begin, rows, alarms = time.monotonic(), [], {}
+    for plant in few([plant for plant in plants() if only in plant.title], 2):
+        plant = replace(plant, duration_s=8.0) if is_quick() else plant
+        run = simulated(plant, 1)
+        for seed in range(1, seeds + 1):
+            title = f"{plant.title}, seed {seed}"
+            place = folder / title.replace(" ", "_").replace(",", "")
+            rows += examined(plant, run, title, seed, place, alarms)
+    for way, messages in alarms.items():
+        print(f"False alarms, {way}: {len(messages)}", *messages, sep="\n  ")
+    print(summary(rows, alarms, time.monotonic() - begin))
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--seeds", type=int, default=2, help="logs of each plant")
+    parser.add_argument("--only", default="", help="part of the titles of the plants")
+    parser.add_argument("--output", type=Path, help="folder for the files; default: none kept")
+    add_quick(parser)
+    arguments = parser.parse_args()
+    warnings.simplefilter("ignore", seaid.SeaidWarning)
+    with tempfile.TemporaryDirectory() as name:
+        main(arguments.seeds, arguments.only, arguments.output or Path(name))
