@@ -107,167 +107,181 @@ def _stiff(ratio: float, inertia: float, friction: Friction) -> Drive:
     return Drive(ratio, inertia, *friction, motor_inertia_known=True)
 
 
-def plants() -> list[Plant]:
-    """Return the plants, the quickest to simulate first."""
-    leg = Plant(
-        "leg with a weak ankle",
-        (
-            Joint("knee", "0 1 0", "0 0 0", (0.01, 0.005, -0.18), 3.2, (0.035, 0.035, 0.006),
-                  0.2, 0.5, _elastic(80, 2.5e-5, (2e-4, 6e-3), 1500)),
-            Joint("ankle", "0 1 0", "0 0 -0.4", (0.1, 0.01, -0.05), 1.5, (0.003, 0.009, 0.008),
-                  0.0, 0.5, _elastic(60, 8e-6, (5e-5, 3e-3), 300)),
-        ),
-    )  # fmt: skip
-    gantry = Plant(
-        "gantry of a ball screw with a spring",
-        (
-            Joint("cart", "1 0 0", "0 0 1", (0.02, 0, 0.05), 8.0, (0.05, 0.06, 0.05),
-                  0.0, 0.2, _elastic(1, 2e-5, (3e-4, 8e-3), 4e4, motor_radius=0.02 / (2 * np.pi)),
-                  is_prismatic=True),
-            Joint("swing", "0 1 0", "0 0 -0.1", (0.0, 0.0, -0.25), 1.6, (0.02, 0.02, 0.002),
-                  0.3, 0.7, _elastic(50, 1.5e-5, (1e-4, 4e-3), 200)),
-        ),
-        tones_hz=(0.2, 1.5),
-    )  # fmt: skip
-    one_sided = Plant(
-        "shoulder that gravity loads to one side",
-        (
-            Joint("shoulder", "0 1 0", "0 0 1", (0.22, 0.01, 0.02), 2.6, (0.004, 0.03, 0.03),
-                  0.0, 0.5, _elastic(90, 4e-5, (3e-4, 0.012), 800)),
-            Joint("elbow", "0 1 0", "0.4 0 0", (0.18, 0, 0), 1.1, (0.002, 0.012, 0.012),
-                  0.1, 0.6, _elastic(70, 1e-5, (1e-4, 4e-3), 400)),
-        ),
-        joint_bits=16,
-    )  # fmt: skip
-    stiff_springs = Plant(
-        "very stiff springs",
-        (
-            Joint("lift", "0 1 0", "0 0 1", (0.25, 0.0, 0.03), 12.0, (0.05, 0.3, 0.3),
-                  -0.4, 0.7, _elastic(100, 1.2e-4, (1e-3, 0.08), 2e4)),
-            Joint("reach", "0 1 0", "0.5 0 0", (0.2, 0.02, 0), 7.0, (0.02, 0.12, 0.12),
-                  0.5, 0.8, _elastic(100, 6e-5, (6e-4, 0.03), 2e4)),
-        ),
-        joint_bits=19, motor_counts=8192, torque_noise=0.005,
-    )  # fmt: skip
-    soft_wrist = Plant(
-        "soft wrist of a light hand",
-        (
-            Joint("elbow", "0 1 0", "0 0 0", (0.01, 0, -0.15), 1.3, (0.012, 0.012, 0.002),
-                  0.3, 0.7, _elastic(60, 1e-5, (6e-5, 3e-3), 250)),
-            Joint("wrist", "1 0 0", "0 0 -0.28", (0.005, 0.01, -0.07), 0.25, (3e-4, 3e-4, 1e-4),
-                  0.3, 0.8, _elastic(30, 1e-6, (3e-6, 5e-4), 15)),
-        ),
-        torque_noise=0.02,
-    )  # fmt: skip
-    exo = Plant(
-        "exoskeleton knee with pulleys",
-        (
-            Joint("hip", "0 1 0", "0 0 1", (0.02, 0.03, -0.2), 4.5, (0.06, 0.06, 0.01),
-                  0.1, 0.5, _stiff(50, 1.2e-4, (6e-4, 0.03))),
-            Joint("knee", "0 1 0", "0 0 -0.42", (0.0, 0.02, -0.2), 2.4, (0.03, 0.03, 0.004),
-                  0.6, 0.6, _elastic(40, 3e-5, (2e-4, 6e-3), 9e4, motor_radius=0.018,
-                                     load_radius=0.045)),
-        ),
-        rate_hz=500.0, joint_bits=14,
-    )  # fmt: skip
-    direct = Plant(
-        "direct drive, then a spring",
-        (
-            Joint("swivel", "0 1 0", "0 0 1", (0.0, 0.02, -0.15), 1.8, (0.015, 0.015, 0.003),
-                  0.0, 0.7, _stiff(1, 2e-3, (0.02, 0.1))),
-            Joint("elbow", "1 0 0", "0 0 -0.3", (0.01, 0, -0.16), 1.0, (0.01, 0.01, 0.001),
-                  0.2, 0.7, _elastic(50, 1.2e-5, (1e-4, 2e-3), 350)),
-        ),
-        joint_bits=18,
-    )  # fmt: skip
-    heavy_friction = Plant(
-        "gear with Coulomb friction of 30 %",
-        (
-            Joint("first", "0 1 0", "0 0 1", (0.0, 0.01, -0.25), 3.0, (0.03, 0.03, 0.004),
-                  0.4, 0.7, _elastic(100, 5e-5, (3e-4, 0.03), 1200)),
-            Joint("second", "0 1 0", "0 0 -0.4", (0.02, 0, -0.15), 1.4, (0.01, 0.01, 0.002),
-                  0.5, 0.7, _elastic(80, 1.5e-5, (1e-4, 0.008), 500)),
-        ),
-        torque_noise=0.02,
-    )  # fmt: skip
-    harmonic = Plant(
-        "harmonic gears, rotors heavier than links",
-        (
-            Joint("pan", "0 0 1", "0 0 0.3", (0.12, 0.01, 0.05), 3.0, (0.02, 0.03, 0.03),
-                  0.0, 1.0, _elastic(160, 6e-5, (2e-4, 0.03), 6000)),
-            Joint("tilt", "0 1 0", "0.1 0 0.15", (0.2, 0.0, 0.04), 4.0, (0.01, 0.03, 0.03),
-                  -0.3, 0.8, _elastic(160, 4e-5, (2e-4, 0.015), 4000)),
-        ),
-        joint_bits=19, torque_noise=0.005,
-    )  # fmt: skip
-    hardening = Plant(
-        "spring that hardens",
-        (
-            Joint("upper", "0 1 0", "0 0 1", (0.0, 0.01, -0.22), 3.4, (0.04, 0.04, 0.005),
-                  0.1, 0.8, _elastic(90, 3e-5, (2e-4, 0.01), 250, cubic=5e4)),
-            Joint("lower", "0 1 0", "0 0 -0.4", (0.01, 0, -0.15), 1.4, (0.012, 0.012, 0.002),
-                  0.4, 0.7, _elastic(70, 1e-5, (1e-4, 4e-3), 400)),
-        ),
-        homed_within_rad=0.2,
-    )  # fmt: skip
-    hopper = Plant(
-        "hopping leg held in the air",
-        (
-            Joint("roll", "1 0 0", "0 0 1", (0.02, 0.03, -0.04), 1.2, (0.004, 0.004, 0.003),
-                  0.0, 0.4, _elastic(50, 6e-5, (3e-4, 0.02), 900)),
-            Joint("pitch", "0 1 0", "0 0.06 -0.08", (0.0, 0.01, -0.15), 3.5, (0.03, 0.03, 0.006),
-                  0.3, 0.6, _elastic(50, 6e-5, (3e-4, 0.02), 700)),
-            Joint("knee", "0 1 0", "0 0 -0.33", (0.0, 0.0, -0.16), 1.1, (0.009, 0.009, 0.001),
-                  -0.7, 0.6, _elastic(50, 3e-5, (2e-4, 0.008), 500)),
-        ),
-        tones_hz=(0.2, 2.0),
-    )  # fmt: skip
-    scara = Plant(
-        "SCARA on a ball screw",
-        (
-            Joint("slide", "0 0 1", "0 0 0.4", (0.05, 0, 0.02), 4.0, (0.03, 0.03, 0.03),
-                  0.0, 0.15, _stiff(2 * np.pi / 0.01, 3e-5, (2e-4, 0.03)), is_prismatic=True),
-            Joint("inner", "0 0 1", "0.1 0 0", (0.18, 0.01, 0.03), 3.0, (0.01, 0.05, 0.05),
-                  0.0, 1.0, _elastic(80, 4e-5, (4e-4, 0.015), 1500)),
-            Joint("outer", "0 0 1", "0.35 0 0", (0.14, 0, 0), 1.8, (0.004, 0.025, 0.025),
-                  0.5, 1.2, _elastic(50, 2e-5, (2e-4, 6e-3), 700)),
-        ),
-        duration_s=25.0,
-    )  # fmt: skip
-    mixed = Plant(
-        "arm of two springs and two stiff joints",
-        (
-            Joint("yaw", "0 0 1", "0 0 0.2", (0.02, 0.01, 0.1), 4.0, (0.03, 0.03, 0.02),
-                  0.0, 1.0, _stiff(100, 4e-5, (4e-4, 0.02))),
-            Joint("shoulder", "0 1 0", "0 0.1 0.15", (0.2, 0.03, 0.0), 3.5, (0.01, 0.06, 0.06),
-                  -0.5, 0.7, _elastic(120, 5e-5, (4e-4, 0.02), 3000)),
-            Joint("elbow", "0 1 0", "0.4 0 0", (0.16, 0.0, 0.02), 2.0, (0.005, 0.03, 0.03),
-                  0.8, 0.8, _elastic(100, 3e-5, (2e-4, 0.01), 1200)),
-            Joint("wrist", "1 0 0", "0.33 0 0", (0.05, 0.03, 0.0), 0.7, (0.001, 0.002, 0.002),
-                  0.0, 1.2, _stiff(50, 4e-6, (3e-5, 3e-3))),
-        ),
-        duration_s=25.0,
-    )  # fmt: skip
-    arm = Plant(
-        "arm of six springs",
-        (
-            Joint("j1", "0 0 1", "0 0 0.3", (0.01, -0.03, 0.05), 6.0, (0.05, 0.05, 0.04),
-                  0.0, 1.0, _elastic(100, 1e-4, (8e-4, 0.05), 8000)),
-            Joint("j2", "0 1 0", "0 0.1 0.1", (0.2, 0.05, 0.01), 5.0, (0.02, 0.1, 0.1),
-                  -0.8, 0.7, _elastic(120, 1e-4, (8e-4, 0.05), 8000)),
-            Joint("j3", "0 1 0", "0.42 0 0", (0.12, -0.04, 0.02), 3.0, (0.01, 0.04, 0.04),
-                  1.2, 0.8, _elastic(100, 5e-5, (4e-4, 0.02), 4000)),
-            Joint("j4", "1 0 0", "0.25 0 0.03", (0.08, 0.01, 0.02), 1.5, (0.003, 0.006, 0.006),
-                  0.2, 1.2, _elastic(80, 1e-5, (1e-4, 6e-3), 800)),
-            Joint("j5", "0 1 0", "0.18 0 0", (0.04, 0.01, -0.03), 1.0, (0.002, 0.002, 0.0015),
-                  0.5, 1.0, _elastic(80, 8e-6, (6e-5, 5e-3), 600)),
-            Joint("j6", "1 0 0", "0.08 0 0", (0.04, 0.03, 0.03), 0.6, (0.001, 0.001, 0.0008),
-                  0.0, 1.4, _elastic(50, 4e-6, (3e-5, 2e-3), 300)),
-        ),
-        duration_s=30.0, joint_bits=19,
-    )  # fmt: skip
-    return [leg, gantry, one_sided, stiff_springs, soft_wrist, exo, direct, heavy_friction,
-            harmonic, hardening, hopper, scara, mixed, arm]  # fmt: skip
+LEG = Plant(
+    "leg with a weak ankle",
+    (
+        Joint("knee", "0 1 0", "0 0 0", (0.01, 0.005, -0.18), 3.2, (0.035, 0.035, 0.006),
+              0.2, 0.5, _elastic(80, 2.5e-5, (2e-4, 6e-3), 1500)),
+        Joint("ankle", "0 1 0", "0 0 -0.4", (0.1, 0.01, -0.05), 1.5, (0.003, 0.009, 0.008),
+              0.0, 0.5, _elastic(60, 8e-6, (5e-5, 3e-3), 300)),
+    ),
+)  # fmt: skip
+GANTRY = Plant(
+    "gantry of a ball screw with a spring",
+    (
+        Joint("cart", "1 0 0", "0 0 1", (0.02, 0, 0.05), 8.0, (0.05, 0.06, 0.05),
+              0.0, 0.2, _elastic(1, 2e-5, (3e-4, 8e-3), 4e4, motor_radius=0.02 / (2 * np.pi)),
+              is_prismatic=True),
+        Joint("swing", "0 1 0", "0 0 -0.1", (0.0, 0.0, -0.25), 1.6, (0.02, 0.02, 0.002),
+              0.3, 0.7, _elastic(50, 1.5e-5, (1e-4, 4e-3), 200)),
+    ),
+    tones_hz=(0.2, 1.5),
+)  # fmt: skip
+ONE_SIDED = Plant(
+    "shoulder that gravity loads to one side",
+    (
+        Joint("shoulder", "0 1 0", "0 0 1", (0.22, 0.01, 0.02), 2.6, (0.004, 0.03, 0.03),
+              0.0, 0.5, _elastic(90, 4e-5, (3e-4, 0.012), 800)),
+        Joint("elbow", "0 1 0", "0.4 0 0", (0.18, 0, 0), 1.1, (0.002, 0.012, 0.012),
+              0.1, 0.6, _elastic(70, 1e-5, (1e-4, 4e-3), 400)),
+    ),
+    joint_bits=16,
+)  # fmt: skip
+STIFF_SPRINGS = Plant(
+    "very stiff springs",
+    (
+        Joint("lift", "0 1 0", "0 0 1", (0.25, 0.0, 0.03), 12.0, (0.05, 0.3, 0.3),
+              -0.4, 0.7, _elastic(100, 1.2e-4, (1e-3, 0.08), 2e4)),
+        Joint("reach", "0 1 0", "0.5 0 0", (0.2, 0.02, 0), 7.0, (0.02, 0.12, 0.12),
+              0.5, 0.8, _elastic(100, 6e-5, (6e-4, 0.03), 2e4)),
+    ),
+    joint_bits=19, motor_counts=8192, torque_noise=0.005,
+)  # fmt: skip
+SOFT_WRIST = Plant(
+    "soft wrist of a light hand",
+    (
+        Joint("elbow", "0 1 0", "0 0 0", (0.01, 0, -0.15), 1.3, (0.012, 0.012, 0.002),
+              0.3, 0.7, _elastic(60, 1e-5, (6e-5, 3e-3), 250)),
+        Joint("wrist", "1 0 0", "0 0 -0.28", (0.005, 0.01, -0.07), 0.25, (3e-4, 3e-4, 1e-4),
+              0.3, 0.8, _elastic(30, 1e-6, (3e-6, 5e-4), 15)),
+    ),
+    torque_noise=0.02,
+)  # fmt: skip
+EXO = Plant(
+    "exoskeleton knee with pulleys",
+    (
+        Joint("hip", "0 1 0", "0 0 1", (0.02, 0.03, -0.2), 4.5, (0.06, 0.06, 0.01),
+              0.1, 0.5, _stiff(50, 1.2e-4, (6e-4, 0.03))),
+        Joint("knee", "0 1 0", "0 0 -0.42", (0.0, 0.02, -0.2), 2.4, (0.03, 0.03, 0.004),
+              0.6, 0.6, _elastic(40, 3e-5, (2e-4, 6e-3), 9e4, motor_radius=0.018,
+                                 load_radius=0.045)),
+    ),
+    rate_hz=500.0, joint_bits=14,
+)  # fmt: skip
+DIRECT = Plant(
+    "direct drive, then a spring",
+    (
+        Joint("swivel", "0 1 0", "0 0 1", (0.0, 0.02, -0.15), 1.8, (0.015, 0.015, 0.003),
+              0.0, 0.7, _stiff(1, 2e-3, (0.02, 0.1))),
+        Joint("elbow", "1 0 0", "0 0 -0.3", (0.01, 0, -0.16), 1.0, (0.01, 0.01, 0.001),
+              0.2, 0.7, _elastic(50, 1.2e-5, (1e-4, 2e-3), 350)),
+    ),
+    joint_bits=18,
+)  # fmt: skip
+HEAVY_FRICTION = Plant(
+    "gear with Coulomb friction of 30 %",
+    (
+        Joint("first", "0 1 0", "0 0 1", (0.0, 0.01, -0.25), 3.0, (0.03, 0.03, 0.004),
+              0.4, 0.7, _elastic(100, 5e-5, (3e-4, 0.03), 1200)),
+        Joint("second", "0 1 0", "0 0 -0.4", (0.02, 0, -0.15), 1.4, (0.01, 0.01, 0.002),
+              0.5, 0.7, _elastic(80, 1.5e-5, (1e-4, 0.008), 500)),
+    ),
+    torque_noise=0.02,
+)  # fmt: skip
+HARMONIC = Plant(
+    "harmonic gears, rotors heavier than links",
+    (
+        Joint("pan", "0 0 1", "0 0 0.3", (0.12, 0.01, 0.05), 3.0, (0.02, 0.03, 0.03),
+              0.0, 1.0, _elastic(160, 6e-5, (2e-4, 0.03), 6000)),
+        Joint("tilt", "0 1 0", "0.1 0 0.15", (0.2, 0.0, 0.04), 4.0, (0.01, 0.03, 0.03),
+              -0.3, 0.8, _elastic(160, 4e-5, (2e-4, 0.015), 4000)),
+    ),
+    joint_bits=19, torque_noise=0.005,
+)  # fmt: skip
+HARDENING = Plant(
+    "spring that hardens",
+    (
+        Joint("upper", "0 1 0", "0 0 1", (0.0, 0.01, -0.22), 3.4, (0.04, 0.04, 0.005),
+              0.1, 0.8, _elastic(90, 3e-5, (2e-4, 0.01), 250, cubic=5e4)),
+        Joint("lower", "0 1 0", "0 0 -0.4", (0.01, 0, -0.15), 1.4, (0.012, 0.012, 0.002),
+              0.4, 0.7, _elastic(70, 1e-5, (1e-4, 4e-3), 400)),
+    ),
+    homed_within_rad=0.2,
+)  # fmt: skip
+HOPPER = Plant(
+    "hopping leg held in the air",
+    (
+        Joint("roll", "1 0 0", "0 0 1", (0.02, 0.03, -0.04), 1.2, (0.004, 0.004, 0.003),
+              0.0, 0.4, _elastic(50, 6e-5, (3e-4, 0.02), 900)),
+        Joint("pitch", "0 1 0", "0 0.06 -0.08", (0.0, 0.01, -0.15), 3.5, (0.03, 0.03, 0.006),
+              0.3, 0.6, _elastic(50, 6e-5, (3e-4, 0.02), 700)),
+        Joint("knee", "0 1 0", "0 0 -0.33", (0.0, 0.0, -0.16), 1.1, (0.009, 0.009, 0.001),
+              -0.7, 0.6, _elastic(50, 3e-5, (2e-4, 0.008), 500)),
+    ),
+    tones_hz=(0.2, 2.0),
+)  # fmt: skip
+SCARA = Plant(
+    "SCARA on a ball screw",
+    (
+        Joint("slide", "0 0 1", "0 0 0.4", (0.05, 0, 0.02), 4.0, (0.03, 0.03, 0.03),
+              0.0, 0.15, _stiff(2 * np.pi / 0.01, 3e-5, (2e-4, 0.03)), is_prismatic=True),
+        Joint("inner", "0 0 1", "0.1 0 0", (0.18, 0.01, 0.03), 3.0, (0.01, 0.05, 0.05),
+              0.0, 1.0, _elastic(80, 4e-5, (4e-4, 0.015), 1500)),
+        Joint("outer", "0 0 1", "0.35 0 0", (0.14, 0, 0), 1.8, (0.004, 0.025, 0.025),
+              0.5, 1.2, _elastic(50, 2e-5, (2e-4, 6e-3), 700)),
+    ),
+    duration_s=25.0,
+)  # fmt: skip
+MIXED = Plant(
+    "arm of two springs and two stiff joints",
+    (
+        Joint("yaw", "0 0 1", "0 0 0.2", (0.02, 0.01, 0.1), 4.0, (0.03, 0.03, 0.02),
+              0.0, 1.0, _stiff(100, 4e-5, (4e-4, 0.02))),
+        Joint("shoulder", "0 1 0", "0 0.1 0.15", (0.2, 0.03, 0.0), 3.5, (0.01, 0.06, 0.06),
+              -0.5, 0.7, _elastic(120, 5e-5, (4e-4, 0.02), 3000)),
+        Joint("elbow", "0 1 0", "0.4 0 0", (0.16, 0.0, 0.02), 2.0, (0.005, 0.03, 0.03),
+              0.8, 0.8, _elastic(100, 3e-5, (2e-4, 0.01), 1200)),
+        Joint("wrist", "1 0 0", "0.33 0 0", (0.05, 0.03, 0.0), 0.7, (0.001, 0.002, 0.002),
+              0.0, 1.2, _stiff(50, 4e-6, (3e-5, 3e-3))),
+    ),
+    duration_s=25.0,
+)  # fmt: skip
+ARM = Plant(
+    "arm of six springs",
+    (
+        Joint("j1", "0 0 1", "0 0 0.3", (0.01, -0.03, 0.05), 6.0, (0.05, 0.05, 0.04),
+              0.0, 1.0, _elastic(100, 1e-4, (8e-4, 0.05), 8000)),
+        Joint("j2", "0 1 0", "0 0.1 0.1", (0.2, 0.05, 0.01), 5.0, (0.02, 0.1, 0.1),
+              -0.8, 0.7, _elastic(120, 1e-4, (8e-4, 0.05), 8000)),
+        Joint("j3", "0 1 0", "0.42 0 0", (0.12, -0.04, 0.02), 3.0, (0.01, 0.04, 0.04),
+              1.2, 0.8, _elastic(100, 5e-5, (4e-4, 0.02), 4000)),
+        Joint("j4", "1 0 0", "0.25 0 0.03", (0.08, 0.01, 0.02), 1.5, (0.003, 0.006, 0.006),
+              0.2, 1.2, _elastic(80, 1e-5, (1e-4, 6e-3), 800)),
+        Joint("j5", "0 1 0", "0.18 0 0", (0.04, 0.01, -0.03), 1.0, (0.002, 0.002, 0.0015),
+              0.5, 1.0, _elastic(80, 8e-6, (6e-5, 5e-3), 600)),
+        Joint("j6", "1 0 0", "0.08 0 0", (0.04, 0.03, 0.03), 0.6, (0.001, 0.001, 0.0008),
+              0.0, 1.4, _elastic(50, 4e-6, (3e-5, 2e-3), 300)),
+    ),
+    duration_s=30.0, joint_bits=19,
+)  # fmt: skip
+
+PLANTS = (
+    LEG,
+    GANTRY,
+    ONE_SIDED,
+    STIFF_SPRINGS,
+    SOFT_WRIST,
+    EXO,
+    DIRECT,
+    HEAVY_FRICTION,
+    HARMONIC,
+    HARDENING,
+    HOPPER,
+    SCARA,
+    MIXED,
+    ARM,
+)
+"""The plants, the arm of six joints last."""
 
 
 def urdf_of(plant: Plant, rng: np.random.Generator | None = None) -> str:
@@ -318,51 +332,47 @@ def drives_toml(plant: Plant) -> str:
 
 def _mjcf(plant: Plant) -> str:
     """Return the MJCF, with position actuators whose gains are set in `_with_gains`."""
-    inner, tendons, actuators, sensors = "", [], [], []
+    bodies, tendons, actuators, sensors = "", "", "", ""
     for joint in reversed(plant.joints):
-        drive, moved = joint.drive, joint.name
-        common = f'solreffriction="-1 {-STICKING_PER_S}"'
-        rotor, values = "", (drive.motor_inertia, drive.viscous, drive.coulomb)
+        drive, name = joint.drive, joint.name
+        moved, rotor, side = name, "", _motor_side(drive, drive.ratio)
         if drive.stiffness:
-            moved = f"{joint.name}_motor"
+            moved, side = f"{name}_motor", ""
             rotor = (
                 f'<body pos="{joint.origin}"><joint name="{moved}" axis="{joint.axis}" '
-                + _motor_side(*values)
-                + f' {common}/><inertial pos="0 0 0" mass="1e-9" diaginertia="1e-14 1e-14 1e-14"/>'
-                "</body>"
+                f"{_motor_side(drive)}/>"
+                '<inertial pos="0 0 0" mass="1e-9" diaginertia="1e-14 1e-14 1e-14"/></body>'
             )
-            tendons.append(
+            tendons += (
                 f'<fixed stiffness="{drive.stiffness} 0 {drive.cubic}" springlength="0">'
                 f'<joint joint="{moved}" coef="{drive.lever!r}"/>'
-                f'<joint joint="{joint.name}" coef="{-drive.load_radius}"/></fixed>'
+                f'<joint joint="{name}" coef="{-drive.load_radius}"/></fixed>'
             )
-            side = ""
-        else:
-            N = drive.ratio  # at the joint: N^2 I_M, N^2 F_v, N F_C
-            side = _motor_side(N**2 * values[0], N**2 * values[1], N * values[2]) + f" {common}"
-        kind = "slide" if joint.is_prismatic else "hinge"
-        Ixx, Iyy, Izz = joint.inertia
-        x, y, z = joint.centre
-        inner = (
-            f'{rotor}<body pos="{joint.origin}"><joint name="{joint.name}" type="{kind}" '
-            f'axis="{joint.axis}" {side}/><inertial pos="{x} {y} {z}" mass="{joint.mass}" '
-            f'diaginertia="{Ixx} {Iyy} {Izz}"/>{inner}</body>'
+        centre, inertia = (" ".join(map(str, x)) for x in (joint.centre, joint.inertia))
+        bodies = (
+            f'{rotor}<body pos="{joint.origin}"><joint name="{name}" axis="{joint.axis}" '
+            f'type="{"slide" if joint.is_prismatic else "hinge"}" {side}/><inertial '
+            f'pos="{centre}" mass="{joint.mass}" diaginertia="{inertia}"/>{bodies}</body>'
         )
-        actuators.append(f'<position name="{joint.name}" joint="{moved}" kp="1" kv="1"/>')
-        sensors.append(
-            f'<jointpos joint="{joint.name}"/><jointpos joint="{moved}"/>'
-            f'<actuatorfrc actuator="{joint.name}"/>'
+        actuators = f'<position name="{name}" joint="{moved}" kp="1" kv="1"/>{actuators}'
+        sensors = (
+            f'<jointpos joint="{name}"/><jointpos joint="{moved}"/>'
+            f'<actuatorfrc actuator="{name}"/>{sensors}'
         )
     return (
-        f'<mujoco><option timestep="{STEP_S}" integrator="RK4"/><worldbody>{inner}</worldbody>'
-        f"<tendon>{''.join(tendons)}</tendon><actuator>{''.join(reversed(actuators))}</actuator>"
-        f"<sensor>{''.join(reversed(sensors))}</sensor></mujoco>"
+        f'<mujoco><option timestep="{STEP_S}" integrator="RK4"/><worldbody>{bodies}</worldbody>'
+        f"<tendon>{tendons}</tendon><actuator>{actuators}</actuator>"
+        f"<sensor>{sensors}</sensor></mujoco>"
     )
 
 
-def _motor_side(inertia: float, viscous: float, coulomb: float) -> str:
-    """Return the attributes of a joint of MJCF for what a motor has."""
-    return f'armature="{inertia!r}" damping="{viscous!r}" frictionloss="{coulomb!r}"'
+def _motor_side(drive: Drive, N: float = 1.0) -> str:
+    """Return the attributes of a joint of MJCF for a motor: N^2 I_M, N^2 F_v, N F_C."""
+    inertia, damping, loss = N**2 * drive.motor_inertia, N**2 * drive.viscous, N * drive.coulomb
+    return (
+        f'armature="{inertia!r}" damping="{damping!r}" frictionloss="{loss!r}" '
+        f'solreffriction="-1 {-STICKING_PER_S}"'
+    )
 
 
 def _reference(plant: Plant, time: Array, rng: np.random.Generator) -> Array:
@@ -414,7 +424,9 @@ def simulated(plant: Plant, seed: int) -> Run:
     model.tendon_damping[:] = SETTLE_S / 100 * model.tendon_stiffness
     start = np.empty(mujoco.mj_stateSize(model, STATE))
     mujoco.mj_getState(model, data, start, STATE)
-    settled, _ = rollout(model, data, start, np.repeat(control[:1], SETTLE_S / STEP_S, axis=0))
+    settled, _ = rollout(
+        model, data, start, np.repeat(control[:1], round(SETTLE_S / STEP_S), axis=0)
+    )
     model.tendon_damping[:] = 0.0
     _, sensors = rollout(model, data, settled[0, -1], control)
     # A sensor has the value at the beginning of a step, with the control that begins there. The

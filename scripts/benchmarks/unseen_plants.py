@@ -17,7 +17,7 @@ import argparse
 import tempfile
 import time
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -28,8 +28,8 @@ import pinocchio as pin
 from scipy.signal import butter, sosfiltfilt
 
 import seaid
-from scripts.short_form import add_quick, few, is_quick
-from scripts.unseen_robots import Plant, Run, plants, simulated, write_files
+from scripts.short_form import add_quick, few, sized
+from scripts.unseen_robots import PLANTS, Joint, Plant, Run, simulated, write_files
 from seaid._arrays import Array
 from seaid.report.text import percent, table
 
@@ -79,48 +79,72 @@ def low_pass(values: Array, cutoff_hz: float, rate_hz: float) -> Array:
     return np.asarray(sosfiltfilt(sections, values, axis=0))
 
 
+@dataclass(frozen=True)
+class Signals:
+    """Filtered angles and their derivatives (T, n), and the regressor (T, n, p) of (8)."""
+
+    joint_angle: Array
+    motor_angle: Array
+    motor_speed: Array
+    motor_acceleration: Array
+    regressor: Array
+
+
 def rows_of(plant: Plant, robot: seaid.Robot, log: seaid.Log, base: Any, cutoff_hz: float) -> Rows:
     """Return (7) and (8) of all joints, both sides filtered in parallel and decimated."""
-    rate_hz = plant.rate_hz
-    smooth_hz = min(4 * cutoff_hz, 0.4 * rate_hz)
-    q, angle = (low_pass(x, smooth_hz, rate_hz) for x in (log.joint_position, log.motor_position))
-    v, w = (np.gradient(x, 1 / rate_hz, axis=0) for x in (q, angle))
-    a, dw = (np.gradient(x, 1 / rate_hz, axis=0) for x in (v, w))
-    model, data = robot.model, robot.model.createData()
-    states = zip(q, v, a, strict=True)
-    Y = np.array([pin.computeJointTorqueRegressor(model, data, *x).copy() for x in states])
-    names, blocks = _names(plant, base), {}
-    for index, joint in enumerate(plant.joints):
-        drive, load = joint.drive, np.zeros((len(q), len(names)))
-        load[:, -len(base.names) :] = -base.reduce(Y[:, index])
-        motor = np.zeros_like(load)
-
-        def put(block: Array, name: str, column: Array, joint_name: str = joint.name) -> None:
-            block[:, names.index(f"{name} of {joint_name}")] = column
-
-        target = log.motor_torque[:, index].copy()
-        if drive.motor_inertia_known:
-            target -= drive.motor_inertia * dw[:, index]
-        else:
-            put(motor, "motor_inertia", dw[:, index])
-        put(motor, "viscous_friction", w[:, index])
-        put(motor, "coulomb_friction", np.sign(w[:, index]))
-        if drive.stiffness:
-            d = drive.lever * angle[:, index] - drive.load_radius * q[:, index]
-            for name, column in _spring(drive.cubic != 0, d).items():
-                put(motor, name, drive.lever * column)
-                put(load, name, drive.load_radius * column)
-            blocks[f"motor {joint.name}"] = motor, target
-            blocks[f"load {joint.name}"] = load, np.zeros(len(q))
-        else:  # N (tau_M - I_M w' - friction) = Y theta
-            blocks[f"load {joint.name}"] = drive.ratio * motor - load, drive.ratio * target
+    rate_hz, names = plant.rate_hz, _names(plant, base)
+    signals = _signals(robot, log, base, min(4 * cutoff_hz, 0.4 * rate_hz), rate_hz)
     step, edge = max(1, int(rate_hz / (4 * cutoff_hz))), int(rate_hz)
     kept = slice(edge, -edge, step)
-    filtered = {
-        name: tuple(low_pass(x, cutoff_hz, rate_hz)[kept] for x in block)
-        for name, block in blocks.items()
-    }
-    return Rows(names, filtered, log.time[kept])  # type: ignore[arg-type]
+    equations = {}
+    for index, joint in enumerate(plant.joints):
+        torque = log.motor_torque[:, index]
+        for side, (H, y) in _equations(joint, index, names, signals, torque).items():
+            H, y = (low_pass(x, cutoff_hz, rate_hz)[kept] for x in (H, y))
+            equations[f"{side} {joint.name}"] = H, y
+    return Rows(names, equations, log.time[kept])
+
+
+def _signals(
+    robot: seaid.Robot, log: seaid.Log, base: Any, cutoff_hz: float, rate_hz: float
+) -> Signals:
+    """Return filtered positions, their differences and the base columns of (8)."""
+    q, angle = (low_pass(x, cutoff_hz, rate_hz) for x in (log.joint_position, log.motor_position))
+    v, w = (np.gradient(x, 1 / rate_hz, axis=0) for x in (q, angle))
+    a, dw = (np.gradient(x, 1 / rate_hz, axis=0) for x in (v, w))
+    return Signals(q, angle, w, dw, base.reduce(regressor(robot, q, v, a)))
+
+
+def regressor(robot: seaid.Robot, q: Array, v: Array, a: Array) -> Array:
+    """Return the regressor (T, n, m) of the rigid bodies, by Pinocchio."""
+    model, data = robot.model, robot.model.createData()
+    states = zip(q, v, a, strict=True)
+    return np.array([pin.computeJointTorqueRegressor(model, data, *x).copy() for x in states])
+
+
+def _equations(
+    joint: Joint, index: int, names: Sequence[str], signals: Signals, torque: Array
+) -> dict[str, tuple[Array, Array]]:
+    """Return H and y of "motor" (7) and "load" (8) of a spring, or of the "load" of a stiff one."""
+    drive, w = joint.drive, signals.motor_speed[:, index]
+    load = np.zeros((len(w), len(names)))
+    load[:, -signals.regressor.shape[2] :] = -signals.regressor[:, index]
+    motor, target = np.zeros_like(load), torque.copy()
+    columns = {"viscous_friction": w, "coulomb_friction": np.sign(w)}
+    if drive.motor_inertia_known:
+        target -= drive.motor_inertia * signals.motor_acceleration[:, index]
+    else:
+        columns["motor_inertia"] = signals.motor_acceleration[:, index]
+    for name, column in columns.items():
+        motor[:, names.index(f"{name} of {joint.name}")] = column
+    if not drive.stiffness:  # N (tau_M - I_M w' - friction) = Y theta
+        return {"load": (drive.ratio * motor - load, drive.ratio * target)}
+    stretch = drive.lever * signals.motor_angle[:, index]
+    stretch = stretch - drive.load_radius * signals.joint_angle[:, index]
+    for name, column in _spring(drive.cubic != 0, stretch).items():
+        place = names.index(f"{name} of {joint.name}")
+        motor[:, place], load[:, place] = drive.lever * column, drive.load_radius * column
+    return {"motor": (motor, target), "load": (load, np.zeros(len(w)))}
 
 
 def _names(plant: Plant, base: Any) -> tuple[str, ...]:
@@ -198,11 +222,14 @@ def predicted_error(train: Rows, judge: Rows) -> float:
     return total
 
 
-def reference(plant: Plant, robot: seaid.Robot, log: seaid.Log, base: Any) -> Estimates:
-    """Return the estimates of plain least squares at the cutoff that predicts best."""
+def reference(
+    plant: Plant, robot: seaid.Robot, log: seaid.Log, base: Any
+) -> tuple[Estimates, float]:
+    """Return the estimates of plain least squares at the cutoff that predicts best, and it."""
     judge = rows_of(plant, robot, log, base, JUDGED_HZ)
-    tried = [rows_of(plant, robot, log, base, cutoff_hz) for cutoff_hz in few(CUTOFFS_HZ, 2)]
-    rows = min(tried, key=lambda each: predicted_error(each, judge))
+    tried = {x: rows_of(plant, robot, log, base, x) for x in few(CUTOFFS_HZ, 2)}
+    cutoff_hz = min(tried, key=lambda each: predicted_error(tried[each], judge))
+    rows = tried[cutoff_hz]
     values, covariance = fit(rows)
     errors = np.sqrt(np.diag(covariance))
     for joint in plant.joints:
@@ -216,7 +243,8 @@ def reference(plant: Plant, robot: seaid.Robot, log: seaid.Log, base: Any) -> Es
             values[places[0]] -= c2**2 / (3 * c3)
             errors[places[0]] = np.sqrt(slope @ covariance[np.ix_(places, places)] @ slope)
     limits = zip(rows.names, values, errors, strict=True)
-    return {name: (x, s, (x - 1.96 * s, x + 1.96 * s)) for name, x, s in limits}
+    estimates = {name: (x, s, (x - 1.96 * s, x + 1.96 * s)) for name, x, s in limits}
+    return estimates, cutoff_hz
 
 
 def estimates_of(result: seaid.Identification) -> Estimates:
@@ -240,32 +268,34 @@ def figures_of(
     figures = []
     for index, joint in enumerate(plant.joints):
         drive = joint.drive
-        values = {"viscous_friction": drive.viscous, "coulomb_friction": drive.coulomb}
-        if not drive.motor_inertia_known:
-            values["motor_inertia"] = drive.motor_inertia
-        if drive.stiffness:
-            values["stiffness"] = drive.stiffness
-        if drive.cubic:
-            values["cubic_stiffness"] = drive.cubic
-        figures += [Figure(f"{x} of {joint.name}", v, abs(v)) for x, v in values.items()]
+        values = {
+            "viscous_friction": drive.viscous,
+            "coulomb_friction": drive.coulomb,
+            "motor_inertia": 0.0 if drive.motor_inertia_known else drive.motor_inertia,
+            "stiffness": drive.stiffness,
+            "cubic_stiffness": drive.cubic,
+        }
+        figures += [Figure(f"{name} of {joint.name}", x, x) for name, x in values.items() if x]
         if drive.stiffness and not drive.cubic:
             stretch = drive.lever * run.motor_position[:, index]
-            stretch -= drive.load_radius * run.joint_position[:, index]
+            stretch = stretch - drive.load_radius * run.joint_position[:, index]
             force = drive.stiffness * float(np.sqrt(np.mean(stretch**2)))
             offset = -drive.stiffness * drive.lever * float(offsets[index])
             figures.append(Figure(f"spring_offset of {joint.name}", offset, force))
+    return figures + _bodies(plant, run, truth, base)
+
+
+def _bodies(plant: Plant, run: Run, truth: seaid.Robot, base: Any) -> list[Figure]:
+    """Return the base parameters that make more than `SHARE` of the torque of a joint, rms."""
     true = base.project(truth.parameters)
     q = run.joint_position[::10]
     v = np.gradient(q, 10 / plant.rate_hz, axis=0)
-    a = np.gradient(v, 10 / plant.rate_hz, axis=0)
-    data = truth.model.createData()
-    states = zip(q, v, a, strict=True)
-    Y = np.array([pin.computeJointTorqueRegressor(truth.model, data, *x).copy() for x in states])
+    Y = regressor(truth, q, v, np.gradient(v, 10 / plant.rate_hz, axis=0))
     torque = np.sqrt(np.mean((Y @ truth.parameters) ** 2, axis=0))
     part = np.sqrt(np.mean((base.reduce(Y) * true) ** 2, axis=0))
     share = np.max(part / torque[:, None], axis=0)
     bodies = zip(base.names, true, share, strict=True)
-    return figures + [Figure(name, x, abs(x)) for name, x, much in bodies if much > SHARE]
+    return [Figure(name, x, abs(x)) for name, x, much in bodies if much > SHARE]
 
 
 @dataclass(frozen=True)
@@ -280,21 +310,25 @@ class Score:
     within: bool
     covered: bool
 
+    @property
+    def quantity(self) -> str:
+        """The parameter of a drive without its joint, or "base parameter"."""
+        name, _, joint = self.figure.partition(" of ")
+        return name if joint else "base parameter"
+
 
 def scores(title: str, figures: Sequence[Figure], ways: Mapping[str, Estimates]) -> list[Score]:
-    """Return the figures by all ways; what a way does not estimate is beyond."""
+    """Return the figures by all ways that gave a result."""
     rows = []
     for figure in figures:
         value, error, _ = ways[REFERENCE][figure.name]
         allowed = max(FACTOR * max(abs(value - figure.truth), error), SMALL * figure.scale)
         for way, estimates in ways.items():
-            missing = (np.inf, 1.0, (np.inf, np.inf))
-            value, error, (lower, upper) = estimates.get(figure.name, missing)
+            value, error, (lower, upper) = estimates[figure.name]
             off = value - figure.truth
-            rows.append(
-                Score(title, figure.name, way, off / figure.scale, off / max(error, 1e-300),
-                      abs(off) <= allowed, lower <= figure.truth <= upper)
-            )  # fmt: skip
+            within, covered = abs(off) <= allowed, lower <= figure.truth <= upper
+            score = off / figure.scale, off / error, within, covered
+            rows.append(Score(title, figure.name, way, *score))
     return rows
 
 
@@ -308,60 +342,73 @@ def plant_table(rows: Sequence[Score], titles: Sequence[str]) -> str:
     return str(table(rows[0].plant, header, list(by_figure.values())))
 
 
-def summary(rows: Sequence[Score], alarms: Mapping[str, list[str]], seconds: float) -> str:
-    """Return shares within, coverage, median errors and false alarms of each way."""
+def summary(rows: Sequence[Score], alarms: Mapping[str, list[str]]) -> str:
+    """Return shares within, median errors, coverage and false alarms of each way."""
     lines = []
     for way in (*WAYS, REFERENCE):
         some = [row for row in rows if row.way == way]
-        drives = [row.covered for row in some if " of " in row.figure]
-        bodies = [row.covered for row in some if " of " not in row.figure]
-        median = float(np.median([abs(row.error) for row in some]))
-        shares = (np.mean([row.within for row in some]), np.mean(drives), np.mean(bodies), median)
-        beyond = sum(not row.within for row in some)
-        cells = [*map(percent, map(float, shares)), str(len(alarms.get(way, [])))]
-        lines.append([way, str(len(some)), str(beyond), *cells])
-    header = ["way", "figures", "beyond", "within", "coverage of drives", "of base parameters",
-              "median error", "false alarms"]  # fmt: skip
-    title = f"All plants, {seconds:.0f} s"
-    return str(table(title, header, lines))
+        within, covered = ([getattr(x, key) for x in some] for key in ("within", "covered"))
+        cells = [way, str(len(some)), str(within.count(False)), percent(float(np.mean(within)))]
+        cells += [percent(float(np.mean(covered)))]
+        cells += [percent(float(np.median([abs(row.error) for row in some])))]
+        lines.append([*cells, str(len(alarms.get(way, [])))])
+    header = ["way", "figures", "beyond", "within", "coverage", "median error", "false alarms"]
+    return str(table("All plants", header, lines))
+
+
+def coverage_table(rows: Sequence[Score]) -> str:
+    """Return the coverage of 95 % intervals and the mean deviation of each quantity."""
+    quantities = dict.fromkeys(row.quantity for row in rows)
+    lines = []
+    for quantity in quantities:
+        cells = [quantity]
+        for way in (*WAYS, REFERENCE):
+            some = [row for row in rows if row.way == way and row.quantity == quantity]
+            covered = float(np.mean([row.covered for row in some]))
+            mean = 100 * float(np.mean([row.error for row in some]))
+            cells.append(f"{percent(covered)} ({mean:+.2f} %)")
+        lines.append(cells)
+    header = ["coverage (mean error)", *WAYS, REFERENCE]
+    return str(table("By quantity", header, lines))
 
 
 def examined(
     plant: Plant, run: Run, title: str, seed: int, folder: Path, alarms: dict[str, list[str]]
-) -> Iterator[Score]:
-    """Yield the scores of a plant with the noise of a seed, and print their table."""
+) -> list[Score]:
+    """Return the scores of a plant with the noise of a seed, and print their table."""
     offsets = write_files(plant, run, seed, folder)
     robot = seaid.load_robot(folder / "robot.urdf", folder / "drives.toml")
     truth = seaid.load_robot(folder / "truth.urdf", folder / "drives.toml")
     log = seaid.read_log(folder / "run.csv", robot)
     base = seaid.base_parameters(robot)
     ways: dict[str, Estimates] = {}
-    notes = []
+    cutoffs = []
     for way, options in WAYS.items():
         try:
             result = seaid.identify(robot, log, **options)
         except seaid.SeaidError as refusal:
-            ways[way] = {}
-            alarms.setdefault(way, []).append(f"{title}: refused, {refusal}")
+            cutoffs.append(f"{way} is refused: {refusal}")
             continue
         ways[way] = estimates_of(result)
-        notes.append(f"{way} {result.cutoff_hz:.1f} Hz")
-        alarms.setdefault(way, []).extend(
+        cutoffs.append(f"{way} at {result.cutoff_hz:.1f} Hz")
+        alarms[way] += [
             f"{title}: {x.severity} {x.code} {x.joint}: {x.message}"
             for x in result.warnings
             if x.severity != "note"
-        )
-    ways[REFERENCE] = reference(plant, robot, log, base)
+        ]
+    ways[REFERENCE], cutoff_hz = reference(plant, robot, log, base)
     rows = scores(title, figures_of(plant, run, offsets, truth, base), ways)
-    print(plant_table(rows, list(ways)), "\n", "; ".join(notes), "\n", flush=True)
-    yield from rows
+    print(plant_table(rows, list(ways)))
+    print("; ".join([*cutoffs, f"{REFERENCE} at {cutoff_hz:g} Hz"]), "\n", flush=True)
+    return rows
 
 
 def main(seeds: int, only: str, folder: Path) -> None:
     """Print the tables of all plants, the findings on these right set-ups, and the summary."""
-    begin, rows, alarms = time.monotonic(), [], {}
-    for plant in few([plant for plant in plants() if only in plant.title], 2):
-        plant = replace(plant, duration_s=8.0) if is_quick() else plant
+    begin, rows = time.monotonic(), []
+    alarms: dict[str, list[str]] = {way: [] for way in WAYS}
+    for plant in few([plant for plant in PLANTS if only in plant.title], 2):
+        plant = replace(plant, duration_s=sized(plant.duration_s, 5.0))
         run = simulated(plant, 1)
         for seed in range(1, seeds + 1):
             title = f"{plant.title}, seed {seed}"
@@ -369,7 +416,18 @@ def main(seeds: int, only: str, folder: Path) -> None:
             rows += examined(plant, run, title, seed, place, alarms)
     for way, messages in alarms.items():
         print(f"False alarms, {way}: {len(messages)}", *messages, sep="\n  ")
-    print(summary(rows, alarms, time.monotonic() - begin))
+    beyond = [row for row in rows if not row.within]
+    print(f"\nBeyond: {len(beyond)}", *map(_line, beyond), sep="\n  ")
+    print(coverage_table(rows), summary(rows, alarms), sep="\n")
+    print(f"{time.monotonic() - begin:.0f} s")
+
+
+def _line(row: Score) -> str:
+    """Return a score in a line."""
+    return (
+        f"{row.way}: {row.figure}, {100 * row.error:+.2f} %, {row.deviations:+.1f} standard errors "
+        f"({row.plant})"
+    )
 
 
 if __name__ == "__main__":
