@@ -153,7 +153,7 @@ class Experiment:
     def rotor(self) -> Array:
         """Inertia (n,) of the rotors: a known one, or that by the motor equation (7) of a spring.
 
-        The torque on a rotor whose inertia is taken as zero looks like one of the bodies. A negative
+        The torque on a rotor whose inertia is taken as zero looks like that of bodies. A negative
         inertia comes from a mistake in the channels and is none.
         """
         inertia = self.inertia.copy()
