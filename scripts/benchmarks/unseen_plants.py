@@ -348,7 +348,7 @@ def summary(rows: Sequence[Score], alarms: Mapping[str, list[str]]) -> str:
     for way in (*WAYS, REFERENCE):
         some = [row for row in rows if row.way == way]
         within, covered = ([getattr(x, key) for x in some] for key in ("within", "covered"))
-        cells = [way, str(len(some)), str(within.count(False)), percent(float(np.mean(within)))]
+        cells = [way, str(len(some)), str(within.count(False)), f"{np.mean(within):.1%}"]
         cells += [percent(float(np.mean(covered)))]
         cells += [percent(float(np.median([abs(row.error) for row in some])))]
         lines.append([*cells, str(len(alarms.get(way, [])))])
@@ -364,6 +364,9 @@ def coverage_table(rows: Sequence[Score]) -> str:
         cells = [quantity]
         for way in (*WAYS, REFERENCE):
             some = [row for row in rows if row.way == way and row.quantity == quantity]
+            if not some:  # refused
+                cells.append("-")
+                continue
             covered = float(np.mean([row.covered for row in some]))
             mean = 100 * float(np.mean([row.error for row in some]))
             cells.append(f"{percent(covered)} ({mean:+.2f} %)")
