@@ -1,8 +1,8 @@
 """The default of `identify` on MuJoCo plants that nobody tuned it on, next to plain least squares.
 
 Every plant of `scripts.unseen_robots` is simulated once. Each seed has its own sensor noise,
-encoder offsets and wrong bodies in the robot file. Three ways of `identify` read the files as a
-user does; the fourth estimate is least squares written here, with the true structure.
+encoder offsets and wrong bodies in the robot file. Four ways of `identify` read the files as a
+user does; the fifth estimate is least squares written here, with the true structure.
 
 A figure is a parameter of a drive, or a base parameter that makes more than 3 % of a joint's
 torque. It is within if its error is at most 1.5 times that of the reference, or the reference's
@@ -35,6 +35,7 @@ from seaid.report.text import percent, table
 
 WAYS: Mapping[str, Mapping[str, Any]] = {
     "default": {},
+    "two-step": {"method": "two-step"},
     "simultaneous": {"method": "simultaneous"},
     "simultaneous 6 Hz": {"method": "simultaneous", "cutoff_hz": 6.0},
 }
@@ -393,7 +394,7 @@ def examined(
             cutoffs.append(f"{way} is refused: {refusal}")
             continue
         ways[way] = estimates_of(result)
-        cutoffs.append(f"{way} at {result.cutoff_hz:.1f} Hz")
+        cutoffs.append(f"{way} is {result.method} at {result.cutoff_hz:.1f} Hz")
         alarms[way] += [
             f"{title}: {x.severity} {x.code} {x.joint}: {x.message}"
             for x in result.warnings
