@@ -146,8 +146,25 @@ class Experiment:
     def target(self) -> Array:
         """Torque on the load (R, n): sensed, or of the motor without that on its rotor."""
         # (7) into (4b) without friction: tau_L = N r_L / r_M (tau_M - I_M theta_M'').
-        of_motor = self.lever * (self.torque - self.inertia * self.motor[2])
+        of_motor = self.lever * (self.torque - self.rotor * self.motor[2])
         return np.asarray(np.where(np.isnan(self.torque), self.sensed, of_motor))
+
+    @cached_property
+    def rotor(self) -> Array:
+        """Inertia (n,) of the rotors: a known one, or that by the motor equation (7) of a spring.
+
+        The torque on a rotor whose inertia is taken as zero looks like that of bodies. A negative
+        inertia comes from a mistake in the channels and is none.
+        """
+        inertia = self.inertia.copy()
+        for j in map(self.robot.index, self.robot.elastic_joints):
+            if inertia[j] or not np.all(np.isfinite(self.torque[:, j])):
+                continue
+            rows, y, others = self._of_spring(j)
+            columns = np.column_stack([self.torque_rate[:, j], self.apart[:, j], others])
+            if np.sum(rows) > 3 * columns.shape[1]:
+                inertia[j] = max(scaled_svd(columns[rows]).solve(y[rows])[-1], 0.0)
+        return inertia
 
     @cached_property
     def _torque_sizes(self) -> Array:
@@ -251,7 +268,8 @@ class Experiment:
         misfit = np.full(self.robot.n, np.nan)
         for j in self._elastic:
             # a torque that is late is no other mistake
-            y, columns = self._spring_torque(j), [self.friction[j], self.torque_rate[:, j]]
+            y = self.torque[:, j] - self.rotor[j] * self.motor[2][:, j]
+            columns = [self.friction[j], self.torque_rate[:, j]]
             if not np.all(np.isfinite(y)):  # (4b) alone: the torque of the sensor
                 # tau_L / lever = k r_M / N stretch + c, with the zeros of all sensors in c.
                 y, columns = self.sensed[:, j] / self.lever[j], [self.friction[j][:, 2]]

@@ -305,13 +305,9 @@ def _joint_fits(
 ) -> dict[str, JointFit]:
     """Return the errors of joints, or of the rows of a base where no joint has a torque.
 
-    `errors` {equation: error} are those of the own logs and of excluded blocks, in which the
-    motor equations may be those behind the n of the load side.
+    `errors` {equation: error} are those of the own logs and of excluded blocks.
     """
     of_log, blocks = errors
-    # Equation j < n is the load side of joint j, equation n + j its motor equation in a
-    # simultaneous fit.
-    motors = {x: of_log[j] for j, x in enumerate(names, len(names)) if j in of_log} | {**motors}
     fits = {
         x: JointFit(of_log[j], blocks[j], motors.get(x, NAN), *of_bodies.get(x, ()))
         for j, x in enumerate(names)

@@ -20,7 +20,7 @@ LOGS = (
 )
 CHOICES = {
     "estimator": ("ols", "wls", "huber", "tukey", "iv"),
-    "method": ("two-step", "simultaneous"),
+    "method": ("auto", "two-step", "simultaneous"),
     "basis": ("bspline", "polynomial", "fourier", "multisine"),
     "criterion": ("condition_number", "d_optimality", "relative_error"),
     "fail_on": SEVERITIES,

@@ -229,10 +229,11 @@ class IdentifyOptions(LogOptions):
         str,
         one_of(
             "method",
-            "two-step: springs, then bodies; simultaneous: both in one regression.",
+            "two-step: springs, then bodies; simultaneous: both in one regression; auto: the "
+            "latter where the data support it.",
             lambda: seaid.identification.Method,
         ),
-    ] = "two-step"
+    ] = "auto"
     estimator: Annotated[
         str,
         one_of(

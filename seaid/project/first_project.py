@@ -905,7 +905,7 @@ _KNOWN_STD = (
 
 _OPTIONS = """\
 [identify]
-method = "two-step"  # or "simultaneous": both sides of the springs in one regression
+method = "auto"  # "simultaneous" where the data support it, else "two-step"
 estimator = "wls"    # or "ols", "huber", "tukey", "iv"
 feasible = true      # physically consistent bodies
 {known_std}

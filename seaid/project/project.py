@@ -98,7 +98,7 @@ def log_at(path: Path) -> ProjectLog:
 class Options:
     """How a project is identified: the options of `seaid.identify`, and whether to refine."""
 
-    method: Method = "two-step"
+    method: Method = "auto"
     estimator: EstimatorName = "wls"
     feasible: bool = True
     torque_joints: tuple[str, ...] | None = None
@@ -438,7 +438,7 @@ def _inertia(table: _Table) -> tuple[tuple[float, float, float], ...]:
 def _options(table: _Table) -> Options:
     table.check(Options.__dataclass_fields__)
     return Options(
-        method=table.choice("method", get_args(Method)) or "two-step",
+        method=table.choice("method", get_args(Method)) or "auto",
         estimator=table.choice("estimator", get_args(EstimatorName)) or "wls",
         feasible=table.flag("feasible", True),
         torque_joints=table.texts("torque_joints"),

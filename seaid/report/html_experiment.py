@@ -24,7 +24,7 @@ from seaid.report.html_tables import (
     short,
     table_of,
 )
-from seaid.report.text import exact_text
+from seaid.report.text import exact_text, method_text
 from seaid.robot import at_drives
 
 if TYPE_CHECKING:
@@ -135,8 +135,7 @@ def settings_facts(result: Identification) -> list[tuple[str, str]]:
     ]
     facts += [("Constants", text) for text in exact_text(result)]
     if robot.elastic_joints:
-        method = "simultaneous" if "both" in result.checks else "two-step: springs, then the load"
-        facts.insert(2, ("Method", method))
+        facts.insert(2, ("Method", method_text(result)))
     if result.model.absorbed:
         names = [readable(JointParameter(name, joint)) for joint, name, _ in result.model.absorbed]
         facts.append(("Identified in combination with base parameters", ", ".join(names)))

@@ -282,6 +282,7 @@ def _details(identification: Identification, *drives: Text) -> list[str]:
     return [
         _sources_text(identification),
         *_processing_text(identification),
+        *([f"method: {method_text(identification)}"] if identification.springs else []),
         *(f"constants: {text}" for text in exact_text(identification)),
         *drives,
         *(_whole_body_table(identification) if drives else []),
@@ -427,6 +428,18 @@ def _processing_text(identification: Identification) -> list[str]:
     kind = "stretches" if has_holes(identification.processing) else "logs"
     more = f" (first of {others + 1} {kind})" if others > 0 else ""
     return [f"processing{more}: {processing}" for processing in identification.processing[:1]]
+
+
+_METHODS = {
+    "simultaneous": "simultaneous: both sides of the springs at once",
+    "two-step": "two-step: the springs, then the load",
+}
+
+
+def method_text(identification: Identification) -> str:
+    """Return the method of an identification, with the reason for two steps if there is one."""
+    reason = identification.not_shared
+    return _METHODS[identification.method] + (f", since {reason}" if reason else "")
 
 
 def exact_text(identification: Identification) -> list[str]:

@@ -44,7 +44,7 @@ def log(seed: int = 1) -> Log:
 
 @cache
 def found(**options: Any) -> Identification:
-    return identify(KNOWN, log(), encoder_offset_std=0.002, **options)
+    return identify(KNOWN, log(), encoder_offset_std=0.002, **{"method": "two-step", **options})
 
 
 def assert_same(one: Estimate, other: Estimate, tolerance: float = 1e-9) -> None:
@@ -174,7 +174,7 @@ def test_a_term_that_is_not_there_is_not_worth_having() -> None:
     joint = known.elastic_joints[0]
     more = replace(known.drives[joint], extra_terms=("c*theta_M_dot**3",))
     known = known.with_values(known.parameters, {**known.drives, joint: more})
-    identified = identify(known, measure(robot, arm_motion(), ARM_SENSORS, 3))
+    identified = identify(known, measure(robot, arm_motion(), ARM_SENSORS, 3), method="two-step")
     tests = {term.terms[0]: term for term in identified.checks[joint].terms}
     assert tests["c"].bic < 0 < tests["viscous_friction"].bic
 
