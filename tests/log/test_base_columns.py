@@ -333,6 +333,10 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
         {"base": {"position": {"columns": "q[0:3]", "above": 1}}},
         "above is that of a contact",
     ),
+    "unknown": (
+        {"base": {"position": {"columns": "q[0:3]", "unknown": 0}}},
+        "unknown is that of a contact",
+    ),
     "link": ({"contacts": {"FL_fot": {"contact": "c[0]"}}}, "did you mean 'FL_foot'"),
     "table": ({"contacts": 3}, "contacts: must be a table, found 3"),
     "column": ({"base": {"position": "tau[0:3]"}}, "no column is named 'tau[0]'"),
@@ -448,6 +452,22 @@ def test_columns_with_numbers_codes_of_contacts_and_loads_are_found(tmp_path: Pa
         "nanoseconds": "stamp_nsec",
     }
     assert any("codes: 1 is taken for contact" in one for one in guess.unsure)
+    assert guess.description.contacts[FEET[0]]["contact"].unknown == 0
+
+
+def test_a_contact_of_unknown_state_is_no_measurement(tmp_path: Path) -> None:
+    """Spot's code 0 is neither 1, contact, nor 2, its loss: its neighbours tell the state."""
+    one = states()
+    codes = 2 - one["flags"]
+    is_within = np.all([np.roll(codes, k, axis=0) == codes for k in (-2, -1, 1, 2)], axis=0)
+    codes[is_within & (np.arange(len(codes)) % 10 == 5)[:, None]] = 0
+    assert np.any((codes == 0) & (one["flags"] == 0))
+    arrays = {"joint_pos": one["joints"], "joint_torque": one["torque"], "contact": codes}
+    arrays |= {"imu_quat": one["orientation"], "imu_gyro": one["w"]}
+    np.savez(tmp_path / "walk.npz", **arrays)
+    base = described(tmp_path / "walk.npz", rate_hz=RATE_HZ)
+    for foot, flags in zip(FEET, one["flags"].T, strict=True):
+        np.testing.assert_array_equal(base.contacts[foot][:, 0] > 0.5, flags > 0.5)
 
 
 def test_a_clock_adds_nanoseconds_to_seconds_only() -> None:
