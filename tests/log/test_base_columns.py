@@ -14,7 +14,7 @@ import seaid
 from scripts.example_robots import example_urdf
 from seaid._arrays import Array
 from seaid.errors import LogError
-from seaid.log import BaseLog
+from seaid.log import CHANNELS, BaseLog
 from seaid.log.base_log import matrices
 from seaid.log.description import Clock
 
@@ -468,6 +468,28 @@ def test_a_contact_of_unknown_state_is_no_measurement(tmp_path: Path) -> None:
     base = described(tmp_path / "walk.npz", rate_hz=RATE_HZ)
     for foot, flags in zip(FEET, one["flags"].T, strict=True):
         np.testing.assert_array_equal(base.contacts[foot][:, 0] > 0.5, flags > 0.5)
+
+
+def test_signs_of_quaternions_in_columns_of_seaid_are_none_of_the_motion(tmp_path: Path) -> None:
+    """An interpolation of lost samples between p and -p passes zero, which is no rotation."""
+    one = states()
+    flips = np.where(np.arange(len(one["time"])) // 50 % 2, -1, 1)[:, None]
+    columns = {"time_s": one["time"]}
+    vectors = {"orientation": flips * one["orientation"], "angular_velocity": one["w"]}
+    for name, values in vectors.items():
+        columns |= dict(zip(CHANNELS[name], values.T, strict=True))
+    for k, joint in enumerate(go2().joint_names):
+        columns[f"{joint}.joint_position_rad"] = one["joints"][:, k]
+        columns[f"{joint}.joint_torque_Nm"] = one["torque"][:, k]
+    kept = np.ones(len(flips), dtype=bool)
+    kept[50:-50:50] = False  # at the changes of sign
+    np.savez(tmp_path / "walk.npz", **{name: x[kept] for name, x in columns.items()})  # type: ignore[arg-type]
+    log = seaid.read_log(tmp_path / "walk.npz", go2(), repair=seaid.Repairs())
+    assert log.base is not None
+    assert log.base.orientation is not None
+    sign = np.sign(np.sum(log.base.orientation * one["orientation"], axis=1))
+    assert np.all(sign == sign[0])
+    np.testing.assert_allclose(sign[0] * log.base.orientation, one["orientation"], atol=1e-4)
 
 
 def test_a_clock_adds_nanoseconds_to_seconds_only() -> None:
