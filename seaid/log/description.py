@@ -294,7 +294,9 @@ def _unit_size(table: Mapping[str, Any]) -> float:
         return 1 / float(table["counts_per_m"])
     sizes = {unit: size for units in UNIT_FACTORS.values() for unit, size in units.items()}
     # A torque from a current has the unit of the current, and N m per A.
-    return float(sizes.get(table.get("unit"), 1.0) * table.get("torque_constant_Nm_per_A", 1.0))
+    return float(
+        sizes.get(str(table.get("unit")), 1.0) * table.get("torque_constant_Nm_per_A", 1.0)
+    )
 
 
 def _rounded(value: float) -> float | int:
