@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import math
 import re
 import sys
 from collections import Counter
@@ -51,7 +52,11 @@ _EXCEL = re.compile(r'"?sep=.?"?\s*')
 
 _DATE = re.compile(r"\d{4}-\d\d?-\d\d?|\d\d?:\d\d")
 
-_TRUTH = {"true": 1.0, "false": 0.0}
+_WORDS = {
+    **{"true": 1.0, "false": 0.0},
+    **dict.fromkeys(("na", "n/a", "#n/a", "null", "none"), math.nan),
+}
+"""{word in place of a number: the number}."""
 
 NO_HEADER = "the first line is numbers: no header?"
 
@@ -253,9 +258,9 @@ def _units(path: Path, line: str, header: _Header) -> list[str]:
 
 
 def _is_sample(cell: str) -> bool:
-    """Return whether a cell is a number, a list of numbers, a truth or a date."""
+    """Return whether a cell is a number, a list of numbers, a date, or a word for a number."""
     is_list = all(map(_is_number, _list(cell) or ["no number"]))
-    return is_list or _is_number(cell) or cell.lower() in _TRUTH or bool(_DATE.search(cell))
+    return is_list or _is_number(cell) or cell.lower() in _WORDS or bool(_DATE.search(cell))
 
 
 def _head(path: Path, lines: Iterator[str]) -> tuple[list[str], list[str], int]:
@@ -368,7 +373,7 @@ def _items(names: list[str], cells: list[str]) -> tuple[list[str], _Items]:
         if numbers is not None:
             columns += [f"{name}[{item}]" for item in range(len(numbers))]
             items += [(place, item) for item in range(len(numbers))]
-        elif _is_number(cell) or cell.strip().lower() in _TRUTH:
+        elif _is_number(cell) or cell.strip().lower() in _WORDS:
             columns.append(name)
             items.append((place, None))
     has_lists = any(item is not None for _, item in items)
@@ -452,15 +457,18 @@ def _cells(
 
 
 def _number(path: Path, line: int, column: str, cell: str) -> float:
-    """Return the number in a cell; NaN for an empty cell, 1 and 0 for true and false."""
+    """Return the number in a cell, or that of its word; NaN for an empty cell."""
     try:
         return float(cell) if cell.strip() else float("nan")
     except ValueError:
         pass
-    truth = _TRUTH.get(cell.strip().lower())
-    if truth is None:
+    word = _WORDS.get(cell.strip().lower())
+    if word is None:
+        hint = ": empty it if nothing was measured"
+        hint = "; write the time as seconds" if _DATE.search(cell) else hint
+        hint = "; write a decimal point" if _DECIMAL_COMMA.fullmatch(cell.strip()) else hint
         raise LogError(
             f"'{path}', line {line}: column '{shortened(column)}' has '{shortened(cell)}', which "
-            f"is not a number{'; write the time as seconds' if _DATE.search(cell) else ''}"
+            f"is not a number{hint}"
         )
-    return truth
+    return word

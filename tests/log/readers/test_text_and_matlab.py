@@ -77,6 +77,17 @@ def test_a_table_of_text_is_read_in_its_own_format(
         )
 
 
+def test_words_for_a_missing_number_are_none(tmp_path: Path) -> None:
+    path, words = tmp_path / "log.csv", ("NA", "n/a", "#N/A", "null", "None", "nan", "")
+    path.write_text("a,b\n1,2\n" + "".join(f"{word},3\n" for word in words))
+    values = open_table(path).load(["a"])["a"]
+    assert np.array_equal(np.isnan(values), [False, *[True] * len(words)])
+    for cell, words in (("lost", ": empty it if nothing"), ('"2,5"', "; write a decimal point")):
+        path.write_text(f"a,b\n1,2\n{cell},3\n")
+        with pytest.raises(LogError, match=f"which is not a number{words}"):
+            open_table(path).load(["a"])
+
+
 def test_a_line_of_truths_dates_or_nothing_is_none_of_units(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     for line in ("true,False", "NaN,", ",", "12:00:01,x", '"[1, 2]",x', "left"):
