@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 import seaid
 from seaid.errors import SeaidError
 from seaid.project.project import check_logs, load_project, log_at
-from seaid.project.running import _folder_name, _folder_names, run_project
+from seaid.project.running import _folder_name, _folder_names, _unseen_results, run_project
 from tests import experiments
 from tests.measured import LOGS
 
@@ -240,6 +241,18 @@ def test_logs_are_checked_before_a_run(tmp_path: Path, first: str, second: str, 
     (tmp_path / "seaid.toml").write_text(f'urdf = "arm.urdf"\n{logs}')
     with pytest.raises(SeaidError, match=words):
         run_project(tmp_path)
+
+
+def test_logs_of_one_name_validate_each_on_its_own(folder: Path) -> None:
+    for name in ("a", "b"):
+        (folder / name).mkdir()
+        shutil.copy(folder / "run.npz", folder / name)
+    text = '[[log]]\nfile = "{}/run.npz"\ndescription = "columns.toml"\nuse = "validate"\n'
+    (folder / "seaid.toml").write_text(PROJECT + text.format("a") + text.format("b"))
+    project, notes = load_project(folder), list[str]()
+    ends = _unseen_results(project, "", lambda log: log.time[-1], "read", notes)
+    assert [*ends] == ["run.npz@20:100", "a/run.npz", "b/run.npz"]
+    assert not notes
 
 
 def test_a_log_may_give_several_parts(tmp_path: Path) -> None:
