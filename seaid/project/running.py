@@ -287,7 +287,7 @@ def _unseen_results(
     sources = [x for x in project.logs_for("validate") if x.condition in (condition, "")]
     names = [source.name for source in sources]
     for source in sources:
-        # Folders tell logs of one name apart.
+        # Folders distinguish logs of one name.
         whole = os.path.relpath(source.path, project.file.parent)
         name = source.name if names.count(source.name) == 1 else whole
         log = source.read(robot)

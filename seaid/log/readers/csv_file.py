@@ -48,7 +48,7 @@ _MARKS = {
 
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
 _EXCEL = re.compile(r'"?sep=.?"?\s*')
-"""The first line with which a file tells a spreadsheet its delimiter."""
+"""A first line in which spreadsheets write the delimiter of the file."""
 
 _DATE = re.compile(r"\d{4}-\d\d?-\d\d?|\d\d?:\d\d")
 
