@@ -31,6 +31,7 @@ _OPTIONS = {
     "condition_specific=": "--specific",
     "independent_mimics=True": "--independent-mimics",
     "repair=seaid.Repairs()": "--repair",
+    "seaid.describe_log": "seaid describe",
     "columns= or description= (seaid.describe_log infers one)": (
         "--description (seaid describe infers one)"
     ),

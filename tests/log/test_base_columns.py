@@ -495,6 +495,26 @@ def test_signs_of_quaternions_in_columns_of_seaid_are_none_of_the_motion(tmp_pat
     np.testing.assert_allclose(sign[0] * log.base.orientation, one["orientation"], atol=1e-4)
 
 
+@pytest.mark.parametrize("scale", [120.0, 2.0, -1.0])
+def test_a_contact_beyond_zero_and_one_is_no_flag(tmp_path: Path, scale: float) -> None:
+    """Noise of a force in the air would be a contact, and so would be Spot's code of its loss."""
+    one, table = states(), {"time_s": states()["time"]}
+    for k, joint in enumerate(go2().joint_names):
+        table[f"{joint}.joint_position_rad"] = one["joints"][:, k]
+        table[f"{joint}.joint_torque_Nm"] = one["torque"][:, k]
+    table |= {f"{foot}.contact": scale * one["flags"][:, k] for k, foot in enumerate(FEET)}
+    table[f"{FEET[-1]}.contact"] = np.full(len(one["time"]), np.nan)  # counts as not logged
+    path, rows = tmp_path / "walk.csv", np.column_stack([*table.values()])
+    np.savetxt(path, rows, "%.9g", ",", header=",".join(table), comments="")
+    with pytest.raises(LogError, match=r"contact of 'FL_foot' must be 0 .*\[contacts.FL_foot\]"):
+        seaid.read_log(path, go2())
+    rows[:, -4:-1] /= scale
+    np.savetxt(path, rows, "%.9g", ",", header=",".join(table), comments="")
+    log = seaid.read_log(path, go2())
+    assert log.base is not None
+    assert [*log.base.contacts] == list(FEET[:-1])
+
+
 def test_a_clock_adds_nanoseconds_to_seconds_only() -> None:
     with pytest.raises(LogError, match="nanoseconds are added to a column of seconds"):
         Clock("t", unit="ms", nanoseconds="ns")

@@ -82,9 +82,9 @@ def test_words_for_a_missing_number_are_none(tmp_path: Path) -> None:
     path.write_text("a,b\n1,2\n" + "".join(f"{word},3\n" for word in words))
     values = open_table(path).load(["a"])["a"]
     assert np.array_equal(np.isnan(values), [False, *[True] * len(words)])
-    for cell, words in (("lost", ": empty it if nothing"), ('"2,5"', "; write a decimal point")):
+    for cell, remedy in (("lost", ": empty it if nothing"), ('"2,5"', "; write a decimal point")):
         path.write_text(f"a,b\n1,2\n{cell},3\n")
-        with pytest.raises(LogError, match=f"which is not a number{words}"):
+        with pytest.raises(LogError, match=f"which is not a number{remedy}"):
             open_table(path).load(["a"])
 
 
