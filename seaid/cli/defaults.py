@@ -39,6 +39,7 @@ def _defaults(project: Project) -> dict[str, Any]:
         "urdf": str(project.urdf),
         "drives": _text(project.drives),
         "joints": _list(project.joints),
+        "locked": _assigned(project.locked),
         "payload": [payload_text(payload) for payload in project.payloads.get("", ())],
         "gravity": ",".join(f"{component:.17g}" for component in project.gravity),
         "known_body": list(project.known_bodies),
@@ -51,7 +52,7 @@ def _defaults(project: Project) -> dict[str, Any]:
         "method": options.method,
         "estimator": options.estimator,
         "encoder_offset_std": options.encoder_offset_std,
-        "known_std": ",".join(f"{name}={std:.17g}" for name, std in options.known_std.items()),
+        "known_std": _assigned(options.known_std),
         "feasible": options.feasible,
         "fail_on": project.fail_on,
         "validation": _logs(project, "validate"),
@@ -80,6 +81,11 @@ def _text(value: object) -> str | None:
 
 def _list(names: Sequence[str] | None) -> str | None:
     return None if names is None else ",".join(names)
+
+
+def _assigned(numbers: Mapping[str, float]) -> str:
+    """Return {name: number} as the command line has it, as in torso=0.3,head=0.1."""
+    return ",".join(f"{name}={number:.17g}" for name, number in numbers.items())
 
 
 def payload_text(payload: Payload) -> str:

@@ -47,9 +47,10 @@ def identify(
     seaid identify leg.urdf run.csv --drives leg.toml -o leg.npz
     seaid identify arm.urdf day.parquet --drives arm.toml --in-pieces
     """
-    if in_pieces and (options.repair or options.description is not None):
+    if in_pieces and (options.repair or options.description or options.find_contacts):
         raise typer.BadParameter(
-            "logs that are read in pieces are not changed: no --repair, no --description",
+            "logs that are read in pieces are not changed: no --repair, no --description, no "
+            "--find-contacts",
             param_hint="--in-pieces",
         )
     check_fail_on(fail_on)
@@ -57,7 +58,7 @@ def identify(
     robot = options.robot(options.known_body)
     known = logs if in_pieces else options.logs(logs, robot)
     fit = options.identify(robot, known, feasible=feasible)
-    recorded = {"in_pieces": in_pieces, "feasible": feasible}
+    recorded = options.recorded(logs, in_pieces=in_pieces, feasible=feasible)
     files = (*options.files, *logs)
     result.show_identification(
         fit, robot, output, read=files, options=recorded, verbose=verbose, fail_on=fail_on

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import typer
 from typer import Option
 
 from seaid.cli.messages import show
@@ -63,6 +64,7 @@ def inspect(
     from seaid.robot import reread_urdf
 
     robot = options.robot()
+    _check_base(robot, {"--sensors": sensors, "--plan": plans, "--stance": stance})
     tree = reread_urdf(robot.urdf or options.urdf).locked_at(robot.locked)
     inconsistent = _inconsistent_links(tree)
     facts = {"joints": _joint_facts(robot), "inconsistent_links": inconsistent}
@@ -72,6 +74,25 @@ def inspect(
         content, text = _sensor_content(robot, sensors, plans)
     text = [*_tree_lines(robot, tree, tree.root), *_link_lines(inconsistent), *text]
     show("\n".join(text), {**facts, **content}, as_json, robot=robot.name)
+
+
+_OF_FIXED = {
+    "--sensors": "a robot with a floating base has joint torques and the motion of its base: "
+    "leave --sensors out, and choose stances with --stance",
+    "--plan": "a planned motion is measured with a fixed base only: leave --plan out; seaid excite "
+    "--stance measures the motions that it plans for feet on the ground",
+}
+"""{option that a floating base has not: what to do instead}."""
+_OF_FLOATING = {
+    "--stance": "the base of this robot is fixed: leave --stance out, or add --base floating"
+}
+
+
+def _check_base(robot: Robot, options: Mapping[str, object]) -> None:
+    """Raise BadParameter for one of the `options` that the base of the robot has not."""
+    for option, remedy in (_OF_FIXED if robot.floating_base else _OF_FLOATING).items():
+        if options[option] is not None:
+            raise typer.BadParameter(remedy, param_hint=option)
 
 
 def _sensor_content(

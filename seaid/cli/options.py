@@ -274,6 +274,27 @@ class IdentifyOptions(LogOptions):
 
         return identify(robot, logs, feasible=feasible, progress=is_terminal(), **self.keywords())
 
+    def recorded(self, logs: Sequence[Path], **more: Any) -> dict[str, Any]:
+        """Return all options that are given or have a default, as plain data for a saved run.
+
+        `more` are the options that only the command has. The project file, if there is one, has how
+        its logs are read.
+        """
+        from seaid.cli.defaults import project_here
+
+        values = {option.name: getattr(self, option.name) for option in fields(IdentifyOptions)}
+        project = project_here()
+        values |= {"logs": logs, "project": project.file if project else None, **more}
+        return {
+            name: [*map(str, value)]
+            if isinstance(value, Sequence) and not isinstance(value, str)
+            else str(value)
+            if isinstance(value, Path)
+            else value
+            for name, value in values.items()
+            if value is not None and value is not False
+        }
+
     def keywords(self) -> dict[str, Any]:
         """Return the keyword arguments of `seaid.identify`."""
         known_std = values("--known-std", self.known_std, "torque=0.03,payload=0.01")
@@ -311,12 +332,11 @@ class IdentifiedOptions(IdentifyOptions):
             raise typer.BadParameter("give one of the two", param_hint="--from, --run")
         if (saved := self.saved(self.run, "from_logs")) is not None:
             return saved
-        options = {option.name: getattr(self, option.name) for option in fields(IdentifyOptions)}
         if not self.from_logs:
             raise typer.BadParameter("give one of the two", param_hint="--from, --run")
         robot = self.robot(self.known_body)
         identification = self.identify(robot, self.logs(self.from_logs, robot), feasible=feasible)
-        options = {name: value for name, value in options.items() if value not in (None, False)}
+        options = self.recorded(self.from_logs, feasible=feasible)
         origin = provenance_of(filter(None, self.files), options, command_line())
         return Run(identification, {}, origin)
 

@@ -55,7 +55,12 @@ def refine(
         iterations=iterations,
         progress=is_terminal(),
     )
-    recorded = {"iterations": iterations}
+    recorded = options.recorded(logs, iterations=iterations, run=run)
+    if saved is not None:
+        # How the start was identified is in its run; the refinement itself has only these options.
+        of_refinement = ("logs", "run", "encoder_offset_std", "iterations")
+        kept = {name: recorded[name] for name in of_refinement}
+        recorded |= {**saved.provenance.get("options", {}), **kept}
     files = (*options.files, *logs)
     result.show_identification(
         fit, robot, output, read=files, options=recorded, verbose=verbose, fail_on=fail_on

@@ -96,7 +96,7 @@ def _tested(
     from seaid.simulation import compare_replays
 
     logs = options.logs(paths, fit.known)
-    validations = {path.name: validate(fit, log) for path, log in zip(paths, logs, strict=True)}
+    validations = {str(path): validate(fit, log) for path, log in zip(paths, logs, strict=True)}
     if not fit.robot.has_controllers:
         return validations, []
     held = fit.unusable_joints

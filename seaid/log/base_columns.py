@@ -74,6 +74,8 @@ class VectorSource:
         Factor to SI units.
     above : float or None
         Value of a contact, such as a force, above which it touches the ground; None: 0.5.
+    unknown : float or None
+        Value in the columns of a contact that is no measurement, such as a code for "unknown".
     delay_s : float
         As of `Source`.
     time : Clock or None
@@ -85,6 +87,7 @@ class VectorSource:
     order: Order | None = None
     scale: float = 1.0
     above: float | None = None
+    unknown: float | None = None
     delay_s: float = 0.0
     time: Clock | None = None
 
@@ -134,12 +137,13 @@ def _check_entries(where: str, quantity: str, table: Mapping[str, Any]) -> None:
         if key in table and not (holds and table[key] in words):
             fit = f"must be one of {', '.join(words)}" if holds else f"is not for {quantity}"
             raise LogError(f"{where}: {key} {fit}, found {shown(table[key])}")
-    for key in ("scale", "above", "delay_s"):
+    for key in ("scale", "above", "unknown", "delay_s"):
         number = table.get(key, 1.0)
         if isinstance(number, bool) or not isinstance(number, int | float):
             raise LogError(f"{where}: {key} must be a number, found {shown(number)}")
-    if "above" in table and quantity != "contact":
-        raise LogError(f"{where}: above is that of a contact")
+    for key in ("above", "unknown"):
+        if key in table and quantity != "contact":
+            raise LogError(f"{where}: {key} is that of a contact")
 
 
 _WIDTHS = BASE_QUANTITIES | CONTACT_QUANTITIES
@@ -246,7 +250,8 @@ def _raw_names(quantity: str, source: VectorSource) -> tuple[str, ...]:
 def vector_channels(vector: DescribedVector, data: Block, time: Array) -> list[Channel]:
     """Return the channels of a vector as logged: a quaternion without changes of sign."""
     source = vector.source
-    values = source.scale * np.column_stack([data[name] for name in source.columns])
+    logged = np.column_stack([data[name] for name in source.columns])
+    values = source.scale * logged
     if vector.quantity == "orientation":
         if source.order == "xyzw":
             values = values[:, [3, 0, 1, 2]]
@@ -255,7 +260,9 @@ def vector_channels(vector: DescribedVector, data: Block, time: Array) -> list[C
         values = continuous(values)
     if vector.quantity == "contact":
         limit = 0.5 if source.above is None else source.above
-        values = np.where(np.isfinite(values), values > limit, np.nan)
+        unknown = np.nan if source.unknown is None else source.unknown
+        is_known = np.isfinite(values) & (logged != unknown)
+        values = np.where(is_known, values > limit, np.nan)
     return [
         Channel(name, time, column, None, source.delay_s)
         for name, column in zip(vector.names, values.T, strict=True)

@@ -203,7 +203,8 @@ def _channel(data: Block, robot: Robot, spec: _Described) -> Channel:
                 factor *= _unit_factor(robot, spec, unit)
             values = data[str(source.column)] * _number(data, source.times)
         time = clock.seconds(data, len(values))
-        period = None if source.wraps is None else abs(factor) * source.wraps
+        times = source.times if isinstance(source.times, int | float) else 1.0
+        period = None if source.wraps is None else abs(factor * times) * source.wraps
         return Channel(name, time, factor * values + offset, period, source.delay_s)
     except (LogError, ValueError) as problem:
         text = str(problem)

@@ -268,7 +268,7 @@ def changed_source(
     """Return the TOML of a source whose values become factor * value + offset, `delay_s` earlier.
 
     What the source has already is multiplied or added, so that the text replaces it. Its values
-    wrap around every `wraps`, which is given in the unit of the column.
+    wrap around every `wraps`, in SI units; the text has it in the unit of the column.
     """
     table: dict[str, Any] = {"column": source} if isinstance(source, str) else dict(source)
     if factor < 0:
@@ -282,8 +282,21 @@ def changed_source(
     if delay_s:
         table["delay_s"] = _rounded(table.get("delay_s", 0.0) + delay_s)
     if wraps is not None:
-        table["wraps"] = _rounded(wraps / table.get("scale", 1.0))
+        table["wraps"] = _rounded(wraps / (table.get("scale", 1.0) * _unit_size(table)))
     return as_toml(table)
+
+
+def _unit_size(table: Mapping[str, Any]) -> float:
+    """Return the unit of the column of a source in SI units, without the ratio of a gear."""
+    if "counts_per_turn" in table:
+        return 2 * math.pi / float(table["counts_per_turn"])
+    if "counts_per_m" in table:
+        return 1 / float(table["counts_per_m"])
+    sizes = {unit: size for units in UNIT_FACTORS.values() for unit, size in units.items()}
+    # A torque from a current has the unit of the current, and N m per A.
+    return float(
+        sizes.get(str(table.get("unit")), 1.0) * table.get("torque_constant_Nm_per_A", 1.0)
+    )
 
 
 def _rounded(value: float) -> float | int:
@@ -485,6 +498,9 @@ def _check_source(where: str, quantity: str, source: Source) -> None:
             is_current != (source.torque_constant_Nm_per_A is not None)
         ),
         f"sign must be 1 or -1, found {source.sign}": source.sign not in (1, -1),
+        "wraps is a constant period: times must be a number, not a column": (
+            source.wraps is not None and isinstance(source.times, str)
+        ),
         "only positions and torques have a side of the gear": (
             source.side is not None
             and (quantity.endswith("_command") or kind not in ("position", "torque"))

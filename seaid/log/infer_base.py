@@ -462,19 +462,20 @@ def _words(name: str) -> list[str]:
 def _add_contact(guess: BaseGuess, link: str, name: str, inference: Inference) -> None:
     """Take a column for a flag, or for a force with a threshold in the middle of its range."""
     values = inference.finite(name)
-    above = None
+    above = unknown = None
     kinds, scale = set(np.unique(values)), 1.0
     if kinds <= {0.0, 1.0, 2.0} and 2.0 in kinds:
         # `above` is a lower limit, so that the codes are negated: -1 is above -1.5, and -2 is not.
-        above, scale = -1.5, -1.0
-        inference.note(name, "codes: 1 is taken for contact, 2 for its loss, as Spot has them")
+        above, scale, unknown = -1.5, -1.0, 0.0
+        text = "codes: 1 is taken for contact, 2 for its loss, 0 for unknown, as Spot has them"
+        inference.note(name, text)
     elif not kinds <= {0.0, 1.0}:
         # Quantiles, because impacts exceed the force on a standing foot by far.
         low, high = np.quantile(values, [0.05, 0.95])
         above = float(f"{low + 0.2 * (high - low):.3g}")
         inference.note(name, f"a force: above {above:g} it is taken for contact")
     guess.contacts.setdefault(link, {}).setdefault(
-        "contact", VectorSource((name,), scale=scale, above=above)
+        "contact", VectorSource((name,), scale=scale, above=above, unknown=unknown)
     )
 
 

@@ -132,18 +132,22 @@ def wanted_columns(
             wanted[name] = (custom, factor)
         elif name in {"time_s", *columns}:
             hint = (
-                "; custom columns need columns= or description= (seaid.describe_log infers one), "
+                f"; custom columns need {_DESCRIBED}, "
                 'and the time is named in the description of the log as time = "..."'
             )
             text = f"'{path}': {table.missing(custom)}{'' if name in columns else hint}"
-            raise LogError(text, "description=")
+            raise LogError(text, _DESCRIBED)
     if len(wanted) == 1:
         raise LogError(
-            f"'{path}' has no column of this robot; expected names as '{allowed[1]}' (or map "
-            f"custom columns with columns=), found: {listed(table.names)}"
-            f"{near_names(allowed[1:], (), table.names)}"
+            f"'{path}' has no column of this robot; expected names as '{allowed[1]}' (custom "
+            f"columns need {_DESCRIBED}), found: {listed(table.names)}"
+            f"{near_names(allowed[1:], (), table.names)}",
+            _DESCRIBED,
         )
     return wanted
+
+
+_DESCRIBED = "columns= or description= (seaid.describe_log infers one)"
 
 
 _SHORT = {"joint_position": "position", "position_command": "command"}
@@ -388,7 +392,11 @@ def _check_time(time: Array) -> None:
         raise LogError(f"a log needs {MINIMUM_SAMPLES} samples or more, found {len(time)}")
     if not np.all(np.isfinite(time)):
         row = int(np.flatnonzero(~np.isfinite(time))[0])
-        raise LogError(f"time_s has a value that is not finite in sample {row}")
+        raise LogError(
+            f"time_s has a value that is not finite in sample {row}: drop the sample, or repair "
+            "the log with repair=seaid.Repairs()",
+            "repair=seaid.Repairs()",
+        )
     if np.max(np.abs(time)) > _LATEST_S:
         raise LogError(
             f"time_s runs from {time[0]:.4g} to {time[-1]:.4g} s, allowed is up to "

@@ -400,12 +400,18 @@ def _read_guessed(
         log = read_log(files, robot, description=guess.description)
     except LogError as problem:
         about = [doubt for doubt in guess.unsure if "no torque, current or voltage" in doubt]
-        about.append("joints that stand still, or that no column has, are locked with locked=")
+        logged = guess.description.joints
+        if any(len(logged.get(joint, ())) < _FEWEST for joint in robot.joint_names):
+            about.append("joints that stand still, or that no column has, are locked with locked=")
         raise LogError("; ".join([str(problem), *about]), "locked=") from None
     ordered = with_leg_order(guess, robot, log)
     if ordered is guess:
         return guess, log
     return ordered, read_log(files, robot, description=ordered.description)
+
+
+_FEWEST = 2
+"""Columns that each joint needs: a position, and a torque or what stands for it."""
 
 
 def _has_own_names(files: Sequence[Path]) -> bool:

@@ -15,7 +15,7 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import get_args
+from typing import Any, get_args
 
 import numpy as np
 import pytest
@@ -389,6 +389,41 @@ def test_logs_read_in_pieces_give_the_same(arm: Path, tmp_path: Path) -> None:
         done("identify", *robot_and_drives(arm), arm / "run.csv", *options)
         found.append(json.loads(file.read_text())["drives"]["elbow"]["stiffness"]["value"])
     assert found[1] == pytest.approx(found[0], rel=1e-6)
+
+
+def line_of(options: dict[str, Any]) -> list[str]:
+    """Return the options of a saved run as words of the command line."""
+    words = [options["urdf"], *options["logs"]]
+    for name, value in options.items():
+        if name not in ("urdf", "logs"):
+            values = value if isinstance(value, list | tuple) else [value]
+            option = f"--{name.replace('_', '-')}"
+            words += [option] if value is True else [x for y in values for x in (option, str(y))]
+    return words
+
+
+def test_the_options_of_a_saved_run_give_the_same_result_again(arm: Path, tmp_path: Path) -> None:
+    more = shlex.split(
+        "--payload lower:0.01:0,0,-0.1 --gravity 0,0,-9.8 --known-body upper --known-body lower "
+        "--estimator huber --cutoff-hz 8 --encoder-offset-std 0.001 --feasible "
+        "--known-std torque=0.03,bodies=0.1 --torque-joints shoulder,elbow"
+    )
+    first, again = tmp_path / "first.npz", tmp_path / "again.npz"
+    done("identify", *robot_and_drives(arm), arm / "run.csv", *more, "-o", first)
+    options = dict(seaid.load_run(first).provenance["options"])
+    assert {"method", "known_body", "payload", "feasible"} <= {*options}
+    done("identify", *line_of(options), "-o", again)
+    results = [seaid.load_run(path).identification for path in (first, again)]
+    assert np.array_equal(results[0].load.values, results[1].load.values)
+    assert seaid.load_run(again).provenance["options"] == options
+
+
+def test_logs_in_pieces_are_not_changed(arm: Path) -> None:
+    said = run(
+        "identify", *robot_and_drives(arm), arm / "run.csv", "--in-pieces", "--find-contacts"
+    )
+    assert said.code == 2
+    assert "no --find-contacts" in said.err
 
 
 def test_a_plan_that_ends_in_motion_gets_a_run_in_and_a_ros_file(arm: Path, tmp_path: Path) -> None:

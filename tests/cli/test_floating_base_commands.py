@@ -45,6 +45,22 @@ def test_inspect_shows_what_stances_determine() -> None:
     assert "no contact is named 'FL'" in refused("inspect", *GO2, "--stance", "FL")
 
 
+@pytest.mark.parametrize(
+    ("robot", "option", "value"),
+    [
+        (GO2, "--sensors", "motor_position,motor_torque"),
+        (GO2, "--plan", "plan.json"),
+        (("go2",), "--stance", "air"),
+    ],
+)
+def test_inspect_refuses_what_is_not_for_the_base(
+    robot: tuple[str, ...], option: str, value: str
+) -> None:
+    said = run("inspect", *robot, option, value)
+    assert said.code == 2
+    assert f"leave {option} out" in said.err
+
+
 @pytest.mark.slow  # simulates and identifies a quadruped
 def test_a_saved_run_and_its_report_have_the_floating_base(tmp_path: Path) -> None:
     seaid.write_log(swayed(), tmp_path / "sway.csv")

@@ -40,6 +40,7 @@ MISTAKES = {
     "export arm.urdf --parameters run_plan.json -o {}/a.urdf": "no file of identified parameters",
     "inspect empty.urdf": "URDF 'empty.urdf'",
     "check arm.urdf empty.csv": "'empty.csv' is empty; a log starts with a line of column names",
+    "check arm.urdf weights.csv": "custom columns need --description (seaid describe infers one)",
     "inspect arm.urdf --drives bad.toml": "drives 'bad.toml' is not valid TOML",
     # names that are not there
     "inspect arm.urdf --joints Elbow": "--joints: 'small_arm': no joint is named 'Elbow'; did you",

@@ -42,7 +42,10 @@ def test_refine_is_that_of_the_library_and_starts_from_a_run_too(
     assert "\nDrives\n" in said.out
     assert said.out.splitlines()[-1] == f"Results: {file}"
     done("refine", arm / "run.csv", "--run", runs[0], "-o", tmp_path / "again.npz")
-    again = seaid.load_run(tmp_path / "again.npz").identification.to_dict()["drives"]
+    saved = seaid.load_run(tmp_path / "again.npz")
+    used = {"iterations": 20, "run": str(runs[0]), "logs": (str(arm / "run.csv"),)}
+    assert used.items() <= saved.provenance["options"].items()
+    again = saved.identification.to_dict()["drives"]
     for joint, values in json.loads(file.read_text())["drives"].items():
         for name, one in values.items():
             assert again[joint][name]["value"] == pytest.approx(one["value"], rel=1e-9)

@@ -321,8 +321,8 @@ def test_files_of_other_programs_are_named_with_the_way_out(
         (b"some words\nand more\n", "no column is named 'time_s'; allowed: some words"),
         (
             b"time_s,x\n0,1\n",
-            "no column of this robot; expected names as 'arm.motor_position_rad' (or map custom "
-            "columns with columns=), found: time_s, x",
+            "no column of this robot; expected names as 'arm.motor_position_rad' (custom columns "
+            "need columns= or description= (seaid.describe_log infers one)), found: time_s, x",
         ),
         (
             b"time_s,arm.motor_position_rad\n0,1\n1\n",

@@ -17,7 +17,7 @@ from seaid.project.project import load_project
 from seaid.project.running import run_project
 from tests import experiments
 from tests.measured import LOGS
-from tests.one_joint import one_joint
+from tests.one_joint import BODY, one_joint
 
 MODELS = experiments.MODELS
 
@@ -231,6 +231,24 @@ def test_a_motor_that_stands_without_a_joint_encoder_has_no_place_to_lock_it() -
     assert hints == ["hip_yaw: no motion in any log; lock what stands still: --locked hip_yaw=0.25"]
     position[:, 1] = np.nan
     assert not [*_lock_hints(robot, [replace(log, joint_position=position, motor_position=motor)])]
+
+
+@pytest.mark.parametrize(("lost", "is_named"), [(None, False), ("elbow.effort", True)])
+def test_locked_joints_are_named_where_a_joint_lacks_columns_only(
+    tmp_path: Path, lost: str | None, is_named: bool
+) -> None:
+    time = np.arange(400) / 200
+    columns = {"elbow.effort": np.cos(time), "elbow.position": np.sin(time)}  # and no time
+    columns.pop(lost or "", None)
+    np.savez(tmp_path / "run.npz", **columns)  # type: ignore[arg-type]
+    (tmp_path / "arm.urdf").write_text(
+        f'<robot name="r"><link name="base"/><link name="lower">{BODY}</link>'
+        '<joint name="elbow" type="continuous"><parent link="base"/><child link="lower"/></joint>'
+        "</robot>"
+    )
+    with pytest.raises(SeaidError) as caught:
+        write_first_project(tmp_path / "arm.urdf", [tmp_path / "run.npz"], folder=tmp_path)
+    assert ("are locked with locked=" in str(caught.value)) == is_named
 
 
 def test_a_deflection_is_that_of_a_spring_in_its_unit(tmp_path: Path) -> None:

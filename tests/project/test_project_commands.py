@@ -76,6 +76,20 @@ def test_options_of_the_line_win(here: Path) -> None:
     assert own["result"]["load"] != default["result"]["load"]
 
 
+def test_joints_that_a_project_locks_stand_there_in_every_command(
+    arm: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = f'urdf = "{arm / "arm.urdf"}"\njoints = ["elbow"]\nlocked = {{ shoulder = 0.4 }}\n'
+    (tmp_path / "seaid.toml").write_text(text)
+    monkeypatch.chdir(tmp_path)
+    named = (arm / "arm.urdf", "--joints", "elbow", "--locked", "shoulder=0.4")
+    sizes = ("--duration", "2", "--starts", "1", "--iterations", "5", "--json", "-o")
+    of_project = json.loads(done("excite", *sizes, tmp_path / "a.json").out)["result"]
+    monkeypatch.chdir(arm)
+    of_line = json.loads(done("excite", *named, *sizes, tmp_path / "b.json").out)["result"]
+    assert of_project == of_line
+
+
 def test_nothing_is_identified_again(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def never(*_: object, **__: object) -> None:
         raise AssertionError("identified again")
