@@ -14,7 +14,7 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid.log.base_columns import VectorSource
-from seaid.log.column_checks import Inference
+from seaid.log.describe.inference import Inference
 from seaid.robot import FloatingBase
 
 _ANGLES = {"x": ("roll",), "y": ("pitch",), "z": ("yaw", "heading")}

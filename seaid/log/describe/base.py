@@ -17,8 +17,8 @@ import numpy as np
 from seaid._arrays import Array
 from seaid.log.base_columns import Frame, Order, VectorSource
 from seaid.log.base_log import matrices
-from seaid.log.column_checks import Inference
-from seaid.log.column_meaning import Meaning, meaning_of
+from seaid.log.describe.inference import Inference
+from seaid.log.describe.names import Meaning, meaning_of
 from seaid.log.infer_planar import infer_planar, planar_states
 from seaid.log.readers.table import Table
 from seaid.robot import Robot

@@ -18,7 +18,7 @@ import numpy as np
 
 from seaid._arrays import Array, safely
 from seaid.errors import LogError, in_one_line, listed
-from seaid.log.column_meaning import Meaning, is_of_another_part
+from seaid.log.describe.names import Meaning, is_of_another_part
 from seaid.log.log import UNIT_FACTORS
 from seaid.log.readers.table import Block
 from seaid.robot import Robot
