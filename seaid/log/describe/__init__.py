@@ -22,6 +22,7 @@ from seaid._progress import Display, counted
 from seaid.drives import COMMANDS, Controller
 from seaid.errors import LogError, abridged, checked, in_one_line, listed, shortened
 from seaid.log.base_columns import VectorSource
+from seaid.log.describe.base import BaseGuess, infer_base
 from seaid.log.describe.inference import (
     Inference,
     Sources,
@@ -35,7 +36,6 @@ from seaid.log.describe.inference import (
 )
 from seaid.log.describe.names import Meaning, in_file, is_of_commands, joint_alone, meaning_of
 from seaid.log.description import Clock, LogDescription, Source
-from seaid.log.describe.base import BaseGuess, infer_base
 from seaid.log.log import UNIT_FACTORS
 from seaid.log.readers.opening import files_of, open_tables
 from seaid.log.readers.table import Block, Table

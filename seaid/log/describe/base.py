@@ -1,16 +1,21 @@
-"""Inference of the columns of a floating base: poses, velocities, accelerations, contacts.
+"""The columns of a floating or planar base and of its contacts, by their names and samples.
 
 Vectors are found by their names and by their samples: a quaternion has unit length, the angular
 velocity is its derivative, an accelerometer feels gravity, a contact is 0 or 1. Arrays of n + 7 and
 n + 6 columns are generalised positions and velocities, of the base and then of the joints; which of
-them is a derivative of which, and where they lie in one table without names, the samples show.
+them is a derivative of which, and where they lie in one table without names, the samples show. Logs
+of robots on a boom have single columns, such as "x", "z", "pitch" and "pitch_rate", or arrays of
+n + 3 columns.
 """
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
+from typing import Any
 
 import numpy as np
 
@@ -18,10 +23,10 @@ from seaid._arrays import Array
 from seaid.log.base_columns import Frame, Order, VectorSource
 from seaid.log.base_log import matrices
 from seaid.log.describe.inference import Inference
-from seaid.log.describe.names import Meaning, meaning_of
-from seaid.log.infer_planar import infer_planar, planar_states
+from seaid.log.describe.names import Meaning, known_unit, meaning_of, vocabulary
+from seaid.log.log import UNIT_FACTORS
 from seaid.log.readers.table import Table
-from seaid.robot import Robot
+from seaid.robot import FloatingBase, Robot
 
 _UNIT = 0.02
 """Deviation of the length of a quaternion from one."""
@@ -36,46 +41,115 @@ vector is near zero."""
 _CLEARER = 0.05
 """Difference of two correlations from which the larger one decides."""
 
-_BASE = r"(?<![a-z])(?:base|trunk|torso|pelvis|body|root|imu|mocap|vicon|odom)(?![a-z])"
-"""Words that name the base: only with one of them a unit alone says what a vector is."""
+_DERIVED = 0.6
+"""Cosine of a derivative of the joints and an array of the same length from which it is that."""
 
-_KINDS = {
-    "orientation": r"quat|orient|rotation|attitude",
-    "angular_velocity": r"gyr|omega|ang|(?<![a-z])w$|rot\w*[._/ ]?vel",
-    "specific_force": r"acc|specific|(?<![a-z])[af]$",
-    "velocity": r"vel|twist|(?<![a-z])v$",
-    "position": rf"pos|trans|(?<![a-z])p$|{_BASE}.*[._/ ]t$",
+_SMOOTHED = 15
+"""Samples over which derivatives are averaged before they are compared."""
+
+_TURNS = 2.5 * math.pi
+"""Range of an angle without a unit from which it is in degrees: a base on a boom turns less."""
+
+_OPPOSITE = -0.8
+"""Correlation of the derivative of the angle with the rate from which one has the other sign."""
+
+_TURNING_ABOUT = {"x": "roll", "y": "pitch", "z": "yaw"}
+
+_OF_UNITS = {
+    **{"m": "position", "m_per_s": "velocity", "rad_per_s": "angular_velocity"},
+    **{"m_per_s2": "specific_force", "N": "", "Nm": "", "rad": ""},
 }
-"""{quantity: a pattern of the names of its vectors}, the first that fits."""
+"""{SI unit of a component: the quantity of its vector, if no word says it}."""
 
-_UNITS: dict[str, tuple[str | None, float]] = {
-    **{"": (None, 1.0), "N": (None, 1.0), "kN": (None, 1e3), "mN": (None, 1e-3)},
-    **{"Nm": (None, 1.0), "mNm": (None, 1e-3), "kNm": (None, 1e3), "rad": (None, 1.0)},
-    **{"m": ("position", 1.0), "cm": ("position", 1e-2), "mm": ("position", 1e-3)},
-    **{"m/s": ("velocity", 1.0), "cm/s": ("velocity", 1e-2), "mm/s": ("velocity", 1e-3)},
-    **{"rad/s": ("angular_velocity", 1.0), "mrad/s": ("angular_velocity", 1e-3)},
-    "deg/s": ("angular_velocity", np.pi / 180),
-    **{"m/s2": ("specific_force", 1.0), "mm/s2": ("specific_force", 1e-3)},
-    **{"g": ("specific_force", 1.0), "mg": ("specific_force", 1e-3)},
-}
-"""{unit: (quantity of a vector whose name says none, factor)}; g is found by the samples."""
+_AXIS = re.compile(r"(?:^|[._/ ]|(?<=[a-z])(?=[WXYZ]))([qpvwaftmFMT]?)([wxyzWXYZ])(?=[._/ \[(]|$)")
+"""A component in a name, with the letter of its vector: "acc_x", "GyroX", "pelvis_tx"."""
 
-_OTHER_UNITS = {
-    **{"mps": "m/s", "ms": "m/s", "mps2": "m/s2", "m/s/s": "m/s2", "ms2": "m/s2", "ms-2": "m/s2"},
-    **{"rads": "rad/s", "radps": "rad/s", "degs": "deg/s", "dps": "deg/s", "°/s": "deg/s"},
-    **{"mms": "mm/s", "cms": "cm/s", "deg": "deg/s"},
-}
-"""Spellings of units: "rad_s" is that of a rate, and degrees only have rates in vectors."""
-
-_COMMANDS = r"cmd|des\w*|ref|target|command\w*"
-_COMMANDED = re.compile(rf"(?<![a-z])({_COMMANDS})(?![a-z])")
-_ELSEWHERE = re.compile(rf"(?<![a-z])(joint|motor|ee|tool|{_COMMANDS})(?![a-z])")
-_CONTACT = re.compile(r"contact|touch|stance|foot[._/ ]?force|grf")
+_INDEXED = re.compile(r"(.*)\[(\d+)\]")
+_NUMBERED = re.compile(r"(.*[A-Za-z])_?(\d+)")
 _WRENCH = re.compile(r"(.+?)[._/ ]+(force|f|moment|torque|tau|t|m)", re.IGNORECASE)
-_ANGULAR_ACCELERATION = re.compile(r"ang.*acc|acc.*ang|domega")
-_COMPONENT = re.compile(r"(.+?)(?:[._/ ]([wxyzWXYZ])|(?<=[a-z])([WXYZ]))((?:[._/ \[(].*)?)")
-_SHORT_NAME = re.compile(r"(?:(.*)[._/ ])?([qpvwaftmFMT])([wxyzXYZ])((?:[._/ \[(].*)?)")
+_GLUED = re.compile(r"(root|d{1,2}|[vapwq])?([xyz]|pitch|roll|yaw)(d{1,2}ot|dot|d)?")
+"""A coordinate with its rate in one word: "dx", "vx", "xdot", "rootz", "dpitch"."""
+
 _TAKEN = Meaning("base", "", "", None, is_raw=False)
+
+
+@cache
+def _phrases(table: str, entry: str) -> tuple[str, ...]:
+    """Return the words and the phrases of an entry of the vocabulary."""
+    words, *phrases = vocabulary().tables[table][entry].split(", ")
+    return (*words.split(), *phrases)
+
+
+def _says(words: Sequence[str], table: str, entry: str) -> bool:
+    """Return whether words have one of the phrases of an entry of the vocabulary."""
+    text = f" {' '.join(words)} "
+    return any(f" {phrase} " in text for phrase in _phrases(table, entry))
+
+
+def _words(name: str) -> list[str]:
+    """Return the words of a name in small letters, glued coordinates and rates apart."""
+    words: list[str] = []
+    for word in re.findall(r"[a-z]+|\d+", re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).lower()):
+        before, axis, after = (
+            glued.groups() if (glued := _GLUED.fullmatch(word)) else ("", word, "")
+        )
+        if before == "root":  # a hinge about y, slides along the others
+            words += ["root", "pitch" if axis == "y" else axis]
+            continue
+        rates = (before or "").count("d") + (after or "").count("d")
+        rate = ["vel" if rates == 1 else "acc"] if rates else [before] if before else []
+        words += [axis, *rate]
+    return words
+
+
+def _kind_of(name: str) -> str:
+    """Return the quantity of the base that a name says, an empty text if none."""
+    words = _words(name)
+    if words[-1:] == ["t"] and _says(words, "base_words", "body"):  # a translation: "trunk.t"
+        return "position"
+    kinds = vocabulary().tables["base"]
+    return next((kind for kind in kinds if _says(words, "base", kind)), "")
+
+
+def _is_commanded(name: str) -> bool:
+    return not vocabulary().roles["commanded"].isdisjoint(_words(name))
+
+
+def _is_elsewhere(name: str) -> bool:
+    """Return whether a name is that of a command, or of a vector that the base does not have."""
+    return _says(_words(name), "base_words", "no_vector") or _is_commanded(name)
+
+
+def _is_contact(name: str) -> bool:
+    return _says(_words(name), "base_words", "contact")
+
+
+def _unit(tail: str) -> tuple[str, float] | None:
+    """Return quantity and factor to SI of the unit behind a component, None if it is none."""
+    text = re.sub(r"[\s_.\[\]()^*]|(?<=/)/|^/", "", tail.replace("_per_", "/").replace("²", "2"))
+    if not text:
+        return "", 1.0
+    of_vectors = vocabulary().tables["base_units"].items()
+    unit = next((unit for unit, texts in of_vectors if text in texts.split()), "")
+    unit = unit or (known_unit(text) or ("", ""))[1]
+    for si, quantity in _OF_UNITS.items():
+        if unit in UNIT_FACTORS[si]:
+            return quantity, UNIT_FACTORS[si][unit]
+    return None
+
+
+@dataclass(frozen=True)
+class _Vector:
+    """Columns that differ in a component or in their place in an array, and their factor to SI."""
+
+    stem: str
+    columns: tuple[str, ...]
+    factor: float = 1.0
+    is_array: bool = False
+
+    def source(self, **more: Any) -> VectorSource:
+        """Return the source of the vector."""
+        return VectorSource(self.columns, **{"scale": self.factor, **more})
 
 
 @dataclass
@@ -95,202 +169,532 @@ class BaseGuess:
 def infer_base(table: Table, inference: Inference, robot: Robot) -> BaseGuess:
     """Return the columns of the base and of contacts of a log; `inference` has all samples."""
     assert robot.floating_base is not None
-    guess = BaseGuess()
-    vectors = _vectors(table, inference, robot) or _in_one_table(table, inference, robot)
-    derivatives = _derivatives(vectors, inference, robot)
-    for stem, names in vectors.items():
-        if len(names) in (robot.n, *_widths(robot)) and _is_indexed(stem, names):
-            _add_generalised(guess, stem, names, inference, robot, derivatives.get(stem, ""))
-    others = _add_wrenches(guess, vectors, table, inference, robot)
-    for stem, names in vectors.items():
-        if not set(names) & set(guess.meanings):
-            _add_vector(guess, stem, names, inference, _scale(names, table))
-    taken = {tuple(source.columns) for source in guess.base.values()}
-    for sensor, names in others.items():
-        if tuple(names) not in taken:
-            inference.note(sensor, "a force sensor whose name is not that of one contact: not used")
-    _add_contacts(guess, table, vectors, inference, robot)
-    _add_loads(guess, inference, robot)
-    if robot.floating_base.normal is not None:
+    search = _Search(table, inference, robot, robot.floating_base)
+    vectors = search.named_vectors() or search.vectors_of_one_table()
+    search.take_states(vectors)
+    search.take_wrenches(vectors)
+    for vector in vectors:
+        if not {*vector.columns} & {*search.guess.meanings}:
+            search.take_vector(vector)
+    search.note_unused_forces()
+    search.take_contacts(vectors)
+    search.take_loads()
+    search.take_planar()
+    search.decide_frames()
+    search.note_what_is_lacking()
+    search.guess.meanings |= dict.fromkeys(search.guess.columns(), _TAKEN)
+    return search.guess
+
+
+@dataclass
+class _Search:
+    """The search for a base and its contacts in the columns of a log."""
+
+    table: Table
+    inference: Inference
+    robot: Robot
+    floating: FloatingBase
+    guess: BaseGuess = field(default_factory=BaseGuess)
+    other_forces: dict[str, _Vector] = field(default_factory=dict)
+
+    @property
+    def widths(self) -> tuple[int, ...]:
+        """The columns of generalised positions and velocities of base and joints."""
+        n = self.robot.n
+        return (n + 7, n + 6) if self.floating.normal is None else (n + 3,)
+
+    def samples(self, columns: Sequence[str]) -> Array:
+        """Return the samples (T, k) of k columns."""
+        return np.column_stack([self.inference.data[name] for name in columns])
+
+    def named_vectors(self) -> list[_Vector]:
+        """Return the vectors by their names: arrays, files without names, and components.
+
+        Columns that differ in their last number, as "gyro_0", are a vector if there are as many as
+        of a vector of the base, or of its contacts.
+        """
+        groups: dict[tuple[str, str], dict[str, tuple[str, float]]] = {}
+        for name in self.inference.data:
+            file = self.table.files.get(name, "")
+            form, stem, place, factor = _place(self.table.bare(name), file)
+            groups.setdefault((form, stem), {}).setdefault(place, (name, factor))
+        sizes = {3, 4, 7, *self.widths, len(self.floating.contacts)}
+        vectors = []
+        for (form, stem), parts in groups.items():
+            is_known = ("array", stem) in groups or len(parts) not in sizes
+            if form == "" or (form == "number" and is_known):
+                continue
+            places = self._axes(stem, parts) if form == "axis" else sorted(parts, key=int)
+            factors = {parts[place][1] for place in places}
+            if places:
+                columns = tuple(parts[place][0] for place in places)
+                factor = factors.pop() if len(factors) == 1 else 1.0
+                vectors.append(_Vector(stem, columns, factor, is_array=form != "axis"))
+        return vectors
+
+    def _axes(self, stem: str, parts: Collection[str]) -> list[str]:
+        """Return the axes of a whole vector in order, none of one that lacks an axis: note that."""
+        lacking = [x for x in "xyz" if x not in parts]
+        if not lacking:
+            return [x for x in "wxyz" if x in parts]
+        is_vector = len(lacking) == 1 and self.floating.normal is None and _kind_of(stem)
+        if is_vector and not _is_elsewhere(stem):
+            text = f"has no {lacking[0]}: a vector of the base needs x, y and z"
+            self.inference.note(stem, text)
+        return []
+
+    def vectors_of_one_table(self) -> list[_Vector]:
+        """Return the vectors of one table of numbers: positions with a quaternion, what follows.
+
+        Behind the n + 7 positions come arrays of n + 6, those of n torques, and flags of the
+        contacts.
+        """
+        names = list(self.inference.data)
+        if self.table.files or not all(map(str.isdecimal, names)):
+            return []
+        n, feet = self.robot.n, len(self.floating.contacts)
+        # From the fourth column on, behind three coordinates, and with n joints behind the
+        # quaternion.
+        windows = ((place, names[place : place + 4]) for place in range(3, len(names) - n - 3))
+        place = next((x for x, four in windows if _is_quaternion(self.samples(four))), None)
+        if place is None:
+            return []
+        start, place = place - 3, place + 4 + n
+        vectors = [_Vector("q", tuple(names[start:place]), is_array=True)]
+        rate = self.samples(names[place - n : place])
+        widths = {"velocity": n + 6, "acceleration": n + 6, "torque": n, "contact": feet}
+        for stem, width in widths.items():
+            columns = names[place : place + width]
+            if len(columns) < width:
+                continue
+            if width == n + 6:
+                values, derivative = self.samples(columns[-n:]), np.diff(rate, axis=0)
+                if _cosine(derivative, values[: len(derivative)]) < _DERIVED:
+                    continue
+                rate = values
+            vectors.append(_Vector(stem, tuple(columns), is_array=True))
+            place += width
+        text = ", ".join(f"{vector.stem} ({len(vector.columns)})" for vector in vectors)
+        self.inference.note(f"columns {names[start]} to {names[place - 1]}", f"taken for {text}")
+        return vectors
+
+    def take_states(self, vectors: Sequence[_Vector]) -> None:
+        """Take arrays of n, n + 3, n + 6 or n + 7 columns for states of base and joints."""
+        widths = (self.robot.n, *self.widths)
+        arrays = [
+            vector
+            for vector in vectors
+            if vector.is_array and len(vector.columns) in widths and len(vector.columns) > 4
+        ]
+        derivatives = self._derivatives(arrays)
+        for vector in arrays:
+            meaning = meaning_of(vector.stem)
+            quantity = meaning.quantity or derivatives.get(vector.stem, "")
+            n, robot = self.robot.n, self.robot
+            base, joints = vector.columns[:-n], vector.columns[-n:]
+            if len(base) == 7:
+                quantity = "position" if _is_quaternion(self.samples(base[3:])) else ""
+            if not quantity:
+                continue
+            for name, part in _STATES.get((len(base), quantity), {}).items():
+                self.guess.base[name] = VectorSource(base[part])
+            self.guess.meanings |= dict.fromkeys(base, _TAKEN)
+            for column, joint in zip(joints, robot.joint_names, strict=True):
+                self.guess.meanings[column] = Meaning(
+                    quantity, "", joint, meaning.unit, meaning.is_raw
+                )
+            about = f"{vector.stem}: its last {n} columns" if base else vector.stem
+            order = f"{robot.joint_names[0]}, {robot.joint_names[1]}, ..." if n > 1 else "one"
+            self.inference.note(about, f"taken for the robot's joints in their order ({order})")
+
+    def _derivatives(self, vectors: Sequence[_Vector]) -> dict[str, str]:
+        """Return {stem: "velocity" or "acceleration"} of arrays whose names say nothing."""
+        n, meanings = self.robot.n, {vector.stem: meaning_of(vector.stem) for vector in vectors}
+        arrays = {vector.stem: self.samples(vector.columns[-n:]) for vector in vectors}
+        widths = {
+            vector.stem: len(vector.columns)
+            for vector in vectors
+            if len(vector.columns) == n + 7
+            or (len(vector.columns) == n and _is_position(meanings[vector.stem]))
+        }
+        if not widths:
+            return {}
+        derivatives: dict[str, str] = {}
+        rate = arrays[max(widths, key=widths.__getitem__)]
+        for quantity in ("velocity", "acceleration"):
+            # The acceleration is compared with the derivative of the velocity that was found, if
+            # any: one derivative has less noise than two.
+            rate = np.diff(rate, axis=0)
+            cosines = {
+                stem: _cosine(rate, values[: len(rate)])
+                for stem, values in arrays.items()
+                if not meanings[stem].quantity and stem not in {*widths, *derivatives}
+            }
+            best = max(cosines, key=cosines.__getitem__, default="")
+            if best and cosines[best] > _DERIVED:
+                derivatives[best] = quantity
+                rate = arrays[best]
+                self.inference.note(best, f"the {quantity} by its samples")
+        return derivatives
+
+    def take_vector(self, vector: _Vector) -> None:
+        """Take a vector for what its name and its samples say."""
+        width, values = len(vector.columns), self.samples(vector.columns)
+        if width not in (3, 4, 7) or _is_contact(vector.stem) or _is_elsewhere(vector.stem):
+            return
+        base, kind = self.guess.base, _kind_of(vector.stem)
+        if width >= 4 and _is_quaternion(values[:, width - 4 :]):
+            order: Order | None = None if vector.is_array or width == 7 else "wxyz"
+            if width == 7:
+                base.setdefault("position", VectorSource(vector.columns[:3]))
+            base.setdefault("orientation", VectorSource(vector.columns[width - 4 :], order=order))
+        elif width == 3 and kind == "specific_force":
+            text = "without gravity: used if nothing else is"
+            if factor := self._acceleration_factor(vector.stem, vector.factor * values, text):
+                base.setdefault(kind, vector.source(scale=factor * vector.factor))
+            else:
+                base.setdefault("acceleration", vector.source(frame="base"))
+        elif width == 3 and kind not in ("", "orientation"):
+            base.setdefault(kind, vector.source())
+
+    def _acceleration_factor(self, about: str, values: Array, doubt: str) -> float:
+        """Return the factor to m/s^2 of an acceleration (T, k), zero with a note of its `doubt`."""
+        typical = float(np.nanmedian(np.linalg.norm(values, axis=1)))
+        # The length of the median, not the median of the lengths, to which vibrations always add.
+        if abs(float(np.linalg.norm(np.nanmedian(values, axis=0))) - 1.0) < _IN_G:
+            self.inference.note(about, "points up with 1 at rest: taken for g")
+            return UNIT_FACTORS["m_per_s2"]["g"]
+        if not _GRAVITY[0] < typical < _GRAVITY[1]:
+            self.inference.note(about, f"its median is {typical:.2g} m/s^2, {doubt}")
+            return 0.0
+        return 1.0
+
+    def _shared(self, name: str) -> tuple[str, int]:
+        """Return the contact that shares the most words with a name, and how many those are."""
+        words = {*_words(name)}
+        counts = {x: len(words & {*_words(x)}) for x in self.floating.contact_links}
+        best = max(counts, key=counts.__getitem__, default="")
+        is_clear = list(counts.values()).count(counts.get(best, 0)) == 1
+        return (best, counts[best]) if is_clear and counts[best] else ("", 0)
+
+    def take_wrenches(self, vectors: Sequence[_Vector]) -> None:
+        """Take force sensors for the contacts whose names share the most words with theirs."""
+        sensors = _force_sensors(vectors)
+        links = {sensor: self._shared(sensor) for sensor in sensors}
+        for sensor, parts in sensors.items():
+            link, count = links[sensor]
+            rivals = [n for x, (nearest, n) in links.items() if x != sensor and nearest == link]
+            # No other sensor that is nearest to this contact shares as many words with it.
+            if not link or count <= max(rivals, default=0):
+                self.other_forces[sensor] = parts["force"]
+                continue
+            self.guess.contacts[link] = {x: vector.source() for x, vector in parts.items()}
+            columns = [name for vector in parts.values() for name in vector.columns]
+            self.guess.meanings |= dict.fromkeys(columns, _TAKEN)
+            text = f"taken for the force of the ground on {link}, in the axes of that link"
+            self.inference.note(sensor, text)
+
+    def note_unused_forces(self) -> None:
+        """Note the forces that are neither at a contact nor a vector of the base."""
+        taken = {source.columns for source in self.guess.base.values()}
+        for sensor, vector in self.other_forces.items():
+            if vector.columns not in taken:
+                text = "a force sensor whose name is not that of one contact: not used"
+                self.inference.note(sensor, text)
+
+    def take_contacts(self, vectors: Sequence[_Vector]) -> None:
+        """Take columns for contacts: with the words of a link, or an array of one for each."""
+        links = [x for x in self.floating.contact_links if x not in self.guess.contacts]
+        for name in self.inference.data:
+            bare = self.table.bare(name)
+            if _is_contact(bare) and self._shared(bare)[0] in links:
+                self._take_contact(self._shared(bare)[0], name)
+        for vector in vectors:
+            fits = _is_contact(vector.stem) and len(vector.columns) == len(links)
+            if fits and not self.guess.contacts:
+                for link, name in zip(links, vector.columns, strict=True):
+                    self._take_contact(link, name)
+                text = f"taken for the contacts in the order of the robot: {', '.join(links)}"
+                self.inference.note(vector.stem, text)
+
+    def _take_contact(self, link: str, name: str) -> None:
+        """Take a column for a flag, or for a force with a threshold in the middle of its range."""
+        values = self.inference.finite(name)
+        above = None
+        kinds, scale = {*np.unique(values)}, 1.0
+        if kinds <= {0.0, 1.0, 2.0} and 2.0 in kinds:
+            # `above` is a lower limit, so that the codes are negated: -1 is above -1.5, and -2 is
+            # not.
+            above, scale = -1.5, -1.0
+            text = "codes: 1 is taken for contact, 2 for its loss, as Spot has them"
+            self.inference.note(name, text)
+        elif not kinds <= {0.0, 1.0}:
+            # Quantiles, because impacts exceed the force on a standing foot by far.
+            low, high = np.quantile(values, [0.05, 0.95])
+            above = float(f"{low + 0.2 * (high - low):.3g}")
+            self.inference.note(name, f"a force: above {above:g} it is taken for contact")
+        source = VectorSource((name,), scale=scale, above=above)
+        self.guess.contacts.setdefault(link, {}).setdefault("contact", source)
+
+    def take_loads(self) -> None:
+        """Take "hip.load" for the torque of a joint, as Spot names it, if no column has one."""
+        meanings = {**self.inference.meanings, **self.guess.meanings}
+        if any(meaning.quantity in ("torque", "current") for meaning in meanings.values()):
+            return
+        for name, m in self.inference.meanings.items():
+            is_load = name.lower().endswith("load") and m.joint in self.robot.joint_names
+            if is_load and not m.quantity:
+                self.guess.meanings[name] = replace(m, quantity="torque", side="")
+                self.inference.note(name, "taken for the torque of the joint")
+
+    def take_planar(self) -> None:
+        """Take single columns for the coordinates, the angle and the rates of a planar base."""
+        if self.floating.normal is None:
+            return
+        normal = "xyz"[int(np.argmax(np.abs(np.array(self.floating.normal))))]
         # What arrays and vectors were taken for has precedence over single columns.
-        free = {x: table.bare(x) for x in inference.data if x not in _used(guess, robot, inference)}
-        planar = infer_planar(free, inference, robot.floating_base)
-        guess.base = {**planar, **guess.base}
-    _decide_frames(guess, inference)
-    _note_what_is_lacking(guess, inference, robot)
-    guess.meanings |= dict.fromkeys(guess.columns(), _TAKEN)
-    return guess
+        of_joints = {
+            x for x, m in self.inference.meanings.items() if m.joint in self.robot.joint_names
+        }
+        used = {*self.guess.meanings, *of_joints, *self.guess.columns()}
+        columns: dict[tuple[str, str], str] = {}
+        for column in [x for x in self.inference.data if x not in used]:
+            meaning = _planar(self.table.bare(column), normal)
+            if meaning is not None:
+                columns.setdefault(meaning, column)
+        vectors = self._planar_vectors(columns, normal)
+        for quantity in ("angle", "angular_velocity"):
+            if quantity in vectors:
+                vectors[quantity] = self._in_radians(*vectors[quantity].columns)
+        self._check_signs(vectors)
+        # If the normal points up, gravity is along it, and no component in the plane feels it.
+        if "specific_force" in vectors and abs(float(self.floating.normal_in_world[2])) < 0.5:
+            force, doubt = vectors["specific_force"], "without gravity or in another unit: not used"
+            values = self.samples(force.columns)
+            if factor := self._acceleration_factor(force.columns[0], values, doubt):
+                vectors["specific_force"] = replace(force, scale=factor)
+            else:
+                del vectors["specific_force"]
+        self.guess.base = {**vectors, **self.guess.base}
+
+    def _planar_vectors(
+        self, columns: Mapping[tuple[str, str], str], normal: str
+    ) -> dict[str, VectorSource]:
+        """Return the vectors of columns {(quantity, axis): column}; note one that lacks an axis."""
+        plane, vectors = "xyz".replace(normal, ""), dict[str, VectorSource]()
+        of_plane = dict.fromkeys(("position", "velocity", "specific_force"), plane)
+        for quantity, axes in {**of_plane, "angle": normal, "angular_velocity": normal}.items():
+            parts = {x: columns[quantity, x] for x in axes if (quantity, x) in columns}
+            if len(parts) == len(axes):
+                vectors[quantity] = VectorSource(tuple(parts.values()))
+            elif parts:
+                lacking = next(x for x in axes if x not in parts)
+                text = f"has no {lacking}: the plane of the base needs both"
+                self.inference.note(next(iter(parts.values())), text)
+        return vectors
+
+    def _in_radians(self, column: str) -> VectorSource:
+        """Return the source of an angle or its rate, in degrees by its name or its range."""
+        unit, values = self.inference.meanings[column].unit, self.inference.finite(column)
+        words = {*_words(column)}
+        is_in_degrees = unit in ("deg", "deg/s") or "°" in column
+        is_in_degrees |= not words.isdisjoint(("deg", "degree", "degrees", "dps"))
+        if unit is None and not is_in_degrees and "rad" not in column.lower():
+            is_in_degrees = float(np.ptp(values)) > _TURNS
+            if is_in_degrees:
+                text = f"turns by {np.ptp(values):.3g} without a unit: taken for degrees"
+                self.inference.note(column, text)
+        return VectorSource((column,), scale=math.pi / 180 if is_in_degrees else 1.0)
+
+    def _check_signs(self, vectors: Mapping[str, VectorSource]) -> None:
+        """Note an angle whose derivative is minus the angular velocity."""
+        if not {"angle", "angular_velocity"} <= vectors.keys():
+            return
+        angle, rate = (
+            vectors[x].scale * self.samples(vectors[x].columns)
+            for x in ("angle", "angular_velocity")
+        )
+        # Steps over rates: a constant step of time is in both norms and does not change the cosine.
+        if _cosine(np.diff(angle, axis=0), rate[:-1]) < _OPPOSITE:
+            column = vectors["angular_velocity"].columns[0]
+            text = "minus the derivative of the angle: one of them needs scale = -1"
+            self.inference.note(column, text)
+
+    def decide_frames(self) -> None:
+        """Decide the order of a quaternion and the frames of velocities by their samples."""
+        base = self.guess.base
+        if "orientation" in base:
+            order, frame = self._order(base["orientation"])
+            if frame == "world":
+                base["angular_velocity"] = replace(base["angular_velocity"], frame="world")
+            columns = base["orientation"].columns
+            R = _rotations(self.samples(columns), order)
+            base["orientation"] = VectorSource(columns, order=None if order == "wxyz" else order)
+            if "velocity" in base:
+                base["velocity"] = replace(base["velocity"], frame=self._velocity_frame(R))
+        if {"velocity", "position", "specific_force"} & base.keys():
+            base.pop("acceleration", None)
+        elif "acceleration" in base:
+            text = "taken for that of the base in its own axes, as of an IMU"
+            self.inference.note("acceleration", text)
+
+    def _order(self, source: VectorSource) -> tuple[Order, Frame | None]:
+        """Return the order of a quaternion, and the frame of the angular velocity."""
+        base, values = self.guess.base, self.samples(source.columns)
+        orders: tuple[Order, ...] = ("wxyz",) if source.order else ("xyzw", "wxyz")
+        scores: dict[tuple[Order, Frame | None], float] = {}
+        for order in orders:
+            R = _rotations(values, order)
+            if "angular_velocity" in base:
+                w = self.samples(base["angular_velocity"].columns)
+                # the rows of R' are those of R turned: R(t+1) R(t)^T is a turn about w in the world
+                turn = np.einsum("tij,tkj->tik", R[1:], R[:-1])
+                axial = [turn[:, i, j] - turn[:, j, i] for i, j in ((2, 1), (0, 2), (1, 0))]
+                world = np.column_stack(axial)
+                scores[order, "base"] = _cosine(np.einsum("tji,tj->ti", R[:-1], world), w[:-1])
+                scores[order, "world"] = _cosine(world, w[:-1])
+            elif "specific_force" in base:
+                f = self.samples(base["specific_force"].columns)
+                # R f = a - g, whose mean is 9.81 upwards in the right order: a base does not
+                # accelerate for long.
+                up = float(np.mean(np.einsum("tij,tj->ti", R, f)[:, 2]))
+                scores[order, None] = up / 9.81
+            else:
+                # The z axis of a base is about upright: R_zz is near 1 in the right order.
+                scores[order, None] = float(np.mean(R[:, 2, 2]))
+        (order, frame), best = max(scores.items(), key=lambda item: item[1])
+        rivals = [score for (rival, _), score in scores.items() if rival != order]
+        if rivals and best - max(rivals) < _CLEARER:
+            text = f"its order {order} is a guess: no other column decides it"
+            self.inference.note("orientation", text)
+        return order, frame
+
+    def _velocity_frame(self, R: Array) -> Frame | None:
+        """Return the frame of the velocity: that in which it is the derivative of the position."""
+        base = self.guess.base
+        if "position" not in base:
+            text = "taken for that in the axes of the base, as in an odometry"
+            self.inference.note("velocity", text)
+            return "base"
+        v = self.samples(base["velocity"].columns)
+        rate = np.diff(self.samples(base["position"].columns), axis=0)
+        # p' = v in the world, or R v of one in the base's axes; they are equal while the base
+        # hardly turns.
+        in_world, in_base = _cosine(rate, v[:-1]), _cosine(rate, np.einsum("tij,tj->ti", R, v)[:-1])
+        if abs(in_world - in_base) < _CLEARER / 5:
+            self.inference.note("velocity", "its frame is a guess: the base hardly turns")
+        return "base" if in_base > in_world else None
+
+    def note_what_is_lacking(self) -> None:
+        """Note the motion of a base of six degrees of freedom that no column says."""
+        if self.floating.normal is not None:
+            return
+        quantities = self.guess.base.keys()
+        if quantities.isdisjoint(("orientation", "angular_velocity")):
+            self.inference.note(
+                "base",
+                "no column found of how it turns: name one in [base] (orientation or "
+                "angular_velocity)",
+            )
+        has_pose = "orientation" in quantities and not quantities.isdisjoint(
+            ("position", "velocity")
+        )
+        if not has_pose and quantities.isdisjoint(("specific_force", "acceleration")):
+            self.inference.note(
+                "base",
+                "no column found of how it accelerates: name in [base] the specific_force of an "
+                "IMU, or position or velocity, with the orientation",
+            )
 
 
-def _widths(robot: Robot) -> tuple[int, ...]:
-    """Return the columns of generalised positions and velocities of base and joints."""
-    base = robot.floating_base
-    is_planar = base is not None and base.normal is not None
-    return (robot.n + 3,) if is_planar else (robot.n + 7, robot.n + 6)
+_STATES: dict[tuple[int, str], dict[str, slice]] = {
+    (7, "position"): {"position": slice(3), "orientation": slice(3, 7)},
+    (6, "velocity"): {"velocity": slice(3), "angular_velocity": slice(3, 6)},
+    (3, "position"): {"position": slice(2), "angle": slice(2, 3)},
+    (3, "velocity"): {"velocity": slice(2), "angular_velocity": slice(2, 3)},
+}
+"""{(columns of the base, quantity): {its vectors: their columns}} of generalised coordinates."""
 
 
-def _used(guess: BaseGuess, robot: Robot, inference: Inference) -> set[str]:
-    """Return the columns that are taken, or have the name of a joint of the robot."""
-    of_joints = {x for x, m in inference.meanings.items() if m.joint in robot.joint_names}
-    return {*guess.meanings, *of_joints, *guess.columns()}
+def _force_sensors(vectors: Sequence[_Vector]) -> dict[str, dict[str, _Vector]]:
+    """Return {sensor: {"force" and "moment": vector}} of what is no command."""
+    sensors: dict[str, dict[str, _Vector]] = {}
+    for vector in vectors:
+        match = _WRENCH.fullmatch(vector.stem)
+        if match and len(vector.columns) == 3 and not _is_commanded(vector.stem):
+            quantity = "force" if match[2].lower().startswith("f") else "moment"
+            sensors.setdefault(match[1], {})[quantity] = vector
+    return {sensor: parts for sensor, parts in sensors.items() if "force" in parts}
 
 
-def _vectors(table: Table, inference: Inference, robot: Robot) -> dict[str, list[str]]:
-    """Return {stem: its columns}: parts of arrays and files without names, and components.
+def _place(bare: str, file: str) -> tuple[str, str, str, float]:
+    """Return form, stem, place and factor of a column as that of a vector.
 
-    Columns that differ in their last number, as "gyro_0", are a vector if there are as many as of a
-    vector of the base, or of its contacts.
+    The form is "array" of q[3] and of the numbered columns of a file, "axis" of a component with
+    the factor of its unit, "number" of a name that ends in one, or an empty text.
     """
-    assert robot.floating_base is not None
-    stems: dict[str, dict[str, str]] = {}
-    numbered: dict[str, dict[str, str]] = {}
-    for name in inference.data:
-        bare, file = table.bare(name), table.files.get(name, "")
-        part, number = re.fullmatch(r"(.*)\[(\d+)\]", bare), _NUMBERED.fullmatch(bare)
-        component = _component(bare)
-        if part:
-            stems.setdefault(f"{part[1]}[", {})[part[2]] = name
-        elif bare.isdecimal() and file:
-            stems.setdefault(f"{file.rsplit('.', 1)[0]}[", {})[bare] = name
-        elif component:
-            stems.setdefault(component[0], {}).setdefault(component[1], name)
-        elif number:
-            numbered.setdefault(f"{number[1]}[", {})[number[2]] = name
-    sizes = {3, 4, 7, *_widths(robot), len(robot.floating_base.contacts)}
-    stems |= {x: parts for x, parts in numbered.items() if x not in stems and len(parts) in sizes}
-    return _whole_vectors(stems, inference, robot.floating_base.normal is not None)
+    if part := _INDEXED.fullmatch(bare):
+        return "array", part[1], part[2], 1.0
+    if bare.isdecimal() and file:
+        return "array", file.rsplit(".", 1)[0], bare, 1.0
+    if component := _component(bare):
+        return "axis", *component
+    number = _NUMBERED.fullmatch(bare)
+    return ("number", number[1], number[2], 1.0) if number else ("", "", "", 1.0)
 
 
-def _component(bare: str) -> tuple[str, str] | None:
-    """Return the name of a vector and the axis of a column: "GyroX [deg/s]", "pelvis_tx_mm"."""
-    if (match := _SHORT_NAME.fullmatch(bare)) and _unit(match[4]) in _UNITS:
-        return f"{match[1] or ''}_{match[2]}", match[3].lower()
-    if (match := _COMPONENT.fullmatch(bare)) and _unit(match[4]) in _UNITS:
-        stem, quantity = match[1], _UNITS[_unit(match[4])][0]
-        if quantity and not _kind_of(stem) and re.search(_BASE, stem.lower().replace("_", " ")):
+def _component(bare: str) -> tuple[str, str, float] | None:
+    """Return the name of a vector, the axis of a column and its factor: "GyroX [deg/s]"."""
+    for match in _AXIS.finditer(bare):
+        stem, unit = bare[: match.start()], _unit(bare[match.end() :])
+        if unit is None or not (stem or match[1]):
+            continue
+        quantity, factor = unit
+        stem += f"_{match[1]}" if match[1] else ""
+        if quantity and not _kind_of(stem) and _says(_words(stem), "base_words", "body"):
             stem = f"{stem}.{quantity}"
-        return stem, (match[2] or match[3]).lower()
+        return stem, match[2].lower(), factor
     return None
 
 
-def _unit(tail: str) -> str:
-    """Return the unit that ends the name of a component, without its spelling."""
-    bare = re.sub(r"[\s_.\[\]()^*]|(?<=/)/|^/", "", tail.replace("_per_", "/").replace("²", "2"))
-    return _OTHER_UNITS.get(bare, bare)
+def _is_position(meaning: Meaning) -> bool:
+    return meaning.quantity == "position" and meaning.is_raw
 
 
-def _scale(names: Sequence[str], table: Table) -> float:
-    """Return the factor to SI units of the unit in the names of a vector."""
-    matches = [_SHORT_NAME.fullmatch(x) or _COMPONENT.fullmatch(x) for x in map(table.bare, names)]
-    units = {_unit(match[4]) for match in matches if match}
-    return _UNITS[units.pop()][1] if len(units) == 1 else 1.0
+def _planar(bare: str, normal: str) -> tuple[str, str] | None:
+    """Return (quantity, axis) of a name, None if it is not that of a planar base."""
+    words, known = {*_words(bare)}, _planar_words()
+    rest = words - known["body"] - known["filler"]
+    axes, angles = rest & {*"xyz"}, rest & {*_phrases("base_words", _TURNING_ABOUT[normal])}
+    if words & known["body"] and not axes:
+        angles |= rest & known["angle"]
+    rest -= axes | angles
+    # What remains must be words of one quantity only: an unknown word makes it another column.
+    kinds = [kind for kind in _PLANAR if rest <= known[kind]]
+    if angles and not axes:
+        return next(((_PLANAR[kind], normal) for kind in kinds if _PLANAR[kind]), None)
+    if axes <= {normal}:
+        is_rate = rest & {*_phrases("base", "angular_velocity")} and kinds
+        return ("angular_velocity", normal) if is_rate else None
+    is_in_plane = len(axes) == 1 and kinds and kinds[0] != "angular_velocity"
+    return (kinds[0], axes.pop()) if is_in_plane else None
 
 
-def _whole_vectors(
-    stems: Mapping[str, Mapping[str, str]], inference: Inference, is_planar: bool
-) -> dict[str, list[str]]:
-    """Return the columns in order of the stems with all parts; note a vector that lacks one."""
-    vectors = {}
-    for stem, parts in stems.items():
-        lacking = [x for x in "xyz" if x not in parts]
-        if stem.endswith("["):
-            vectors[stem] = [parts[place] for place in sorted(parts, key=int)]
-        elif not lacking:
-            vectors[stem] = [parts[x] for x in "wxyz" if x in parts]
-        elif is_planar or len(lacking) != 1:
-            continue
-        elif _kind_of(stem) and not _ELSEWHERE.search(stem.lower()):
-            inference.note(stem, f"has no {lacking[0]}: a vector of the base needs x, y and z")
-    return vectors
+_PLANAR = {
+    **{"position": "angle", "velocity": "", "specific_force": ""},
+    "angular_velocity": "angular_velocity",
+}
+"""{quantity of the words of a name: the quantity next to the word of an angle, if any}."""
 
 
-_NUMBERED = re.compile(r"(.*[A-Za-z])_?(\d+)")
-"""A name that ends in a number."""
-
-
-def _in_one_table(table: Table, inference: Inference, robot: Robot) -> dict[str, list[str]]:
-    """Return the vectors of one table of numbers: positions with a quaternion, and what follows.
-
-    Behind the n + 7 positions come arrays of n + 6, those of n torques, and flags of the contacts.
-    """
-    assert robot.floating_base is not None
-    names = list(inference.data)
-    if table.files or not all(map(str.isdecimal, names)):
-        return {}
-    n, feet = robot.n, len(robot.floating_base.contacts)
-    # From the fourth column on, behind three coordinates, and with n joints behind the quaternion.
-    windows = ((place, names[place : place + 4]) for place in range(3, len(names) - n - 3))
-    place = next((x for x, four in windows if _is_quaternion(_samples(four, inference))), None)
-    if place is None:
-        return {}
-    start, place = place - 3, place + 4 + n
-    vectors = {"q[": names[start:place]}
-    rate = _samples(names[place - n : place], inference)
-    widths = {"velocity[": n + 6, "acceleration[": n + 6, "torque[": n, "contact[": feet}
-    for stem, width in widths.items():
-        columns = names[place : place + width]
-        if len(columns) < width:
-            continue
-        if width == n + 6:
-            values, derivative = _samples(columns[-n:], inference), np.diff(rate, axis=0)
-            if _cosine(derivative, values[: len(derivative)]) < _DERIVED:
-                continue
-            rate = values
-        vectors[stem] = columns
-        place += width
-    text = ", ".join(f"{stem[:-1]} ({len(columns)})" for stem, columns in vectors.items())
-    inference.note(f"columns {names[start]} to {names[place - 1]}", f"taken for {text}")
-    return vectors
-
-
-_DERIVED = 0.6
-"""Cosine of a derivative of the joints and an array of the same length from which it is that."""
-
-
-def _derivatives(
-    vectors: Mapping[str, Sequence[str]], inference: Inference, robot: Robot
-) -> dict[str, str]:
-    """Return {stem: "velocity" or "acceleration"} of arrays whose names say nothing."""
-    words = {stem: meaning_of(stem.removesuffix("[")) for stem in vectors}
-    arrays = {
-        stem: _samples(names[-robot.n :], inference)
-        for stem, names in vectors.items()
-        if len(names) in (robot.n, *_widths(robot)) and _is_indexed(stem, names)
-    }
-    positions = [x for x in arrays if _are_positions(len(vectors[x]), words[x], robot)]
-    if not positions:
-        return {}
-    derivatives: dict[str, str] = {}
-    rate = arrays[max(positions, key=lambda stem: len(vectors[stem]))]
-    for quantity in ("velocity", "acceleration"):
-        # The acceleration is compared with the derivative of the velocity that was found, if any:
-        # one derivative has less noise than two.
-        rate = np.diff(rate, axis=0)
-        others = {
-            stem: _cosine(rate, values[: len(rate)])
-            for stem, values in arrays.items()
-            if not words[stem].quantity and stem not in {*positions, *derivatives}
-        }
-        best = max(others, key=others.__getitem__, default="")
-        if best and others[best] > _DERIVED:
-            derivatives[best] = quantity
-            rate = arrays[best]
-            inference.note(best[:-1], f"the {quantity} by its samples")
-    return derivatives
-
-
-def _are_positions(width: int, meaning: Meaning, robot: Robot) -> bool:
-    """Return whether an array has the positions of base and joints, or by its name of joints."""
-    is_position = meaning.quantity == "position" and meaning.is_raw
-    return width == robot.n + 7 or (width == robot.n and is_position)
-
-
-def _is_indexed(stem: str, names: Sequence[str]) -> bool:
-    return stem.endswith("[") and len(names) > 4
-
-
-def _samples(names: Sequence[str], inference: Inference) -> Array:
-    return np.column_stack([inference.data[name] for name in names])
+@cache
+def _planar_words() -> dict[str, set[str]]:
+    """Return the words of a planar base by what they say; a rate may be that of an angle."""
+    tables = vocabulary().tables["planar_words"]
+    words = {x: {*_phrases("base_words", x)} for x in ("body", "filler", "angle")}
+    words |= {x: {*_phrases("base", x), *tables.get(x, "").split()} for x in _PLANAR}
+    words["angular_velocity"] |= words["velocity"]
+    return words
 
 
 def _is_quaternion(values: Array) -> bool:
@@ -298,297 +702,21 @@ def _is_quaternion(values: Array) -> bool:
     return values.shape[1] == 4 and float(np.median(np.abs(length - 1))) < _UNIT
 
 
-def _add_generalised(
-    guess: BaseGuess,
-    stem: str,
-    names: list[str],
-    inference: Inference,
-    robot: Robot,
-    derivative: str,
-) -> None:
-    """Take an array of n, n + 6 or n + 7 columns for states of the base and of the joints."""
-    base, joints = names[: -robot.n], names[-robot.n :]
-    meaning = meaning_of(stem.removesuffix("["))
-    quantity = meaning.quantity or derivative
-    if len(base) == 7:
-        if not _is_quaternion(_samples(base[3:], inference)):
-            return
-        guess.base["position"] = VectorSource(tuple(base[:3]))
-        guess.base["orientation"] = VectorSource(tuple(base[3:]))
-        quantity = "position"
-    elif len(base) == 6 and quantity == "velocity":
-        guess.base["velocity"] = VectorSource(tuple(base[:3]))
-        guess.base["angular_velocity"] = VectorSource(tuple(base[3:]))
-    elif not quantity:
-        return
-    elif len(base) == 3:
-        guess.base |= planar_states(base, quantity)
-    guess.meanings |= dict.fromkeys(base, _TAKEN)
-    for name, joint in zip(joints, robot.joint_names, strict=True):
-        guess.meanings[name] = Meaning(quantity, "", joint, meaning.unit, meaning.is_raw)
-    about = f"{stem.removesuffix('[')}: its last {robot.n} columns" if base else stem[:-1]
-    order = f"{robot.joint_names[0]}, {robot.joint_names[1]}, ..." if robot.n > 1 else "one"
-    inference.note(about, f"taken for the robot's joints in their order ({order})")
-
-
-def _add_vector(
-    guess: BaseGuess, stem: str, names: list[str], inference: Inference, scale: float
-) -> None:
-    """Take a vector for what its name and its samples say; `scale` is that of its unit."""
-    text = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", stem).lower().removesuffix("[")
-    others = (_ELSEWHERE, _CONTACT, _ANGULAR_ACCELERATION)
-    if len(names) not in (3, 4, 7) or any(pattern.search(text) for pattern in others):
-        return
-    values = _samples(names, inference)
-    if len(names) == 7 and _is_quaternion(values[:, 3:]):
-        guess.base.setdefault("position", VectorSource(tuple(names[:3])))
-        guess.base.setdefault("orientation", VectorSource(tuple(names[3:])))
-        return
-    if _is_quaternion(values):
-        source = VectorSource(tuple(names), order=None if stem.endswith("[") else "wxyz")
-        guess.base.setdefault("orientation", source)
-        return
-    kind = _kind_of(text)
-    if len(names) == 4 or kind in (None, "orientation"):
-        return
-    frame: Frame | None = None
-    if kind == "specific_force":
-        values = scale * values
-        typical = float(np.median(np.linalg.norm(values, axis=1)))
-        # The length of the median, not the median of the lengths, to which vibrations always add.
-        if abs(float(np.linalg.norm(np.median(values, axis=0))) - 1.0) < _IN_G:
-            scale *= 9.80665
-            inference.note(stem.removesuffix("["), "points up with 1 at rest: taken for g")
-        elif not _GRAVITY[0] < typical < _GRAVITY[1]:
-            text = f"its median is {typical:.2g} m/s^2, without gravity: used if nothing else is"
-            inference.note(stem.removesuffix("["), text)
-            kind, frame = "acceleration", "base"
-    guess.base.setdefault(str(kind), VectorSource(tuple(names), frame=frame, scale=scale))
-
-
-def _kind_of(text: str) -> str | None:
-    """Return the quantity of the base that a name says."""
-    return next((kind for kind, words in _KINDS.items() if re.search(words, text.lower())), None)
-
-
-def _add_wrenches(
-    guess: BaseGuess,
-    vectors: Mapping[str, list[str]],
-    table: Table,
-    inference: Inference,
-    robot: Robot,
-) -> dict[str, list[str]]:
-    """Take force sensors for the contacts whose names share the most words with theirs.
-
-    Returns the forces {name: columns} that may be those of other sensors.
-    """
-    assert robot.floating_base is not None
-    sensors = _force_sensors(vectors)
-    places = [sensor for sensor, parts in sensors.items() if "force" in parts]
-    links = robot.floating_base.contact_links
-    if not links:  # a force that is at no contact is that of another sensor
-        return {sensor: sensors[sensor]["force"] for sensor in places}
-    others = {}
-    words = [{*_words(link)} for link in links]
-    shared = np.array([[len(x & {*_words(sensor)}) for x in words] for sensor in places])
-    for place, sensor in enumerate(places):
-        best = int(np.argmax(shared[place]))
-        # More words than with any other contact, and than any other sensor shares with this
-        # contact.
-        rivals = [*np.delete(shared[place], best), *np.delete(shared[:, best], place)]
-        if shared[place, best] <= max(rivals, default=0):
-            others[sensor] = sensors[sensor]["force"]
-            continue
-        parts = sensors[sensor]
-        guess.contacts[links[best]] = {
-            x: VectorSource(tuple(names), scale=_scale(names, table)) for x, names in parts.items()
-        }
-        guess.meanings |= {name: _TAKEN for names in parts.values() for name in names}
-        text = f"taken for the force of the ground on {links[best]}, in the axes of that link"
-        inference.note(sensor, text)
-    return others
-
-
-def _force_sensors(vectors: Mapping[str, list[str]]) -> dict[str, dict[str, list[str]]]:
-    """Return {sensor: {"force" or "moment": columns}} of what is no command."""
-    sensors: dict[str, dict[str, list[str]]] = {}
-    for stem, names in vectors.items():
-        match = _WRENCH.fullmatch(stem)
-        if match and len(names) == 3 and not _COMMANDED.search(stem.lower()):
-            quantity = "force" if match[2].lower().startswith("f") else "moment"
-            sensors.setdefault(match[1], {})[quantity] = names
-    return sensors
-
-
-def _add_contacts(
-    guess: BaseGuess,
-    table: Table,
-    vectors: Mapping[str, list[str]],
-    inference: Inference,
-    robot: Robot,
-) -> None:
-    """Take columns for contacts: of the name of a link, or an array with one column for each."""
-    assert robot.floating_base is not None
-    links = [x for x in robot.floating_base.contact_links if x not in guess.contacts]
-    for link in links:
-        words = _words(link)
-        for name in inference.data:
-            texts = _words(table.bare(name))
-            if words[0] in texts and _CONTACT.search(table.bare(name).lower()):
-                _add_contact(guess, link, name, inference)
-    for stem, names in vectors.items():
-        if _CONTACT.search(stem.lower()) and len(names) == len(links) and not guess.contacts:
-            for link, name in zip(links, names, strict=True):
-                _add_contact(guess, link, name, inference)
-            text = f"taken for the contacts in the order of the robot: {', '.join(links)}"
-            inference.note(stem.removesuffix("["), text)
-
-
-def _add_loads(guess: BaseGuess, inference: Inference, robot: Robot) -> None:
-    """Take "hip.load" for the torque of a joint, as Spot names it, if no other column has one."""
-    meanings = {**inference.meanings, **guess.meanings}
-    if any(meaning.quantity in ("torque", "current") for meaning in meanings.values()):
-        return
-    for name, m in inference.meanings.items():
-        if not m.quantity and m.joint in robot.joint_names and _words(name)[-1] == "load":
-            guess.meanings[name] = replace(m, quantity="torque", side="")
-            inference.note(name, "taken for the torque of the joint")
-
-
-def _words(name: str) -> list[str]:
-    return re.findall(r"[a-z]+|\d+", name.lower())
-
-
-def _add_contact(guess: BaseGuess, link: str, name: str, inference: Inference) -> None:
-    """Take a column for a flag, or for a force with a threshold in the middle of its range."""
-    values = inference.finite(name)
-    above = None
-    kinds, scale = set(np.unique(values)), 1.0
-    if kinds <= {0.0, 1.0, 2.0} and 2.0 in kinds:
-        # `above` is a lower limit, so that the codes are negated: -1 is above -1.5, and -2 is not.
-        above, scale = -1.5, -1.0
-        inference.note(name, "codes: 1 is taken for contact, 2 for its loss, as Spot has them")
-    elif not kinds <= {0.0, 1.0}:
-        # Quantiles, because impacts exceed the force on a standing foot by far.
-        low, high = np.quantile(values, [0.05, 0.95])
-        above = float(f"{low + 0.2 * (high - low):.3g}")
-        inference.note(name, f"a force: above {above:g} it is taken for contact")
-    guess.contacts.setdefault(link, {}).setdefault(
-        "contact", VectorSource((name,), scale=scale, above=above)
-    )
-
-
-def _decide_frames(guess: BaseGuess, inference: Inference) -> None:
-    """Decide the order of a quaternion and the frames of velocities by their samples."""
-    source = guess.base.get("orientation")
-    if source is not None:
-        order, frame = _order(guess, source, inference)
-        if frame == "world":
-            w = guess.base["angular_velocity"]
-            guess.base["angular_velocity"] = replace(w, frame="world")
-        R = matrices(_in_order(_samples(source.columns, inference), order))
-        order_or_none = None if order == "wxyz" else order
-        guess.base["orientation"] = VectorSource(source.columns, order=order_or_none)
-        velocity = guess.base.get("velocity")
-        if velocity is not None:
-            axes = _velocity_frame(guess, velocity, R, inference)
-            guess.base["velocity"] = replace(velocity, frame=axes)
-    if {"velocity", "position", "specific_force"} & set(guess.base):
-        guess.base.pop("acceleration", None)
-    elif "acceleration" in guess.base:
-        inference.note("acceleration", "taken for that of the base in its own axes, as of an IMU")
-
-
-def _note_what_is_lacking(guess: BaseGuess, inference: Inference, robot: Robot) -> None:
-    """Note the motion of a base of six degrees of freedom that no column says."""
-    assert robot.floating_base is not None
-    if robot.floating_base.normal is not None:
-        return
-    quantities, turning = set(guess.base), {"orientation", "angular_velocity"}
-    if not quantities & turning:
-        inference.note("base", f"no column found of how it turns: name one in [base] ({_TURNING})")
-    moving = quantities & {"specific_force", "acceleration"}
-    if not moving and not ("orientation" in quantities and quantities & {"position", "velocity"}):
-        inference.note(
-            "base",
-            "no column found of how it accelerates: name in [base] the specific_force of an IMU, "
-            "or position or velocity, with the orientation",
-        )
-
-
-_TURNING = "orientation or angular_velocity"
-
-
-def _in_order(values: Array, order: Order) -> Array:
-    values = values / np.linalg.norm(values, axis=1, keepdims=True)
-    return values if order == "wxyz" else np.asarray(values[:, [3, 0, 1, 2]])
-
-
-def _order(
-    guess: BaseGuess, source: VectorSource, inference: Inference
-) -> tuple[Order, Frame | None]:
-    """Return the order of a quaternion, and the frame of the angular velocity."""
-    values = _samples(source.columns, inference)
-    orders: tuple[Order, ...] = ("wxyz",) if source.order else ("xyzw", "wxyz")
-    scores: dict[tuple[Order, Frame | None], float] = {}
-    for order in orders:
-        R = matrices(_in_order(values, order))
-        if "angular_velocity" in guess.base:
-            w = _samples(guess.base["angular_velocity"].columns, inference)
-            # the rows of R' are those of R turned: R(t+1) R(t)^T is a turn about w in the world
-            turn = np.einsum("tij,tkj->tik", R[1:], R[:-1])
-            world = np.column_stack([_axial(turn, *pair) for pair in ((2, 1), (0, 2), (1, 0))])
-            body = np.einsum("tji,tj->ti", R[:-1], world)
-            scores[order, "base"] = _cosine(body, w[:-1])
-            scores[order, "world"] = _cosine(world, w[:-1])
-        elif "specific_force" in guess.base:
-            f = _samples(guess.base["specific_force"].columns, inference)
-            # R f = a - g, whose mean is 9.81 upwards in the right order: a base does not accelerate
-            # for long.
-            scores[order, None] = float(np.mean(np.einsum("tij,tj->ti", R, f)[:, 2])) / 9.81
-        else:
-            # The z axis of a base is about upright: R_zz is near 1 in the right order.
-            scores[order, None] = float(np.mean(R[:, 2, 2]))
-    (order, frame), best = max(scores.items(), key=lambda item: item[1])
-    others = [score for (rival, _), score in scores.items() if rival != order]
-    if others and best - max(others) < _CLEARER:
-        inference.note("orientation", f"its order {order} is a guess: no other column decides it")
-    return order, frame
-
-
-def _axial(turn: Array, i: int, j: int) -> Array:
-    return np.asarray(turn[:, i, j] - turn[:, j, i])
+def _rotations(quaternions: Array, order: Order) -> Array:
+    """Return the rotations (T, 3, 3) of quaternions (T, 4) of any length, in an order."""
+    values = quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
+    return matrices(values if order == "wxyz" else values[:, [3, 0, 1, 2]])
 
 
 def _cosine(first: Array, second: Array) -> float:
-    """Return the cosine of two signals (T, 3) without short noise, None of their scales matters."""
+    """Return the cosine of two signals (T, k) without short noise; their scales do not matter."""
     first, second = (_smoothed(x) for x in (first, second))
-    size = float(np.linalg.norm(first) * np.linalg.norm(second))
-    return float(np.sum(first * second)) / size if size > 0 else 0.0
-
-
-_SMOOTHED = 15
-"""Samples over which derivatives are averaged before they are compared."""
+    both = np.all(np.isfinite(first) & np.isfinite(second), axis=1)
+    size = float(np.linalg.norm(first[both]) * np.linalg.norm(second[both]))
+    return float(np.sum(first[both] * second[both])) / size if size > 0 else 0.0
 
 
 def _smoothed(values: Array) -> Array:
     # The moving sum in place of the mean: a cosine does not have its factor.
     total = np.cumsum(values, axis=0)
     return np.asarray(total[_SMOOTHED:] - total[:-_SMOOTHED])
-
-
-def _velocity_frame(
-    guess: BaseGuess, velocity: VectorSource, R: Array, inference: Inference
-) -> Frame | None:
-    """Return the frame of a velocity: that in which it is the derivative of the position."""
-    if "position" not in guess.base:
-        inference.note("velocity", "taken for that in the axes of the base, as in an odometry")
-        return "base"
-    v = _samples(velocity.columns, inference)
-    rate = np.diff(_samples(guess.base["position"].columns, inference), axis=0)
-    # p' = v in the world, or R v of one in the base's axes; they are equal while the base hardly
-    # turns.
-    in_world, in_base = _cosine(rate, v[:-1]), _cosine(rate, np.einsum("tij,tj->ti", R, v)[:-1])
-    if abs(in_world - in_base) < _CLEARER / 5:
-        inference.note("velocity", "its frame is a guess: the base hardly turns")
-    return "base" if in_base > in_world else None

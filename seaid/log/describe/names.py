@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 from itertools import filterfalse, pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from seaid._files import read_toml
 from seaid.errors import LogError
@@ -76,7 +76,9 @@ def vocabulary() -> Vocabulary:
     path = Path(__file__).with_name("vocabulary.toml")
     tables = read_toml(path, "the words of column names", LogError)
     words = {name: frozenset(text.split()) for name, text in tables["roles"].items()}
-    quantities = {word: kind for kind, text in tables["quantities"].items() for word in text.split()}
+    quantities = {
+        word: kind for kind, text in tables["quantities"].items() for word in text.split()
+    }
     of_quantities = frozenset(quantities)
     not_of_joints = of_quantities.union(*(words[role] for role in words.keys() - {"joint"}))
     marks = {name: frozenset(text.split()) for name, text in tables["marks"].items()}
@@ -237,7 +239,11 @@ def _quantity_and_joint(parts: _Parts, joints: Sequence[str]) -> tuple[str, str]
     if joint := _joint_with_length(parts, joints):
         return "position", joint
     is_in_words = parts.joint and not parts.label  # "/state/positions/elbow"
-    if not (is_in_words or vocabulary().roles["filler"].issuperset(parts.texts) or parts.texts[-1].isdigit()):
+    if not (
+        is_in_words
+        or vocabulary().roles["filler"].issuperset(parts.texts)
+        or parts.texts[-1].isdigit()
+    ):
         return "", parts.joint
     quantities = (_quantity(part.texts) for part in reversed(parts.topic))
     return next(filter(None, quantities), ""), parts.joint
@@ -260,9 +266,7 @@ def _side_of(parts: _Parts) -> str:
     return "" if is_of_drive and is_numbered else _side(parts.words)
 
 
-def _unit_and_joint(
-    parts: _Parts, quantity: str, side: str, joint: str
-) -> tuple[Unit | None, str]:
+def _unit_and_joint(parts: _Parts, quantity: str, side: str, joint: str) -> tuple[Unit | None, str]:
     """Return the unit in brackets if the quantity has it, else that of the words; and the joint."""
     is_rate = parts.rate and quantity in ("", "velocity", "acceleration")
     unit = parts.rate if is_rate else parts.unit
@@ -334,7 +338,7 @@ def _without_brackets(name: str) -> tuple[str, str, Unit | None]:
     label, unit = "", None
     while match := _BRACKETED.fullmatch(name):
         head, bracket, inside = match.groups()
-        known = _known_unit(_in_latin(inside).strip())
+        known = known_unit(_in_latin(inside).strip())
         if known is not None:
             name, unit = head, known
         # Square brackets index, round ones explain: words in these are words of the name.
@@ -351,12 +355,12 @@ def _without_rate(head: str) -> tuple[str, Unit | None]:
     if match is None:
         return head, None
     length, time, square = match.groups()
-    _, length = _known_unit(length) or ("", length)
+    _, length = known_unit(length) or ("", length)
     rate = ("acceleration", f"{length}/s^2") if square else ("velocity", f"{length}/{time[0]}")
     return head[: match.start()] + head[match.end() :], rate
 
 
-def _known_unit(text: str) -> Unit | None:
+def known_unit(text: str) -> Unit | None:
     """Return the unit that a text is, in the spelling of the table or in that of small letters."""
     if _RATE.fullmatch(text):
         return _without_rate(text)[1]
@@ -381,9 +385,9 @@ def _words(text: str) -> list[_Word]:
             parts = ["".join(parts[:-1]), parts[-1]]
         for number, part in enumerate(parts):
             glued = number > 0 and part.isdigit()
-            words += [_Word(piece, _known_unit(part), glued) for piece in _split(part.lower())]
+            words += [_Word(piece, known_unit(part), glued) for piece in _split(part.lower())]
         if unit:
-            words.append(_Word(unit.lower(), _known_unit(unit)))
+            words.append(_Word(unit.lower(), known_unit(unit)))
     return [  # the d of "q_d", "tau_J_d" and "theta_md"
         replace(word, text="desired")
         if word.text == "d" and before in known.roles["desired"]
@@ -394,7 +398,7 @@ def _words(text: str) -> list[_Word]:
 
 def _without_unit(run: str) -> tuple[str, str]:
     """Return letters and numbers without the unit at their end: "currentmA", "torque1mNm"."""
-    if _known_unit(run):
+    if known_unit(run):
         return "", run
     for start in range(1, len(run) - 1):
         before = (_SPLIT.findall(run[:start]) or [""])[-1].lower()
