@@ -70,7 +70,7 @@ _WRENCH = re.compile(r"(.+?)[._/ ]+(force|f|moment|torque|tau|t|m)", re.IGNORECA
 _GLUED = re.compile(r"(root|d{1,2}|[vapwq])?([xyz]|pitch|roll|yaw)(d{1,2}ot|dot|d)?")
 """A coordinate with its rate in one word: "dx", "vx", "xdot", "rootz", "dpitch"."""
 
-_TAKEN = Meaning("base", "", "", None, is_raw=False)
+_TAKEN = Meaning("base", "", "", None, "derived")
 
 
 @cache
@@ -301,7 +301,7 @@ class _Search:
             self.guess.meanings |= dict.fromkeys(base, _TAKEN)
             for column, joint in zip(joints, robot.joint_names, strict=True):
                 self.guess.meanings[column] = Meaning(
-                    quantity, "", joint, meaning.unit, meaning.is_raw
+                    quantity, "", joint, meaning.unit, meaning.role
                 )
             about = f"{vector.stem}: its last {n} columns" if base else vector.stem
             order = f"{robot.joint_names[0]}, {robot.joint_names[1]}, ..." if n > 1 else "one"

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 from itertools import filterfalse, pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from seaid._files import read_toml
 from seaid.errors import LogError
@@ -24,6 +24,8 @@ Unit = tuple[str, str]
 
 _PREFIXES = {"m": "milli", "u": "micro", "n": "nano", "k": "kilo", "c": "centi"}
 """Prefixes of units, before their symbols and before their names."""
+
+Role = Literal["measured", "estimated", "command", "derived"]
 
 _OF_DRIVES = {("motor", "state"), ("motor", "cmd"), ("motor", "command")}
 """Words of messages about drives, as "motor_state[0].q" is: they tell no side of the gear."""
@@ -113,24 +115,35 @@ def _has(texts: Sequence[str], role: str) -> bool:
 
 @dataclass(frozen=True)
 class Meaning:
-    """The meaning of a column name; `is_raw` is False for commands and derived signals.
+    """The meaning of the name of a column.
 
-    Of these, `is_estimate` is True for what the drive estimates, as a torque from its current.
-    `quantity` is "position", ... or "" if unknown; `side` is "motor", "joint" or ""; `joint` is the
-    name of the robot's joint, or the remainder of the name; `unit` may be None; `unknown` are the
-    words that no table has, if the joints of a robot are known; `is_said` is True if the name says
-    "measured", `is_command` if it says "commanded" and nothing else.
+    Attributes
+    ----------
+    quantity, side : str
+        "position", ... and "motor" or "joint"; empty texts if the name does not say them.
+    joint : str
+        The robot's joint, or what remains of the name.
+    unit : str or None
+    role : {"measured", "estimated", "command", "derived"}
+        Estimated is what the drive computes, as a torque from its current.
+    unknown : tuple of str
+        The words that are not in the vocabulary, if the joints of a robot are known.
+    is_said : bool
+        Whether the name says that the column is measured.
     """
 
     quantity: str
     side: str
     joint: str
     unit: str | None
-    is_raw: bool
-    is_estimate: bool = False
+    role: Role = "measured"
     unknown: tuple[str, ...] = ()
     is_said: bool = False
-    is_command: bool = False
+
+    @property
+    def is_raw(self) -> bool:
+        """Whether it is a measurement."""
+        return self.role == "measured"
 
 
 @dataclass(frozen=True)
@@ -154,24 +167,30 @@ def meaning_of(name: str, joints: Sequence[str] = ()) -> Meaning:
     quantity, joint = _quantity_and_joint(parts, joints)
     side = _side_of(parts)
     unit, joint = _unit_and_joint(parts, quantity, side, joint)
-    if quantity == "time" and not _is_measured(parts.texts, quantity):  # "T_des" is a torque
+    if quantity == "time" and _has(parts.texts, "computed"):  # "T_des" is a torque
         quantity = "torque"
     of_topic = (text for part in parts.topic for text in part.texts)  # "/state/desired/q[0]"
     texts = [*parts.texts, *of_topic]
-    is_measured, is_estimated = _is_measured(texts, quantity), _has(texts, "estimated")
     of_unit, spelling = unit or ("", None)
     return Meaning(
         quantity=quantity or of_unit,
         side=side,
         joint=joint,
         unit=spelling,
-        is_raw=is_measured and not is_estimated,
-        is_estimate=is_measured and is_estimated,
+        role=_role(texts, quantity),
         unknown=_unknown(parts.words, joints),
         is_said=_has(texts, "said"),
-        is_command=_has(texts, "commanded")
-        and not (_has(texts, "derived") or _has(texts, "elsewhere")),
     )
+
+
+def _role(texts: Sequence[str], quantity: str) -> Role:
+    """Return whether the words are those of a measurement, of a command, or of something else."""
+    # External torques are estimates of a contact, while an external encoder measures the joint.
+    is_outside = quantity == "torque" and _has(texts, "outside")
+    if not (_has(texts, "computed") or is_outside):
+        return "estimated" if _has(texts, "estimated") else "measured"
+    is_signal = not (_has(texts, "derived") or _has(texts, "elsewhere"))
+    return "command" if is_signal and _has(texts, "commanded") else "derived"
 
 
 @dataclass(frozen=True)
@@ -289,7 +308,7 @@ def in_file(meaning: Meaning, file: str) -> Meaning:
     """Return a meaning in one of several files: "run.control.csv" has the commands of a run."""
     if not meaning.is_raw or meaning.quantity == "time" or not is_of_commands(file):
         return meaning
-    return replace(meaning, is_raw=False, is_command=True)
+    return replace(meaning, role="command")
 
 
 def is_of_commands(file: str) -> bool:
@@ -324,13 +343,6 @@ def is_of_another_part(name: str) -> bool:
     texts = _texts(name)
     is_signal = _has(texts, "commanded") or _has(texts, "derived")
     return _has(texts, "elsewhere") and not is_signal
-
-
-def _is_measured(texts: Sequence[str], quantity: str) -> bool:
-    """Return False for a command and for what is not measured at a joint."""
-    # External torques are estimates of a contact, while an external encoder measures the joint.
-    is_outside = quantity == "torque" and _has(texts, "outside")
-    return not (_has(texts, "computed") or is_outside)
 
 
 def _without_brackets(name: str) -> tuple[str, str, Unit | None]:
