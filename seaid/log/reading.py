@@ -17,8 +17,7 @@ import numpy as np
 
 from seaid._arrays import Array, is_constant
 from seaid.errors import LogError, SeaidWarning, checked
-from seaid.log.base_columns import in_own_frames
-from seaid.log.custom_columns import both_sides, channels_of, completed
+from seaid.log.channels import both_sides, channels_of, completed, in_own_frames
 from seaid.log.describe import Description
 from seaid.log.description import Described, LogDescription, description_for
 from seaid.log.log import (

@@ -315,7 +315,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "name": ({"base": {"position": [1.5, 2, 3]}}, "columns must be names of columns, found 1.5"),
     "frame": (
         {"base": {"velocity": {"columns": "q[0:3]", "frame": "body"}}},
-        "frame must be one of base, world, found 'body'",
+        "no frame is named 'body'; allowed: base, world",
     ),
     "no frame": (
         {"base": {"position": {"columns": "q[0:3]", "frame": "base"}}},
@@ -323,15 +323,15 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     ),
     "order": (
         {"base": {"orientation": {"columns": "q[0:4]", "order": "zyxw"}}},
-        "order must be one of wxyz, xyzw",
+        "no order is named 'zyxw'; did you mean",
     ),
     "scale": (
         {"base": {"position": {"columns": "q[0:3]", "scale": "g"}}},
-        "scale must be a number, found 'g'",
+        "scale must be a finite number, found 'g'",
     ),
     "above": (
         {"base": {"position": {"columns": "q[0:3]", "above": 1}}},
-        "above is that of a contact",
+        "above is not for position, found 1",
     ),
     "link": ({"contacts": {"FL_fot": {"contact": "c[0]"}}}, "did you mean 'FL_foot'"),
     "table": ({"contacts": 3}, "contacts: must be a table, found 3"),

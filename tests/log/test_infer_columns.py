@@ -12,8 +12,8 @@ from seaid._arrays import Array
 from seaid.drives.controller import Controller
 from seaid.errors import LogError
 from seaid.log import describe
-from seaid.log.describe.names import meaning_of
 from seaid.log.describe import Description, describe_log
+from seaid.log.describe.names import meaning_of
 from seaid.log.readers.table import Table
 from seaid.log.reading import read_log
 from seaid.robot.robot import Robot, load_robot

@@ -23,7 +23,6 @@ from seaid._arrays import Array
 from seaid._progress import Display, counted
 from seaid.drives import COMMANDS, Controller
 from seaid.errors import LogError, abridged, checked, in_one_line, listed, shortened
-from seaid.log.base_columns import VectorSource
 from seaid.log.describe.base import BaseGuess, infer_base
 from seaid.log.describe.inference import Inference, Sources, check_used, is_state
 from seaid.log.describe.joints import (
@@ -34,7 +33,7 @@ from seaid.log.describe.joints import (
     take_bare_names,
 )
 from seaid.log.describe.names import Meaning, in_file, is_of_commands, meaning_of
-from seaid.log.description import Clock, LogDescription, Source
+from seaid.log.description import Clock, LogDescription, Source, VectorSource
 from seaid.log.readers.opening import files_of, open_tables
 from seaid.log.readers.table import Block, Table
 from seaid.log.repair import LARGEST

@@ -20,10 +20,10 @@ from typing import Any
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.log.base_columns import Frame, Order, VectorSource
 from seaid.log.base_log import matrices
 from seaid.log.describe.inference import Inference
 from seaid.log.describe.names import Meaning, known_unit, meaning_of, vocabulary
+from seaid.log.description import Frame, Order, VectorSource
 from seaid.log.log import UNIT_FACTORS
 from seaid.log.readers.table import Table
 from seaid.robot import FloatingBase, Robot
