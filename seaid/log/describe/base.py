@@ -197,6 +197,10 @@ class _Search:
     guess: BaseGuess = field(default_factory=BaseGuess)
     other_forces: dict[str, _Vector] = field(default_factory=dict)
 
+    def note(self, about: str, text: str) -> None:
+        """Note what is in doubt."""
+        self.inference.note(about, text)
+
     @property
     def widths(self) -> tuple[int, ...]:
         """The columns of generalised positions and velocities of base and joints."""
@@ -239,8 +243,7 @@ class _Search:
             return [x for x in "wxyz" if x in parts]
         is_vector = len(lacking) == 1 and self.floating.normal is None and _kind_of(stem)
         if is_vector and not _is_elsewhere(stem):
-            text = f"has no {lacking[0]}: a vector of the base needs x, y and z"
-            self.inference.note(stem, text)
+            self.note(stem, f"has no {lacking[0]}: a vector of the base needs x, y and z")
         return []
 
     def vectors_of_one_table(self) -> list[_Vector]:
@@ -275,67 +278,59 @@ class _Search:
             vectors.append(_Vector(stem, tuple(columns), is_array=True))
             place += width
         text = ", ".join(f"{vector.stem} ({len(vector.columns)})" for vector in vectors)
-        self.inference.note(f"columns {names[start]} to {names[place - 1]}", f"taken for {text}")
+        self.note(f"columns {names[start]} to {names[place - 1]}", f"taken for {text}")
         return vectors
 
     def take_states(self, vectors: Sequence[_Vector]) -> None:
         """Take arrays of n, n + 3, n + 6 or n + 7 columns for states of base and joints."""
-        widths = (self.robot.n, *self.widths)
-        arrays = [
-            vector
-            for vector in vectors
-            if vector.is_array and len(vector.columns) in widths and len(vector.columns) > 4
-        ]
-        derivatives = self._derivatives(arrays)
-        for vector in arrays:
-            meaning = meaning_of(vector.stem)
-            quantity = meaning.quantity or derivatives.get(vector.stem, "")
-            n, robot = self.robot.n, self.robot
+        robot, n, widths = self.robot, self.robot.n, (self.robot.n, *self.widths)
+        arrays = [x for x in vectors if x.is_array and len(x.columns) in widths]
+        quantities = self._state_quantities([x for x in arrays if len(x.columns) > 4])
+        for vector, quantity in quantities.items():
             base, joints = vector.columns[:-n], vector.columns[-n:]
-            if len(base) == 7:
-                quantity = "position" if _is_quaternion(self.samples(base[3:])) else ""
             if not quantity:
                 continue
             for name, part in _STATES.get((len(base), quantity), {}).items():
                 self.guess.base[name] = VectorSource(base[part])
             self.guess.meanings |= dict.fromkeys(base, _TAKEN)
+            meaning = replace(meaning_of(vector.stem), quantity=quantity, side="", unknown=())
             for column, joint in zip(joints, robot.joint_names, strict=True):
-                self.guess.meanings[column] = Meaning(
-                    quantity, "", joint, meaning.unit, meaning.role
-                )
+                self.guess.meanings[column] = replace(meaning, joint=joint)
             about = f"{vector.stem}: its last {n} columns" if base else vector.stem
             order = f"{robot.joint_names[0]}, {robot.joint_names[1]}, ..." if n > 1 else "one"
-            self.inference.note(about, f"taken for the robot's joints in their order ({order})")
+            self.note(about, f"taken for the robot's joints in their order ({order})")
 
-    def _derivatives(self, vectors: Sequence[_Vector]) -> dict[str, str]:
-        """Return {stem: "velocity" or "acceleration"} of arrays whose names say nothing."""
-        n, meanings = self.robot.n, {vector.stem: meaning_of(vector.stem) for vector in vectors}
-        arrays = {vector.stem: self.samples(vector.columns[-n:]) for vector in vectors}
-        widths = {
-            vector.stem: len(vector.columns)
-            for vector in vectors
-            if len(vector.columns) == n + 7
-            or (len(vector.columns) == n and _is_position(meanings[vector.stem]))
-        }
-        if not widths:
-            return {}
-        derivatives: dict[str, str] = {}
-        rate = arrays[max(widths, key=widths.__getitem__)]
+    def _state_quantities(self, arrays: Sequence[_Vector]) -> dict[_Vector, str]:
+        """Return the quantities of arrays by their names, by a quaternion, and as derivatives."""
+        n, meanings = self.robot.n, {vector: meaning_of(vector.stem) for vector in arrays}
+        quantities = {vector: meaning.quantity for vector, meaning in meanings.items()}
+        with_pose = [vector for vector in arrays if len(vector.columns) == n + 7]
+        for vector in with_pose:
+            is_pose = _is_quaternion(self.samples(vector.columns[3:7]))
+            quantities[vector] = "position" if is_pose else ""
+        of_joints = [x for x in arrays if len(x.columns) == n and meanings[x].is_raw]
+        positions = [x for x in with_pose + of_joints if quantities[x] == "position"]
+        if positions:
+            unnamed = [x for x in arrays if not quantities[x] and x not in with_pose]
+            quantities |= self._derivatives(positions[0], unnamed)
+        return quantities
+
+    def _derivatives(self, position: _Vector, arrays: Sequence[_Vector]) -> dict[_Vector, str]:
+        """Return which arrays are the velocity and the acceleration, by those of the joints."""
+        samples = {x: self.samples(x.columns[-self.robot.n :]) for x in (position, *arrays)}
+        quantities: dict[_Vector, str] = {}
+        rate = samples.pop(position)
         for quantity in ("velocity", "acceleration"):
             # The acceleration is compared with the derivative of the velocity that was found, if
             # any: one derivative has less noise than two.
             rate = np.diff(rate, axis=0)
-            cosines = {
-                stem: _cosine(rate, values[: len(rate)])
-                for stem, values in arrays.items()
-                if not meanings[stem].quantity and stem not in {*widths, *derivatives}
-            }
-            best = max(cosines, key=cosines.__getitem__, default="")
-            if best and cosines[best] > _DERIVED:
-                derivatives[best] = quantity
-                rate = arrays[best]
-                self.inference.note(best, f"the {quantity} by its samples")
-        return derivatives
+            cosines = {x: _cosine(rate, values[: len(rate)]) for x, values in samples.items()}
+            best = max(cosines, key=cosines.__getitem__, default=None)
+            if best is not None and cosines[best] > _DERIVED:
+                quantities[best] = quantity
+                rate = samples.pop(best)
+                self.note(best.stem, f"the {quantity} by its samples")
+        return quantities
 
     def take_vector(self, vector: _Vector) -> None:
         """Take a vector for what its name and its samples say."""
@@ -362,10 +357,10 @@ class _Search:
         typical = float(np.nanmedian(np.linalg.norm(values, axis=1)))
         # The length of the median, not the median of the lengths, to which vibrations always add.
         if abs(float(np.linalg.norm(np.nanmedian(values, axis=0))) - 1.0) < _IN_G:
-            self.inference.note(about, "points up with 1 at rest: taken for g")
+            self.note(about, "points up with 1 at rest: taken for g")
             return UNIT_FACTORS["m_per_s2"]["g"]
         if not _GRAVITY[0] < typical < _GRAVITY[1]:
-            self.inference.note(about, f"its median is {typical:.2g} m/s^2, {doubt}")
+            self.note(about, f"its median is {typical:.2g} m/s^2, {doubt}")
             return 0.0
         return 1.0
 
@@ -392,15 +387,14 @@ class _Search:
             columns = [name for vector in parts.values() for name in vector.columns]
             self.guess.meanings |= dict.fromkeys(columns, _TAKEN)
             text = f"taken for the force of the ground on {link}, in the axes of that link"
-            self.inference.note(sensor, text)
+            self.note(sensor, text)
 
     def note_unused_forces(self) -> None:
         """Note the forces that are neither at a contact nor a vector of the base."""
         taken = {source.columns for source in self.guess.base.values()}
         for sensor, vector in self.other_forces.items():
             if vector.columns not in taken:
-                text = "a force sensor whose name is not that of one contact: not used"
-                self.inference.note(sensor, text)
+                self.note(sensor, "a force sensor whose name is not that of one contact: not used")
 
     def take_contacts(self, vectors: Sequence[_Vector]) -> None:
         """Take columns for contacts: with the words of a link, or an array of one for each."""
@@ -415,7 +409,7 @@ class _Search:
                 for link, name in zip(links, vector.columns, strict=True):
                     self._take_contact(link, name)
                 text = f"taken for the contacts in the order of the robot: {', '.join(links)}"
-                self.inference.note(vector.stem, text)
+                self.note(vector.stem, text)
 
     def _take_contact(self, link: str, name: str) -> None:
         """Take a column for a flag, or for a force with a threshold in the middle of its range."""
@@ -426,13 +420,12 @@ class _Search:
             # `above` is a lower limit, so that the codes are negated: -1 is above -1.5, and -2 is
             # not.
             above, scale = -1.5, -1.0
-            text = "codes: 1 is taken for contact, 2 for its loss, as Spot has them"
-            self.inference.note(name, text)
+            self.note(name, "codes: 1 is taken for contact, 2 for its loss, as Spot has them")
         elif not kinds <= {0.0, 1.0}:
             # Quantiles, because impacts exceed the force on a standing foot by far.
             low, high = np.quantile(values, [0.05, 0.95])
             above = float(f"{low + 0.2 * (high - low):.3g}")
-            self.inference.note(name, f"a force: above {above:g} it is taken for contact")
+            self.note(name, f"a force: above {above:g} it is taken for contact")
         source = VectorSource((name,), scale=scale, above=above)
         self.guess.contacts.setdefault(link, {}).setdefault("contact", source)
 
@@ -445,7 +438,7 @@ class _Search:
             is_load = name.lower().endswith("load") and m.joint in self.robot.joint_names
             if is_load and not m.quantity:
                 self.guess.meanings[name] = replace(m, quantity="torque", side="")
-                self.inference.note(name, "taken for the torque of the joint")
+                self.note(name, "taken for the torque of the joint")
 
     def take_planar(self) -> None:
         """Take single columns for the coordinates, the angle and the rates of a planar base."""
@@ -490,7 +483,7 @@ class _Search:
             elif parts:
                 lacking = next(x for x in axes if x not in parts)
                 text = f"has no {lacking}: the plane of the base needs both"
-                self.inference.note(next(iter(parts.values())), text)
+                self.note(next(iter(parts.values())), text)
         return vectors
 
     def _in_radians(self, column: str) -> VectorSource:
@@ -503,7 +496,7 @@ class _Search:
             is_in_degrees = float(np.ptp(values)) > _TURNS
             if is_in_degrees:
                 text = f"turns by {np.ptp(values):.3g} without a unit: taken for degrees"
-                self.inference.note(column, text)
+                self.note(column, text)
         return VectorSource((column,), scale=math.pi / 180 if is_in_degrees else 1.0)
 
     def _check_signs(self, vectors: Mapping[str, VectorSource]) -> None:
@@ -517,8 +510,7 @@ class _Search:
         # Steps over rates: a constant step of time is in both norms and does not change the cosine.
         if _cosine(np.diff(angle, axis=0), rate[:-1]) < _OPPOSITE:
             column = vectors["angular_velocity"].columns[0]
-            text = "minus the derivative of the angle: one of them needs scale = -1"
-            self.inference.note(column, text)
+            self.note(column, "minus the derivative of the angle: one of them needs scale = -1")
 
     def decide_frames(self) -> None:
         """Decide the order of a quaternion and the frames of velocities by their samples."""
@@ -535,8 +527,7 @@ class _Search:
         if {"velocity", "position", "specific_force"} & base.keys():
             base.pop("acceleration", None)
         elif "acceleration" in base:
-            text = "taken for that of the base in its own axes, as of an IMU"
-            self.inference.note("acceleration", text)
+            self.note("acceleration", "taken for that of the base in its own axes, as of an IMU")
 
     def _order(self, source: VectorSource) -> tuple[Order, Frame | None]:
         """Return the order of a quaternion, and the frame of the angular velocity."""
@@ -565,16 +556,14 @@ class _Search:
         (order, frame), best = max(scores.items(), key=lambda item: item[1])
         rivals = [score for (rival, _), score in scores.items() if rival != order]
         if rivals and best - max(rivals) < _CLEARER:
-            text = f"its order {order} is a guess: no other column decides it"
-            self.inference.note("orientation", text)
+            self.note("orientation", f"its order {order} is a guess: no other column decides it")
         return order, frame
 
     def _velocity_frame(self, R: Array) -> Frame | None:
         """Return the frame of the velocity: that in which it is the derivative of the position."""
         base = self.guess.base
         if "position" not in base:
-            text = "taken for that in the axes of the base, as in an odometry"
-            self.inference.note("velocity", text)
+            self.note("velocity", "taken for that in the axes of the base, as in an odometry")
             return "base"
         v = self.samples(base["velocity"].columns)
         rate = np.diff(self.samples(base["position"].columns), axis=0)
@@ -582,7 +571,7 @@ class _Search:
         # hardly turns.
         in_world, in_base = _cosine(rate, v[:-1]), _cosine(rate, np.einsum("tij,tj->ti", R, v)[:-1])
         if abs(in_world - in_base) < _CLEARER / 5:
-            self.inference.note("velocity", "its frame is a guess: the base hardly turns")
+            self.note("velocity", "its frame is a guess: the base hardly turns")
         return "base" if in_base > in_world else None
 
     def note_what_is_lacking(self) -> None:
@@ -591,7 +580,7 @@ class _Search:
             return
         quantities = self.guess.base.keys()
         if quantities.isdisjoint(("orientation", "angular_velocity")):
-            self.inference.note(
+            self.note(
                 "base",
                 "no column found of how it turns: name one in [base] (orientation or "
                 "angular_velocity)",
@@ -600,7 +589,7 @@ class _Search:
             ("position", "velocity")
         )
         if not has_pose and quantities.isdisjoint(("specific_force", "acceleration")):
-            self.inference.note(
+            self.note(
                 "base",
                 "no column found of how it accelerates: name in [base] the specific_force of an "
                 "IMU, or position or velocity, with the orientation",
@@ -655,10 +644,6 @@ def _component(bare: str) -> tuple[str, str, float] | None:
             stem = f"{stem}.{quantity}"
         return stem, match[2].lower(), factor
     return None
-
-
-def _is_position(meaning: Meaning) -> bool:
-    return meaning.quantity == "position" and meaning.is_raw
 
 
 def _planar(bare: str, normal: str) -> tuple[str, str] | None:

@@ -38,7 +38,7 @@ _SAME = 0.99
 _STIFF = 0.999
 """Squared correlation above which the slope of two positions is a gear ratio."""
 
-_FAR_FOR_A_SPRING = 0.5
+_FAR = 0.5
 """Range of a deflection without a unit above which it may be in degrees or mm."""
 
 _KELVIN = 200.0
@@ -46,8 +46,8 @@ _KELVIN = 200.0
 
 _MOTOR_SIDE = ("motor_position", "motor_torque", "motor_current", "motor_voltage")
 
-_COMMAND_UNITS = {"position": "", "velocity": "rad/s", "torque": "Nm"}
-"""{quantity of a command: its usual unit}; that of a position is the unit of the measured one."""
+_COMMANDS = ("position", "velocity", "torque")
+"""Quantities of commands."""
 
 
 def every_joint(robot: Robot | None) -> tuple[str, ...]:
@@ -80,20 +80,24 @@ def joint_names(inference: Inference) -> dict[str, str]:
     """
     _take_estimates(inference)
     labels = _assign_motor(inference, _labels(inference) or _measured_next_to_commands(inference))
-    robot = inference.robot
-    if robot is None:
+    if inference.robot is None:
         names = {x: f"joint_{x}" if _is_number(x) else x or "joint" for x in labels}
     else:
-        every = _labels_with_still_ones(inference, labels, len(every_joint(robot)))
-        matches = _matches(every, robot, inference)
-        for label in [x for x in every if x in labels and x not in matches]:
-            inference.note(label, "no joint of the robot has such a name: excluded")
-        still = {x for x, joint in matches.items() if joint not in robot.joint_names}
-        of_joints = {name: inference.meanings[name].joint for name in inference.data}
-        inference.data = {x: y for x, y in inference.data.items() if of_joints[x] not in still}
-        names = {x: joint for x, joint in matches.items() if x in {*labels} - still}
+        names = _names_of_robot(inference, inference.robot, labels)
     _label_by_joint(inference, names)
     return names
+
+
+def _names_of_robot(inference: Inference, robot: Robot, labels: list[str]) -> dict[str, str]:
+    """Return {label: joint} of the joints that move, and drop the columns of those that do not."""
+    every = _labels_with_still_ones(inference, labels, len(every_joint(robot)))
+    matches = _matches(every, robot, inference)
+    for label in [x for x in every if x in labels and x not in matches]:
+        inference.note(label, "no joint of the robot has such a name: excluded")
+    still = {x for x, joint in matches.items() if joint not in robot.joint_names}
+    of_joints = {name: inference.meanings[name].joint for name in inference.data}
+    inference.data = {x: y for x, y in inference.data.items() if of_joints[x] not in still}
+    return {x: joint for x, joint in matches.items() if x in {*labels} - still}
 
 
 def _take_estimates(inference: Inference) -> None:
@@ -197,14 +201,18 @@ def _matches(labels: Sequence[str], robot: Robot, inference: Inference) -> dict[
     matches = {x: x for x in labels if x in every}
     rest = [x for x in labels if x not in matches]
     joints = robot.joint_names if len(rest) <= robot.n else every
-    unmatched = [joint for joint in joints if joint not in matches]
-    numbers = {number: joint for joint in unmatched if (number := _number_in(joint))}
-    wanted = {x: number for x in rest if (number := _number_in(x))}
-    # All joints that no name matches have a number of their own, and the labels have some of them.
-    if len(numbers) == len(unmatched) and {*wanted.values()} <= numbers.keys():
-        matches |= {x: numbers[number] for x, number in wanted.items()}
+    matches |= _by_number(rest, [joint for joint in joints if joint not in matches])
     # By order only if no name matches, since a mixture of both could exchange joints.
     return matches or _in_order(labels, joints, inference)
+
+
+def _by_number(labels: Sequence[str], joints: Sequence[str]) -> dict[str, str]:
+    """Return {label: joint} if the labels with numbers, such as j1, have those of the joints."""
+    numbers = {number: joint for joint in joints if (number := _number_in(joint))}
+    wanted = {x: number for x in labels if (number := _number_in(x))}
+    if len(numbers) < len(joints) or not {*wanted.values()} <= numbers.keys():
+        return {}
+    return {x: numbers[number] for x, number in wanted.items()}
 
 
 def _number_in(name: str) -> str:
@@ -213,22 +221,28 @@ def _number_in(name: str) -> str:
     return match[1] if match else ""
 
 
+def _sorted(labels: list[str]) -> list[str]:
+    """Return labels that differ in a number, as axis_2 and axis_10, in the order of the numbers."""
+    if len({label.rstrip("0123456789") for label in labels}) > 1 or not all(
+        map(_number_in, labels)
+    ):
+        return labels
+    return sorted(labels, key=lambda label: int(_number_in(label)))
+
+
 def _in_order(labels: Sequence[str], joints: Sequence[str], inference: Inference) -> dict[str, str]:
     """Return {label: joint} in the order of the robot: of the labels that are numbers, if any."""
-    labels = list(filter(_is_number, labels)) or list(labels)
-    are_numbered = all(map(_number_in, labels))
-    if are_numbered and len({x.rstrip("0123456789") for x in labels}) == 1:  # axis_2, axis_10
-        labels = sorted(labels, key=lambda label: int(_number_in(label)))
+    labels = _sorted(list(filter(_is_number, labels)) or list(labels))
     if len(labels) > len(joints):
         text = f"{len(labels)} joints in the log, {len(joints)} in the robot"
         inference.note(", ".join(labels), text)
     if labels != [""] or len(joints) > 1:
         about = ", ".join(x or "columns without a joint" for x in labels[: len(joints)])
         inference.note(about, "taken for the robot's joints in their order")
-    if not are_numbered and not len(labels) == len(joints) == 1:
-        for name, meaning in inference.meanings.items():
-            if meaning.joint in labels and is_sensor(meaning):
-                inference.note(name, "its joint is a guess, by the order of the columns")
+    is_sure = all(map(_number_in, labels)) or len(labels) == len(joints) == 1
+    guessed = () if is_sure else labels
+    for name in [x for x, m in inference.meanings.items() if m.joint in guessed and is_sensor(m)]:
+        inference.note(name, "its joint is a guess, by the order of the columns")
     return dict(zip(labels, joints, strict=False))
 
 
@@ -247,6 +261,14 @@ def quantities_of(inference: Inference, joint: str) -> Sources:
     return columns.sources
 
 
+_USUAL_UNITS = {
+    **{"motor_torque": "Nm", "joint_torque": "Nm", "torque_command": "Nm"},
+    **{"motor_current": "A", "motor_voltage": "V", "motor_temperature": "degC"},
+    "velocity_command": "rad/s",
+}
+"""{quantity: the unit of its columns that a description need not state}."""
+
+
 @dataclass
 class _Columns:
     """The columns of one joint, and what was selected of them: arguments of `Source`."""
@@ -263,31 +285,32 @@ class _Columns:
         """Return the meaning of a column."""
         return self.inference.meanings[column]
 
-    def first(self, columns: Sequence[str], what: str) -> str:
-        """Return the first of some columns, and note if there are more."""
-        if len(columns) > 1:
-            self.inference.note(columns[0], f"selected from the {what} {', '.join(columns)}")
-        return columns[0]
-
-    def source(self, column: str, usual: str = "") -> dict[str, Any]:
-        """Return the arguments for a column, with its unit if that is not the usual one."""
+    def take(self, quantity: str, column: str, doubt: str = "", **more: Any) -> None:
+        """Take a column, in the unit of its name, for a quantity; note what is in doubt."""
         unit = self.meaning(column).unit
-        return {"column": column} | ({} if unit in (None, usual) else {"unit": unit})
+        units = {} if unit in (None, _USUAL_UNITS.get(quantity)) else {"unit": unit}
+        self.sources[quantity] = {"column": column, **more, **units}
+        self.note(column, doubt)
+
+    def note(self, about: str, doubt: str, *, is_usual: bool = False) -> None:
+        """Note a doubt, if there is one; a usual choice is assumed."""
+        if doubt:
+            self.inference.choose(about, doubt, is_usual=is_usual)
 
     def add_positions(self) -> None:
         """Add the positions of motor and joint, with their units."""
         motor, load = self.having("position", "motor"), self.having("position", "joint", "")
         if load and not motor:
             motor, load = self._sides_by_range(load)
-        for quantity, group in (("motor_position", motor), ("joint_position", load)):
-            if group:
-                self.sources[quantity] = {"column": self.first(group, "positions")}
+        for quantity, columns in (("motor_position", motor), ("joint_position", load)):
+            if columns:
+                self.take(quantity, columns[0], _selected(columns, "positions"))
         for quantity, source in reversed(self.sources.items()):
             source |= self._position_unit(source["column"], quantity)
         if [source.get("unit") for source in self.sources.values()] == [None, "deg"]:
             source = self.sources["motor_position"]
             source["unit"] = "deg"
-            self.inference.note(source["column"], "taken for degrees, like the joint's")
+            self.note(source["column"], "taken for degrees, like the joint's")
         if [*self.sources] == ["joint_position"]:
             self._note_side(self.sources["joint_position"])
 
@@ -297,20 +320,19 @@ class _Columns:
         small, large = min(names, key=ranges.__getitem__), max(names, key=ranges.__getitem__)
         # Gears of robots reduce, so that the motor moves farther than the joint, in the same unit.
         if len(names) == 2 and ranges[large] > 5 * ranges[small] and not self.meaning(large).side:
-            text = f"moves much farther than {small}: taken for the motor side"
-            self.inference.note(large, text)
+            self.note(large, f"moves much farther than {small}: taken for the motor side")
             return [large], [small]
         return [], names
 
     def _note_side(self, source: Mapping[str, Any]) -> None:
         """Note the side of an only position: usual is that of the joint, within its limits."""
-        if self.meaning(source["column"]).side:
+        column, factor = source["column"], POSITION_FACTORS.get(source.get("unit", "rad"), np.nan)
+        if self.meaning(column).side:
             return
-        factor = POSITION_FACTORS.get(source.get("unit", "rad"), np.nan)
-        fits = self.inference.is_within(source["column"], factor, self.joint)
-        text = "taken for the joint side of the gear; it may be the motor side"
+        fits = self.inference.is_within(column, factor, self.joint)
         is_usual = fits and not self.inference.is_of_a_drive
-        self.inference.choose(source["column"], text, is_usual=is_usual)
+        doubt = "taken for the joint side of the gear; it may be the motor side"
+        self.note(column, doubt, is_usual=is_usual)
 
     def _position_unit(self, column: str, quantity: str) -> dict[str, Any]:
         """Return the arguments for the unit of a position, none for rad."""
@@ -320,12 +342,12 @@ class _Columns:
             # Encoders have 2^k counts per turn: the least power above all counts, if they reach a
             # whole turn.
             power = 2 ** math.ceil(math.log2(max(float(np.max(np.abs(values))), 2.0)))
-            self.inference.note(column, f"in counts: {power} per turn is a guess")
+            self.note(column, f"in counts: {power} per turn is a guess")
             return {"unit": "counts", "counts_per_turn": float(power)}
         if unit is not None:
             return {"unit": unit}
         if unit := unit_by_velocity(self.inference, column, self.joint):
-            self.inference.choose(column, f"{unit} by its velocity", is_usual=True)
+            self.note(column, f"{unit} by its velocity", is_usual=True)
         elif quantity == "joint_position":
             unit = self._unit_by_range(column)
         return {} if unit in (None, "rad") else {"unit": unit}
@@ -340,33 +362,32 @@ class _Columns:
         unit = "deg" if moves > min(2 * (upper - lower), 4 * np.pi) else "rad"
         fits = inference.is_within(column, UNIT_FACTORS["rad"][unit], self.joint)
         if fits and inference.is_far(column) and not inference.is_of_a_drive:
-            inference.choose(column, f"taken for {unit}", is_usual=True)
+            self.note(column, f"taken for {unit}", is_usual=True)
         elif unit == "deg":
-            inference.note(f"{column} (moves by {moves:.4g})", "taken for degrees")
+            self.note(f"{column} (moves by {moves:.4g})", "taken for degrees")
         else:
             more = "; turns are usual of such drives" if inference.is_of_a_drive else ""
-            inference.note(f"{column} (moves by {moves:.3g})", f"taken for rad{more}")
+            self.note(f"{column} (moves by {moves:.3g})", f"taken for rad{more}")
         return unit
 
     def add_deflection(self) -> None:
         """Add the deflection of the spring, if only one side has an encoder."""
-        for name in self.having("deflection")[:1]:
+        for name in self.having("deflection")[:1] if self.sources else ():
             if len(self.sources) == 2:
-                self.inference.note(name, "redundant, because both positions are there")
-            elif self.sources:
+                self.note(name, "redundant, because both positions are there")
+            else:
                 self._add_deflection(name)
 
     def _add_deflection(self, name: str) -> None:
         """Add a deflection with the sign by which the torque of the spring grows with it."""
-        inference, drives = self.inference, self.having("torque") or self.having("current")
+        data, drives = self.inference.data, self.having("torque") or self.having("current")
         # By (4a) the torque of the spring grows with its deflection, motor side less joint side.
-        pulls = sum(correlation(inference.data[x], inference.data[name]) for x in drives[:1])
-        source = self.source(name)
-        self.sources["deflection"] = {"column": name, "sign": -1 if pulls < 0 else 1, **source}
-        if "unit" not in source and np.ptp(inference.finite(name)) > _FAR_FOR_A_SPRING:
-            inference.note(name, "its unit is not said, and it moves far for rad or m")
+        pulls = sum(correlation(data[drive], data[name]) for drive in drives[:1])
+        if self.meaning(name).unit is None and np.ptp(self.inference.finite(name)) > _FAR:
+            self.note(name, "its unit is not said, and it moves far for rad or m")
         origin = f", inferred from {drives[0]}" if pulls else ""
-        inference.note(name, f"check its sign (motor side minus joint side){origin}")
+        doubt = f"check its sign (motor side minus joint side){origin}"
+        self.take("deflection", name, doubt, sign=-1 if pulls < 0 else 1)
 
     def add_torques(self) -> None:
         """Add the torque of each side; the estimates of a drive if it has nothing else."""
@@ -374,80 +395,72 @@ class _Columns:
         if not names and not self.having("current"):
             names = self.inference.having("torque", self.joint, role="estimated")
             for name in names:
-                text = "an estimate of the drive, taken as there is no other torque"
-                self.inference.note(name, text)
+                self.note(name, "an estimate of the drive, taken as there is no other torque")
         for name in names:
             if self.meaning(name).unit in UNIT_FACTORS["A"]:
-                text = "a torque in amperes: describe it with torque_constant_Nm_per_A"
-                self.inference.note(name, text)
+                self.note(name, "a torque in amperes: describe it with torque_constant_Nm_per_A")
                 continue
-            side, more = self._side_of_torque(name)
+            side, doubt, more = self._side_of_torque(name)
+            self.note(name, doubt)
             if f"{side}_torque" in self.sources:
-                self.inference.note(name, f"a second {side}_torque: excluded")
+                self.note(name, f"a second {side}_torque: excluded")
             else:
-                self.sources[f"{side}_torque"] = self.source(name, "Nm") | more
+                self.take(f"{side}_torque", name, **more)
 
-    def _side_of_torque(self, name: str) -> tuple[str, dict[str, str]]:
-        """Return the side at which a torque acts, and the one for which it was converted."""
+    def _side_of_torque(self, name: str) -> tuple[str, str, dict[str, str]]:
+        """Return the side at which a torque acts, the doubt about it, and where it is measured."""
         data, twists = self.inference.data, self.having("deflection")
         if twists and abs(correlation(data[name], data[twists[0]])) > _SAME:
-            text = f"proportional to {twists[0]}: one is computed from the other"
-            self.inference.note(name, text)
-            return "joint", {}
+            return "joint", f"proportional to {twists[0]}: one is computed from the other", {}
         if side := self.meaning(name).side:
-            return side, {}
+            return side, "", {}
         if "motor_position" in self.sources:
-            self.inference.note(name, "taken for the motor's torque, at the motor")
-            return "motor", {}
-        self.inference.note(
-            name,
+            return "motor", "taken for the motor's torque, at the motor", {}
+        doubt = (
             "taken for the motor's torque converted to the joint, which includes friction: name it "
-            "joint_torque if a sensor behind the gear measures it",
+            "joint_torque if a sensor behind the gear measures it"
         )
-        return "motor", {"side": "joint"}
+        return "motor", doubt, {"side": "joint"}
 
     def add_electric(self) -> None:
         """Add the current and the voltage of the motor, the latter of a duty cycle too."""
         # A w stands for the winding, as in HEBI's "motor_winding_current": that gives the torque.
         currents = sorted(self.having("current"), key=lambda name: "w" not in name.lower())
         if currents:
-            self.sources["motor_current"] = self.source(currents[0], "A")
-            if len(currents) > 1:
-                text = f"selected from {len(currents)} currents as the winding's"
-                self.inference.note(currents[0], text)
+            doubt = f"selected from {len(currents)} currents as the winding's"
+            self.take("motor_current", currents[0], doubt if len(currents) > 1 else "")
         duties = self.having("duty")
         for name in self.having("voltage"):
             values, is_of_motor = self.inference.finite(name), self.meaning(name).side == "motor"
             # The voltage of a motor needs both signs; a supply has one, and its duty cycle the
             # other part.
-            if np.min(values) < 0 < np.max(values):
-                self.sources["motor_voltage"] = self.source(name, "V")
-                if not is_of_motor:
-                    text = "taken for the voltage of the motor; it may be a command"
-                    self.inference.note(name, text)
+            is_signed = np.min(values) < 0 < np.max(values)
+            doubt = "taken for the voltage of the motor"
+            if is_signed:
+                doubt = "" if is_of_motor else f"{doubt}; it may be a command"
+                self.take("motor_voltage", name, doubt)
+            elif duties:
+                scale = UNIT_FACTORS["V"][self.meaning(name).unit or "V"]
+                more: dict[str, Any] = {} if scale == 1 else {"scale": scale}
+                self.take("motor_voltage", duties[0], times=name, **more)
+                self.note(f"{duties[0]} times {name}", doubt)
+            if "motor_voltage" in self.sources:
                 return
-            if duties:
-                factor = UNIT_FACTORS["V"][self.meaning(name).unit or "V"]
-                scale = {} if factor == 1 else {"scale": factor}
-                self.sources["motor_voltage"] = {"column": duties[0], "times": name, **scale}
-                text = "taken for the voltage of the motor"
-                self.inference.note(f"{duties[0]} times {name}", text)
-                return
-            text = "has one sign: a supply, not the voltage of the motor"
-            self.inference.choose(name, text, is_usual=not is_of_motor)
+            doubt = "has one sign: a supply, not the voltage of the motor"
+            self.note(name, doubt, is_usual=not is_of_motor)
 
     def turn_motor_side(self) -> None:
         """Note the gear ratio if motor position and joint position (plus deflection) correlate.
 
         Where it is negative, the motor's side of the gear gets the opposite sign.
         """
-        motor, load = map(
-            self._in_si, (self.sources["motor_position"], self.sources["joint_position"])
-        )
-        twists = [self._in_si(self.source(name)) for name in self.having("deflection")]
+        motor, load = (self._in_si(self.sources[x]) for x in ("motor_position", "joint_position"))
         # theta_M / N = q + d with the deflection d, whose sign is not known yet: without it the
         # positions of a soft spring are not proportional.
-        sides = [load] + [load + sign * twist for twist in twists for sign in (1.0, -1.0)]
+        sides = [load]
+        for name in self.having("deflection"):
+            twist = self._in_si({"column": name, "unit": self.meaning(name).unit or "rad"})
+            sides += [load + twist, load - twist]
         best = max(sides, key=lambda side: correlation(motor, side) ** 2)
         if not correlation(motor, best) ** 2 > _STIFF:
             return
@@ -455,22 +468,17 @@ class _Columns:
         # Least squares of the motor's position over the joint's: the slope is N, and is negative
         # for encoders that count against each other.
         ratio = np.cov(motor[good], best[good])[0, 1] / np.var(best[good], ddof=1)
-        text = f"the motor turns {ratio:.5g} times as far: check the gear ratio"
-        self.inference.note(self.joint, text)
+        self.note(self.joint, f"the motor turns {ratio:.5g} times as far: check the gear ratio")
         if ratio > 0:
             return
         # Position and effort of the motor turn together, so that their power keeps its sign; a
         # torque that was converted to the joint has the joint's sign already.
-        turned = [
-            source
-            for quantity, source in self.sources.items()
-            if quantity in _MOTOR_SIDE and source.get("side") != "joint"
-        ]
+        motor_side = [self.sources[x] for x in self.sources if x in _MOTOR_SIDE]
+        turned = [source for source in motor_side if source.get("side") != "joint"]
         for source in turned:
             source["sign"] = -int(source.get("sign", 1))
         columns = listed(str(source["column"]) for source in turned)
-        text = "turns against the joint encoder: sign = -1 on the motor's side"
-        self.inference.note(columns, text)
+        self.note(columns, "turns against the joint encoder: sign = -1 on the motor's side")
 
     def _in_si(self, source: Mapping[str, Any]) -> Array:
         """Return the samples of a position in rad or m, NaN for an unknown unit."""
@@ -481,15 +489,9 @@ class _Columns:
 
     def add_commands(self) -> None:
         """Add the commands of a joint without a torque that has both signs."""
-        drives = [x for x in self.sources if x.endswith(("torque", "current", "voltage"))]
-        columns = [self.inference.finite(self.sources[x]["column"]) for x in drives]
-        # Efforts that are never negative are magnitudes or limits: no joint is driven one way only.
-        is_driven = any(np.any(values < 0) for values in columns)
-        if is_driven or "motor_position" in self.sources:
+        names = {kind: self.inference.commands(self.joint, kind) for kind in _COMMANDS}
+        if "motor_position" in self.sources or self._is_driven(may_be=not names["position"]):
             return
-        if drives and not self.inference.commands(self.joint):
-            return
-        names = {kind: self.inference.commands(self.joint, kind) for kind in _COMMAND_UNITS}
         for kind in ("velocity", "torque"):  # of many drives they are zero all the time
             names[kind] = [name for name in names[kind] if np.any(self.inference.finite(name))]
         leading = next((kind for kind in ("position", "velocity") if names[kind]), "")
@@ -501,8 +503,14 @@ class _Columns:
             f"; {listed(unknown)}: a command of what is unknown, as the position does not follow "
             "it: name it position_command, velocity_command or torque_command in a description"
         )
-        text = f"no torque, current or voltage found{what if unknown else ''}"
-        self.inference.note(self.joint, text)
+        self.note(self.joint, f"no torque, current or voltage found{what if unknown else ''}")
+
+    def _is_driven(self, *, may_be: bool) -> bool:
+        """Return whether an effort of the joint has both signs, or whether there may be one."""
+        drives = [x for x in self.sources if x.endswith(("torque", "current", "voltage"))]
+        efforts = [self.inference.finite(self.sources[x]["column"]) for x in drives]
+        # Efforts that are never negative are magnitudes or limits: no joint is driven one way only.
+        return any(np.any(values < 0) for values in efforts) or (may_be and bool(efforts))
 
     def _add_commands(self, names: Mapping[str, list[str]], leading: str) -> None:
         """Add the first command of each quantity, the position in the unit of the measured one."""
@@ -510,44 +518,40 @@ class _Columns:
         usual = {x: y for x, y in position.items() if x in ("unit", "counts_per_turn")}
         for kind, columns in names.items():
             if columns:
-                source = self.source(self.first(columns, "commands"), _COMMAND_UNITS[kind])
                 more = usual if kind == "position" else {}
-                self.sources[f"{kind}_command"] = {"column": columns[0], **more, **source}
-        self.inference.note(
+                self.take(f"{kind}_command", columns[0], _selected(columns, "commands"), **more)
+        self.note(
             names[leading][0],
             f"a {leading} command of a joint without a torque that has both signs: its drive needs "
             f'motor_input = "{leading}_command" and the gains of its controller',
         )
         computed = self.inference.having("torque", self.joint, role="derived")
-        for name in names["torque"][:1]:
-            computed = []
-            self.inference.note(
-                name,
-                "taken for a feed-forward torque that the drive adds to that of its gains; if it "
-                'is the whole torque, describe it as motor_torque with side = "joint"',
-            )
-        for name in computed:
-            self.inference.note(
+        for name in names["torque"][:1] or computed:
+            self.note(
                 name,
                 "computed, and not used: if the drive adds it to the torque of its gains, describe "
-                "it as torque_command",
+                "it as torque_command"
+                if name in computed
+                else "taken for a feed-forward torque that the drive adds to that of its gains; if "
+                'it is the whole torque, describe it as motor_torque with side = "joint"',
             )
 
     def add_temperature(self) -> None:
         """Add the temperature of the motor: one that says so, else the first of the joint."""
-        electronics = vocabulary().roles["electronics"]
-        names = [
-            name
-            for name in self.having("temperature")
-            if not any(word in name.lower() for word in electronics)
-        ]
+        electronics = "|".join(vocabulary().roles["electronics"])
+        names = [x for x in self.having("temperature") if not re.search(electronics, x.lower())]
         if not names:
             return
         name = next((x for x in names if self.meaning(x).side == "motor"), names[0])
-        source = self.sources["motor_temperature"] = self.source(name, "degC")
+        self.take("motor_temperature", name)
         if self.meaning(name).unit is None and np.median(self.inference.finite(name)) > _KELVIN:
-            source["unit"] = "K"
-            self.inference.note(name, "taken for kelvin")
+            self.sources["motor_temperature"]["unit"] = "K"
+            self.note(name, "taken for kelvin")
         if self.meaning(name).side != "motor":
-            text = "taken for the temperature of the motor"
-            self.inference.choose(name, text, is_usual=len(names) == 1)
+            doubt = "taken for the temperature of the motor"
+            self.note(name, doubt, is_usual=len(names) == 1)
+
+
+def _selected(columns: Sequence[str], what: str) -> str:
+    """Return the doubt about the first of several columns."""
+    return f"selected from the {what} {', '.join(columns)}" if len(columns) > 1 else ""
