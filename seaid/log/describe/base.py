@@ -302,18 +302,24 @@ class _Search:
 
     def _state_quantities(self, arrays: Sequence[_Vector]) -> dict[_Vector, str]:
         """Return the quantities of arrays by their names, by a quaternion, and as derivatives."""
-        n, meanings = self.robot.n, {vector: meaning_of(vector.stem) for vector in arrays}
-        quantities = {vector: meaning.quantity for vector, meaning in meanings.items()}
-        with_pose = [vector for vector in arrays if len(vector.columns) == n + 7]
-        for vector in with_pose:
-            is_pose = _is_quaternion(self.samples(vector.columns[3:7]))
-            quantities[vector] = "position" if is_pose else ""
-        of_joints = [x for x in arrays if len(x.columns) == n and meanings[x].is_raw]
-        positions = [x for x in with_pose + of_joints if quantities[x] == "position"]
+        quantities = {vector: self._named_quantity(vector) for vector in arrays}
+        positions = [
+            vector
+            for vector, quantity in quantities.items()
+            if quantity == "position" and meaning_of(vector.stem).is_raw
+        ]
+        pose = self.robot.n + 7
+        unnamed = [x for x in arrays if not quantities[x] and len(x.columns) != pose]
         if positions:
-            unnamed = [x for x in arrays if not quantities[x] and x not in with_pose]
-            quantities |= self._derivatives(positions[0], unnamed)
+            position = max(positions, key=lambda vector: len(vector.columns))
+            quantities |= self._derivatives(position, unnamed)
         return quantities
+
+    def _named_quantity(self, vector: _Vector) -> str:
+        """Return the quantity of an array by its name, of one with a pose by its quaternion."""
+        if len(vector.columns) == self.robot.n + 7:
+            return "position" if _is_quaternion(self.samples(vector.columns[3:7])) else ""
+        return meaning_of(vector.stem).quantity
 
     def _derivatives(self, position: _Vector, arrays: Sequence[_Vector]) -> dict[_Vector, str]:
         """Return which arrays are the velocity and the acceleration, by those of the joints."""
