@@ -412,12 +412,14 @@ def _without_unit(run: str) -> tuple[str, str]:
     """Return letters and numbers without the unit at their end: "currentmA", "torque1mNm"."""
     if known_unit(run):
         return "", run
+    known = vocabulary()
     for start in range(1, len(run) - 1):
+        if run[start:] not in known.units:
+            continue
         before = (_SPLIT.findall(run[:start]) or [""])[-1].lower()
         # Behind a number or a quantity only, and in the unit's spelling: the m of "arm" is no
         # metre.
-        is_behind = before.isdigit() or before in vocabulary().quantities
-        if run[start:] in vocabulary().units and is_behind:
+        if before.isdigit() or before in known.quantities:
             return run[:start], run[start:]
     return run, ""
 
@@ -465,7 +467,7 @@ def _pairs(texts: Sequence[str]) -> Iterator[tuple[str, str]]:
 def _fits(unit: Unit, quantity: str) -> bool:
     """Return whether a quantity may have a unit; without a quantity only what is unmistakable."""
     if not quantity:
-        return unit[1] in vocabulary().tables["telling"]["units"].split()
+        return unit[1] in vocabulary().roles["telling"]
     return quantity == unit[0] or (quantity, unit[0]) in _ALSO
 
 
@@ -489,7 +491,7 @@ def _unit_of(words: Sequence[_Word], quantity: str, side: str, joint: str) -> Un
 
 def _counts_of(words: Sequence[_Word]) -> Unit | None:
     """Return the unit of counts or turns on a side of a gear: "motor_counts" are of its encoder."""
-    of_encoders = vocabulary().tables["telling"]["encoders"].split()
+    of_encoders = vocabulary().roles["encoders"]
     units = (word.unit for word in words if word.unit is not None and word.unit[1] in of_encoders)
     return next(units, None) if _side(words) else None
 
