@@ -66,6 +66,8 @@ def plain(found: Description) -> dict[str, Any]:
         ("currentmA", "current", "", "", "mA"),
         ("vbus mV", "voltage", "", "vbus", "mV"),
         ("slide.link_pos_um", "position", "joint", "slide", "um"),
+        ("slide_position_meters", "position", "", "slide", "m"),
+        ("slide_position_micrometers", "position", "", "slide", "um"),
         ("knee_enc_mrad", "position", "", "knee", "mrad"),
         ("pos_mdeg_3", "position", "", "3", "mdeg"),
         ("enc_counts", "position", "", "", "counts"),
