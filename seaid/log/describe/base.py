@@ -11,18 +11,25 @@ n + 3 columns.
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache
-from typing import Any
 
 import numpy as np
 
 from seaid._arrays import Array
 from seaid.log.base_log import matrices
 from seaid.log.describe.inference import Inference
-from seaid.log.describe.names import Meaning, known_unit, meaning_of, vocabulary
+from seaid.log.describe.names import Meaning, meaning_of
+from seaid.log.describe.vectors import (
+    Vector,
+    force_sensors,
+    is_contact,
+    is_elsewhere,
+    kind_of,
+    place_of,
+    planar_meaning,
+    words_of,
+)
 from seaid.log.description import Frame, Order, VectorSource
 from seaid.log.log import UNIT_FACTORS
 from seaid.log.readers.table import Table
@@ -53,103 +60,7 @@ _TURNS = 2.5 * math.pi
 _OPPOSITE = -0.8
 """Correlation of the derivative of the angle with the rate from which one has the other sign."""
 
-_TURNING_ABOUT = {"x": "roll", "y": "pitch", "z": "yaw"}
-
-_OF_UNITS = {
-    **{"m": "position", "m_per_s": "velocity", "rad_per_s": "angular_velocity"},
-    **{"m_per_s2": "specific_force", "N": "", "Nm": "", "rad": ""},
-}
-"""{SI unit of a component: the quantity of its vector, if no word says it}."""
-
-_AXIS = re.compile(r"(?:^|[._/ ]|(?<=[a-z])(?=[WXYZ]))([qpvwaftmFMT]?)([wxyzWXYZ])(?=[._/ \[(]|$)")
-"""A component in a name, with the letter of its vector: "acc_x", "GyroX", "pelvis_tx"."""
-
-_INDEXED = re.compile(r"(.*)\[(\d+)\]")
-_NUMBERED = re.compile(r"(.*[A-Za-z])_?(\d+)")
-_WRENCH = re.compile(r"(.+?)[._/ ]+(force|f|moment|torque|tau|t|m)", re.IGNORECASE)
-_GLUED = re.compile(r"(root|d{1,2}|[vapwq])?([xyz]|pitch|roll|yaw)(d{1,2}ot|dot|d)?")
-"""A coordinate with its rate in one word: "dx", "vx", "xdot", "rootz", "dpitch"."""
-
 _TAKEN = Meaning("base", "", "", None, "derived")
-
-
-@cache
-def _phrases(table: str, entry: str) -> tuple[str, ...]:
-    """Return the words and the phrases of an entry of the vocabulary."""
-    words, *phrases = vocabulary().tables[table][entry].split(", ")
-    return (*words.split(), *phrases)
-
-
-def _says(words: Sequence[str], table: str, entry: str) -> bool:
-    """Return whether words have one of the phrases of an entry of the vocabulary."""
-    text = f" {' '.join(words)} "
-    return any(f" {phrase} " in text for phrase in _phrases(table, entry))
-
-
-def _words(name: str) -> list[str]:
-    """Return the words of a name in small letters, glued coordinates and rates apart."""
-    words: list[str] = []
-    for word in re.findall(r"[a-z]+|\d+", re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).lower()):
-        before, axis, after = (
-            glued.groups() if (glued := _GLUED.fullmatch(word)) else ("", word, "")
-        )
-        if before == "root":  # a hinge about y, slides along the others
-            words += ["root", "pitch" if axis == "y" else axis]
-            continue
-        rates = (before or "").count("d") + (after or "").count("d")
-        rate = ["vel" if rates == 1 else "acc"] if rates else [before] if before else []
-        words += [axis, *rate]
-    return words
-
-
-def _kind_of(name: str) -> str:
-    """Return the quantity of the base that a name says, an empty text if none."""
-    words = _words(name)
-    if words[-1:] == ["t"] and _says(words, "base_words", "body"):  # a translation: "trunk.t"
-        return "position"
-    kinds = vocabulary().tables["base"]
-    return next((kind for kind in kinds if _says(words, "base", kind)), "")
-
-
-def _is_commanded(name: str) -> bool:
-    return not vocabulary().roles["commanded"].isdisjoint(_words(name))
-
-
-def _is_elsewhere(name: str) -> bool:
-    """Return whether a name is that of a command, or of a vector that the base does not have."""
-    return _says(_words(name), "base_words", "no_vector") or _is_commanded(name)
-
-
-def _is_contact(name: str) -> bool:
-    return _says(_words(name), "base_words", "contact")
-
-
-def _unit(tail: str) -> tuple[str, float] | None:
-    """Return quantity and factor to SI of the unit behind a component, None if it is none."""
-    text = re.sub(r"[\s_.\[\]()^*]|(?<=/)/|^/", "", tail.replace("_per_", "/").replace("²", "2"))
-    if not text:
-        return "", 1.0
-    of_vectors = vocabulary().tables["base_units"].items()
-    unit = next((unit for unit, texts in of_vectors if text in texts.split()), "")
-    unit = unit or (known_unit(text) or ("", ""))[1]
-    for si, quantity in _OF_UNITS.items():
-        if unit in UNIT_FACTORS[si]:
-            return quantity, UNIT_FACTORS[si][unit]
-    return None
-
-
-@dataclass(frozen=True)
-class _Vector:
-    """Columns that differ in a component or in their place in an array, and their factor to SI."""
-
-    stem: str
-    columns: tuple[str, ...]
-    factor: float = 1.0
-    is_array: bool = False
-
-    def source(self, **more: Any) -> VectorSource:
-        """Return the source of the vector."""
-        return VectorSource(self.columns, **{"scale": self.factor, **more})
 
 
 @dataclass
@@ -195,7 +106,7 @@ class _Search:
     robot: Robot
     floating: FloatingBase
     guess: BaseGuess = field(default_factory=BaseGuess)
-    other_forces: dict[str, _Vector] = field(default_factory=dict)
+    other_forces: dict[str, Vector] = field(default_factory=dict)
 
     def note(self, about: str, text: str) -> None:
         """Note what is in doubt."""
@@ -211,7 +122,7 @@ class _Search:
         """Return the samples (T, k) of k columns."""
         return np.column_stack([self.inference.data[name] for name in columns])
 
-    def named_vectors(self) -> list[_Vector]:
+    def named_vectors(self) -> list[Vector]:
         """Return the vectors by their names: arrays, files without names, and components.
 
         Columns that differ in their last number, as "gyro_0", are a vector if there are as many as
@@ -220,7 +131,7 @@ class _Search:
         groups: dict[tuple[str, str], dict[str, tuple[str, float]]] = {}
         for name in self.inference.data:
             file = self.table.files.get(name, "")
-            form, stem, place, factor = _place(self.table.bare(name), file)
+            form, stem, place, factor = place_of(self.table.bare(name), file)
             groups.setdefault((form, stem), {}).setdefault(place, (name, factor))
         sizes = {3, 4, 7, *self.widths, len(self.floating.contacts)}
         vectors = []
@@ -233,7 +144,7 @@ class _Search:
             if places:
                 columns = tuple(parts[place][0] for place in places)
                 factor = factors.pop() if len(factors) == 1 else 1.0
-                vectors.append(_Vector(stem, columns, factor, is_array=form != "axis"))
+                vectors.append(Vector(stem, columns, factor, is_array=form != "axis"))
         return vectors
 
     def _axes(self, stem: str, parts: Collection[str]) -> list[str]:
@@ -241,12 +152,12 @@ class _Search:
         lacking = [x for x in "xyz" if x not in parts]
         if not lacking:
             return [x for x in "wxyz" if x in parts]
-        is_vector = len(lacking) == 1 and self.floating.normal is None and _kind_of(stem)
-        if is_vector and not _is_elsewhere(stem):
+        is_vector = len(lacking) == 1 and self.floating.normal is None and kind_of(stem)
+        if is_vector and not is_elsewhere(stem):
             self.note(stem, f"has no {lacking[0]}: a vector of the base needs x, y and z")
         return []
 
-    def vectors_of_one_table(self) -> list[_Vector]:
+    def vectors_of_one_table(self) -> list[Vector]:
         """Return the vectors of one table of numbers: positions with a quaternion, what follows.
 
         Behind the n + 7 positions come arrays of n + 6, those of n torques, and flags of the
@@ -263,7 +174,7 @@ class _Search:
         if place is None:
             return []
         start, place = place - 3, place + 4 + n
-        vectors = [_Vector("q", tuple(names[start:place]), is_array=True)]
+        vectors = [Vector("q", tuple(names[start:place]), is_array=True)]
         rate = self.samples(names[place - n : place])
         widths = {"velocity": n + 6, "acceleration": n + 6, "torque": n, "contact": feet}
         for stem, width in widths.items():
@@ -275,13 +186,13 @@ class _Search:
                 if _cosine(derivative, values[: len(derivative)]) < _DERIVED:
                     continue
                 rate = values
-            vectors.append(_Vector(stem, tuple(columns), is_array=True))
+            vectors.append(Vector(stem, tuple(columns), is_array=True))
             place += width
         text = ", ".join(f"{vector.stem} ({len(vector.columns)})" for vector in vectors)
         self.note(f"columns {names[start]} to {names[place - 1]}", f"taken for {text}")
         return vectors
 
-    def take_states(self, vectors: Sequence[_Vector]) -> None:
+    def take_states(self, vectors: Sequence[Vector]) -> None:
         """Take arrays of n, n + 3, n + 6 or n + 7 columns for states of base and joints."""
         robot, n, widths = self.robot, self.robot.n, (self.robot.n, *self.widths)
         arrays = [x for x in vectors if x.is_array and len(x.columns) in widths]
@@ -300,7 +211,7 @@ class _Search:
             order = f"{robot.joint_names[0]}, {robot.joint_names[1]}, ..." if n > 1 else "one"
             self.note(about, f"taken for the robot's joints in their order ({order})")
 
-    def _state_quantities(self, arrays: Sequence[_Vector]) -> dict[_Vector, str]:
+    def _state_quantities(self, arrays: Sequence[Vector]) -> dict[Vector, str]:
         """Return the quantities of arrays by their names, by a quaternion, and as derivatives."""
         quantities = {vector: self._named_quantity(vector) for vector in arrays}
         positions = [
@@ -315,16 +226,16 @@ class _Search:
             quantities |= self._derivatives(position, unnamed)
         return quantities
 
-    def _named_quantity(self, vector: _Vector) -> str:
+    def _named_quantity(self, vector: Vector) -> str:
         """Return the quantity of an array by its name, of one with a pose by its quaternion."""
         if len(vector.columns) == self.robot.n + 7:
             return "position" if _is_quaternion(self.samples(vector.columns[3:7])) else ""
         return meaning_of(vector.stem).quantity
 
-    def _derivatives(self, position: _Vector, arrays: Sequence[_Vector]) -> dict[_Vector, str]:
+    def _derivatives(self, position: Vector, arrays: Sequence[Vector]) -> dict[Vector, str]:
         """Return which arrays are the velocity and the acceleration, by those of the joints."""
         samples = {x: self.samples(x.columns[-self.robot.n :]) for x in (position, *arrays)}
-        quantities: dict[_Vector, str] = {}
+        quantities: dict[Vector, str] = {}
         rate = samples.pop(position)
         for quantity in ("velocity", "acceleration"):
             # The acceleration is compared with the derivative of the velocity that was found, if
@@ -338,12 +249,12 @@ class _Search:
                 self.note(best.stem, f"the {quantity} by its samples")
         return quantities
 
-    def take_vector(self, vector: _Vector) -> None:
+    def take_vector(self, vector: Vector) -> None:
         """Take a vector for what its name and its samples say."""
         width, values = len(vector.columns), self.samples(vector.columns)
-        if width not in (3, 4, 7) or _is_contact(vector.stem) or _is_elsewhere(vector.stem):
+        if width not in (3, 4, 7) or is_contact(vector.stem) or is_elsewhere(vector.stem):
             return
-        base, kind = self.guess.base, _kind_of(vector.stem)
+        base, kind = self.guess.base, kind_of(vector.stem)
         if width >= 4 and _is_quaternion(values[:, width - 4 :]):
             order: Order | None = None if vector.is_array or width == 7 else "wxyz"
             if width == 7:
@@ -372,15 +283,15 @@ class _Search:
 
     def _shared(self, name: str) -> tuple[str, int]:
         """Return the contact that shares the most words with a name, and how many those are."""
-        words = {*_words(name)}
-        counts = {x: len(words & {*_words(x)}) for x in self.floating.contact_links}
+        words = {*words_of(name)}
+        counts = {x: len(words & {*words_of(x)}) for x in self.floating.contact_links}
         best = max(counts, key=counts.__getitem__, default="")
         is_clear = list(counts.values()).count(counts.get(best, 0)) == 1
         return (best, counts[best]) if is_clear and counts[best] else ("", 0)
 
-    def take_wrenches(self, vectors: Sequence[_Vector]) -> None:
+    def take_wrenches(self, vectors: Sequence[Vector]) -> None:
         """Take force sensors for the contacts whose names share the most words with theirs."""
-        sensors = _force_sensors(vectors)
+        sensors = force_sensors(vectors)
         links = {sensor: self._shared(sensor) for sensor in sensors}
         for sensor, parts in sensors.items():
             link, count = links[sensor]
@@ -402,15 +313,15 @@ class _Search:
             if vector.columns not in taken:
                 self.note(sensor, "a force sensor whose name is not that of one contact: not used")
 
-    def take_contacts(self, vectors: Sequence[_Vector]) -> None:
+    def take_contacts(self, vectors: Sequence[Vector]) -> None:
         """Take columns for contacts: with the words of a link, or an array of one for each."""
         links = [x for x in self.floating.contact_links if x not in self.guess.contacts]
         for name in self.inference.data:
             bare = self.table.bare(name)
-            if _is_contact(bare) and self._shared(bare)[0] in links:
+            if is_contact(bare) and self._shared(bare)[0] in links:
                 self._take_contact(self._shared(bare)[0], name)
         for vector in vectors:
-            fits = _is_contact(vector.stem) and len(vector.columns) == len(links)
+            fits = is_contact(vector.stem) and len(vector.columns) == len(links)
             if fits and not self.guess.contacts:
                 for link, name in zip(links, vector.columns, strict=True):
                     self._take_contact(link, name)
@@ -441,7 +352,7 @@ class _Search:
         if any(meaning.quantity in ("torque", "current") for meaning in meanings.values()):
             return
         for name, m in self.inference.meanings.items():
-            is_load = name.lower().endswith("load") and m.joint in self.robot.joint_names
+            is_load = words_of(name)[-1:] == ["load"] and m.joint in self.robot.joint_names
             if is_load and not m.quantity:
                 self.guess.meanings[name] = replace(m, quantity="torque", side="")
                 self.note(name, "taken for the torque of the joint")
@@ -458,7 +369,7 @@ class _Search:
         used = {*self.guess.meanings, *of_joints, *self.guess.columns()}
         columns: dict[tuple[str, str], str] = {}
         for column in [x for x in self.inference.data if x not in used]:
-            meaning = _planar(self.table.bare(column), normal)
+            meaning = planar_meaning(self.table.bare(column), normal)
             if meaning is not None:
                 columns.setdefault(meaning, column)
         vectors = self._planar_vectors(columns, normal)
@@ -495,7 +406,7 @@ class _Search:
     def _in_radians(self, column: str) -> VectorSource:
         """Return the source of an angle or its rate, in degrees by its name or its range."""
         unit, values = self.inference.meanings[column].unit, self.inference.finite(column)
-        words = {*_words(column)}
+        words = {*words_of(column)}
         is_in_degrees = unit in ("deg", "deg/s") or "°" in column
         is_in_degrees |= not words.isdisjoint(("deg", "degree", "degrees", "dps"))
         if unit is None and not is_in_degrees and "rad" not in column.lower():
@@ -609,83 +520,6 @@ _STATES: dict[tuple[int, str], dict[str, slice]] = {
     (3, "velocity"): {"velocity": slice(2), "angular_velocity": slice(2, 3)},
 }
 """{(columns of the base, quantity): {its vectors: their columns}} of generalised coordinates."""
-
-
-def _force_sensors(vectors: Sequence[_Vector]) -> dict[str, dict[str, _Vector]]:
-    """Return {sensor: {"force" and "moment": vector}} of what is no command."""
-    sensors: dict[str, dict[str, _Vector]] = {}
-    for vector in vectors:
-        match = _WRENCH.fullmatch(vector.stem)
-        if match and len(vector.columns) == 3 and not _is_commanded(vector.stem):
-            quantity = "force" if match[2].lower().startswith("f") else "moment"
-            sensors.setdefault(match[1], {})[quantity] = vector
-    return {sensor: parts for sensor, parts in sensors.items() if "force" in parts}
-
-
-def _place(bare: str, file: str) -> tuple[str, str, str, float]:
-    """Return form, stem, place and factor of a column as that of a vector.
-
-    The form is "array" of q[3] and of the numbered columns of a file, "axis" of a component with
-    the factor of its unit, "number" of a name that ends in one, or an empty text.
-    """
-    if part := _INDEXED.fullmatch(bare):
-        return "array", part[1], part[2], 1.0
-    if bare.isdecimal() and file:
-        return "array", file.rsplit(".", 1)[0], bare, 1.0
-    if component := _component(bare):
-        return "axis", *component
-    number = _NUMBERED.fullmatch(bare)
-    return ("number", number[1], number[2], 1.0) if number else ("", "", "", 1.0)
-
-
-def _component(bare: str) -> tuple[str, str, float] | None:
-    """Return the name of a vector, the axis of a column and its factor: "GyroX [deg/s]"."""
-    for match in _AXIS.finditer(bare):
-        stem, unit = bare[: match.start()], _unit(bare[match.end() :])
-        if unit is None or not (stem or match[1]):
-            continue
-        quantity, factor = unit
-        stem += f"_{match[1]}" if match[1] else ""
-        if quantity and not _kind_of(stem) and _says(_words(stem), "base_words", "body"):
-            stem = f"{stem}.{quantity}"
-        return stem, match[2].lower(), factor
-    return None
-
-
-def _planar(bare: str, normal: str) -> tuple[str, str] | None:
-    """Return (quantity, axis) of a name, None if it is not that of a planar base."""
-    words, known = {*_words(bare)}, _planar_words()
-    rest = words - known["body"] - known["filler"]
-    axes, angles = rest & {*"xyz"}, rest & {*_phrases("base_words", _TURNING_ABOUT[normal])}
-    if words & known["body"] and not axes:
-        angles |= rest & known["angle"]
-    rest -= axes | angles
-    # What remains must be words of one quantity only: an unknown word makes it another column.
-    kinds = [kind for kind in _PLANAR if rest <= known[kind]]
-    if angles and not axes:
-        return next(((_PLANAR[kind], normal) for kind in kinds if _PLANAR[kind]), None)
-    if axes <= {normal}:
-        is_rate = rest & {*_phrases("base", "angular_velocity")} and kinds
-        return ("angular_velocity", normal) if is_rate else None
-    is_in_plane = len(axes) == 1 and kinds and kinds[0] != "angular_velocity"
-    return (kinds[0], axes.pop()) if is_in_plane else None
-
-
-_PLANAR = {
-    **{"position": "angle", "velocity": "", "specific_force": ""},
-    "angular_velocity": "angular_velocity",
-}
-"""{quantity of the words of a name: the quantity next to the word of an angle, if any}."""
-
-
-@cache
-def _planar_words() -> dict[str, set[str]]:
-    """Return the words of a planar base by what they say; a rate may be that of an angle."""
-    tables = vocabulary().tables["planar_words"]
-    words = {x: {*_phrases("base_words", x)} for x in ("body", "filler", "angle")}
-    words |= {x: {*_phrases("base", x), *tables.get(x, "").split()} for x in _PLANAR}
-    words["angular_velocity"] |= words["velocity"]
-    return words
 
 
 def _is_quaternion(values: Array) -> bool:
