@@ -128,16 +128,12 @@ class _Search:
         Columns that differ in their last number, as "gyro_0", are a vector if there are as many as
         of a vector of the base, or of its contacts.
         """
-        groups: dict[tuple[str, str], dict[str, tuple[str, float]]] = {}
-        for name in self.inference.data:
-            file = self.table.files.get(name, "")
-            form, stem, place, factor = place_of(self.table.bare(name), file)
-            groups.setdefault((form, stem), {}).setdefault(place, (name, factor))
+        groups = self._groups()
         sizes = {3, 4, 7, *self.widths, len(self.floating.contacts)}
         vectors = []
         for (form, stem), parts in groups.items():
             is_known = ("array", stem) in groups or len(parts) not in sizes
-            if form == "" or (form == "number" and is_known):
+            if form == "number" and is_known:
                 continue
             places = self._axes(stem, parts) if form == "axis" else sorted(parts, key=int)
             factors = {parts[place][1] for place in places}
@@ -146,6 +142,16 @@ class _Search:
                 factor = factors.pop() if len(factors) == 1 else 1.0
                 vectors.append(Vector(stem, columns, factor, is_array=form != "axis"))
         return vectors
+
+    def _groups(self) -> dict[tuple[str, str], dict[str, tuple[str, float]]]:
+        """Return {(form, stem): {place: (column, factor)}} of the columns."""
+        groups: dict[tuple[str, str], dict[str, tuple[str, float]]] = {}
+        for name in self.inference.data:
+            file = self.table.files.get(name, "")
+            form, stem, place, factor = place_of(self.table.bare(name), file)
+            if form:
+                groups.setdefault((form, stem), {}).setdefault(place, (name, factor))
+        return groups
 
     def _axes(self, stem: str, parts: Collection[str]) -> list[str]:
         """Return the axes of a whole vector in order, none of one that lacks an axis: note that."""
@@ -261,13 +267,19 @@ class _Search:
                 base.setdefault("position", VectorSource(vector.columns[:3]))
             base.setdefault("orientation", VectorSource(vector.columns[width - 4 :], order=order))
         elif width == 3 and kind == "specific_force":
-            text = "without gravity: used if nothing else is"
-            if factor := self._acceleration_factor(vector.stem, vector.factor * values, text):
-                base.setdefault(kind, vector.source(scale=factor * vector.factor))
-            else:
-                base.setdefault("acceleration", vector.source(frame="base"))
+            self._take_acceleration(vector, values)
         elif width == 3 and kind not in ("", "orientation"):
             base.setdefault(kind, vector.source())
+
+    def _take_acceleration(self, vector: Vector, values: Array) -> None:
+        """Take an acceleration with gravity, or one without it in the axes of the base."""
+        doubt = "without gravity: used if nothing else is"
+        factor = self._acceleration_factor(vector.stem, vector.factor * values, doubt)
+        if factor:
+            source = vector.source(scale=factor * vector.factor)
+            self.guess.base.setdefault("specific_force", source)
+        else:
+            self.guess.base.setdefault("acceleration", vector.source(frame="base"))
 
     def _acceleration_factor(self, about: str, values: Array, doubt: str) -> float:
         """Return the factor to m/s^2 of an acceleration (T, k), zero with a note of its `doubt`."""
@@ -362,17 +374,7 @@ class _Search:
         if self.floating.normal is None:
             return
         normal = "xyz"[int(np.argmax(np.abs(np.array(self.floating.normal))))]
-        # What arrays and vectors were taken for has precedence over single columns.
-        of_joints = {
-            x for x, m in self.inference.meanings.items() if m.joint in self.robot.joint_names
-        }
-        used = {*self.guess.meanings, *of_joints, *self.guess.columns()}
-        columns: dict[tuple[str, str], str] = {}
-        for column in [x for x in self.inference.data if x not in used]:
-            meaning = planar_meaning(self.table.bare(column), normal)
-            if meaning is not None:
-                columns.setdefault(meaning, column)
-        vectors = self._planar_vectors(columns, normal)
+        vectors = self._planar_vectors(normal)
         for quantity in ("angle", "angular_velocity"):
             if quantity in vectors:
                 vectors[quantity] = self._in_radians(*vectors[quantity].columns)
@@ -387,10 +389,20 @@ class _Search:
                 del vectors["specific_force"]
         self.guess.base = {**vectors, **self.guess.base}
 
-    def _planar_vectors(
-        self, columns: Mapping[tuple[str, str], str], normal: str
-    ) -> dict[str, VectorSource]:
-        """Return the vectors of columns {(quantity, axis): column}; note one that lacks an axis."""
+    def _planar_columns(self, normal: str) -> dict[tuple[str, str], str]:
+        """Return {(quantity, axis): column} of single columns that nothing else has taken."""
+        # What arrays and vectors were taken for has precedence over single columns.
+        taken = {*self.guess.meanings, *self.guess.columns()}
+        columns: dict[tuple[str, str], str] = {}
+        for column in [x for x in self.inference.data if x not in taken]:
+            meaning = planar_meaning(self.table.bare(column), normal)
+            if meaning and self.inference.meanings[column].joint not in self.robot.joint_names:
+                columns.setdefault(meaning, column)
+        return columns
+
+    def _planar_vectors(self, normal: str) -> dict[str, VectorSource]:
+        """Return the vectors of a planar base; note one that lacks an axis."""
+        columns = self._planar_columns(normal)
         plane, vectors = "xyz".replace(normal, ""), dict[str, VectorSource]()
         of_plane = dict.fromkeys(("position", "velocity", "specific_force"), plane)
         for quantity, axes in {**of_plane, "angle": normal, "angular_velocity": normal}.items():

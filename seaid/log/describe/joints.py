@@ -239,11 +239,16 @@ def _in_order(labels: Sequence[str], joints: Sequence[str], inference: Inference
     if labels != [""] or len(joints) > 1:
         about = ", ".join(x or "columns without a joint" for x in labels[: len(joints)])
         inference.note(about, "taken for the robot's joints in their order")
-    is_sure = all(map(_number_in, labels)) or len(labels) == len(joints) == 1
-    guessed = () if is_sure else labels
-    for name in [x for x, m in inference.meanings.items() if m.joint in guessed and is_sensor(m)]:
-        inference.note(name, "its joint is a guess, by the order of the columns")
+    if not all(map(_number_in, labels)) and not len(labels) == len(joints) == 1:
+        _note_guesses(labels, inference)
     return dict(zip(labels, joints, strict=False))
+
+
+def _note_guesses(labels: Sequence[str], inference: Inference) -> None:
+    """Note the sensors of joints whose labels say nothing of their order."""
+    for name, meaning in inference.meanings.items():
+        if meaning.joint in labels and is_sensor(meaning):
+            inference.note(name, "its joint is a guess, by the order of the columns")
 
 
 def quantities_of(inference: Inference, joint: str) -> Sources:
@@ -469,8 +474,11 @@ class _Columns:
         # for encoders that count against each other.
         ratio = np.cov(motor[good], best[good])[0, 1] / np.var(best[good], ddof=1)
         self.note(self.joint, f"the motor turns {ratio:.5g} times as far: check the gear ratio")
-        if ratio > 0:
-            return
+        if ratio < 0:
+            self._turn()
+
+    def _turn(self) -> None:
+        """Negate what is on the motor's side of the gear."""
         # Position and effort of the motor turn together, so that their power keeps its sign; a
         # torque that was converted to the joint has the joint's sign already.
         motor_side = [self.sources[x] for x in self.sources if x in _MOTOR_SIDE]

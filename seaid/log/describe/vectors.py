@@ -163,16 +163,22 @@ def planar_meaning(bare: str, normal: str) -> tuple[str, str] | None:
     axes, angles = rest & {*"xyz"}, rest & {*_phrases("base_words", _TURNING_ABOUT[normal])}
     if words & known["body"] and not axes:
         angles |= rest & known["angle"]
-    rest -= axes | angles
     # What remains must be words of one quantity only: an unknown word makes it another column.
-    kinds = [kind for kind in _PLANAR if rest <= known[kind]]
-    if angles and not axes:
-        return next(((_PLANAR[kind], normal) for kind in kinds if _PLANAR[kind]), None)
-    if axes <= {normal}:
-        is_rate = rest & {*_phrases("base", "angular_velocity")} and kinds
-        return ("angular_velocity", normal) if is_rate else None
-    is_in_plane = len(axes) == 1 and kinds and kinds[0] != "angular_velocity"
-    return (kinds[0], axes.pop()) if is_in_plane else None
+    rest -= axes | angles
+    if angles and not axes:  # "base_pos_pitch_dot" is a rate
+        return _of_angle(rest - {"pos"}, normal)
+    kind = next((kind for kind in _PLANAR if rest <= known[kind]), "")
+    # A rate may lack its axis, which is the normal of the plane: "gyro".
+    is_rate = kind == "angular_velocity"
+    (axis, *more) = sorted(axes) or ([normal] if is_rate else [""])
+    is_along = (axis == normal) == is_rate
+    return (kind, axis) if kind and axis and is_along and not more else None
+
+
+def _of_angle(rest: set[str], normal: str) -> tuple[str, str] | None:
+    """Return (quantity, axis) of the words next to that of an angle."""
+    kinds = [kind for kind in _PLANAR if rest <= _planar_words()[kind]]
+    return next(((_PLANAR[kind], normal) for kind in kinds if _PLANAR[kind]), None)
 
 
 _PLANAR = {
