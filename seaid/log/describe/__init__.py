@@ -480,11 +480,11 @@ def _clocks(inference: Inference) -> dict[str, Clock]:
     clocks: dict[str, Clock] = {}
     if split := _clock_of_two_columns(inference):
         return {"": split}
-    for name, values in inference.data.items():
-        meaning, steps = inference.meanings[name], np.diff(values[np.isfinite(values)])
+    for name, meaning in inference.logged("time").items():
+        steps = np.diff(inference.finite(name))
         # Not all steps: stamps may come late or be repeated, which a repair corrects afterwards.
         grows = len(steps) > 0 and np.mean(steps >= 0) > 0.95 and np.median(steps) > 0
-        if meaning.quantity != "time" or not grows:
+        if not grows:
             continue
         tag = meaning.joint if re.fullmatch(r"(tx_|rx_)?\d+", meaning.joint) else ""
         tag = tag.rsplit("_", 1)[-1]
@@ -502,8 +502,7 @@ _WHOLE = 1e9
 
 def _clock_of_two_columns(inference: Inference) -> Clock | None:
     """Return the clock of whole seconds and nanoseconds, as in the header of a ROS message."""
-    named = [name for name in inference.data if inference.meanings[name].quantity == "time"]
-    for seconds, rest in permutations(named, 2):
+    for seconds, rest in permutations(inference.logged("time"), 2):
         s, ns = inference.data[seconds], inference.data[rest]
         is_split = np.all(s == np.round(s)) and np.all((ns >= 0) & (ns < _WHOLE))
         # Nanoseconds of a split clock fall back to zero within the log, after half a second at
@@ -519,13 +518,12 @@ def _clock_of_two_columns(inference: Inference) -> Clock | None:
 
 def _nameless_clock(inference: Inference) -> dict[str, Clock]:
     """Return as clock the first evenly increasing column whose name has no quantity."""
-    for name, values in inference.data.items():
-        steps = np.diff(values)
-        if inference.meanings[name].quantity or len(steps) < 2 or not np.all(steps > 0):
-            continue
-        if np.std(steps) < 0.5 * np.mean(steps):
+    for name, meaning in inference.logged("").items():
+        steps = np.diff(inference.data[name])
+        is_growing = len(steps) > 1 and bool(np.all(steps > 0))
+        if is_growing and np.std(steps) < 0.5 * np.mean(steps):
             inference.note(name, "increases evenly: taken for the time")
-            return {"": Clock(name, _time_unit(name, inference.meanings[name], steps, inference))}
+            return {"": Clock(name, _time_unit(name, meaning, steps, inference))}
     return {}
 
 

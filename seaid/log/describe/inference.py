@@ -93,19 +93,24 @@ class Inference:
         ]
         return sorted(columns, key=lambda name: not self.meanings[name].is_said)
 
+    def logged(self, quantity: str) -> dict[str, Meaning]:
+        """Return the columns with samples whose names say a quantity, and their meanings."""
+        meanings = self.meanings
+        return {x: meanings[x] for x in self.data if meanings[x].quantity == quantity}
+
     def commands(self, joint: str, quantity: str = "position") -> list[str]:
         """Return the columns with a commanded quantity of a joint.
 
         A name that says only "command" is one of the position if a joint with a loop of the
         position moves as measured under it.
         """
+        label = joint.removesuffix("_joint")
+        unnamed = self.logged("") if quantity == "position" else {}
         return [
             name
-            for name, meaning in self.meanings.items()
-            if meaning.role == "command" and name in self.data
-            if meaning.joint.removesuffix("_joint") == joint.removesuffix("_joint")
-            if meaning.quantity == quantity
-            or (quantity == "position" and not meaning.quantity and self._leads(name, joint))
+            for name, meaning in {**self.logged(quantity), **unnamed}.items()
+            if meaning.role == "command" and meaning.joint.removesuffix("_joint") == label
+            if meaning.quantity or self._leads(name, joint)
         ]
 
     def _leads(self, name: str, joint: str) -> bool:

@@ -102,42 +102,30 @@ def _names_of_robot(inference: Inference, robot: Robot, labels: list[str]) -> di
 
 def _take_estimates(inference: Inference) -> None:
     """Take positions that a drive calls estimated for measured, if there are no others."""
-    positions = {
-        name: meaning.role
-        for name, meaning in inference.meanings.items()
-        if meaning.quantity == "position" and name in inference.data
-    }
-    if "measured" in positions.values():
+    positions = inference.logged("position")
+    if any(meaning.is_raw for meaning in positions.values()):
         return
-    for name in [name for name, role in positions.items() if role == "estimated"]:
-        text = "an estimate of the drive, as there is no other position"
-        inference.take(name, text, role="measured")
+    for name, meaning in positions.items():
+        if meaning.role == "estimated":
+            text = "an estimate of the drive, as there is no other position"
+            inference.take(name, text, role="measured")
 
 
 def _labels(inference: Inference) -> list[str]:
     """Return the labels of joints whose positions move: numbers sorted, others in file order."""
-    labels = dict.fromkeys(
-        meaning.joint
-        for name, meaning in inference.meanings.items()
-        if meaning.quantity == "position" and meaning.is_raw and name in inference.data
-    )
+    positions = inference.logged("position").values()
+    labels = dict.fromkeys(meaning.joint for meaning in positions if meaning.is_raw)
     return sorted(labels, key=int) if all(map(_is_number, labels)) else list(labels)
 
 
 def _measured_next_to_commands(inference: Inference) -> list[str]:
     """Return the labels of "actual_1" next to "target_1", which are taken for positions."""
-    unnamed = {
-        name: meaning
-        for name, meaning in inference.meanings.items()
-        if not meaning.quantity and name in inference.data
-    }
-    commands = {
-        meaning.joint: name for name, meaning in unnamed.items() if meaning.role == "command"
-    }
-    for name, meaning in unnamed.items():
-        leads = commands.get(meaning.joint)
-        is_measured = meaning.is_raw and meaning.is_said and leads
-        if is_measured and follows(inference.data[name], inference.data[str(leads)]):
+    unnamed = inference.logged("")
+    commands = {m.joint: name for name, m in unnamed.items() if m.role == "command"}
+    measured = {name: m for name, m in unnamed.items() if m.is_raw and m.is_said}
+    for name, meaning in measured.items():
+        leads = commands.get(meaning.joint, "")
+        if leads and follows(inference.data[name], inference.data[leads]):
             text = "measured, without a quantity: taken for the position"
             inference.take(name, text, quantity="position")
     return _labels(inference)
@@ -223,9 +211,8 @@ def _number_in(name: str) -> str:
 
 def _sorted(labels: list[str]) -> list[str]:
     """Return labels that differ in a number, as axis_2 and axis_10, in the order of the numbers."""
-    if len({label.rstrip("0123456789") for label in labels}) > 1 or not all(
-        map(_number_in, labels)
-    ):
+    stems = {label.rstrip("0123456789") for label in labels}
+    if len(stems) > 1 or not all(map(_number_in, labels)):
         return labels
     return sorted(labels, key=lambda label: int(_number_in(label)))
 
