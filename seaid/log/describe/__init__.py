@@ -301,15 +301,44 @@ def _common_clock(
     return common
 
 
+_OVERLAP = 0.8
+"""Part of the shorter file's time from which two files are simultaneous."""
+
+_TORQUES = {"torque", "current", "voltage"}
+
+
 @dataclass(frozen=True)
 class _File:
     """A file: its columns but the time, the quantities of these, and its time span [s]."""
 
     path: Path
-    columns: frozenset[str]
-    quantities: frozenset[str]
-    start_s: float
-    end_s: float
+    columns: frozenset[str] = frozenset()
+    quantities: frozenset[str] = frozenset()
+    start_s: float = math.nan
+    end_s: float = math.nan
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether it has both positions and torques."""
+        return "position" in self.quantities and not _TORQUES.isdisjoint(self.quantities)
+
+    def complements(self, file: _File) -> bool:
+        """Return whether files share no column, and one at least lacks positions or torques.
+
+        "run.state.csv" and "run.control.csv" share names: the latter has the commands.
+        """
+        names = [x.path.name.split(".") for x in (self, file)]
+        roles = {is_of_commands(x.path.name) for x in (self, file)}
+        if names[0][0] == names[1][0] and min(map(len, names)) > 2 and len(roles) == 2:
+            return bool(self.columns and file.columns)
+        is_known = bool(self.columns and file.columns) and self.columns.isdisjoint(file.columns)
+        return is_known and not (self.is_complete and file.is_complete)
+
+    def overlaps(self, file: _File) -> bool:
+        """Return whether files are of about the same time."""
+        common = min(self.end_s, file.end_s) - max(self.start_s, file.start_s)
+        shorter = min(self.end_s - self.start_s, file.end_s - file.start_s)
+        return common > _OVERLAP * shorter
 
 
 def logs_of_files(
@@ -323,8 +352,8 @@ def logs_of_files(
     """
     groups: list[list[_File]] = []
     for file in (_file_of(path, robot) for path in paths):
-        fitting = (group for group in groups if all(_are_of_one_log(file, each) for each in group))
-        group = next(fitting, [])
+        fits = (all(file.complements(x) and file.overlaps(x) for x in group) for group in groups)
+        group = next((group for group, is_its in zip(groups, fits, strict=True) if is_its), [])
         if not group:
             groups.append(group)
         group.append(file)
@@ -343,7 +372,7 @@ def _doubts(groups: Sequence[Sequence[_File]]) -> Iterator[str]:
             )
     firsts = [group[0] for group in groups]
     for earlier, file in ((x, y) for place, y in enumerate(firsts) for x in firsts[:place]):
-        if _complement(file, earlier):
+        if file.complements(earlier):
             yield (
                 f"{earlier.path.name} and {file.path.name} have different columns, and one lacks "
                 "positions or torques, but their times do not overlap: if they are of one motion, "
@@ -352,54 +381,18 @@ def _doubts(groups: Sequence[Sequence[_File]]) -> Iterator[str]:
             )
 
 
-_OVERLAP = 0.8
-"""Part of the shorter file's time from which two files are simultaneous."""
-
-_TORQUES = {"torque", "current", "voltage"}
-
-
-def _are_of_one_log(first: _File, second: _File) -> bool:
-    return _complement(first, second) and _overlap(first, second)
-
-
-def _complement(first: _File, second: _File) -> bool:
-    """Whether files share no column, and one at least lacks positions or torques."""
-    complete = [
-        "position" in each.quantities and not _TORQUES.isdisjoint(each.quantities)
-        for each in (first, second)
-    ]
-    known = bool(first.columns and second.columns)
-    if _is_with_commands(first, second) or _is_with_commands(second, first):
-        return known
-    return known and first.columns.isdisjoint(second.columns) and not all(complete)
-
-
-def _is_with_commands(first: _File, second: _File) -> bool:
-    """Whether the second of "run.state.csv" and "run.control.csv" has the commands of the first."""
-    names = first.path.name.split("."), second.path.name.split(".")
-    is_command = [is_of_commands(path.name) for path in (first.path, second.path)]
-    return names[0][0] == names[1][0] and min(map(len, names)) > 2 and is_command == [False, True]
-
-
-def _overlap(first: _File, second: _File) -> bool:
-    common = min(first.end_s, second.end_s) - max(first.start_s, second.start_s)
-    shorter = min(first.end_s - first.start_s, second.end_s - second.start_s)
-    return common > _OVERLAP * shorter
-
-
 def _file_of(path: Path, robot: Robot) -> _File:
     """Return the columns and times of a file; nothing if its clock is not found."""
-    nothing = _File(path, frozenset(), frozenset(), math.nan, math.nan)
     try:
         table = open_tables([path])
         inference = Inference({}, _meanings(table, robot))
         inference.data |= _all_samples(table, inference)
         clock = None if table.clocks else _clocks(inference).get("")
         if clock is None or clock.column is None:
-            return nothing
+            return _File(path)
         time = clock.seconds(table.load(clock.columns()), 0)
     except LogError:
-        return nothing
+        return _File(path)
     columns = frozenset(table.names) - {*clock.columns()}
     quantities = frozenset(inference.meanings[name].quantity for name in columns)
     return _File(path, columns, quantities, float(np.nanmin(time)), float(np.nanmax(time)))
