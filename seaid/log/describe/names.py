@@ -447,21 +447,15 @@ def _quantity(texts: Sequence[str]) -> str:
     """
     known = vocabulary()
     texts = texts[: texts.index("from")] if "from" in texts[1:] else texts
-    pairs = [(word, known.quantities.get(word), following) for word, following in _pairs(texts)]
-    kinds = {
-        word: kind
-        for word, kind, following in pairs
-        if kind and not (word == "current" and known.quantities.get(following, kind) != kind)
-    }
+    kinds = {}
+    for word, following in pairwise([*texts, ""]):
+        kind = known.quantities.get(word)
+        if kind and not (word == "current" and known.quantities.get(following, kind) != kind):
+            kinds[word] = kind
     strong = [kind for word, kind in kinds.items() if word not in known.roles["weak"]]
     # `min` returns the first of equal rank: "position" before "torque" in the name is a position.
     ranks = known.tables["ranks"]
     return min(strong or kinds.values(), key=ranks.__getitem__, default="")
-
-
-def _pairs(texts: Sequence[str]) -> Iterator[tuple[str, str]]:
-    """Yield each word and the one behind it, an empty text behind the last."""
-    return pairwise([*texts, ""])
 
 
 def _fits(unit: Unit, quantity: str) -> bool:
