@@ -144,7 +144,7 @@ ONE_IMPORTER = {
         *("export.joint_actuators", "regressor.structural.equations"),
     ),
     "one stage of reading each, which most logs do not pass": (
-        *("log.custom_columns", "log.infer_base", "log.infer_planar"),
+        *("log.channels", "log.describe.base", "log.describe.joints", "log.describe.vectors"),
     ),
 }
 """{reason: modules that only one other module imports}."""

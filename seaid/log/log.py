@@ -43,10 +43,14 @@ UNIT_FACTORS = {
     "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
     "degC": {"degC": 1.0},
     "rad_per_s": {
-        **{"rad/s": 1.0, "deg/s": np.pi / 180, "turn/s": 2 * np.pi},
+        **{"rad/s": 1.0, "mrad/s": 1e-3, "deg/s": np.pi / 180, "turn/s": 2 * np.pi},
         **{"rpm": 2 * np.pi / 60, "turn/min": 2 * np.pi / 60},
     },
     "m_per_s": {"m/s": 1.0, "mm/s": 1e-3, "cm/s": 1e-2},
+    "m_per_s2": {
+        **{"m/s^2": 1.0, "cm/s^2": 1e-2, "mm/s^2": 1e-3},
+        **{"g": 9.80665, "mg": 9.80665e-3},
+    },
 }
 """{SI unit at the end of a column name: {unit: factor to the SI unit}}."""
 

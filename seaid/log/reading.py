@@ -17,11 +17,10 @@ import numpy as np
 
 from seaid._arrays import Array, is_constant
 from seaid.errors import LogError, SeaidWarning, checked
-from seaid.log.base_columns import in_own_frames
 from seaid.log.base_log import CHANNELS, continuous
-from seaid.log.custom_columns import both_sides, channels_of, completed
+from seaid.log.channels import both_sides, channels_of, completed, in_own_frames
+from seaid.log.describe import Description
 from seaid.log.description import Described, LogDescription, description_for
-from seaid.log.infer_columns import Description
 from seaid.log.log import (
     WRITTEN,
     Column,

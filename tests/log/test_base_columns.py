@@ -164,6 +164,7 @@ UNITS = {
     "mocap in mm": (("trunk_t{} [mm]", 1e3), ("trunk_q{}", 1.0), ("Gyro{} [deg/s]", 180 / np.pi)),
     "without words": (("pelvis_{}_cm", 1e2), ("pelvis_q{}", 1.0), ("pelvis_{}_dps", 180 / np.pi)),
     "SI": (("trunk.t{}", 1.0), ("rot_{}", 1.0), ("imu_w{}_rad_s", 1.0)),
+    "axes in the middle": (("body_p_{}_mm", 1e3), ("q_{}", 1.0), ("imu_w_{}_rad_s", 1.0)),
 }
 
 
@@ -315,7 +316,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "name": ({"base": {"position": [1.5, 2, 3]}}, "columns must be names of columns, found 1.5"),
     "frame": (
         {"base": {"velocity": {"columns": "q[0:3]", "frame": "body"}}},
-        "frame must be one of base, world, found 'body'",
+        "no frame is named 'body'; allowed: base, world",
     ),
     "no frame": (
         {"base": {"position": {"columns": "q[0:3]", "frame": "base"}}},
@@ -323,19 +324,19 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     ),
     "order": (
         {"base": {"orientation": {"columns": "q[0:4]", "order": "zyxw"}}},
-        "order must be one of wxyz, xyzw",
+        "no order is named 'zyxw'; did you mean",
     ),
     "scale": (
         {"base": {"position": {"columns": "q[0:3]", "scale": "g"}}},
-        "scale must be a number, found 'g'",
+        "scale must be a finite number, found 'g'",
     ),
     "above": (
         {"base": {"position": {"columns": "q[0:3]", "above": 1}}},
-        "above is that of a contact",
+        "above is not for position, found 1",
     ),
     "unknown": (
         {"base": {"position": {"columns": "q[0:3]", "unknown": 0}}},
-        "unknown is that of a contact",
+        "unknown is not for position, found 0",
     ),
     "link": ({"contacts": {"FL_fot": {"contact": "c[0]"}}}, "did you mean 'FL_foot'"),
     "table": ({"contacts": 3}, "contacts: must be a table, found 3"),
@@ -530,6 +531,35 @@ def test_an_accelerometer_in_g_or_without_gravity_is_found(tmp_path: Path, kind:
     np.savez(tmp_path / "walk.npz", **arrays)
     base = described(tmp_path / "walk.npz", rate_hz=RATE_HZ)
     check(base, "orientation", "angular_velocity", "specific_force", atol=1e-6)
+
+
+def test_a_contact_is_that_of_the_link_with_the_most_of_its_words(tmp_path: Path) -> None:
+    one, links = states(), ("FL_foot", "FL_calf")
+    robot = seaid.load_robot(example_urdf("go2.urdf"), base="floating", contacts=links)
+    columns: dict[str, Any] = {"quat": one["orientation"], "gyro": one["w"]}
+    columns |= {"joint_pos": one["joints"], "joint_torque": one["torque"]}
+    columns |= {f"{link}_contact": one["flags"][:, k] for k, link in enumerate(links)}
+    np.savez(tmp_path / "walk.npz", **columns)
+    contacts = seaid.describe_log(tmp_path / "walk.npz", robot).description.contacts
+    assert {x: y["contact"].columns for x, y in contacts.items()} == {
+        link: (f"{link}_contact",) for link in links
+    }
+
+
+def test_an_acceleration_without_gravity_may_be_in_g(tmp_path: Path) -> None:
+    one, columns = states(), {"time_s": states()["time"]}
+    up = np.einsum("tji,j->ti", one["R"], [0.0, 0.0, 9.81])
+    acceleration = (one["specific_force"] - up) / 9.80665
+    parts = {"imu_q_{}": one["orientation"], "imu_gyro_{}": one["w"], "imu_acc_{}_g": acceleration}
+    for head, values in parts.items():
+        axes = "wxyz"[-values.shape[1] :]
+        columns |= {head.format(x): y for x, y in zip(axes, values.T, strict=True)}
+    columns |= {f"{foot}_contact": one["flags"][:, k] for k, foot in enumerate(FEET)}
+    for k, joint in enumerate(go2().joint_names):
+        columns |= {f"{joint}_pos": one["joints"][:, k], f"{joint}_torque": one["torque"][:, k]}
+    table, path = np.column_stack([*columns.values()]), tmp_path / "walk.csv"
+    np.savetxt(path, table, delimiter=",", header=",".join(columns), comments="", fmt="%.12g")
+    check(described(path), "orientation", "angular_velocity", "specific_force", atol=1e-6)
 
 
 def test_a_vector_that_lacks_an_axis_is_said(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from hypothesis.extra.numpy import arrays
 
 from seaid._arrays import Array
 from seaid.errors import LogError, SeaidError, SeaidWarning
-from seaid.log.infer_columns import describe_log
+from seaid.log.describe import describe_log
 from seaid.log.log import LARGEST, MINIMUM_SAMPLES, column_names
 from seaid.log.readers.opening import READERS, _plain_numbers
 from seaid.log.reading import Log, read_log, write_log
