@@ -43,8 +43,6 @@ def check(
 
     Parameters
     ----------
-    logs
-        Logs to identify from: docs/logs.md.
     delays
         Estimate by how much the channels of a log are late or early.
     largest_s

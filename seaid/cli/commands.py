@@ -88,12 +88,13 @@ class _Commands(TyperGroup):
 
 def command_of(name: str) -> Any:
     """Load a command."""
-    from seaid.cli.options import IdentifiedOptions
+    from seaid.cli import options
     from seaid.cli.project import with_project
     from seaid.cli.signature import descriptions, for_typer, help_of
 
     function = getattr(import_module(f"seaid.cli.{name}"), name)
-    command = for_typer(function, descriptions(IdentifiedOptions), with_project)
+    shared = {**descriptions(options), **descriptions(options.IdentifiedOptions)}
+    command = for_typer(function, shared, with_project)
     alone = typer.Typer(add_completion=False, rich_markup_mode=None)
     alone.command(name, help=help_of(function))(command)
     return typer.main.get_command(alone)

@@ -201,8 +201,6 @@ def excite(
     ----------
     joint_trajectory
         Also write it for ROS 2 trajectory controllers.
-    output
-        File for the result; - for stdout.
 
     Examples
     --------

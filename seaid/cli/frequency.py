@@ -30,8 +30,6 @@ def frequency(
 
     Parameters
     ----------
-    logs
-        Logs to identify from: docs/logs.md.
     plan
         The multisine that the logs followed.
     period_s

@@ -61,12 +61,8 @@ def identify(
 
     Parameters
     ----------
-    logs
-        Logs to identify from: docs/logs.md.
     in_pieces
         Read logs with the column names of seaid in pieces: they may be larger than memory.
-    feasible
-        Physically consistent bodies nearest to the estimate.
     refine
         Refine to the maximum-likelihood estimate of both sides at once; needs joints with springs.
     iterations
@@ -80,8 +76,6 @@ def identify(
         the base parameters; '' for none. Default: the offsets of springs.
     condition_payload
         Payload that one condition has besides those of --payload.
-    verbose
-        Print base parameters, processing and checks as well.
     output
         File for the result; - for stdout. With --condition none by default.
 

@@ -29,8 +29,6 @@ def init(
 
     Parameters
     ----------
-    logs
-        Logs to identify from: docs/logs.md.
     position_gain
         Gain of the position controllers [N m/rad at the joint]
     velocity_gain

@@ -1,7 +1,21 @@
 """Options that commands share, in groups: a command has one argument per group.
 
 `seaid.cli.signature` makes the fields of a group options of the command line, with the help of the
-docstrings below.
+docstrings below. Options of a command itself have the help of its docstring, or of this one, if
+several commands have them:
+
+Parameters
+----------
+logs
+    Logs to identify from: docs/logs.md.
+rate_hz
+    Sampling rate of logs without a column of time [Hz].
+feasible
+    Physically consistent bodies nearest to the estimate.
+verbose
+    Print base parameters, processing and checks as well.
+output
+    File for the result; - for stdout.
 """
 
 from __future__ import annotations

@@ -56,8 +56,6 @@ def _of_command(name: str, project: seaid.Project, values: Mapping[str, Any]) ->
     defaults = _defaults(project)
     if name == "validate" and not values.get("cross"):
         defaults["logs"] = defaults.get("validation", [])[:1]
-    if name == "replay":
-        defaults.pop("logs", None)
     if (name == "identify" and not values.get("refine")) or values.get("cross"):
         defaults.pop("run", None)
     if values.get("condition"):
@@ -164,7 +162,6 @@ def _is_same(robot: Path, urdf: Path | str) -> bool:
 
 
 def _is_robot(path: Path) -> bool:
-
     is_name = not path.suffix and not path.exists()
     return path.suffix.lower() in seaid.robot.ROBOT_SUFFIXES or is_name
 

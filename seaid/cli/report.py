@@ -42,8 +42,6 @@ def report(
         Log of a multisine: frequency responses.
     plan
         The plan that --multisine followed.
-    feasible
-        Physically consistent bodies nearest to the estimate.
 
     Examples
     --------

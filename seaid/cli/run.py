@@ -33,8 +33,6 @@ def run(
         The project file, or its folder.
     open_report
         Open the report in the browser.
-    verbose
-        Print base parameters, processing and checks as well.
 
     Examples
     --------

@@ -72,8 +72,6 @@ def simulate(
         Seed of the noise.
     temperature
         Temperatures of motors [degC], knee=30 or from start to end, knee=20:45.
-    output
-        File for the result; - for stdout.
 
     Examples
     --------

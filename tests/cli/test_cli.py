@@ -635,6 +635,11 @@ def test_help_lists_every_command_once_in_a_section() -> None:
 
 
 @pytest.mark.parametrize("command", [*COMMANDS])
+def test_every_option_has_a_help(command: str) -> None:
+    assert [one.name for one in command_of(command).params if len(one.help or "") < 10] == []
+
+
+@pytest.mark.parametrize("command", [*COMMANDS])
 def test_help_teaches_with_examples_as_they_are_typed(command: str) -> None:
     said = done(command, "--help")
     examples = [line.strip() for line in said.out.splitlines() if line.startswith("  seaid ")]
