@@ -53,6 +53,16 @@ MOVED = {
 }
 """{former command: what to write now}."""
 
+RENAMED = {
+    "--sides": "--method two-step or simultaneous",
+    "--rows": "--torque-joints",
+    "--joint-zero-std": "--encoder-offset-std",
+    "--drive-columns": "--drive-parameters",
+    "--allow-impossible": "--allow-inconsistent",
+    "--free-ends": "--ends-in-motion",
+}
+"""{former option: what to write now}."""
+
 
 class _Commands(TyperGroup):
     """Commands that are loaded on use, whose warnings and errors are printed in one line each."""
@@ -78,6 +88,8 @@ class _Commands(TyperGroup):
         begin(args[0] if args[0] in COMMANDS else "seaid", args)
         if args[0] in MOVED:
             raise MovedError(f"'seaid {args[0]}' is no longer there: {MOVED[args[0]]}")
+        for option in RENAMED.keys() & {word.partition("=")[0] for word in args}:
+            raise MovedError(f"'{option}' is no longer there: write {RENAMED[option]}")
         return super().resolve_command(ctx, args)
 
     def invoke(self, ctx: Any) -> Any:

@@ -49,7 +49,7 @@ class MultisineOptions:
     spectrum
         Multisine: equal amplitudes of position, velocity or acceleration.
     amplitude
-        Multisine: largest displacement [rad or m]; 0 holds a joint;
+        Multisine: largest displacement [rad or m], 0 to hold a joint
     posture
         Mean position of a multisine, or posture in stance
     realisation
@@ -137,10 +137,6 @@ class LimitOptions:
     motor_speed: kinds.ByJoint | None = None
     deflection: kinds.ByJoint | None = None
 
-    def limits(self) -> seaid.Limits:
-        """Return the limits."""
-        return seaid.Limits(**vars(self))
-
 
 @dataclass(frozen=True, kw_only=True)
 class SearchOptions:
@@ -214,7 +210,7 @@ def excite(
     of_base = None
     if set_points is not None and standing.stance is not None:
         of_base = output.with_name(f"{output.stem}_base.csv")
-    asked, rate_hz = limits.limits(), motion.rate_hz
+    asked, rate_hz = seaid.Limits(**vars(limits)), motion.rate_hz
     if not rate_hz > 0:
         raise typer.BadParameter(f"{rate_hz:g} is not more than zero", param_hint="--rate-hz")
     read = (*options.files, search.description, *(search.previous_logs or ()))

@@ -25,7 +25,7 @@ from typer.testing import CliRunner
 import seaid
 from seaid._files import plain
 from seaid.cli import main
-from seaid.cli.commands import COMMANDS, MOVED, app, command_of
+from seaid.cli.commands import COMMANDS, MOVED, RENAMED, app, command_of
 from seaid.cli.messages import error_text
 from seaid.errors import IdentificationError, LogError, RobotError
 from seaid.estimation import EstimatorName
@@ -619,6 +619,16 @@ def test_a_former_command_names_what_to_write_now(command: str) -> None:
     assert content["error"] == {"message": line.removeprefix("error: "), "exit_code": 2}
 
 
+@pytest.mark.parametrize("option", [*RENAMED])
+def test_a_former_option_names_what_to_write_now(option: str) -> None:
+    for words in ((option, "x"), (f"{option}=x",)):
+        said = run("identify", "arm.urdf", *words)
+        line = f"error: '{option}' is no longer there: write {RENAMED[option]}\n"
+        assert (said.code, said.out, said.err) == (2, "", line)
+    options = {word for name in COMMANDS for one in command_of(name).params for word in one.opts}
+    assert RENAMED[option].split()[0] in options
+
+
 @pytest.mark.parametrize("command", [*COMMANDS])
 def test_the_list_of_commands_has_the_first_line_of_each_help(command: str) -> None:
     help_text = done(command, "-h").out
@@ -636,7 +646,8 @@ def test_help_lists_every_command_once_in_a_section() -> None:
 
 @pytest.mark.parametrize("command", [*COMMANDS])
 def test_every_option_has_a_help(command: str) -> None:
-    assert [one.name for one in command_of(command).params if len(one.help or "") < 10] == []
+    helps = [one.help or "" for one in command_of(command).params]
+    assert [text for text in helps if not re.fullmatch(r"[A-Za-z].{6,}[^.,;]\.", text)] == []
 
 
 @pytest.mark.parametrize("command", [*COMMANDS])
