@@ -123,9 +123,10 @@ def _moved(values: dict[str, Any], after: str, project: seaid.Project | None) ->
 
 def _project_file(first: Path | None) -> bool:
     """Return whether a path in the place of the robot is a project file or its folder."""
+    # Of names that are too long `os.path` says that they are no files; those of `Path` raise.
     if first is None:
         return False
-    return first.name == PROJECT_FILE or (first / PROJECT_FILE).is_file()
+    return first.name == PROJECT_FILE or os.path.isfile(first / PROJECT_FILE)
 
 
 def _project_of(values: Mapping[str, Any]) -> seaid.Project | None:
@@ -162,7 +163,7 @@ def _is_same(robot: Path, urdf: Path | str) -> bool:
 
 
 def _is_robot(path: Path) -> bool:
-    is_name = not path.suffix and not path.exists()
+    is_name = not path.suffix and not os.path.exists(path)
     return path.suffix.lower() in seaid.robot.ROBOT_SUFFIXES or is_name
 
 

@@ -101,6 +101,14 @@ def test_a_mistake_is_said_in_one_line_with_its_remedy(
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize("command", ["inspect", "check"])
+def test_a_name_that_is_too_long_for_a_file_is_refused(command: str) -> None:
+    name = 300 * "a"
+    for path in (name, f"{name}.urdf"):
+        logs = ["run.csv"] if command == "check" else []
+        assert "File name too long" in refused(command, path, *logs)
+
+
 @pytest.mark.parametrize(
     ("line", "words"),
     [
