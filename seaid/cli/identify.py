@@ -108,9 +108,14 @@ def identify(
     read = [] if in_pieces else options.logs(logs, robot)
     first = None if start is None else start.identification
     fit = first or options.identify(robot, read or logs, feasible=feasible)
-    recorded: dict[str, Any] = {"in_pieces": in_pieces, "feasible": feasible}
+    recorded = options.recorded(logs, in_pieces=in_pieces, feasible=feasible)
     if refine:
-        recorded = {"iterations": iterations}
+        recorded = options.recorded(logs, refine=True, iterations=iterations, run=run)
+        if start is not None:
+            # How the start was identified is in its run; the refinement has only these options.
+            of_refinement = ("logs", "run", "encoder_offset_std", "refine", "iterations")
+            kept = {name: recorded[name] for name in of_refinement}
+            recorded |= {**start.provenance.get("options", {}), **kept}
         std, progress = options.encoder_offset_std, is_terminal()
         fit = seaid.refine(
             fit, read, encoder_offset_std=std, iterations=iterations, progress=progress
@@ -123,9 +128,10 @@ def identify(
 
 def _check_usage(options: IdentifyOptions, in_pieces: bool, refine: bool) -> None:
     """Raise BadParameter for options that do not go together."""
-    if in_pieces and (options.repair or options.description is not None):
+    if in_pieces and (options.repair or options.description or options.find_contacts):
         raise typer.BadParameter(
-            "logs that are read in pieces are not changed: no --repair, no --description",
+            "logs that are read in pieces are not changed: no --repair, no --description, no "
+            "--find-contacts",
             param_hint="--in-pieces",
         )
     if refine:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
+
+import typer
 
 import seaid
 from seaid.cli.kinds import JsonFile, LinkNames, SensorNames
@@ -62,6 +64,7 @@ def inspect(
     seaid inspect solo12 --base floating --contact FL_FOOT,FR_FOOT,HL_FOOT,HR_FOOT
     """
     robot = options.robot()
+    _check_base(robot, {"--sensors": sensors, "--plan": plans, "--stance": stance})
     tree = seaid.robot.reread_urdf(robot.urdf or options.urdf).locked_at(robot.locked)
     inconsistent = _inconsistent_links(tree)
     facts = {"joints": _joint_facts(robot), "inconsistent_links": inconsistent}
@@ -80,6 +83,25 @@ def inspect(
             f"numeric and exact base parameters of '{robot.name}' differ: look for rounded angles "
             "in the URDF; the exact ones hold for the file as written"
         )
+
+
+_OF_FIXED = {
+    "--sensors": "a robot with a floating base has joint torques and the motion of its base: "
+    "leave --sensors out, and choose stances with --stance",
+    "--plan": "a planned motion is measured with a fixed base only: leave --plan out; seaid excite "
+    "--stance measures the motions that it plans for feet on the ground",
+}
+"""{option that a floating base has not: what to do instead}."""
+_OF_FLOATING = {
+    "--stance": "the base of this robot is fixed: leave --stance out, or add --base floating"
+}
+
+
+def _check_base(robot: seaid.Robot, options: Mapping[str, object]) -> None:
+    """Raise BadParameter for one of the `options` that the base of the robot has not."""
+    for option, remedy in (_OF_FIXED if robot.floating_base else _OF_FLOATING).items():
+        if options[option] is not None:
+            raise typer.BadParameter(remedy, param_hint=option)
 
 
 def _exact(robot: seaid.Robot) -> seaid.CrossCheck:

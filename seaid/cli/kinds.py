@@ -7,7 +7,7 @@ and refused in one way in all commands. Nothing heavy is imported, since it runs
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -142,6 +142,32 @@ def contacts_of(text: str) -> list[seaid.Contact]:
             "both; contacts of another shape have a --contact of their own"
         ) from None
     return [seaid.Contact(link, **properties) for link in names_of(links)]
+
+
+def text_of(value: Any) -> str:
+    """Return a value as the command line has it: 'x=1,y=2' of a mapping, '0,0,-9.81' of numbers."""
+    if isinstance(value, Mapping):
+        return ",".join(f"{name}={text_of(entry)}" for name, entry in value.items())
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return ",".join(map(text_of, value))
+    if isinstance(value, float):
+        short = f"{value:.12g}"
+        return short if float(short) == value else repr(float(value))
+    return str(value)
+
+
+def payload_text(payload: seaid.Payload) -> str:
+    """Return a payload as the command line has it."""
+    (xx, xy, xz), (_, yy, yz), (_, _, zz) = payload.inertia
+    numbers = [(payload.mass,), payload.com, (xx, yy, zz, xy, xz, yz)]
+    return ":".join([payload.link, *map(text_of, numbers if any(numbers[2]) else numbers[:2])])
+
+
+def contact_text(contact: seaid.Contact) -> str:
+    """Return a contact as the command line has it."""
+    more = ["flat"] * contact.is_flat
+    more += [f"radius={text_of(contact.radius_m)}"] if contact.radius_m else []
+    return ":".join([contact.link, text_of(contact.position_m), *more])
 
 
 def _completer(values: Callable[[Any], Iterable[str]], commas: bool = False) -> Completer:

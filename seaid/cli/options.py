@@ -31,10 +31,11 @@ import typer
 
 import seaid
 from seaid.cli import kinds
+from seaid.cli.kinds import text_of
 from seaid.cli.messages import check_outputs, is_stdout, is_terminal, note, show
 from seaid.cli.mistakes import check_log_files, check_robot_files
 from seaid.cli.project import is_typed, project_here, warn_of_changes
-from seaid.cli.signature import option_name, text_of
+from seaid.cli.signature import option_name
 from seaid.errors import SEVERITIES, SeaidError, Severity, by_severity, unknown_name
 
 
@@ -206,6 +207,28 @@ class IdentifyOptions(LogOptions):
             robot, logs, feasible=feasible, progress=is_terminal(), **self.keywords()
         )
 
+    def recorded(self, logs: Sequence[Path], **more: Any) -> dict[str, Any]:
+        """Return all options that are given or have a default, as the command line has them.
+
+        `more` are the options that only the command has. The project file, if there is one, has how
+        its logs are read.
+        """
+        project = project_here()
+        values = {option.name: getattr(self, option.name) for option in fields(IdentifyOptions)}
+        values |= {"project": project.file if project else None, **more}
+        repeated = {
+            "payload": [kinds.payload_text(payload) for payload in self.payload or ()],
+            "contact": [kinds.contact_text(contact) for contact in chain(*(self.contact or ()))],
+            "known_body": [*(self.known_body or ())],
+            "logs": [*map(str, logs)],
+        }
+        single = {
+            name: value if isinstance(value, int | float) else text_of(value)
+            for name, value in values.items()
+            if value is not None and value is not False and name not in repeated
+        }
+        return single | {name: texts for name, texts in repeated.items() if texts}
+
     def keywords(self) -> dict[str, Any]:
         """Return the keyword arguments of `seaid.identify`."""
         names = ("torque_joints", "method", "estimator", "cutoff_hz", "encoder_offset_std")
@@ -245,10 +268,9 @@ class IdentifiedOptions(IdentifyOptions):
             return saved
         if not self.from_logs:
             raise typer.BadParameter("give one of the two", param_hint="--from, --run")
-        options = {option.name: getattr(self, option.name) for option in fields(IdentifyOptions)}
         robot = self.robot()
         identification = self.identify(robot, self.logs(self.from_logs, robot), feasible=feasible)
-        options = {name: text_of(value) for name, value in options.items() if value}
+        options = self.recorded(self.from_logs, feasible=feasible)
         origin = seaid.project.provenance_of(filter(None, self.files), options, command_line())
         return seaid.Run(identification, {}, origin)
 

@@ -85,7 +85,7 @@ def _tested(
     """Return the validations by log, and the replays of a robot with position commands."""
     logs = options.logs(paths, fit.known)
     validations = {
-        path.name: seaid.validate(fit, log) for path, log in zip(paths, logs, strict=True)
+        str(path): seaid.validate(fit, log) for path, log in zip(paths, logs, strict=True)
     }
     if not fit.robot.has_controllers:
         return validations, []

@@ -16,7 +16,7 @@ from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 import typer
 
-from seaid.cli.kinds import Kind, choice
+from seaid.cli.kinds import Kind, choice, text_of
 
 WORDS = {
     "as_json": ("--json",),
@@ -140,15 +140,6 @@ def _text(default: Any, kind: Kind) -> Any:
     """Return a default as the command line has it, from which its kind parses it."""
     is_text = kind.parse is None or default is None or default is Parameter.empty
     return default if is_text else text_of(default)
-
-
-def text_of(value: Any) -> str:
-    """Return a value as the command line has it: 'x=1,y=2' of a mapping, '0,0,-9.81' of numbers."""
-    if isinstance(value, Mapping):
-        return ",".join(f"{name}={text_of(entry)}" for name, entry in value.items())
-    if isinstance(value, list | tuple):
-        return ",".join(map(text_of, value))
-    return f"{value:.12g}" if isinstance(value, float) else str(value)
 
 
 def check_required(required: Mapping[str, str], values: Mapping[str, Any]) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import seaid
-from seaid.cli.kinds import contacts_of
+from seaid.cli.kinds import contact_text, contacts_of
 from tests.cli.test_cli import done, refused, run
 from tests.identification.test_floating_base import STANDING, swayed
 
@@ -24,6 +24,7 @@ def test_contacts_are_those_of_their_text() -> None:
     assert [one.link for one in found] == [*FEET.split(","), "sole", "hand"]
     assert found[3].radius_m == 0.02
     assert found[4] == seaid.Contact("sole", (0.1, 0.0, -0.05), is_flat=True)
+    assert [one for each in found for one in contacts_of(contact_text(each))] == found
     said = run("inspect", "go2", "--base", "floating", "--contact", "FL_foot:0,1")
     assert said.code == 2
     assert "is not link:x,y,z:flat or" in " ".join(said.err.split())

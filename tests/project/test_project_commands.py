@@ -187,18 +187,6 @@ def test_a_folder_of_a_project_stands_for_its_robot(
     assert f"note: from '{project / 'seaid.toml'}': --drives" in said.err
 
 
-def test_joints_that_a_project_locks_stand_where_it_says(here: Path, project: Path) -> None:
-    text = (project / "seaid.toml").read_text()
-    (project / "seaid.toml").write_text("locked = { elbow = 0.3 }\n" + text)
-    try:
-        said = done("inspect")
-    finally:
-        (project / "seaid.toml").write_text(text)
-    assert "note: from 'seaid.toml': URDF, --drives, --locked" in said.err
-    named = done("inspect", "arm.urdf", "--drives", "arm.toml", "--locked", "elbow=0.3")
-    assert said.out == named.out != done("inspect").out
-
-
 def test_payloads_and_contacts_of_a_project_reach_a_command(here: Path, project: Path) -> None:
     text = (project / "seaid.toml").read_text()
     load = '\n[[payload]]\nlink = "lower"\nmass_kg = 0.5\ncom_m = [0, 0, -0.2]\n'
