@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 import seaid
-from seaid.cli.defaults import contact_text
-from seaid.cli.options import contacts_of
+from seaid.cli.kinds import contact_text, contacts_of
 from tests.cli.test_cli import done, refused, run
 from tests.identification.test_floating_base import STANDING, swayed
 

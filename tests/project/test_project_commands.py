@@ -187,6 +187,19 @@ def test_a_folder_of_a_project_stands_for_its_robot(
     assert f"note: from '{project / 'seaid.toml'}': --drives" in said.err
 
 
+def test_payloads_and_contacts_of_a_project_reach_a_command(here: Path, project: Path) -> None:
+    text = (project / "seaid.toml").read_text()
+    load = '\n[[payload]]\nlink = "lower"\nmass_kg = 0.5\ncom_m = [0, 0, -0.2]\n'
+    (project / "seaid.toml").write_text("gravity = [0.0, 9.81, 0.0]\n" + text + load)
+    try:
+        found = done("check", "--json").out
+    finally:
+        (project / "seaid.toml").write_text(text)
+    options = ("--payload", "lower:0.5:0,0,-0.2", "--gravity", "0,9.81,0")
+    own = done("check", "arm.urdf", "run.csv", "--drives", "arm.toml", *options, "--json").out
+    assert json.loads(found)["result"] == json.loads(own)["result"]
+
+
 def test_identify_saves_the_whole_result(here: Path) -> None:
     done("identify", "-o", here / "whole.npz")
     found = seaid.load_run(here / "whole.npz").identification
