@@ -14,15 +14,19 @@ import numpy as np
 from seaid.checks import LEAST_DELAY_S
 from seaid.drives import IDEAL_DRIVE, JointParameter, drive_table, readable, total_ratio
 from seaid.log import has_holes, row_samples
-from seaid.report.html_tables import (
+from seaid.report import formats
+from seaid.report.formats import (
     NONE,
     Cell,
+    Column,
     Table,
+    figures,
     readable_unit,
     rounded,
     seconds,
     short,
     table_of,
+    words,
 )
 from seaid.report.text import exact_text, method_text
 from seaid.robot import at_drives
@@ -78,13 +82,13 @@ def _measured(robot: Robot, motion: Motion | None) -> Iterator[tuple[str, str]]:
     yield "Samples", f"{len(motion.time)} in {seconds(length)} ({motion.rate_hz:.4g} Hz)"
     yield "Rows per joint", f"{len(row_samples(motion))} after decimation to the cutoff"
     yield "Positions", _positions(robot, motion)
-    for field, words in _SENSORS.items():
+    for field, name in _SENSORS.items():
         values = getattr(motion, field)
         if values is not None:
             logged = np.all(np.isfinite(values), axis=0)
             seen = [j for j, is_logged in zip(robot.joint_names, logged, strict=True) if is_logged]
             if seen:
-                yield words.capitalize(), _listed(seen, robot)
+                yield name.capitalize(), _listed(seen, robot)
 
 
 def _processed(processing: Processing) -> Iterator[tuple[str, str]]:
@@ -161,7 +165,7 @@ def known_table(identification: Identification) -> Table:
         identified = ", ".join(name.replace("_", " ") for name in names)
         rows.append((joint, _known_text(drive), identified or "nothing"))
     caption = "Known and identified parameters of each drive."
-    return table_of("known", caption, ("Joint", "Known", "Identified"), rows, 3)
+    return table_of("known", caption, words("joint", "known", "identified"), rows)
 
 
 def _known_text(drive: Drive) -> str:
@@ -209,12 +213,12 @@ def excitation_table(result: Identification) -> Table | None:
                 _cell(effort, float(robot.effort_limits[index]), torque),
             ]
         )
-    heads = ("Joint", "Position", "Largest speed", "Largest acceleration", "Largest torque")
+    heads = ("position", "largest speed", "largest acceleration", "largest torque")
     caption = (
         "Motions used for identification; bars are parts of the limits of the robot file. The "
         "torque is that of the motor, reflected to the joint."
     )
-    return table_of("excitation", caption, heads, rows)
+    return table_of("excitation", caption, (*words("joint"), *figures(*heads)), rows)
 
 
 def measure_facts(
@@ -275,8 +279,11 @@ def setup_rows(identification: Identification) -> Table:
         "Found about sensors and gears, with 95 % intervals, and as given. A delay below "
         f"{1e3 * LEAST_DELAY_S:g} ms may be friction that the model lacks."
     )
-    heads = ("Joint", "Quantity", "Found", "95 % interval", "As given", "Unit", "How")
-    return table_of("set-up", caption, heads, rows, 2, ("Unit", "How"))
+    columns = (
+        *(*words("joint", "quantity"), *figures("found", "95 % interval", "as given")),
+        *(Column("unit", formats.UNIT), *words("how")),
+    )
+    return table_of("set-up", caption, columns, rows)
 
 
 _Row = tuple[str, ...]
