@@ -100,8 +100,8 @@ _GROUPINGS_ROOM, _LEAST_ROOM = 1_000_000, 64
 """Characters of the page for all groupings, and for each; beyond them they are shortened."""
 
 
-def load_table(estimate: Estimate, nominal: Array | None = None) -> Table:
-    """Return the base parameters, or others, with their groupings; `nominal` (p,)."""
+def load_table(estimate: Estimate, nominal: Array | None = None, head: str = "grouping") -> Table:
+    """Return the base parameters, or others, by their groupings; `nominal` (p,)."""
     before = None if nominal is None else dict(zip(estimate.names, nominal.tolist(), strict=True))
     room = max(_LEAST_ROOM, _GROUPINGS_ROOM // max(len(estimate.names), 1))
     is_full = sum(map(len, estimate.names)) > _GROUPINGS_ROOM
@@ -110,7 +110,7 @@ def load_table(estimate: Estimate, nominal: Array | None = None) -> Table:
         for name, value in _measured(estimate, before)
     ]
     off = Column("off by", formats.OFF, "text", is_optional=True)
-    columns = (Column("grouping", formats.GROUPING), *_ESTIMATE, off)
+    columns = (Column(head, formats.GROUPING), *_ESTIMATE, off)
     return table_of("base parameters", "Base parameters of the load.", columns, rows)
 
 
@@ -434,19 +434,19 @@ def replay_error_table(result: ReplayComparison) -> Table:
     over = np.divide(errors[3], result.noise, where=result.noise > 0, out=errors[3] * np.nan)
     units = ["mm" if slides else "mrad" for slides in result.is_prismatic]
     rows: list[tuple[Any, ...]] = [
-        (joint, *1e3 * errors[:, index], over[index], units[index])
+        (joint, *1e3 * errors[:, index], units[index], over[index])
         for index, joint in enumerate(result.joints)
     ]
     means = result.mean_errors
     if len(rows) > len(means):
         for unit, mean in means.items():
             name = "all joints" if len(means) == 1 else _ALL[unit]
-            rows.append((name, *(1e3 * error for error in mean), "", unit))
+            rows.append((name, *(1e3 * error for error in mean), unit, ""))
     heads = ("mean absolute, before", "after", "rms, before", "after")
     columns = (
         *_JOINT,
         *(Column(head, formats.THREE_DIGITS) for head in heads),
-        *(Column("after over noise", formats.TWO_DIGITS), _UNIT),
+        *(_UNIT, Column("after over noise", formats.TWO_DIGITS)),
     )
     caption = "Errors of the replayed joint positions."
     return table_of("replay", caption, columns, rows)

@@ -166,7 +166,7 @@ def log_table(log: Log) -> Text:
 
 def estimate_table(estimate: Estimate) -> Text:
     """Return the parameters of an estimate with standard errors."""
-    made = tables.load_table(estimate)
+    made = tables.load_table(estimate, head="parameter")
     return table_text(made, counted(len(made.rows), "parameter"))
 
 
