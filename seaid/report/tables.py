@@ -70,7 +70,7 @@ _VALUE = (
 """Columns of one measured value: nominal and identified, and of a value that has no nominal one."""
 
 
-def _measured(
+def measured(
     estimate: Estimate | StaticCalibration, nominal: Mapping[str, float] | None = None
 ) -> Iterator[tuple[str, Measured]]:
     """Yield the parameters of an estimate by name, with their nominal values."""
@@ -88,7 +88,7 @@ def drive_table(identification: Identification, nominal: Robot | None = None) ->
     rows = [
         (joint, name, *[value] * len(_ESTIMATE))
         for joint, estimate in identification.drives.items()
-        for name, value in _measured(
+        for name, value in measured(
             estimate, None if nominal is None else nominal.drives[joint].own_values
         )
     ]
@@ -107,7 +107,7 @@ def load_table(estimate: Estimate, nominal: Array | None = None, head: str = "gr
     is_full = sum(map(len, estimate.names)) > _GROUPINGS_ROOM
     rows = [
         (_fitting(name, room) if is_full else name, *[value] * (1 + len(_ESTIMATE)))
-        for name, value in _measured(estimate, before)
+        for name, value in measured(estimate, before)
     ]
     off = Column("off by", formats.OFF, "text", is_optional=True)
     columns = (Column(head, formats.GROUPING), *_ESTIMATE, off)
@@ -125,7 +125,7 @@ def _fitting(grouping: str, room: int) -> str:
 
 def calibration_table(calibration: StaticCalibration) -> Table:
     """Return the parameters of a calibration from statics."""
-    rows = [(name, *[value] * len(_VALUE)) for name, value in _measured(calibration)]
+    rows = [(name, *[value] * len(_VALUE)) for name, value in measured(calibration)]
     caption = "Parameters of the law, and friction."
     return table_of("calibration", caption, (_PARAMETER, *_VALUE), rows)
 
@@ -135,7 +135,7 @@ def response_table(response: FrequencyResponse) -> Table:
     rows = [
         (joint, name, *[value] * len(_VALUE))
         for joint, estimate in response.drives.items()
-        for name, value in _measured(estimate)
+        for name, value in measured(estimate)
     ]
     caption = (
         "From the response of motor angles to motor torques; frequencies with all motors free "

@@ -441,13 +441,15 @@ def validation_table(result: Validation) -> Text:
     If samples at standstill do not count, also the share of those that do, and the error of all.
     """
     run = Run("", result, False)
-    rows = [*tables.error_rows([run]), *tables.whole_rows(run)]
-    made = table_text(tables.error_table(rows), "Unseen motion: relative error below the cutoff")
-    nothing = Text("Unseen motion: no joint has a torque that could be compared")
+    joints = tables.error_rows([run])
+    made = [tables.error_table([*joints, *tables.whole_rows(run)])]
+    title = "Unseen motion: relative error below the cutoff"
+    nothing = "Unseen motion: no joint has a torque that could be compared"
     contacts = [] if result.contacts is None else [tables.contact_table("motion", result.contacts)]
     return joined(
         [
-            made if rows else nothing,
+            *([] if joints else [nothing]),
+            *(table_text(x, title) for x in made if x.rows),
             *(table_text(x, x.caption) for x in contacts),
             *warning_lines(result.warnings),
         ]
