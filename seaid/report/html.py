@@ -47,7 +47,6 @@ from seaid.report.html_verdict import (
     nominal_values,
     notices_of,
     page_verdict,
-    with_nominal_values,
 )
 from seaid.report.text import group_name
 from seaid.robot import Robot
@@ -413,7 +412,7 @@ def _motions(
         "picture": robot_picture(
             posture, labels, "The robot: how well the torque of each joint is explained"
         ),
-        "bars": _bars(identification, pictured, nominal),
+        "bars": _bars(pictured, nominal),
         "pictured": [run.name for run in pictured],
         "is_unseen": any(run.is_unseen for run in pictured),
         "errors": tables.error_table(errors),
@@ -498,9 +497,9 @@ def _labels(
 _NO_ERROR = {False: "no torque", True: "stands still"}
 
 
-def _bars(result: Identification, pictured: Sequence[Run], nominal: Nominal) -> dict[str, Any]:
+def _bars(pictured: Sequence[Run], nominal: Nominal) -> dict[str, Any]:
     """Return the errors before and after: bars of each side, as parts of the largest shown."""
-    rows = [row for run in pictured for row in _before_and_after(result, nominal, run)]
+    rows = [row for run in pictured for row in before_and_after(nominal, run)]
     known = [x for row in rows for x in (row.before, row.relative_error) if np.isfinite(x)]
     full = min(max(known, default=1.0), 1.0) or 1.0
     bars = [_bar(row, full) for row in sorted(rows, key=lambda row: -row.relative_error)]
@@ -536,17 +535,6 @@ def _sides(bars: Sequence[dict[str, Any]]) -> Iterator[dict[str, Any]]:
                 "few": of_side[:_FEW_BARS],
                 "more": of_side[_FEW_BARS:],
             }
-
-
-def _before_and_after(
-    identification: Identification, nominal: Nominal, run: Run
-) -> list[tables.ErrorRow]:
-    """Return the errors of the nominal and of the identified values on one motion."""
-    # The same equations and motions with other values, so that both errors are of the same samples.
-    nominal_result = with_nominal_values(identification, nominal)
-    motions = run.result.motions
-    before = compared(nominal_result, *motions) if motions else None
-    return before_and_after(nominal, before, run, identification.robot)
 
 
 def _packed_parameters(identification: Identification, results: Sequence[Validation]) -> str:

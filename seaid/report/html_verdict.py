@@ -18,7 +18,7 @@ from seaid._progress import counted
 from seaid.checks import POOR
 from seaid.drives import PARAMETERS_OF, readable
 from seaid.errors import SEVERITIES, Severity
-from seaid.identification import verdict_with
+from seaid.identification import compared, verdict_with
 from seaid.log import row_samples
 from seaid.report.formats import seconds, share, short
 from seaid.report.tables import ErrorRow, error_rows, place_name, side_name, term_name
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from seaid.drives import Drive
     from seaid.errors import Finding
     from seaid.estimation import Estimate
-    from seaid.identification import Fit, Identification, Validation
+    from seaid.identification import Fit, Identification
     from seaid.report.html_traces import Run
     from seaid.robot import Robot
     from seaid.simulation import ReplayComparison
@@ -309,47 +309,51 @@ NO_BODIES = "the robot file has no inertial values"
 
 @dataclass(frozen=True, eq=False)
 class Nominal:
-    """The values of the robot files in the places of the estimates, zero where there are none.
+    """The `result` with the values of the robot files in place of the estimates, zero without one.
 
-    `drives` {joint: values} is in the order of `Identification.drive_side`, `load` in that of
-    `load_side`; `bodies` are the base parameters among them, None without inertial values;
-    `missing` {(side, joint): reason} names what keeps a joint from being predicted,
-    `zero` {(side, joint): reason} what counts as zero.
+    `bodies` are the base parameters among them, None without inertial values; `absent`
+    {(side, joint): names} are the parameters without a value.
     """
 
-    drives: dict[str, Array]
-    load: Array
+    result: Identification
     bodies: Array | None
-    missing: dict[tuple[str, str], str]
-    zero: dict[tuple[str, str], str]
+    absent: dict[tuple[str, str], list[str]]
+
+    def lack(self, side: str, joint: str) -> tuple[str, bool]:
+        """Return what a torque is without, and whether it can be predicted nevertheless."""
+        if side == "load" and self.bodies is None:
+            return NO_BODIES, False
+        names = self.absent.get((side, joint), [])
+        listed = ", ".join(name.replace("_", " ") for name in names)
+        if _NEEDED & set(names):
+            return f"no nominal {listed}", False
+        return f"without {listed}" if names else "", True
 
 
 def nominal_values(result: Identification, robot: Robot) -> Nominal:
     """Return the values of a robot's files for the parameters that were identified."""
     model = result.model
     drives = {
-        joint: np.nan_to_num(_drive_values(estimate, robot.drives[joint]))
+        joint: replace(estimate, values=np.nan_to_num(_drive_values(estimate, robot.drives[joint])))
         for joint, estimate in result.drive_side.items()
     }
     places = (*model.drives, *model.absorbed)
     values = np.array([robot.drives[of].values.get(name, 0.0) for of, name, _ in places])
-    absent = _absent(result, robot)
-    missing = {
-        key: f"no nominal {_listed_names(names)}"
-        for key, names in absent.items()
-        if _NEEDED & set(names)
-    }
-    has_bodies = not np.any(np.isnan(robot.parameters))
-    if not has_bodies:
-        missing |= {("load", joint): NO_BODIES for joint in robot.joint_names}
     count = len(model.drives)
     load = np.concatenate([result.base.project(np.nan_to_num(robot.parameters)), values[:count]])
     # theta_b = K pi + A x: absorbed drive parameters x are part of combinations and of drives.
     load = load + model.absorption @ values[count:]
     load = np.concatenate([load, np.zeros(len(result.load_side.names) - len(load))])
-    zero = {key: f"without {_listed_names(names)}" for key, names in absent.items()}
-    bodies = load[: len(result.load.names)] if has_bodies else None
-    return Nominal(drives, load, bodies, missing, zero)
+    has_bodies = not np.any(np.isnan(robot.parameters))
+    return Nominal(
+        replace(
+            result,
+            drive_side=FrozenMapping(drives),
+            load_side=replace(result.load_side, values=load),
+        ),
+        load[: len(result.load.names)] if has_bodies else None,
+        _absent(result, robot),
+    )
 
 
 def _absent(result: Identification, robot: Robot) -> dict[tuple[str, str], list[str]]:
@@ -369,10 +373,6 @@ def _absent(result: Identification, robot: Robot) -> dict[tuple[str, str], list[
     return absent
 
 
-def _listed_names(names: Sequence[str]) -> str:
-    return ", ".join(name.replace("_", " ") for name in names)
-
-
 def _drive_values(estimate: Estimate, drive: Drive) -> Array:
     """Return the nominal values (p,) of a drive, its encoder zeros as identified."""
     fitted: dict[str, float] = dict(zip(estimate.names, estimate.values.tolist(), strict=True))
@@ -385,27 +385,19 @@ def _drive_values(estimate: Estimate, drive: Drive) -> Array:
     return np.array([values.get(name, np.nan) for name in estimate.names])
 
 
-def with_nominal_values(identification: Identification, nominal: Nominal) -> Identification:
-    """Return the identification with the nominal values as estimates."""
-    drives = {
-        joint: replace(estimate, values=nominal.drives[joint])
-        for joint, estimate in identification.drive_side.items()
-    }
-    load = replace(identification.load_side, values=nominal.load)
-    return replace(identification, drive_side=FrozenMapping(drives), load_side=load)
-
-
-def before_and_after(
-    nominal: Nominal, before: Validation | None, run: Run, robot: Robot
-) -> list[ErrorRow]:
-    """Return the errors of a run by side and joint; `before` is that of the nominal values."""
-    unkept = "the motion of this validation is not kept"
+def before_and_after(nominal: Nominal, run: Run) -> list[ErrorRow]:
+    """Return the errors of a run by side and joint, before with the nominal values."""
+    motions = run.result.motions
+    # The same equations and motions with other values, so that both errors are of the same samples.
+    before = compared(nominal.result, *motions) if motions else None
     rows = []
-    for row in error_rows([run], robot):
-        key = (row.side, row.joint)
-        reason = nominal.missing.get(key, "" if before else unkept)
-        fit: Fit = getattr(before or run.result, row.side)
-        error = np.nan if reason else fit.relative_error[run.result.joints.index(row.joint)]
-        note = reason or nominal.zero.get(key, "")
-        rows.append(replace(row, before=float(error), reason=note))
+    for row in error_rows([run], nominal.result.robot):
+        reason, is_predicted = nominal.lack(row.side, row.joint)
+        if is_predicted and before is None:
+            reason = "the motion of this validation is not kept"
+        if is_predicted and before is not None:
+            fit: Fit = getattr(before, row.side)
+            error = float(fit.relative_error[before.joints.index(row.joint)])
+            row = replace(row, before=error)
+        rows.append(replace(row, reason=reason))
     return rows

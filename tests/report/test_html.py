@@ -50,7 +50,6 @@ from seaid.report.html_verdict import (
     nominal_values,
     notices_of,
     page_verdict,
-    with_nominal_values,
 )
 from seaid.report.tables import ErrorRow
 from seaid.robot.robot import Robot
@@ -474,10 +473,8 @@ def test_findings_of_one_code_are_one_notice_and_their_remedy_is_text_to_copy(
 
 
 def errors_of(found: Identification, nominal: Robot, result: Validation) -> list[ErrorRow]:
-    values = nominal_values(found, nominal)
-    given = with_nominal_values(found, values)
-    before = compared(given, *result.motions) if result.motions else None
-    return before_and_after(values, before, Run("validation", result, True), found.robot)
+    run = Run("validation", result, True)
+    return before_and_after(nominal_values(found, nominal), run)
 
 
 def test_wrong_nominal_values_predict_worse_and_absent_ones_are_said(tmp_path: Path) -> None:
