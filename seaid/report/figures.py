@@ -8,7 +8,8 @@ the frequency response are PNG files too.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
@@ -77,16 +78,6 @@ class ResponseFigures:
     phase: Any
 
 
-@dataclass(frozen=True, eq=False)
-class _Samples:
-    """Motor speed, and what remains of the torque: (P,) of friction; `x`, `force` of the spring."""
-
-    speed: Array
-    friction: Array
-    x: Array
-    force: Array
-
-
 def actuator_figures(result: Identification, nominal: Robot) -> list[ActuatorFigures]:
     """Return the figures of every joint with friction or a spring, none for long logs."""
     motions = fitted_motions(result)
@@ -99,11 +90,13 @@ def actuator_figures(result: Identification, nominal: Robot) -> list[ActuatorFig
             for motion, of_motion in zip(motions, sides, strict=True)
             if joint in of_motion
         ]
-        if not any(len(part.speed) for part in parts):
+        samples = np.concatenate([np.zeros((4, 0)), *parts], axis=1)
+        if not samples.size:
             continue
-        samples, identified = _thinned(parts, most), _identified(result, joint)
-        friction = _friction_figure(joint, samples, identified, nominal.drives[joint])
-        spring = _spring_figure(joint, samples, identified, nominal.drives[joint])
+        samples = samples[:, np.unique(np.linspace(0, samples.shape[1] - 1, most).astype(int))]
+        drives = {"nominal": nominal.drives[joint], "identified": _identified(result, joint)}
+        friction = _friction_figure(joint, samples, drives)
+        spring = _spring_figure(joint, samples, drives)
         kind = "series elastic" if drive.is_elastic else "stiff"
         if friction is not None or spring is not None:
             figures.append(ActuatorFigures(joint, kind, friction, spring))
@@ -135,25 +128,15 @@ def _identified(identification: Identification, joint: str) -> Drive:
     return drive.with_values(valid)
 
 
-def _thinned(parts: Sequence[_Samples], most: int) -> _Samples:
-    whole = [
-        np.concatenate([getattr(part, name) for part in parts])
-        for name in ("speed", "friction", "x", "force")
-    ]
-    kept = np.unique(np.linspace(0, len(whole[0]) - 1, most).astype(int))
-    return _Samples(*(column[kept] for column in whole))
-
-
-def _samples(motion: Motion, index: int, sides: tuple[Array, Array, Array]) -> _Samples:
-    """Return the samples of a joint in a motion."""
+def _samples(motion: Motion, index: int, sides: tuple[Array, Array, Array]) -> Array:
+    """Return the samples (4, P) of a joint in a motion: its motor's speed, and the sides."""
     lost = round(motion.transient_s * motion.rate_hz)
     inside = np.zeros(len(motion.time), dtype=bool)
     inside[lost : len(inside) - lost] = True
     if motion.bridged is not None:
         inside &= ~motion.bridged
     kept = inside & ~standstill(motion, index)
-    speed = motion.motor_velocity[:, index]
-    return _Samples(*(values[kept] for values in (in_band(motion, speed), *sides)))
+    return np.array([in_band(motion, motion.motor_velocity[:, index]), *sides])[:, kept]
 
 
 def _elastic_side(
@@ -230,87 +213,79 @@ def _stiff_sides(result: Identification, motion: Motion) -> dict[str, tuple[Arra
     return sides
 
 
-def _friction_figure(joint: str, samples: _Samples, identified: Drive, nominal: Drive) -> Any:
-    if not (identified.friction and np.any(np.isfinite(samples.friction))):
+def _friction_figure(joint: str, samples: Array, drives: Mapping[str, Drive]) -> Any:
+    """Return the friction without load over the speed of the motor."""
+    speeds, friction, _, _ = samples
+    if not (drives["identified"].friction and np.any(np.isfinite(friction))):
         return None
-    fastest = float(np.max(np.abs(samples.speed)))
+    fastest = float(np.max(np.abs(speeds)))
     speed = np.linspace(-fastest, fastest, _CURVE - 1)  # without zero, where the sign jumps
-    layers = [Layer(samples.speed, samples.friction, "sample")]
-    for name, drive in (("nominal", nominal), ("identified", identified)):
-        curve = _friction_curve(joint, drive, speed)
-        if curve is not None:
-            layers.append(Layer(speed, curve, name, "line"))
-    low, high = _range([layer.y for layer in layers if layer.name != "nominal"])
-    return chart(
-        layers,
-        Axis("motor speed", "rad/s"),
-        Axis("friction torque", "N m", low, high),
-        title=f"Friction of {joint} over the speed of its motor",
+
+    def curve(drive: Drive) -> Array:
+        law, width = friction_curve(joint, drive.without_harmonics()), _SIGN_WIDTH * fastest
+        return law.torque(speed, np.zeros_like(speed), sign_width=width)[0]
+
+    return _with_curves(
+        [Layer(speeds, friction, "sample")],
+        *(speed, curve, drives),
+        (Axis("motor speed", "rad/s"), Axis("friction torque", "N m")),
+        f"Friction of {joint} over the speed of its motor",
     )
 
 
-def _friction_curve(joint: str, drive: Drive, speed: Array) -> Array | None:
-    """Return the friction (P,) without load, None if a value is missing."""
-    try:
-        curve = friction_curve(joint, drive.without_harmonics())
-        width = _SIGN_WIDTH * float(np.max(np.abs(speed)))
-        return curve.torque(speed, np.zeros_like(speed), sign_width=width)[0]
-    except SeaidError:
-        return None
-
-
-def _range(values: Sequence[Array], room: float = 0.08) -> tuple[float, float]:
-    """Return the ends of an axis that shows samples and model whole; the nominal may leave it."""
-    known = np.concatenate([x[np.isfinite(x)] for x in values])
-    low, high = float(np.min(known)), float(np.max(known))
-    if low == high:
-        return low - 1.0, high + 1.0
-    return low - room * (high - low), high + room * (high - low)
-
-
-def _spring_figure(joint: str, samples: _Samples, identified: Drive, nominal: Drive) -> Any:
-    if not np.any(np.isfinite(samples.force)):
+def _spring_figure(joint: str, samples: Array, drives: Mapping[str, Drive]) -> Any:
+    """Return the force of a spring over its deflection."""
+    speeds, _, deflection, force = samples
+    if not np.any(np.isfinite(force)):
         return None
     # Two directions of the motor, because hysteresis of spring and gear separates them.
-    is_up = samples.speed > 0
-    layers = [
-        Layer(samples.x[is_up], samples.force[is_up], "sample up"),
-        Layer(samples.x[~is_up], samples.force[~is_up], "sample down"),
-    ]
-    x = np.linspace(float(np.min(samples.x)), float(np.max(samples.x)), _CURVE)
-    if "dahl" in identified.spring:
+    ways = {"sample up": speeds > 0, "sample down": ~(speeds > 0)}
+    x = np.linspace(float(np.min(deflection)), float(np.max(deflection)), _CURVE)
+    if "dahl" in drives["identified"].spring:
         x = np.concatenate([x, x[::-1]])  # around the loop
-    for name, drive in (("nominal", nominal), ("identified", identified)):
-        curve = _spring_force(drive, x)
-        if curve is not None:
-            layers.append(Layer(x, curve, name, "line"))
-    force, length = identified.spring_units
-    low, high = _range([layer.y for layer in layers if layer.name != "nominal"])
-    return chart(
-        layers,
-        Axis("deflection", length),
-        Axis(f"spring {'force' if force == 'N' else 'torque'}", force, low, high),
-        title=f"Spring of {joint}: torque over deflection",
+    unit, length = drives["identified"].spring_units
+    return _with_curves(
+        [Layer(deflection[way], force[way], name) for name, way in ways.items()],
+        *(x, lambda drive: _spring_force(drive, x), drives),
+        (Axis("deflection", length), Axis(f"spring {'force' if unit == 'N' else 'torque'}", unit)),
+        f"Spring of {joint}: torque over deflection",
     )
 
 
-def _spring_force(drive: Drive, x: Array) -> Array | None:
-    """Return the force (P,) of a relaxed spring's deflections x, None if a value is missing.
+def _spring_force(drive: Drive, x: Array) -> Array:
+    """Return the force (P,) of a relaxed spring's deflections x.
 
-    Hysteresis is that of the second time along x.
+    Hysteresis is that of the second time along x. Raises SeaidError if a value is missing.
     """
-    try:
-        plain = drive.without_harmonics()
-        if "deflection_zero" in plain.values:
-            plain = replace(plain, nominal={**plain.nominal, "deflection_zero": 0.0})
-        force = spring_curve(plain).force(x)
-        if "dahl" in plain.spring:
-            # The state of Dahl's model depends on the past: the first round leads to the loop.
-            z = states(np.tile(x, 2), plain.values["hysteresis_deflection"])[0][len(x) :]
-            force = force + plain.values["hysteresis_force"] * z
-        return force
-    except SeaidError:
-        return None
+    plain = drive.without_harmonics()
+    if "deflection_zero" in plain.values:
+        plain = replace(plain, nominal={**plain.nominal, "deflection_zero": 0.0})
+    force = spring_curve(plain).force(x)
+    if "dahl" in plain.spring:
+        # The state of Dahl's model depends on the past: the first round leads to the loop.
+        z = states(np.tile(x, 2), plain.values["hysteresis_deflection"])[0][len(x) :]
+        force = force + plain.values["hysteresis_force"] * z
+    return force
+
+
+def _with_curves(
+    samples: Sequence[Layer],
+    x: Array,
+    curve: Callable[[Drive], Array],
+    drives: Mapping[str, Drive],
+    axes: tuple[Axis, Axis],
+    title: str,
+) -> Any:
+    """Return samples with the curve over x of each drive that has all values, by name."""
+    layers = [*samples]
+    for name, drive in drives.items():
+        with suppress(SeaidError):
+            layers.append(Layer(x, curve(drive), name, "line"))
+    # Samples and the identified curve are shown whole; the nominal one may leave the chart.
+    seen = np.concatenate([layer.y for layer in layers if layer.name != "nominal"])
+    low, high = float(np.nanmin(seen)), float(np.nanmax(seen))
+    room = 0.08 * (high - low) or 1.0
+    return chart(layers, axes[0], replace(axes[1], low=low - room, high=high + room), title=title)
 
 
 def response_figures(response: FrequencyResponse) -> list[ResponseFigures]:
