@@ -293,13 +293,24 @@ def response_figures(response: FrequencyResponse) -> list[ResponseFigures]:
 
     Vertical lines are the resonance and the antiresonance of an elastic joint.
     """
-    return [_response_figure(response, place) for place in range(len(response.joints))]
+    figures = []
+    for place, joint in enumerate(response.joints):
+        size, phase = _response_charts(response, place)
+        explained = response.coherence[:, place]
+        coherence = f"coherence {np.nanmin(explained):.2f} to {np.nanmax(explained):.2f}"
+        text = f"the frequency response of {joint}"
+        svg = chart(*size, title=f"Size of {text}"), chart(*phase, title=f"Phase of {text}")
+        figures.append(ResponseFigures(joint, coherence, *svg))
+    return figures
 
 
-def _response_figure(response: FrequencyResponse, place: int) -> ResponseFigures:
-    """Return the figures of one joint."""
+_Chart = tuple[list[Layer], Axis, Axis]
+
+
+def _response_charts(response: FrequencyResponse, place: int) -> tuple[_Chart, _Chart]:
+    """Return size and phase of the response of one joint: layers and both axes."""
     hz, joint = response.frequency_hz, response.joints[place]
-    measured, explained = response.response[:, place, place], response.coherence[:, place]
+    measured = response.response[:, place, place]
     models = [(response.model, "identified"), (response.identified, "computed")]
     curves = [(model[:, place, place], name) for model, name in models if model is not None]
     stds = [(response.noise_std, "threshold"), (response.total_std, "nominal")]
@@ -326,13 +337,7 @@ def _response_figure(response: FrequencyResponse, place: int) -> ResponseFigures
     ]
     across = Axis("frequency", "Hz", float(hz[0]) / 1.05, float(hz[-1]) * 1.05, is_log=True)
     up = Axis("motor angle / torque", "rad/(N m)", low, high, is_log=True)
-    angle, text = Axis("phase", "°", -225.0, 45.0), f"the frequency response of {joint}"
-    return ResponseFigures(
-        joint,
-        f"coherence {np.nanmin(explained):.2f} to {np.nanmax(explained):.2f}",
-        chart(size, across, up, title=f"Size of {text}"),
-        chart(phase, across, angle, title=f"Phase of {text}"),
-    )
+    return (size, across, up), (phase, across, Axis("phase", "°", -225.0, 45.0))
 
 
 def _marked(marks: Sequence[tuple[float, str]], low: float, high: float) -> Iterator[Layer]:
@@ -400,6 +405,18 @@ def save_sensitivity_figure(result: CutoffSensitivity, path: str | Path) -> None
     save_figure(figure, path)
 
 
+_DRAWN: dict[str, tuple[str, dict[str, Any]]] = {
+    "sample": ("measured", {"color": "0.45", "marker": "o", "markersize": 3, "linestyle": "none"}),
+    "threshold": ("deviation by noise", {"color": "0.6", "linewidth": 0.9, "linestyle": ":"}),
+    "nominal": ("deviation in total", {"color": "0.6", "linewidth": 0.9, "linestyle": "-."}),
+    "identified": ("fit", {"color": "black", "linewidth": 1.1}),
+    "computed": ("identification", {"color": "C1", "linewidth": 1.1, "linestyle": "--"}),
+    "sample up": ("resonance", {"color": "tab:red", "linewidth": 0.8, "linestyle": "--"}),
+    "sample down": ("antiresonance", {"color": "tab:blue", "linewidth": 0.8, "linestyle": "--"}),
+}
+"""{name of a layer: its label and its style in a PNG}; a page has the style in report.css."""
+
+
 def save_frequency_figure(found: FrequencyResponse, path: str | Path) -> None:
     """Draw the response of each motor angle to its own torque, with its model and its noise."""
     from matplotlib.figure import Figure
@@ -409,45 +426,23 @@ def save_frequency_figure(found: FrequencyResponse, path: str | Path) -> None:
     figure.suptitle("Motor angle per motor torque, measured and computed", fontsize=11)
     axes = figure.subplots(2, count, sharex=True, squeeze=False)
     for place, joint in enumerate(found.joints):
-        upper, lower = axes[:, place]
-        _draw_response(upper, lower, found, place)
-        if joint in found.drives:
-            for name, color in (("resonance", "tab:red"), ("antiresonance", "tab:blue")):
-                at = found.drives[joint].value(name)
-                if found.frequency_hz[0] <= at <= found.frequency_hz[-1]:
-                    upper.axvline(at, color=color, lw=0.8, linestyle="--", label=name)
-        upper.set_title(joint, fontsize=9, loc="left")
-        lower.set_xlabel("frequency [Hz]")
-        for axis in (upper, lower):
-            axis.grid(color="0.9")
+        for axis, drawn in zip(axes[:, place], _response_charts(found, place), strict=True):
+            _draw(axis, *drawn)
+        axes[0, place].set_title(joint, fontsize=9, loc="left")
+        axes[1, place].set_xlabel("frequency [Hz]")
     axes[0, 0].set_ylabel("rad/(N m)")
     axes[1, 0].set_ylabel("phase [°]")
-    handles = {
-        label: handle
-        for axis in axes[0]
-        for handle, label in zip(*axis.get_legend_handles_labels(), strict=True)
-    }
+    handles = {line.get_label(): line for axis in axes[0] for line in axis.get_lines()}
     figure.legend([*handles.values()], [*handles], loc="outside lower center", ncols=4, fontsize=8)
     save_figure(figure, path)
 
 
-def _draw_response(upper: Axes, lower: Axes, response: FrequencyResponse, place: int) -> None:
-    """Draw the size and the phase of one response, with its noise and its models."""
-    hz, measured = response.frequency_hz, response.response[:, place, place]
-    dots = {"color": "0.45", "marker": "o", "markersize": 3, "linestyle": "none"}
-    upper.loglog(hz, np.abs(measured), **dots, label="measured")
-    lower.semilogx(hz, np.degrees(np.angle(measured)), **dots)
-    for name, style, std in (
-        ("deviation by noise", ":", response.noise_std),
-        ("deviation in total", "-.", response.total_std),
-    ):
-        if np.any(np.isfinite(std)):
-            upper.loglog(hz, std[:, place, place], style, color="0.6", lw=0.9, label=name)
-    for name, color, style, model in (
-        ("fit", "black", "-", response.model),
-        ("identification", "C1", "--", response.identified),
-    ):
-        if model is not None:
-            curve = model[:, place, place]
-            upper.loglog(hz, np.abs(curve), style, color=color, lw=1.1, label=name)
-            lower.semilogx(hz, np.degrees(np.angle(curve)), style, color=color, lw=1.1)
+def _draw(axis: Axes, layers: Sequence[Layer], across: Axis, up: Axis) -> None:
+    """Draw the layers of a chart of a page with Matplotlib."""
+    for layer in layers:
+        label, style = _DRAWN[layer.name]
+        if np.any(np.isfinite(layer.y)):
+            axis.plot(layer.x, layer.y, label=label, **style)
+    axis.set(xscale="log", xlim=(across.low, across.high), ylim=(up.low, up.high))
+    axis.set_yscale("log" if up.is_log else "linear")
+    axis.grid(color="0.9")
