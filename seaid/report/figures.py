@@ -227,7 +227,9 @@ def _friction_figure(joint: str, samples: Array, drives: Mapping[str, Drive]) ->
 
     return _with_curves(
         [Layer(speeds, friction, "sample")],
-        *(speed, curve, drives),
+        speed,
+        curve,
+        drives,
         (Axis("motor speed", "rad/s"), Axis("friction torque", "N m")),
         f"Friction of {joint} over the speed of its motor",
     )
@@ -246,7 +248,9 @@ def _spring_figure(joint: str, samples: Array, drives: Mapping[str, Drive]) -> A
     unit, length = drives["identified"].spring_units
     return _with_curves(
         [Layer(deflection[way], force[way], name) for name, way in ways.items()],
-        *(x, lambda drive: _spring_force(drive, x), drives),
+        x,
+        lambda drive: _spring_force(drive, x),
+        drives,
         (Axis("deflection", length), Axis(f"spring {'force' if unit == 'N' else 'torque'}", unit)),
         f"Spring of {joint}: torque over deflection",
     )
