@@ -104,8 +104,8 @@ def test_rows_that_do_not_count_do_not_matter() -> None:
 def test_a_nuisance_column_that_adds_nothing_takes_no_information(factor: float) -> None:
     """The QR factor of a column of zeros, or of a copy, once projected out some direction."""
     log = problem(blocks=5)
-    wider = np.concatenate([log.nuisance, factor * log.nuisance[..., :1]], axis=3)
-    wider = replace(log, nuisance=wider)
+    nuisance = np.concatenate([log.nuisance, factor * log.nuisance[..., :1]], axis=3)
+    wider = replace(log, nuisance=nuisance)
     bounds = [fisher_covariance([x], NAMES, STDS, NOTHING) for x in (log, wider)]
     np.testing.assert_allclose(bounds[1], bounds[0], rtol=1e-9)
     steps = [gauss_newton_step([x], NAMES, NOTHING, NOTHING) for x in (log, wider)]

@@ -13,7 +13,7 @@ from seaid.errors import LogError
 from seaid.log.motion import reconstruct_motion, reconstruct_motions
 from seaid.log.reading import Log
 from seaid.log.repair import Repair
-from tests.experiments import arm, arm_log, arm_motion, leg, perfect_log
+from tests.experiments import TEST_MASS, arm, arm_log, arm_motion, leg, leg_log, perfect_log
 
 
 def log() -> Log:
@@ -220,3 +220,17 @@ def test_motion_tells_what_was_done_to_it() -> None:
     assert str(repaired).endswith("1 kinds of faults repaired on reading")
     wide = reconstruct_motion(arm(), log(), 100.0).processing
     assert "positions unfiltered" in str(wide)
+
+
+def test_reversals_of_an_unknown_rotor_get_a_wider_band_where_noise_permits() -> None:
+    known = leg(TEST_MASS).without_nominal()
+    knee = replace(known.drives["knee_pitch"], motor_inertia_kg_m2=None)
+    unknown = known.with_drives({"knee_pitch": knee})
+    narrow, wide = (reconstruct_motion(robot, leg_log()) for robot in (known, unknown))
+    assert wide.processing is not None
+    selected = wide.processing.cutoff_selection
+    assert selected is not None
+    assert wide.cutoff_hz == min(2 * narrow.cutoff_hz, selected.noise_limit_hz)
+    assert "for the reversals of knee_pitch" in str(selected)
+    smooth = unknown.with_drives({"knee_pitch": replace(knee, friction=("viscous",))})
+    assert reconstruct_motion(smooth, leg_log()).cutoff_hz == narrow.cutoff_hz

@@ -111,7 +111,22 @@ def test_the_change_of_a_negative_parameter_has_the_sign_of_its_significance() -
 def test_forces_that_are_not_known_are_dashes() -> None:
     nothing, one = np.full((3, 1, 3), np.nan), np.array([np.nan])
     forces = ContactForces(
-        ("foot",), ("none",), nothing, nothing, *[one] * 9, 157.8, math.nan, math.nan
+        links=("foot",),
+        basis=("none",),
+        predicted=nothing,
+        measured=nothing,
+        rms_force=one,
+        rms_error=one,
+        relative_error=one,
+        scale=one,
+        mean_normal=one,
+        least_normal=one,
+        standard_error=one,
+        friction_used=one,
+        pulled=one,
+        weight=157.8,
+        vertical=math.nan,
+        measured_vertical=math.nan,
     )
     table = tables.contact_table("validation", forces)
     assert table.texts[1] == [["foot", "none", *["-"] * 7]]
