@@ -302,10 +302,10 @@ def _svd(matrix: Array) -> tuple[Array, Array, Array]:
     Divide and conquer (gesdd) is faster, but sometimes does not converge for a finite matrix.
     """
     try:
-        factors = linalg.svd(matrix, full_matrices=False, check_finite=False)
-    except linalg.LinAlgError:
-        factors = linalg.svd(matrix, full_matrices=False, check_finite=False, lapack_driver="gesvd")
-    U, sizes, vectors = factors
+        U, sizes, vectors = np.linalg.svd(matrix, full_matrices=False)
+    except np.linalg.LinAlgError:
+        gesvd = {"full_matrices": False, "check_finite": False, "lapack_driver": "gesvd"}
+        U, sizes, vectors = linalg.svd(matrix, **gesvd)
     return U, sizes, vectors
 
 
