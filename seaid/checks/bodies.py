@@ -15,7 +15,7 @@ from seaid._arrays import Array
 from seaid.checks import codes
 from seaid.checks import tolerances as tol
 from seaid.checks.check import only_joint, zeros_in_description
-from seaid.checks.experiment import Experiment, Transform, inertial_parameters, moved, near
+from seaid.checks.experiment import Experiment, Transform, moved, near
 from seaid.errors import Finding
 from seaid.estimation import RANK_TOLERANCE, scaled_svd, triangle
 from seaid.regressor import regressor_at_drives
@@ -224,6 +224,8 @@ _FARTHEST_M, _STARTS = 5.0, (0.3, 3.0, 30.0)
 """Largest distance of a payload from the joint, and the standard deviation of its place; the masses
 from which an unknown one is searched, over that of its body."""
 
+_BY_DEGREE = np.repeat([1.0, 0.5], [3, 6])
+
 
 def _point_mass(experiment: Experiment, bodies: Array, body: int, mass: float | None) -> Array:
     """Return the ten parameters of the point mass on a body that explains the torques best.
@@ -242,7 +244,8 @@ def _point_mass(experiment: Experiment, bodies: Array, body: int, mass: float | 
 
     def point(x: Array) -> Array:
         m, c = mass_at(x), x[:3]
-        return inertial_parameters(m, m * c, m * ((c @ c) * np.eye(3) - np.outer(c, c)))
+        # First moments are linear in c, moments of inertia quadratic: half of their slopes times c.
+        return np.append(m, (moved(m, m * c) @ c)[1:] * _BY_DEGREE)
 
     least = max(abs(bodies[10 * body]), 0.1)
     centre = bodies[10 * body + 1 : 10 * body + 4] / least

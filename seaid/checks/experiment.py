@@ -22,7 +22,7 @@ from seaid.checks import tolerances as tol
 from seaid.checks.check import Code, in_description, only_joint
 from seaid.drives import IDEAL_DRIVE
 from seaid.errors import IdentificationError, Severity
-from seaid.estimation import RANK_TOLERANCE, ROUNDING, scaled_svd, triangle
+from seaid.estimation import RANK_TOLERANCE, scaled_svd, triangle
 from seaid.log import Motion, changed_source, in_band_at, row_samples
 from seaid.regressor import INPUT_FIELDS, BaseParameters, base_parameters, regressor_at_drives
 from seaid.robot import Robot, at_drives, torques_at_drives
@@ -46,23 +46,25 @@ _ARRAYS = {"q": ("joint",), "m": ("motor", "direction"), "t": ("torque", "torque
 """{channel of a joint: the arrays (..., n) that follow from it}."""
 
 
-def inertial_parameters(mass: float, moments: Array, J: Array) -> Array:
-    """Return ten parameters in the order of Pinocchio: m, m c and the inertia at the joint."""
-    # Ixx, Ixy, Iyy, Ixz, Iyz, Izz
-    return np.array([mass, *moments, *J[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]])
-
-
 def moved(mass: float, moments: Array) -> Array:
     """Return the change (10, 3) of a body by a shift of its centre along each axis, per metre.
 
     A mass m at c that moves by e has m e more as first moments, and m (2 (c.e) 1 - e c^T - c e^T)
     more as inertia.
     """
-    shifts = []
-    for e in np.eye(3):
-        J = 2 * (moments @ e) * np.eye(3) - np.outer(e, moments) - np.outer(moments, e)
-        shifts.append(inertial_parameters(0.0, mass * e, J))
-    return np.column_stack(shifts)
+    return np.asarray(_SHIFTS @ [mass, *moments])
+
+
+def _shift(mass: float, c: Array, e: Array) -> Array:
+    """Return the ten parameters of `moved`, of one axis e."""
+    J = 2 * (c @ e) * np.eye(3) - np.outer(e, c) - np.outer(c, e)
+    # Pinocchio's order of the inertia: Ixx, Ixy, Iyy, Ixz, Iyz, Izz
+    return np.array([0.0, *(mass * e), *J[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]])
+
+
+_SHIFTS = np.array([[_shift(x[0], x[1:], e) for x in np.eye(4)] for e in np.eye(3)])
+_SHIFTS = np.moveaxis(_SHIFTS, 2, 0)
+"""The change (10, 3, 4) by a shift along each axis, per unit of mass and first moments."""
 
 
 _OF_LOADS = ("robot", "joint", "motor", "direction")
@@ -223,9 +225,10 @@ class Experiment:
         return np.concatenate([self.friction, columns], axis=2)
 
     @derived(*_OF_LOADS, "counted")
-    def _spans(self) -> tuple[Array, Array]:
-        """The spans and pseudo-inverses of `loads` at the instants that count."""
-        return _bases(self.loads * self.counted.T[..., None])
+    def _of_loads(self) -> tuple[Array, Array]:
+        """The spans and pseudo-inverses of the `loads` of joints at the instants that count."""
+        svd = scaled_svd(self.loads * self.counted.T[..., None], "friction")
+        return svd.spans, svd.inverses
 
     @derived("robot")
     def base(self) -> BaseParameters:
@@ -256,11 +259,11 @@ class Experiment:
         Their columns are the base columns of bodies, the torque, and what `_further` may be in it.
         All sums of squares of misfits are in them (Frisch and Waugh 1933).
         """
-        used, (U, _) = self.used, self._spans
+        used, U = self.used, self._of_loads[0][self.used]
         torques = self.target.T[used, :, None]
         Z = np.concatenate([self.columns[used], torques, self._further[used]], axis=2)
         Z *= self.counted.T[used, :, None]
-        return np.asarray(np.linalg.qr(Z - U[used] @ (U[used].swapaxes(1, 2) @ Z), mode="r"))
+        return np.asarray(np.linalg.qr(Z - U @ (U.swapaxes(1, 2) @ Z), mode="r"))
 
     @cached_property
     def nominal(self) -> Array:
@@ -302,7 +305,7 @@ class Experiment:
         """
         used, counted = self.used, self.counted.T[self.used]
         y = self.target.T[used] - self.columns[used] @ theta
-        x = self._spans[1][used] @ y[..., None]
+        x = self._of_loads[1][used] @ y[..., None]
         residual = y - (self.loads[used] @ x)[..., 0]
         # The mean is zero, because a constant is among the loads.
         rms = np.sqrt(np.sum(counted * residual**2, axis=1) / np.sum(counted, axis=1))
@@ -523,7 +526,7 @@ class Experiment:
     @derived(*_SIGNALS)
     def _nuisances(self) -> Array:
         """Orthonormal columns (u, R, k) of each used joint: what a torque has besides bodies."""
-        return _bases(np.concatenate([self.loads, self._further], axis=2)[self.used])[0]
+        return scaled_svd(np.concatenate([self.loads, self._further], axis=2)[self.used]).spans
 
     def over_noise(self, torques: Array) -> Array:
         """Return torques (R, n, ...) without nuisances over their noise, joint by joint."""
@@ -535,7 +538,7 @@ class Experiment:
     @derived(*_SIGNALS)
     def _seen(self) -> Array:
         """The triangular factor (p + 1, p + 1) of base columns and torque, `over_noise`."""
-        bodies, further = self._factors[..., :-2], _bases(self._factors[..., -2:])[0]
+        bodies, further = self._factors[..., :-2], scaled_svd(self._factors[..., -2:]).spans
         R = (bodies - further @ (further.swapaxes(1, 2) @ bodies)) / self._noise
         return triangle(R.reshape(-1, R.shape[2]))
 
@@ -668,17 +671,6 @@ def correlated_rows(residual: Array) -> float:
     sums = (1 - np.arange(1, lags + 1) / (lags + 1)) * products
     # 1 + 2 sum_l (1 - l / (L + 1)) rho_l, with the autocorrelation rho_l (Newey and West 1987)
     return 1 + 2 * float(np.sum(sums)) / power if power > 0 else 1.0
-
-
-def _bases(columns: Array) -> tuple[Array, Array]:
-    """Return bases (u, R, k) of the spans of columns, zero beyond the rank, and pseudo-inverses."""
-    norms = np.linalg.norm(columns, axis=1, keepdims=True)
-    norms[norms == 0] = 1.0
-    U, sizes, V = safely(np.linalg.svd, columns / norms, full_matrices=False, what="friction")
-    kept = sizes > ROUNDING * np.max(sizes, axis=1, keepdims=True)
-    U = U * kept[:, None]
-    scaled = V.swapaxes(1, 2) / np.where(kept, sizes, 1.0)[:, None]
-    return U, scaled @ U.swapaxes(1, 2) / norms.swapaxes(1, 2)
 
 
 def _orthonormal(R: Array, W: Array) -> tuple[Array, Array]:
