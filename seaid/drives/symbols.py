@@ -161,7 +161,8 @@ def states(x: Array, width: float) -> tuple[Array, Array]:
     for place, (s, travel) in enumerate(zip(toward.tolist(), u[ends - 1].tolist(), strict=True)):
         at_start[:, place] = state
         state = _after(*state, s, travel, width)
-    history[:, 1:] = _after(*at_start[:, stroke], toward[stroke], u, width)
+    z, slope = at_start[:, stroke]
+    history[:, 1:] = _after(z, slope, toward[stroke], u, width)
     return history[0], history[1]
 
 
