@@ -8,7 +8,7 @@ well the encoders of both sides agree. Friction that would drive the joint count
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import chain
@@ -21,7 +21,7 @@ from seaid._arrays import Array, BoolArray, FrozenMapping, IndexArray, safely
 from seaid.checks import tolerances as tol
 from seaid.checks.check import Code, in_description, only_joint
 from seaid.drives import IDEAL_DRIVE
-from seaid.errors import IdentificationError, Severity
+from seaid.errors import Severity
 from seaid.estimation import RANK_TOLERANCE, scaled_svd, triangle
 from seaid.log import Motion, changed_source, in_band_at, row_samples
 from seaid.regressor import INPUT_FIELDS, BaseParameters, base_parameters, regressor_at_drives
@@ -543,31 +543,29 @@ class Experiment:
         return triangle(R.reshape(-1, R.shape[2]))
 
     @derived(*_SIGNALS)
-    def _of_common(self) -> tuple[Array, Array]:
-        """Base parameters (p, k) of `common` errors, whose effects are orthonormal, and sizes."""
-        return _orthonormal(self._seen[:, :-1], self.base.project(self.common))
-
-    @derived(*_SIGNALS)
-    def _errors(self) -> tuple[Array, Array]:
-        """Base parameters (p, k) of errors of the robot file, and the sizes (k,) of their effects.
-
-        Their effects are orthonormal, next to those of `common` errors. A size is that of the
-        torques over their noise for one standard deviation.
-        """
-        R, widths, (common, sizes) = (
-            self._seen[:, :-1],
-            self.base.project(self.widths),
-            self._of_common,
-        )
-        # (1 - U S U^T) R widths = R (widths - common S U^T R widths), with U = R common
-        shrunk = _shrunk(sizes)[:, None] * ((R @ common).T @ (R @ widths))
-        return _orthonormal(R, widths - common @ shrunk)
-
-    @derived(*_SIGNALS)
     def _effects(self) -> list[tuple[Array, Array]]:
-        """Orthonormal effects U (rows, k) of common errors, and of the file, with their sizes."""
-        X = self.over_noise(self.columns.swapaxes(0, 1))
-        return [(X @ theta, sizes) for theta, sizes in (self._of_common, self._errors)]
+        """Base parameters (p, k) of `common` errors, and of those of the file next to these.
+
+        The torques of each are orthonormal, over the noise. Sizes (k,) are those of the torques for
+        one standard deviation.
+        """
+        R, effects = self._seen[:, :-1], list[tuple[Array, Array]]()
+        for errors in (self.common, self.widths):
+            # (1 - R T S T^T R^T) R W = R (W - T S T^T R^T R W), see `_whitened`
+            W = self.base.project(errors)
+            for theta, sizes in effects:
+                W = W - _shrunk(theta, sizes) @ (R.T @ (R @ W))
+            squares, V = safely(np.linalg.eigh, W.T @ R.T @ R @ W, what="nominal bodies")
+            # The tolerance is on squares: an effect counts down to 3e-4 of the largest one.
+            kept = squares > RANK_TOLERANCE * squares[-1]
+            sizes = np.sqrt(squares[kept])
+            effects.append((W @ V[:, kept] / sizes, sizes))
+        return effects
+
+    @derived(*_SIGNALS)
+    def _rows(self) -> Array:
+        """The base columns (u R, p) `over_noise`."""
+        return self.over_noise(self.columns.swapaxes(0, 1))
 
     def weighed(self, torques: Array) -> Array:
         """Return torques (R, n, ...) as columns, weighed by noise and the errors of the robot file.
@@ -575,10 +573,7 @@ class Experiment:
         That is generalised least squares. A joint whose torque is mostly that of a payload says
         more about it than one that carries the whole robot.
         """
-        y = self.over_noise(torques)
-        for U, sizes in self._effects:
-            y = _whitened(y, U, sizes)
-        return y
+        return _whitened(self.over_noise(torques), self._rows, self._effects)
 
     @cached_property
     def unexplained(self) -> Array:
@@ -605,9 +600,9 @@ class Experiment:
         """
         if not self.used or not np.all(np.isfinite(self.bodies)):
             return 0.0
-        R, (errors, sizes), (common, of_common) = self._seen, self._errors, self._of_common
-        y = R[:, -1] - R[:, :-1] @ self.base.project(self.bodies)
-        along = (R[:, :-1] @ errors).T @ _whitened(y, R[:, :-1] @ common, of_common)
+        R, torque, (common, (errors, sizes)) = self._seen[:, :-1], self._seen[:, -1], self._effects
+        y = torque - R @ self.base.project(self.bodies)
+        along = errors.T @ R.T @ _whitened(y, R, [common])
         # An effect y is most likely at a scale s < |y| / z: beyond the largest of these all effects
         # become less likely.
         most = max(1.0, float(np.max(np.abs(along) / sizes, initial=0.0)))
@@ -673,28 +668,20 @@ def correlated_rows(residual: Array) -> float:
     return 1 + 2 * float(np.sum(sums)) / power if power > 0 else 1.0
 
 
-def _orthonormal(R: Array, W: Array) -> tuple[Array, Array]:
-    """Return parameters (p, k) with orthonormal effects R W V in the span of R W, and their sizes.
+def _shrunk(theta: Array, sizes: Array) -> Array:
+    """Return T S T^T (p, p) for parameters T (p, k) of effects, with the part S that is weighed."""
+    return np.asarray(theta * (1 - 1 / np.hypot(1, sizes)) @ theta.T)
 
-    R (m, p) is a triangular factor, W (p, w) are parameters; the sizes (k,) are those of effects.
+
+def _whitened(y: Array, X: Array, effects: Iterable[tuple[Array, Array]]) -> Array:
+    """Return rows (rows, ...) times (1 + B B^T)^(-1/2), with B = X T diag(sizes), of each effect.
+
+    The columns of U = X T are orthonormal.
     """
-    B = R @ W
-    squares, V = safely(np.linalg.eigh, B.T @ B, what="nominal bodies", error=IdentificationError)
-    # The tolerance is on squares: an effect counts down to 3e-4 of the largest one.
-    kept = squares > RANK_TOLERANCE * squares[-1]
-    sizes = np.sqrt(squares[kept])
-    return W @ V[:, kept] / sizes, sizes
-
-
-def _shrunk(sizes: Array) -> Array:
-    """Return the part (k,) of effects that weighing takes away, by their sizes."""
-    # (1 + U S^2 U^T)^(-1/2) = 1 - U (1 - (1 + S^2)^(-1/2)) U^T
-    return np.asarray(1 - 1 / np.hypot(1, sizes))
-
-
-def _whitened(y: Array, U: Array, sizes: Array) -> Array:
-    """Return rows (rows, ...) times (1 + B B^T)^(-1/2), with B = U diag(sizes)."""
-    return np.asarray(y - (_shrunk(sizes) * U) @ (U.T @ y))
+    for theta, sizes in effects:
+        # (1 + U Z^2 U^T)^(-1/2) = 1 - U S U^T, with S = 1 - (1 + Z^2)^(-1/2)
+        y = y - X @ (_shrunk(theta, sizes) @ (X.T @ y))
+    return y
 
 
 def fitted(columns: Array, y: Array, count: int = 1) -> tuple[Array, Array]:
