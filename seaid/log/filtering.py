@@ -562,10 +562,11 @@ def _kernel(rate_hz: float, cutoff_hz: float) -> tuple[float, complex, complex]:
     # The response to an impulse, until nothing but rounding is left of it: |p|^T = eps.
     count = math.ceil(math.log(np.finfo(float).eps) / math.log(abs(p)))
     impulse = sosfilt(_sections(rate_hz, cutoff_hz)[0], np.eye(1, count)[0])
-    # Both directions together have its autocorrelation, of which lags 1 and 2 determine c.
-    centre, *lags = (float(impulse[lag:] @ impulse[: count - lag]) for lag in range(3))
-    real, imaginary = np.linalg.solve([[p.real, -p.imag], [(p**2).real, -((p**2).imag)]], lags)
-    return centre, complex(real, imaginary), p
+    # Both directions together have its autocorrelation.
+    centre, first, second = (float(impulse[lag:] @ impulse[: count - lag]) for lag in range(3))
+    # c p = phi_1 + i w, and phi_2 = Re(c p^2) = phi_1 Re p - w Im p.
+    w = (first * p.real - second) / p.imag
+    return centre, complex(first, w) / p, p
 
 
 def row_samples(motion: Motion) -> IndexArray:
