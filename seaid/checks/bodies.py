@@ -224,8 +224,6 @@ _FARTHEST_M, _STARTS = 5.0, (0.3, 3.0, 30.0)
 """Largest distance of a payload from the joint, and the standard deviation of its place; the masses
 from which an unknown one is searched, over that of its body."""
 
-_BY_DEGREE = np.repeat([1.0, 0.5], [3, 6])
-
 
 def _point_mass(experiment: Experiment, bodies: Array, body: int, mass: float | None) -> Array:
     """Return the ten parameters of the point mass on a body that explains the torques best.
@@ -244,8 +242,8 @@ def _point_mass(experiment: Experiment, bodies: Array, body: int, mass: float | 
 
     def point(x: Array) -> Array:
         m, c = mass_at(x), x[:3]
-        # First moments are linear in c, moments of inertia quadratic: half of their slopes times c.
-        return np.append(m, (moved(m, m * c) @ c)[1:] * _BY_DEGREE)
+        # The integral of the slopes from the joint to c: they are linear, so that half way counts.
+        return np.append(m, (moved(m, 0.5 * m * c) @ c)[1:])
 
     least = max(abs(bodies[10 * body]), 0.1)
     centre = bodies[10 * body + 1 : 10 * body + 4] / least

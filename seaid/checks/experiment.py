@@ -62,8 +62,9 @@ def _shift(mass: float, c: Array, e: Array) -> Array:
     return np.array([0.0, *(mass * e), *J[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]])
 
 
-_SHIFTS = np.array([[_shift(x[0], x[1:], e) for x in np.eye(4)] for e in np.eye(3)])
-_SHIFTS = np.moveaxis(_SHIFTS, 2, 0)
+_SHIFTS = np.array([[_shift(x[0], x[1:], e) for x in np.eye(4)] for e in np.eye(3)]).transpose(
+    2, 0, 1
+)
 """The change (10, 3, 4) by a shift along each axis, per unit of mass and first moments."""
 
 
